@@ -1,0 +1,150 @@
+"""YAML descriptions: read with line numbers, checked by pydantic, refused with file, line, field and what is allowed."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, cast
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+
+from flflab.errors import InputError
+from flflab.units import Dimension, parse_quantity
+
+Path_ = tuple[str | int, ...]
+Lines = dict[Path_, int]
+
+
+def quantity(dimension: Dimension) -> BeforeValidator:
+    """A pydantic validator that reads a quantity with its unit."""
+
+    def read(given: object) -> float:
+        try:
+            return parse_quantity(given, dimension)
+        except InputError as error:
+            raise ValueError(str(error)) from error
+
+    return BeforeValidator(read)
+
+
+Length = Annotated[float, quantity("length")]
+Angle = Annotated[float, quantity("angle")]
+Time = Annotated[float, quantity("time")]
+Frequency = Annotated[float, quantity("frequency")]
+Speed = Annotated[float, quantity("speed")]
+Ratio = Annotated[float, quantity("ratio")]
+
+
+class Description(BaseModel):
+    """A frozen part of a description; a field it does not know is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False, allow_inf_nan=False)
+
+
+Part = TypeVar("Part", bound=BaseModel)
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """A safe loader; numbers such as 1e-5 are numbers, a key given twice is an error."""
+
+
+_UniqueKeyLoader.add_implicit_resolver(  # pyright: ignore[reportUnknownMemberType]
+    "tag:yaml.org,2002:float",
+    __import__("re").compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+    list("-+0123456789."),
+)
+
+
+def _collect_lines(node: yaml.Node, path: Path_, lines: Lines, file: str) -> None:
+    lines[path] = node.start_mark.line + 1
+    if isinstance(node, yaml.MappingNode):
+        seen: set[str] = set()
+        for key, value in node.value:
+            name = str(key.value)
+            if name in seen:
+                raise InputError(f"{file}:{key.start_mark.line + 1}: the field '{name}' is given twice; keep one")
+            seen.add(name)
+            _collect_lines(value, (*path, name), lines, file)
+            lines[(*path, name)] = key.start_mark.line + 1
+    elif isinstance(node, yaml.SequenceNode):
+        for index, value in enumerate(node.value):
+            _collect_lines(value, (*path, index), lines, file)
+
+
+def read_yaml(file: Path) -> tuple[dict[str, Any], Lines]:
+    """Read a YAML mapping and the line each field stands on.
+
+    Raises:
+        InputError: the file is missing, unreadable, not YAML, or not a mapping of fields.
+    """
+    try:
+        text = Path(file).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: cannot be read ({error}); give the path of a YAML file") from error
+    try:
+        node = yaml.compose(text, Loader=_UniqueKeyLoader)
+        data: Any = yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506 - the loader is a SafeLoader
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = mark.line + 1 if mark else 1
+        raise InputError(f"{file}:{line}: not YAML: {getattr(error, 'problem', error)}") from error
+    lines: Lines = {}
+    if node is not None:
+        _collect_lines(node, (), lines, str(file))
+    if not isinstance(data, dict):
+        raise InputError(f"{file}:1: a mapping of fields is due here, not {type(data).__name__}")
+    return cast(dict[str, Any], data), lines
+
+
+def _line_of(path: Path_, lines: Mapping[Path_, int]) -> int:
+    while path and path not in lines:
+        path = path[:-1]
+    return lines.get(path, 1)
+
+
+def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int], under: Path_ = ()) -> Part:
+    """Check data against a description's model; every fault in one message, each with file, line and field.
+
+    Raises:
+        InputError: at least one field is missing, unknown, of the wrong kind or impossible.
+    """
+    try:
+        return kind.model_validate(data)
+    except ValidationError as error:
+        faults: list[str] = []
+        for fault in error.errors():
+            path = (*under, *fault["loc"])
+            field = ".".join(str(part) for part in path) or "(file)"
+            message = fault["msg"].removeprefix("Value error, ")
+            if fault["type"] == "missing":
+                message = "this field is missing"
+            elif fault["type"] == "extra_forbidden":
+                message = f"there is no such field; allowed here: {', '.join(_fields_at(kind, fault['loc'][:-1]))}"
+            elif fault["type"] != "value_error":
+                message = f"{message[0].lower()}{message[1:]}, not {fault['input']!r}"
+            faults.append(f"{file}:{_line_of(path, lines)}: {field}: {message}")
+        raise InputError("\n".join(dict.fromkeys(faults))) from error
+
+
+def _fields_at(kind: type[BaseModel], path: Path_) -> list[str]:
+    """The fields allowed at a place of a model, through nested models, optionals and unions."""
+    current: Any = kind
+    for part in path:
+        if isinstance(part, str) and hasattr(current, "model_fields") and part in current.model_fields:
+            current = _model_in(current.model_fields[part].annotation)
+    return list(current.model_fields) if hasattr(current, "model_fields") else []
+
+
+def _model_in(annotation: Any) -> Any:
+    if hasattr(annotation, "model_fields"):
+        return annotation
+    for inner in getattr(annotation, "__args__", ()):
+        found = _model_in(inner)
+        if found is not None:
+            return found
+    return None
+
+
+def load(file: Path, kind: type[Part]) -> Part:
+    """Read a YAML file into a frozen description; see ``read_yaml`` and ``check`` for the errors."""
+    data, lines = read_yaml(file)
+    return check(data, kind, str(file), lines)

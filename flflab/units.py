@@ -1,0 +1,74 @@
+"""Quantities at the borders: a number and one unit in, a plain number in mm, s, rad or cycles/mm out."""
+
+import math
+import re
+from typing import Literal
+
+from flflab.errors import InputError
+
+Dimension = Literal["length", "angle", "time", "frequency", "speed", "acceleration", "ratio"]
+
+# Factors to the unit used inside: mm, rad, s, cycles/mm, mm/s, mm/s^2, 1.
+FACTORS: dict[Dimension, dict[str, float]] = {
+    "length": {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1e3, "in": 25.4},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180, "arcmin": math.pi / 10800, "arcsec": math.pi / 648000},
+    "time": {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0},
+    "frequency": {"cycles/mm": 1.0, "lp/mm": 1.0, "1/mm": 1.0, "cycles/um": 1e3, "cycles/m": 1e-3},
+    "speed": {"um/s": 1e-3, "µm/s": 1e-3, "mm/s": 1.0, "m/s": 1e3},
+    "acceleration": {"mm/s^2": 1.0, "mm/s2": 1.0, "m/s^2": 1e3, "m/s2": 1e3},
+    "ratio": {"%": 1e-2, "ppm": 1e-6},
+}
+SHOWN_UNITS: dict[Dimension, str] = {
+    "length": "mm", "angle": "rad", "time": "s", "frequency": "cycles/mm", "speed": "mm/s", "acceleration": "mm/s^2", "ratio": "",
+}
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S+)\s*")
+
+
+def parse_quantity(given: object, dimension: Dimension) -> float:
+    """Read a quantity such as ``400 um`` and return it in the unit used inside.
+
+    Args:
+        given: what stood in the file or on the command line; ``0`` needs no unit.
+        dimension: what kind of quantity is due.
+
+    Returns:
+        The value in mm, rad, s, cycles/mm, mm/s or mm/s^2; ``infinity`` is allowed for a length.
+
+    Raises:
+        InputError: no unit, an unknown unit or one of another kind, or not a finite number.
+    """
+    units = FACTORS[dimension]
+    example = f"a {dimension} is a number and a unit of {', '.join(units)}"
+    if isinstance(given, (int, float)) and not isinstance(given, bool):
+        if given == 0 or (dimension == "ratio" and math.isfinite(given)):
+            return float(given)
+        raise InputError(f"{given!r} has no unit; {example}, for instance '{given} {next(iter(units))}'")
+    if not isinstance(given, str):
+        raise InputError(f"{given!r} is not a quantity; {example}")
+    if dimension == "length" and given.strip() in ("infinity", "inf"):
+        return math.inf
+    found = _QUANTITY.fullmatch(given)
+    if not found:
+        try:
+            bare = float(given)
+        except ValueError:
+            raise InputError(f"{given!r} is not a quantity; {example}") from None
+        if bare == 0 or (dimension == "ratio" and math.isfinite(bare)):
+            return bare
+        raise InputError(f"{given!r} has no unit; {example}")
+    number, unit = found.groups()
+    if unit not in units:
+        kind = next((name for name, table in FACTORS.items() if unit in table), None)
+        reason = f"{unit!r} is a unit of {kind}" if kind else f"{unit!r} is not a unit known here"
+        raise InputError(f"{given!r}: {reason}; {example}")
+    value = float(number) * units[unit]
+    if not math.isfinite(value):
+        raise InputError(f"{given!r} is too large; {example}")
+    return value
+
+
+def show_quantity(value: float, unit: str, digits: int = 6) -> str:
+    """Write a number with its unit for people, or ``none`` where there is no value."""
+    if math.isinf(value):
+        return "infinity" if value > 0 else "-infinity"
+    return f"{value:.{digits}g} {unit}".strip()
