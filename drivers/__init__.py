@@ -1,0 +1,1 @@
+"""Instruments of a bench, each behind the same few promises."""

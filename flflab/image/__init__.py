@@ -1,0 +1,1 @@
+"""Image formation: one file an effect, and the sensor's response."""

@@ -1,0 +1,1 @@
+"""The paper's model: a frozen camera in, frozen results out."""

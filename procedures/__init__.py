@@ -1,0 +1,1 @@
+"""Bluesky plans, one a file, each readable as the lab instruction."""

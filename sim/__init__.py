@@ -1,0 +1,1 @@
+"""Simulated instruments: places to connect to, all looking at one world."""
