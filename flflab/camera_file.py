@@ -1,0 +1,154 @@
+"""The camera file: YAML in, a frozen ``Camera`` out; what is given twice and disagrees is said in one sentence."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, PositiveInt, model_validator
+
+from flflab.description import Angle, Description, Length, Ratio, load
+from flflab.errors import InputError
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
+
+PositiveLength = Annotated[Length, Field(gt=0)]
+Share = Annotated[Ratio, Field(ge=0, le=1)]
+
+
+def _as_list(given: object) -> object:
+    return given if isinstance(given, list) else [given]
+
+
+def _as_pair(given: object) -> object:
+    return given if isinstance(given, list) else [given, given]
+
+
+class MainLensDescription(Description):
+    """Main lens: focal length and f-number."""
+
+    focal_length: PositiveLength
+    f_number: Annotated[float, Field(gt=0)]
+
+
+class ArrayDescription(Description):
+    """Microlens array: layout, lattice, and its lenses by focal length, by radius and index, or by numerical aperture."""
+
+    layout: Literal["square", "hexagonal"]
+    count: tuple[PositiveInt, PositiveInt]
+    pitch: Annotated[tuple[PositiveLength, PositiveLength], BeforeValidator(_as_pair)]
+    aperture: PositiveLength | None = None
+    focal_length: Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)] | None = None
+    pattern: list[list[int]] = Field(default=[[0]])
+    radius_of_curvature: PositiveLength | None = None
+    refractive_index: Annotated[float, Field(gt=1)] | None = None
+    numerical_aperture: Annotated[float, Field(gt=0, lt=1)] | None = None
+    distance: PositiveLength
+    offset: tuple[Length, Length] = (0.0, 0.0)
+    roll: Angle = 0.0
+    tilt: tuple[Angle, Angle] = (0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _needs_a_focal_length(self) -> "ArrayDescription":
+        by_curvature = self.radius_of_curvature is not None and self.refractive_index is not None
+        by_aperture = self.numerical_aperture is not None and self.aperture is not None
+        if self.focal_length is None and not by_curvature and not by_aperture:
+            raise ValueError(
+                "give focal_length, or radius_of_curvature with refractive_index, or numerical_aperture with aperture"
+            )
+        if self.aperture is None and self.numerical_aperture is None:
+            raise ValueError("give aperture (the clear diameter of one microlens), or numerical_aperture")
+        return self
+
+    def lenses(self) -> tuple[tuple[float, ...], float, tuple[str, ...]]:
+        """Focal lengths and clear aperture in mm, and one sentence for each surplus figure that disagrees.
+
+        f = R / (n - 1); NA = sin(atan(d / 2f)) so d = 2 f tan(asin NA).
+        """
+        curved = None
+        if self.radius_of_curvature is not None and self.refractive_index is not None:
+            curved = self.radius_of_curvature / (self.refractive_index - 1)
+        slope = None if self.numerical_aperture is None else math.tan(math.asin(self.numerical_aperture))
+        by_aperture = None if slope is None or self.aperture is None else self.aperture / (2 * slope)
+        ways = {
+            "focal_length": self.focal_length[0] if self.focal_length else None,
+            "radius_of_curvature and refractive_index": curved,
+            "numerical_aperture and aperture": by_aperture,
+        }
+        given = {name: value for name, value in ways.items() if value is not None}
+        used, focal = next(iter(given.items()))
+        remarks = tuple(
+            f"the microlens focal length by {name} is {value:.4g} mm; {focal:.4g} mm by {used} was used"
+            for name, value in given.items()
+            if abs(value / focal - 1) > 0.005
+        )
+        aperture = self.aperture if self.aperture is not None else 2 * focal * (slope or 0.0)
+        return tuple(self.focal_length or [focal]), aperture, remarks
+
+
+class SensorDescription(Description):
+    """Sensor: (columns, rows), pixel size, distance behind the main lens."""
+
+    resolution: tuple[PositiveInt, PositiveInt]
+    pixel: PositiveLength
+    distance: PositiveLength
+    offset: tuple[Length, Length] = (0.0, 0.0)
+
+
+class UsefulDescription(Description):
+    """Which part of a micro-image counts."""
+
+    minimum_illumination: Share = 0.0
+    maximum_crosstalk: Share = 0.0
+
+
+class CameraDescription(Description):
+    """A camera file."""
+
+    main_lens: MainLensDescription
+    microlens_array: ArrayDescription
+    sensor: SensorDescription
+    aperture_shape: Literal["round", "square"] = "round"
+    useful: UsefulDescription = UsefulDescription()
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> "CameraDescription":
+        try:
+            self.camera()
+        except InputError as error:
+            raise ValueError(str(error).removeprefix("camera: ")) from error
+        return self
+
+    def camera(self) -> Camera:
+        """The frozen camera this file describes."""
+        array = self.microlens_array
+        focal_lengths, aperture, _ = array.lenses()
+        return Camera(
+            MainLens(self.main_lens.focal_length, self.main_lens.f_number),
+            MicrolensArray(
+                layout=array.layout,
+                count=array.count,
+                pitch=array.pitch,
+                aperture=aperture,
+                focal_lengths=focal_lengths,
+                distance=array.distance,
+                pattern=tuple(tuple(row) for row in array.pattern),
+                offset=array.offset,
+                roll=array.roll,
+                tilt=array.tilt,
+            ),
+            Sensor(self.sensor.resolution, self.sensor.pixel, self.sensor.distance, self.sensor.offset),
+            self.aperture_shape,
+            Useful(self.useful.minimum_illumination, self.useful.maximum_crosstalk),
+        )
+
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences about figures that were given twice and disagree."""
+        return self.microlens_array.lenses()[2]
+
+
+def read_camera(file: Path) -> Camera:
+    """Read a camera file.
+
+    Raises:
+        InputError: a field is missing, unknown, without a unit or impossible; the message names file, line and field.
+    """
+    return load(file, CameraDescription).camera()

@@ -1,0 +1,22 @@
+"""The command line: names and JSON keys are a contract, see docs/commands.md. One file a command."""
+
+import sys
+
+from flflab.cli.app import app
+from flflab.cli.ending import end_with_one_sentence
+from flflab.errors import FlflabError
+from flflab.house import stranger_among_packages
+
+
+def main() -> None:
+    """Run one command; exit 0 done, 1 could not be done, 2 usage, 3 the comparison rejects the model, 130 interrupted."""
+    stranger = stranger_among_packages()
+    if stranger:
+        sys.exit(end_with_one_sentence(FlflabError(stranger)))
+    try:
+        app(standalone_mode=True)
+    except FlflabError as error:
+        sys.exit(end_with_one_sentence(error))
+    except KeyboardInterrupt:
+        sys.stderr.write("\ninterrupted\n")
+        sys.exit(130)

@@ -1,0 +1,16 @@
+"""All commands of ``flflab`` in one list; each lives in the file of its name."""
+
+import typer
+
+from flflab.cli import compare, model
+
+app = typer.Typer(
+    name="flflab",
+    help="Run the bench of a focused light field camera and say, with numbers, whether the camera does what its model says.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("compare")(compare.compare)
+app.command("model")(model.model)

@@ -1,0 +1,136 @@
+"""In how many micro-images an object point is seen: total, bright and chief views, along the row and on the sensor.
+
+``total``: some ray lands in the useful region. ``bright``: the full cone passes and lands in it whole. ``chief``: the ray through
+the centre of the limiting stop passes and lands in it; this is the number of views wherever one number is meant.
+Written in the crossing m of the main lens: a ray of the object point o meets the microlens plane at q = x m - o V L and the
+sensor at s = (kappa x - b/L) m - kappa L V o + (b/f) y, finite for every x and V.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.optics.focus import limiting_aperture, microlens_limits
+from flflab.optics.smms import Smms, image_offset
+from flflab.optics.useful import RowFields, SensorFields, in_useful, select
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+_RINGS, _SPOKES = 6, 48
+
+
+@dataclass(frozen=True)
+class Views:
+    """Number of views of one object point."""
+
+    total: int
+    bright: int
+    chief: int
+
+
+def _scalars(smms: Smms, vergence: float) -> tuple[Array, Array, Array]:
+    """x, the slope of the sensor position over m, and the slope of m over the microlens's centre (1/x, safe at 0)."""
+    x = image_offset(smms, vergence)
+    with np.errstate(divide="ignore"):
+        inverse = np.where(x == 0, 0.0, 1 / x)
+    return x, smms.kappa * x - smms.gap / smms.distance, inverse
+
+
+def chief_crossings(smms: Smms, vergence: float, angle: Array, centre: Array) -> tuple[Array, Flags, Array]:
+    """The ray of an object point through the centre of the limiting stop of each SMMS, in one coordinate or several.
+
+    Args:
+        smms: systems, fields of shape (N,).
+        vergence: V = 1/D, 1/mm.
+        angle: o V of the object point, shape (k,) for k coordinates.
+        centre: microlens centres, shape (N, k), mm.
+
+    Returns:
+        Main-lens crossings (N, k), whether the ray passes both apertures (N,), landing points on the sensor (N, k).
+    """
+    x, slope, inverse = _scalars(smms, vergence)
+    shift = centre + angle * smms.distance[:, None]
+    by_microlens = microlens_limits(smms, vergence)[:, None]
+    crossing = np.where(by_microlens, shift * inverse[:, None], 0.0)
+    passes = np.linalg.norm(shift, axis=1) <= np.maximum(smms.lens_aperture * np.abs(x), smms.aperture) / 2
+    base = (smms.gap / smms.focal)[:, None] * centre - (smms.kappa * smms.distance)[:, None] * angle
+    return crossing, passes, slope[:, None] * crossing + base
+
+
+def row_views(row: RowFields, vergence: float, angle: float) -> Views:
+    """Views along the row of the object point with o V = ``angle`` (its x), slit apertures.
+
+    Raises nothing: a point seen nowhere has 0 views.
+    """
+    smms = row.smms
+    x, slope, inverse = _scalars(smms, vergence)
+    shift = smms.centre_x + angle * smms.distance
+    base = smms.gap / smms.focal * smms.centre_x - smms.kappa * smms.distance * angle
+    half_lens = smms.lens_aperture / 2
+    centre = shift * inverse
+    half = np.where(x == 0, np.where(np.abs(shift) <= smms.aperture / 2, np.inf, -np.inf), smms.aperture / 2 * np.abs(inverse))
+    low, high = np.maximum(-half_lens, centre - half), np.minimum(half_lens, centre + half)
+    ends = np.sort(np.stack([slope * low + base, slope * high + base]), axis=0)
+    with np.errstate(invalid="ignore"):
+        total = (low <= high) & (ends[0] <= row.useful[:, 1]) & (ends[1] >= row.useful[:, 0])
+        full = high - low >= limiting_aperture(smms, vergence) * (1 - 1e-15)
+        bright = (low <= high) & full & (ends[0] >= row.useful[:, 0]) & (ends[1] <= row.useful[:, 1])
+    _, passes, landing = chief_crossings(smms, vergence, np.array([angle]), smms.centre_x[:, None])
+    with np.errstate(invalid="ignore"):
+        chief = passes & (landing[:, 0] >= row.useful[:, 0]) & (landing[:, 0] <= row.useful[:, 1])
+    return Views(int(total.sum()), int(bright.sum()), int(chief.sum()))
+
+
+def chief_view_indices(fields: SensorFields, vergence: float, angle: Array) -> npt.NDArray[np.int64]:
+    """Positions in the camera's list of the microlenses that see the point with o V = ``angle`` (x, y) by a chief ray."""
+    centre = np.stack([fields.smms.centre_x, fields.smms.centre_y], axis=1)
+    _, passes, landing = chief_crossings(fields.smms, vergence, angle, centre)
+    members = np.flatnonzero(passes)
+    return members[in_useful(fields, members, landing[members])]
+
+
+def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
+    """Views on the sensor of the point with o V = ``angle`` (x, y), round apertures.
+
+    Where neighbours' fields cut the useful regions, ``total`` is decided on a polar grid of rays over the light that passes
+    (exact otherwise to the grid's step of 1/6 of the footprint's radius at its rim).
+    """
+    centre = np.stack([fields.smms.centre_x, fields.smms.centre_y], axis=1)
+    shift = centre + angle * fields.smms.distance[:, None]
+    x = image_offset(fields.smms, vergence)
+    reach = (fields.smms.lens_aperture * np.abs(x) + fields.smms.aperture) / 2
+    members = np.flatnonzero(np.linalg.norm(shift, axis=1) <= reach)
+    if len(members) == 0:
+        return Views(0, 0, 0)
+    smms = select(fields.smms, members)
+    x, slope, inverse = _scalars(smms, vergence)
+    shift, centre = shift[members], centre[members]
+    base = (smms.gap / smms.focal)[:, None] * centre - (smms.kappa * smms.distance)[:, None] * angle
+    crossing, passes, landing = chief_crossings(smms, vergence, angle, centre)
+    chief = passes & in_useful(fields, members, landing)
+    full = np.linalg.norm(shift, axis=1) <= np.abs(smms.lens_aperture * np.abs(x) - smms.aperture) / 2
+    bright = full & in_useful(fields, members, landing, np.abs(slope) * limiting_aperture(smms, vergence) / 2)
+    rays = _rays(crossing, shift * inverse[:, None], smms, x, shift)
+    landed = slope[:, None, None] * rays + base[:, None, :]
+    lit = ~np.isnan(landed[..., 0])
+    owner = np.repeat(members, landed.shape[1])[lit.ravel()]
+    hit = np.zeros(lit.shape, dtype=np.bool_)
+    hit[lit] = in_useful(fields, owner, landed[lit])
+    return Views(int(np.count_nonzero(hit.any(axis=1) | chief)), int(bright.sum()), int(chief.sum()))
+
+
+def _rays(crossing: Array, disc_centre: Array, smms: Smms, x: Array, shift: Array) -> Array:
+    """Main-lens crossings of rays that pass both apertures, shape (n, rays, 2); nan where a ray is stopped."""
+    angles = np.arange(_SPOKES) * (2 * np.pi / _SPOKES)
+    radii = np.arange(_RINGS + 1) / _RINGS
+    polar = (radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)[None]).reshape(-1, 2)
+    lens_rays = smms.lens_aperture[:, None, None] / 2 * polar
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.where(x == 0, 0.0, smms.aperture / 2 / np.abs(x))[:, None, None]
+    microlens_rays = disc_centre[:, None, :] + radius * polar
+    rays = np.concatenate([crossing[:, None, :], lens_rays, microlens_rays], axis=1)
+    tolerance = 1 + 1e-12
+    passes = np.linalg.norm(rays, axis=2) <= smms.lens_aperture[:, None] / 2 * tolerance
+    passes &= np.linalg.norm(x[:, None, None] * rays - shift[:, None, :], axis=2) <= smms.aperture[:, None] / 2 * tolerance
+    return np.where(passes[..., None], rays, np.nan)

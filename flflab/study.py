@@ -1,0 +1,150 @@
+"""The study file: which configurations to set, which targets to show, how to expose, and against what to compare."""
+
+import itertools
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from flflab.description import Description, Length, Ratio, check, read_yaml
+from flflab.errors import InputError
+from flflab.optics.camera import Camera
+from flflab.optics.focus import vergence_of
+from flflab.target_file import target_from
+from flflab.targets import Target
+
+
+def _as_list(given: object) -> object:
+    return given if isinstance(given, list) else [given]
+
+
+Lengths = Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)]
+Numbers = Annotated[list[Annotated[float, Field(gt=0)]], BeforeValidator(_as_list), Field(min_length=1)]
+
+
+class ConfigurationsDescription(Description):
+    """A grid of configurations: every f-number with every distance; the sensor refocused unless told otherwise."""
+
+    f_number: Numbers
+    distance: Lengths
+    focused_at: Length | None = None
+    array: Length | None = None
+    sensor: Length | None = None
+
+    @model_validator(mode="after")
+    def _one_way_to_place_the_sensor(self) -> "ConfigurationsDescription":
+        if self.focused_at is not None and self.sensor is not None:
+            raise ValueError("give focused_at (the distance the sensor is focused for) or sensor (its position), not both")
+        return self
+
+
+class ExposureDescription(Description):
+    """Exposure rule: the brightest view at this share of full scale, within these times."""
+
+    level: Annotated[Ratio, Field(gt=0, lt=1)] = 0.7
+    frames: Annotated[int, Field(ge=1, le=64)] = 1
+
+
+class StudyDescription(Description):
+    """A study file."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
+    configurations: Annotated[list[ConfigurationsDescription], Field(min_length=1)]
+    reference: Annotated[int, Field(ge=0)] = 0
+    dots: dict[str, Any] = {"kind": "four-dot"}
+    bars: dict[str, Any] = {"kind": "bars"}
+    exposure: ExposureDescription = ExposureDescription()
+    draws: Annotated[int, Field(ge=100, le=100000)] = 1000
+    significance: Annotated[Ratio, Field(gt=0, lt=0.5)] = 0.05
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """One setting of the bench; distances from the main lens in mm."""
+
+    index: int
+    f_number: float
+    distance: float
+    array: float
+    sensor: float
+
+    def camera(self, optics: Camera) -> Camera:
+        """The bench's camera in this configuration."""
+        return replace(
+            optics,
+            main_lens=replace(optics.main_lens, f_number=self.f_number),
+            array=replace(optics.array, distance=self.array),
+            sensor=replace(optics.sensor, distance=self.sensor),
+        )
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study ready to be planned: its description, configurations and targets."""
+
+    description: StudyDescription
+    configurations: tuple[Configuration, ...]
+    dots: Target
+    bars: Target
+
+
+def focused_sensor(optics: Camera, array: float, distance: float) -> float:
+    """Where the sensor must stand, mm behind the main lens, to see a target sharply through the microlenses.
+
+    b = x / ((1 - x)/L + x/f) with x = L (V - 1/F + 1/L): the focus condition kappa x = b/L solved for the gap.
+
+    Raises:
+        InputError: no real sensor position behind the array focuses on that distance.
+    """
+    x = array * (vergence_of(distance) - 1 / optics.main_lens.focal_length + 1 / array)
+    focal = optics.array.focal_lengths[0]
+    gap = x / ((1 - x) / array + x / focal) if x != 0 else 0.0
+    if not gap > 0:
+        raise InputError(
+            f"no sensor position behind an array at {array:g} mm sees a target at {distance:g} mm sharply; "
+            "move the array or the target"
+        )
+    return array + gap
+
+
+def expand(description: StudyDescription, optics: Camera) -> tuple[Configuration, ...]:
+    """All configurations of a study in the order of the file, numbered from 0."""
+    settings: list[tuple[float, float, float, float]] = []
+    for grid in description.configurations:
+        array = optics.array.distance if grid.array is None else grid.array
+        for f_number, distance in itertools.product(grid.f_number, grid.distance):
+            focus = grid.focused_at if grid.focused_at is not None else distance
+            sensor = grid.sensor if grid.sensor is not None else focused_sensor(optics, array, focus)
+            settings.append((f_number, distance, array, sensor))
+    return tuple(Configuration(index, *setting) for index, setting in enumerate(settings))
+
+
+def read_study(file: Path, optics: Camera) -> Study:
+    """Read a study file for a bench's camera.
+
+    Raises:
+        InputError: a field is missing, unknown, without a unit or impossible; the message names file, line and field.
+    """
+    data, lines = read_yaml(Path(file))
+    description = check(data, StudyDescription, str(file), lines)
+    try:
+        configurations = expand(description, optics)
+        for configuration in configurations:
+            configuration.camera(optics)
+    except InputError as error:
+        raise InputError(f"{file}:{lines.get(('configurations',), 1)}: configurations: {error}") from error
+    if description.reference >= len(configurations):
+        raise InputError(
+            f"{file}:{lines.get(('reference',), 1)}: reference: {description.reference} is no configuration; "
+            f"allowed: 0 to {len(configurations) - 1}"
+        )
+    targets: dict[str, Target] = {}
+    for field, kind in (("dots", "four-dot"), ("bars", "bars")):
+        try:
+            targets[field] = target_from(getattr(description, field))
+        except InputError as error:
+            raise InputError(f"{file}:{lines.get((field,), 1)}: {field}: {error}") from error
+        if targets[field].kind != kind:
+            raise InputError(f"{file}:{lines.get((field,), 1)}: {field}: a {targets[field].kind} target; allowed here: {kind}")
+    return Study(description, configurations, targets["dots"], targets["bars"])
