@@ -1,0 +1,91 @@
+"""What every test gets: compiled kernels that match the sources, the published measurements, and a look at what was left running."""
+
+import getpass
+import hashlib
+import multiprocessing
+import os
+import re
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def kernel_sources() -> list[Path]:
+    """The files that compile kernels and the modules of flflab they import: the compiler's own cache sees a change only in the former."""
+    texts = {file: file.read_text(encoding="utf-8") for file in sorted((ROOT / "flflab").rglob("*.py"))}
+    kernels = [file for file, text in texts.items() if "numba" in text]
+    names = {name for file in kernels for name in re.findall(r"^from (flflab[\w.]*) import", texts[file], re.MULTILINE)}
+    return kernels + [file for name in sorted(names) if (file := ROOT.joinpath(*name.split(".")).with_suffix(".py")) in texts]
+
+
+def kernel_cache() -> Path:
+    key = hashlib.sha256(b"".join(file.read_bytes() for file in kernel_sources())).hexdigest()[:16]
+    base = os.environ.get("NUMBA_CACHE_DIR") or Path(tempfile.gettempdir()) / f"flflab-kernels-{getpass.getuser()}"
+    return Path(base) / key
+
+
+os.environ["NUMBA_CACHE_DIR"] = str(kernel_cache())  # before anything imports numba; child processes inherit it
+settings.register_profile("flflab", deadline=None, derandomize=True)  # the first example may compile a kernel
+settings.load_profile("flflab")
+
+
+def find_r12a() -> Path | None:
+    given = os.environ.get("FLFLAB_R12A")
+    folder = Path(given) if given else ROOT.parent / "shared" / "data" / "r12a"
+    return folder if (folder / "camera.json").is_file() else None
+
+
+def pytest_report_header() -> str:
+    return f"r12a: {find_r12a() or 'not here (set FLFLAB_R12A); the tests that need these measurements are deselected'}"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if find_r12a() is not None:
+        return
+    without = [item for item in items if item.get_closest_marker("r12a") is None]
+    config.hook.pytest_deselected(items=[item for item in items if item not in without])
+    items[:] = without
+
+
+@pytest.fixture(scope="session")
+def r12a() -> Path:
+    """The folder of the published R12 measurements; a test that uses it is marked ``r12a``."""
+    folder = find_r12a()
+    assert folder is not None, "mark this test with @pytest.mark.r12a"
+    return folder
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The project's folder."""
+    return ROOT
+
+
+def _children() -> set[str]:
+    """Process numbers of this process's children, ended ones included until they are waited for."""
+    lists = Path("/proc/self/task").glob("*/children")  # Linux only; elsewhere what multiprocessing started
+    found = {child for file in lists for child in file.read_text().split()}
+    return found | {str(child.pid) for child in multiprocessing.active_children()}
+
+
+def _threads() -> set[threading.Thread]:
+    return {thread for thread in threading.enumerate() if not thread.daemon}
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_running() -> Iterator[None]:
+    """Fails a test that leaves a thread or a child process behind; those of longer-lived fixtures were there before."""
+    threads, children = _threads(), _children()
+    yield
+    patience = time.monotonic() + 2.0
+    while (left := (_threads() - threads, _children() - children)) != (set(), set()):
+        if time.monotonic() > patience:
+            pytest.fail(f"left running: threads {[thread.name for thread in left[0]]}, processes {sorted(left[1])}")
+        time.sleep(0.01)
