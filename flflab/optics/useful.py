@@ -129,25 +129,51 @@ def sensor_fields(camera: Camera) -> SensorFields:
     Raises:
         InputError: square apertures, whose useful regions on the sensor are not computed.
     """
+    smms = camera_smms(camera)
+    return fields_of(smms, neighbours_of(smms, camera), camera)
+
+
+def fields_of(smms: Smms, neighbours: npt.NDArray[np.int64], camera: Camera) -> SensorFields:
+    """Useful regions of systems whose possible neighbours are known; useful rules and sensor are the camera's.
+
+    Args:
+        smms: the systems, fields of shape (N,).
+        neighbours: indices into the systems, shape (N, K); -1 where there are fewer.
+        camera: whose sensor and rules hold.
+
+    Raises:
+        InputError: square apertures, whose useful regions on the sensor are not computed.
+    """
     if camera.aperture_shape != "round":
         raise InputError("camera: aperture_shape is square; useful regions on the sensor are computed for round apertures only")
-    smms = camera_smms(camera)
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1) * smms.image_scale[:, None]
     radius = illumination_radius(smms, camera.useful.minimum_illumination)
-    crosstalk = camera.useful.maximum_crosstalk
-    blocked = smms.outside_radius if crosstalk == 0 else illumination_radius(smms, crosstalk)
-    tree = cKDTree(centre)
-    reach = radius.max() + blocked.max()
-    found: list[list[int]] = tree.query_ball_point(centre, reach)
-    near = [
-        [j for j in row if j != i and np.hypot(*(centre[j] - centre[i])) < radius[i] + blocked[j]] for i, row in enumerate(found)
-    ]
-    width = max((len(row) for row in near), default=0)
-    neighbours = np.full((len(centre), width), -1, dtype=np.int64)
-    for i, row in enumerate(near):
-        neighbours[i, : len(row)] = row
+    blocked = illumination_radius(smms, camera.useful.maximum_crosstalk)
     low, high = sensor_edges(camera)
     return SensorFields(smms, centre, radius, blocked, neighbours, low, high)
+
+
+def neighbours_of(smms: Smms, camera: Camera, slack: float = 0.0) -> npt.NDArray[np.int64]:
+    """Which other micro-images can reach the useful disc of each, shape (N, K); -1 where there are fewer.
+
+    Args:
+        smms: the systems, fields of shape (N,).
+        camera: whose rules hold.
+        slack: share by which the reach is enlarged, for systems that will be disturbed.
+    """
+    centre = np.stack([smms.centre_x, smms.centre_y], axis=1) * smms.image_scale[:, None]
+    radius = illumination_radius(smms, camera.useful.minimum_illumination) * (1 + slack)
+    blocked = illumination_radius(smms, camera.useful.maximum_crosstalk) * (1 + slack)
+    pairs = cKDTree(centre).query_pairs(radius.max() + blocked.max(), output_type="ndarray")
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    reached = np.hypot(*(centre[pairs[:, 1]] - centre[pairs[:, 0]]).T) < radius[pairs[:, 0]] + blocked[pairs[:, 1]]
+    pairs = pairs[reached]
+    pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
+    counts = np.bincount(pairs[:, 0], minlength=len(centre))
+    column = np.arange(len(pairs)) - np.repeat(np.cumsum(counts) - counts, counts)
+    neighbours = np.full((len(centre), int(counts.max(initial=0))), -1, dtype=np.int64)
+    neighbours[pairs[:, 0], column] = pairs[:, 1]
+    return neighbours
 
 
 def in_useful(fields: SensorFields, owner: npt.NDArray[np.int64], points: Array, margin: Array | float = 0.0) -> Flags:

@@ -29,7 +29,7 @@ class Views:
     chief: int
 
 
-def _scalars(smms: Smms, vergence: float) -> tuple[Array, Array, Array]:
+def _scalars(smms: Smms, vergence: Array | float) -> tuple[Array, Array, Array]:
     """x, the slope of the sensor position over m, and the slope of m over the microlens's centre (1/x, safe at 0)."""
     x = image_offset(smms, vergence)
     with np.errstate(divide="ignore"):
@@ -37,13 +37,13 @@ def _scalars(smms: Smms, vergence: float) -> tuple[Array, Array, Array]:
     return x, smms.kappa * x - smms.gap / smms.distance, inverse
 
 
-def chief_crossings(smms: Smms, vergence: float, angle: Array, centre: Array) -> tuple[Array, Flags, Array]:
+def chief_crossings(smms: Smms, vergence: Array | float, angle: Array, centre: Array) -> tuple[Array, Flags, Array]:
     """The ray of an object point through the centre of the limiting stop of each SMMS, in one coordinate or several.
 
     Args:
         smms: systems, fields of shape (N,).
-        vergence: V = 1/D, 1/mm.
-        angle: o V of the object point, shape (k,) for k coordinates.
+        vergence: V = 1/D, 1/mm, one number or one a system.
+        angle: o V of the object point, shape (k,) for k coordinates, or one a system, shape (N, k).
         centre: microlens centres, shape (N, k), mm.
 
     Returns:

@@ -1,0 +1,138 @@
+"""Measured against predicted: rows with difference, uncertainty and z; differences between configurations; a verdict for each quantity.
+
+A verdict's p-value is the share of simulated benches (draws of the stage errors plus measurement noise) that disagree with the
+mean prediction at least as much as the measurement does, in the statistic r' C^-1 r with C the covariance of both. It therefore
+holds whatever the shape of the distribution.
+"""
+
+import csv
+import math
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of ``comparison.csv``; distances in mm from the main lens, frequencies on the target."""
+
+    configuration: int
+    reference_configuration: int | None
+    distance_mm: float
+    array_mm: float
+    sensor_mm: float
+    f_number: float
+    target: str
+    dot: int | None
+    cycles_per_mm: float | None
+    quantity: str
+    measured: float
+    uncertainty: float
+    predicted: float
+    difference: float
+    z: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a quantity agrees with the model on this bench.
+
+    Attributes:
+        quantity: what was compared.
+        rows: how many numbers.
+        p_value: share of honest simulated benches that disagree at least as much.
+        threshold: the quantity is rejected below this p-value.
+        accepted: p_value >= threshold.
+        sentence: the verdict in one sentence.
+    """
+
+    quantity: str
+    rows: int
+    p_value: float
+    threshold: float
+    accepted: bool
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All rows and verdicts of a run."""
+
+    rows: tuple[Row, ...]
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def accepted(self) -> bool:
+        """True where no verdict rejects the model."""
+        return all(verdict.accepted for verdict in self.verdicts)
+
+
+def z_score(difference: float, uncertainty: float) -> float:
+    """Difference over standard uncertainty; 0 for no difference at all."""
+    if difference == 0:
+        return 0.0
+    return difference / uncertainty if uncertainty > 0 else math.copysign(math.inf, difference)
+
+
+def count_spread(draws: npt.NDArray[np.int64], expected: npt.NDArray[np.int64]) -> Array:
+    """Standard uncertainty of predicted counts: spread over the draws round the nominal count.
+
+    One more draw that is off by one is added, since n draws without a miss cannot exclude one in n + 1.
+
+    Args:
+        draws: counts, shape (n, k).
+        expected: nominal counts, shape (k,).
+    """
+    return np.sqrt((np.sum((draws - expected) ** 2, axis=0) + 1) / (len(draws) + 1))
+
+
+def judge(quantity: str, measured: Array, noise: Array, draws: Array, threshold: float, rng: np.random.Generator) -> Verdict:
+    """Judge one quantity with its covariance.
+
+    Args:
+        quantity: its name.
+        measured: measured values, shape (k,).
+        noise: covariance of the measurement, shape (k, k).
+        draws: predicted values over draws of the stage errors, shape (n, k), n at least 100.
+        threshold: p-value below which the model is rejected.
+        rng: for the measurement noise of the simulated benches.
+
+    Raises:
+        InputError: shapes disagree or there is nothing to judge.
+    """
+    count = len(measured)
+    if count == 0 or draws.shape[1] != count or noise.shape != (count, count) or len(draws) < 100:
+        raise InputError(f"verdict on {quantity}: {count} values, covariance {noise.shape}, draws {draws.shape} do not fit together")
+    half = len(draws) // 2
+    mean = draws[:half].mean(axis=0)
+    spread = draws[:half] - mean
+    covariance = noise + spread.T @ spread / (half - 1)
+    # Half the draws shape the statistic, the other half is its null distribution, so none is judged by itself.
+    scale = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root = vectors / np.sqrt(np.maximum(values, values.max() * 1e-10))
+    null = draws[half:] - mean + rng.multivariate_normal(np.zeros(count), noise, len(draws) - half, method="eigh")
+    statistic = float(np.sum(((measured - mean) / scale @ root) ** 2))
+    simulated = np.sum((null / scale @ root) ** 2, axis=1)
+    p_value = (1 + int(np.count_nonzero(simulated >= statistic))) / (1 + len(simulated))
+    accepted = p_value >= threshold
+    sentence = (
+        f"{quantity}: {count} values {'agree' if accepted else 'do not agree'} with the model; of benches built and measured as stated, "
+        f"{100 * p_value:.2g} % disagree at least as much (rejected below {100 * threshold:.2g} %)"
+    )
+    return Verdict(quantity, count, p_value, threshold, accepted, sentence)
+
+
+def write_rows(rows: tuple[Row, ...], file: Path) -> None:
+    """Write ``comparison.csv``; empty where a column does not apply."""
+    with file.open("w", newline="", encoding="utf-8") as handle:
+        writer = csv.writer(handle)
+        writer.writerow([field.name for field in fields(Row)])
+        for row in rows:
+            writer.writerow(["" if value is None else f"{value:.10g}" if isinstance(value, float) else value for value in astuple(row)])

@@ -1,0 +1,163 @@
+"""Everything the model says of a camera, gathered for people and programs: properties of the camera, and of each distance.
+
+An answer that does not exist is None with a reason, never nan.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from flflab.optics.camera import Camera
+from flflab.optics.contrast import contrast_paper, mtf_pixel, transfer
+from flflab.optics.focus import (
+    blur,
+    depth_of_field,
+    image_distance,
+    magnification,
+    marginal_angle,
+    merge_intervals,
+    sharp_vergence,
+    vergence_of,
+    virtual_depth,
+)
+from flflab.optics.resolution import (
+    Stereo,
+    central_smms,
+    effective_resolution,
+    mean_row_views,
+    mean_sensor_views,
+    stereo,
+)
+from flflab.optics.smms import Smms, camera_smms, image_offset
+from flflab.optics.useful import RowFields, SensorFields, row_fields, sensor_fields, useful_pixels
+from flflab.optics.views import Views, row_views, sensor_views
+
+FREQUENCIES = 101
+
+
+@dataclass(frozen=True)
+class CameraSolution:
+    """What the model says of the camera itself; lengths in mm, angles in rad."""
+
+    arrangement: str
+    sharp_distance: float | None
+    image_pitch: float
+    overlap: float
+    in_exit_pupil: bool
+    touching_f_number: float
+    useful_pixels: tuple[int, int]
+    depth_of_field: tuple[tuple[float, float], ...]
+    stereo: Stereo
+    row: RowFields
+    marginal_angles: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class DistanceSolution:
+    """What the model says of a target at one distance; the MTF curves are on the target, cycles/mm."""
+
+    distance: float
+    image_distance: float
+    arrangement: str
+    virtual_depth: float
+    magnification: float
+    blur: float
+    row_views: Views
+    sensor_views: Views
+    resolution: tuple[float, float]
+    resolution_by_views: tuple[float | None, float | None]
+    cycles_per_mm: tuple[float, ...]
+    contrast_paper: tuple[float, ...]
+    mtf_pixel: tuple[float, ...]
+    mtf: tuple[float, ...]
+
+
+def array_arrangement(camera: Camera) -> str:
+    """keplerian where b > f, galilean where b < f, afocal where b = f; mixed where the microlens types differ in it."""
+    kinds = {"keplerian" if camera.gap > f > 0 else "afocal" if camera.gap == f else "galilean" for f in camera.array.focal_lengths}
+    return kinds.pop() if len(kinds) == 1 else "mixed"
+
+
+def distance_arrangement(x: float) -> str:
+    """How the target's image lies against the array."""
+    if x < 0:
+        return "keplerian"
+    if x == 0:
+        return "on the array"
+    return "galilean" if x < 1 else "object in or inside the front focus"
+
+
+def type_smms(camera: Camera) -> list[Smms]:
+    """One central system a microlens type, fields of shape ()."""
+    central = central_smms(camera)
+    fields = {name: getattr(central, name) for name in Smms.__dataclass_fields__}
+    return [Smms(**{**fields, "focal": np.asarray(focal)}) for focal in camera.array.focal_lengths]
+
+
+def solve_camera(camera: Camera) -> CameraSolution:
+    """All properties of a camera that need no target distance."""
+    central = central_smms(camera)
+    row = row_fields(camera)
+    pitch = camera.array.pitch[0] * float(central.image_scale)
+    sharp = float(sharp_vergence(central))
+    intervals = merge_intervals([part for smms in type_smms(camera) for part in depth_of_field(smms, camera.sensor.pixel)])
+    near_far = tuple((1 / high if math.isfinite(high) else 0.0, 1 / low if low > 0 else math.inf) for low, high in reversed(intervals) if high > 0)
+    return CameraSolution(
+        arrangement=array_arrangement(camera),
+        sharp_distance=1 / sharp if sharp > 0 and math.isfinite(sharp) else math.inf if sharp == 0 else None,
+        image_pitch=pitch,
+        overlap=2 * float(central.outside_radius) - pitch,
+        in_exit_pupil=bool(np.abs(central.microlens_width) <= camera.sensor.pixel),
+        touching_f_number=camera.main_lens.focal_length * float(central.gap / central.distance) / pitch,
+        useful_pixels=useful_pixels(camera),
+        depth_of_field=near_far,
+        stereo=stereo(camera),
+        row=row,
+        marginal_angles=tuple(float(angle) for angle in marginal_angle(row.smms)),
+    )
+
+
+def solve_distance(camera: Camera, distance: float, useful: tuple[int, int], fields: SensorFields, row: RowFields) -> DistanceSolution:
+    """All properties of a target at one distance.
+
+    Args:
+        camera: the camera.
+        distance: main lens to target, mm; infinity is allowed.
+        useful: useful pixels along the row and on the sensor.
+        fields: the camera's useful regions on the sensor.
+        row: the camera's useful intervals along the row.
+    """
+    vergence = vergence_of(distance)
+    central = central_smms(camera)
+    enlarged = float(magnification(central, vergence))
+    cycles_per_px = np.linspace(0.0, 1.0, FREQUENCIES)
+    on_target = cycles_per_px * enlarged / camera.sensor.pixel
+    resolution = effective_resolution(camera, vergence, useful)
+    mean_row = mean_row_views(row, camera.array.pitch[0], vergence)
+    mean_sensor = mean_sensor_views(fields, camera, vergence)
+    return DistanceSolution(
+        distance=distance,
+        image_distance=float(image_distance(central, vergence)),
+        arrangement=distance_arrangement(float(image_offset(central, vergence))),
+        virtual_depth=float(virtual_depth(central, vergence)),
+        magnification=enlarged,
+        blur=float(blur(central, vergence)),
+        row_views=row_views(row, vergence, 0.0),
+        sensor_views=sensor_views(fields, vergence, np.zeros(2)),
+        resolution=resolution,
+        resolution_by_views=(
+            useful[0] / mean_row if mean_row >= 1 else None,
+            useful[1] / mean_sensor if mean_sensor >= 1 else None,
+        ),
+        cycles_per_mm=tuple(on_target.tolist()),
+        contrast_paper=tuple(contrast_paper(cycles_per_px).tolist()),
+        mtf_pixel=tuple(mtf_pixel(cycles_per_px).tolist()),
+        mtf=tuple(np.abs(_mtf(central, vergence, camera.sensor.pixel, on_target)).tolist()),
+    )
+
+
+def _mtf(central: Smms, vergence: float, pixel: float, on_target: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    if not on_target[-1] > 0:
+        return np.where(np.arange(on_target.size) == 0, 1.0, 0.0)
+    return transfer(central, vergence, pixel, on_target)

@@ -1,0 +1,132 @@
+"""What the model expects a bench to show, and how sure it can be: many draws of the stages' zero and scale errors.
+
+In focus the contrast falls whichever way a stage is off, so straight error bars would be wrong. Every quantity is therefore
+computed for the nominal bench and for draws of its stage errors; mean, spread, covariance between configurations and the null
+distribution of a verdict all follow from the same draws.
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.bench import Bench, Element
+from flflab.optics.camera import Camera
+from flflab.optics.contrast import transfer
+from flflab.optics.resolution import central_smms
+from flflab.optics.smms import Smms, camera_smms, image_offset
+from flflab.optics.useful import fields_of, in_useful, neighbours_of, select, sensor_fields
+from flflab.optics.views import chief_crossings, chief_view_indices
+
+Array = npt.NDArray[np.float64]
+ELEMENTS: tuple[Element, ...] = ("main_lens.z", "array.z", "sensor.z", "target.z")
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the elements stand in one configuration, one value a draw, shape (n,), mm from the main lens.
+
+    Attributes:
+        distance: main lens to target.
+        array: main lens to array.
+        gap: array to sensor.
+    """
+
+    distance: Array
+    array: Array
+    gap: Array
+
+
+def stage_errors(bench: Bench, draws: int, rng: np.random.Generator) -> dict[Element, tuple[Array, Array]]:
+    """Draws of each stage's zero error (mm) and scale error, shape (draws,) each, from the bench file's uncertainties."""
+    errors: dict[Element, tuple[Array, Array]] = {}
+    for element in ELEMENTS:
+        axis = bench.description.axis_of(element)
+        zero, scale = (axis[1].zero_uncertainty, axis[1].scale_uncertainty) if axis else (0.0, 0.0)
+        errors[element] = (rng.normal(0.0, 1.0, draws) * zero, rng.normal(0.0, 1.0, draws) * scale)
+    return errors
+
+
+def placements(bench: Bench, worlds: dict[Element, float], errors: dict[Element, tuple[Array, Array]]) -> Placement:
+    """Where the elements stand if the stages are off by each draw of their errors.
+
+    Args:
+        bench: whose axes move the elements.
+        worlds: nominal world z of each element, mm.
+        errors: zero and scale errors as from ``stage_errors``.
+    """
+    z: dict[Element, Array] = {}
+    for element in ELEMENTS:
+        zero, scale = errors[element]
+        axis = bench.description.axis_of(element)
+        reading = axis[1].reading(worlds[element]) if axis else 0.0
+        sign = axis[1].sign if axis else 1
+        z[element] = worlds[element] + zero + sign * scale * reading
+    return Placement(z["main_lens.z"] - z["target.z"], z["array.z"] - z["main_lens.z"], z["sensor.z"] - z["array.z"])
+
+
+def contrast_draws(camera: Camera, placement: Placement, cycles_per_mm: Array) -> Array:
+    """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies)."""
+    central = central_smms(camera)
+    moved = replace(central, distance=placement.array[:, None], gap=placement.gap[:, None])
+    return transfer(moved, 1 / placement.distance[:, None], camera.sensor.pixel, cycles_per_mm[None, :])
+
+
+def predicted_view_indices(camera: Camera, distance: float, points: Array) -> list[npt.NDArray[np.int64]]:
+    """Which microlenses see each point (x, y) mm of the target by a chief ray, one array of positions a point."""
+    seen = sensor_fields(camera)
+    return [chief_view_indices(seen, 1 / distance, point / distance) for point in points]
+
+
+def view_draws(camera: Camera, placement: Placement, points: Array) -> npt.NDArray[np.int64]:
+    """Number of chief views of each target point (x, y) mm for each draw, shape (draws, points).
+
+    Args:
+        camera: the nominal camera of the configuration.
+        placement: where the elements stand, fields of shape (draws,).
+        points: positions on the target, shape (P, 2), mm.
+    """
+    smms = camera_smms(camera)
+    neighbours = neighbours_of(smms, camera, slack=0.05)
+    counts = np.zeros((len(placement.distance), len(points)), dtype=np.int64)
+    for column, point in enumerate(points):
+        members = _candidates(smms, placement, point)
+        needed = np.unique(np.concatenate([members, neighbours[members][neighbours[members] >= 0]]))
+        counts[:, column] = _count(camera, select(smms, needed), _within(neighbours[needed], needed), placement, point)
+    return counts
+
+
+def _candidates(smms: Smms, placement: Placement, point: Array) -> npt.NDArray[np.int64]:
+    """Microlenses within reach of the point's light in any draw."""
+    vergence = 1 / placement.distance
+    first = Smms(**{field.name: getattr(smms, field.name)[:1] for field in fields(Smms)})
+    x = image_offset(replace(first, distance=placement.array), vergence)
+    reach = np.maximum(first.lens_aperture * np.abs(x), first.aperture).max() / 2
+    away = placement.array / placement.distance
+    low, high = np.min(-point[:, None] * away, axis=1) - reach, np.max(-point[:, None] * away, axis=1) + reach
+    centres = np.stack([smms.centre_x, smms.centre_y], axis=1)
+    return np.flatnonzero(np.all((centres >= low) & (centres <= high), axis=1))
+
+
+def _within(neighbours: npt.NDArray[np.int64], needed: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Neighbour indices renumbered within ``needed``; -1 for those outside it."""
+    place = np.searchsorted(needed, neighbours).clip(0, max(len(needed) - 1, 0))
+    return np.where((neighbours >= 0) & (needed[place] == neighbours), place, -1)
+
+
+def _count(camera: Camera, smms: Smms, neighbours: npt.NDArray[np.int64], placement: Placement, point: Array) -> npt.NDArray[np.int64]:
+    """Chief views in each draw among systems that are repeated once a draw, so that all draws are one array."""
+    draws, systems = len(placement.distance), len(smms.focal)
+    if systems == 0:
+        return np.zeros(draws, dtype=np.int64)
+    tiled = Smms(**{field.name: np.tile(getattr(smms, field.name), draws) for field in fields(Smms)})
+    shift = np.tile(smms.distance - camera.array.distance, draws)
+    tiled = replace(tiled, distance=np.repeat(placement.array, systems) + shift, gap=np.repeat(placement.gap, systems) - shift)
+    offsets = np.repeat(np.arange(draws) * systems, systems)[:, None]
+    repeated = np.tile(neighbours, (draws, 1))
+    seen = fields_of(tiled, np.where(repeated >= 0, repeated + offsets, -1), camera)
+    distance = np.repeat(placement.distance, systems)
+    centre = np.stack([tiled.centre_x, tiled.centre_y], axis=1)
+    _, passes, landing = chief_crossings(tiled, 1 / distance, point[None, :] / distance[:, None], centre)
+    chief = passes & in_useful(seen, np.arange(len(distance)), landing)
+    return chief.reshape(draws, systems).sum(axis=1)
