@@ -1,0 +1,109 @@
+"""Faults that an instrument shows on purpose, by name, from a given command on."""
+
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+from flflab.errors import InputError
+from sim.server import HangUpError
+
+KINDS = {
+    "silence": "answers nothing any more",
+    "drop": "loses one answer",
+    "garbage": "answers bytes that mean nothing",
+    "cut": "answers half a line without its end",
+    "wrong-checksum": "answers with a checksum that is one off",
+    "hang-up": "closes the line",
+    "reset": "loses power once: settings and reference are gone",
+    "stall": "does not get further than JAM from where it is",
+    "lost-frame": "loses one frame",
+}
+JAM = 0.5  # mm of travel (f-numbers of an iris, places of a wheel) that a stalling drive still makes
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One kind of fault, shown from the command after the first ``after`` ones."""
+
+    kind: str
+    after: int = 0
+
+
+class Drive(Protocol):
+    """What can lose power or jam."""
+
+    def power_up(self) -> None:
+        """Start again."""
+        ...
+
+    def jam(self, after_travel: float) -> None:
+        """Stall what moves next."""
+        ...
+
+
+class Faults:
+    """The faults of one instrument and how many commands it has heard."""
+
+    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+        """Arm faults.
+
+        Raises:
+            InputError: there is no fault of that name.
+        """
+        self._faults = list(faults)
+        self._heard = 0
+        self._shown: set[Fault] = set()
+        self._lock = threading.Lock()
+        for fault in self._faults:
+            if fault.kind not in KINDS:
+                raise InputError(f"simulated fault '{fault.kind}' is not known; allowed: {', '.join(KINDS)}")
+
+    def before(self, drive: Drive) -> None:
+        """Count a command; jam or reset the drive where its time has come."""
+        with self._lock:
+            self._heard += 1
+        if self._first("stall"):
+            drive.jam(JAM)
+        if self._first("reset"):
+            drive.power_up()
+
+    def reply(self, answer: bytes) -> bytes | None:
+        """What goes over the wire instead of an answer; None for nothing.
+
+        Raises:
+            HangUpError: the line is to be closed.
+        """
+        if self._due("hang-up"):
+            raise HangUpError
+        if self._due("silence") or self._first("drop"):
+            return None
+        if self._due("garbage"):
+            return b"\x7fK#?\xfe@@!\r\n"
+        if self._due("cut"):
+            return answer[: len(answer) // 2]
+        if self._due("wrong-checksum"):
+            return _one_off(answer)
+        return answer
+
+    def loses_frame(self) -> bool:
+        """Whether the frame that ends now is lost."""
+        return self._first("lost-frame")
+
+    def _due(self, kind: str) -> bool:
+        return any(fault.kind == kind and self._heard > fault.after for fault in self._faults)
+
+    def _first(self, kind: str) -> bool:
+        """True once for each fault of a kind whose time has come."""
+        with self._lock:
+            due = [fault for fault in self._faults if fault.kind == kind and self._heard > fault.after and fault not in self._shown]
+            self._shown.update(due)
+        return bool(due)
+
+
+def _one_off(answer: bytes) -> bytes:
+    """The line with a checksum that does not fit."""
+    body = answer.rstrip(b"\r\n")
+    if body[-3:-2] == b":":
+        body = body[:-3]
+    return body + b":%02X\r\n" % ((1 - sum(body[1:])) % 256)

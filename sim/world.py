@@ -1,0 +1,226 @@
+"""The one true state of the simulated bench, hidden errors included: where everything really stands and what the camera sees.
+
+Hidden errors are drawn once, each from a generator keyed by the seed and its name, so that none depends on another or on the
+order of drawing. Travel is measured from a stage's home end in mm; world z = zero + sign (1 + scale) travel.
+"""
+
+import hashlib
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flflab.bench import AxisDescription, Bench
+from flflab.errors import InputError
+from flflab.optics.camera import Camera
+from flflab.optics.focus import sharp_vergence
+from flflab.optics.smms import camera_smms
+from flflab.target_file import target_from
+from flflab.targets import Target
+from flflab.units import parse_quantity
+from sim.clock import Clock
+from sim.motion import Motion, rest
+
+WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge")
+REMEMBERED = 64  # motions of a carriage
+NANOMETRE = 1e-6  # mm: states of the world closer than this are one and the same
+Truths = Mapping[str, str | float]
+
+
+def keyed(*parts: object) -> np.random.Generator:
+    """A generator that depends on these parts and on nothing else."""
+    digest = hashlib.blake2b("|".join(repr(part) for part in parts).encode(), digest_size=16).digest()
+    return np.random.Generator(np.random.Philox(key=int.from_bytes(digest, "little")))
+
+
+@dataclass(frozen=True)
+class TrueAxis:
+    """How an axis really moves its element: world z = zero + sign (1 + scale) travel, mm; ``start`` is its first travel."""
+
+    moves: str
+    sign: int
+    zero: float
+    scale: float
+    start: float
+
+    def world(self, travel: float) -> float:
+        """World z of the element, mm."""
+        return self.zero + self.sign * (1 + self.scale) * travel
+
+
+class Carriage:
+    """Something that moves along one coordinate; remembers its last motions, for exposures that began before them."""
+
+    def __init__(self, clock: Clock, start: float) -> None:
+        """Stand at ``start``."""
+        self.clock = clock
+        self._motions: tuple[tuple[float, Motion], ...] = ((-np.inf, rest(start)),)
+
+    @property
+    def motion(self) -> Motion:
+        """The present motion."""
+        return self._motions[-1][1]
+
+    @motion.setter
+    def motion(self, motion: Motion) -> None:
+        self._motions = (*self._motions[-REMEMBERED:], (self.clock.now(), motion))
+
+    def at(self, instant: float) -> float:
+        """Where it was at an instant, now or lately."""
+        known = next((motion for since, motion in reversed(self._motions) if since <= instant), self._motions[0][1])
+        return known.at(instant)[0]
+
+    def moving(self, instant: float) -> bool:
+        """Whether it moves."""
+        return self.motion.moving(instant)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What stands before the camera at an instant; ``camera`` and ``distance`` None where the parts are in no possible order."""
+
+    camera: Camera | None
+    distance: float | None
+    target: Target
+    state: tuple[object, ...]
+
+
+class World:
+    """The truth; every access under ``lock``."""
+
+    def __init__(self, bench: Bench, clock: Clock) -> None:
+        """Set up the bench as it was left: everything where the camera file puts it, as far as the limits allow.
+
+        Raises:
+            InputError: a planted truth has no meaning here.
+        """
+        simulated = bench.description.simulated
+        self.lock = threading.RLock()
+        self.clock = clock
+        self.seed = simulated.seed
+        check_truths(simulated.truths, bench.description.axes)
+        self.optics = true_optics(bench.optics, simulated.truths)
+        self._fixed = {
+            "main_lens.z": 0.0,
+            "array.z": bench.optics.array.distance,
+            "sensor.z": bench.optics.sensor.distance,
+            "target.z": -sharp_distance(bench.optics),
+        }
+        self.axes = {
+            name: true_axis(name, axis, self._fixed[axis.moves], simulated.seed, simulated.truths)
+            for name, axis in bench.description.axes.items()
+        }
+        self.carriages = {name: Carriage(clock, axis.start) for name, axis in self.axes.items()}
+        self.iris = Carriage(clock, bench.optics.main_lens.f_number)
+        self.wheel = Carriage(clock, WHEEL.index("white"))
+        self._iris_scale = _planted(simulated.truths, "iris.scale", "ratio", 0.0)
+        self.targets: dict[str, Target] = {name: target_from(name) for name in WHEEL}
+
+    def elements(self, instant: float) -> dict[str, float]:
+        """True world z of every element, mm."""
+        with self.lock:
+            moved = {axis.moves: axis.world(self.carriages[name].at(instant)) for name, axis in self.axes.items()}
+        return self._fixed | moved
+
+    def gap(self, instant: float) -> float:
+        """True distance from array to sensor, mm; negative where they have met."""
+        elements = self.elements(instant)
+        return elements["sensor.z"] - elements["array.z"]
+
+    def f_number(self, instant: float) -> float:
+        """True f-number."""
+        with self.lock:
+            return self.iris.at(instant) * (1 + self._iris_scale)
+
+    def target_name(self, instant: float) -> str:
+        """What the wheel shows; empty between two places."""
+        with self.lock:
+            place = self.wheel.at(instant)
+        return WHEEL[round(place)] if place == round(place) else ""
+
+    def scene(self, instant: float) -> Scene:
+        """What the camera sees at an instant."""
+        elements, f_number, name = self.elements(instant), self.f_number(instant), self.target_name(instant)
+        lens = elements["main_lens.z"]
+        state = (*(round(value / NANOMETRE) for value in elements.values()), round(f_number, 6), name)
+        target = self.targets[name or "black"]
+        distance = lens - elements["target.z"]
+        try:
+            camera = replace(
+                self.optics,
+                main_lens=replace(self.optics.main_lens, f_number=f_number),
+                array=replace(self.optics.array, distance=elements["array.z"] - lens),
+                sensor=replace(self.optics.sensor, distance=elements["sensor.z"] - lens),
+            )
+        except InputError:
+            return Scene(None, None, target, state)
+        return Scene(camera, distance, target, state) if distance > 0 else Scene(None, None, target, state)
+
+
+def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truths: Truths) -> TrueAxis:
+    """Draw an axis's hidden errors, unless they are planted.
+
+    Args:
+        name: the axis's name in the bench file.
+        axis: its description.
+        left_at: world z in mm where its element was left.
+        seed: the recorded seed.
+        truths: planted truths ``<axis>.zero`` (error of the zero), ``<axis>.scale`` (error of the scale), ``<axis>.start`` (reading).
+    """
+    zero, scale = keyed(seed, "axis", name).normal(size=2) * (axis.zero_uncertainty, axis.scale_uncertainty)
+    reading = axis.reading(left_at)
+    if not axis.limits[0] <= reading <= axis.limits[1]:
+        reading = (axis.limits[0] + axis.limits[1]) / 2
+    return TrueAxis(
+        moves=axis.moves,
+        sign=axis.sign,
+        zero=axis.zero + _planted(truths, f"{name}.zero", "length", float(zero)),
+        scale=_planted(truths, f"{name}.scale", "ratio", float(scale)),
+        start=_planted(truths, f"{name}.start", "length", reading),
+    )
+
+
+def true_optics(optics: Camera, truths: Truths) -> Camera:
+    """The camera file's optics with the planted truths about them."""
+    lens, array = optics.main_lens, optics.array
+    focal = _planted(truths, "microlens_array.focal_length", "length", array.focal_lengths[0])
+    return replace(
+        optics,
+        main_lens=replace(lens, focal_length=_planted(truths, "main_lens.focal_length", "length", lens.focal_length)),
+        array=replace(
+            array,
+            focal_lengths=(focal, *array.focal_lengths[1:]),
+            aperture=_planted(truths, "microlens_array.aperture", "length", array.aperture),
+            roll=_planted(truths, "microlens_array.roll", "angle", array.roll),
+        ),
+    )
+
+
+def check_truths(truths: Truths, axes: Mapping[str, AxisDescription]) -> None:
+    """Refuse planted truths that nothing here would heed.
+
+    Raises:
+        InputError: naming the truth and what is allowed.
+    """
+    allowed = [f"{name}.{what}" for name in axes for what in ("zero", "scale", "start")]
+    allowed += ["iris.scale", "main_lens.focal_length", "microlens_array.focal_length", "microlens_array.aperture", "microlens_array.roll"]
+    for name in truths:
+        if name not in allowed:
+            raise InputError(f"simulated.truths: there is no truth '{name}'; allowed here: {', '.join(allowed)}")
+
+
+def sharp_distance(optics: Camera) -> float:
+    """Distance in mm of the plane in focus behind the array's middle; 500 mm where no real one is."""
+    systems = camera_smms(optics)
+    vergence = float(sharp_vergence(systems)[len(systems.gap) // 2])
+    return 1 / vergence if np.isfinite(vergence) and vergence > 0 else 500.0
+
+
+def _planted(truths: Truths, name: str, dimension: str, otherwise: float) -> float:
+    if name not in truths:
+        return otherwise
+    try:
+        return parse_quantity(truths[name], dimension)  # pyright: ignore[reportArgumentType]
+    except InputError as error:
+        raise InputError(f"simulated.truths: {name}: {error}") from error
