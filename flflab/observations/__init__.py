@@ -1,0 +1,1 @@
+"""Measurements made elsewhere: read from their files, and held against the model."""
