@@ -84,7 +84,7 @@ def nothing_left_running() -> Iterator[None]:
     """Fails a test that leaves a thread or a child process behind; those of longer-lived fixtures were there before."""
     threads, children = _threads(), _children()
     yield
-    patience = time.monotonic() + 2.0
+    patience = time.monotonic() + 1.0
     while (left := (_threads() - threads, _children() - children)) != (set(), set()):
         if time.monotonic() > patience:
             pytest.fail(f"left running: threads {[thread.name for thread in left[0]]}, processes {sorted(left[1])}")
