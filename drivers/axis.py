@@ -1,0 +1,319 @@
+"""One linear axis, whatever its vendor: limits, reference and guard before motion, one thread that sees each motion to its end."""
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+from drivers.commands import AxisCommands
+from drivers.status import Status
+from flflab.errors import CommunicationError, DeviceError, LimitError, MotionError, NotHomedError
+
+Guard = Callable[[str, float | None, float | None], None]
+POLL_S = 0.02
+LEAST_PROGRESS_MM = 1e-4
+
+
+def unguarded(name: str, start: float | None, end: float | None) -> None:
+    """The guard of an axis that can meet nothing."""
+
+
+@dataclass
+class Motion:
+    """A motion under way: from, to (mm; None: not known, looking for the reference), and how it is to end if it is stopped."""
+
+    start: float | None
+    end: float | None
+    status: Status
+    stopped: bool = False
+    stopped_as_planned: bool = False
+
+
+class Axis:
+    """A linear axis; satisfies bluesky's Movable, Readable, Locatable, Stoppable, Checkable, Configurable and HasHints.
+
+    Nothing moves on connect. A refused motion sends nothing that moves.
+
+    Args:
+        name: the name in the bench file.
+        commands: the vendor's commands.
+        limits: soft limits, readings in mm; the device's own travel is checked beside them.
+        speed: mm/s, told to readers; the vendor's file sets it.
+        guard: called as ``guard(name, start, end)`` before motion, readings in mm; raises InterlockError to refuse. ``end`` is
+            None when the axis looks for its reference, ``start`` is None when its position is not known.
+        patience: how long the axis may stay busy without coming nearer to its end, s.
+    """
+
+    parent = None
+
+    def __init__(
+        self,
+        name: str,
+        commands: AxisCommands,
+        limits: tuple[float, float],
+        speed: float,
+        guard: Guard = unguarded,
+        *,
+        patience: float = 3.0,
+    ) -> None:
+        self.name = name
+        self.limits = limits
+        self.speed = speed
+        self.guard = guard
+        self._commands = commands
+        self._patience = patience
+        self._starting = threading.Lock()
+        self._motion: Motion | None = None
+        self._watcher: threading.Thread | None = None
+        self._stops = 0
+        self._closed = False
+
+    def __repr__(self) -> str:
+        return f"<axis {self.name}, {self.limits[0]:g} to {self.limits[1]:g} mm>"
+
+    # Motion
+
+    def home(self) -> Status:
+        """Look for the reference.
+
+        Raises:
+            InterlockError: it could come too near to a neighbour.
+            DeviceError: it moves already, or refuses.
+        """
+        return self._begin(None)
+
+    def move_to(self, position: float) -> Status:
+        """Move to a reading in mm.
+
+        Raises:
+            LimitError: outside the soft limits or the device's own, or not a finite number.
+            NotHomedError: it has no reference.
+            InterlockError: it could come too near to a neighbour.
+            DeviceError: it moves already, or refuses.
+        """
+        self.check_value(position)
+        return self._begin(float(position))
+
+    def move_by(self, distance: float) -> Status:
+        """Move by a distance in mm from the present reading; errors as ``move_to``."""
+        return self.move_to(self.position() + distance)
+
+    set = move_to
+
+    def stop(self, success: bool = False) -> None:
+        """Stop now, from any thread, whatever else goes on.
+
+        Args:
+            success: whether this stop is as planned (a pause); the motion under way then ends well, else with MotionError.
+
+        Raises:
+            CommunicationError: the device did not take the command; cut its power.
+        """
+        self._stops += 1
+        motion = self._motion
+        if motion is not None:
+            motion.stopped_as_planned = success and not motion.stopped
+            motion.stopped = True
+        self._commands.stop()
+
+    def check_value(self, value: float) -> None:
+        """Refuse a position outside the limits without moving.
+
+        Raises:
+            LimitError: outside the soft limits or the device's own, or not a finite number.
+        """
+        if not isinstance(value, Real) or not math.isfinite(value):
+            raise LimitError(f"{self.name}: {value!r} is not a position; give a finite number of mm")
+        for (low, high), whose in ((self.limits, "its soft limits"), (self._commands.travel, "the device's own limits")):
+            if not low <= value <= high:
+                raise LimitError(
+                    f"{self.name}: asked to go to {value:.6f} mm, outside {whose}, {low:g} mm to {high:g} mm; "
+                    "nothing moved, ask for a position inside"
+                )
+
+    # State
+
+    def position(self) -> float:
+        """The reading in mm; where the axis is not homed the number means nothing."""
+        return self._commands.position()
+
+    def is_homed(self) -> bool:
+        """Whether the reading means anything."""
+        return self._commands.is_homed()
+
+    def is_moving(self) -> bool:
+        """Whether a motion of ours is under way, or the device moves for another reason."""
+        return self._present_motion() is not None or self._commands.is_busy()
+
+    def _present_motion(self) -> Motion | None:
+        """The motion under way; one that failed counts until the device says it rests."""
+        motion = self._motion
+        if motion is not None and motion.status.done and not self._commands.is_busy():
+            self._motion = None
+        return self._motion
+
+    def reach(self) -> tuple[float, float] | None:
+        """Between which readings in mm the axis is now and will be until it rests; None where that is not known.
+
+        Raises:
+            CommunicationError: the device does not answer.
+        """
+        motion = self._present_motion()
+        if motion is not None:
+            return None if motion.start is None or motion.end is None else (min(motion.start, motion.end), max(motion.start, motion.end))
+        if not self._commands.is_homed() or self._commands.is_busy():
+            return None
+        position = self._commands.position()
+        return position, position
+
+    def identity(self) -> str:
+        """Maker, model, serial number and firmware as far as the device tells."""
+        return self._commands.identity()
+
+    def warnings(self) -> tuple[str, ...]:
+        """Everything the device wants to be known, one phrase each."""
+        return self._commands.warnings()
+
+    @property
+    def travel(self) -> tuple[float, float]:
+        """The device's own limits, readings in mm."""
+        return self._commands.travel
+
+    def close(self) -> None:
+        """Stop a motion under way, end its thread and let go of the device."""
+        self._closed = True
+        watcher, motion = self._watcher, self._motion
+        if motion is not None and not motion.status.done:
+            try:
+                self.stop()
+            except DeviceError as error:
+                motion.status.complete(error)
+        if watcher is not None and watcher is not threading.current_thread():
+            watcher.join()
+        self._commands.close()
+
+    # bluesky
+
+    def read(self) -> dict[str, Any]:
+        """The reading, mm."""
+        return {f"{self.name}_mm": {"value": self.position(), "timestamp": time.time()}}
+
+    def describe(self) -> dict[str, Any]:
+        """What ``read`` returns."""
+        return {f"{self.name}_mm": self._describe_number("mm")}
+
+    def read_configuration(self) -> dict[str, Any]:
+        """Speed in mm/s."""
+        return {f"{self.name}_speed_mm_per_s": {"value": self.speed, "timestamp": time.time()}}
+
+    def describe_configuration(self) -> dict[str, Any]:
+        """What ``read_configuration`` returns."""
+        return {f"{self.name}_speed_mm_per_s": self._describe_number("mm/s")}
+
+    def _describe_number(self, units: str) -> dict[str, Any]:
+        return {"source": f"axis {self.name}", "dtype": "number", "shape": [], "units": units}
+
+    @property
+    def hints(self) -> dict[str, Any]:
+        """The reading is what plots and tables show."""
+        return {"fields": [f"{self.name}_mm"]}
+
+    def locate(self) -> dict[str, float]:
+        """Where it was asked to go and where it is, mm."""
+        readback = self.position()
+        motion = self._motion
+        return {"setpoint": readback if motion is None or motion.end is None else motion.end, "readback": readback}
+
+    # How a motion starts and ends
+
+    def _begin(self, end: float | None) -> Status:
+        task = f"{self.name}: " + ("look for the reference" if end is None else f"move to {end:.6f} mm")
+        with self._starting:
+            stops = self._stops
+            if self._closed:
+                raise DeviceError(f"{self.name}: asked to move after the bench was closed; connect again")
+            if self.is_moving():
+                raise DeviceError(f"{self.name}: asked to move while it moves; wait for it or stop it first")
+            homed = self._commands.is_homed()
+            if end is not None and not homed:
+                raise NotHomedError(f"{self.name}: asked to go to {end:.6f} mm, but it has no reference; home it first, nothing moved")
+            motion = Motion(self._commands.position() if homed else None, end, Status(task))
+            # Seen by the neighbours' guards before our own guard looks at them: of two that start at once, one sees the other.
+            self._motion = motion
+            try:
+                self.guard(self.name, motion.start, end)
+                if end is None:
+                    self._commands.start_home()
+                else:
+                    self._commands.start_move(end)
+                if self._stops != stops:
+                    motion.stopped = True
+                    self._commands.stop()
+            except CommunicationError:
+                # The command may have arrived: never repeated, and stopped.
+                self._stop_quietly()
+                motion.status.complete()
+                raise
+            except BaseException:
+                self._motion = None
+                raise
+            self._watcher = threading.Thread(target=self._watch, args=(motion,), name=f"watch {self.name}", daemon=True)
+            self._watcher.start()
+        return motion.status
+
+    def _watch(self, motion: Motion) -> None:
+        """See a motion to its end."""
+        try:
+            self._until_idle(motion)
+            error = self._judge(motion)
+        except Exception as fault:
+            # Nobody knows what it does: stopped if it still listens, and held for moving until it says it rests.
+            self._stop_quietly()
+            motion.status.complete(fault)
+        else:
+            self._motion = None
+            motion.status.complete(error)
+
+    def _until_idle(self, motion: Motion) -> None:
+        nearest, began = math.inf, time.monotonic()
+        longest_search = self._patience * (10 + 10 * (self.travel[1] - self.travel[0]) / self.speed)
+        moved, last = began, None
+        while self._commands.is_busy():
+            position = self._commands.position()
+            if motion.end is None or motion.stopped:
+                progress = last is None or abs(position - last) >= LEAST_PROGRESS_MM
+            else:
+                progress = abs(position - motion.end) <= nearest - LEAST_PROGRESS_MM
+            if progress:
+                moved, last, nearest = time.monotonic(), position, abs(position - (motion.end or 0.0))
+            if motion.end is None and time.monotonic() - began > longest_search:
+                raise MotionError(f"{motion.status.task}: still moving long after a whole travel; stopped, look at its home sensor")
+            if time.monotonic() - moved > self._patience:
+                where = f"at {position:.6f} mm" if motion.start is not None else "before it found its reference"
+                raise MotionError(f"{motion.status.task}: no progress for {self._patience:g} s, {where}; stopped, look what holds it")
+            time.sleep(POLL_S)
+
+    def _judge(self, motion: Motion) -> MotionError | None:
+        """What to say of a motion after it ended."""
+        position = self._commands.position()
+        homed = self._commands.is_homed()
+        task = motion.status.task
+        if motion.stopped:
+            return None if motion.stopped_as_planned else MotionError(f"{task}: stopped on the way at {position:.6f} mm, as it was told")
+        faults = "; ".join(self._commands.faults())
+        if not homed:
+            lost = "lost its reference on the way (a reset?)" if motion.start is not None else "did not find its reference"
+            return MotionError(f"{task}: {lost}{f' ({faults})' if faults else ''}; home it again")
+        if faults:
+            return MotionError(f"{task}: ended at {position:.6f} mm ({faults}); look what holds it, then home it again")
+        if motion.end is not None and abs(position - motion.end) > 1.01 * self._commands.resolution:
+            return MotionError(f"{task}: ended at {position:.6f} mm instead; look what holds it, then home it again")
+        return None
+
+    def _stop_quietly(self) -> None:
+        with contextlib.suppress(DeviceError):
+            self._commands.stop()

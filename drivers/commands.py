@@ -1,0 +1,99 @@
+"""What a vendor's file provides: the few commands that ``Axis`` and ``Setting`` are made from."""
+
+from typing import Protocol, TypeVar
+
+Value = TypeVar("Value", float, str)
+
+
+class AxisCommands(Protocol):
+    """One linear axis as its vendor's protocol has it, in mm; every method talks to the device at once and is brief.
+
+    Every method may raise CommunicationError; the two that start motion may raise DeviceError where the device refuses.
+    """
+
+    @property
+    def travel(self) -> tuple[float, float]:
+        """The device's own limits, readings in mm."""
+        ...
+
+    @property
+    def resolution(self) -> float:
+        """The smallest difference between two positions, mm; a motion may end this far from where it was asked to."""
+        ...
+
+    def start_home(self) -> None:
+        """Start to look for the reference."""
+        ...
+
+    def start_move(self, position: float) -> None:
+        """Start towards a reading in mm."""
+        ...
+
+    def position(self) -> float:
+        """The reading in mm."""
+        ...
+
+    def is_busy(self) -> bool:
+        """Whether it moves."""
+        ...
+
+    def is_homed(self) -> bool:
+        """Whether its reading means anything."""
+        ...
+
+    def stop(self) -> None:
+        """Stop now; never waits behind another thread's exchange."""
+        ...
+
+    def faults(self) -> tuple[str, ...]:
+        """Why the last motion did not end as asked, one phrase each; empty where it did."""
+        ...
+
+    def warnings(self) -> tuple[str, ...]:
+        """Everything the device wants to be known, one phrase each."""
+        ...
+
+    def identity(self) -> str:
+        """Maker, model, serial number and firmware as far as the device tells."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the device; stops nothing, raises nothing."""
+        ...
+
+
+class SettingCommands(Protocol[Value]):
+    """One setting as its instrument has it: an f-number, the name of a target."""
+
+    @property
+    def allowed(self) -> tuple[Value, ...]:
+        """Every name allowed, or the least and the largest number."""
+        ...
+
+    def start(self, value: Value) -> None:
+        """Start to change the setting."""
+        ...
+
+    def is_busy(self) -> bool:
+        """Whether it changes."""
+        ...
+
+    def value(self) -> Value:
+        """What it is now."""
+        ...
+
+    def fault(self) -> str:
+        """Why the last change did not end as asked; empty where it did."""
+        ...
+
+    def stop(self) -> None:
+        """Give up the change under way where the instrument can."""
+        ...
+
+    def identity(self) -> str:
+        """Maker, model, serial number and firmware as far as the device tells."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the device; raises nothing."""
+        ...

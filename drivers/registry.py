@@ -1,0 +1,66 @@
+"""Which drivers there are: one line each."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from drivers import manual, scpi_settings, zaber
+from drivers.camera import CameraDevice
+from drivers.cameras import scpi
+from drivers.commands import AxisCommands, SettingCommands
+from flflab.bench import AxisDescription
+from flflab.description import Description
+
+Opened = TypeVar("Opened")
+FOR_EVER = float("inf")
+
+
+class Share(Protocol):
+    """Several devices on one line: what an address was opened as, opened the first time."""
+
+    def __call__(self, address: str, opener: Callable[[], Opened], /) -> Opened:
+        """Return what was opened at this address."""
+        ...
+
+
+@dataclass(frozen=True)
+class AxisDriver:
+    """A driver of axes: the model of its own keys, how an axis is opened, how long one may be busy without progress, s."""
+
+    keys: type[Description]
+    open: Callable[[str, AxisDescription, Any, Share], AxisCommands]
+    patience: float = 3.0
+
+
+@dataclass(frozen=True)
+class SettingDriver:
+    """A driver of an iris or a target holder: the model of its own keys, how it is opened, how long a change may take, s."""
+
+    keys: type[Description]
+    open: Callable[[str, Any, Share], SettingCommands[Any]]
+    timeout: float = 60.0
+
+
+@dataclass(frozen=True)
+class CameraDriver:
+    """A driver of cameras: the model of its own keys and how a camera is opened."""
+
+    keys: type[Description]
+    open: Callable[[str, Any, Share], CameraDevice]
+
+
+AXES: Mapping[str, AxisDriver] = {
+    "zaber": AxisDriver(zaber.ZaberKeys, zaber.open_axis),
+    "manual": AxisDriver(manual.ManualAxisKeys, manual.open_axis, patience=FOR_EVER),
+}
+CAMERAS: Mapping[str, CameraDriver] = {
+    "scpi": CameraDriver(scpi.ScpiCameraKeys, scpi.open_camera),
+}
+IRISES: Mapping[str, SettingDriver] = {
+    "scpi": SettingDriver(scpi_settings.ScpiSettingKeys, scpi_settings.open_iris),
+    "manual": SettingDriver(manual.ManualIrisKeys, manual.open_iris, timeout=FOR_EVER),
+}
+TARGETS: Mapping[str, SettingDriver] = {
+    "scpi": SettingDriver(scpi_settings.ScpiSettingKeys, scpi_settings.open_target),
+    "manual": SettingDriver(manual.ManualTargetKeys, manual.open_target, timeout=FOR_EVER),
+}

@@ -1,0 +1,88 @@
+"""``address: simulated``: the instruments of a bench file served by a child process that dies with this one."""
+
+import json
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any
+
+from flflab.errors import CommunicationError
+
+
+class SimulatedBench:
+    """A child process that serves every instrument of a bench file on loopback; ends with ``close`` or with this process.
+
+    The child holds on to the pipe on its standard input and ends when that closes, which the system does when this process dies.
+
+    Args:
+        bench_file: the bench file.
+        timeout: how long it may take to say its addresses, s (it starts Python and compiles what is not in its cache).
+
+    Raises:
+        CommunicationError: it did not start; with the last line it wrote.
+    """
+
+    def __init__(self, bench_file: Path, timeout: float = 60.0) -> None:
+        command = [sys.executable, "-P", "-m", "flflab", "sim", str(bench_file), "--json"]
+        self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
+        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._complaints)
+        said: list[bytes] = []
+        listener = threading.Thread(target=lambda: said.append(self._stdout().readline()), name="simulated bench", daemon=True)
+        listener.start()
+        listener.join(timeout)
+        silent = listener.is_alive()
+        try:
+            self.addresses: dict[str, Any] = json.loads(said[0])
+        except (IndexError, ValueError):
+            self._end()
+            listener.join()
+            last = self._last_complaint()
+            self._let_go()
+            reason = f"it said nothing for {timeout:g} s" if silent else "it ended without saying its addresses"
+            raise CommunicationError(f"{bench_file}: the simulated bench did not start, {reason}; its last words: {last}") from None
+
+    def address(self, *path: str) -> str:
+        """Where an instrument is served.
+
+        Args:
+            path: as in the bench file: ``"axes", name`` or ``"camera"``.
+
+        Raises:
+            CommunicationError: the simulated bench does not serve it.
+        """
+        place: Any = self.addresses
+        for part in (*path, "address"):
+            place = place.get(part) if isinstance(place, dict) else None
+        if not isinstance(place, str):
+            raise CommunicationError(f"{'.'.join(path)}: the simulated bench does not serve it; check its driver")
+        return place
+
+    def close(self) -> None:
+        """End the child and reap it."""
+        self._end()
+        self._let_go()
+
+    def _stdout(self) -> Any:
+        return self._child.stdout
+
+    def _end(self) -> None:
+        if self._child.stdin is not None:
+            self._child.stdin.close()
+        for patience, end in ((2.0, self._child.terminate), (2.0, self._child.kill)):
+            try:
+                self._child.wait(patience)
+                return
+            except subprocess.TimeoutExpired:
+                end()
+        self._child.wait()
+
+    def _let_go(self) -> None:
+        self._stdout().close()
+        self._complaints.close()
+
+    def _last_complaint(self) -> str:
+        self._complaints.seek(0)
+        lines = self._complaints.read().decode(errors="replace").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "none")

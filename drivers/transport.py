@@ -1,0 +1,170 @@
+"""Bytes to and from an instrument: a serial line (tty, pty, ``socket://``) or a TCP connection, read with deadlines."""
+
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable
+
+from flflab.errors import CommunicationError
+
+SLICE_S = 0.02
+MOST_UNREAD = 1 << 16
+
+
+class Wire:
+    """A connection: writes whole messages, reads up to an end mark or a count of bytes, each by a deadline.
+
+    Args:
+        address: where it leads, for messages.
+        send: writes bytes.
+        receive: returns what has come, waiting a short while; empty when nothing has.
+        shut: lets go of it.
+    """
+
+    def __init__(self, address: str, send: Callable[[bytes], object], receive: Callable[[], bytes], shut: Callable[[], None]) -> None:
+        self.address = address
+        self._send = send
+        self._receive = receive
+        self._shut = shut
+        self._come = bytearray()
+        self._writing = threading.Lock()
+
+    def write(self, message: bytes) -> None:
+        """Write a whole message; may be called from any thread at any time.
+
+        Raises:
+            CommunicationError: the connection is gone.
+        """
+        try:
+            with self._writing:
+                self._send(message)
+        except (OSError, TypeError) as error:
+            raise CommunicationError(f"{self.address}: cannot write ({error}); check cable, power and address") from error
+
+    def read_until(self, end: bytes, timeout: float) -> bytes:
+        """What comes up to an end mark, without it.
+
+        Raises:
+            CommunicationError: it did not come in time, far too much came without it, or the connection is gone.
+        """
+        deadline, seen = time.monotonic() + timeout, 0
+        while (at := self._come.find(end, seen)) < 0:
+            seen = max(0, len(self._come) - len(end) + 1)
+            if len(self._come) > MOST_UNREAD:
+                raise CommunicationError(f"{self.address}: endless {show(self._come)} without an end of line; check the baud rate")
+            self._wait_for_more(deadline, timeout)
+        line = bytes(self._come[:at])
+        del self._come[: at + len(end)]
+        return line
+
+    def read_exactly(self, count: int, timeout: float) -> bytes:
+        """A number of bytes; the time counts from the last byte that came.
+
+        Raises:
+            CommunicationError: no more came for that long, or the connection is gone.
+        """
+        have = len(self._come)
+        deadline = time.monotonic() + timeout
+        while len(self._come) < count:
+            self._wait_for_more(deadline, timeout, f", after {len(self._come)} of {count} bytes")
+            if len(self._come) > have:
+                have, deadline = len(self._come), time.monotonic() + timeout
+        block = bytes(self._come[:count])
+        del self._come[:count]
+        return block
+
+    def drain(self, quiet: float = 0.1, longest: float = 1.0) -> None:
+        """Throw away what has come, until nothing comes for a while (s), or for longest (s)."""
+        end = time.monotonic() + longest
+        calm = time.monotonic() + quiet
+        self._come.clear()
+        while time.monotonic() < min(calm, end):
+            if self._take():
+                calm = time.monotonic() + quiet
+            self._come.clear()
+
+    def close(self) -> None:
+        """Let go of the connection; raises nothing."""
+        with contextlib.suppress(OSError):
+            self._shut()
+
+    def _wait_for_more(self, deadline: float, timeout: float, progress: str = "") -> None:
+        if not self._take() and time.monotonic() > deadline:
+            rest = f"; {show(self._come)} came without its end" if self._come and not progress else ""
+            raise CommunicationError(f"{self.address}: no answer within {timeout:g} s{progress}{rest}; check cable, power and address")
+
+    def _take(self) -> bool:
+        try:
+            more = self._receive()
+        except (OSError, TypeError) as error:
+            raise CommunicationError(f"{self.address}: the connection is gone ({error}); check cable, power and address") from error
+        self._come += more
+        return bool(more)
+
+
+def show(message: bytes | bytearray, most: int = 60) -> str:
+    """Bytes for a message to people, cut when long."""
+    return repr(bytes(message[:most])) + ("..." if len(message) > most else "")
+
+
+def open_serial(address: str, baud: int, *, parity: str = "N") -> Wire:
+    """Open a serial line.
+
+    Args:
+        address: a port (``COM3``, ``/dev/ttyUSB0``, a pty's path), a URL of pyserial (``socket://host:port``), or ``host:port``.
+        baud: bits per second; a socket ignores it.
+        parity: N, E or O.
+
+    Raises:
+        CommunicationError: there is no such port, or it is in use.
+    """
+    import serial
+
+    url = f"socket://{address}" if _is_host_and_port(address) else address
+    own: dict[str, bool] = {} if "://" in url else {"exclusive": True}
+    try:
+        port = serial.serial_for_url(url, baudrate=baud, parity=parity, timeout=SLICE_S, write_timeout=2.0, **own)
+    except (OSError, ValueError) as error:
+        raise CommunicationError(f"{address}: cannot be opened ({error}); check the address, and who else holds it") from error
+    return Wire(address, port.write, lambda: port.read(max(1, port.in_waiting)), port.close)
+
+
+def open_tcp(address: str, timeout: float = 5.0) -> Wire:
+    """Open a TCP connection to ``host:port`` (``socket://host:port`` is the same).
+
+    Raises:
+        CommunicationError: the address is not one, or nobody listens there.
+    """
+    host, colon, number = address.removeprefix("socket://").rpartition(":")
+    if not colon or not number.isdigit():
+        raise CommunicationError(f"{address!r} is not an address; give host:port, such as 127.0.0.1:5025")
+    try:
+        link = socket.create_connection((host.strip("[]"), int(number)), timeout)
+    except (OSError, OverflowError) as error:
+        raise CommunicationError(f"{address}: cannot be reached ({error}); check power, network and address") from error
+    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    link.settimeout(SLICE_S)
+
+    def receive() -> bytes:
+        try:
+            more = link.recv(1 << 18)
+        except TimeoutError:
+            return b""
+        if not more:
+            raise ConnectionError("closed by the instrument")
+        return more
+
+    def send(message: bytes) -> None:
+        link.settimeout(timeout)
+        try:
+            link.sendall(message)
+        finally:
+            link.settimeout(SLICE_S)
+
+    return Wire(address, send, receive, link.close)
+
+
+def _is_host_and_port(address: str) -> bool:
+    host, colon, number = address.rpartition(":")
+    return bool(colon and host and number.isdigit()) and "/" not in address

@@ -1,0 +1,317 @@
+"""Zaber stages by the Zaber ASCII protocol: one daisy chain on one line, any number of axes on it.
+
+What this file relies on, from the ASCII protocol manual (firmware 6 and 7):
+
+- Commands ``/device axis id text:CC`` and CR LF; one reply ``@DD A id OK|RJ BUSY|IDLE flag data:CC``; lines that begin with ``#``
+  (information) or ``!`` (alerts) come unasked and are kept aside. CC is the two's complement of the sum of the bytes between
+  the first character and the colon. A command with a wrong checksum is ignored, so it shows as silence.
+- Positions are whole microsteps, ``maxspeed`` is microsteps/s times 1.6384. An empty command answers the state.
+- ``warnings`` answers a count and flags; WR and WH say that the axis has no reference.
+
+Not confirmed from the manual: that a reply carries a checksum whenever the command did (what the vendor's client expects; where a
+device does not, set its ``comm.checksum`` to 1 or give ``checksum: false``), and that ``stop`` raises the flag NI.
+"""
+
+import itertools
+import re
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from drivers.transport import Wire, open_serial, show
+from flflab.bench import AxisDescription
+from flflab.description import Description, Length
+from flflab.errors import CommunicationError, DeviceError, LimitError
+
+SPEED_UNIT = 1.6384
+STOP_ID = 99
+REPLY = re.compile(r"@(\d\d) (\d) (\d\d) (OK|RJ) (BUSY|IDLE) (--|[A-Z]{2}) ([^:]*)")
+NO_REFERENCE = ("WR", "WH")
+FLAGS = {
+    "FF": "critical system error", "FN": "peripheral not supported", "FZ": "peripheral inactive", "FH": "hardware emergency stop",
+    "FV": "driver off, voltage out of range", "FO": "driver disabled", "FC": "current inrush", "FM": "motor too hot",
+    "FD": "driver disabled", "FQ": "encoder error", "FI": "index error", "FA": "analog encoder out of step", "FR": "overdrive limit",
+    "FS": "stalled and stopped", "FB": "stream out of bounds", "FP": "path deviation", "FE": "limit error", "FT": "excessive twist",
+    "WL": "unexpected limit trigger", "WV": "voltage out of range", "WT": "controller hot", "WS": "stalled and recovered",
+    "WM": "displaced when stationary", "WP": "calibration of another type", "WR": "no reference position", "WH": "not homed",
+    "NC": "moved by hand", "NI": "movement interrupted", "ND": "stream discontinuity", "NR": "value rounded", "NT": "value truncated",
+    "NU": "setting update pending", "NJ": "joystick calibrating", "NB": "firmware update mode",
+}  # fmt: skip
+SPOILS_A_MOTION = ("WL", "NI", "NC")
+REASONS = {
+    "AGAIN": "it was busy with another command; try again", "BADAXIS": "there is no such axis; correct `axis` in the bench file",
+    "BADCOMMAND": "it does not know this command; check model and firmware", "BADDATA": "the value is out of its range",
+    "DEVICEONLY": "this command is for the whole device", "DRIVERDISABLED": "its driver is off; clear the cause and enable it",
+    "FULL": "its memory is full", "INACTIVE": "no stage is connected to this axis; plug it in",
+    "LOCKSTEP": "the axis is locked to another", "NOACCESS": "this needs a higher access level",
+    "NOTSUPPORTED": "the connected stage is not supported", "PARKED": "it is parked; unpark it",
+    "REMOTE": "it is controlled by EtherCAT", "STATUSBUSY": "it moves; stop it first", "TWISTED": "the gantry is twisted",
+    "BADMESSAGEID": "the message id is not one", "BADSPLIT": "a command in parts was broken",
+}  # fmt: skip
+
+
+Share = Callable[[str, Callable[[], "ZaberChain"]], "ZaberChain"]
+
+
+class ZaberKeys(Description):
+    """The keys of a Zaber axis in the bench file.
+
+    ``microstep`` is the data sheet's microstep size, which holds for ``microsteps_per_step`` (the data sheet's default
+    resolution); the device's own resolution is read from it.
+    """
+
+    device: Annotated[int, Field(ge=1, le=99)]
+    axis: Annotated[int, Field(ge=1, le=9)] = 1
+    microstep: Annotated[Length, Field(gt=0)]
+    microsteps_per_step: Annotated[int, Field(ge=1)] = 64
+    baud: Annotated[int, Field(ge=9600)] = 115200
+    checksum: bool = True
+    timeout: Annotated[float, Field(gt=0)] = 0.5
+
+
+@dataclass(frozen=True)
+class Reply:
+    """A reply as parsed."""
+
+    device: int
+    axis: int
+    id: int
+    accepted: bool
+    busy: bool
+    flag: str
+    data: str
+
+
+def checksum(body: bytes) -> str:
+    """Two upper-case hex digits: the two's complement of the sum of the bytes after the first character, up to the colon."""
+    return f"{-sum(body) & 0xFF:02X}"
+
+
+def encode(device: int, axis: int, message_id: int, text: str = "") -> bytes:
+    """A command line with message id and checksum."""
+    body = f"{device} {axis} {message_id:02d}{' ' if text else ''}{text}"
+    return f"/{body}:{checksum(body.encode('ascii'))}\r\n".encode("ascii")
+
+
+def parse(line: bytes, with_checksum: bool = True) -> Reply | None:
+    """Read one line; None for information and alerts.
+
+    Args:
+        line: without its CR LF.
+        with_checksum: whether a reply has to carry one.
+
+    Raises:
+        CommunicationError: it is not a line of this protocol, or its checksum is wrong or missing.
+    """
+    body, colon, sum_ = line.rpartition(b":")
+    if colon and re.fullmatch(rb"[0-9A-F]{2}", sum_):
+        if sum_.decode() != checksum(body[1:]):
+            raise CommunicationError(f"got {show(line)}, its checksum is wrong, {checksum(body[1:])} is due; check cable and baud rate")
+    elif with_checksum and line[:1] == b"@":
+        raise CommunicationError(f"got {show(line)} without a checksum; set comm.checksum of the device to 1, or give `checksum: false`")
+    else:
+        body = line
+    if body[:1] in (b"#", b"!"):
+        return None
+    found = REPLY.fullmatch(body.decode("ascii", "replace"))
+    if found is None:
+        raise CommunicationError(f"got {show(line)}, not a reply of the Zaber ASCII protocol; check cable, baud rate and protocol")
+    device, axis, message_id, flag, state, warning, data = found.groups()
+    return Reply(int(device), int(axis), int(message_id), flag == "OK", state == "BUSY", warning, data)
+
+
+class ZaberChain:
+    """The one line that the axes of a chain share: one exchange at a time; a stop is written at once, past whoever waits.
+
+    Args:
+        wire: the open line.
+        with_checksum: whether replies have to carry a checksum.
+        timeout: how long a reply may take, s.
+    """
+
+    def __init__(self, wire: Wire, with_checksum: bool = True, timeout: float = 0.5) -> None:
+        self.unasked: deque[str] = deque(maxlen=100)
+        self._wire = wire
+        self._with_checksum = with_checksum
+        self._timeout = timeout
+        self._turn = threading.Lock()
+        self._ids = itertools.cycle(range(STOP_ID))
+        self._in_step = True
+
+    def ask(self, name: str, device: int, axis: int, text: str, *, repeatable: bool) -> Reply:
+        """Send a command and return its reply, accepted or not.
+
+        Args:
+            name: the axis that asks, for messages.
+            device: address on the chain.
+            axis: of that device, 0 for the device itself.
+            text: the command.
+            repeatable: whether it may be sent a second time when the first reply is lost; never true of what moves.
+
+        Raises:
+            CommunicationError: no reply, or not the reply to this command.
+        """
+        with self._turn:
+            try:
+                return self._exchange(name, device, axis, text)
+            except CommunicationError:
+                if not repeatable:
+                    raise
+                return self._exchange(name, device, axis, text)
+
+    def write_stop(self, device: int, axis: int) -> None:
+        """Write a stop at once; its reply is skipped by whoever reads."""
+        self._wire.write(encode(device, axis, STOP_ID, "stop"))
+
+    def close(self) -> None:
+        """Let go of the line."""
+        self._wire.close()
+
+    def _exchange(self, name: str, device: int, axis: int, text: str) -> Reply:
+        message_id = next(self._ids)
+        asked = f"{name} (device {device} axis {axis} at {self._wire.address}): asked {text or 'for its state'!r}, "
+        try:
+            if not self._in_step:
+                self._wire.drain()
+            self._in_step = False
+            self._wire.write(encode(device, axis, message_id, text))
+            reply = self._next_reply()
+            if (reply.device, reply.axis, reply.id) != (device, axis, message_id):
+                raise CommunicationError(
+                    f"got the reply of device {reply.device} axis {reply.axis} to message {reply.id}, not to message {message_id}; "
+                    "check that no two devices share a number and no other program is on the line"
+                )
+        except CommunicationError as error:
+            raise CommunicationError(asked + str(error)) from error
+        self._in_step = True
+        return reply
+
+    def _next_reply(self) -> Reply:
+        while True:
+            line = self._wire.read_until(b"\n", self._timeout).rstrip(b"\r")
+            reply = parse(line, self._with_checksum)
+            if reply is None:
+                self.unasked.append(line.decode("ascii", "replace"))
+            elif reply.id != STOP_ID:
+                return reply
+
+
+class ZaberAxis:
+    """One axis of a chain, in mm; satisfies ``AxisCommands``. Connecting reads settings and sets the speed; nothing moves.
+
+    Args:
+        name: the axis's name in the bench file.
+        chain: the line it is on.
+        keys: its own keys of the bench file.
+        speed: of moves, mm/s.
+
+    Raises:
+        CommunicationError: the device does not answer, or not in this protocol.
+        DeviceError: it refuses a setting, such as the speed.
+    """
+
+    def __init__(self, name: str, chain: ZaberChain, keys: ZaberKeys, speed: float) -> None:
+        self._name = name
+        self._chain = chain
+        self._keys = keys
+        self.resolution = keys.microstep * keys.microsteps_per_step / self._setting("resolution")
+        self.travel = (self._setting("limit.min") * self.resolution, self._setting("limit.max") * self.resolution)
+        maxspeed = round(speed / self.resolution * SPEED_UNIT)
+        if self._setting("maxspeed") != maxspeed:
+            self._command(f"set maxspeed {maxspeed}", repeatable=True)
+
+    def start_home(self) -> None:
+        """Start to look for the reference."""
+        self._command("warnings clear", repeatable=True)
+        self._command("home", repeatable=False)
+
+    def start_move(self, position: float) -> None:
+        """Start towards a reading in mm, rounded to the microstep.
+
+        Raises:
+            LimitError: outside the device's own limits.
+        """
+        self._command("warnings clear", repeatable=True)
+        self._command(f"move abs {round(position / self.resolution)}", repeatable=False)
+
+    def position(self) -> float:
+        """The reading in mm."""
+        return self._setting("pos") * self.resolution
+
+    def is_busy(self) -> bool:
+        """Whether it moves."""
+        return self._command("", repeatable=True).busy
+
+    def is_homed(self) -> bool:
+        """Whether neither WR nor WH is raised."""
+        return not any(flag in NO_REFERENCE for flag in self._flags())
+
+    def stop(self) -> None:
+        """Decelerate to rest; written at once, then the device is asked for its state to know that it listens."""
+        self._chain.write_stop(self._keys.device, self._keys.axis)
+        self._command("", repeatable=True)
+
+    def faults(self) -> tuple[str, ...]:
+        """Flags that spoil a motion: every F, and WL, NI, NC (as the vendor's client judges its own moves)."""
+        return tuple(_phrase(flag) for flag in self._flags() if flag[0] == "F" or flag in SPOILS_A_MOTION)
+
+    def warnings(self) -> tuple[str, ...]:
+        """Every flag raised."""
+        return tuple(_phrase(flag) for flag in self._flags())
+
+    def identity(self) -> str:
+        """Kind, serial number and firmware."""
+        kind, serial, version = (self._device_setting(setting) for setting in ("deviceid", "system.serial", "version"))
+        return f"Zaber device {kind}, serial {serial}, firmware {version}, at {self._keys.device}"
+
+    def close(self) -> None:
+        """Nothing: the chain is closed by who opened it."""
+
+    def _setting(self, setting: str) -> int:
+        data = self._command(f"get {setting}", repeatable=True).data
+        if not re.fullmatch(r"-?\d+", data):
+            raise CommunicationError(f"{self._name}: asked for {setting}, got {data!r}, not a whole number; check model and firmware")
+        return int(data)
+
+    def _device_setting(self, setting: str) -> str:
+        return self._command(f"get {setting}", repeatable=True, axis=0).data
+
+    def _flags(self) -> list[str]:
+        data = self._command("warnings", repeatable=True).data
+        count, *flags = data.split() or [""]
+        if not count.isdigit() or int(count) != len(flags) or any(not re.fullmatch(r"[A-Z]{2}", flag) for flag in flags):
+            raise CommunicationError(f"{self._name}: asked for its warnings, got {data!r}, not a count and as many flags")
+        return flags
+
+    def _command(self, text: str, *, repeatable: bool, axis: int | None = None) -> Reply:
+        reply = self._chain.ask(self._name, self._keys.device, self._keys.axis if axis is None else axis, text, repeatable=repeatable)
+        if not reply.accepted:
+            raise (LimitError if reply.data == "BADDATA" and text.startswith("move") else DeviceError)(
+                f"{self._name}: the device refuses {text!r} ({reply.data}: {REASONS.get(reply.data, 'a reason not known here')})"
+            )
+        return reply
+
+
+def _phrase(flag: str) -> str:
+    return f"{flag}: {FLAGS.get(flag, 'not known here')}"
+
+
+def open_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberAxis:
+    """Open one axis; axes at one address share the chain.
+
+    Args:
+        name: the axis's name in the bench file.
+        axis: its description.
+        keys: the driver's own keys of it.
+        share: returns what an address was opened as, opening it the first time.
+
+    Raises:
+        CommunicationError: the line cannot be opened, or the device does not answer.
+        DeviceError: the device refuses a setting.
+    """
+    chain = share(axis.address, lambda: ZaberChain(open_serial(axis.address, keys.baud), keys.checksum, keys.timeout))
+    return ZaberAxis(name, chain, keys, axis.speed)
