@@ -13,7 +13,7 @@ import subprocess, sys, threading, time
 import pytest
 
 def test_leaves_a_thread():
-    threading.Thread(target=time.sleep, args=(4,)).start()
+    threading.Thread(target=time.sleep, args=(2,)).start()
 
 def test_waits_for_its_thread():
     thread = threading.Thread(target=time.sleep, args=(0.05,))
