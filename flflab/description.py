@@ -1,5 +1,6 @@
 """YAML descriptions: read with line numbers, checked by pydantic, refused with file, line, field and what is allowed."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast
@@ -49,7 +50,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):
 
 _UniqueKeyLoader.add_implicit_resolver(  # pyright: ignore[reportUnknownMemberType]
     "tag:yaml.org,2002:float",
-    __import__("re").compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
     list("-+0123456789."),
 )
 
@@ -113,6 +114,8 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
         faults: list[str] = []
         for fault in error.errors():
             path = (*under, *fault["loc"])
+            while path and isinstance(path[-1], int) and path not in lines:
+                path = path[:-1]  # one number given for a pair is one fault
             field = ".".join(str(part) for part in path) or "(file)"
             message = fault["msg"].removeprefix("Value error, ")
             if fault["type"] == "missing":

@@ -19,9 +19,15 @@ FACTORS: dict[Dimension, dict[str, float]] = {
     "ratio": {"%": 1e-2, "ppm": 1e-6},
 }
 SHOWN_UNITS: dict[Dimension, str] = {
-    "length": "mm", "angle": "rad", "time": "s", "frequency": "cycles/mm", "speed": "mm/s", "acceleration": "mm/s^2", "ratio": "",
+    "length": "mm",
+    "angle": "rad",
+    "time": "s",
+    "frequency": "cycles/mm",
+    "speed": "mm/s",
+    "acceleration": "mm/s^2",
+    "ratio": "",
 }
-_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S+)\s*")
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:\s+(\S+)|([^\s\d.eE+-]\S*))\s*")
 
 
 def parse_quantity(given: object, dimension: Dimension) -> float:
@@ -56,7 +62,7 @@ def parse_quantity(given: object, dimension: Dimension) -> float:
         if bare == 0 or (dimension == "ratio" and math.isfinite(bare)):
             return bare
         raise InputError(f"{given!r} has no unit; {example}")
-    number, unit = found.groups()
+    number, unit = found[1], found[2] or found[3]
     if unit not in units:
         kind = next((name for name, table in FACTORS.items() if unit in table), None)
         reason = f"{unit!r} is a unit of {kind}" if kind else f"{unit!r} is not a unit known here"

@@ -112,7 +112,10 @@ class Camera:
             raise InputError(f"camera: microlens_array.pattern must be rows of indices from 0 to {types - 1}")
         if len({len(row) for row in self.array.pattern}) != 1 or not self.array.pattern[0]:
             raise InputError("camera: microlens_array.pattern must be rows of one and the same length")
-        for path, share in (("minimum_illumination", self.useful.minimum_illumination), ("maximum_crosstalk", self.useful.maximum_crosstalk)):
+        for path, share in (
+            ("minimum_illumination", self.useful.minimum_illumination),
+            ("maximum_crosstalk", self.useful.maximum_crosstalk),
+        ):
             if not 0 <= share <= 1:
                 raise InputError(f"camera: useful.{path} is {share:g}; a share from 0 to 1 is due")
 
@@ -166,6 +169,6 @@ def pixel_positions(sensor: Sensor) -> tuple[Array, Array]:
     Columns rise with x and rows with y; the middle of the sensor lies at its offset.
     """
     columns, rows = sensor.resolution
-    x = (np.arange(columns) - (columns - 1) / 2) * sensor.pixel + sensor.offset[0]
-    y = (np.arange(rows) - (rows - 1) / 2) * sensor.pixel + sensor.offset[1]
+    x = (np.arange(columns, dtype=np.float64) - (columns - 1) / 2) * sensor.pixel + sensor.offset[0]
+    y = (np.arange(rows, dtype=np.float64) - (rows - 1) / 2) * sensor.pixel + sensor.offset[1]
     return x, y

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from flflab.errors import InputError
 from flflab.optics.camera import Camera, microlens_indices
-from flflab.optics.discs import common_area
+from flflab.optics.discs import two_disc_areas
 from flflab.optics.smms import Smms, camera_smms
 
 Array = npt.NDArray[np.float64]
@@ -107,7 +107,7 @@ def round_illumination(smms: Smms, offset: Array) -> Array:
     lens, microlens = smms.lens_width / 2, smms.microlens_width / 2
     smaller = np.minimum(lens, microlens)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = common_area(lens, microlens, np.abs(offset)) / (np.pi * smaller**2)
+        share = two_disc_areas(lens, microlens, np.abs(offset)) / (np.pi * smaller**2)
     return np.where(smaller > 0, share, (np.abs(offset) <= np.maximum(lens, microlens)).astype(np.float64))
 
 
@@ -164,11 +164,12 @@ def neighbours_of(smms: Smms, camera: Camera, slack: float = 0.0) -> npt.NDArray
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1) * smms.image_scale[:, None]
     radius = illumination_radius(smms, camera.useful.minimum_illumination) * (1 + slack)
     blocked = illumination_radius(smms, camera.useful.maximum_crosstalk) * (1 + slack)
-    pairs = cKDTree(centre).query_pairs(radius.max() + blocked.max(), output_type="ndarray")
+    pairs = KDTree(centre).query_pairs(radius.max() + blocked.max(), output_type="ndarray")
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
-    reached = np.hypot(*(centre[pairs[:, 1]] - centre[pairs[:, 0]]).T) < radius[pairs[:, 0]] + blocked[pairs[:, 1]]
-    pairs = pairs[reached]
-    pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
+    apart = np.hypot(*(centre[pairs[:, 1]] - centre[pairs[:, 0]]).T)
+    reached = apart < radius[pairs[:, 0]] + blocked[pairs[:, 1]]
+    # Nearest first: they cut most, and what they cut needs no further look.
+    pairs = pairs[reached][np.lexsort((apart[reached], pairs[reached, 0]))]
     counts = np.bincount(pairs[:, 0], minlength=len(centre))
     column = np.arange(len(pairs)) - np.repeat(np.cumsum(counts) - counts, counts)
     neighbours = np.full((len(centre), int(counts.max(initial=0))), -1, dtype=np.int64)
@@ -195,14 +196,16 @@ def in_useful(fields: SensorFields, owner: npt.NDArray[np.int64], points: Array,
     inside = np.where(dark_edge, distance + margin < limit, distance + margin <= limit)
     inside &= np.all((points - margin[:, None] >= fields.low) & (points + margin[:, None] <= fields.high), axis=1)
     inside &= np.all((centre >= fields.low) & (centre <= fields.high), axis=1)
-    length = np.maximum(distance**2, np.finfo(np.float64).tiny)
+    rest = np.flatnonzero(inside)
     for column in range(fields.neighbours.shape[1]):
-        other = fields.neighbours[owner, column]
-        gap = fields.centre[other] - centre
-        along = np.clip(np.einsum("ij,ij->i", gap, away) / length, 0.0, 1.0)[:, None]
-        clear = np.hypot(*(gap - along * away).T) >= fields.blocked[other] + margin
-        inside &= clear | (other < 0)
-    return inside
+        other = fields.neighbours[owner[rest], column]
+        gap, reach = fields.centre[other] - centre[rest], away[rest]
+        along = np.clip(np.einsum("ij,ij->i", gap, reach) / np.maximum(distance[rest] ** 2, np.finfo(np.float64).tiny), 0.0, 1.0)
+        clear = np.hypot(*(gap - along[:, None] * reach).T) >= fields.blocked[other] + margin[rest]
+        rest = rest[clear | (other < 0)]
+    useful = np.zeros(inside.shape, dtype=np.bool_)
+    useful[rest] = True
+    return useful
 
 
 def useful_pixels(camera: Camera) -> tuple[int, int]:

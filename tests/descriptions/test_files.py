@@ -1,0 +1,179 @@
+"""Camera, bench and study files: what is wrong is refused with file, line, field, what was given and what is allowed."""
+
+from pathlib import Path
+
+import pytest
+
+from flflab.bench import read_bench
+from flflab.camera_file import CameraDescription, read_camera
+from flflab.description import load
+from flflab.errors import InputError
+from flflab.study import focused_sensor, read_study
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+CAMERA = EXAMPLES / "cameras" / "osinski.yaml"
+BENCH = EXAMPLES / "benches" / "simulated.yaml"
+STUDY = EXAMPLES / "studies" / "first.yaml"
+
+
+def changed(source: Path, folder: Path, old: str, new: str) -> tuple[Path, int]:
+    """A copy with one replacement, and the line it stands on."""
+    text = source.read_text(encoding="utf-8")
+    assert text.count(old) >= 1
+    place = text.index(old)
+    file = folder / source.name
+    file.write_text((text[:place] + new + text[place + len(old) :]).replace("../cameras/", f"{EXAMPLES / 'cameras'}/"), encoding="utf-8")
+    return file, text[:place].count("\n") + 1
+
+
+CAMERA_FAULTS = [
+    ("pitch: 400 um", "pitch: 400", "microlens_array.pitch", "has no unit"),
+    ("pitch: 400 um", "pitsch: 400 um", "microlens_array.pitsch", "there is no such field; allowed here: layout, count, pitch"),
+    ("pitch: 400 um", "pitch: 400 deg", "microlens_array.pitch", "unit of angle"),
+    ("pitch: 400 um", "pitch: -400 um", "microlens_array.pitch", "greater than 0"),
+    ("f_number: 4", "f_number: four", "main_lens.f_number", "valid number"),
+    ("layout: square", "layout: round", "microlens_array.layout", "'square' or 'hexagonal'"),
+    ("minimum_illumination: 0.5", "minimum_illumination: 1.5", "useful.minimum_illumination", "less than or equal to 1"),
+    ("count: [25, 25]", "count: [25]", "microlens_array.count", "missing"),
+    ("pixel: 1.66 um", "pixel: nan um", "sensor.pixel", "not a quantity"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "field", "says"), CAMERA_FAULTS, ids=[fault[1] for fault in CAMERA_FAULTS])
+def test_a_wrong_camera_field_is_refused_by_line_and_name(old: str, new: str, field: str, says: str, tmp_path: Path) -> None:
+    file, line = changed(CAMERA, tmp_path, old, new)
+    with pytest.raises(InputError) as refusal:
+        read_camera(file)
+    assert f"{file}:{line}: {field}" in str(refusal.value)
+    assert says in str(refusal.value)
+
+
+def test_a_missing_field_is_named_with_the_line_of_its_section(tmp_path: Path) -> None:
+    file, line = changed(CAMERA, tmp_path, "  pixel: 1.66 um\n", "")
+    with pytest.raises(InputError, match=r"sensor\.pixel: this field is missing") as refusal:
+        read_camera(file)
+    assert f"{file}:{line - 2}:" in str(refusal.value)
+
+
+def test_a_sensor_before_the_array_is_refused(tmp_path: Path) -> None:
+    file, _ = changed(CAMERA, tmp_path, "distance: 61.15 mm", "distance: 59 mm")
+    with pytest.raises(InputError, match="the sensor lies behind the array"):
+        read_camera(file)
+
+
+def test_a_field_given_twice_is_refused(tmp_path: Path) -> None:
+    file, line = changed(CAMERA, tmp_path, "  f_number: 4\n", "  f_number: 4\n  f_number: 2\n")
+    with pytest.raises(InputError, match=f"{line + 1}: the field 'f_number' is given twice"):
+        read_camera(file)
+
+
+def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
+    file, _ = changed(CAMERA, tmp_path, "f_number: 4", "f_number: 0")
+    file.write_text(file.read_text(encoding="utf-8").replace("pitch: 400 um", "pitch: 400"), encoding="utf-8")
+    with pytest.raises(InputError) as refusal:
+        read_camera(file)
+    assert len(str(refusal.value).splitlines()) == 2
+
+
+def test_a_missing_or_broken_file_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_camera(tmp_path / "absent.yaml")
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("main_lens: {focal_length: [", encoding="utf-8")
+    with pytest.raises(InputError, match=r"broken\.yaml:1: not YAML"):
+        read_camera(broken)
+    broken.write_text("- 1", encoding="utf-8")
+    with pytest.raises(InputError, match="a mapping of fields is due"):
+        read_camera(broken)
+
+
+def test_an_array_may_be_given_by_radius_and_index_or_by_numerical_aperture(tmp_path: Path) -> None:
+    file, _ = changed(CAMERA, tmp_path, "focal_length: 0.917 mm", "radius_of_curvature: 422 um\n  refractive_index: 1.46")
+    assert read_camera(file).array.focal_lengths[0] == pytest.approx(0.422 / 0.46)
+    file, _ = changed(CAMERA, tmp_path, "focal_length: 0.917 mm", "numerical_aperture: 0.18")
+    assert read_camera(file).array.focal_lengths[0] == pytest.approx(0.168 / 0.18 * (1 - 0.18**2) ** 0.5)
+
+
+def test_figures_that_disagree_are_said_in_one_sentence(tmp_path: Path) -> None:
+    file, _ = changed(CAMERA, tmp_path, "focal_length: 0.917 mm", "focal_length: 0.917 mm\n  numerical_aperture: 0.25")
+    (remark,) = load(file, CameraDescription).remarks()
+    assert "by numerical_aperture and aperture is 0.6507 mm; 0.917 mm by focal_length was used" in remark
+
+
+BENCH_FAULTS = [
+    ("zero_uncertainty: 1 um", "zero_uncertainty: 1", "axes.main_lens_stage.zero_uncertainty", "has no unit"),
+    ("limits: [0 mm, 25 mm]", "limits: [25 mm, 0 mm]", "axes.main_lens_stage", "the first must be below the second"),
+    ("moves: array.z", "moves: array.y", "axes.array_stage.moves", "'array.z'"),
+    ("moves: array.z", "moves: main_lens.z", "(file)", "two axes move main_lens.z"),
+    ("minimum_gap: 0.3 mm", "minimal_gap: 0.3 mm", "minimal_gap", "there is no such field"),
+    ("clock: 20", "clock: -1", "simulated.clock", "greater than 0"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "field", "says"), BENCH_FAULTS, ids=[fault[1] for fault in BENCH_FAULTS])
+def test_a_wrong_bench_field_is_refused_by_name(old: str, new: str, field: str, says: str, tmp_path: Path) -> None:
+    file, _ = changed(BENCH, tmp_path, old, new)
+    with pytest.raises(InputError) as refusal:
+        read_bench(file)
+    assert field in str(refusal.value)
+    assert says in str(refusal.value)
+
+
+def test_axes_that_home_towards_each_other_are_refused(tmp_path: Path) -> None:
+    file, _ = changed(BENCH, tmp_path, "home_towards: +z", "home_towards: -z")
+    file.write_text(file.read_text(encoding="utf-8").replace("zero: 40 mm", "zero: 40 mm").replace(
+        "    limits: [0 mm, 50 mm]\n    speed: 10 mm/s\n    home_towards: -z\n  sensor_stage",
+        "    limits: [0 mm, 50 mm]\n    speed: 10 mm/s\n    home_towards: +z\n  sensor_stage"), encoding="utf-8")  # fmt: skip
+    with pytest.raises(InputError, match="home towards each other"):
+        read_bench(file)
+
+
+def test_a_bench_without_its_camera_file_says_which(tmp_path: Path) -> None:
+    file, line = changed(BENCH, tmp_path, "optics: ../cameras/osinski.yaml", "optics: nowhere.yaml")
+    with pytest.raises(InputError, match=f":{line}: optics: there is no camera file"):
+        read_bench(file)
+
+
+STUDY_FAULTS = [
+    ("distance: 507 mm", "distance: 507", "has no unit"),
+    ("reference: 1", "reference: 12", "allowed: 0 to 6"),
+    ("diameter: 1 mm", "diameter: 1", "has no unit"),
+    ("kind: bars", "kind: stripes", "stripes"),
+    ("f_number: [2.8, 4, 5.6]", "f_number: []", "at least 1 item"),
+    ("distance: 507 mm", "distance: 301 mm, array: 55 mm, sensor: 50 mm", "behind the array"),
+    ("name: first", "name: first study", "pattern"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "says"), STUDY_FAULTS, ids=[fault[1] for fault in STUDY_FAULTS])
+def test_a_wrong_study_field_is_refused(old: str, new: str, says: str, tmp_path: Path) -> None:
+    file, line = changed(STUDY, tmp_path, old, new)
+    with pytest.raises(InputError, match=r"first\.yaml:\d+: ") as refusal:
+        read_study(file, read_camera(CAMERA))
+    assert says in str(refusal.value)
+    del line
+
+
+def test_a_grid_is_every_f_number_with_every_distance() -> None:
+    study = read_study(STUDY, read_camera(CAMERA))
+    assert [(c.f_number, c.distance) for c in study.configurations] == [
+        (2.8, 507.0), (4.0, 507.0), (5.6, 507.0), (4.0, 490.0), (4.0, 530.0), (4.0, 500.0), (4.0, 515.0),
+    ]  # fmt: skip
+    assert len({c.sensor for c in study.configurations[:3]}) == 1
+
+
+@pytest.mark.parametrize(("array", "distance"), [(60.0, 506.7016), (60.0, 900.0), (55.0, 299.9)])
+def test_the_refocused_sensor_sees_a_traced_point_sharply(array: float, distance: float) -> None:
+    camera = read_camera(CAMERA)
+    sensor = focused_sensor(camera, array, distance)
+    landed = []
+    for m in (-0.3, 0.0, 0.4):
+        slope = m / distance - m / 50.0
+        q = m + slope * array
+        landed.append(q + (slope - q / 0.917) * (sensor - array))
+    assert max(landed) - min(landed) < 1e-12
+
+
+def test_no_sensor_position_focuses_an_image_between_the_array_and_its_focus() -> None:
+    with pytest.raises(InputError, match="no sensor position"):
+        focused_sensor(read_camera(CAMERA), 60.0, 300.0)
