@@ -30,7 +30,7 @@ def write_bench_file(root: Path, tmp_path: Path) -> WriteBench:
         bench = yaml.safe_load((root / "examples/benches/simulated.yaml").read_text())
         bench["optics"] = "camera.yaml"
         bench["simulated"] |= {"clock": 200} | simulated
-        (tmp_path / "bench.yaml").write_text(yaml.safe_dump(bench))
+        (tmp_path / "bench.yaml").write_text(yaml.safe_dump(bench, sort_keys=False))
         return read_bench(tmp_path / "bench.yaml")
 
     return write

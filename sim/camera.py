@@ -1,0 +1,261 @@
+"""The simulated camera: exposes the world, draws what it shows, answers docs/scpi-camera.md.
+
+The light: ``electrons_per_second`` reach a pixel at white level of the optics as described; another configuration gets them in
+the ratio of the irradiances at white level. At gain 1 a full well is full scale. The noise of a frame depends on the seed, the
+state of the world, exposure, gain and how many frames of just that went before: a point measured again gives the same frames.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.bench import SimulatedDescription
+from flflab.image.exposure import white_irradiance
+from flflab.image.render import render
+from flflab.image.sensor_response import SensorResponse, digitise
+from sim.faults import Faults
+from sim.scpi import BlockError, Handler, ScpiError, decimal, limits_or, name_among, no_parameters, number_within
+from sim.world import Scene, World, keyed, sharp_distance
+
+EXPOSURE = (1e-5, 10.0)  # s
+GAIN = (1.0, 16.0)
+READOUT = 0.05  # s
+BUFFER = 4  # frames
+TOLERANCE = 0.002  # of the drawn picture, in units of white level
+PICTURES = 4  # noise-free pictures kept
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """One exposure: number, start and duration in s of simulated time, gain, and the scene at its middle."""
+
+    number: int
+    start: float
+    duration: float
+    gain: float
+
+    @property
+    def ready(self) -> float:
+        """When its frame has been read out, s."""
+        return self.start + self.duration + READOUT
+
+
+class SimulatedCamera:
+    """A camera that looks at the world."""
+
+    def __init__(self, world: World, light: SimulatedDescription, faults: Faults) -> None:
+        """Switch on with start-up settings."""
+        self.faults = faults
+        self.failures: list[str] = []
+        self._world, self._light = world, light
+        self._format = f"MONO{light.bits}"
+        self._lock = threading.RLock()
+        self._drawing = threading.Lock()
+        self._pictures: dict[tuple[object, ...], npt.NDArray[np.float64]] = {}
+        self._repeats: dict[tuple[object, ...], int] = {}
+        self._reference = white_irradiance(world.optics)
+        self.reset()
+
+    def reset(self) -> None:
+        """``*RST``."""
+        with self._lock:
+            self._exposure_time, self._gain = 0.01, 1.0
+            self._running: Exposure | None = None
+            self._buffer: deque[Exposure | None] = deque()
+            self._number = self._dropped = 0
+
+    def power_up(self) -> None:
+        """Power was lost."""
+        self.reset()
+
+    def jam(self, after_travel: float) -> None:
+        """Nothing here can jam."""
+
+    def idle_at(self) -> float:
+        """When the exposure under way has been read out."""
+        with self._lock:
+            return self._running.ready if self._running else -np.inf
+
+    def warm_up(self) -> None:
+        """Draw and digitise a few pixels of every target, so that everything is compiled when the first frame is asked for."""
+        camera, distance = self._world.optics, sharp_distance(self._world.optics)
+        few = replace(camera, sensor=replace(camera.sensor, resolution=(32, 32)))
+        for target in self._world.targets.values():
+            picture = render(few, target, distance, tolerance=TOLERANCE)
+            digitise(picture, 1000.0, self._response(1.0), keyed(0, "warm-up"))
+
+    @property
+    def commands(self) -> Mapping[str, Handler]:
+        """See docs/scpi-camera.md."""
+        sensor, light = self._world.optics.sensor, self._light
+        facts = {
+            "SENSor:SIZE?": f"{sensor.resolution[0]},{sensor.resolution[1]}",
+            "SENSor:PITCh?": decimal(sensor.pixel),
+            "SENSor:BITS?": str(light.bits),
+            "SENSor:FULL?": str(2**light.bits - 1),
+            "SENSor:NOISe?": decimal(light.read_noise_electrons),
+            "SENSor:OFFSet?": decimal(light.black_level),
+            "SENSor:WELL?": decimal(light.full_well_electrons),
+            "SENSor:READout?": decimal(READOUT),
+            "FORMat?": f'"{self._format}"',
+            "FORMat:CATalog?": f'"{self._format}"',
+        }
+        return {header: _fact(answer) for header, answer in facts.items()} | {
+            "SENSor:CONVersion?": self._conversion,
+            "FORMat": self._set_format,
+            "EXPosure": self._set_exposure,
+            "EXPosure?": lambda words, ended: limits_or(words, self._exposure_time, *EXPOSURE),
+            "GAIN": self._set_gain,
+            "GAIN?": lambda words, ended: limits_or(words, self._gain, *GAIN),
+            "INITiate": self._start,
+            "FETCh?": self._fetch,
+            "FETCh:COUNt?": self._count,
+            "FETCh:DROPped?": self._read_dropped,
+            "ABORt": self._abort,
+        }
+
+    def _conversion(self, parameters: Sequence[str], ended: threading.Event) -> str:
+        no_parameters(parameters)
+        return decimal(1 / self._response(self._gain).dn_per_electron)
+
+    def _set_exposure(self, parameters: Sequence[str], ended: threading.Event) -> str:
+        with self._lock:
+            self._refuse_while_exposing("EXP")
+            self._exposure_time = number_within(parameters, "EXP", *EXPOSURE)
+        return ""
+
+    def _set_gain(self, parameters: Sequence[str], ended: threading.Event) -> str:
+        with self._lock:
+            self._refuse_while_exposing("GAIN")
+            self._gain = number_within(parameters, "GAIN", *GAIN)
+        return ""
+
+    def _set_format(self, parameters: Sequence[str], ended: threading.Event) -> str:
+        with self._lock:
+            self._refuse_while_exposing("FORM")
+            name_among(parameters, "FORM", [self._format])
+        return ""
+
+    def _refuse_while_exposing(self, what: str) -> None:
+        self._look()
+        if self._running:
+            raise ScpiError(-221, f"{what} while an exposure runs, allowed after it or after ABOR")
+
+    def _start(self, parameters: Sequence[str], ended: threading.Event) -> str:
+        no_parameters(parameters)
+        with self._lock:
+            self._look()
+            if self._running:
+                raise ScpiError(-213, "INIT while an exposure runs, allowed after it")
+            self._number += 1
+            self._running = Exposure(self._number, self._world.clock.now(), self._exposure_time, self._gain)
+        return ""
+
+    def _abort(self, parameters: Sequence[str], ended: threading.Event) -> str:
+        no_parameters(parameters)
+        with self._lock:
+            self._look()
+            if self._running:
+                self._number -= 1
+            self._running = None
+            self._buffer.clear()
+        return ""
+
+    def _count(self, parameters: Sequence[str], ended: threading.Event) -> str:
+        no_parameters(parameters)
+        with self._lock:
+            self._look()
+            return str(len(self._buffer))
+
+    def _read_dropped(self, parameters: Sequence[str], ended: threading.Event) -> str:
+        no_parameters(parameters)
+        with self._lock:
+            self._look()
+            return str(self._dropped)
+
+    def _look(self) -> None:
+        """Put the exposure that has ended since into the buffer."""
+        if not self._running or self._world.clock.now() < self._running.ready:
+            return
+        if self.faults.loses_frame():
+            self._dropped += 1
+            self._buffer.append(None)
+        else:
+            self._buffer.append(self._running)
+        if len(self._buffer) > BUFFER:
+            self._dropped += self._buffer.popleft() is not None
+        self._running = None
+
+    def _fetch(self, parameters: Sequence[str], ended: threading.Event) -> bytes:
+        no_parameters(parameters)
+        with self._lock:
+            self._look()
+            awaited = self._running if not self._buffer else None
+        if awaited:
+            self._world.clock.wait_until(awaited.ready, ended)
+        with self._lock:
+            self._look()
+            nothing = f"0,0,0,0,0,0,{self._dropped},#10".encode()
+            if not self._buffer:
+                if awaited:
+                    raise BlockError(-230, "the exposure was aborted, INIT starts another", nothing)
+                raise BlockError(-214, "FETC? with no exposure, allowed after INIT", nothing)
+            exposure = self._buffer.popleft()
+            if exposure is None:
+                raise BlockError(-230, "the frame was lost, INIT starts another", nothing)
+            scene = self._world.scene(exposure.start + exposure.duration / 2)
+            key = (*scene.state, exposure.duration, exposure.gain)
+            repeat = self._repeats.get(key, -1) + 1
+            self._repeats = {key: repeat}
+            dropped = self._dropped
+        picture = self._develop(exposure, scene, repeat)
+        rows, columns = picture.shape
+        pixels = picture.astype("<u2").tobytes()
+        facts = (decimal(number) for number in (exposure.number, exposure.start, exposure.duration, exposure.gain, columns, rows, dropped))
+        size = str(len(pixels))
+        return f"{','.join(facts)},#{len(size)}{size}".encode() + pixels
+
+    def _develop(self, exposure: Exposure, scene: Scene, repeat: int) -> npt.NDArray[np.uint16]:
+        """The frame in DN."""
+        picture = self._picture(scene)
+        electrons = 0.0
+        if scene.camera:
+            electrons = self._light.electrons_per_second * exposure.duration * white_irradiance(scene.camera) / self._reference
+        noise = keyed(self._world.seed, "frame", scene.state, exposure.duration, exposure.gain, repeat)
+        return digitise(picture, electrons, self._response(exposure.gain), noise)
+
+    def _picture(self, scene: Scene) -> npt.NDArray[np.float64]:
+        """The scene without noise in units of white level; drawn once for a state of the world."""
+        with self._drawing:
+            if scene.state not in self._pictures:
+                columns, rows = self._world.optics.sensor.resolution
+                if scene.camera is None or scene.distance is None:
+                    picture = np.zeros((rows, columns))
+                else:
+                    picture = render(scene.camera, scene.target, scene.distance, tolerance=TOLERANCE)
+                kept = list(self._pictures.items())[1 - PICTURES :]
+                self._pictures = dict([*kept, (scene.state, picture)])
+            return self._pictures[scene.state]
+
+    def _response(self, gain: float) -> SensorResponse:
+        light = self._light
+        numbers = 2**light.bits - 1 - light.black_level
+        return SensorResponse(
+            full_well_e=light.full_well_electrons,
+            read_noise_e=light.read_noise_electrons,
+            bits=light.bits,
+            dn_per_electron=gain * numbers / light.full_well_electrons,
+            offset_dn=light.black_level,
+        )
+
+
+def _fact(answer: str) -> Handler:
+    def tell(parameters: Sequence[str], ended: threading.Event) -> str:
+        no_parameters(parameters)
+        return answer
+
+    return tell

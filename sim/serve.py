@@ -1,0 +1,265 @@
+"""Serves every instrument of a bench file on the loopback, all looking at one world, and dies with its parent."""
+
+import json
+import os
+import signal
+import stat
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from flflab.bench import AxisDescription, Bench, DeviceDescription, read_bench
+from flflab.description import read_yaml
+from flflab.errors import InputError
+from flflab.units import parse_quantity
+from sim.camera import SimulatedCamera
+from sim.clock import Clock, RunningClock
+from sim.faults import Fault, Faults
+from sim.scpi import Address, Instrument
+from sim.server import Open, PtyLine, TcpLine
+from sim.settings import Iris, Wheel
+from sim.stage import Stage
+from sim.world import World
+from sim.zaber import Chain, Device
+
+TRAVELS = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 450.0, 600.0, 750.0, 1000.0, 1500.0, 2000.0, 3000.0)  # mm, as stages are sold
+MICROSTEP = "0.49609375 um"  # 200 full steps of 64 a turn, lead 6.35 mm
+ACCELERATION = 400.0  # mm/s^2 at start-up
+MOTOR_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "stall")
+CAMERA_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "lost-frame")
+POLL = 0.2  # s between looks for the end
+
+
+@dataclass(frozen=True)
+class Served:
+    """A bench being served: the world behind it and where each instrument answers."""
+
+    world: World
+    addresses: dict[str, Any]
+    lines: tuple[TcpLine | PtyLine, ...]
+    scpi: tuple[Address, ...]
+
+    def stop(self) -> None:
+        """Close every line; no thread is left."""
+        for address in self.scpi:
+            address.ended.set()
+        for line in self.lines:
+            line.stop()
+
+    def __enter__(self) -> "Served":
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self.stop()
+
+
+def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None = None) -> Served:
+    """Serve every instrument of a bench on the loopback, whatever its addresses; instruments that share an address share a line.
+
+    Args:
+        bench: the bench as read.
+        port: of the first line, the next ones count up; 0 takes free ones.
+        pty: serial instruments on pseudo terminals instead of TCP.
+        clock: simulated time; by default real time at the bench file's rate.
+
+    Raises:
+        InputError: no instrument of that driver can be simulated, or a fault or truth has no meaning here.
+        OSError: a port is taken, or there are no pseudo terminals.
+    """
+    world = World(bench, clock or RunningClock(bench.description.simulated.clock))
+    devices = {"camera": bench.description.camera, "iris": bench.description.iris, "target": bench.description.target}
+    _check_faults(bench)
+    lines: list[TcpLine | PtyLine] = []
+    addresses: dict[str, Any] = {"axes": {}}
+
+    def listen(open_session: Open, serial: bool) -> str:
+        lines.append(PtyLine(open_session) if pty and serial else TcpLine(open_session, port + len(lines) if port else 0))
+        return lines[-1].address
+
+    scpi: list[Address] = []
+    try:
+        for chain in _sharing(bench.description.axes, "zaber"):
+            where = listen(_zaber_chain(bench, world, chain).open_session, serial=True)
+            for name in chain:
+                addresses["axes"][name] = {"driver": "zaber", "address": where, "device": _device_number(bench, name), "axis": 1}
+        for shared in _sharing(devices, "scpi"):
+            address = Address([_instrument(bench, world, name) for name in shared], world.clock)
+            scpi.append(address)
+            where = listen(address.open_session, serial=False)
+            addresses |= {name: {"driver": "scpi", "address": where} for name in shared}
+    except BaseException:
+        Served(world, addresses, tuple(lines), tuple(scpi)).stop()
+        raise
+    return Served(world, addresses, tuple(lines), tuple(scpi))
+
+
+def _sharing(devices: dict[str, AxisDescription] | dict[str, DeviceDescription], driver: str) -> list[list[str]]:
+    """Names of the devices of a driver, those of one address together.
+
+    Raises:
+        InputError: a device has a driver that nothing here can simulate.
+    """
+    shared: dict[str, list[str]] = {}
+    for name, device in devices.items():
+        if device.driver == driver:
+            shared.setdefault(device.address, []).append(name)
+        elif device.driver != "manual":
+            raise InputError(f"{name}: there is no simulator for driver '{device.driver}'; drivers with one here: {driver}, manual")
+    return list(shared.values())
+
+
+def _zaber_chain(bench: Bench, world: World, names: Sequence[str]) -> Chain:
+    numbers = [_device_number(bench, name) for name in names]
+    if len(set(numbers)) < len(numbers):
+        raise InputError(f"{bench.file}: axes {', '.join(names)} share an address, so each needs a device number of its own, not {numbers}")
+    devices = [Device(number, _stage(bench, world, name), _faults(bench, name)) for number, name in zip(numbers, names, strict=True)]
+    return Chain(devices, world.lock)
+
+
+def _device_number(bench: Bench, name: str) -> int:
+    number = (bench.description.axes[name].model_extra or {}).get("device", 1)
+    if not isinstance(number, int) or not 1 <= number <= 99:
+        raise InputError(f"{bench.file}: axes.{name}.device is {number!r}; a whole number from 1 to 99 is due")
+    return number
+
+
+def _stage(bench: Bench, world: World, name: str) -> Stage:
+    """A stage long enough for an axis's limits, and for where it was left."""
+    axis = bench.description.axes[name]
+    reach = max(axis.limits[1], world.axes[name].start)
+    longest = next((travel for travel in TRAVELS if travel >= reach), reach)
+    microstep = parse_quantity((axis.model_extra or {}).get("microstep", MICROSTEP), "length")
+    return Stage(
+        world.carriages[name],
+        (min(axis.limits[0], 0.0), longest),
+        microstep,
+        axis.speed / microstep,
+        ACCELERATION / microstep,
+        homes_up=(axis.home_towards == "+z") == (axis.sign == 1),
+    )
+
+
+def _instrument(bench: Bench, world: World, name: str) -> Instrument:
+    faults = _faults(bench, name)
+    if name == "camera":
+        return SimulatedCamera(world, bench.description.simulated, faults)
+    return Iris(world, faults) if name == "iris" else Wheel(world, faults)
+
+
+def _faults(bench: Bench, device: str) -> Faults:
+    return Faults(Fault(fault.fault, fault.after) for fault in bench.description.simulated.faults if fault.device == device)
+
+
+def _check_faults(bench: Bench) -> None:
+    """Refuse faults of devices that are not there, and faults that a device cannot have."""
+    allowed = dict.fromkeys(bench.description.axes, (*MOTOR_FAULTS, "wrong-checksum"))
+    allowed |= {"camera": CAMERA_FAULTS, "iris": MOTOR_FAULTS, "target": MOTOR_FAULTS}
+    for fault in bench.description.simulated.faults:
+        if fault.device not in allowed:
+            raise InputError(f"{bench.file}: simulated.faults: there is no device '{fault.device}'; allowed: {', '.join(allowed)}")
+        known = allowed[fault.device]
+        if fault.fault not in known:
+            raise InputError(f"{bench.file}: simulated.faults: '{fault.fault}' is no fault of {fault.device}; allowed: {', '.join(known)}")
+
+
+def warm_up(served: Served) -> threading.Thread:
+    """Compile what drawing needs, in a thread of its own, while the client homes the stages."""
+    cameras = [instrument for address in served.scpi for instrument in address.instruments if isinstance(instrument, SimulatedCamera)]
+
+    def draw() -> None:
+        for camera in cameras:
+            camera.warm_up()
+
+    thread = threading.Thread(target=draw, name="warm-up", daemon=True)
+    thread.start()
+    return thread
+
+
+def write_bench(bench: Bench, served: Served, file: Path) -> None:
+    """Write a copy of the bench file whose addresses are those served; its camera file is named from where the copy lies.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    data, _ = read_yaml(bench.file)
+    for name, where in served.addresses["axes"].items():
+        data["axes"][name]["address"] = _as_written(where["address"])
+    for name in ("camera", "iris", "target"):
+        if name in served.addresses:
+            data[name]["address"] = _as_written(served.addresses[name]["address"])
+    data["optics"] = os.path.relpath(bench.file.parent.resolve() / data["optics"], file.parent.resolve())
+    try:
+        file.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error}); name a file in a folder that exists") from error
+
+
+def _as_written(address: str) -> str:
+    return address if address.startswith("/") else f"socket://{address}"
+
+
+def main(bench_file: Path, port: int = 0, *, pty: bool = False, json_line: bool = False, write_bench_file: Path | None = None) -> None:
+    """Serve a bench until SIGINT, SIGTERM or, where standard input is a pipe, its end: simulators die with their parent.
+
+    Prints one flushed line of JSON with all addresses, or lines for people.
+
+    Raises:
+        InputError: the bench cannot be read, simulated or written.
+    """
+    bench = read_bench(bench_file)
+    try:
+        served = serve(bench, port, pty=pty)
+    except OSError as error:
+        raise InputError(f"the simulated bench cannot listen ({error}); try another --port") from error
+    with served:
+        if write_bench_file:
+            write_bench(bench, served, write_bench_file)
+        print(json.dumps(served.addresses) if json_line else _for_people(served), flush=True)
+        warm_up(served)
+        wait_for_the_end()
+
+
+def _for_people(served: Served) -> str:
+    devices = [(f"axis {name}, device {where['device']}", where) for name, where in served.addresses["axes"].items()]
+    devices += [(name, served.addresses[name]) for name in ("camera", "iris", "target") if name in served.addresses]
+    return "\n".join([*(f"{where['address']}  {where['driver']}  {what}" for what, where in devices), "Ctrl-C ends the simulation."])
+
+
+def wait_for_the_end() -> None:
+    """Return after SIGINT or SIGTERM, or once standard input ends where it is a pipe or a file; call from the main thread."""
+    ended = threading.Event()
+
+    def end(number: int, frame: object) -> None:
+        ended.set()
+
+    previous = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    if _tells_of_a_parent(0):
+        threading.Thread(target=_read_to_end, args=(ended.set,), name="parent", daemon=True).start()
+    try:
+        while not ended.wait(POLL):
+            pass
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _tells_of_a_parent(descriptor: int) -> bool:
+    """Whether a descriptor ends when the process at its other end does: a pipe or socket, not a terminal nor the null device."""
+    try:
+        return not stat.S_ISCHR(os.fstat(descriptor).st_mode)
+    except OSError:
+        return False
+
+
+def _read_to_end(then: Callable[[], None]) -> None:
+    try:
+        while os.read(0, 4096):
+            pass
+    except OSError:
+        sys.stderr.write("standard input cannot be read; the simulation ends\n")
+    then()

@@ -1,0 +1,107 @@
+"""The hidden truth: drawn from the bench file's uncertainties, once and for all, and what follows from where the stages stand."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from flflab.bench import Bench
+from flflab.errors import InputError
+from flflab.targets import Black, FourDot
+from sim.clock import SteppedClock
+from sim.motion import move, rest
+from sim.world import WHEEL, Carriage, World, keyed, true_axis
+
+WriteBench = Callable[..., Bench]
+
+
+def test_the_same_seed_gives_the_same_truth_and_another_seed_another(write_bench_file: WriteBench) -> None:
+    first, again, other = (World(write_bench_file(seed=seed), SteppedClock()).axes for seed in (5, 5, 6))
+    assert first == again
+    assert all(first[name].zero != other[name].zero for name in first)
+
+
+def test_one_axis_does_not_depend_on_which_others_are_there(write_bench_file: WriteBench) -> None:
+    bench = write_bench_file(seed=5)
+    world = World(bench, SteppedClock())
+    alone = true_axis("sensor_stage", bench.description.axes["sensor_stage"], 61.15, 5, {})
+    assert alone == world.axes["sensor_stage"]
+
+
+def test_hidden_errors_have_the_stated_spread(write_bench_file: WriteBench) -> None:
+    axis = write_bench_file().description.axes["array_stage"]
+    drawn = [true_axis("array_stage", axis, 60.0, seed, {}) for seed in range(2000)]
+    zeros = np.array([true.zero - axis.zero for true in drawn]) / axis.zero_uncertainty
+    scales = np.array([true.scale for true in drawn]) / axis.scale_uncertainty
+    assert stats.kstest(zeros, "norm").pvalue > 0.01
+    assert stats.kstest(scales, "norm").pvalue > 0.01
+    assert abs(np.corrcoef(zeros, scales)[0, 1]) < 0.07
+
+
+def test_a_keyed_generator_depends_on_every_part_of_its_key() -> None:
+    draws = {keyed(*key).integers(2**63) for key in [(1, "a"), (1, "b"), (2, "a"), (1, "a", 0), ("1", "a"), (11, ""), (1, "1")]}
+    assert len(draws) == 7
+
+
+def test_the_camera_sees_where_the_stages_really_stand(write_bench_file: WriteBench) -> None:
+    truths = {
+        "main_lens_stage.zero": "10 um", "main_lens_stage.scale": 0, "array_stage.zero": "30 um", "array_stage.scale": "100 ppm",
+        "sensor_stage.zero": 0, "sensor_stage.scale": 0, "target_stage.zero": "-1 mm", "target_stage.scale": 0, "iris.scale": "1 %",
+    }  # fmt: skip
+    clock = SteppedClock()
+    world = World(write_bench_file(truths=truths), clock)
+    for name, travel in (("main_lens_stage", 10.0), ("array_stage", 20.0), ("sensor_stage", 18.0), ("target_stage", 90.0)):
+        world.carriages[name].motion = rest(travel)
+    scene = world.scene(clock.now())
+    assert scene.camera is not None
+    # World z: lens 0.010, array 40.030 + 20 (1 + 1e-4) = 60.032, sensor 80 - 18 = 62, target -601 + 90 = -511.
+    assert scene.camera.array.distance == pytest.approx(60.032 - 0.010)
+    assert scene.camera.gap == pytest.approx(62 - 60.032)
+    assert scene.distance == pytest.approx(0.010 + 511)
+    assert scene.camera.main_lens.f_number == pytest.approx(4 * 1.01)
+    assert world.gap(clock.now()) == pytest.approx(62 - 60.032)
+
+
+def test_the_bench_wakes_up_as_the_camera_file_has_it(write_bench_file: WriteBench) -> None:
+    world = World(write_bench_file(), SteppedClock())
+    elements = world.elements(0.0)
+    assert elements["main_lens.z"] == pytest.approx(0.0, abs=0.01)
+    assert elements["array.z"] == pytest.approx(60.0, abs=0.01)
+    assert elements["sensor.z"] == pytest.approx(61.15, abs=0.01)
+    assert elements["target.z"] == pytest.approx(-506.7016, abs=0.5)
+
+
+def test_a_sensor_in_the_array_sees_nothing(write_bench_file: WriteBench) -> None:
+    world = World(write_bench_file(), SteppedClock())
+    world.carriages["sensor_stage"].motion = rest(25.0)
+    assert world.scene(0.0).camera is None
+    assert world.gap(0.0) < 0
+
+
+def test_between_two_places_of_the_wheel_there_is_no_target(write_bench_file: WriteBench) -> None:
+    clock = SteppedClock()
+    world = World(write_bench_file(), clock)
+    world.wheel.motion = move(rest(WHEEL.index("white")), 0.0, WHEEL.index("four-dot"), 2.0, np.inf)
+    clock.step(0.3)
+    assert world.target_name(clock.now()) == ""
+    assert isinstance(world.scene(clock.now()).target, Black)
+    clock.step(1.0)
+    assert isinstance(world.scene(clock.now()).target, FourDot)
+
+
+def test_a_carriage_remembers_where_it_was_before_its_last_motion() -> None:
+    clock = SteppedClock()
+    carriage = Carriage(clock, 0.0)
+    carriage.motion = move(rest(0.0), 0.0, 10.0, 1.0, np.inf)
+    clock.step(4.0)
+    carriage.motion = move(carriage.motion, 4.0, 0.0, 1.0, np.inf)
+    clock.step(3.0)
+    assert [carriage.at(instant) for instant in (2.0, 4.0, 7.0)] == pytest.approx([2.0, 4.0, 1.0])
+
+
+def test_a_truth_that_nothing_heeds_is_refused(write_bench_file: WriteBench) -> None:
+    with pytest.raises(InputError, match=r"array_stage\.zeroo.*allowed here: .*array_stage\.zero,"):
+        World(write_bench_file(truths={"array_stage.zeroo": "1 um"}), SteppedClock())
+    with pytest.raises(InputError, match=r"array_stage\.zero: .*no unit"):
+        World(write_bench_file(truths={"array_stage.zero": 3}), SteppedClock())
