@@ -1,0 +1,82 @@
+"""The pupil of every microlens as seen from its micro-image: which part of it sends light to a sensor point, and from where.
+
+Pupil points are t in the unit disc of the narrower aperture (the microlens where d |kappa| <= A b/L, else the main lens). From a
+sensor point at e from the micro-image's centre the other aperture lets through |slope t - e| <= reach, and the ray meets the
+object plane, in angle, at o V = spread t + scale e + direction. Source: physics.md, "Exact image of a flat target".
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.optics.camera import Camera
+from flflab.optics.smms import Smms, array_vergence, camera_smms
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pupils:
+    """One entry a microlens, shape (N,).
+
+    Attributes:
+        centre_x: centre of the micro-image on the sensor, mm.
+        centre_y: the same along y.
+        slope: mm on the sensor per unit of pupil, signed.
+        reach: radius on the sensor of the wider aperture's shadow, mm.
+        spread: angle on the object side per unit of pupil, rad.
+        scale: angle on the object side per mm on the sensor, rad/mm.
+        direction_x: object direction of the micro-image's centre through the pupil's centre, rad.
+        direction_y: the same along y.
+        level: irradiance at full pupil in units of the white level.
+    """
+
+    centre_x: Array
+    centre_y: Array
+    slope: Array
+    reach: Array
+    spread: Array
+    scale: Array
+    direction_x: Array
+    direction_y: Array
+    level: Array
+
+    @property
+    def outside(self) -> Array:
+        """Radius of the micro-image, mm: no light beyond."""
+        return self.reach + np.abs(self.slope)
+
+
+def limiting_radius(smms: Smms) -> Array:
+    """Radius g = min(d, A b / (L |kappa|)) / 2 in the microlens plane of the cone that lights a micro-image's centre, mm."""
+    with np.errstate(divide="ignore"):
+        return np.minimum(smms.aperture, smms.lens_width / np.abs(smms.kappa)) / 2
+
+
+def axis_microlens(smms: Smms) -> int:
+    """Index of the microlens nearest the axis, the lower one of equals; its micro-image sets the white level."""
+    squared = smms.centre_x**2 + smms.centre_y**2
+    return int(np.flatnonzero(squared <= squared.min() * (1 + 1e-9))[0])
+
+
+def camera_pupils(camera: Camera, vergence: float) -> Pupils:
+    """The pupils of all microlenses, row by row, for a target of this vergence (1/mm, 0 at infinity)."""
+    smms = camera_smms(camera)
+    ratio = smms.gap / smms.distance
+    w = array_vergence(smms, vergence)
+    by_microlens = smms.microlens_width <= smms.lens_width
+    kappa = np.where(by_microlens, 1.0, smms.kappa)  # not used where it may be 0
+    radius = np.where(by_microlens, smms.aperture, smms.lens_aperture) / 2
+    concentration = (limiting_radius(smms) / smms.gap) ** 2
+    return Pupils(
+        centre_x=smms.centre_x * smms.image_scale,
+        centre_y=smms.centre_y * smms.image_scale,
+        slope=radius * np.where(by_microlens, smms.kappa, -ratio),
+        reach=np.where(by_microlens, smms.lens_width, smms.microlens_width) / 2,
+        spread=radius * np.where(by_microlens, smms.kappa * w / ratio - 1 / smms.distance, w - ratio / (smms.distance * kappa)),
+        scale=np.where(by_microlens, -w / ratio, -1 / (smms.distance * kappa)),
+        direction_x=-smms.centre_x / smms.distance,
+        direction_y=-smms.centre_y / smms.distance,
+        level=concentration / concentration[axis_microlens(smms)],
+    )

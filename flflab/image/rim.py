@@ -1,0 +1,100 @@
+"""Vignetting: how much of a microlens's full cone reaches a pixel, as a table over the distance from the micro-image's centre."""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.pupil import Pupils
+from flflab.optics.discs import disc_rectangle_area, two_disc_area
+
+Array = npt.NDArray[np.float64]
+
+TABLE_STEPS = 512
+STEEP = 6.0  # a rim narrower than this many (sub)pixels is no function of the distance alone
+
+
+@dataclass(frozen=True)
+class Rims:
+    """What the rims of the micro-images are like; a camera of equal microlenses has one kind of rim.
+
+    Attributes:
+        kind: which kind of rim each microlens has, shape (N,).
+        width: width of each kind's rim in pixels, shape (K,).
+        slope: of each kind, mm, shape (K,).
+        reach: of each kind, mm, shape (K,).
+    """
+
+    kind: npt.NDArray[np.int64]
+    width: Array
+    slope: Array
+    reach: Array
+
+
+def find_rims(pupils: Pupils, pixel: float) -> Rims:
+    """Tell equal rims apart from unlike ones; ``pixel`` in mm."""
+    pairs, kind = np.unique(np.stack([np.abs(pupils.slope), pupils.reach], axis=1), axis=0, return_inverse=True)
+    return Rims(kind=kind.reshape(-1), width=2 * pairs[:, 0] / pixel, slope=pairs[:, 0], reach=pairs[:, 1])
+
+
+def rim_tables(rims: Rims, pixel: float, steep: npt.NDArray[np.bool_]) -> Array:
+    """Share of the full cone against the distance from the centre, averaged over a pixel of this side (mm).
+
+    Returns:
+        Shape (K, TABLE_STEPS + 3): first distance, 1 / step, then the shares. The rows of steep kinds are empty.
+    """
+    tables = np.zeros((len(rims.slope), TABLE_STEPS + 3))
+    _fill(tables, rims.slope, rims.reach, pixel, steep)
+    return tables
+
+
+@numba.njit(cache=True, nogil=True)
+def _fill(tables: Array, slope: Array, reach: Array, pixel: float, steep: npt.NDArray[np.bool_]) -> None:
+    for kind in range(tables.shape[0]):
+        if steep[kind]:
+            continue
+        first = max(0.0, reach[kind] - slope[kind] - pixel)
+        step = (reach[kind] + slope[kind] + pixel - first) / TABLE_STEPS
+        tables[kind, 0] = first
+        tables[kind, 1] = 1.0 / step
+        for index in range(TABLE_STEPS + 1):
+            total = 0.0
+            for column in range(4):
+                x = first + step * index + pixel * (column - 1.5) / 4
+                for row in range(2):
+                    distance = math.hypot(x, pixel * (row + 0.5) / 4)
+                    total += two_disc_area(1.0, reach[kind] / slope[kind], distance / slope[kind])
+            tables[kind, index + 2] = total / (8 * math.pi)
+
+
+@numba.njit(cache=True, nogil=True)
+def rim_share(distance: float, table: Array) -> float:
+    """Share of the full cone at a distance (mm) from the centre, from one row of ``rim_tables``."""
+    place = (distance - table[0]) * table[1]
+    if place <= 0.0:
+        return table[2]
+    index = int(place)
+    if index >= TABLE_STEPS:
+        return 0.0
+    part = place - index
+    return table[index + 2] * (1.0 - part) + table[index + 3] * part
+
+
+def disc_nodes(rings: int, spokes: int) -> Array:
+    """Points (x, y) of equal weight in the unit disc, shape (rings * spokes, 2)."""
+    radius = np.sqrt((np.arange(rings) + 0.5) / rings)
+    angle = 2 * np.pi * (np.arange(spokes) + 0.5 * (np.arange(rings)[:, None] % 2)) / spokes
+    return np.stack([(radius[:, None] * np.cos(angle)).ravel(), (radius[:, None] * np.sin(angle)).ravel()], axis=1)
+
+
+@numba.njit(cache=True, nogil=True)
+def steep_share(x: float, y: float, width: float, height: float, slope: float, reach: float, nodes: Array) -> float:
+    """Share of the full cone in a pixel at (x, y) from the centre, its mean over the pupil of the part of the pixel inside the shadow."""
+    total = 0.0
+    for index in range(nodes.shape[0]):
+        left = x - slope * nodes[index, 0] - 0.5 * width
+        bottom = y - slope * nodes[index, 1] - 0.5 * height
+        total += disc_rectangle_area(reach, left, left + width, bottom, bottom + height)
+    return total / (nodes.shape[0] * width * height)

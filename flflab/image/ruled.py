@@ -1,0 +1,207 @@
+"""Images of targets that vary along one direction (bars, chirp), end at straight lines (edge), or are plain white.
+
+The radiance is profile(x') times a window in y', x' and y' being target axes turned as the target asks. Over the pupil, strips
+of constant y' are summed; along each strip the mean of the profile is exact, and so is the mean over the pixel.
+"""
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.profile import profile_mean, step_mean
+from flflab.image.rim import rim_share, steep_share
+from flflab.optics.discs import lens_chord, lens_rows
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+PIECE_NODES = 8
+_ABSCISSAE, _WEIGHTS = np.polynomial.legendre.leggauss(PIECE_NODES)
+PIECE = np.stack([np.sin(np.pi / 2 * _ABSCISSAE), _WEIGHTS * np.pi / 2 * np.cos(np.pi / 2 * _ABSCISSAE)])
+
+
+def strip_nodes(counts: Whole) -> Array:
+    """Heights and weights of the strips for each count, shape (K, 2, most strips): Gauss's rule for the weight sqrt(1 - y^2)."""
+    nodes = np.zeros((len(counts), 2, max(int(counts.max()), 1)))
+    for kind, count in enumerate(counts):
+        angle = np.pi * np.arange(1, count + 1) / (count + 1)
+        nodes[kind, 0, :count] = np.cos(angle)
+        nodes[kind, 1, :count] = np.pi / (count + 1) * np.sin(angle)
+    return nodes
+
+
+@numba.njit(cache=True, nogil=True)
+def window_mean(y: float, window: Array) -> float:
+    """A window from window[0] to window[1] at y, smoothed by boxes of widths window[2] and window[3]."""
+    return step_mean(y - window[0], window[2], window[3]) - step_mean(y - window[1], window[2], window[3])
+
+
+@numba.njit(cache=True, nogil=True)
+def pieces(x: float, y: float, radius: float, low: float, high: float, origin: float, spread: float, window: Array, ends: Array) -> int:
+    """Cut the pupil's rows at the window's kinks and the lens's corners; returns the number of ends, 2 where nothing needs a cut."""
+    count = 1
+    ends[0] = low
+    for edge in range(2):
+        for side in (-1.0, 1.0):
+            for reach in (0.5 * (window[2] + window[3]), 0.5 * abs(window[2] - window[3])):
+                at = (window[edge] + side * reach - origin) / spread
+                if low < at < high:
+                    ends[count] = at
+                    count += 1
+    if count > 1:
+        distance = math.hypot(x, y)
+        if distance + 1.0 > radius and distance + radius > 1.0:
+            along = (1.0 + (distance - radius) * (distance + radius)) / (2.0 * distance)
+            across = math.sqrt(max(0.0, 1.0 - along * along))
+            for side in (-1.0, 1.0):
+                at = (along * y + side * across * x) / distance
+                if low < at < high:
+                    ends[count] = at
+                    count += 1
+        ends[1:count].sort()
+    ends[count] = high
+    return count + 1
+
+
+@numba.njit(cache=True, nogil=True)
+def pupil_mean(
+    ex: float, ey: float, pupil: Array, strips: Array, count: int, box: float, table: Array, law: Array, window: Array, ends: Array,
+) -> float:
+    """Mean radiance over the part of the pupil that lights a sensor point, each radiance averaged over the pixel.
+
+    Args:
+        ex: sensor point from the micro-image's centre, in the target's axes, mm.
+        ey: the same along y'.
+        pupil: slope, reach, spread, scale, direction x', y' (spread, scale and direction in target mm).
+        strips: heights and weights.
+        count: number of strips; 0 where the blur is negligible.
+        box: width of the pixel on the target along x', mm.
+        table: profile, see ``profile_table``; one row where the target does not vary along x'.
+        law: its law.
+        window: lower and upper end, and the widths of the two boxes that smooth it.
+        ends: scratch for 16 numbers.
+    """
+    slope, reach, spread, scale = pupil[0], pupil[1], pupil[2], pupil[3]
+    origin_x = scale * ex + pupil[4]
+    origin_y = scale * ey + pupil[5]
+    varies = table.shape[0] > 1
+    x, y, radius, distance = 0.0, 0.0, 2.0, 0.0
+    clipped = ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2 and slope != 0.0
+    if clipped:
+        x, y, radius = ex / slope, ey / slope, reach / abs(slope)
+        distance = math.hypot(x, y)
+        most = (1.0 + radius) * (1.0 - 1e-9)
+        if distance > most:
+            x *= most / distance
+            y *= most / distance
+            distance = most
+    if count <= 1:
+        middle_x, middle_y, half = 0.0, 0.0, 1.0
+        if clipped and distance > 0.0:
+            thick = 0.5 * (1.0 - max(-1.0, distance - radius))
+            along = min(1.0, max(-1.0, (1.0 + (distance - radius) * (distance + radius)) / (2.0 * distance)))
+            shift = (1.0 - thick) / distance
+            middle_x, middle_y = x * shift, y * shift
+            half = math.hypot(thick * x, math.sqrt(1.0 - along * along) * y) / distance
+        at = window_mean(origin_y + spread * middle_y, window)
+        if at == 0.0 or not varies:
+            return at
+        chord = abs(spread) * math.sqrt(3.0) * half if count == 1 else 0.0
+        return at * profile_mean(origin_x + spread * middle_x, box, chord, table, law)
+    low, high = lens_rows(x, y, radius) if clipped else (-1.0, 1.0)
+    cuts = pieces(x, y, radius, low, high, origin_y, spread, window, ends)
+    if cuts == 2 and window_mean(origin_y + spread * 0.5 * (low + high), window) == 0.0:
+        return 0.0
+    if cuts == 2 and not varies:
+        return window_mean(origin_y + spread * 0.5 * (low + high), window)
+    light = 0.0
+    area = 0.0
+    for piece in range(cuts - 1):
+        middle = 0.5 * (ends[piece + 1] + ends[piece])
+        half = 0.5 * (ends[piece + 1] - ends[piece])
+        for index in range(count if cuts == 2 else PIECE_NODES):
+            at = middle + half * (strips[0, index] if cuts == 2 else PIECE[0, index])
+            left, right = lens_chord(x, y, radius, at) if clipped else lens_chord(0.0, 0.0, 2.0, at)
+            if right <= left:
+                continue
+            weight = half * (strips[1, index] if cuts == 2 else PIECE[1, index]) * (right - left)
+            area += weight
+            seen = window_mean(origin_y + spread * at, window)
+            if seen > 0.0:
+                if varies:
+                    seen *= profile_mean(origin_x + spread * 0.5 * (left + right), box, abs(spread) * (right - left), table, law)
+                light += weight * seen
+    return light / area if area > 0.0 else 0.0
+
+
+@numba.njit(cache=True, nogil=True)
+def add_ruled(
+    image: Array, rows: tuple[int, int], windows: Whole, kinds: Whole, centres: Array, pupils: Array, levels: Array, subs: Whole,
+    counts: Whole, strips: Array, rims: Array, nodes: Array, xs: Array, ys: Array, pixel: float, axes: Array, table: Array, law: Array,
+    bounds: Array,
+) -> None:
+    """Add the light of every microlens to the rows from rows[0] to below rows[1] of an image.
+
+    Args:
+        image: picture to add to, [row, column].
+        rows: the band.
+        windows: first column, column after the last, first row, row after the last, of every microlens; shape (N, 4).
+        kinds: kind of rim of every microlens.
+        centres: centre of every micro-image, mm, shape (N, 2).
+        pupils: as in ``pupil_mean``, direction in the target's axes, shape (N, 6).
+        levels: light at full pupil.
+        subs: subdivision of a pixel (x, y) for each kind of rim, shape (K, 2).
+        counts: number of strips for each kind.
+        strips: see ``strip_nodes``.
+        rims: see ``rim_tables``; steep kinds start with a negative distance.
+        nodes: pupil points for steep rims.
+        xs: positions of the columns, mm.
+        ys: positions of the rows, mm.
+        pixel: side of a pixel, mm.
+        axes: rows are the directions x' and y' in world axes.
+        table: profile.
+        law: its law.
+        bounds: lower and upper end of the window, target mm.
+    """
+    ends = np.empty(16)
+    window = np.empty(4)
+    window[0], window[1] = bounds[0], bounds[1]
+    for lens in range(windows.shape[0]):
+        first = max(rows[0], windows[lens, 2])
+        last = min(rows[1], windows[lens, 3])
+        if first >= last or windows[lens, 0] >= windows[lens, 1]:
+            continue
+        kind = kinds[lens]
+        across, up = subs[kind, 0], subs[kind, 1]
+        part_x, part_y = pixel / across, pixel / up
+        pupil = pupils[lens]
+        outside = pupil[1] + abs(pupil[0]) + 0.75 * pixel
+        box = abs(pupil[3]) * (abs(axes[0, 0]) * part_x + abs(axes[0, 1]) * part_y)
+        window[2] = abs(pupil[3] * axes[1, 0]) * part_x
+        window[3] = abs(pupil[3] * axes[1, 1]) * part_y
+        for row in range(first, last):
+            dy = ys[row] - centres[lens, 1]
+            room = outside * outside - dy * dy
+            if room <= 0.0:
+                continue
+            half = math.sqrt(room)
+            left = max(windows[lens, 0], math.ceil((centres[lens, 0] - half - xs[0]) / pixel))
+            right = min(windows[lens, 1], math.floor((centres[lens, 0] + half - xs[0]) / pixel) + 1)
+            for column in range(left, right):
+                dx = xs[column] - centres[lens, 0]
+                light = 0.0
+                for j in range(up):
+                    y = dy + ((j + 0.5) / up - 0.5) * pixel
+                    for i in range(across):
+                        x = dx + ((i + 0.5) / across - 0.5) * pixel
+                        if rims[kind, 0] < 0.0:
+                            share = steep_share(x, y, part_x, part_y, pupil[0], pupil[1], nodes)
+                        else:
+                            share = rim_share(math.sqrt(x * x + y * y), rims[kind])
+                        if share > 0.0:
+                            ex = axes[0, 0] * x + axes[0, 1] * y
+                            ey = axes[1, 0] * x + axes[1, 1] * y
+                            light += share * pupil_mean(ex, ey, pupil, strips[kind], int(counts[kind]), box, table, law, window, ends)
+                image[row, column] += levels[lens] * light / (across * up)

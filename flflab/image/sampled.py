@@ -1,0 +1,150 @@
+"""Images of dots and pictures: over the pupil a grid of points is summed, at each the mean radiance over the pixel is exact."""
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.rim import rim_share, steep_share
+from flflab.optics.discs import disc_rectangle_area, lens_chord, lens_rows, three_disc_area, two_disc_area
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+
+def chord_nodes(counts: Whole) -> Array:
+    """Gauss-Legendre places and weights along a chord for each count, shape (K, 2, most)."""
+    nodes = np.zeros((len(counts), 2, max(int(counts.max()), 1)))
+    for kind, count in enumerate(counts):
+        if count > 0:
+            nodes[kind, 0, :count], nodes[kind, 1, :count] = np.polynomial.legendre.leggauss(int(count))
+    return nodes
+
+
+@numba.njit(cache=True, nogil=True)
+def summed_value(sums: Array, column: float, row: float) -> float:
+    """Integral of a picture from its first corner to a place in texels, from its summed-area table; constant beyond its ends."""
+    column = min(max(column, 0.0), sums.shape[1] - 1.0)
+    row = min(max(row, 0.0), sums.shape[0] - 1.0)
+    i = min(int(column), sums.shape[1] - 2)
+    j = min(int(row), sums.shape[0] - 2)
+    u = column - i
+    v = row - j
+    return (1 - v) * ((1 - u) * sums[j, i] + u * sums[j, i + 1]) + v * ((1 - u) * sums[j + 1, i] + u * sums[j + 1, i + 1])
+
+
+@numba.njit(cache=True, nogil=True)
+def box_mean(x: float, y: float, width: float, height: float, radius: float, texel: float, sums: Array) -> float:
+    """Mean radiance in a box round (x, y) from the target's centre: of a disc of this radius, or of a picture where radius is 0."""
+    if radius > 0.0:
+        return disc_rectangle_area(radius, x - width / 2, x + width / 2, y - height / 2, y + height / 2) / (width * height)
+    left = (x - width / 2) / texel + (sums.shape[1] - 1) / 2
+    bottom = (y - height / 2) / texel + (sums.shape[0] - 1) / 2
+    right = left + width / texel
+    top = bottom + height / texel
+    total = summed_value(sums, right, top) - summed_value(sums, left, top) - summed_value(sums, right, bottom)
+    return (total + summed_value(sums, left, bottom)) * texel * texel / (width * height)
+
+
+@numba.njit(cache=True, nogil=True)
+def sampled_mean(
+    ex: float, ey: float, pupil: Array, rows: Array, chord: Array, count: int, width: float, height: float, radius: float, texel: float,
+    sums: Array,
+) -> float:
+    """Mean over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm."""
+    slope, reach, spread = pupil[0], pupil[1], pupil[2]
+    origin_x = pupil[3] * ex + pupil[4]
+    origin_y = pupil[3] * ey + pupil[5]
+    x, y, other = 0.0, 0.0, 2.0
+    if slope != 0.0 and ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2:
+        x, y, other = ex / slope, ey / slope, reach / abs(slope)
+        distance = math.hypot(x, y)
+        most = (1.0 + other) * (1.0 - 1e-9)
+        if distance > most:
+            x *= most / distance
+            y *= most / distance
+    low, high = lens_rows(x, y, other)
+    light = 0.0
+    area = 0.0
+    for index in range(count):
+        at = 0.5 * (low + high) + 0.5 * (high - low) * rows[0, index]
+        left, right = lens_chord(x, y, other, at)
+        weight = rows[1, index] * max(right - left, 1e-300)
+        area += weight
+        for step in range(count):
+            along = 0.5 * (left + right) + 0.5 * (right - left) * chord[0, step]
+            seen = box_mean(origin_x + spread * along, origin_y + spread * at, width, height, radius, texel, sums)
+            light += 0.5 * weight * chord[1, step] * seen
+    return light / area
+
+
+@numba.njit(cache=True, nogil=True)
+def spot_share(ex: float, ey: float, pupil: Array, radius: float) -> float:
+    """Part of the full cone at (ex, ey) mm that comes from a dot of this radius (target mm): the area common to three discs over pi."""
+    slope, reach, spread = pupil[0], pupil[1], pupil[2]
+    x = -(pupil[3] * ex + pupil[4]) / spread
+    y = -(pupil[3] * ey + pupil[5]) / spread
+    size = radius / abs(spread)
+    distance = math.hypot(ex, ey)
+    if slope == 0.0 or distance <= reach - abs(slope):
+        return two_disc_area(1.0, size, math.hypot(x, y)) / math.pi
+    return three_disc_area(0.0, 0.0, 1.0, ex / slope, ey / slope, reach / abs(slope), x, y, size) / math.pi
+
+
+@numba.njit(cache=True, nogil=True)
+def full_share(ex: float, ey: float, pupil: Array) -> float:
+    """Share of the full cone that passes both apertures at the point (ex, ey) mm."""
+    slope = abs(pupil[0])
+    distance = math.hypot(ex, ey)
+    if slope == 0.0 or distance <= pupil[1] - slope:
+        return 1.0
+    return two_disc_area(1.0, pupil[1] / slope, distance / slope) / math.pi
+
+
+@numba.njit(cache=True, nogil=True)
+def add_sampled(
+    image: Array, rows: tuple[int, int], windows: Whole, kinds: Whole, centres: Array, pupils: Array, levels: Array, subs: Whole,
+    counts: Whole, strips: Array, chords: Array, rims: Array, nodes: Array, xs: Array, ys: Array, pixel: float, radius: float,
+    texel: float, sums: Array,
+) -> None:
+    """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; arguments as in ``add_ruled``.
+
+    ``counts`` of 0 asks for the three-disc formula at the sub-pixels' centres instead of pupil points; ``chords`` are
+    Gauss-Legendre nodes and weights; ``radius`` is a dot's, 0 for a picture with ``texel`` mm and ``sums``.
+    """
+    for entry in range(windows.shape[0]):
+        first = max(rows[0], windows[entry, 2])
+        last = min(rows[1], windows[entry, 3])
+        kind = kinds[entry]
+        across, up = subs[kind, 0], subs[kind, 1]
+        part_x, part_y = pixel / across, pixel / up
+        pupil = pupils[entry]
+        steep = rims[kind, 0] < 0.0
+        for row in range(first, last):
+            dy = ys[row] - centres[entry, 1]
+            for column in range(windows[entry, 0], windows[entry, 1]):
+                dx = xs[column] - centres[entry, 0]
+                if math.hypot(dx, dy) > pupil[1] + abs(pupil[0]) + pixel:
+                    continue
+                light = 0.0
+                for j in range(up):
+                    y = dy + ((j + 0.5) / up - 0.5) * pixel
+                    for i in range(across):
+                        x = dx + ((i + 0.5) / across - 0.5) * pixel
+                        if steep:
+                            share = steep_share(x, y, part_x, part_y, pupil[0], pupil[1], nodes)
+                        elif counts[kind] == 0:
+                            share = 1.0
+                        else:
+                            share = rim_share(math.sqrt(x * x + y * y), rims[kind])
+                        if share <= 0.0:
+                            continue
+                        if counts[kind] == 0:
+                            light += share * spot_share(x, y, pupil, radius) / (max(full_share(x, y, pupil), 1e-12) if steep else 1.0)
+                        else:
+                            size_x, size_y = abs(pupil[3]) * part_x, abs(pupil[3]) * part_y
+                            light += share * sampled_mean(
+                                x, y, pupil, strips[kind], chords[kind], int(counts[kind]), size_x, size_y, radius, texel, sums
+                            )
+                image[row, column] += levels[entry] * light / (across * up)
