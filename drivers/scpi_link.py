@@ -2,10 +2,13 @@
 
 import re
 import threading
+from collections.abc import Callable
+from typing import TypeVar
 
 from drivers.transport import Wire, open_tcp, show
 from flflab.errors import CommunicationError, DeviceError
 
+Device = TypeVar("Device")
 ERROR = re.compile(r'(-?\d+),"((?:[^"]|"")*)"')
 
 
@@ -147,6 +150,15 @@ class ScpiLink:
 
     def _says(self, queries: tuple[str, ...]) -> str:
         return f"{self._name} at {self._address}: asked {'; '.join(queries)!r}"
+
+
+def on_link(link: ScpiLink, device: Callable[[ScpiLink], Device]) -> Device:
+    """Make a device on a link; where that fails, nothing stays open."""
+    try:
+        return device(link)
+    except DeviceError:
+        link.close()
+        raise
 
 
 def split(line: str) -> list[str]:

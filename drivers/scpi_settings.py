@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivers.scpi_link import ScpiLink, quote, unquote
+from drivers.scpi_link import ScpiLink, on_link, quote, unquote
 from flflab.description import Description
 from flflab.errors import CommunicationError
 
@@ -114,9 +114,9 @@ class ScpiSettingKeys(Description):
 
 def open_iris(address: str, keys: ScpiSettingKeys, share: object) -> ScpiIris:
     """Open an iris; each instrument has its own connection, since errors are kept for each."""
-    return ScpiIris(ScpiLink("iris", address, keys.timeout))
+    return on_link(ScpiLink("iris", address, keys.timeout), ScpiIris)
 
 
 def open_target(address: str, keys: ScpiSettingKeys, share: object) -> ScpiTarget:
     """Open a target wheel, on its own connection."""
-    return ScpiTarget(ScpiLink("target", address, keys.timeout))
+    return on_link(ScpiLink("target", address, keys.timeout), ScpiTarget)

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from drivers.camera import Frame
-from drivers.scpi_link import ScpiLink
+from drivers.scpi_link import ScpiLink, on_link
 from flflab.description import Description
 from flflab.errors import CommunicationError, LimitError
 
@@ -148,4 +148,4 @@ class ScpiCameraKeys(Description):
 
 def open_camera(address: str, keys: ScpiCameraKeys, share: object) -> ScpiCamera:
     """Open a camera."""
-    return ScpiCamera("camera", ScpiLink("camera", address, keys.timeout))
+    return on_link(ScpiLink("camera", address, keys.timeout), lambda link: ScpiCamera("camera", link))

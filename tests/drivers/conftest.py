@@ -36,11 +36,17 @@ class Dialogue:
     def _talk(self, link: socket.socket) -> None:
         heard = b""
         while not self._over.is_set():
-            if self.left and heard == self.left[0][0]:
-                heard, reply = b"", self.left.pop(0)[1]
+            if self.left and heard.startswith(self.left[0][0]):
+                due, reply = self.left.pop(0)
+                heard = heard[len(due) :]
                 if reply is None:
                     return
                 link.sendall(reply() if callable(reply) else reply)
+                continue
+            due = self.left[0][0] if self.left else b""
+            if heard and not due.startswith(heard):
+                self.faults.append(f"heard {heard!r}, due was {due!r}")
+                heard = b""
             try:
                 more = link.recv(4096)
             except TimeoutError:
@@ -48,9 +54,6 @@ class Dialogue:
             if not more:
                 return
             heard += more
-            if not (self.left and self.left[0][0].startswith(heard)):
-                self.faults.append(f"heard {heard!r}, due was {self.left[0][0] if self.left else b''!r}")
-                heard = b""
 
     def end(self) -> None:
         self._over.set()
@@ -77,10 +80,10 @@ def dialogue() -> Iterator[Callable[[list[tuple[bytes, Reply]]], str]]:
 class ToyStage:
     """A stage in microsteps that moves at a constant speed in real time, and shows one fault when told to."""
 
-    def __init__(self, speed: float = 60000.0, homed: bool = True) -> None:
+    def __init__(self, speed: float = 60000.0, homed: bool = True, resolution: int = 64) -> None:
         self.speed, self.homed = speed, homed
         self.limit = 100000
-        self.settings = {"resolution": 64, "limit.min": 0, "limit.max": self.limit, "maxspeed": 0}
+        self.settings = {"resolution": resolution, "limit.min": 0, "limit.max": self.limit, "maxspeed": 0}
         self.start = self.end = 0.0
         self.since = 0.0
         self.flags: set[str] = set()

@@ -1,0 +1,228 @@
+"""The gap rule against a world that steps both elements and measures the gap between them, hidden errors included."""
+
+import itertools
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from drivers.interlocks import FOLLOWING_MM, GapRule, Interval, Neighbour, check_motion, corner_reach, order_moves
+from flflab.bench import AxisDescription
+from flflab.errors import InterlockError
+from flflab.optics.camera import MicrolensArray
+
+LEAST_MM = 0.3
+TRAVEL = (0.0, 50.0)
+STEP_MM = 0.05
+
+
+def axis(element: str, home_towards: str, sign: int, zero: str) -> AxisDescription:
+    return AxisDescription.model_validate(
+        {
+            "driver": "zaber", "moves": element, "sign": sign, "zero": zero, "zero_uncertainty": "20 um", "scale_uncertainty": 1e-4,
+            "limits": ["0 mm", "50 mm"], "speed": "10 mm/s", "home_towards": home_towards,
+        }
+    )  # fmt: skip
+
+
+def rule(array_home: str = "-z", sensor_home: str = "+z", sensor_sign: int = -1) -> GapRule:
+    """Array from z = 40 to 90 mm; sensor over the same stretch, mounted either way round."""
+    sensor = axis("sensor.z", sensor_home, sensor_sign, "92 mm" if sensor_sign < 0 else "42 mm")
+    return GapRule(LEAST_MM, Neighbour("array", axis("array.z", array_home, 1, "40 mm"), TRAVEL), Neighbour("sensor", sensor, TRAVEL))
+
+
+@dataclass
+class Stage:
+    """The truth of one stage: where its element is, what it believes, where it goes."""
+
+    neighbour: Neighbour
+    zero_error: float
+    scale_error: float
+    reading: float
+    homed: bool
+    start: float = 0.0
+    goal: float | None = None
+    homing: bool = False
+
+    @property
+    def z(self) -> float:
+        axis = self.neighbour.axis
+        return axis.zero + self.zero_error + axis.sign * self.reading * (1 + self.scale_error)
+
+    def reach(self) -> Interval | None:
+        """What the stage's driver would say of where it is and will be."""
+        if not self.homed or self.homing:
+            return None
+        return (self.reading, self.reading) if self.goal is None else (min(self.start, self.goal), max(self.start, self.goal))
+
+    def home_end(self) -> float:
+        towards = 1 if self.neighbour.axis.home_towards == "+z" else -1
+        return TRAVEL[1] if towards * self.neighbour.axis.sign > 0 else TRAVEL[0]
+
+    def go(self, goal: float, homing: bool) -> None:
+        self.start, self.goal, self.homing = self.reading, goal, homing
+
+    def step(self) -> None:
+        if self.goal is not None:
+            way = self.goal - self.reading
+            self.reading += math.copysign(min(STEP_MM, abs(way)), way)
+            if self.reading == self.goal:
+                self.goal, self.homed, self.homing = None, self.homed or self.homing, False
+
+
+@dataclass
+class World:
+    rule: GapRule
+    stages: dict[str, Stage]
+    least_seen: float = field(default=math.inf)
+
+    @property
+    def gap(self) -> float:
+        return self.stages["sensor"].z - self.stages["array"].z
+
+    def ask(self, name: str, goal: float | None) -> bool:
+        """Ask for a motion as an axis would; whether it started."""
+        stage, other = self.stages[name], self.stages["sensor" if name == "array" else "array"]
+        if stage.goal is not None or (goal is not None and not stage.homed):
+            return False
+        try:
+            check_motion(self.rule, name, stage.reading if stage.homed else None, goal, other.reach())
+        except InterlockError:
+            return False
+        stage.go(stage.home_end() if goal is None else goal, goal is None)
+        return True
+
+    def beside(self, name: str, gap: float) -> float:
+        """The reading that by the nominal geometry leaves a gap to where the neighbour is or goes."""
+        stage, other = self.stages[name], self.stages["sensor" if name == "array" else "array"]
+        there = other.neighbour.axis.world(other.reading if other.goal is None else other.goal)
+        return min(max(stage.neighbour.axis.reading(there - gap if name == "array" else there + gap), TRAVEL[0]), TRAVEL[1])
+
+    def run(self, steps: int) -> None:
+        for _ in range(steps):
+            for stage in self.stages.values():
+                stage.step()
+            self.least_seen = min(self.least_seen, self.gap)
+
+
+unit = st.floats(-1, 1)
+readings = st.floats(0, 50)
+near = st.floats(0.2, 0.6).map(lambda gap: ("near", gap))  # a goal that leaves about the least gap
+commands = st.tuples(st.sampled_from(["array", "sensor"]), st.one_of(st.none(), readings, near), st.integers(0, 1500), st.booleans())
+
+
+def world(rule_: GapRule, errors: tuple[float, ...], begin: tuple[float, float], homed: tuple[bool, bool]) -> World:
+    stages = {
+        name: Stage(part, 0.06 * errors[2 * k], 3e-4 * errors[2 * k + 1], begin[k], homed[k])
+        for k, (name, part) in enumerate((("array", rule_.array), ("sensor", rule_.sensor)))
+        if isinstance(part, Neighbour)
+    }
+    return World(rule_, stages)
+
+
+@settings(max_examples=150)
+@given(
+    homes=st.sampled_from([("-z", "+z"), ("+z", "+z"), ("-z", "-z")]),
+    sensor_sign=st.sampled_from([1, -1]),
+    errors=st.tuples(unit, unit, unit, unit),
+    begin=st.tuples(readings, readings),
+    homed=st.tuples(st.booleans(), st.booleans()),
+    program=st.lists(commands, max_size=8),
+)
+def test_whatever_is_asked_for_the_true_gap_never_falls_below_the_minimum(
+    homes: tuple[str, str],
+    sensor_sign: int,
+    errors: tuple[float, ...],
+    begin: tuple[float, float],
+    homed: tuple[bool, bool],
+    program: list[tuple[str, float | tuple[str, float] | None, int, bool]],
+) -> None:
+    bench = world(rule(*homes, sensor_sign), errors, begin, homed)
+    assume(bench.gap >= LEAST_MM)
+    for name, goal, steps, switched_off in program:
+        bench.ask(name, bench.beside(name, goal[1]) if isinstance(goal, tuple) else goal)
+        bench.run(steps)
+        if switched_off and bench.stages[name].goal is None:
+            bench.stages[name].homed = False
+    bench.run(2500)
+    assert bench.least_seen >= LEAST_MM
+
+
+@settings(max_examples=150)
+@given(begin=st.tuples(readings, readings), targets=st.tuples(readings, readings), swap=st.booleans())
+def test_an_order_is_found_exactly_where_one_keeps_the_gap_in_the_worst_case(
+    begin: tuple[float, float], targets: tuple[float, float], swap: bool
+) -> None:
+    rule_ = rule()
+    exact = GapRule(LEAST_MM, *(_without_scale_uncertainty(part) for part in (rule_.array, rule_.sensor) if isinstance(part, Neighbour)))
+    nearest = 2 * (0.06 + FOLLOWING_MM)
+    wanted: dict[str, float] = dict(zip(("array", "sensor"), targets, strict=True))
+    asked = dict(reversed(wanted.items())) if swap else wanted
+
+    def keeps(order: tuple[str, ...]) -> bool:
+        now: dict[str, float] = dict(zip(("array", "sensor"), begin, strict=True))
+        for name in order:
+            for reading in np.linspace(now[name], wanted[name], 50):
+                now[name] = float(reading)
+                gap = (92 - now["sensor"]) - (40 + now["array"]) - nearest
+                retreat = (wanted[name] - begin[name == "sensor"]) <= 0
+                if gap < LEAST_MM and not retreat:
+                    return False
+        return True
+
+    kept = [order for order in itertools.permutations(wanted) if keeps(order)]
+    places = {name: (reading, reading) for name, reading in zip(("array", "sensor"), begin, strict=True)}
+    if kept:
+        assert order_moves(exact, places, asked) in kept
+    else:
+        with pytest.raises(InterlockError, match="between array and sensor"):
+            order_moves(exact, places, asked)
+
+
+def _without_scale_uncertainty(part: Neighbour) -> Neighbour:
+    return Neighbour(part.name, part.axis.model_copy(update={"scale_uncertainty": 0.0}), part.travel)
+
+
+def test_going_up_together_the_sensor_goes_first_and_back_the_array() -> None:
+    low, high = {"array": 20.0, "sensor": 31.0}, {"array": 22.0, "sensor": 29.0}
+    at = {name: {axis: (value, value) for axis, value in place.items()} for name, place in (("low", low), ("high", high))}
+    assert order_moves(rule(), at["low"], high) == ("sensor", "array")
+    assert order_moves(rule(), at["high"], low) == ("array", "sensor")
+
+
+def test_axes_the_rule_does_not_concern_keep_their_turn() -> None:
+    assert order_moves(rule(), {"target": None}, {"target": 3.0}) == ("target",)
+    assert order_moves(None, {}, {"b": 1.0, "a": 2.0}) == ("b", "a")
+
+
+def test_an_approach_beside_an_unknown_neighbour_is_refused_and_says_what_to_do() -> None:
+    with pytest.raises(InterlockError, match="sensor, without a reference: home it first") as caught:
+        check_motion(rule(), "array", 10.0, 11.0, None)
+    assert "at least 0.3 mm are kept, nothing moved" in str(caught.value)
+    check_motion(rule(), "array", 10.0, 9.0, None)
+
+
+def test_homing_away_is_free_and_homing_towards_needs_a_neighbour_known_and_clear() -> None:
+    check_motion(rule(), "array", None, None, None)
+    check_motion(rule(), "sensor", None, None, None)
+    for neighbour in (None, (30.0, 30.0), (0.0, 2.0)):
+        with pytest.raises(InterlockError, match="asked to look for its reference"):
+            check_motion(rule(array_home="+z"), "array", None, None, neighbour)
+    check_motion(rule(array_home="+z"), "array", None, None, (0.0, 1.0))
+
+
+def test_a_tilted_array_reaches_out_by_its_corners() -> None:
+    array = MicrolensArray("square", (25, 25), (0.12, 0.12), 0.1, (0.9,), 60.0, tilt=(math.radians(1), 0.0))
+    assert corner_reach(array) == pytest.approx(math.tan(math.radians(1)) * 1.55)
+    tilted = Neighbour("array", axis("array.z", "-z", 1, "40 mm"), TRAVEL, corner_reach(array))
+    assert tilted.place((1.0, 1.0))[1] - Neighbour("array", tilted.axis, TRAVEL).place((1.0, 1.0))[1] == pytest.approx(corner_reach(array))
+
+
+def test_an_element_that_nothing_moves_stands_where_the_camera_file_has_it() -> None:
+    fixed = GapRule(LEAST_MM, 60.0, rule().sensor)
+    check_motion(fixed, "sensor", 20.0, 31.0, None)
+    with pytest.raises(InterlockError, match="the array, which nothing moves"):
+        check_motion(fixed, "sensor", 20.0, 31.7, None)

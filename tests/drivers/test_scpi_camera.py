@@ -1,0 +1,189 @@
+"""The SCPI camera, iris and wheel against lines written down by hand from docs/scpi-camera.md, and every way a frame can go wrong."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from drivers.cameras.scpi import ScpiCamera
+from drivers.scpi_link import ScpiLink, on_link, split
+from drivers.scpi_settings import ScpiIris, ScpiTarget
+from drivers.setting import Setting
+from flflab.errors import CommunicationError, DeviceError, LimitError, MotionError
+
+Play = Callable[[list[tuple[bytes, object]]], str]
+NONE = b'0,"No error"\n'
+BEGIN: list[tuple[bytes, object]] = [
+    (b"*CLS;ABOR;*RST;SYST:ERR?\n", NONE),
+    (
+        b"*CLS;SENS:FULL?;SENS:OFFS?;SENS:READ?;EXP? MIN;EXP? MAX;GAIN? MIN;GAIN? MAX;SYST:ERR?\n",
+        b"4095;64;0.05;1e-05;10;1;16;" + NONE,
+    ),
+    (b"*CLS;SENS:SIZE?;SYST:ERR?\n", b"3,2;" + NONE),
+    (b"*CLS;EXP?;GAIN?;SENS:CONV?;SENS:NOIS?;SYST:ERR?\n", b"0.01;1;4;3;" + NONE),
+]
+PIXELS = np.array([[0, 1, 2], [256, 4094, 4095]], dtype=np.uint16)
+BLOCK = b"\x00\x00\x01\x00\x02\x00\x00\x01\xfe\x0f\xff\x0f"
+ALIVE: list[tuple[bytes, object]] = [(b"SYST:BUSY?\n", b"0\n")]
+INIT: list[tuple[bytes, object]] = [*ALIVE, (b"*CLS;INIT;SYST:ERR?\n", NONE)]
+
+
+def frame(number: int = 1, dropped: int = 0, exposure: str = "0.01", size: str = "3,2", head: str = "#212", end: bytes = b"\n") -> bytes:
+    return f"{number},1700000000.25,{exposure},1,{size},{dropped},{head}".encode() + BLOCK + end
+
+
+def camera_at(address: str) -> ScpiCamera:
+    return on_link(ScpiLink("camera", address, timeout=0.3), lambda link: ScpiCamera("camera", link, slack=0.3))
+
+
+def test_a_frame_arrives_bit_by_bit_with_what_it_was_taken_with(dialogue: Play) -> None:
+    camera = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", frame())]))
+    taken = camera.grab()
+    assert taken.picture.dtype == np.uint16
+    assert np.array_equal(taken.picture, PIXELS)
+    assert (taken.number, taken.dropped, taken.exposure_s, taken.gain, taken.timestamp) == (1, 0, 0.01, 1.0, 1700000000.25)
+    assert (camera.full_scale, camera.offset_dn, camera.dn_per_electron, camera.read_noise_dn) == (4095, 64.0, 0.25, 0.75)
+    camera.close()
+
+
+def test_preparing_sets_exposure_and_gain_and_reads_back_what_became_of_them(dialogue: Play) -> None:
+    camera = camera_at(
+        dialogue(
+            [
+                *BEGIN,
+                *ALIVE,
+                (b"*CLS;EXP 0.02;GAIN 2.0;SYST:ERR?\n", NONE),
+                (b"*CLS;EXP?;GAIN?;SENS:CONV?;SENS:NOIS?;SYST:ERR?\n", b"0.0200001;2;2;3;" + NONE),
+                *INIT,
+                (b"FETC?\n", frame(exposure="0.0200001").replace(b",1,3,2", b",2,3,2")),
+            ]
+        )
+    )
+    camera.prepare(0.02, 2.0)
+    assert camera.dn_per_electron == 0.5
+    assert camera.grab().exposure_s == 0.0200001
+    camera.close()
+
+
+@pytest.mark.parametrize(("exposure", "gain"), [(0.0, 1.0), (11.0, 1.0), (float("nan"), 1.0), (0.01, 0.5), (0.01, 17.0)])
+def test_an_exposure_outside_the_limits_is_refused_and_not_sent(exposure: float, gain: float, dialogue: Play) -> None:
+    camera = camera_at(dialogue(BEGIN))
+    with pytest.raises(LimitError, match=r"camera: asked for .* allowed is"):
+        camera.prepare(exposure, gain)
+    camera.close()
+
+
+FAULTS: dict[str, tuple[object, str]] = {
+    "no frame in time": (b"", "no answer within"),
+    "a block cut in the middle of its fields": (frame()[:20], "no answer within"),
+    "a line cut in the middle of the block": (None, "the connection is gone"),
+    "one byte too many": (frame(end=b"\xff\n"), "after a block of 12 bytes"),
+    "a length that is too short": (frame(head="#211"), "after a block of 11 bytes"),
+    "an endless block": (frame(head="#9999999999"), "not one of at most 12 bytes"),
+    "an indefinite block": (frame(head="#0"), "not one of at most 12 bytes"),
+    "a length that is not a number": (frame(head="#2x2"), "not one of at most 12 bytes"),
+    "a field too few": (frame().replace(b"1,1700000000.25,", b"1,"), "where 7 fields are due"),
+    "a field that is no number": (frame().replace(b"0.01", b"oops"), "where seven numbers are due"),
+    "a frame lost before it": (frame(number=2, dropped=1), "frame number 2 instead of 1, dropped frames 1 instead of 0"),
+    "the frame before once more": (frame(number=0), "frame number 0 instead of 1"),
+    "another exposure": (frame(exposure="0.02"), "exposure 0.02 instead of 0.01"),
+    "another size": (frame(size="2,3"), "columns 2 instead of 3"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_frame_that_is_not_the_one_asked_for_is_an_error_and_the_next_one_is_good(fault: str, dialogue: Play) -> None:
+    came, says = FAULTS[fault]
+    anew = [*ALIVE, *BEGIN, (b"*CLS;INIT;SYST:ERR?\n", NONE), (b"FETC?\n", frame())]
+    camera = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", came), *anew]))
+    with pytest.raises(CommunicationError, match=says):
+        camera.grab()
+    assert np.array_equal(camera.grab().picture, PIXELS)
+    camera.close()
+
+
+def test_a_frame_the_camera_lost_is_an_error_with_the_cameras_reason(dialogue: Play) -> None:
+    empty = b"0,0,0,0,0,0,1,#10\n"
+    camera = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", empty), (b"SYST:ERR?\n", b'-230,"Data corrupt or stale;frame 1 lost"\n')]))
+    with pytest.raises(CommunicationError, match="-230 Data corrupt or stale;frame 1 lost"):
+        camera.grab()
+    camera.close()
+
+
+def test_a_large_frame_that_comes_in_pieces_is_whole(dialogue: Play) -> None:
+    block = np.arange(1200 * 900, dtype="<u2").tobytes()
+    size = [(question, answer.replace(b"3,2;", b"1200,900;") if isinstance(answer, bytes) else answer) for question, answer in BEGIN]
+    answer = b"1,1700000000.25,0.01,1,1200,900,0,#72160000" + block + b"\n"
+    camera = camera_at(dialogue([*size, *INIT, (b"FETC?\n", answer)]))
+    assert camera.grab().picture.tobytes() == block
+    camera.close()
+
+
+def test_a_camera_that_is_something_else_is_refused(dialogue: Play) -> None:
+    with pytest.raises(CommunicationError, match="not an error's number and text"):
+        camera_at(dialogue([(b"*CLS;ABOR;*RST;SYST:ERR?\n", b"@01 0 RJ IDLE -- BADCOMMAND\n")]))
+
+
+def test_a_camera_without_one_of_its_facts_is_refused(dialogue: Play) -> None:
+    answer = b'4095;0.05;1e-05;10;1;16;-113,"Undefined header;SENS:OFFS?"\n'
+    with pytest.raises(DeviceError, match="-113 Undefined header"):
+        camera_at(dialogue([BEGIN[0], (BEGIN[1][0], answer)]))
+
+
+def test_answers_are_split_outside_quotes_only() -> None:
+    assert split('1;"a;b";-222,"x;EXP ""1"";y"') == ["1", '"a;b"', '-222,"x;EXP ""1"";y"']
+
+
+LIMITS: list[tuple[bytes, object]] = [(b"*CLS;LENS:FNUM? MIN;LENS:FNUM? MAX;SYST:ERR?\n", b"2;16;" + NONE)]
+CATALOGUE: list[tuple[bytes, object]] = [(b"*CLS;TARG:CAT?;SYST:ERR?\n", b'"four-dot","bars","white","black";' + NONE)]
+
+
+def iris_at(address: str) -> Setting[float]:
+    return Setting("iris", ScpiIris(ScpiLink("iris", address, timeout=0.3)), timeout=0.5)
+
+
+def target_at(address: str) -> Setting[str]:
+    return Setting("target", ScpiTarget(ScpiLink("target", address, timeout=0.3)), timeout=0.5)
+
+
+def test_the_iris_moves_and_is_read_back(dialogue: Play) -> None:
+    moving = [(b"LENS:BUSY?\n", b"1\n"), (b"LENS:BUSY?\n", b"0\n"), (b"*CLS;LENS:FNUM?;SYST:ERR?\n", b"4;" + NONE)]
+    iris = iris_at(dialogue([*LIMITS, (b"*CLS;LENS:FNUM 4.0;SYST:ERR?\n", NONE), *moving]))
+    iris.set(4.0).wait(2)
+    iris.close()
+
+
+@pytest.mark.parametrize("f_number", [1.9, 16.1, float("nan"), float("inf")])
+def test_an_f_number_outside_the_limits_is_refused(f_number: float, dialogue: Play) -> None:
+    iris = iris_at(dialogue(LIMITS))
+    with pytest.raises(LimitError, match="allowed is a number from 2 to 16"):
+        iris.set(f_number)
+    iris.close()
+
+
+def test_a_stalled_iris_fails_with_the_instruments_words(dialogue: Play) -> None:
+    stalled = [
+        (b"LENS:BUSY?\n", b"0\n"),
+        (b"*CLS;LENS:FNUM?;SYST:ERR?\n", b"5.6;" + NONE),
+        (b"SYST:ERR?\n", b'-200,"Execution error;iris stalled"\n'),
+    ]
+    iris = iris_at(dialogue([*LIMITS, (b"*CLS;LENS:FNUM 4.0;SYST:ERR?\n", NONE), *stalled]))
+    with pytest.raises(MotionError, match=r"iris: set to 4.0: ended at 5.6 instead .*iris stalled"):
+        iris.set(4.0).wait(2)
+    iris.close()
+
+
+def test_an_iris_that_falls_silent_fails_with_a_sentence(dialogue: Play) -> None:
+    iris = iris_at(dialogue([*LIMITS, (b"*CLS;LENS:FNUM 4.0;SYST:ERR?\n", NONE), (b"LENS:BUSY?\n", b"")]))
+    with pytest.raises(CommunicationError, match=r"iris at .*no answer within 0.3 s"):
+        iris.set(4.0).wait(2)
+    iris.close()
+
+
+def test_the_wheel_turns_to_a_name_in_its_catalogue_only(dialogue: Play) -> None:
+    turning = [(b"TARG:BUSY?\n", b"0\n"), (b"*CLS;TARG:KIND?;SYST:ERR?\n", b'"bars";' + NONE)]
+    target = target_at(dialogue([*CATALOGUE, (b'*CLS;TARG:KIND "bars";SYST:ERR?\n', NONE), *turning]))
+    with pytest.raises(LimitError, match="allowed are four-dot, bars, white, black"):
+        target.set("siemens star")
+    target.set("bars").wait(2)
+    target.close()
