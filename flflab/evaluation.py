@@ -3,6 +3,7 @@
 Reads a record, never a bench: the same function serves a run that just ended and one from years ago.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,6 @@ from flflab.optics.resolution import central_smms
 from flflab.prediction import contrast_draws, placements, predicted_view_indices, stage_errors, view_draws
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study
-from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 
@@ -87,60 +87,102 @@ def evaluate(run: Run, study: Study, bench: Bench, seed: int = 0) -> Evaluation:
     measured = tuple(measure_configuration(run, configuration, study, bench) for configuration in study.configurations)
     rng = np.random.Generator(np.random.Philox(key=seed))
     errors = stage_errors(bench, study.description.draws, rng)
-    predicted = tuple(_predict(one, study, bench, errors) for one in measured)
+    predicted = tuple(predict(one, study, bench, errors) for one in measured)
     return Evaluation(measured, predicted, compare(measured, predicted, study, rng))
 
 
-def _frames(run: Run, configuration: Configuration, target: str) -> list[FrameRecord]:
-    found = [frame for frame in run.frames if frame.configuration == configuration.index and frame.target == target]
-    if not found:
+def _mean_picture(run: Run, configuration: Configuration, target: str) -> tuple[Array, tuple[FrameRecord, ...]]:
+    """Mean of a configuration's frames of one target, DN, and the frames."""
+    frames = tuple(frame for frame in run.frames if frame.configuration == configuration.index and frame.target == target)
+    if not frames:
         raise MeasurementError(
             f"run {run.folder}: configuration {configuration.index} has no {target} frame; the run stopped before it was taken"
         )
-    return found
-
-
-def _mean_picture(run: Run, frames: list[FrameRecord]) -> Array:
-    total = np.zeros(run.picture(frames[0]).shape)
-    for frame in frames:
+    total = run.picture(frames[0]).astype(np.float64)
+    for frame in frames[1:]:
         total += run.picture(frame)
-    return total / len(frames)
+    return total / len(frames), frames
+
+
+def sensor_noise(run: Run, exposure_s: float) -> SensorNoise:
+    """What the camera says of its noise, with the black level of the dark frame where one was taken at that exposure."""
+    noise = SensorNoise(**run.sensor_noise)
+    dark = run.dark(exposure_s)
+    return replace(noise, offset_dn=float(np.mean(run.picture(dark)))) if dark else noise
+
+
+def averaged(noise: SensorNoise, frames: int) -> SensorNoise:
+    """The noise of a mean of several frames."""
+    return replace(noise, dn_per_electron=noise.dn_per_electron / frames, read_noise_dn=noise.read_noise_dn / frames**0.5)
 
 
 def measure_configuration(run: Run, configuration: Configuration, study: Study, bench: Bench) -> Measured:
-    """Lattice from the white frames, views from the dots, contrast from the bars, of one configuration."""
-    whites = _frames(run, configuration, "white")
-    dots, bars = _frames(run, configuration, study.dots.kind), _frames(run, configuration, study.bars.kind)
-    noise = SensorNoise(**run.sensor_noise)
-    averaged = replace(noise, dn_per_electron=noise.dn_per_electron / len(bars), read_noise_dn=noise.read_noise_dn / len(bars) ** 0.5)
-    worlds = dots[0].worlds
-    camera, distance = _as_placed(configuration, bench, worlds)
-    white = _mean_picture(run, whites)
+    """Lattice, views and contrast of one configuration of a run, from the means of its frames."""
+    pictures, frames = {}, {}
+    for target in ("white", "four-dot", "bars"):
+        pictures[target], frames[target] = _mean_picture(run, configuration, target)
+    first = frames["four-dot"][0]
+    return measure_pictures(
+        pictures,
+        {target: averaged(sensor_noise(run, taken[0].exposure_s), len(taken)) for target, taken in frames.items()},
+        configuration,
+        first.worlds,
+        study,
+        bench.optics,
+        first.exposure_s,
+        max(frame.saturated for taken in frames.values() for frame in taken),
+    )
+
+
+def measure_pictures(
+    pictures: Mapping[str, Array],
+    noises: Mapping[str, SensorNoise],
+    configuration: Configuration,
+    worlds: dict[Element, float],
+    study: Study,
+    optics: Camera,
+    exposure_s: float = 0.0,
+    saturated: int = 0,
+) -> Measured:
+    """Lattice from the white picture, views from the dots, contrast from the bars.
+
+    Args:
+        pictures: DN, [row, col], by target: white, four-dot, bars.
+        noises: the noise of each.
+        configuration: what was asked for.
+        worlds: where the stages said the elements stood, mm.
+        study: whose targets were shown.
+        optics: the bench's camera.
+        exposure_s: as recorded, s.
+        saturated: most saturated pixels in one frame.
+    """
+    camera, distance = as_placed(configuration, optics, worlds)
     rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
-    lattice = find_lattice(white, camera.array.layout, rough, noise)
-    pictures = _mean_picture(run, dots), _mean_picture(run, bars)
+    white = pictures["white"]
+    lattice = find_lattice(white, camera.array.layout, rough, noises["white"])
     return Measured(
         configuration=configuration,
         worlds=worlds,
         lattice=lattice,
-        dots=count_views(pictures[0], white, lattice, camera, study.dots, distance, noise),
-        curve=fit_contrast(pictures[1], lattice, camera, study.bars, distance, averaged),
-        exposure_s=dots[0].exposure_s,
-        saturated=max(int(np.count_nonzero(noise.saturated(run.picture(frame)))) for frame in (*whites, *dots, *bars)),
+        dots=count_views(pictures["four-dot"], white, lattice, camera, study.dots, distance, noises["four-dot"]),
+        curve=fit_contrast(pictures["bars"], lattice, camera, study.bars, distance, noises["bars"]),
+        exposure_s=exposure_s,
+        saturated=saturated,
     )
 
 
-def _as_placed(configuration: Configuration, bench: Bench, worlds: dict[Element, float]) -> tuple[Camera, float]:
+def as_placed(configuration: Configuration, optics: Camera, worlds: dict[Element, float]) -> tuple[Camera, float]:
     """The nominal camera with the elements where the stages said they stood, and the target's distance, mm."""
     lens = worlds["main_lens.z"]
     placed = replace(configuration, array=worlds["array.z"] - lens, sensor=worlds["sensor.z"] - lens)
-    return placed.camera(bench.optics), lens - worlds["target.z"]
+    return placed.camera(optics), lens - worlds["target.z"]
 
 
-def _predict(measured: Measured, study: Study, bench: Bench, errors: dict[Element, tuple[Array, Array]]) -> Predicted:
-    camera, distance = _as_placed(measured.configuration, bench, measured.worlds)
+def predict(measured: Measured, study: Study, bench: Bench, errors: dict[Element, tuple[Array, Array]]) -> Predicted:
+    """What the model expects of a configuration, nominally and over draws of the stage errors."""
+    camera, distance = as_placed(measured.configuration, bench.optics, measured.worlds)
     placement = placements(bench, measured.worlds, errors)
-    points = study.dots.centres if isinstance(study.dots, FourDot) else np.zeros((0, 2))
+    points = study.dots.centres
     indices = tuple(predicted_view_indices(camera, distance, points))
     return Predicted(
         camera=camera,
@@ -191,7 +233,9 @@ def _block_diagonal(blocks: list[Array]) -> Array:
     return whole
 
 
-def _row(one: Measured, model: Predicted, quantity: str, measured: float, uncertainty: float, predicted: float, **where: float | int | str | None) -> Row:
+def _row(
+    one: Measured, model: Predicted, quantity: str, measured: float, uncertainty: float, predicted: float, **where: float | int | str | None
+) -> Row:
     difference = measured - predicted
     return Row(
         configuration=one.configuration.index,
@@ -215,7 +259,16 @@ def _row(one: Measured, model: Predicted, quantity: str, measured: float, uncert
 def _view_rows(one: Measured, model: Predicted) -> list[Row]:
     spread = count_spread(model.view_draws, model.views)
     return [
-        _row(one, model, "views", dot.views, float(np.hypot(spread[dot.dot], _count_doubt(dot))), int(model.views[dot.dot]), target="four-dot", dot=dot.dot)
+        _row(
+            one,
+            model,
+            "views",
+            dot.views,
+            float(np.hypot(spread[dot.dot], _count_doubt(dot))),
+            int(model.views[dot.dot]),
+            target="four-dot",
+            dot=dot.dot,
+        )
         for dot in one.dots
     ]
 
@@ -233,9 +286,18 @@ def _mtf_rows(one: Measured, model: Predicted) -> list[Row]:
         enlarged = float(magnification(central_smms(model.camera), 1 / model.distance))
         claimed = contrast_paper(curve.cycles_per_mm / enlarged * model.camera.sensor.pixel)
         rows += [
-            _row(one, model, "contrast_paper", float(curve.classic[k]), float(curve.classic_uncertainty[k]), float(claimed[k]), target="bars", cycles_per_mm=float(frequency))
+            _row(
+                one,
+                model,
+                "contrast_paper",
+                float(curve.classic[k]),
+                float(curve.classic_uncertainty[k]),
+                float(claimed[k]),
+                target="bars",
+                cycles_per_mm=float(frequency),
+            )
             for k, frequency in enumerate(curve.cycles_per_mm)
-            if np.isfinite(curve.classic[k])
+            if np.isfinite(curve.extremes[k])
         ]
     return rows
 
@@ -267,5 +329,17 @@ def _difference_rows(one: Measured, model: Predicted, other: Measured, other_mod
         ratio, ratios = float(one.curve.contrast[k]) / theirs, model.contrast_draws[:, k] / their_draws
         noise = np.hypot(mine_sigma[k], ratio * their_sigma[j]) / abs(theirs)
         sigma = float(np.hypot(noise, ratios.std(ddof=1)))
-        rows.append(_row(one, model, "ratio_mtf", ratio, sigma, float(ratios.mean()), target="bars", cycles_per_mm=float(frequency), reference=reference))
+        rows.append(
+            _row(
+                one,
+                model,
+                "ratio_mtf",
+                ratio,
+                sigma,
+                float(ratios.mean()),
+                target="bars",
+                cycles_per_mm=float(frequency),
+                reference=reference,
+            )
+        )
     return rows

@@ -3,7 +3,7 @@
 import itertools
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -12,13 +12,14 @@ from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.optics.focus import vergence_of
 from flflab.target_file import target_from
-from flflab.targets import Target
+from flflab.targets import Bars, FourDot
 
 
 def _as_list(given: object) -> object:
     return given if isinstance(given, list) else [given]
 
 
+Kind = TypeVar("Kind", FourDot, Bars)
 Lengths = Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)]
 Numbers = Annotated[list[Annotated[float, Field(gt=0)]], BeforeValidator(_as_list), Field(min_length=1)]
 
@@ -85,8 +86,8 @@ class Study:
 
     description: StudyDescription
     configurations: tuple[Configuration, ...]
-    dots: Target
-    bars: Target
+    dots: FourDot
+    bars: Bars
 
 
 def focused_sensor(optics: Camera, array: float, distance: float) -> float:
@@ -102,8 +103,7 @@ def focused_sensor(optics: Camera, array: float, distance: float) -> float:
     gap = x / ((1 - x) / array + x / focal) if x != 0 else 0.0
     if not gap > 0:
         raise InputError(
-            f"no sensor position behind an array at {array:g} mm sees a target at {distance:g} mm sharply; "
-            "move the array or the target"
+            f"no sensor position behind an array at {array:g} mm sees a target at {distance:g} mm sharply; move the array or the target"
         )
     return array + gap
 
@@ -139,12 +139,16 @@ def read_study(file: Path, optics: Camera) -> Study:
             f"{file}:{lines.get(('reference',), 1)}: reference: {description.reference} is no configuration; "
             f"allowed: 0 to {len(configurations) - 1}"
         )
-    targets: dict[str, Target] = {}
-    for field, kind in (("dots", "four-dot"), ("bars", "bars")):
-        try:
-            targets[field] = target_from(getattr(description, field))
-        except InputError as error:
-            raise InputError(f"{file}:{lines.get((field,), 1)}: {field}: {error}") from error
-        if targets[field].kind != kind:
-            raise InputError(f"{file}:{lines.get((field,), 1)}: {field}: a {targets[field].kind} target; allowed here: {kind}")
-    return Study(description, configurations, targets["dots"], targets["bars"])
+    dots = _target(description.dots, FourDot, f"{file}:{lines.get(('dots',), 1)}: dots")
+    bars = _target(description.bars, Bars, f"{file}:{lines.get(('bars',), 1)}: bars")
+    return Study(description, configurations, dots, bars)
+
+
+def _target(data: dict[str, Any], kind: type[Kind], place: str) -> Kind:
+    try:
+        target = target_from(data)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from error
+    if not isinstance(target, kind) or target.kind != kind.kind:
+        raise InputError(f"{place}: a {target.kind} target; allowed here: {kind.kind}")
+    return target

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -150,7 +151,7 @@ def _print(solution: CameraSolution, distances: list[DistanceSolution], remarks:
     console = Console()
     for remark in remarks:
         console.print(f"Note: {remark}.")
-    table = Table(title="The camera (distances from the main lens)", show_header=False)
+    table = Table(title="The camera (distances from the main lens)", show_header=False, box=box.SIMPLE)
     sharp = "none: no real target is in focus" if solution.sharp_distance is None else show_quantity(solution.sharp_distance, "mm")
     table.add_row("arrangement", solution.arrangement)
     table.add_row("sharp at", sharp)
@@ -162,7 +163,9 @@ def _print(solution: CameraSolution, distances: list[DistanceSolution], remarks:
     sharp_from = ", ".join(f"{show_quantity(near, 'mm')} to {show_quantity(far, 'mm')}" for near, far in solution.depth_of_field)
     table.add_row("depth of field (blur of one pixel)", sharp_from or "none")
     stereo = solution.stereo
-    table.add_row("seen by two micro-images of a row from", stereo.reason if stereo.nearest is None else show_quantity(stereo.nearest, "mm"))
+    table.add_row(
+        "seen by two micro-images of a row from", stereo.reason if stereo.nearest is None else show_quantity(stereo.nearest, "mm")
+    )
     if stereo.farthest is not None:
         table.add_row("seen by two micro-images of a row to", show_quantity(stereo.farthest, "mm"))
     if stereo.angle is not None:
@@ -172,11 +175,10 @@ def _print(solution: CameraSolution, distances: list[DistanceSolution], remarks:
     console.print(table)
     if not distances:
         return
-    table = Table(title="Targets")
-    for head in ("distance mm", "virtual depth", "magnification", "blur um", "views row / sensor", "ELR row", "ELR row by views", "image"):
+    table = Table(title="Targets: views along the row / on the sensor; ELR along the row by eq. (3) and by views", box=box.SIMPLE)
+    for head in ("D mm", "v", "M", "blur um", "views", "ELR", "by views", "image"):
         table.add_column(head, justify="left" if head == "image" else "right")
     for one in distances:
-        by_views = one.resolution_by_views[0]
         table.add_row(
             show_quantity(one.distance, ""),
             f"{one.virtual_depth:.4g}",
@@ -184,7 +186,7 @@ def _print(solution: CameraSolution, distances: list[DistanceSolution], remarks:
             f"{one.blur * 1e3:.2f}",
             f"{one.row_views.chief} / {one.sensor_views.chief}",
             f"{one.resolution[0]:.0f}",
-            "none" if by_views is None else f"{by_views:.0f}",
+            "none" if one.resolution_by_views[0] is None else f"{one.resolution_by_views[0]:.0f}",
             one.arrangement,
         )
     console.print(table)

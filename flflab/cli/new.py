@@ -1,0 +1,50 @@
+"""``flflab new camera|bench|study FILE``: a commented copy of a built-in description to start from."""
+
+from enum import StrEnum
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flflab.errors import InputError
+
+
+class Kind(StrEnum):
+    """What can be begun from a built-in file."""
+
+    CAMERA = "camera"
+    BENCH = "bench"
+    STUDY = "study"
+
+
+BUILT_IN = {Kind.CAMERA: "cameras/osinski.yaml", Kind.BENCH: "benches/simulated.yaml", Kind.STUDY: "studies/first.yaml"}
+
+
+def built_in(kind: Kind) -> Path:
+    """Where a built-in description lies."""
+    return Path(str(files("flflab") / "builtin" / BUILT_IN[kind]))
+
+
+def new(
+    kind: Annotated[Kind, typer.Argument(help="camera, bench or study")],
+    file: Annotated[Path, typer.Argument(help="file to write; an existing one is never overwritten")],
+) -> None:
+    """Write a commented copy of a built-in file; a bench gets its camera file beside it."""
+    text = built_in(kind).read_text(encoding="utf-8")
+    written = {file: text}
+    if kind is Kind.BENCH:
+        camera = file.with_name(f"{file.stem}-camera.yaml")
+        written = {
+            file: text.replace("optics: ../cameras/osinski.yaml", f"optics: {camera.name}"),
+            camera: built_in(Kind.CAMERA).read_text(encoding="utf-8"),
+        }
+    for path in written:
+        if path.exists():
+            raise InputError(f"{path} exists already and is not overwritten; give another name")
+    for path, content in written.items():
+        try:
+            path.write_text(content, encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{path} cannot be written ({error}); give a file in a folder that exists") from error
+        typer.echo(f"wrote {path}")
