@@ -1,0 +1,255 @@
+"""Contrast against frequency from a picture of bars or of a sine chirp, by a fit of the known chirp; max and min as a baseline."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.analysis.contrast_fit import CURVE, GEOMETRY, LIGHT, ChirpData, ChirpFit, Knots, Template, gauss_newton_step
+from flflab.analysis.lattice import Lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.analysis.registration import (
+    PixelSet,
+    bright_pixels,
+    require_picture,
+    same_type_as_central,
+    sensor_position,
+    target_scales,
+)
+from flflab.errors import MeasurementError
+from flflab.optics.camera import Camera
+from flflab.optics.focus import blur, magnification
+from flflab.optics.resolution import central_smms
+from flflab.targets import Bars, Chirp
+
+Array = npt.NDArray[np.float64]
+
+KNOTS = 16
+FEWEST_PIXELS = 300
+MOST_PIXELS_WHILE_SEARCHING = 40_000
+WIDEST_SHIFT = 0.06  # of the target's width: how far the target may be off sideways
+MOST_PIXELS = 250_000
+WORST_UNCERTAINTY = 0.25
+FIT_ERROR = 3e-4  # of contrast, added to its uncertainty: what the fit's approximations leave in brute-force pictures without noise
+
+
+@dataclass(frozen=True)
+class ContrastCurve:
+    """Contrast of the image over that of the target at K frequencies.
+
+    Attributes:
+        cycles_per_mm: frequencies on the target, shape (K,).
+        cycles_per_px: the same on the sensor by the camera's nominal magnification, shape (K,).
+        contrast: modulation of the image's fundamental over the target's, signed (negative: bars look reversed), shape (K,).
+        covariance: of ``contrast``, from noise and registration together, shape (K, K).
+        extremes: (max - min)/(max + min) of the fitted noise-free bars over all phases (eq. 2's quantity), shape (K,).
+        extremes_uncertainty: standard uncertainties, shape (K,).
+        classic: (max - min)/(max + min) read off the noisy pixels, a baseline with bias; nan where no view holds 4 pixels of it.
+        classic_uncertainty: scatter of the views' readings over the root of their number, shape (K,).
+        geometry: shift mm, across x and y, along x and y (see ``flflab.analysis.registration``), shape (5,).
+        geometry_uncertainty: standard uncertainties, shape (5,).
+        chi2_per_pixel: about 1 where the model holds; the covariance is already scaled up by it where above 1.
+        pixels: number of pixels used.
+    """
+
+    cycles_per_mm: Array
+    cycles_per_px: Array
+    contrast: Array
+    covariance: Array
+    extremes: Array
+    extremes_uncertainty: Array
+    classic: Array
+    classic_uncertainty: Array
+    geometry: Array
+    geometry_uncertainty: Array
+    chi2_per_pixel: float
+    pixels: int
+
+    @property
+    def uncertainty(self) -> Array:
+        """Standard uncertainties of ``contrast``, shape (K,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def fit_contrast(
+    picture: npt.NDArray[np.generic], lattice: Lattice, camera: Camera, target: Bars | Chirp, distance: float, noise: SensorNoise
+) -> ContrastCurve:
+    """Measure contrast against frequency in every bright field that sees the target.
+
+    The target's place is found within 6 % of its width, its magnification within a few per cent; both are fitted together with
+    the curve. Saturated pixels are left out.
+
+    Args:
+        picture: DN, [row, col], in the camera's resolution.
+        lattice: measured from a white picture of the same configuration.
+        camera: nominal.
+        target: what stood there.
+        distance: main lens to target, mm, nominal.
+        noise: of the sensor.
+
+    Raises:
+        MeasurementError: wrong shape, target at infinity, too few pixels in bright fields on the target, or no bars in them.
+    """
+    values = require_picture(picture, camera, target.kind)
+    across, along = target_scales(camera, distance)
+    start = np.array([0.0, across, 0.0, along, 0.0])
+    pixels = _pixels_on_target(values, lattice, camera, target, distance, noise, start)
+    data = _data(values, lattice, camera, pixels, noise)
+    frequency = target.frequency(data.places @ start)
+    span = (float(frequency.min()), float(frequency.max()))
+    step = max((span[1] - span[0]) / (KNOTS - 1), 1e-3 * span[1])
+    top = 3 * span[1] if target.kind == "bars" else span[1]
+    knots = Knots(span[0], step, math.ceil((top - span[0]) / step) + 3)
+    template = Template(abs(across) * camera.sensor.pixel, abs(across) * float(blur(central_smms(camera), 1 / distance)))
+    fit = _fit(data, target, start, span, top, knots, template, noise)
+    return _curve(fit, data, pixels, camera, target, distance, knots, template, span)
+
+
+def _pixels_on_target(
+    values: Array, lattice: Lattice, camera: Camera, target: Bars, distance: float, noise: SensorNoise, start: Array
+) -> PixelSet:
+    """Unsaturated pixels of bright fields that look at the target well within its edges."""
+    smms = central_smms(camera)
+    chosen = same_type_as_central(lattice, camera)
+    # The profile is smooth: a margin of 1 px keeps the averaging of the rim's pixels out.
+    pixels = bright_pixels(lattice, (values.shape[0], values.shape[1]), 1.0, chosen)
+    scale = float(magnification(smms, 1 / distance))
+    margin = (float(blur(smms, 1 / distance)) / 2 + 3 * camera.sensor.pixel) / scale + 0.01 * target.width
+    centre = sensor_position(camera.sensor, lattice.centres_px)[pixels.lens]
+    place = sensor_position(camera.sensor, np.stack([pixels.columns, pixels.rows], axis=1).astype(np.float64))
+    seen = start[1] * (place - centre) + start[3] * centre
+    keep = (np.abs(seen[:, 0]) < target.width / 2 - margin) & (np.abs(seen[:, 1]) < target.height / 2 - margin)
+    keep &= ~noise.saturated(values[pixels.rows, pixels.columns])
+    kept = pixels.kept(keep).thinned(MOST_PIXELS)
+    if len(kept.rows) < FEWEST_PIXELS:
+        raise MeasurementError(
+            f"{target.kind} picture: only {len(kept.rows)} unsaturated pixels of bright fields look at the target, {FEWEST_PIXELS} are due; "
+            "check exposure, f-number and the target's distance"
+        )
+    return kept
+
+
+def _data(values: Array, lattice: Lattice, camera: Camera, pixels: PixelSet, noise: SensorNoise) -> ChirpData:
+    place = sensor_position(camera.sensor, np.stack([pixels.columns, pixels.rows], axis=1).astype(np.float64))
+    centre = sensor_position(camera.sensor, lattice.centres_px)[pixels.lens]
+    inside = place - centre
+    height, width = values.shape
+    u = (pixels.columns - (width - 1) / 2) * 2 / max(width, height)
+    v = (pixels.rows - (height - 1) / 2) * 2 / max(width, height)
+    places = np.stack([np.ones(len(u)), inside[:, 0], inside[:, 1], centre[:, 0], centre[:, 1]], axis=1)
+    light = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], axis=1)
+    return ChirpData(values[pixels.rows, pixels.columns] - noise.offset_dn, places, light)
+
+
+def _part(data: ChirpData, which: npt.NDArray[np.bool_], most: int) -> ChirpData:
+    index = np.flatnonzero(which)
+    index = index[:: max(1, -(-len(index) // most))]
+    return ChirpData(data.read[index], data.places[index], data.light[index])
+
+
+def _fit(
+    data: ChirpData, target: Bars, start: Array, span: tuple[float, float], top: float, knots: Knots, template: Template,
+    noise: SensorNoise,
+) -> ChirpFit:
+    """From the low frequencies, where no cycle can be mistaken for its neighbour, up to the highest."""
+    bars = target.kind == "bars"
+    variance = (noise.dark_variance, noise.dn_per_electron)
+
+    def advance(part: ChirpData, fit: ChirpFit, ceiling: float, move: bool, prior: float = 0.5) -> ChirpFit:
+        x = part.places @ fit.geometry
+        reach = ceiling if bars else math.inf
+        return gauss_newton_step(part, target.phase(x), target.frequency(x), fit, knots, template, reach, bars, variance, prior, move)
+
+    brightness = np.zeros(LIGHT)
+    brightness[0] = float(np.mean(data.read))
+    size = CURVE + 1 + knots.count
+    fit = ChirpFit(start, brightness, np.zeros(1 + knots.count), np.zeros((size, size)), math.inf)
+    low = min(span[1], max(span[0] + 0.12 * (span[1] - span[0]), 1.5 * span[0]))
+    frequency = target.frequency(data.places @ start)
+    part = _part(data, frequency <= low, MOST_PIXELS_WHILE_SEARCHING // 8)
+    best = fit
+    for shift in np.arange(-1, 1.001, 1 / max(1, math.ceil(WIDEST_SHIFT * target.width * low / 0.12))) * WIDEST_SHIFT * target.width:
+        trial = replace(fit, geometry=start + np.array([shift, 0, 0, 0, 0]))
+        trial = advance(part, advance(part, advance(part, trial, low, move=False), low, move=False), low, move=False)
+        # contrast never rises far above 1, nor do bars turn black for white at low frequency
+        if trial.chi2 < best.chi2 and float((knots.design(np.array([low]), template) @ trial.curve)[0]) > 0:
+            best = trial
+    if not math.isfinite(best.chi2):
+        raise MeasurementError(f"{target.kind} picture: no bars of the target's law were found in the bright fields; check target and distance")
+    fit, ceiling = best, low
+    while True:
+        part = _part(data, target.frequency(data.places @ fit.geometry) <= ceiling, MOST_PIXELS_WHILE_SEARCHING)
+        fit = advance(part, fit, ceiling, move=False)
+        for _ in range(4):
+            fit = advance(part, fit, ceiling, move=True)
+        if ceiling >= span[1]:
+            break
+        ceiling = min(1.6 * ceiling, span[1])
+    for _ in range(6):
+        before = data.places @ fit.geometry
+        fit = advance(data, fit, top, move=True, prior=1.0)
+        if float(np.abs(data.places @ fit.geometry - before).max()) * span[1] < 1e-4:
+            break
+    return fit
+
+
+def _curve(
+    fit: ChirpFit, data: ChirpData, pixels: PixelSet, camera: Camera, target: Bars, distance: float, knots: Knots, template: Template,
+    span: tuple[float, float],
+) -> ContrastCurve:
+    x = data.places @ fit.geometry
+    frequency = target.frequency(x)
+    chi2 = fit.chi2 / max(1, len(x) - len(fit.covariance))
+    covariance = fit.covariance * max(1.0, chi2)
+    spline = slice(CURVE, None)
+    nu = np.linspace(span[0], span[1], KNOTS)
+    design = knots.design(nu, template)
+    spread = design @ covariance[spline, spline] @ design.T + FIT_ERROR**2 * np.eye(len(nu))
+    near = np.array([np.count_nonzero(np.abs(frequency - one) <= knots.step / 2) for one in nu])
+    keep = (near >= FEWEST_PIXELS / KNOTS) & (np.sqrt(np.diag(spread)) < WORST_UNCERTAINTY)
+    if not keep.any() or not np.isfinite(fit.geometry).all():
+        raise MeasurementError(f"{target.kind} picture: the fit of the bars did not settle; check exposure, focus, target and distance")
+    nu = nu[keep]
+    extremes, extremes_spread = _extremes(fit.curve, covariance[spline, spline], knots, nu, template, target.kind == "bars")
+    classic, classic_spread = _classic(data, pixels.lens, frequency, nu, knots.step)
+    scale = float(magnification(central_smms(camera), 1 / distance))
+    return ContrastCurve(
+        cycles_per_mm=nu, cycles_per_px=nu * camera.sensor.pixel / scale, contrast=design[keep] @ fit.curve,
+        covariance=spread[np.ix_(keep, keep)], extremes=extremes, extremes_uncertainty=extremes_spread, classic=classic,
+        classic_uncertainty=classic_spread, geometry=fit.geometry, geometry_uncertainty=np.sqrt(np.diag(covariance)[:GEOMETRY]),
+        chi2_per_pixel=chi2, pixels=len(x),
+    )
+
+
+def _extremes(curve: Array, covariance: Array, knots: Knots, frequency: Array, template: Template, bars: bool) -> tuple[Array, Array]:
+    """Largest excursion of the fitted wave at each frequency and its uncertainty."""
+    top = knots.first + knots.step * (knots.count - 3)
+    phase = (np.arange(256) + 0.5) / 512
+    largest, spread = np.zeros(len(frequency)), np.zeros(len(frequency))
+    for n, nu in enumerate(frequency):
+        orders = np.arange(1, max(2.0, top / nu + 1e-9), 2) if bars else np.array([1.0])
+        waves = np.sin(2 * np.pi * np.outer(phase, orders)) * (4 / (np.pi * orders) if bars else 1.0)
+        rows = waves @ knots.design(orders * nu, template)
+        rows[:, 0] = template.bars(phase, nu) if bars else 0.0
+        at = int(np.argmax(np.abs(rows @ curve)))
+        largest[n], spread[n] = abs(float(rows[at] @ curve)), math.sqrt(max(0.0, float(rows[at] @ covariance @ rows[at])))
+    return largest, spread
+
+
+def _classic(data: ChirpData, lens: npt.NDArray[np.int64], frequency: Array, knots: Array, step: float) -> tuple[Array, Array]:
+    """(max - min)/(max + min) of each view's pixels near each frequency: mean over the views and its scatter."""
+    mean, spread = np.full(len(knots), np.nan), np.full(len(knots), np.nan)
+    for n, nu in enumerate(knots):
+        near = np.abs(frequency - nu) <= step / 2
+        views = lens[near]
+        counts = np.bincount(views)
+        high, low = np.full(len(counts), -np.inf), np.full(len(counts), np.inf)
+        np.maximum.at(high, views, data.read[near])
+        np.minimum.at(low, views, data.read[near])
+        held = counts >= max(4, counts.max(initial=0) / 2)
+        if held.any():
+            readings = (high[held] - low[held]) / np.maximum(high[held] + low[held], 1e-300)
+            mean[n] = readings.mean()
+            spread[n] = readings.std(ddof=1) / math.sqrt(held.sum()) if held.sum() > 1 else np.nan
+    return mean, spread
