@@ -1,0 +1,77 @@
+"""``flflab validate``: the main job. Home, sweep, capture, measure, compare with the model, report."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from flflab.bench import read_bench
+from flflab.cli.new import Kind, built_in
+from flflab.cli.run import progress_shown, run_study
+from flflab.comparison import write_rows
+from flflab.evaluation import Evaluation, evaluate
+from flflab.record import Run, read_run
+from flflab.study import read_study
+
+REJECTED = 3
+
+
+def validate(
+    study: Annotated[Path | None, typer.Argument(help="study file (YAML); the built-in first study without one")] = None,
+    bench: Annotated[Path | None, typer.Option(help="bench file (YAML); the built-in simulated bench without one")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder of the run, which holds no run yet; runs/<UTC>-<study> without one")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
+) -> None:
+    """Run a study on a bench and say whether the camera does what its model says (exit 0), or not (exit 3)."""
+    with progress_shown() as tell:
+        run = run_study(study or built_in(Kind.STUDY), bench or built_in(Kind.BENCH), out, seed, tell)
+    conclude(run)
+
+
+def report(run: Annotated[Path, typer.Argument(help="folder of a run")]) -> None:
+    """Measure and compare a recorded run again and rewrite its report."""
+    conclude(read_run(run))
+
+
+def conclude(run: Run) -> None:
+    """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is rejected."""
+    from flflab.report import write_report  # draws; loaded by those who draw
+
+    recorded_bench = read_bench(run.folder / "bench.yaml")
+    recorded_study = read_study(run.folder / "study.yaml", recorded_bench.optics)
+    console = Console()
+    with Console(stderr=True).status("measure and compare"):
+        evaluation = evaluate(run, recorded_study, recorded_bench)
+        write_rows(evaluation.comparison.rows, run.folder / "comparison.csv")
+        write_report(evaluation, run, recorded_study, recorded_bench, run.folder / "report.html")
+    console.print(_table(evaluation))
+    for verdict in evaluation.comparison.verdicts:
+        console.print(verdict.sentence, highlight=False)
+    accepted = evaluation.comparison.accepted
+    console.print("The camera does what its model says." if accepted else "The camera does not do what its model says.", style="bold")
+    console.print(f"Report: {run.folder / 'report.html'}", highlight=False, soft_wrap=True)
+    if not accepted:
+        raise typer.Exit(REJECTED)
+
+
+def _table(evaluation: Evaluation) -> Table:
+    """One line a configuration: where it stood, views measured and predicted, how well the contrast agrees."""
+    table = Table(box=box.SIMPLE, title="Measured against predicted")
+    for head in ("", "F/", "target mm", "sensor mm", "views seen", "views model", "MTF points", "rms z"):
+        table.add_column(head, justify="right")
+    for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
+        scores = [row.z for row in evaluation.comparison.rows if row.quantity == "mtf" and row.configuration == one.configuration.index]
+        table.add_row(
+            str(one.configuration.index),
+            f"{one.configuration.f_number:g}",
+            f"{model.distance:.2f}",
+            f"{model.camera.sensor.distance:.4f}",
+            " ".join(str(dot.views) for dot in one.dots),
+            " ".join(str(count) for count in model.views),
+            str(len(scores)),
+            f"{(sum(z * z for z in scores) / len(scores)) ** 0.5:.2f}" if scores else "",
+        )
+    return table
