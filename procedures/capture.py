@@ -1,0 +1,106 @@
+"""Take a frame; find the exposure first where it is not known: the brightest view at the study's share of full scale."""
+
+import math
+from collections.abc import Generator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from bluesky import Msg
+from bluesky import plan_stubs as bps
+
+from drivers.base import CameraDevice, Setting
+from flflab.errors import MeasurementError
+from procedures.devices import Frames, Shot, Stages
+
+Plan = Generator[Msg, Any, Any]
+STEPS_PER_OCTAVE = 6
+FIRST_GUESS_S = 0.01
+MOST_TRIALS = 6
+LARGEST_FACTOR = 16.0  # between two trials: where almost nothing or everything is lit, proportion tells little
+BRIGHTEST = 0.99  # quantile of the lit pixels
+LEAST_LIT = 1e-3  # share of all pixels
+
+
+def quantise(exposure_s: float) -> float:
+    """The largest step 2^(k/6) s not above an exposure, so that few dark frames serve many configurations."""
+    return 2.0 ** (math.floor(STEPS_PER_OCTAVE * math.log2(exposure_s) + 1e-9) / STEPS_PER_OCTAVE)
+
+
+def brightest_view(picture: npt.NDArray[np.uint16], camera: CameraDevice) -> float:
+    """How bright the brightest view is, as a share of full scale above the offset: the 0.99 quantile of the lit pixels.
+
+    Every second row and column is looked at. A pixel is lit at 5 standard deviations of read noise above the offset, and 2 DN.
+    Where less than a thousandth is lit it is 0.
+    """
+    sample = picture[::2, ::2].ravel()
+    counts = np.bincount(sample, minlength=camera.full_scale + 1)
+    lit = int(camera.offset_dn + max(5 * camera.read_noise_dn, 2.0)) + 1
+    above = np.cumsum(counts[lit:])
+    if above.size == 0 or above[-1] < LEAST_LIT * sample.size:
+        return 0.0
+    value = lit + int(np.searchsorted(above, BRIGHTEST * above[-1]))
+    return (value - camera.offset_dn) / (camera.full_scale - camera.offset_dn)
+
+
+def better_exposure(exposure_s: float, reached: float, level: float) -> float:
+    """The exposure to try next, a step of ``quantise``, in proportion; far off where the picture is almost dark or saturated."""
+    factor = 1 / LARGEST_FACTOR if reached >= 0.98 else level / max(reached, level / LARGEST_FACTOR)
+    return quantise(exposure_s * factor)
+
+
+def fits(exposure_s: float, wanted_s: float) -> bool:
+    """Whether an exposure is the wanted step or the one below it: noise moves the wanted step by one."""
+    return -0.5 < STEPS_PER_OCTAVE * math.log2(wanted_s / exposure_s) < 1.5
+
+
+def expose(frames: Frames, level: float, guess_s: float, key: str, configuration: int) -> Plan:
+    """Take pictures of the white target until one is exposed as wanted; that one is the latest then.
+
+    Args:
+        frames: the camera.
+        level: share of full scale for the brightest view.
+        guess_s: exposure of the first picture.
+        key: of the point.
+        configuration: index of the configuration.
+
+    Returns:
+        The exposure in s.
+
+    Raises:
+        MeasurementError: none was found in six pictures, or the camera cannot expose so long or so briefly.
+    """
+    shortest, longest = frames.camera.exposure_limits
+    exposure = quantise(guess_s)
+    reached = 0.0
+    for _ in range(MOST_TRIALS):
+        yield from take(frames, Shot(key, configuration, 0, exposure))
+        if frames.latest is None:  # a rehearsal: nothing is triggered
+            return exposure
+        reached = brightest_view(frames.latest.picture, frames.camera)
+        wanted = better_exposure(exposure, reached, level)
+        if fits(exposure, wanted):
+            return exposure
+        if not shortest <= wanted <= longest:
+            raise MeasurementError(
+                f"{key}: the brightest view is at {reached:.3f} of full scale at {exposure:.3g} s, {level:g} would need {wanted:.3g} s, "
+                f"the camera can do {shortest:g} s to {longest:g} s; change the light, see that the target is in place"
+            )
+        exposure = wanted
+    raise MeasurementError(
+        f"{key}: after {MOST_TRIALS} pictures the brightest view is at {reached:.3f} of full scale, {level:g} is due; is the light steady?"
+    )
+
+
+def take(frames: Frames, shot: Shot) -> Plan:
+    """Take one picture; it is not in the record yet."""
+    yield from bps.prepare(frames, shot, wait=True)
+    yield from bps.trigger(frames, wait=True)
+
+
+def keep(frames: Frames, stages: Stages, *settings: Setting[Any]) -> Plan:
+    """Record the latest picture with everything the bench reads now."""
+    yield from bps.create("primary")
+    for device in (frames, stages, *settings):
+        yield from bps.read(device)
+    yield from bps.save()

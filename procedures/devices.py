@@ -1,0 +1,163 @@
+"""What a procedure reads at every point beside the devices themselves: the stages with world positions, and the recorded frames."""
+
+import time
+import uuid
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drivers.base import Axis, CameraDevice, Detector, Frame, Status
+from flflab.bench import Bench, Element
+from flflab.errors import DeviceError
+from flflab.record import ELEMENTS, Recording, world_key
+from procedures.steps import standing
+
+NO_CONFIGURATION = -1
+
+
+class Stages:
+    """All axes as one readable: their readings, and where the elements then stand, world z, mm.
+
+    Args:
+        axes: the connected axes by name.
+        bench: the bench file.
+    """
+
+    name = "stages"
+    parent = None
+
+    def __init__(self, axes: Mapping[str, Axis], bench: Bench) -> None:
+        self._axes = axes
+        self._bench = bench
+
+    def worlds(self, readings: Mapping[str, float]) -> dict[Element, float]:
+        """World z of every element at these readings, mm; an element of unknown place is left out."""
+        moved = {axis.moves: axis.world(readings[name]) for name, axis in self._bench.description.axes.items()}
+        places = standing(self._bench) | moved
+        return {element: places[element] for element in ELEMENTS if element in places}
+
+    def read(self) -> dict[str, Any]:
+        """Each axis asked once."""
+        now = time.time()
+        readings = {name: axis.position() for name, axis in self._axes.items()}
+        values = {f"{name}_mm": mm for name, mm in readings.items()} | {
+            world_key(element): z for element, z in self.worlds(readings).items()
+        }
+        return {key: {"value": value, "timestamp": now} for key, value in values.items()}
+
+    def describe(self) -> dict[str, Any]:
+        """What ``read`` returns."""
+        keys = [f"{name}_mm" for name in self._axes] + [world_key(element) for element in self.worlds(dict.fromkeys(self._axes, 0.0))]
+        return {key: {"source": "axes", "dtype": "number", "shape": [], "units": "mm"} for key in keys}
+
+    def read_configuration(self) -> dict[str, Any]:
+        """Speeds, mm/s."""
+        now = time.time()
+        return {f"{name}_speed_mm_per_s": {"value": axis.speed, "timestamp": now} for name, axis in self._axes.items()}
+
+    def describe_configuration(self) -> dict[str, Any]:
+        """What ``read_configuration`` returns."""
+        return {
+            f"{name}_speed_mm_per_s": {"source": f"axis {name}", "dtype": "number", "shape": [], "units": "mm/s"} for name in self._axes
+        }
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What the next picture is for and how it is exposed; the key is the point's, each once in a run."""
+
+    key: str
+    configuration: int
+    repeat: int
+    exposure_s: float
+
+
+class Frames:
+    """The camera of a procedure: prepared for a shot, triggered, and, where its picture is good, read into the record.
+
+    A picture enters the record when it is read: it is written and flushed before the event that names it.
+
+    Args:
+        camera: any camera.
+        recording: where pictures go.
+    """
+
+    name = "camera"
+    parent = None
+
+    def __init__(self, camera: CameraDevice, recording: Recording) -> None:
+        self.camera = camera
+        self._detector = Detector(camera)
+        self._recording = recording
+        self._shot: Shot | None = None
+        self._resource = str(uuid.uuid4())
+        self._told = False
+
+    @property
+    def latest(self) -> Frame | None:
+        """The last picture taken, None before the first."""
+        return self._detector.latest
+
+    def prepare(self, value: Shot) -> Status:
+        """Set the exposure for a shot."""
+        status = Status(f"{self.name}: expose {value.exposure_s:g} s")
+        self._shot = value
+        self.camera.prepare(value.exposure_s, 1.0)
+        status.complete()
+        return status
+
+    def trigger(self) -> Status:
+        """Take one picture in a thread."""
+        return self._detector.trigger()
+
+    def read(self) -> dict[str, Any]:
+        """What the last picture is and was taken with.
+
+        Raises:
+            DeviceError: there is none.
+        """
+        shot, frame = self._shot, self.latest
+        if shot is None or frame is None:
+            raise DeviceError(f"{self.name}: asked for a picture before one was taken; prepare and trigger first")
+        saturated = int(np.count_nonzero(frame.picture >= self.camera.full_scale))
+        values = (
+            shot.key, shot.configuration, shot.repeat, frame.exposure_s, frame.gain,
+            frame.number, frame.timestamp, frame.dropped, saturated,
+        )  # fmt: skip
+        now = time.time()
+        return {key: {"value": value, "timestamp": now} for key, value in zip(self._describe_facts(), values, strict=True)}
+
+    def describe(self) -> dict[str, Any]:
+        """What ``read`` returns, and the picture beside the document."""
+        shape = [1, *(self.latest.picture.shape if self.latest else (0, 0))]
+        picture = {"source": f"camera {self.camera.name}", "dtype": "array", "dtype_numpy": "<u2", "shape": shape, "external": "STREAM:"}
+        return self._describe_facts() | {"frame": picture}
+
+    def _describe_facts(self) -> dict[str, Any]:
+        kinds = {
+            "point": "string", "configuration": "integer", "repeat": "integer", "exposure_s": "number", "gain": "number",
+            "number": "integer", "camera_clock_s": "number", "dropped": "integer", "saturated": "integer",
+        }  # fmt: skip
+        return {key: {"source": f"camera {self.camera.name}", "dtype": kind, "shape": []} for key, kind in kinds.items()}
+
+    def get_index(self) -> int:
+        """How many pictures the record holds."""
+        return self._recording.recorded
+
+    def collect_asset_docs(self, index: int | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Write the last picture to the record; the documents that say where it lies."""
+        if self.latest is None:
+            return
+        place = self._recording.frame(self.latest.picture)
+        if not self._told:
+            self._told = True
+            yield "stream_resource", self._recording.stream_resource(self._resource, "frame")
+        yield (
+            "stream_datum",
+            {
+                "uid": f"{self._resource}/{place}", "stream_resource": self._resource, "descriptor": "",
+                "indices": {"start": place, "stop": place + 1}, "seq_nums": {"start": 0, "stop": 0},
+            },
+        )  # fmt: skip

@@ -1,0 +1,268 @@
+"""What a procedure would do, as data: steps that can be printed, timed and checked before anything connects or moves."""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from drivers.interlocks import GapRule, Neighbour, corner_reach, order_moves
+from flflab.bench import AxisDescription, Bench, Element
+from flflab.errors import InputError, InterlockError, LimitError
+from flflab.study import Configuration, Study
+
+WHITE, BLACK = "white", "black"
+BY_HAND_S = 30.0  # a person turns an iris or swaps a target
+BY_MOTOR_S = 2.0
+FRAME_S = 0.5  # exposure, readout and transfer, before the exposure is known
+TRIALS_EXPECTED = 2
+NOT_MOVED = 1e-9  # mm
+
+
+@dataclass(frozen=True)
+class Home:
+    """Axes look for their reference, all at once."""
+
+    axes: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"home {', '.join(self.axes)}"
+
+
+@dataclass(frozen=True)
+class SetIris:
+    """The iris goes to an f-number."""
+
+    f_number: float
+
+    def __str__(self) -> str:
+        return f"iris to f/{self.f_number:g}"
+
+
+@dataclass(frozen=True)
+class ShowTarget:
+    """A target comes before the camera."""
+
+    kind: str
+
+    def __str__(self) -> str:
+        return f"show the {self.kind} target"
+
+
+@dataclass(frozen=True)
+class Move:
+    """Axes go to readings in mm, one group after the other, those of a group at once."""
+
+    configuration: int
+    groups: tuple[Mapping[str, float], ...]
+
+    def __str__(self) -> str:
+        places = ", then ".join(", ".join(f"{axis} to {mm:.4f} mm" for axis, mm in group.items()) for group in self.groups)
+        return f"configuration {self.configuration}: {places}"
+
+
+@dataclass(frozen=True)
+class Expose:
+    """The exposure of a configuration is found on the white target; the frame that fits is recorded."""
+
+    configuration: Configuration
+
+    @property
+    def key(self) -> str:
+        """The recorded point."""
+        return f"c{self.configuration.index}/{WHITE}/0"
+
+    def __str__(self) -> str:
+        return f"{self.key}: find the exposure and take a frame"
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A frame of a target at its configuration's exposure."""
+
+    configuration: Configuration
+    target: str
+    repeat: int
+
+    @property
+    def key(self) -> str:
+        """The recorded point."""
+        return f"c{self.configuration.index}/{self.target}/{self.repeat}"
+
+    def __str__(self) -> str:
+        return f"{self.key}: take a frame"
+
+
+@dataclass(frozen=True)
+class CaptureDark:
+    """Dark frames, so many for every exposure that the run used."""
+
+    frames: int
+
+    def __str__(self) -> str:
+        return "take dark frames for every exposure used"
+
+
+Step: TypeAlias = Home | SetIris | ShowTarget | Move | Expose | Capture | CaptureDark
+Readings = Mapping[str, float]
+
+
+def home_steps(bench: Bench) -> tuple[Home, ...]:
+    """Array and sensor first, what homes away from its neighbour before what homes towards it; the other axes then."""
+    axes = bench.description.axes
+    away = {"array.z": "-z", "sensor.z": "+z"}
+    retreating = tuple(name for name, axis in axes.items() if away.get(axis.moves) == axis.home_towards)
+    approaching = tuple(name for name, axis in axes.items() if axis.moves in away and name not in retreating)
+    others = tuple(name for name, axis in axes.items() if axis.moves not in away)
+    return tuple(Home(group) for group in (retreating, *((name,) for name in approaching), others) if group)
+
+
+def homed_readings(bench: Bench) -> dict[str, float]:
+    """Where every axis stands after homing, mm: at the end of its limits towards which it homes."""
+    return {name: axis.limits[1 if (axis.home_towards == "+z") == (axis.sign == 1) else 0] for name, axis in bench.description.axes.items()}
+
+
+def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]:
+    """A study's points, ordered so that a person acts as seldom as possible: by iris, then target, then configuration.
+
+    White comes first, it gives the exposures; the configurations are passed to and fro; dark frames come last, once for all.
+
+    Args:
+        study: what to take.
+        bench: on what.
+        start: where every axis stands before, readings in mm.
+
+    Raises:
+        LimitError: a configuration is out of an axis's reach.
+        InterlockError: array and sensor would come too near to each other.
+        InputError: a configuration needs an element moved that no axis moves.
+    """
+    steps: list[Step] = []
+    now = dict(start)
+    frames = study.description.exposure.frames
+    by_iris = itertools.groupby(sorted(study.configurations, key=lambda one: one.f_number), key=lambda one: one.f_number)
+    for f_number, group in by_iris:
+        steps.append(SetIris(f_number))
+        configurations = sorted(group, key=lambda one: (one.distance, one.sensor))
+        for target in (WHITE, study.dots.kind, study.bars.kind):
+            steps.append(ShowTarget(target))
+            for configuration in configurations:
+                move = _move(configuration, bench, now)
+                if move.groups:
+                    steps.append(move)
+                    now.update(item for together in move.groups for item in together.items())
+                steps += _frames(configuration, target, frames)
+            configurations.reverse()
+    return (*steps, ShowTarget(BLACK), CaptureDark(frames))
+
+
+def steps(study: Study, bench: Bench) -> tuple[Step, ...]:
+    """Everything ``validate`` does on a bench; errors as ``sweep_steps``."""
+    return (*home_steps(bench), *sweep_steps(study, bench, homed_readings(bench)))
+
+
+def most_frames(steps: tuple[Step, ...]) -> int:
+    """How many frames the steps record at most: every configuration may need an exposure of its own, so a dark frame too."""
+    exposures = sum(isinstance(step, Expose) for step in steps)
+    taken = exposures + sum(isinstance(step, Capture) for step in steps)
+    return taken + sum(step.frames * exposures for step in steps if isinstance(step, CaptureDark))
+
+
+def durations(steps: tuple[Step, ...], bench: Bench) -> tuple[float, ...]:
+    """How long each step takes on the real bench, s, as far as speeds and habits tell."""
+    description = bench.description
+    now = {name: axis.limits[0] for name, axis in description.axes.items()}
+    exposures = sum(isinstance(step, Expose) for step in steps)
+
+    def takes(step: Step) -> float:
+        match step:
+            case Home(axes):
+                now.update({name: homed_readings(bench)[name] for name in axes})
+                homing = (description.axes[name] for name in axes)
+                return max((axis.limits[1] - axis.limits[0]) / axis.speed for axis in homing)
+            case SetIris():
+                return BY_HAND_S if description.iris.driver == "manual" else BY_MOTOR_S
+            case ShowTarget():
+                return BY_HAND_S if description.target.driver == "manual" else BY_MOTOR_S
+            case Move(_, groups):
+                total = sum(max(abs(mm - now[name]) / description.axes[name].speed for name, mm in group.items()) for group in groups)
+                now.update(item for group in groups for item in group.items())
+                return total
+            case Expose():
+                return TRIALS_EXPECTED * FRAME_S
+            case Capture():
+                return FRAME_S
+            case CaptureDark(frames):
+                return FRAME_S * frames * exposures
+
+    return tuple(takes(step) for step in steps)
+
+
+def _frames(configuration: Configuration, target: str, frames: int) -> Iterator[Step]:
+    if target == WHITE:
+        yield Expose(configuration)
+    yield from (Capture(configuration, target, repeat) for repeat in range(1 if target == WHITE else 0, frames))
+
+
+def _move(configuration: Configuration, bench: Bench, now: Readings) -> Move:
+    """The axes that have to move for a configuration, in an order in which the gap holds on the way."""
+    worlds: dict[Element, float] = {
+        "main_lens.z": 0.0, "array.z": configuration.array, "sensor.z": configuration.sensor, "target.z": -configuration.distance,
+    }  # fmt: skip
+    wanted: dict[str, float] = {}
+    for element, world in worlds.items():
+        found = bench.description.axis_of(element)
+        if found is None:
+            _require_standing_there(configuration, element, world, bench)
+            continue
+        name, axis = found
+        reading = axis.reading(world)
+        _require_within(configuration, name, axis, reading)
+        if abs(reading - now[name]) > NOT_MOVED:
+            wanted[name] = reading
+    rule = gap_rule(bench)
+    free = {name: mm for name, mm in wanted.items() if rule is None or rule.concerns(name) is None}
+    bound = {name: mm for name, mm in wanted.items() if name not in free}
+    try:
+        order = order_moves(rule, {name: (mm, mm) for name, mm in now.items()}, bound)
+    except InterlockError as error:
+        raise InterlockError(f"configuration {configuration.index}: {error}") from error
+    return Move(configuration.index, tuple(group for group in (free, *({name: bound[name]} for name in order)) if group))
+
+
+def gap_rule(bench: Bench) -> GapRule | None:
+    """The rule between array and sensor as far as the bench file tells: an axis travels between its limits."""
+    description, optics = bench.description, bench.optics
+    array, sensor = description.axis_of("array.z"), description.axis_of("sensor.z")
+    if array is None and sensor is None:
+        return None
+    return GapRule(
+        description.minimum_gap,
+        Neighbour(*array, array[1].limits, corner_reach(optics.array)) if array else optics.array.distance,
+        Neighbour(*sensor, sensor[1].limits) if sensor else optics.sensor.distance,
+    )
+
+
+def standing(bench: Bench) -> dict[Element, float]:
+    """World z in mm of what no axis moves: as the camera file has it, the main lens at 0; of the target nobody knows."""
+    places: dict[Element, float] = {"main_lens.z": 0.0, "array.z": bench.optics.array.distance, "sensor.z": bench.optics.sensor.distance}
+    return {element: world for element, world in places.items() if bench.description.axis_of(element) is None}
+
+
+def _require_standing_there(configuration: Configuration, element: Element, world: float, bench: Bench) -> None:
+    place = standing(bench).get(element)
+    if place is None or not math.isclose(place, world, abs_tol=1e-6):
+        where = "nobody knows where it stands" if place is None else f"it stands at {place:g} mm"
+        raise InputError(
+            f"configuration {configuration.index} needs {element} at {world:g} mm, but {where} and no axis of {bench.file} moves it; "
+            "give the axis or change the study"
+        )
+
+
+def _require_within(configuration: Configuration, name: str, axis: AxisDescription, reading: float) -> None:
+    low, high = axis.limits
+    if not low <= reading <= high:
+        raise LimitError(
+            f"configuration {configuration.index}: {name} would have to go to {reading:.4f} mm, outside its limits, "
+            f"{low:g} mm to {high:g} mm; nothing moved, change the study or the bench"
+        )

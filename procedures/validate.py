@@ -1,0 +1,69 @@
+"""The main job on the bench: home, then sweep a study, as one recorded run."""
+
+from collections.abc import Generator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from bluesky import Msg
+
+from drivers.bench import ConnectedBench
+from flflab.record import Recording, versions
+from flflab.study import Study
+from procedures.devices import Frames, Stages
+from procedures.engine import perform
+from procedures.steps import most_frames, steps
+from procedures.sweep import Progress, Tell, sweep
+
+
+def validate(bench: ConnectedBench, study: Study, recording: Recording, tell: Tell) -> None:
+    """Home every axis and take every frame of a study; the record is complete when this returns, and intact when it raises.
+
+    Args:
+        bench: the connected bench.
+        study: what to take.
+        recording: where it goes, from ``begin_recording``.
+        tell: called when a step begins.
+
+    Raises:
+        RunInterruptedError: the operator asked for the end; every axis stands.
+        DeviceError: an instrument failed; every axis was told to stop.
+        MeasurementError: no exposure fits.
+        LimitError: a step is not possible on this bench; nothing moved.
+        RecordError: the disk does not take the record.
+    """
+    to_do = steps(study, bench.described)
+
+    def plan(tell: Tell) -> Generator[Msg, Any, Any]:
+        frames, stages = Frames(bench.camera, recording), Stages(bench.axes, bench.described)
+        return sweep(bench, frames, stages, to_do, study.description.exposure.level, tell)
+
+    perform(plan(tell), plan(tell_nobody), _metadata(bench, study, len(to_do)), bench, recording)
+
+
+def tell_nobody(progress: Progress) -> None:
+    """Keep progress to oneself."""
+
+
+def begin_recording(bench: ConnectedBench, study: Study, folder: Path) -> Recording:
+    """A record in a run's folder, with room for every frame of a study."""
+    columns, rows = bench.described.optics.sensor.resolution
+    return Recording(folder, most_frames(steps(study, bench.described)), (rows, columns))
+
+
+def _metadata(bench: ConnectedBench, study: Study, count: int) -> dict[str, Any]:
+    camera = bench.camera
+    return {
+        "plan_name": "validate",
+        "study": study.description.name,
+        "steps": count,
+        "axes": list(bench.axes),
+        "configurations": [asdict(configuration) for configuration in study.configurations],
+        "sensor_noise": {
+            "dn_per_electron": camera.dn_per_electron, "read_noise_dn": camera.read_noise_dn,
+            "offset_dn": camera.offset_dn, "full_scale_dn": camera.full_scale,
+        },
+        "devices": [row._asdict() for row in bench.identities()],
+        "seed": bench.described.description.simulated.seed,
+        "software": versions(),
+    }  # fmt: skip
