@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.bench import SimulatedDescription
+from flflab.errors import InputError
 from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
 from flflab.image.sensor_response import SensorResponse, digitise
@@ -212,7 +213,10 @@ class SimulatedCamera:
             repeat = self._repeats.get(key, -1) + 1
             self._repeats = {key: repeat}
             dropped = self._dropped
-        picture = self._develop(exposure, scene, repeat)
+        try:
+            picture = self._develop(exposure, scene, repeat)
+        except InputError as error:
+            raise BlockError(-200, f"{error}, INIT starts another exposure", nothing) from error
         rows, columns = picture.shape
         pixels = picture.astype("<u2").tobytes()
         facts = (decimal(number) for number in (exposure.number, exposure.start, exposure.duration, exposure.gain, columns, rows, dropped))
@@ -236,7 +240,8 @@ class SimulatedCamera:
                 if scene.camera is None or scene.distance is None:
                     picture = np.zeros((rows, columns))
                 else:
-                    picture = render(scene.camera, scene.target, scene.distance, tolerance=TOLERANCE)
+                    drawn = render(scene.camera, scene.target, scene.distance, tolerance=TOLERANCE)
+                    picture = np.maximum(drawn, 0.0)  # sums of strips leave a rounding error below black
                 kept = list(self._pictures.items())[1 - PICTURES :]
                 self._pictures = dict([*kept, (scene.state, picture)])
             return self._pictures[scene.state]
