@@ -73,7 +73,8 @@ def profile_mean(x: float, box: float, chord: float, table: Array, law: Array) -
         return (antiderivatives(high, table, law)[1] - antiderivatives(low, table, law)[1]) / wide
     half = 0.5 * narrow
     ends = antiderivatives(high + half, table, law)[0] - antiderivatives(high - half, table, law)[0]
-    return (ends - antiderivatives(low + half, table, law)[0] + antiderivatives(low - half, table, law)[0]) / (wide * narrow)
+    ends -= antiderivatives(low + half, table, law)[0] - antiderivatives(low - half, table, law)[0]
+    return min(max(ends / (wide * narrow), 0.0), 1.0)
 
 
 @numba.njit(cache=True)

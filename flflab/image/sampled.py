@@ -38,13 +38,13 @@ def summed_value(sums: Array, column: float, row: float) -> float:
 def box_mean(x: float, y: float, width: float, height: float, radius: float, texel: float, sums: Array) -> float:
     """Mean radiance in a box round (x, y) from the target's centre: of a disc of this radius, or of a picture where radius is 0."""
     if radius > 0.0:
-        return disc_rectangle_area(radius, x - width / 2, x + width / 2, y - height / 2, y + height / 2) / (width * height)
+        return max(0.0, disc_rectangle_area(radius, x - width / 2, x + width / 2, y - height / 2, y + height / 2)) / (width * height)
     left = (x - width / 2) / texel + (sums.shape[1] - 1) / 2
     bottom = (y - height / 2) / texel + (sums.shape[0] - 1) / 2
     right = left + width / texel
     top = bottom + height / texel
     total = summed_value(sums, right, top) - summed_value(sums, left, top) - summed_value(sums, right, bottom)
-    return (total + summed_value(sums, left, bottom)) * texel * texel / (width * height)
+    return max(0.0, total + summed_value(sums, left, bottom)) * texel * texel / (width * height)
 
 
 @numba.njit(cache=True, nogil=True)
