@@ -202,7 +202,7 @@ class _Connection:
         self._resources = resources
         self._shared: dict[str, Any] = {}
         self._faults: list[FlflabError] = []
-        self._simulated: SimulatedBench | None = None
+        self._simulated: SimulatedBench | CommunicationError | None = None
 
     def open(self, drivers: Mapping[str, Any], device: Any, *path: str) -> Any:
         """Open one device of the bench file, None where that failed."""
@@ -249,9 +249,19 @@ class _Connection:
         return self._shared[address]
 
     def _simulator(self) -> SimulatedBench:
+        """The child process, started for the first device that needs it and tried once only.
+
+        Raises:
+            CommunicationError: it does not start.
+        """
         if self._simulated is None:
-            self._simulated = SimulatedBench(self._described.file)
-            self._resources.callback(self._simulated.close)
+            try:
+                self._simulated = SimulatedBench(self._described.file)
+                self._resources.callback(self._simulated.close)
+            except CommunicationError as fault:
+                self._simulated = fault
+        if isinstance(self._simulated, CommunicationError):
+            raise self._simulated
         return self._simulated
 
 

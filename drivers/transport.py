@@ -12,6 +12,10 @@ SLICE_S = 0.02
 MOST_UNREAD = 1 << 16
 
 
+class LostError(CommunicationError):
+    """The connection itself is gone; only opening it anew can help."""
+
+
 class Wire:
     """A connection: writes whole messages, reads up to an end mark or a count of bytes, each by a deadline.
 
@@ -34,13 +38,13 @@ class Wire:
         """Write a whole message; may be called from any thread at any time.
 
         Raises:
-            CommunicationError: the connection is gone.
+            LostError: the connection is gone.
         """
         try:
             with self._writing:
                 self._send(message)
         except (OSError, TypeError) as error:
-            raise CommunicationError(f"{self.address}: cannot write ({error}); check cable, power and address") from error
+            raise LostError(f"{self.address}: cannot write ({error}); check cable, power and address") from error
 
     def read_until(self, end: bytes, timeout: float) -> bytes:
         """What comes up to an end mark, without it.
@@ -98,7 +102,7 @@ class Wire:
         try:
             more = self._receive()
         except (OSError, TypeError) as error:
-            raise CommunicationError(f"{self.address}: the connection is gone ({error}); check cable, power and address") from error
+            raise LostError(f"{self.address}: the connection is gone ({error}); check cable, power and address") from error
         self._come += more
         return bool(more)
 

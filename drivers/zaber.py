@@ -22,7 +22,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivers.transport import Wire, open_serial, show
+from drivers.transport import LostError, Wire, open_serial, show
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
 from flflab.errors import CommunicationError, DeviceError, LimitError
@@ -127,20 +127,29 @@ def parse(line: bytes, with_checksum: bool = True) -> Reply | None:
 class ZaberChain:
     """The one line that the axes of a chain share: one exchange at a time; a stop is written at once, past whoever waits.
 
+    A line that is lost (a plug pulled) is opened anew for the next command, so that a stop can still arrive.
+
     Args:
-        wire: the open line.
+        opener: opens the line.
         with_checksum: whether replies have to carry a checksum.
         timeout: how long a reply may take, s.
+
+    Raises:
+        CommunicationError: the line cannot be opened.
     """
 
-    def __init__(self, wire: Wire, with_checksum: bool = True, timeout: float = 0.5) -> None:
+    def __init__(self, opener: Callable[[], Wire], with_checksum: bool = True, timeout: float = 0.5) -> None:
         self.unasked: deque[str] = deque(maxlen=100)
-        self._wire = wire
+        self.openings = 0
+        self._opener = opener
+        self._opening = threading.Lock()
+        self._wire: Wire | None = None
         self._with_checksum = with_checksum
         self._timeout = timeout
         self._turn = threading.Lock()
         self._ids = itertools.cycle(range(STOP_ID))
         self._in_step = True
+        self._line()
 
     def ask(self, name: str, device: int, axis: int, text: str, *, repeatable: bool) -> Reply:
         """Send a command and return its reply, accepted or not.
@@ -165,34 +174,55 @@ class ZaberChain:
 
     def write_stop(self, device: int, axis: int) -> None:
         """Write a stop at once; its reply is skipped by whoever reads."""
-        self._wire.write(encode(device, axis, STOP_ID, "stop"))
+        wire = self._line()
+        try:
+            wire.write(encode(device, axis, STOP_ID, "stop"))
+        except LostError:
+            self._lose(wire)
+            self._line().write(encode(device, axis, STOP_ID, "stop"))
 
     def close(self) -> None:
         """Let go of the line."""
-        self._wire.close()
+        if self._wire is not None:
+            self._lose(self._wire)
+
+    def _line(self) -> Wire:
+        with self._opening:
+            if self._wire is None:
+                self._wire = self._opener()
+                self.openings += 1
+            return self._wire
+
+    def _lose(self, wire: Wire) -> None:
+        with self._opening:
+            wire.close()
+            self._wire = None if self._wire is wire else self._wire
 
     def _exchange(self, name: str, device: int, axis: int, text: str) -> Reply:
         message_id = next(self._ids)
-        asked = f"{name} (device {device} axis {axis} at {self._wire.address}): asked {text or 'for its state'!r}, "
+        asked = f"{name} (device {device} axis {axis}): asked {text or 'for its state'!r}, "
+        wire = self._line()
         try:
             if not self._in_step:
-                self._wire.drain()
+                wire.drain()
             self._in_step = False
-            self._wire.write(encode(device, axis, message_id, text))
-            reply = self._next_reply()
+            wire.write(encode(device, axis, message_id, text))
+            reply = self._next_reply(wire)
             if (reply.device, reply.axis, reply.id) != (device, axis, message_id):
                 raise CommunicationError(
                     f"got the reply of device {reply.device} axis {reply.axis} to message {reply.id}, not to message {message_id}; "
                     "check that no two devices share a number and no other program is on the line"
                 )
         except CommunicationError as error:
+            if isinstance(error, LostError):
+                self._lose(wire)
             raise CommunicationError(asked + str(error)) from error
         self._in_step = True
         return reply
 
-    def _next_reply(self) -> Reply:
+    def _next_reply(self, wire: Wire) -> Reply:
         while True:
-            line = self._wire.read_until(b"\n", self._timeout).rstrip(b"\r")
+            line = wire.read_until(b"\n", self._timeout).rstrip(b"\r")
             reply = parse(line, self._with_checksum)
             if reply is None:
                 self.unasked.append(line.decode("ascii", "replace"))
@@ -252,8 +282,11 @@ class ZaberAxis:
 
     def stop(self) -> None:
         """Decelerate to rest; written at once, then the device is asked for its state to know that it listens."""
-        self._chain.write_stop(self._keys.device, self._keys.axis)
-        self._command("", repeatable=True)
+        openings = 0
+        while openings != self._chain.openings:  # a line opened anew in between may have lost the stop
+            openings = self._chain.openings
+            self._chain.write_stop(self._keys.device, self._keys.axis)
+            self._command("", repeatable=True)
 
     def faults(self) -> tuple[str, ...]:
         """Flags that spoil a motion: every F, and WL, NI, NC (as the vendor's client judges its own moves)."""
@@ -313,5 +346,5 @@ def open_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -
         CommunicationError: the line cannot be opened, or the device does not answer.
         DeviceError: the device refuses a setting.
     """
-    chain = share(axis.address, lambda: ZaberChain(open_serial(axis.address, keys.baud), keys.checksum, keys.timeout))
+    chain = share(axis.address, lambda: ZaberChain(lambda: open_serial(axis.address, keys.baud), keys.checksum, keys.timeout))
     return ZaberAxis(name, chain, keys, axis.speed)

@@ -89,6 +89,7 @@ class ToyStage:
         self.flags: set[str] = set()
         self.stuck_at: float | None = None
         self.fault: Callable[[str, bytes], bytes] | None = None
+        self.hang_ups = 0
         self.heard: list[str] = []
 
     @property
@@ -140,19 +141,29 @@ class ToyChain:
 
     def __init__(self, *stages: ToyStage) -> None:
         self.stages = stages
+        self._over = threading.Event()
         self._server = socket.create_server(("127.0.0.1", 0))
+        self._server.settimeout(0.05)
         self.address = f"127.0.0.1:{self._server.getsockname()[1]}"
         self._thread = threading.Thread(target=self._serve)
         self._thread.start()
 
     def _serve(self) -> None:
-        link, _ = self._server.accept()
+        while not self._over.is_set():
+            with contextlib.suppress(TimeoutError):
+                link, _ = self._server.accept()
+                self._talk(link)
+
+    def _talk(self, link: socket.socket) -> None:
         with link, link.makefile("rb") as lines, contextlib.suppress(ConnectionError):
             for line in lines:
                 body, _, sum_ = line.decode().strip().rpartition(":")
                 assert (sum(body[1:].encode()) + int(sum_, 16)) % 256 == 0
                 device, axis, message, *words = body[1:].split(" ")
                 stage = self.stages[int(device) - 1]
+                if stage.hang_ups:
+                    stage.hang_ups -= 1
+                    return
                 flag, data = stage.answer(" ".join(words))
                 worst = min(stage.flags, default="--")
                 answer = f"{int(device):02d} {axis} {message} {flag} {'BUSY' if stage.busy else 'IDLE'} {worst} {data}".encode()
@@ -162,8 +173,7 @@ class ToyChain:
                 link.sendall(reply)
 
     def end(self) -> None:
-        with contextlib.suppress(OSError), socket.create_connection(self._server.getsockname(), 0.2):
-            pass
+        self._over.set()
         self._thread.join()
         self._server.close()
 

@@ -26,7 +26,8 @@ def axis(toy_chain: Callable[..., str], toy_stage: type[Any]) -> Iterator[Build]
 
     def build(*, patience: float = 0.3, guard: Any = None, **stage_is: Any) -> tuple[Axis, Any]:
         stage = toy_stage(**stage_is)
-        chain = ZaberChain(open_serial(toy_chain(stage), 115200), timeout=0.15)
+        address = toy_chain(stage)
+        chain = ZaberChain(lambda: open_serial(address, 115200), timeout=0.15)
         keys = ZaberKeys.model_validate({"device": 1, "microstep": "0.5 um"})
         axis = Axis("array_stage", ZaberAxis("array_stage", chain, keys, 10.0), (0.0, 40.0), 10.0, patience=patience)
         if guard:
@@ -241,6 +242,17 @@ def test_a_move_whose_reply_is_lost_is_stopped_and_not_repeated(axis: Build) -> 
     assert not stage.busy
     stage.fault = None
     device.move_to(1.0).wait(5)
+
+
+def test_a_line_that_is_lost_on_the_way_is_opened_anew_for_the_stop(axis: Build) -> None:
+    device, stage = axis()
+    status = device.move_to(30.0)
+    time.sleep(0.05)
+    stage.hang_ups = 2
+    with pytest.raises(CommunicationError, match="the connection is gone"):
+        status.wait(5)
+    assert "stop" in stage.heard
+    assert not stage.busy
 
 
 def test_a_single_torn_answer_does_not_end_a_motion(axis: Build) -> None:
