@@ -124,8 +124,8 @@ def _pixels_on_target(
     kept = pixels.kept(keep).thinned(MOST_PIXELS)
     if len(kept.rows) < FEWEST_PIXELS:
         raise MeasurementError(
-            f"{target.kind} picture: only {len(kept.rows)} unsaturated pixels of bright fields look at the target, {FEWEST_PIXELS} are due; "
-            "check exposure, f-number and the target's distance"
+            f"{target.kind} picture: only {len(kept.rows)} unsaturated pixels of bright fields look at the target, "
+            f"{FEWEST_PIXELS} are due; check exposure, f-number and the target's distance"
         )
     return kept
 
@@ -176,7 +176,7 @@ def _fit(
         if trial.chi2 < best.chi2 and float((knots.design(np.array([low]), template) @ trial.curve)[0]) > 0:
             best = trial
     if not math.isfinite(best.chi2):
-        raise MeasurementError(f"{target.kind} picture: no bars of the target's law were found in the bright fields; check target and distance")
+        raise MeasurementError(f"{target.kind} picture: no bars of the target's law were found; check target and distance")
     fit, ceiling = best, low
     while True:
         part = _part(data, target.frequency(data.places @ fit.geometry) <= ceiling, MOST_PIXELS_WHILE_SEARCHING)

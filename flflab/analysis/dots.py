@@ -1,0 +1,256 @@
+"""In which micro-images each dot of a four-dot target is seen, where exactly, and where that puts the dot in space."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.analysis.clipping import clipping_shift
+from flflab.analysis.lattice import Lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import profile_table
+from flflab.analysis.registration import require_picture, sensor_pixel, sensor_position, target_scales
+from flflab.analysis.spots import Spots, cut_windows, fit_spots, flat_centroids, illumination
+from flflab.analysis.triangulation import triangulate
+from flflab.errors import MeasurementError
+from flflab.optics.camera import Camera
+from flflab.optics.focus import blur
+from flflab.optics.resolution import central_smms
+from flflab.targets import FourDot
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+SEARCH_PX = 12.0  # how far a dot may be from where the nominal camera puts it
+FIT_ERROR_PX = 0.005  # of a spot's centre, in focus
+BLUR_ERROR = 0.02  # of a spot's centre for each px of blur, where the micro-image cuts its cone; both found with exact pictures
+HALF = 0.5  # of the dot's expected light: a view has at least this
+
+
+@dataclass(frozen=True)
+class DotViews:
+    """The views of one dot.
+
+    Attributes:
+        dot: number of the dot: corners (-,-), (+,-), (-,+), (+,+) in (x, y).
+        views: in how many micro-images it is seen: its centre lies in their useful region, with half its light at least.
+        views_uncertain: number of micro-images whose decision lies within two standard uncertainties of its limit.
+        indices: lattice indices of the views' micro-images, shape (n, 2).
+        centres_px: centres of the dot's images, shape (n, 2).
+        centre_uncertainty_px: standard uncertainty of each centre in one coordinate, shape (n,).
+        position_mm: of the dot in the world (main lens at z = 0, target at negative z), given the nominal camera; nan where fewer
+            than two views leave it open, shape (3,).
+        uncertainty_mm: standard uncertainties from the noise, shape (3,).
+    """
+
+    dot: int
+    views: int
+    views_uncertain: int
+    indices: Whole
+    centres_px: Array
+    centre_uncertainty_px: Array
+    position_mm: Array
+    uncertainty_mm: Array
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Every pair of a dot and a micro-image it may be seen in."""
+
+    dot: Whole
+    lens: Whole
+
+
+def count_views(
+    picture: npt.NDArray[np.generic], white: npt.NDArray[np.generic] | None, lattice: Lattice, camera: Camera, target: FourDot,
+    distance: float, noise: SensorNoise,
+) -> tuple[DotViews, ...]:
+    """Find the images of each dot, decide which of them are views, and triangulate the dots.
+
+    The nominal camera only says where to look first, to 12 px; one common shift, turn, magnification and parallax are then fitted
+    to the spots themselves. A view counts when the fitted centre lies in the useful region as measured: on the sensor, illumination
+    at least the camera's ``minimum_illumination``, outside every neighbour's circle of more than ``maximum_crosstalk``, and within
+    the circle in which the dot keeps half its light.
+
+    Args:
+        picture: DN, [row, col].
+        white: white picture of the same configuration; pixels saturated in it are left out. None: none was taken.
+        lattice: measured from the white picture.
+        camera: nominal.
+        target: what stood there.
+        distance: main lens to target, mm, nominal.
+        noise: of the sensor.
+
+    Raises:
+        MeasurementError: wrong shape, target at infinity, or no dot found where the camera puts some.
+    """
+    values = require_picture(picture, camera, target.kind)
+    if white is not None:
+        values = np.where(noise.saturated(require_picture(white, camera, "white")), noise.full_scale_dn, values)
+    across, along = target_scales(camera, distance)
+    law = np.array([[0.0, 0.0], [1 / across, 0.0], [0.0, 1 / across], [-along / across, 0.0], [0.0, -along / across]])
+    spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
+    law, table_radius = _register(values, lattice, camera, target, law, spread, noise)
+    candidates = _candidates(lattice, camera, target, law, table_radius + spread / 2 + 3)
+    spots = _fit(values, lattice, camera, target, candidates, law, table_radius, spread, noise)
+    shift = clipping_shift(spots.centres - lattice.centres_px[candidates.lens], lattice, camera, distance)
+    spots = replace(spots, centres=spots.centres - shift)
+    # the brightest half of the well lit spots are whole: they say what a dot's full light is
+    level = _full_light(spots, candidates, lattice)
+    return tuple(_views(dot, spots, candidates, lattice, camera, level, spread, distance) for dot in range(len(target.centres)))
+
+
+def _places(lattice: Lattice, camera: Camera, target: FourDot, law: Array, candidates: Candidates) -> tuple[Array, Array]:
+    """Where a law puts each candidate's spot, px, and the regressors of the law, shape (n, 5).
+
+    s - c = shift + (o_x, o_y, c_x, c_y) of the law, all mm; the same numbers with a turn serve x and y.
+    """
+    centre = sensor_position(camera.sensor, lattice.centres_px)[candidates.lens]
+    dots = target.centres[candidates.dot]
+    regressors = np.concatenate([np.ones((len(dots), 1)), dots, centre], axis=1)
+    return sensor_pixel(camera.sensor, centre + regressors @ law), regressors
+
+
+def _candidates(lattice: Lattice, camera: Camera, target: FourDot, law: Array, reach_px: float) -> Candidates:
+    lens, dot = (grid.ravel() for grid in np.meshgrid(np.arange(len(lattice.centres_px)), np.arange(len(target.centres)), indexing="ij"))
+    every = Candidates(dot, lens)
+    places, _ = _places(lattice, camera, target, law, every)
+    near = np.hypot(*(places - lattice.centres_px[lens]).T) < lattice.outside_radius_px + reach_px
+    columns, rows = camera.sensor.resolution
+    near &= np.all((places > -reach_px) & (places < np.array([columns, rows]) + reach_px), axis=1)
+    return Candidates(dot[near], lens[near])
+
+
+def _register(
+    values: Array, lattice: Lattice, camera: Camera, target: FourDot, law: Array, spread: float, noise: SensorNoise,
+) -> tuple[Array, float]:
+    """The law that the spots themselves follow, and a spot's radius in px: centroids in shrinking windows, robustly regressed."""
+    radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
+    for search in (SEARCH_PX, SEARCH_PX / 2, 3.0):
+        candidates = _candidates(lattice, camera, target, law, 0.0)
+        places, regressors = _places(lattice, camera, target, law, candidates)
+        half = math.ceil(radius + spread / 2 + search)
+        windows = cut_windows(values, lattice, candidates.lens, places, half, noise)
+        centroids, total = flat_centroids(windows, places, half)
+        whole = _well_lit(places, centroids, total, lattice, candidates, radius)
+        if not whole.any():
+            return law, radius
+        offsets = sensor_position(camera.sensor, centroids) - sensor_position(camera.sensor, lattice.centres_px)[candidates.lens]
+        law = _regress(law, regressors[whole], offsets[whole], camera.sensor.pixel)
+        radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
+    return law, radius
+
+
+def _well_lit(
+    places: Array, centroids: Array, total: Array, lattice: Lattice, candidates: Candidates, radius: float
+) -> npt.NDArray[np.bool_]:
+    """Spots that hold enough light, where there is enough, to say where the dots are.
+
+    Raises:
+        MeasurementError: none, though the nominal camera puts some well inside a bright field.
+    """
+    own = lattice.centres_px[candidates.lens]
+    lit = illumination(lattice, np.hypot(*(centroids - own).T)) > HALF
+    enough = total > 0.25 * np.pi * radius**2 * max(float(np.quantile(total, 0.98)) / (np.pi * radius**2), 0.1) if len(total) else lit
+    expected = np.hypot(*(places - own).T) + SEARCH_PX < (lattice.inside_radius_px + lattice.outside_radius_px) / 2
+    if expected.any() and not (lit & enough).any():
+        raise MeasurementError("four-dot picture: no dot was found where the camera puts them; check exposure, target and distance")
+    return lit & enough
+
+
+def _regress(law: Array, regressors: Array, offsets: Array, pixel: float) -> Array:
+    """Update the law by a shift, and by one complex factor for dots and one for centres (scale and turn), outliers left out."""
+    rest = offsets - regressors @ law
+    z, o, c = rest @ [1, 1j], regressors[:, 1:3] @ [1, 1j], regressors[:, 3:5] @ [1, 1j]
+    # few spots, or all of one dot, cannot tell the factors apart: a weak prior at 0 keeps them
+    prior = np.diag([0.0, 1e-3, 1e-3]) * len(z)
+    weight = np.ones(len(z))
+    step = np.zeros(3, dtype=np.complex128)
+    design = np.stack([np.ones(len(z)), o, c], axis=1)
+    for _ in range(5):
+        normal = (design.conj().T * weight) @ design
+        step = np.linalg.solve(normal + prior, (design.conj().T * weight) @ z)
+        left = np.abs(z - design @ step)
+        limit = max(3 * float(np.median(left)), 0.3 * pixel)
+        weight = np.minimum(1.0, limit / np.maximum(left, 1e-12)) ** 2
+    shift, dots, centres = step
+    change = np.array([[part.real, part.imag] for part in (shift, dots, 1j * dots, centres, 1j * centres)])
+    return law + change
+
+
+def _fit(
+    values: Array, lattice: Lattice, camera: Camera, target: FourDot, candidates: Candidates, law: Array, radius: float, spread: float,
+    noise: SensorNoise,
+) -> Spots:
+    places, _ = _places(lattice, camera, target, law, candidates)
+    windows = cut_windows(values, lattice, candidates.lens, places, math.ceil(radius + spread / 2 + 3), noise)
+    wide = max(radius, spread / 2)
+    table = profile_table(wide, max(0.05, min(radius, spread / 2)))
+    if radius < spread / 2:
+        # the table is normalised to the disc of blur; a plateau of 1 belongs to the dot
+        table = replace(table, values=table.values * (radius / wide) ** 2 / max((min(radius, spread / 2) / wide) ** 2, 1e-12))
+    start = np.full(len(places), 1.0)
+    first = fit_spots(windows, places, start, table, noise, iterations=2)
+    return fit_spots(windows, first.centres, np.maximum(first.brightness, 0.05), table, noise)
+
+
+def _full_light(spots: Spots, candidates: Candidates, lattice: Lattice) -> float:
+    """Brightness of a whole dot over that of a white target: the well lit spots', or 1 (equal exposures) where there are none."""
+    away = np.hypot(*(spots.centres - lattice.centres_px[candidates.lens]).T)
+    lit = (illumination(lattice, away) > HALF) & np.isfinite(spots.covariance[:, 2, 2]) & (spots.brightness > 0.05)
+    if not lit.any():
+        return 1.0
+    bright = spots.brightness[lit]
+    return float(np.median(bright[bright >= np.median(bright)]))
+
+
+def _margins(centres: Array, lens: Whole, lattice: Lattice, camera: Camera) -> tuple[Array, Array]:
+    """How far each centre lies inside its micro-image's useful region, px (negative: outside), and how sure the region's edge is."""
+    own = lattice.centres_px[lens]
+    away = np.hypot(*(centres - own).T)
+    limit = min(_radius_of(lattice, camera.useful.minimum_illumination), (lattice.inside_radius_px + lattice.outside_radius_px) / 2)
+    blocked = _radius_of(lattice, camera.useful.maximum_crosstalk)
+    margin = limit - away
+    width, height = camera.sensor.resolution
+    low, high = np.array([-0.5, -0.5]), np.array([width - 0.5, height - 0.5])
+    for edge in (centres - low, high - centres):
+        margin = np.minimum(margin, edge.min(axis=1))
+    centre_inside = np.all((own >= low) & (own <= high), axis=1)
+    for i in range(-2, 3):
+        for j in range(-2, 3):
+            step = lattice.vectors_px @ np.array([i, j], dtype=np.float64)
+            if (i, j) != (0, 0) and np.hypot(*step) < limit + blocked + 1:
+                margin = np.minimum(margin, np.hypot(*(centres - own - step).T) - blocked)
+    edge_sure = math.hypot(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px)
+    return np.where(centre_inside, margin, -np.inf), np.full(len(centres), edge_sure)
+
+
+def _radius_of(lattice: Lattice, share: float) -> float:
+    """Radius at which the measured illumination falls to ``share``."""
+    if share <= 0:
+        return lattice.outside_radius_px
+    r = np.linspace(lattice.outside_radius_px, lattice.inside_radius_px, 4001)
+    return float(np.interp(share, illumination(lattice, r), r))
+
+
+def _views(
+    dot: int, spots: Spots, candidates: Candidates, lattice: Lattice, camera: Camera, level: float, spread: float, distance: float,
+) -> DotViews:
+    mine = np.flatnonzero(candidates.dot == dot)
+    centres, lens = spots.centres[mine], candidates.lens[mine]
+    margin, edge = _margins(centres, lens, lattice, camera)
+    sure = np.sqrt(np.maximum(spots.covariance[mine, 0, 0], spots.covariance[mine, 1, 1]) * np.maximum(spots.chi2_per_pixel[mine], 1.0))
+    sure = np.hypot(sure, FIT_ERROR_PX + BLUR_ERROR * spread)
+    doubt = np.hypot(np.where(np.isfinite(sure), sure, 10.0), edge)
+    light = spots.brightness[mine] / level
+    light_doubt = np.sqrt(np.where(np.isfinite(spots.covariance[mine, 2, 2]), spots.covariance[mine, 2, 2], 1.0)) / level
+    counted = (margin >= 0) & (light >= HALF) & np.isfinite(sure)
+    near_edge = (np.abs(margin) < 2 * doubt) & (light > HALF - 2 * light_doubt) & np.isfinite(sure)
+    near_dark = (np.abs(light - HALF) < 2 * light_doubt) & (margin > -2 * doubt)
+    position, uncertainty = triangulate(centres[counted], sure[counted], lens[counted], lattice, camera, distance)
+    return DotViews(
+        dot=dot, views=int(counted.sum()), views_uncertain=int(np.count_nonzero(near_edge | near_dark)),
+        indices=lattice.indices[lens[counted]], centres_px=centres[counted], centre_uncertainty_px=sure[counted],
+        position_mm=position, uncertainty_mm=uncertainty,
+    )

@@ -1,0 +1,61 @@
+"""Where in space a dot stands, from the places of its images in several micro-images."""
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.analysis.lattice import Lattice
+from flflab.analysis.registration import sensor_position
+from flflab.optics.camera import Camera
+from flflab.optics.focus import microlens_limits
+from flflab.optics.resolution import central_smms
+
+Array = npt.NDArray[np.float64]
+
+
+def triangulate(
+    centres_px: Array, uncertainty_px: Array, lens: npt.NDArray[np.int64], lattice: Lattice, camera: Camera, distance: float,
+) -> tuple[Array, Array]:
+    """World position (x, y, z) in mm of a dot seen at ``centres_px``, and its standard uncertainties from those of the centres.
+
+    The ray through microlens Q's centre meets the sensor at s = (1 + b/L - b/(L x)) Q - o V b/x. With x = L V + 1 - L/F and
+    c = (1 + b/L) Q the micro-image's centre this is linear in the vergence and in the angle o V:
+    (s - c) L V + b (o V) = -(b/L) Q - (s - c)(1 - L/F). The camera counts as known.
+
+    Args:
+        centres_px: where the dot is seen, shape (n, 2).
+        uncertainty_px: of each, in one coordinate, shape (n,).
+        lens: position of each micro-image in the lattice, shape (n,).
+        lattice: the micro-images.
+        camera: nominal.
+        distance: nominal, mm; says only which stop limits and how errors grow.
+
+    Returns:
+        Position and uncertainties; nan for fewer than two views, or where the main lens limits: then all views look along one ray.
+    """
+    nowhere = np.full(3, np.nan)
+    smms = central_smms(camera)
+    if len(centres_px) < 2 or not bool(microlens_limits(smms, 1 / distance)):
+        return nowhere, nowhere
+    L, b, F = float(smms.distance), float(smms.gap), float(smms.lens_focal)
+    c = sensor_position(camera.sensor, lattice.centres_px[lens])
+    Q = c / (1 + b / L)
+    away = sensor_position(camera.sensor, centres_px) - c
+    x = L / distance + 1 - L / F
+    design = np.zeros((len(lens), 2, 3))
+    design[:, :, 0] = away * L
+    design[:, 0, 1] = design[:, 1, 2] = b
+    right = -(b / L) * Q - away * (1 - L / F)
+    spread = np.repeat(uncertainty_px * camera.sensor.pixel * abs(x), 2)
+    rows, values = design.reshape(-1, 3) / spread[:, None], right.reshape(-1) / spread
+    scale = np.sqrt((rows**2).sum(axis=0))
+    normal = (rows / scale).T @ (rows / scale)
+    if np.linalg.cond(normal) > 1e12:
+        return nowhere, nowhere
+    inverse = np.linalg.inv(normal)
+    vergence, angle_x, angle_y = inverse @ ((rows / scale).T @ values) / scale
+    covariance = inverse / np.outer(scale, scale)
+    far = 1 / vergence
+    # world: x = (o V)/V, y likewise, z = -1/V
+    jacobian = np.array([[-angle_x * far**2, far, 0.0], [-angle_y * far**2, 0.0, far], [far**2, 0.0, 0.0]])
+    position = np.array([angle_x * far, angle_y * far, -far])
+    return position, np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
