@@ -1,12 +1,13 @@
 """Serves every instrument of a bench file on the loopback, all looking at one world, and dies with its parent."""
 
+import contextlib
 import json
 import os
 import signal
 import stat
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ ACCELERATION = 400.0  # mm/s^2 at start-up
 MOTOR_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "stall")
 CAMERA_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "lost-frame")
 POLL = 0.2  # s between looks for the end
+GRACE = 5.0  # s that a parent has after a Ctrl-C
 
 
 @dataclass(frozen=True)
@@ -216,7 +218,7 @@ def main(bench_file: Path, port: int = 0, *, pty: bool = False, json_line: bool 
         served = serve(bench, port, pty=pty)
     except OSError as error:
         raise InputError(f"the simulated bench cannot listen ({error}); try another --port") from error
-    with served:
+    with listening_for_the_end() as wait_for_the_end, served:
         if write_bench_file:
             write_bench(bench, served, write_bench_file)
         print(json.dumps(served.addresses) if json_line else _for_people(served), flush=True)
@@ -230,19 +232,30 @@ def _for_people(served: Served) -> str:
     return "\n".join([*(f"{where['address']}  {where['driver']}  {what}" for what, where in devices), "Ctrl-C ends the simulation."])
 
 
-def wait_for_the_end() -> None:
-    """Return after SIGINT or SIGTERM, or once standard input ends where it is a pipe or a file; call from the main thread."""
-    ended = threading.Event()
+@contextlib.contextmanager
+def listening_for_the_end() -> Generator[Callable[[], None]]:
+    """Gives a function that returns after SIGINT or SIGTERM, or once standard input ends where it is a pipe; for the main thread.
+
+    A Ctrl-C reaches a parent and its children alike: where there is a parent it gets some time to stop the axes first.
+    """
+    ended, interrupted = threading.Event(), threading.Event()
+    parent = _tells_of_a_parent(0)
+    ends = {signal.SIGTERM: ended, signal.SIGINT: interrupted if parent else ended}
 
     def end(number: int, frame: object) -> None:
-        ended.set()
+        ends[signal.Signals(number)].set()
 
-    previous = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
-    if _tells_of_a_parent(0):
+    def wait() -> None:
+        while not ended.wait(POLL):
+            if interrupted.is_set():
+                ended.wait(GRACE)
+                return
+
+    previous = {number: signal.signal(number, end) for number in ends}
+    if parent:
         threading.Thread(target=_read_to_end, args=(ended.set,), name="parent", daemon=True).start()
     try:
-        while not ended.wait(POLL):
-            pass
+        yield wait
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

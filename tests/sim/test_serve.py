@@ -119,6 +119,19 @@ def test_it_serves_without_standard_input_until_a_signal(write_bench_file: Write
         assert child.wait(10) == 0
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="there a signal to one process is another thing")
+def test_a_ctrl_c_leaves_the_parent_time_to_stop_its_axes(write_bench_file: WriteBench, root: Path) -> None:
+    with start(write_bench_file(), root, subprocess.PIPE) as child:
+        assert child.stdout is not None
+        assert child.stdin is not None
+        json.loads(child.stdout.readline())
+        child.send_signal(signal.SIGINT)
+        with pytest.raises(subprocess.TimeoutExpired):
+            child.wait(0.5)
+        child.stdin.close()
+        assert child.wait(10) == 0
+
+
 @pytest.mark.skipif(not hasattr(os, "kill") or sys.platform == "win32", reason="kills a process the POSIX way")
 def test_a_killed_parent_takes_the_simulator_with_it(write_bench_file: WriteBench, root: Path) -> None:
     parent_program = (
