@@ -6,12 +6,12 @@ the curves of first-order geometric optics.
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import j1
 
 from flflab.optics.focus import blur, magnification
 from flflab.optics.smms import Smms
 
 Array = npt.NDArray[np.float64]
+_HANKEL_FROM, _NODES = 25.0, 41
 
 
 def contrast_paper(cycles_per_px: Array) -> Array:
@@ -28,11 +28,31 @@ def mtf_pixel(cycles_per_px: Array) -> Array:
 
 
 def disc_transfer(diameter: Array | float, cycles_per_mm: Array) -> Array:
-    """Transfer of a uniform disc of blur: 2 J1(z)/z with z = pi * diameter * frequency; negative where bars look reversed."""
-    z = np.pi * np.asarray(diameter) * cycles_per_mm
-    small = np.abs(z) < 1e-4
-    safe = np.where(small, 1.0, z)
-    return np.where(small, 1 - z * z / 8, 2 * j1(safe) / safe)
+    """Transfer of a uniform disc of blur: 2 J1(z)/z with z = pi * diameter * frequency; negative where bars look reversed.
+
+    Up to z = 25 the integral (2/pi) of sqrt(1 - t^2) cos(z t) over (-1, 1) by Gauss-Chebyshev's 41 nodes, exact to roundoff there;
+    beyond, Hankel's asymptotic series (Abramowitz and Stegun 25.4.40 and 9.2.5). Absolute error below 1e-15.
+    """
+    z = np.pi * np.abs(np.asarray(diameter) * cycles_per_mm)
+    near = np.minimum(z, _HANKEL_FROM)
+    angle = np.arange(1, _NODES // 2 + 1) * np.pi / (_NODES + 1)
+    total = np.ones_like(near)  # the node at t = 0; the others come in equal pairs
+    for weight, node in zip(2 * np.sin(angle) ** 2, np.cos(angle), strict=True):
+        total = total + weight * np.cos(near * node)
+    total = total * (2 / (_NODES + 1))
+    if np.all(z <= _HANKEL_FROM):
+        return total
+    far = np.maximum(z, _HANKEL_FROM)
+    even, odd, term = np.ones_like(far), np.zeros_like(far), np.ones_like(far)
+    for k in range(1, 17):
+        term = term * ((4.0 - (2 * k - 1) ** 2) / (8 * k)) / far
+        if k % 2:
+            odd = odd + (term if k % 4 == 1 else -term)
+        else:
+            even = even + (term if k % 4 == 0 else -term)
+    phase = far - 0.75 * np.pi
+    bessel = np.sqrt(2 / (np.pi * far)) * (even * np.cos(phase) - odd * np.sin(phase))
+    return np.where(z <= _HANKEL_FROM, total, 2 * bessel / far)
 
 
 def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: Array) -> Array:

@@ -70,7 +70,7 @@ def mean_sensor_views(fields: SensorFields, camera: Camera, vergence: float) -> 
     steps = (np.arange(_GRID) + 0.5) / _GRID * 2 - 1
     shift = reach * np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     own = np.stack([smms.centre_x, smms.centre_y], axis=1)
-    _, passes, landing = chief_crossings(smms, vergence, (shift - own) / smms.distance[:, None], own)
+    _, passes, landing = chief_crossings(smms, vergence, (shift - own) / smms.distance[:, None], own, fields.shape)
     seen = passes & in_useful(fields, owner, landing)
     pitch_x, pitch_y = camera.array.pitch
     cell = pitch_x * pitch_y * (math.sqrt(3) / 2 if camera.array.layout == "hexagonal" else 1.0)

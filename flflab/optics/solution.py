@@ -29,8 +29,8 @@ from flflab.optics.resolution import (
     mean_sensor_views,
     stereo,
 )
-from flflab.optics.smms import Smms, camera_smms, image_offset
-from flflab.optics.useful import RowFields, SensorFields, row_fields, sensor_fields, useful_pixels
+from flflab.optics.smms import Smms, image_offset
+from flflab.optics.useful import RowFields, SensorFields, row_fields, useful_pixels
 from flflab.optics.views import Views, row_views, sensor_views
 
 FREQUENCIES = 101
@@ -102,7 +102,9 @@ def solve_camera(camera: Camera) -> CameraSolution:
     pitch = camera.array.pitch[0] * float(central.image_scale)
     sharp = float(sharp_vergence(central))
     intervals = merge_intervals([part for smms in type_smms(camera) for part in depth_of_field(smms, camera.sensor.pixel)])
-    near_far = tuple((1 / high if math.isfinite(high) else 0.0, 1 / low if low > 0 else math.inf) for low, high in reversed(intervals) if high > 0)
+    near_far = tuple(
+        (1 / high if math.isfinite(high) else 0.0, 1 / low if low > 0 else math.inf) for low, high in reversed(intervals) if high > 0
+    )
     return CameraSolution(
         arrangement=array_arrangement(camera),
         sharp_distance=1 / sharp if sharp > 0 and math.isfinite(sharp) else math.inf if sharp == 0 else None,
@@ -157,7 +159,9 @@ def solve_distance(camera: Camera, distance: float, useful: tuple[int, int], fie
     )
 
 
-def _mtf(central: Smms, vergence: float, pixel: float, on_target: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _mtf(
+    central: Smms, vergence: float, pixel: float, on_target: np.ndarray[tuple[int], np.dtype[np.float64]]
+) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     if not on_target[-1] > 0:
         return np.where(np.arange(on_target.size) == 0, 1.0, 0.0)
     return transfer(central, vergence, pixel, on_target)

@@ -1,20 +1,19 @@
 """Which part of each micro-image is useful: lit enough, on the sensor, and free of its neighbours' light.
 
-Row (slit apertures, one coordinate): closed intervals. Sensor (round apertures): the disc in which the two-disc illumination
-reaches the least value, less the open total fields of all other microlenses, as far as it is seen straight from the
-micro-image's centre. Lengths in mm. Source: paper, "Chief rays and useful chief rays", Figs. 3 and 4.
+Row (slit apertures, one coordinate): closed intervals. Sensor: where the illumination (two discs in common; for square apertures,
+whose sides lie along the sensor's, the product of two ramps) reaches the least value, less the open total fields of all other
+microlenses, as far as it is seen straight from the micro-image's centre. Lengths in mm. Source: paper, "Chief rays and useful
+chief rays", Figs. 3 and 4.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
-from flflab.errors import InputError
-from flflab.optics.camera import Camera, microlens_indices
-from flflab.optics.discs import two_disc_areas
-from flflab.optics.smms import Smms, camera_smms
+from flflab.optics.camera import ApertureShape, Camera, microlens_indices
+from flflab.optics.overlap import common_area
+from flflab.optics.smms import Smms, camera_smms, row_illumination
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -44,11 +43,14 @@ class SensorFields:
     Attributes:
         smms: the systems, fields of shape (N,).
         centre: micro-image centres (x, y), shape (N, 2), mm.
-        radius: useful radius by illumination alone, shape (N,), mm.
-        blocked: radius of the disc that each microlens forbids to the others, shape (N,), mm.
+        radius: useful radius by illumination alone (square apertures: half width along an axis), shape (N,), mm.
+        blocked: radius (half width) of what each microlens forbids to the others, shape (N,), mm.
         neighbours: indices of the microlenses that can reach a useful region, shape (N, K); -1 where there are fewer.
         low: lower corner (x, y) of the sensor, mm.
         high: upper corner, mm.
+        shape: shape of all apertures.
+        least: least relative illumination of a useful point.
+        crosstalk: most relative illumination by a neighbour.
     """
 
     smms: Smms
@@ -58,6 +60,9 @@ class SensorFields:
     neighbours: npt.NDArray[np.int64]
     low: Array
     high: Array
+    shape: ApertureShape = "round"
+    least: float = 0.0
+    crosstalk: float = 0.0
 
 
 def sensor_edges(camera: Camera) -> tuple[Array, Array]:
@@ -107,7 +112,7 @@ def round_illumination(smms: Smms, offset: Array) -> Array:
     lens, microlens = smms.lens_width / 2, smms.microlens_width / 2
     smaller = np.minimum(lens, microlens)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = two_disc_areas(lens, microlens, np.abs(offset)) / (np.pi * smaller**2)
+        share = common_area(lens, microlens, np.abs(offset)) / (np.pi * smaller**2)
     return np.where(smaller > 0, share, (np.abs(offset) <= np.maximum(lens, microlens)).astype(np.float64))
 
 
@@ -115,20 +120,27 @@ def illumination_radius(smms: Smms, share: float) -> Array:
     """Radius at which the round illumination falls to ``share``, mm, by bisection to the last bit; the outside radius for 0."""
     if share == 0:
         return smms.outside_radius
-    low, high = smms.inside_radius.copy(), smms.outside_radius.copy()
-    for _ in range(60):
-        middle = (low + high) / 2
-        lit = round_illumination(smms, middle) >= share
-        low, high = np.where(lit, middle, low), np.where(lit, high, middle)
-    return low
+    widths = np.stack(np.broadcast_arrays(smms.lens_width, smms.microlens_width), axis=-1)
+    kinds, kind = np.unique(widths.reshape(-1, 2), axis=0, return_inverse=True)
+    lens, microlens = kinds.T / 2
+    smaller = np.minimum(lens, microlens)
+    low, high = np.abs(lens - microlens), lens + microlens
+    while np.any(np.nextafter(low, high) < high):
+        middle = low + (high - low) / 2
+        lit = common_area(lens, microlens, middle) >= share * np.pi * smaller**2
+        low, high = np.where(lit, middle, low), np.where(lit, high, np.where(middle > low, middle, low))
+    return low[kind].reshape(widths.shape[:-1])
+
+
+def edge_radius(smms: Smms, share: float, shape: ApertureShape) -> Array:
+    """Where the illumination falls to ``share`` on the way out along an axis, mm: radius (round), half width (square apertures)."""
+    if shape == "round":
+        return illumination_radius(smms, share)
+    return smms.outside_radius - share * np.minimum(smms.lens_width, smms.microlens_width)
 
 
 def sensor_fields(camera: Camera) -> SensorFields:
-    """Useful regions of every micro-image.
-
-    Raises:
-        InputError: square apertures, whose useful regions on the sensor are not computed.
-    """
+    """Useful regions of every micro-image, for round apertures and square ones."""
     smms = camera_smms(camera)
     return fields_of(smms, neighbours_of(smms, camera), camera)
 
@@ -140,32 +152,29 @@ def fields_of(smms: Smms, neighbours: npt.NDArray[np.int64], camera: Camera) -> 
         smms: the systems, fields of shape (N,).
         neighbours: indices into the systems, shape (N, K); -1 where there are fewer.
         camera: whose sensor and rules hold.
-
-    Raises:
-        InputError: square apertures, whose useful regions on the sensor are not computed.
     """
-    if camera.aperture_shape != "round":
-        raise InputError("camera: aperture_shape is square; useful regions on the sensor are computed for round apertures only")
+    rules, shape = camera.useful, camera.aperture_shape
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1) * smms.image_scale[:, None]
-    radius = illumination_radius(smms, camera.useful.minimum_illumination)
-    blocked = illumination_radius(smms, camera.useful.maximum_crosstalk)
+    radius = edge_radius(smms, rules.minimum_illumination, shape)
+    blocked = edge_radius(smms, rules.maximum_crosstalk, shape)
     low, high = sensor_edges(camera)
-    return SensorFields(smms, centre, radius, blocked, neighbours, low, high)
+    return SensorFields(smms, centre, radius, blocked, neighbours, low, high, shape, rules.minimum_illumination, rules.maximum_crosstalk)
 
 
 def neighbours_of(smms: Smms, camera: Camera, slack: float = 0.0) -> npt.NDArray[np.int64]:
-    """Which other micro-images can reach the useful disc of each, shape (N, K); -1 where there are fewer.
+    """Which other micro-images can reach the useful region of each, shape (N, K); -1 where there are fewer.
 
     Args:
         smms: the systems, fields of shape (N,).
         camera: whose rules hold.
         slack: share by which the reach is enlarged, for systems that will be disturbed.
     """
+    rules, shape = camera.useful, camera.aperture_shape
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1) * smms.image_scale[:, None]
-    radius = illumination_radius(smms, camera.useful.minimum_illumination) * (1 + slack)
-    blocked = illumination_radius(smms, camera.useful.maximum_crosstalk) * (1 + slack)
-    pairs = KDTree(centre).query_pairs(radius.max() + blocked.max(), output_type="ndarray")
-    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    corner = 1.0 if shape == "round" else np.sqrt(2.0)
+    radius = edge_radius(smms, rules.minimum_illumination, shape) * (1 + slack) * corner
+    blocked = edge_radius(smms, rules.maximum_crosstalk, shape) * (1 + slack) * corner
+    pairs = pairs_within(centre, float(radius.max() + blocked.max()))
     apart = np.hypot(*(centre[pairs[:, 1]] - centre[pairs[:, 0]]).T)
     reached = apart < radius[pairs[:, 0]] + blocked[pairs[:, 1]]
     # Nearest first: they cut most, and what they cut needs no further look.
@@ -177,15 +186,39 @@ def neighbours_of(smms: Smms, camera: Camera, slack: float = 0.0) -> npt.NDArray
     return neighbours
 
 
+def pairs_within(points: Array, reach: float) -> npt.NDArray[np.int64]:
+    """Ordered pairs (i, j), i not j, of points less than ``reach`` apart in x and in y, shape (K, 2), by cells of that size."""
+    lowest = points.min(axis=0)
+    size = max(reach, float(np.ptp(points, axis=0).max()) / 1000)
+    cell = ((points - lowest) / size).astype(np.int64) + 1
+    columns = int(cell[:, 0].max()) + 2
+    key = cell[:, 1] * columns + cell[:, 0]
+    order = np.argsort(key, kind="stable")
+    found: list[npt.NDArray[np.int64]] = []
+    for row in (-1, 0, 1):
+        # Three cells side by side have consecutive keys.
+        first = np.searchsorted(key[order], key + row * columns - 1, side="left")
+        counts = np.searchsorted(key[order], key + row * columns + 1, side="right") - first
+        owner = np.repeat(np.arange(len(points)), counts)
+        place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first, counts)
+        found.append(np.stack([owner, order[place]], axis=1))
+    pairs = np.concatenate(found)
+    near = np.all(np.abs(points[pairs[:, 0]] - points[pairs[:, 1]]) < reach, axis=1) & (pairs[:, 0] != pairs[:, 1])
+    return pairs[near]
+
+
 def in_useful(fields: SensorFields, owner: npt.NDArray[np.int64], points: Array, margin: Array | float = 0.0) -> Flags:
-    """Whether discs on the sensor lie in the useful region of a micro-image; comparisons inclusive.
+    """Whether footprints on the sensor lie in the useful region of a micro-image; comparisons inclusive.
 
     Args:
         fields: the camera's useful regions.
         owner: microlens each point belongs to, shape (K,).
         points: positions (x, y) on the sensor, shape (K, 2), mm.
-        margin: radius of the disc round each point that must lie inside, shape (K,) or one number, mm.
+        margin: radius of the disc (square apertures: half width of the square) round each point that must lie inside, shape (K,) or
+            one number, mm.
     """
+    if fields.shape == "square":
+        return _in_useful_square(fields, owner, points, margin)
     centre = fields.centre[owner]
     away = points - centre
     distance = np.hypot(away[:, 0], away[:, 1])
@@ -206,6 +239,58 @@ def in_useful(fields: SensorFields, owner: npt.NDArray[np.int64], points: Array,
     useful = np.zeros(inside.shape, dtype=np.bool_)
     useful[rest] = True
     return useful
+
+
+def _square_illumination(smms: Smms, away: Array, margin: Array) -> Array:
+    """Relative illumination of square apertures at ``away`` (x, y), each coordinate first moved by ``margin`` but not past the centre."""
+    moved = np.maximum(np.abs(away) + margin[:, None], 0.0)
+    return row_illumination(smms, moved[:, 0]) * row_illumination(smms, moved[:, 1])
+
+
+def _in_useful_square(fields: SensorFields, owner: npt.NDArray[np.int64], points: Array, margin: Array | float) -> Flags:
+    centre, smms = fields.centre[owner], select(fields.smms, owner)
+    away = points - centre
+    margin = np.broadcast_to(np.asarray(margin, dtype=np.float64), owner.shape)
+    share = _square_illumination(smms, away, margin)
+    inside = (share >= fields.least) & (share > 0)
+    inside &= np.all((points - margin[:, None] >= fields.low) & (points + margin[:, None] <= fields.high), axis=1)
+    inside &= np.all((centre >= fields.low) & (centre <= fields.high), axis=1)
+    rest = np.flatnonzero(inside)
+    for column in range(fields.neighbours.shape[1]):
+        other = fields.neighbours[owner[rest], column]
+        gap, reach = fields.centre[other] - centre[rest], away[rest]
+        blocked = _meets_square(gap, reach, fields.blocked[other] + margin[rest])
+        suspects = np.flatnonzero(blocked & (other >= 0))
+        if fields.crosstalk > 0 and len(suspects):
+            blocked[suspects] = _meets_glow(fields, other[suspects], gap[suspects], reach[suspects], margin[rest][suspects])
+        rest = rest[~blocked | (other < 0)]
+    useful = np.zeros(inside.shape, dtype=np.bool_)
+    useful[rest] = True
+    return useful
+
+
+def _meets_square(centre: Array, reach: Array, half: Array) -> Flags:
+    """Whether the way from (0, 0) to ``reach`` runs through the open square of this half width round ``centre``."""
+    enter, leave = np.zeros(len(reach)), np.ones(len(reach))
+    beside = np.zeros(len(reach), dtype=np.bool_)
+    for axis in (0, 1):
+        step = reach[:, axis]
+        still = step == 0
+        sides = (centre[:, axis] + np.array([-1.0, 1.0])[:, None] * half) / np.where(still, 1.0, step)
+        beside |= still & (np.abs(centre[:, axis]) >= half)
+        enter = np.where(still, enter, np.maximum(enter, sides.min(axis=0)))
+        leave = np.where(still, leave, np.minimum(leave, sides.max(axis=0)))
+    ends_inside = np.all(np.abs(reach - centre) < half[:, None], axis=1)
+    return ~beside & ((enter < leave) | ends_inside)
+
+
+def _meets_glow(fields: SensorFields, other: npt.NDArray[np.int64], centre: Array, reach: Array, margin: Array) -> Flags:
+    """Whether a neighbour's illumination exceeds the permitted crosstalk anywhere on the way (looked at in 65 places)."""
+    smms = select(fields.smms, other)
+    met = np.zeros(len(other), dtype=np.bool_)
+    for part in np.linspace(0.0, 1.0, 65):
+        met |= _square_illumination(smms, part * reach - centre, -margin) > fields.crosstalk
+    return met
 
 
 def useful_pixels(camera: Camera) -> tuple[int, int]:

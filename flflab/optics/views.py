@@ -1,7 +1,8 @@
 """In how many micro-images an object point is seen: total, bright and chief views, along the row and on the sensor.
 
 ``total``: some ray lands in the useful region. ``bright``: the full cone passes and lands in it whole. ``chief``: the ray through
-the centre of the limiting stop passes and lands in it; this is the number of views wherever one number is meant.
+the centre of the limiting stop passes and lands in it; this is the number of views wherever one number is meant. Comparisons are
+inclusive: what misses an edge by less than the roundoff of its own terms lies on it.
 Written in the crossing m of the main lens: a ray of the object point o meets the microlens plane at q = x m - o V L and the
 sensor at s = (kappa x - b/L) m - kappa L V o + (b/f) y, finite for every x and V.
 """
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from flflab.optics.camera import ApertureShape
 from flflab.optics.focus import limiting_aperture, microlens_limits
 from flflab.optics.smms import Smms, image_offset
 from flflab.optics.useful import RowFields, SensorFields, in_useful, select
@@ -18,6 +20,7 @@ from flflab.optics.useful import RowFields, SensorFields, in_useful, select
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 _RINGS, _SPOKES = 6, 48
+_ROUNDOFF = 8 * np.finfo(np.float64).eps
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,14 @@ def _scalars(smms: Smms, vergence: Array | float) -> tuple[Array, Array, Array]:
     return x, smms.kappa * x - smms.gap / smms.distance, inverse
 
 
-def chief_crossings(smms: Smms, vergence: Array | float, angle: Array, centre: Array) -> tuple[Array, Flags, Array]:
+def _extent(shift: Array, shape: ApertureShape) -> Array:
+    """How far out (x, y) lies: from the centre of a round aperture, or along the sides of a square one."""
+    return np.linalg.norm(shift, axis=-1) if shape == "round" else np.abs(shift).max(axis=-1)
+
+
+def chief_crossings(
+    smms: Smms, vergence: Array | float, angle: Array, centre: Array, shape: ApertureShape = "round"
+) -> tuple[Array, Flags, Array]:
     """The ray of an object point through the centre of the limiting stop of each SMMS, in one coordinate or several.
 
     Args:
@@ -45,6 +55,7 @@ def chief_crossings(smms: Smms, vergence: Array | float, angle: Array, centre: A
         vergence: V = 1/D, 1/mm, one number or one a system.
         angle: o V of the object point, shape (k,) for k coordinates, or one a system, shape (N, k).
         centre: microlens centres, shape (N, k), mm.
+        shape: shape of the apertures.
 
     Returns:
         Main-lens crossings (N, k), whether the ray passes both apertures (N,), landing points on the sensor (N, k).
@@ -53,7 +64,8 @@ def chief_crossings(smms: Smms, vergence: Array | float, angle: Array, centre: A
     shift = centre + angle * smms.distance[:, None]
     by_microlens = microlens_limits(smms, vergence)[:, None]
     crossing = np.where(by_microlens, shift * inverse[:, None], 0.0)
-    passes = np.linalg.norm(shift, axis=1) <= np.maximum(smms.lens_aperture * np.abs(x), smms.aperture) / 2
+    slack = _ROUNDOFF * (_extent(centre, shape) + _extent(angle, shape) * smms.distance)
+    passes = _extent(shift, shape) <= np.maximum(smms.lens_aperture * np.abs(x), smms.aperture) / 2 + slack
     base = (smms.gap / smms.focal)[:, None] * centre - (smms.kappa * smms.distance)[:, None] * angle
     return crossing, passes, slope[:, None] * crossing + base
 
@@ -72,26 +84,28 @@ def row_views(row: RowFields, vergence: float, angle: float) -> Views:
     half = np.where(x == 0, np.where(np.abs(shift) <= smms.aperture / 2, np.inf, -np.inf), smms.aperture / 2 * np.abs(inverse))
     low, high = np.maximum(-half_lens, centre - half), np.minimum(half_lens, centre + half)
     ends = np.sort(np.stack([slope * low + base, slope * high + base]), axis=0)
+    slack = _ROUNDOFF * (np.abs(base) + np.abs(smms.kappa * smms.distance * angle) + smms.lens_width + smms.microlens_width)
+    first, last = row.useful[:, 0] - slack, row.useful[:, 1] + slack
     with np.errstate(invalid="ignore"):
-        total = (low <= high) & (ends[0] <= row.useful[:, 1]) & (ends[1] >= row.useful[:, 0])
+        total = (low <= high) & (ends[0] <= last) & (ends[1] >= first)
         full = high - low >= limiting_aperture(smms, vergence) * (1 - 1e-15)
-        bright = (low <= high) & full & (ends[0] >= row.useful[:, 0]) & (ends[1] <= row.useful[:, 1])
+        bright = (low <= high) & full & (ends[0] >= first) & (ends[1] <= last)
     _, passes, landing = chief_crossings(smms, vergence, np.array([angle]), smms.centre_x[:, None])
     with np.errstate(invalid="ignore"):
-        chief = passes & (landing[:, 0] >= row.useful[:, 0]) & (landing[:, 0] <= row.useful[:, 1])
+        chief = passes & (landing[:, 0] >= first) & (landing[:, 0] <= last)
     return Views(int(total.sum()), int(bright.sum()), int(chief.sum()))
 
 
 def chief_view_indices(fields: SensorFields, vergence: float, angle: Array) -> npt.NDArray[np.int64]:
     """Positions in the camera's list of the microlenses that see the point with o V = ``angle`` (x, y) by a chief ray."""
     centre = np.stack([fields.smms.centre_x, fields.smms.centre_y], axis=1)
-    _, passes, landing = chief_crossings(fields.smms, vergence, angle, centre)
+    _, passes, landing = chief_crossings(fields.smms, vergence, angle, centre, fields.shape)
     members = np.flatnonzero(passes)
     return members[in_useful(fields, members, landing[members])]
 
 
 def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
-    """Views on the sensor of the point with o V = ``angle`` (x, y), round apertures.
+    """Views on the sensor of the point with o V = ``angle`` (x, y), round or square apertures.
 
     Where neighbours' fields cut the useful regions, ``total`` is decided on a polar grid of rays over the light that passes
     (exact otherwise to the grid's step of 1/6 of the footprint's radius at its rim).
@@ -100,18 +114,18 @@ def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
     shift = centre + angle * fields.smms.distance[:, None]
     x = image_offset(fields.smms, vergence)
     reach = (fields.smms.lens_aperture * np.abs(x) + fields.smms.aperture) / 2
-    members = np.flatnonzero(np.linalg.norm(shift, axis=1) <= reach)
+    members = np.flatnonzero(_extent(shift, fields.shape) <= reach)
     if len(members) == 0:
         return Views(0, 0, 0)
     smms = select(fields.smms, members)
     x, slope, inverse = _scalars(smms, vergence)
     shift, centre = shift[members], centre[members]
     base = (smms.gap / smms.focal)[:, None] * centre - (smms.kappa * smms.distance)[:, None] * angle
-    crossing, passes, landing = chief_crossings(smms, vergence, angle, centre)
+    crossing, passes, landing = chief_crossings(smms, vergence, angle, centre, fields.shape)
     chief = passes & in_useful(fields, members, landing)
-    full = np.linalg.norm(shift, axis=1) <= np.abs(smms.lens_aperture * np.abs(x) - smms.aperture) / 2
+    full = _extent(shift, fields.shape) <= np.abs(smms.lens_aperture * np.abs(x) - smms.aperture) / 2
     bright = full & in_useful(fields, members, landing, np.abs(slope) * limiting_aperture(smms, vergence) / 2)
-    rays = _rays(crossing, shift * inverse[:, None], smms, x, shift)
+    rays = _rays(crossing, shift * inverse[:, None], smms, x, shift, fields.shape)
     landed = slope[:, None, None] * rays + base[:, None, :]
     lit = ~np.isnan(landed[..., 0])
     owner = np.repeat(members, landed.shape[1])[lit.ravel()]
@@ -120,17 +134,18 @@ def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
     return Views(int(np.count_nonzero(hit.any(axis=1) | chief)), int(bright.sum()), int(chief.sum()))
 
 
-def _rays(crossing: Array, disc_centre: Array, smms: Smms, x: Array, shift: Array) -> Array:
+def _rays(crossing: Array, disc_centre: Array, smms: Smms, x: Array, shift: Array, shape: ApertureShape) -> Array:
     """Main-lens crossings of rays that pass both apertures, shape (n, rays, 2); nan where a ray is stopped."""
     angles = np.arange(_SPOKES) * (2 * np.pi / _SPOKES)
+    rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     radii = np.arange(_RINGS + 1) / _RINGS
-    polar = (radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)[None]).reshape(-1, 2)
+    polar = (radii[:, None, None] * (rim / _extent(rim, shape)[:, None])[None]).reshape(-1, 2)
     lens_rays = smms.lens_aperture[:, None, None] / 2 * polar
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = np.where(x == 0, 0.0, smms.aperture / 2 / np.abs(x))[:, None, None]
     microlens_rays = disc_centre[:, None, :] + radius * polar
     rays = np.concatenate([crossing[:, None, :], lens_rays, microlens_rays], axis=1)
     tolerance = 1 + 1e-12
-    passes = np.linalg.norm(rays, axis=2) <= smms.lens_aperture[:, None] / 2 * tolerance
-    passes &= np.linalg.norm(x[:, None, None] * rays - shift[:, None, :], axis=2) <= smms.aperture[:, None] / 2 * tolerance
+    passes = _extent(rays, shape) <= smms.lens_aperture[:, None] / 2 * tolerance
+    passes &= _extent(x[:, None, None] * rays - shift[:, None, :], shape) <= smms.aperture[:, None] / 2 * tolerance
     return np.where(passes[..., None], rays, np.nan)
