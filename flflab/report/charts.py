@@ -1,0 +1,158 @@
+"""Curves of the report, each a small SVG picture as a data URI. Black is measured, orange predicted, grey the paper's reading."""
+
+import base64
+import io
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.comparison import Row
+from flflab.evaluation import Evaluation, Measured, Predicted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = npt.NDArray[np.float64]
+MEASURED, PREDICTED, PAPER = "black", "#d55e00", "#888888"
+DOTS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7")  # told apart by colour-blind readers, on white and on a dark frame
+STYLE: dict[Any, Any] = {
+    "font.size": 8, "axes.titlesize": 9, "legend.fontsize": 7, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.grid": True, "grid.alpha": 0.25, "grid.linewidth": 0.5, "legend.frameon": False, "lines.linewidth": 1.2,
+    "svg.hashsalt": "flflab", "svg.fonttype": "path",
+}  # fmt: skip
+
+
+@contextmanager
+def _style() -> Generator[None]:
+    from matplotlib import rc_context
+
+    with rc_context(STYLE):
+        yield
+
+
+def _new(width: float, height: float) -> "Figure":
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _as_svg(figure: "Figure") -> str:
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Creator": None, "Date": None, "Format": None, "Type": None})
+    return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue().encode()).decode("ascii")
+
+
+def _rows(rows: tuple[Row, ...], quantity: str, configuration: int | None = None) -> list[Row]:
+    return [row for row in rows if row.quantity == quantity and configuration in (None, row.configuration)]
+
+
+def _columns(rows: list[Row], *names: str) -> Array:
+    return np.array([[float(getattr(row, name)) for row in rows] for name in names])
+
+
+def mtf_chart(one: Measured, model: Predicted, rows: tuple[Row, ...], title: str) -> str:
+    """Contrast measured with its own uncertainty, against mean and central 95 % of the predicted draws, over frequency."""
+    curve, frequency = one.curve, one.curve.cycles_per_mm
+    with _style():
+        figure = _new(3.9, 2.9)
+        axes = figure.add_subplot()
+        low, high = np.percentile(model.contrast_draws, [2.5, 97.5], axis=0)
+        axes.axhline(0, color="grey", linewidth=0.6)
+        axes.fill_between(frequency, low, high, color=PREDICTED, alpha=0.25, linewidth=0, label="predicted, 95 % of benches")
+        axes.plot(frequency, model.contrast_draws.mean(axis=0), color=PREDICTED, label="predicted, mean")
+        sigma = np.sqrt(np.diag(curve.covariance))
+        axes.errorbar(frequency, curve.contrast, 2 * sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5, label="measured, ± 2σ")
+        paper = _rows(rows, "contrast_paper", one.configuration.index)
+        if paper:
+            nu, claimed, read = _columns(paper, "cycles_per_mm", "predicted", "measured")
+            axes.plot(nu, claimed, ":", color=PAPER, label="eq. (2) of the paper")
+            axes.plot(nu, read, "x", color=PAPER, markersize=3, label="(max - min)/(max + min) read off pixels")
+        axes.set(xlabel="frequency on the target, cycles/mm", ylabel="contrast", title=title, xlim=(0, None))
+        axes.legend(loc="best", handlelength=1.6)
+        per_px = float(curve.cycles_per_px[-1] / frequency[-1])
+        upper = axes.secondary_xaxis("top", functions=(lambda nu: np.asarray(nu) * per_px, lambda u: np.asarray(u) / per_px))
+        upper.set_xlabel("cycles/pixel", fontsize=7)
+        upper.tick_params(labelsize=7)
+        return _as_svg(figure)
+
+
+def views_chart(evaluation: Evaluation) -> str:
+    """Number of views of each dot in each configuration, measured and predicted."""
+    rows = _rows(evaluation.comparison.rows, "views")
+    with _style():
+        figure = _new(7.8, 2.4)
+        axes = figure.add_subplot()
+        _by_dot(axes, rows)
+        axes.set(xlabel="configuration", ylabel="views of a dot", ylim=(0, None))
+        return _as_svg(figure)
+
+
+def difference_chart(evaluation: Evaluation, reference: int) -> str:
+    """Differences of the number of views to the reference configuration, measured and predicted."""
+    rows = _rows(evaluation.comparison.rows, "difference_views")
+    with _style():
+        figure = _new(7.8, 2.4)
+        axes = figure.add_subplot()
+        axes.axhline(0, color="grey", linewidth=0.6)
+        _by_dot(axes, rows)
+        axes.set(xlabel="configuration", ylabel=f"views less those of configuration {reference}")
+        return _as_svg(figure)
+
+
+def _by_dot(axes: "Axes", rows: list[Row]) -> None:
+    """Squares predicted, filled circles measured with their uncertainty, one colour a dot."""
+    for dot in sorted({row.dot for row in rows if row.dot is not None}):
+        mine = [row for row in rows if row.dot == dot]
+        place, measured, sigma, predicted = _columns(mine, "configuration", "measured", "uncertainty", "predicted")
+        place = place + 0.17 * (dot - 1.5)
+        colour = DOTS[dot % len(DOTS)]
+        axes.plot(place, predicted, "s", markersize=7.5, markerfacecolor="none", markeredgecolor="black", markeredgewidth=0.8)
+        axes.errorbar(place, measured, sigma, fmt="o", color=colour, markersize=4, capsize=2, label=f"dot {dot}")
+    axes.plot([], [], "s", markersize=7.5, markerfacecolor="none", markeredgecolor="black", label="predicted")
+    axes.set_xticks(sorted({row.configuration for row in rows}))
+    axes.grid(visible=False, axis="x")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def ratio_chart(rows: tuple[Row, ...], configuration: int, title: str) -> str:
+    """Ratio of the MTF to the reference configuration's, measured against predicted."""
+    nu, measured, sigma, predicted = _columns(
+        _rows(rows, "ratio_mtf", configuration), "cycles_per_mm", "measured", "uncertainty", "predicted"
+    )
+    with _style():
+        figure = _new(3.9, 2.5)
+        axes = figure.add_subplot()
+        axes.axhline(1, color="grey", linewidth=0.6)
+        axes.plot(nu, predicted, color=PREDICTED, label="predicted, mean")
+        axes.errorbar(nu, measured, 2 * sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5, label="measured, ± 2σ of both")
+        axes.set(xlabel="frequency on the target, cycles/mm", ylabel="ratio", title=title, xlim=(0, None))
+        axes.legend(loc="best", handlelength=1.6)
+        return _as_svg(figure)
+
+
+def residual_chart(evaluation: Evaluation) -> str:
+    """Standardised differences of the MTF over frequency, and their histogram beside the normal law."""
+    rows = [row for row in _rows(evaluation.comparison.rows, "mtf") if np.isfinite(row.z)]
+    with _style():
+        figure = _new(7.8, 2.9)
+        by_frequency, histogram = figure.subplots(1, 2, width_ratios=[2, 1], sharey=True)
+        by_frequency.axhspan(-2, 2, color="black", alpha=0.07, linewidth=0)
+        configurations = sorted({row.configuration for row in rows})
+        for place, configuration in enumerate(configurations):
+            nu, z = _columns([row for row in rows if row.configuration == configuration], "cycles_per_mm", "z")
+            shade = 0.8 * place / max(len(configurations) - 1, 1)
+            by_frequency.plot(nu, z, ".-", color=(shade, 0.35, 1 - shade), linewidth=0.5, markersize=4, label=str(configuration))
+        by_frequency.set(xlabel="frequency on the target, cycles/mm", ylabel="z", title="MTF: (measured - predicted)/uncertainty")
+        by_frequency.legend(title="configuration", ncols=4, loc="best", columnspacing=1)
+        z = np.array([row.z for row in rows])
+        edge = max(4.0, float(np.abs(z).max(initial=0.0)) * 1.05)
+        grid = np.linspace(-edge, edge, 201)
+        histogram.hist(z, bins=np.linspace(-edge, edge, 25).tolist(), density=True, orientation="horizontal", color="#999999")
+        histogram.plot(np.exp(-(grid**2) / 2) / np.sqrt(2 * np.pi), grid, color=PREDICTED, label="normal law")
+        histogram.set(xlabel="density", title="all configurations")
+        histogram.legend(loc="upper right")
+        return _as_svg(figure)

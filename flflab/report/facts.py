@@ -1,0 +1,128 @@
+"""Numbers that the report states beside the comparison: exact counts, pooled z, diffraction against the pixel, notes before signing."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.bench import Bench
+from flflab.comparison import Row
+from flflab.evaluation import Evaluation, Measured
+from flflab.optics.camera import Camera
+from flflab.optics.focus import limiting_aperture
+from flflab.optics.resolution import central_smms
+from flflab.optics.smms import image_offset
+from flflab.record import Run
+
+WAVELENGTH = 550e-6  # mm: green, where no other is stated
+WORST_CHI2 = 1.5  # per pixel: above, the picture holds something that the fit does not know
+ON_THIS_MACHINE = ("simulated", "127.0.0.1", "localhost", "[::1]")
+
+
+@dataclass(frozen=True)
+class ZStatistics:
+    """Standardised differences of one quantity, pooled over all configurations.
+
+    ``beyond_two`` is a share; ``largest`` the row with the largest absolute value; ``unlimited`` counts rows without any
+    uncertainty that differ, which the other figures leave out.
+    """
+
+    quantity: str
+    rows: int
+    mean: float
+    deviation: float
+    beyond_two: float
+    unlimited: int
+    largest: Row
+
+
+def z_statistics(rows: tuple[Row, ...]) -> tuple[ZStatistics, ...]:
+    """Statistics of every quantity, in the order of first appearance."""
+    found: list[ZStatistics] = []
+    for quantity in dict.fromkeys(row.quantity for row in rows):
+        members = [row for row in rows if row.quantity == quantity]
+        z = np.array([row.z for row in members])
+        finite = z[np.isfinite(z)]
+        known = len(finite) > 1
+        found.append(
+            ZStatistics(
+                quantity=quantity,
+                rows=len(members),
+                mean=float(finite.mean()) if known else math.nan,
+                deviation=float(finite.std(ddof=1)) if known else math.nan,
+                beyond_two=float(np.mean(np.abs(z) > 2)),
+                unlimited=len(z) - len(finite),
+                largest=members[int(np.argmax(np.abs(z)))],
+            )
+        )
+    return tuple(found)
+
+
+def exact_counts(rows: tuple[Row, ...]) -> tuple[int, int]:
+    """How many dots have exactly the predicted number of views, and how many dots there are."""
+    views = [row for row in rows if row.quantity == "views"]
+    return sum(row.measured == row.predicted for row in views), len(views)
+
+
+def cone_width(camera: Camera, distance: float) -> float:
+    """Width of a point's light on the microlens nearest the axis, mm: min(A |x|, d)."""
+    smms = central_smms(camera)
+    return float(limiting_aperture(smms, 1 / distance) * np.abs(image_offset(smms, 1 / distance)))
+
+
+def airy_diameter(camera: Camera, distance: float, wavelength: float = WAVELENGTH) -> float:
+    """Diameter of the first dark ring of a sharp point on the sensor, mm: 2.44 lambda b / w with w the cone's width."""
+    width = cone_width(camera, distance)
+    return 2.44 * wavelength * camera.gap / width if width > 0 else math.inf
+
+
+def diffraction_contrast(
+    camera: Camera, distance: float, cycles_per_px: npt.ArrayLike, wavelength: float = WAVELENGTH
+) -> npt.NDArray[np.float64]:
+    """Contrast that a perfect round lens leaves: 2/pi (acos s - s sqrt(1 - s^2)), s = frequency lambda b / w, 0 from s = 1 on."""
+    width = cone_width(camera, distance)
+    on_sensor = np.abs(np.asarray(cycles_per_px, dtype=np.float64)) / camera.sensor.pixel
+    s = np.minimum(on_sensor * wavelength * camera.gap / width, 1.0) if width > 0 else np.ones_like(on_sensor)
+    return 2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s * s))
+
+
+def simulated_devices(bench: Bench) -> tuple[list[str], int]:
+    """Names of the devices at a simulated or loopback address, and the number of all devices."""
+    description = bench.description
+    devices = {**description.axes, "camera": description.camera, "iris": description.iris, "target": description.target}
+    local = [name for name, device in devices.items() if any(word in device.address for word in ON_THIS_MACHINE)]
+    return local, len(devices)
+
+
+def notes(evaluation: Evaluation, run: Run) -> list[str]:
+    """What a reader should know before signing; empty where nothing is amiss."""
+    found: list[str] = []
+    if run.stop is None:
+        found.append("The run has no stop document: it never ended properly, and is reported as far as it was recorded.")
+    elif run.stop.get("exit_status", "success") != "success":
+        reason = run.stop.get("reason") or "no reason given"
+        found.append(f"The run ended with status {run.stop['exit_status']}: {reason}.")
+    found += _saturation(evaluation.measured)
+    for one in evaluation.measured:
+        found += _notes_on(one)
+    missing = sum(row.uncertainty <= 0 for row in evaluation.comparison.rows)
+    if missing:
+        found.append(f"{missing} rows of the comparison have no uncertainty; their z is 0 or infinite.")
+    return found
+
+
+def _saturation(measured: tuple[Measured, ...]) -> list[str]:
+    counts = ", ".join(f"{one.saturated} in configuration {one.configuration.index}" for one in measured if one.saturated)
+    return [f"Saturated pixels, left out of every fit, in the worst frame: {counts}."] if counts else []
+
+
+def _notes_on(one: Measured) -> list[str]:
+    where, found = f"Configuration {one.configuration.index}", list[str]()
+    for what, chi2 in (("lattice", one.lattice.chi2_per_pixel), ("contrast", one.curve.chi2_per_pixel)):
+        if chi2 > WORST_CHI2:
+            found.append(f"{where}: the {what} fit leaves {chi2:.2g} times the noise's variance; its uncertainties were enlarged to match.")
+    uncertain = sum(dot.views_uncertain for dot in one.dots)
+    if uncertain:
+        found.append(f"{where}: views so near an edge that the frame hardly decides them: {uncertain}.")
+    return found

@@ -1,0 +1,154 @@
+"""Writes the report of a run: one HTML file that needs nothing else, readable on screen and on paper."""
+
+import math
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from jinja2 import Environment, StrictUndefined, Template
+
+from flflab.bench import Bench
+from flflab.errors import RecordError
+from flflab.evaluation import Evaluation, Measured, Predicted
+from flflab.record import Run
+from flflab.report import charts, facts, frames, tables
+from flflab.study import Study
+
+ELSEWHERE = ("time", "devices", "software", "configurations")  # what the start document holds that the page shows in its place
+NAMES = {"views": "number of views", "mtf": "contrast (MTF)"}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One configuration's pictures; a frame or chart that there is not is None."""
+
+    index: int
+    title: str
+    dots: frames.MarkedFrame | None
+    bars: frames.MarkedFrame | None
+    mtf: str
+    ratio: str | None
+    counts: str
+    missed: int
+    extra: int
+
+
+def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, file: Path) -> None:
+    """Write the page.
+
+    Args:
+        evaluation: the run measured, predicted and compared.
+        run: its record; frames are read from it.
+        study: as recorded with it.
+        bench: as recorded with it.
+        file: the HTML file to write, replaced where it exists.
+
+    Raises:
+        RecordError: a frame cannot be read or the page cannot be written.
+    """
+    exact, dots = facts.exact_counts(evaluation.comparison.rows)
+    local, devices = facts.simulated_devices(bench)
+    text = _template().render(
+        study=study.description.name,
+        folder=run.folder.name,
+        began=tables.moment(run.start.get("time")),
+        comparison=evaluation.comparison,
+        headline=headline(evaluation),
+        names=NAMES,
+        exact=exact,
+        dots=dots,
+        simulated=f"{len(local)} of {devices} devices" if local else "",
+        notes=facts.notes(evaluation, run),
+        statistics=tables.statistics_table(evaluation),
+        diffraction=diffraction_sentence(evaluation),
+        panels=[_panel(evaluation, one, model, run, study) for one, model in zip(evaluation.measured, evaluation.predicted, strict=True)],
+        views_chart=charts.views_chart(evaluation),
+        difference_chart=charts.difference_chart(evaluation, study.description.reference) if len(evaluation.measured) > 1 else None,
+        residual_chart=charts.residual_chart(evaluation),
+        reference=study.description.reference,
+        colours=charts.DOTS,
+        configurations=[tables.settings_table(study, evaluation), tables.micro_image_table(evaluation, run)],
+        rows=tables.comparison_tables(evaluation.comparison.rows),
+        bench=[tables.axes_table(bench, run), tables.parts_table(bench, study), tables.exposures_table(run)],
+        devices=tables.devices_table(run),
+        truth=tables.simulated_table(bench) if "simulated" in bench.description.model_fields_set else None,
+        provenance=_provenance(run, study, bench),
+        draws=study.description.draws,
+        significance=study.description.significance,
+    )
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RecordError(f"{file}: the report cannot be written ({error}); give a place you may write in") from error
+
+
+def _template() -> Template:
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return environment.from_string(files("flflab.report").joinpath("page.html.jinja").read_text(encoding="utf-8"))
+
+
+def headline(evaluation: Evaluation) -> str:
+    """The verdict in one sentence."""
+    rejected = [NAMES.get(one.quantity, one.quantity) for one in evaluation.comparison.verdicts if not one.accepted]
+    if not rejected:
+        return "The camera does what its model says."
+    return f"The camera does not do what its model says: {' and '.join(rejected)} disagree{'s' if len(rejected) == 1 else ''}."
+
+
+def diffraction_sentence(evaluation: Evaluation) -> str:
+    """Airy diameter against the pixel, and what diffraction would take from the contrast at the highest frequency compared."""
+    diameters, left = list[float](), list[float]()
+    for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
+        diameters.append(facts.airy_diameter(model.camera, model.distance) / model.camera.sensor.pixel)
+        left.append(float(facts.diffraction_contrast(model.camera, model.distance, one.curve.cycles_per_px.max())))
+    low, high = min(diameters), max(diameters)
+    span = f"{low:.2f}" if math.isclose(low, high, rel_tol=5e-3) else f"{low:.2f} to {high:.2f}"
+    sentence = f"At {1e6 * facts.WAVELENGTH:g} nm the Airy diameter on the sensor is {span} pixels"
+    verb = "more than the one pixel of blur that the depth of field allows" if high > 1 else "within one pixel"
+    return (
+        f"{sentence}, {verb}; at the highest frequency compared a lens limited by diffraction alone keeps "
+        f"{100 * min(left):.0f} % of the contrast."
+    )
+
+
+def _panel(evaluation: Evaluation, one: Measured, model: Predicted, run: Run, study: Study) -> Panel:
+    index = one.configuration.index
+    title = f"{index}: F/{one.configuration.f_number:g}, D = {model.distance:.1f} mm, b = {model.camera.gap:.4f} mm"
+    first = {frame.target: frame for frame in reversed(run.frames) if frame.configuration == index}
+    shown, ruled = first.get(study.dots.kind), first.get(study.bars.kind)
+    dots = frames.dots_frame(run.picture(shown), one, model, study.dots) if shown else None
+    agreements = [mark.agreement for mark in dots.marks] if dots else []
+    rows = evaluation.comparison.rows
+    ratio = any(row.quantity == "ratio_mtf" and row.configuration == index for row in rows)
+    return Panel(
+        index=index,
+        title=title,
+        dots=dots,
+        bars=frames.bars_frame(run.picture(ruled), one, model) if ruled else None,
+        mtf=charts.mtf_chart(one, model, rows, title),
+        ratio=charts.ratio_chart(rows, index, f"{index} over {study.description.reference}") if ratio else None,
+        counts=", ".join(f"dot {dot.dot}: {dot.views} ({model.views[dot.dot]})" for dot in one.dots),
+        missed=agreements.count("missed"),
+        extra=agreements.count("extra"),
+    )
+
+
+def _provenance(run: Run, study: Study, bench: Bench) -> list[tables.Table]:
+    stop = run.stop or {}
+    description = study.description
+    about = {
+        "folder": str(run.folder.resolve()),
+        "began": tables.moment(run.start.get("time")),
+        "ended": tables.moment(stop.get("time")),
+        "exit status": stop.get("exit_status", "never ended"),
+        "frames recorded": len(run.frames),
+        "study": description.name,
+        "bench file": bench.file.name,
+        "seed of the simulated bench": bench.description.simulated.seed,
+        "draws of the stage errors": description.draws,
+        "significance, shared by the verdicts": description.significance,
+    }
+    start = {name: value for name, value in run.start.items() if name not in ELSEWHERE}
+    return [
+        tables.facts_table("The run", about), tables.facts_table("Versions", run.start.get("software", {})), tables.facts_table("Start of the record", start),
+    ]  # fmt: skip
