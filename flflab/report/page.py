@@ -150,5 +150,7 @@ def _provenance(run: Run, study: Study, bench: Bench) -> list[tables.Table]:
     }
     start = {name: value for name, value in run.start.items() if name not in ELSEWHERE}
     return [
-        tables.facts_table("The run", about), tables.facts_table("Versions", run.start.get("software", {})), tables.facts_table("Start of the record", start),
-    ]  # fmt: skip
+        tables.facts_table("The run", about),
+        tables.facts_table("Versions", run.start.get("software", {})),
+        tables.facts_table("Start of the record", start),
+    ]

@@ -225,7 +225,8 @@ def devices_table(run: Run) -> Table:
     """What every device said of itself at the start of the run; empty where nothing was recorded."""
     devices = [cast(Mapping[str, Any], one) for one in run.start.get("devices", ()) if isinstance(one, Mapping)]
     headings = tuple(dict.fromkeys(str(name) for device in devices for name in device))
-    return Table("What the devices said of themselves", headings, tuple(tuple(_text(one.get(name)) for name in headings) for one in devices))
+    rows = tuple(tuple(_text(one.get(name)) for name in headings) for one in devices)
+    return Table("What the devices said of themselves", headings, rows)
 
 
 def _text(value: object) -> str:
