@@ -44,6 +44,7 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
         LimitError: the rehearsal found something out of limits; nothing moved.
         FlflabError: a device, a measurement or the disk failed; every axis was told to stop.
     """
+    failure: Exception | None = None
     with contextlib.closing(recording), logged(recording), running_engine() as engine, signals_heard() as asked:
         check_limits(rehearsal)
         engine.subscribe(recording.document)
@@ -54,11 +55,11 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
             with contextlib.redirect_stdout(io.StringIO()):  # it prints what it does
                 engine.abort()
         except Exception as error:
-            not_stopped = stop(bench)
-            if not asked.is_set():
-                raise sentence(error, not_stopped) from error
-        if asked.is_set():
-            raise RunInterruptedError(f"interrupted; recorded so far is in {recording.folder}")
+            failure = sentence(error, stop(bench))
+    if asked.is_set():
+        raise RunInterruptedError(f"interrupted; recorded so far is in {recording.folder}")
+    if failure is not None:  # raised here: what the engine wrapped round it is in the log
+        raise failure
 
 
 def as_run(plan: Plan, metadata: dict[str, Any]) -> Plan:
