@@ -79,7 +79,7 @@ class Address:
     """Instruments that share an address; every client has its own error queue."""
 
     def __init__(self, instruments: Sequence[Instrument], clock: Clock) -> None:
-        """Join instruments; the first one speaks for all."""
+        """Join instruments; on a line without a command of any one's own the first one speaks."""
         self.instruments = list(instruments)
         self.clock = clock
         self.ended = threading.Event()
@@ -133,15 +133,23 @@ class Conversation:
         if len(commands) > 1 and any(command.upper() in spellings("FETCh?") for command in commands):
             self._queue(-221, "FETC? must be alone on its line")
             return b""
-        speakers: list[Instrument] = []
-        answers = [answer for command in commands if (answer := self._do(command, speakers)) is not None]
+        owners = [owner for command in commands if (owner := self._owner(command))] or self._address.instruments[:1]
+        speakers = list({id(owner): owner for owner in owners}.values()) if commands else []
+        for speaker in speakers:
+            speaker.faults.before(speaker)
+        answers = [answer for command in commands if (answer := self._do(command)) is not None]
         whole: bytes | None = b";".join(answers) + b"\n" if answers else b""
         for speaker in speakers:
             whole = speaker.faults.reply(whole) if whole else whole
         return whole or b""
 
-    def _do(self, command: str, speakers: list[Instrument]) -> bytes | None:
-        """One command: its answer, or None; notes which instruments speak on this line."""
+    def _owner(self, command: str) -> Instrument | None:
+        """Whose command it is; None for those of all instruments, which speak for whoever else is on the line."""
+        _, owner = self._address.handlers.get(command.partition(" ")[0].upper(), (None, None))
+        return owner
+
+    def _do(self, command: str) -> bytes | None:
+        """One command: its answer, or None."""
         for place, instrument in enumerate(self._address.instruments):
             for failure in instrument.failures[self._told[place] :]:
                 self._queue(-200, failure)
@@ -149,13 +157,10 @@ class Conversation:
         header, _, rest = command.partition(" ")
         parameters = [word.strip() for word in split(rest, ",")] if rest.strip() else []
         name = header.upper()
-        handler, instrument = self._address.handlers.get(name, (self._common.get(name), self._address.instruments[0]))
+        handler, _ = self._address.handlers.get(name, (self._common.get(name), None))
         if handler is None:
             self._queue(-113, header)
             return None
-        if instrument not in speakers:
-            instrument.faults.before(instrument)
-            speakers.append(instrument)
         try:
             answer = handler(parameters, self._address.ended)
         except BlockError as error:
