@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from flflab.camera_file import read_camera
-from flflab.description import Description, Length, Lines, Ratio, Speed, check, read_yaml
+from flflab.description import Description, Length, Ratio, Speed, check, read_yaml
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 
@@ -69,12 +69,13 @@ class FaultDescription(Description):
 
 
 class SimulatedDescription(Description):
-    """What only a simulated bench reads: seed, clock rate, planted truths and faults, and its light and sensor."""
+    """What only a simulated bench reads: seed, clock rate, planted truths and faults, its targets by kind, its light and sensor."""
 
     seed: Annotated[int, Field(ge=0)] = 0
     clock: Annotated[float, Field(gt=0)] = 1.0
     truths: dict[str, str | float] = {}
     faults: list[FaultDescription] = []
+    targets: dict[str, dict[str, Any]] = {}
     electrons_per_second: Annotated[float, Field(gt=0)] = 1e6
     full_well_electrons: Annotated[float, Field(gt=0)] = 12000.0
     read_noise_electrons: Annotated[float, Field(ge=0)] = 3.0
@@ -101,7 +102,9 @@ class BenchDescription(Description):
                 raise ValueError(f"two axes move {element}; one axis moves one element")
         array, sensor = self.axis_of("array.z"), self.axis_of("sensor.z")
         if array and sensor and array[1].home_towards == "+z" and sensor[1].home_towards == "-z":
-            raise ValueError(f"axes {array[0]} and {sensor[0]} home towards each other; the array may home towards -z or the sensor towards +z only")
+            raise ValueError(
+                f"axes {array[0]} and {sensor[0]} home towards each other; the array may home towards -z or the sensor towards +z only"
+            )
         return self
 
     def axis_of(self, element: Element) -> tuple[str, AxisDescription] | None:
@@ -145,5 +148,7 @@ def read_bench(file: Path) -> Bench:
     description = check(data, BenchDescription, str(file), lines)
     optics = file.parent / description.optics
     if not optics.exists():
-        raise InputError(f"{file}:{lines.get(('optics',), 1)}: optics: there is no camera file {optics}; give its path relative to the bench file")
+        raise InputError(
+            f"{file}:{lines.get(('optics',), 1)}: optics: there is no camera file {optics}; give its path relative to the bench file"
+        )
     return Bench(description, file, lines, read_camera(optics))

@@ -51,9 +51,7 @@ class ArrayDescription(Description):
         by_curvature = self.radius_of_curvature is not None and self.refractive_index is not None
         by_aperture = self.numerical_aperture is not None and self.aperture is not None
         if self.focal_length is None and not by_curvature and not by_aperture:
-            raise ValueError(
-                "give focal_length, or radius_of_curvature with refractive_index, or numerical_aperture with aperture"
-            )
+            raise ValueError("give focal_length, or radius_of_curvature with refractive_index, or numerical_aperture with aperture")
         if self.aperture is None and self.numerical_aperture is None:
             raise ValueError("give aperture (the clear diameter of one microlens), or numerical_aperture")
         return self

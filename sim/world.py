@@ -49,6 +49,20 @@ class TrueAxis:
         return self.zero + self.sign * (1 + self.scale) * travel
 
 
+def wheel_targets(bench: Bench) -> dict[str, Target]:
+    """What is on the target wheel: every kind as the bench file has it in ``simulated.targets``, or by its defaults.
+
+    Raises:
+        InputError: a kind the wheel does not have, or a target that is described wrongly.
+    """
+    given = bench.description.simulated.targets
+    for kind in given:
+        if kind not in WHEEL:
+            raise InputError(f"{bench.file}: simulated.targets: there is no {kind!r} on the wheel; allowed: {', '.join(WHEEL)}")
+    source = f"{bench.file}: simulated.targets"
+    return {kind: target_from({"kind": kind} | given.get(kind, {}), source, bench.file.parent) for kind in WHEEL}
+
+
 class Carriage:
     """Something that moves along one coordinate; remembers its last motions, for exposures that began before them."""
 
@@ -115,7 +129,7 @@ class World:
         self.iris = Carriage(clock, bench.optics.main_lens.f_number)
         self.wheel = Carriage(clock, WHEEL.index("white"))
         self._iris_scale = _planted(simulated.truths, "iris.scale", "ratio", 0.0)
-        self.targets: dict[str, Target] = {name: target_from(name) for name in WHEEL}
+        self.targets = wheel_targets(bench)
 
     def elements(self, instant: float) -> dict[str, float]:
         """True world z of every element, mm."""

@@ -8,10 +8,10 @@ from scipy import stats
 
 from flflab.bench import Bench
 from flflab.errors import InputError
-from flflab.targets import Black, FourDot
+from flflab.targets import Bars, Black, FourDot
 from sim.clock import SteppedClock
 from sim.motion import move, rest
-from sim.world import WHEEL, Carriage, World, keyed, true_axis
+from sim.world import WHEEL, Carriage, World, keyed, true_axis, wheel_targets
 
 WriteBench = Callable[..., Bench]
 
@@ -105,3 +105,14 @@ def test_a_truth_that_nothing_heeds_is_refused(write_bench_file: WriteBench) -> 
         World(write_bench_file(truths={"array_stage.zeroo": "1 um"}), SteppedClock())
     with pytest.raises(InputError, match=r"array_stage\.zero: .*no unit"):
         World(write_bench_file(truths={"array_stage.zero": 3}), SteppedClock())
+
+
+def test_the_wheel_holds_the_targets_that_the_bench_file_describes(write_bench_file: WriteBench) -> None:
+    bench = write_bench_file(targets={"four-dot": {"diameter": "0.5 mm", "spacing": "4 mm"}})
+    assert wheel_targets(bench)["four-dot"] == FourDot(0.5, 4.0)
+    assert wheel_targets(bench)["bars"] == Bars()
+
+
+def test_a_target_that_is_not_on_the_wheel_is_refused(write_bench_file: WriteBench) -> None:
+    with pytest.raises(InputError, match="no 'star' on the wheel; allowed: four-dot"):
+        wheel_targets(write_bench_file(targets={"star": {}}))
