@@ -91,7 +91,7 @@ def views_chart(evaluation: Evaluation) -> str:
         return _as_svg(figure)
 
 
-def difference_chart(evaluation: Evaluation, reference: int) -> str:
+def difference_chart(evaluation: Evaluation) -> str:
     """Differences of the number of views to the reference configuration, measured and predicted."""
     rows = _rows(evaluation.comparison.rows, "difference_views")
     with _style():
@@ -99,7 +99,7 @@ def difference_chart(evaluation: Evaluation, reference: int) -> str:
         axes = figure.add_subplot()
         axes.axhline(0, color="grey", linewidth=0.6)
         _by_dot(axes, rows)
-        axes.set(xlabel="configuration", ylabel=f"views less those of configuration {reference}")
+        axes.set(xlabel="configuration", ylabel="difference of views")
         return _as_svg(figure)
 
 

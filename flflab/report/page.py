@@ -63,7 +63,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         diffraction=diffraction_sentence(evaluation),
         panels=[_panel(evaluation, one, model, run, study) for one, model in zip(evaluation.measured, evaluation.predicted, strict=True)],
         views_chart=charts.views_chart(evaluation),
-        difference_chart=charts.difference_chart(evaluation, study.description.reference) if len(evaluation.measured) > 1 else None,
+        difference_chart=charts.difference_chart(evaluation) if len(evaluation.measured) > 1 else None,
         residual_chart=charts.residual_chart(evaluation),
         reference=study.description.reference,
         colours=charts.DOTS,

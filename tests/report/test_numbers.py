@@ -1,0 +1,97 @@
+"""What the report computes itself, against closed forms and brute force."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flflab.bench import Bench
+from flflab.comparison import Row
+from flflab.evaluation import Evaluation
+from flflab.report.facts import airy_diameter, diffraction_contrast, exact_counts, z_statistics
+from flflab.report.frames import predicted_view_places, useful_outline
+from flflab.report.tables import measured_number
+from flflab.study import Study
+
+
+def test_the_airy_diameter_of_the_worked_example_is_2_77_pixels_of_1_66_um(bench: Bench) -> None:
+    camera = replace(bench.optics, sensor=replace(bench.optics.sensor, pixel=1.66e-3))
+    assert airy_diameter(camera, 507.0) / 1.66e-3 == pytest.approx(2.77, abs=0.005)
+
+
+def test_diffraction_leaves_the_contrast_of_two_discs_moved_apart(bench: Bench) -> None:
+    # The transfer of a round pupil is the common area of two copies of it; w = 0.336 mm, b = 1.15 mm, 550 nm.
+    x, y = np.meshgrid(np.linspace(-1, 1, 1501), np.linspace(-1, 1, 1501))
+    pupil = np.hypot(x, y) <= 1
+    for share in (0.0, 0.25, 0.5, 0.9):
+        frequency = share * 0.336 / (550e-6 * 1.15) * bench.optics.sensor.pixel
+        moved = np.hypot(x - 2 * share, y) <= 1
+        common = np.count_nonzero(pupil & moved) / np.count_nonzero(pupil)
+        assert float(diffraction_contrast(bench.optics, 507.0, frequency)) == pytest.approx(common, abs=2e-3)
+    assert float(diffraction_contrast(bench.optics, 507.0, 100.0)) == 0
+
+
+def test_predicted_views_lie_where_straight_lines_through_the_microlenses_put_them(evaluation: Evaluation, study: Study) -> None:
+    one, model = evaluation.measured[0], evaluation.predicted[0]
+    camera, distance = model.camera, model.distance
+    image = 1 / (1 / camera.main_lens.focal_length - 1 / distance)
+    point = study.dots.centres[1]
+    indices, places = predicted_view_places(model, one.lattice, 1, point)
+    assert len(indices) > 0
+    crossing = -point * image / distance
+    for index, place in zip(indices, places, strict=True):
+        microlens = index * camera.array.pitch[0]
+        landing = microlens + (microlens - crossing) * camera.gap / (camera.array.distance - image)
+        # The lattice of these tests lies (1.5, -2) px off the middle.
+        expected = landing / camera.sensor.pixel + (np.array(camera.sensor.resolution) - 1) / 2 + [1.5, -2]
+        assert place == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_useful_outline_keeps_what_no_neighbour_lights(evaluation: Evaluation) -> None:
+    one, model = evaluation.measured[0], evaluation.predicted[0]
+    crowded = replace(one.lattice, vectors_px=one.lattice.vectors_px * 0.8, pitch_px=one.lattice.pitch_px * 0.8)
+    reach = np.hypot(*np.array(useful_outline(crowded, model)).T)
+    neighbours = crowded.pitch_px * np.array([[i, j] for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)])
+    for angle, radius in zip(np.arange(len(reach)) * 2 * math.pi / len(reach), reach, strict=True):
+        walk = np.linspace(0, crowded.outside_radius_px, 20001)[:, None] * [math.cos(angle), math.sin(angle)]
+        free = np.hypot(*(walk[:, None, :] - neighbours[None]).transpose(2, 0, 1)).min(axis=1) >= crowded.outside_radius_px
+        clear = np.hypot(*walk[free.argmin()]) if not free.all() else math.inf
+        assert radius <= clear + 0.01
+    alone = np.hypot(*np.array(useful_outline(replace(crowded, vectors_px=crowded.vectors_px * 9), model)).T)
+    assert np.ptp(alone) < 1e-9
+    assert crowded.inside_radius_px < alone[0] < crowded.outside_radius_px
+    assert reach.min() == pytest.approx(crowded.pitch_px - crowded.outside_radius_px)
+
+
+def test_pooled_z_is_counted_over_all_rows_and_rows_without_uncertainty_are_told_apart(evaluation: Evaluation) -> None:
+    template = next(row for row in evaluation.comparison.rows if row.quantity == "mtf")
+    scores = [-3.0, 0.5, 1.0, 1.5, math.inf]
+    rows: tuple[Row, ...] = tuple(replace(template, z=z) for z in scores)
+    (found,) = z_statistics(rows)
+    assert found.mean == 0
+    assert found.deviation == pytest.approx(math.sqrt((9 + 0.25 + 1 + 2.25) / 3))
+    assert found.beyond_two == 0.4
+    assert found.unlimited == 1
+    assert found.largest.z == math.inf
+
+
+def test_only_equal_counts_are_exact(evaluation: Evaluation) -> None:
+    rows = [row for row in evaluation.comparison.rows if row.quantity == "views"]
+    assert exact_counts((*rows[:-1], replace(rows[-1], measured=rows[-1].measured + 1))) == (len(rows) - 1, len(rows))
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "shown"),
+    [
+        (245.581382, 0.000029, "245.581382(29)"),
+        (79.3204, 0.00996, "79.320(10)"),
+        (-0.28, 0.14, "-0.28(14)"),
+        (1234.0, 56.0, "1234 ± 56"),
+        (2.5, 0.0, "2.5"),
+        (2.5, math.nan, "2.5"),
+        (math.nan, 0.1, "-"),
+    ],
+)
+def test_a_value_shows_its_uncertainty_in_its_last_two_digits(value: float, uncertainty: float, shown: str) -> None:
+    assert measured_number(value, uncertainty) == shown

@@ -1,0 +1,188 @@
+"""The page stands alone, says what was found, and shows everything that was compared."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from flflab.bench import Bench
+from flflab.comparison import Comparison
+from flflab.errors import RecordError
+from flflab.evaluation import Evaluation
+from flflab.record import Run
+from flflab.report import write_report
+from flflab.study import Study
+
+VOID = {"meta", "image", "img", "br", "use", "circle", "polygon", "path", "rect"}
+
+
+class Page(HTMLParser):
+    """Tags, references, ids and text of a page; complains where tags do not match."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.references: list[str] = []
+        self.ids: list[str] = []
+        self.words: list[str] = []
+        self._open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.references += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href", "action", "data", "poster")]
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        if tag not in VOID or (tag in ("circle", "path") and self._last_is_open(tag)):
+            self._open.append(tag)
+
+    def _last_is_open(self, tag: str) -> bool:
+        text = self.get_starttag_text() or ""
+        return not text.endswith("/>")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.references += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return re.sub(r"\s+", " ", " ".join(self.words))
+
+
+@pytest.fixture(scope="module")
+def source(evaluation: Evaluation, run: Run, study: Study, bench: Bench, tmp_path_factory: pytest.TempPathFactory) -> str:
+    file = tmp_path_factory.mktemp("page") / "report.html"
+    write_report(evaluation, run, study, bench, file)
+    return file.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(source: str) -> Page:
+    return Page(source)
+
+
+def test_the_page_needs_no_other_file_and_runs_no_script(page: Page, source: str) -> None:
+    assert page.references
+    assert all(one.startswith(("data:image/", "#")) for one in page.references)
+    assert page.tags.isdisjoint({"script", "link", "iframe", "object", "embed", "base"})
+    assert "url(" not in source
+    assert "@import" not in source
+    assert source.startswith("<!DOCTYPE html>")
+
+
+def test_the_page_uses_every_id_once_and_knows_every_id_it_uses(page: Page) -> None:
+    assert len(page.ids) == len(set(page.ids))
+    assert {one[1:] for one in page.references if one.startswith("#")} == set(page.ids)
+
+
+def test_the_verdict_comes_first_with_its_numbers(page: Page, evaluation: Evaluation) -> None:
+    body = page.text[page.text.index("flflab: a focused light field camera") :]
+    assert body.index("The camera does what its model says.") < 200
+    for verdict in evaluation.comparison.verdicts:
+        assert verdict.sentence in body
+        assert f"{verdict.rows} {verdict.p_value:g} {verdict.threshold:g} agrees" in body
+    assert "exact for 12 of 12 dots (100.0 %)" in body
+    assert "Signature" in body
+
+
+def test_the_page_says_what_the_model_leaves_out(page: Page) -> None:
+    assert "Not in the model: diffraction, aberrations" in page.text.replace(" :", ":")
+    assert re.search(r"Airy diameter on the sensor is \d\.\d\d pixels", page.text)
+
+
+def test_every_configuration_is_shown_with_its_frames_and_curves(page: Page, study: Study, source: str) -> None:
+    for setting in study.configurations:
+        assert f"Configuration {setting.index}: F/{setting.f_number:g}, D = {setting.distance:.1f} mm" in page.text
+        assert f'alt="MTF measured and predicted, configuration {setting.index}"' in source
+    assert source.count("data:image/jpeg") == 2 * len(study.configurations)
+
+
+def test_every_quantity_has_its_table_with_units(page: Page) -> None:
+    for caption in (
+        "views: 12 rows, views", "mtf: 12 rows, contrast (no unit)", "contrast_paper: 12 rows, contrast (no unit)",
+        "difference_views: 8 rows, views", "ratio_mtf: 8 rows, ratio (no unit)",
+    ):  # fmt: skip
+        assert caption in page.text
+    for heading in ("frequency, cycles/mm", "target D, mm", "blur, px", "exposure, ms", "angle, mrad", "uncertainty of the zero, \u00b5m"):
+        assert heading in page.text
+
+
+def test_the_bench_and_the_provenance_are_there(page: Page, run: Run, bench: Bench) -> None:
+    for name in (*bench.description.axes, run.folder.name, "2027-01-15 08:00:00 UTC", "numpy 2.4.6", "seed 7"):
+        assert name in page.text
+    assert "Simulated bench: 7 of 7 devices" in page.text
+
+
+def test_what_devices_say_is_text_and_never_markup(page: Page, source: str) -> None:
+    assert "<script>alert" not in source
+    assert "<script>alert('x')</script>" in page.text
+
+
+def test_axis_and_driver_names_are_text_and_never_markup(single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path) -> None:
+    axes = dict(bench.description.axes)
+    first = next(iter(axes))
+    axes["<img src=x>"] = axes.pop(first).model_copy(update={"driver": "<b>&amp;"})
+    named = replace(bench, description=bench.description.model_copy(update={"axes": axes}))
+    write_report(single, run, study, named, tmp_path / "report.html")
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "x" not in page.references
+    assert "<img src=x>" in page.text
+    assert "<b>&amp;" in page.text
+
+
+def test_a_rejected_comparison_says_so_and_which_quantity(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
+    mtf, views = single.comparison.verdicts
+    rejected = replace(views, accepted=False, p_value=0.001, sentence="views: 12 values do not agree with the model")
+    worse = replace(single, comparison=Comparison(single.comparison.rows, (mtf, rejected)))
+    write_report(worse, run, study, bench, tmp_path / "report.html")
+    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+    text = Page(source).text
+    assert "The camera does not do what its model says: number of views disagrees." in text
+    assert "12 0.001 0.025 rejected" in text
+    assert "does what its model says" not in text
+    assert 'class="verdict rejected"' in source
+
+
+def test_views_missed_and_views_too_many_are_counted_and_drawn(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
+    one = single.measured[0]
+    dot = one.dots[0]
+    taken = {tuple(index) for index in dot.indices.tolist()}
+    other = next(k for k, index in enumerate(one.lattice.indices.tolist()) if tuple(index) not in taken)
+    indices, places = dot.indices.copy(), dot.centres_px.copy()
+    indices[0], places[0] = one.lattice.indices[other], one.lattice.centres_px[other]
+    moved = replace(one, dots=(replace(dot, indices=indices, centres_px=places), *one.dots[1:]))
+    write_report(replace(single, measured=(moved,)), run, study, bench, tmp_path / "report.html")
+    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "1 predicted but not seen, 1 seen but not predicted." in Page(source).text
+    assert source.count("<title>dot 0: predicted but not seen</title>") == 1
+    assert source.count("<title>dot 0: seen but not predicted</title>") == 1
+
+
+def test_an_unfinished_run_of_one_configuration_is_reported_as_such(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
+    bright = replace(single, measured=(replace(single.measured[0], saturated=5),))
+    write_report(bright, replace(run, stop=None), study, bench, tmp_path / "report.html")
+    text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    assert "never ended properly" in text
+    assert "5 in configuration 0" in text
+
+
+def test_a_report_that_cannot_be_written_is_refused_in_one_sentence(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
+    with pytest.raises(RecordError, match="cannot be written"):
+        write_report(single, run, study, bench, tmp_path / "missing" / "report.html")
