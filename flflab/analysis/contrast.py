@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import minimize_scalar
 
-from flflab.analysis.contrast_fit import CURVE, GEOMETRY, LIGHT, ChirpData, ChirpFit, Knots, Template, gauss_newton_step
+from flflab.analysis.contrast_fit import CURVE, GEOMETRY, LIGHT, ChirpData, ChirpFit, Knots, Prior, Template, gauss_newton_step
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import (
@@ -31,6 +32,9 @@ MOST_PIXELS_WHILE_SEARCHING = 40_000
 WIDEST_SHIFT = 0.06  # of the target's width: how far the target may be off sideways
 MOST_PIXELS = 250_000
 WORST_UNCERTAINTY = 0.25
+WORST_CHI2 = 50.0
+REFINEMENTS = 2
+WIDEST_BLUR = 6.0  # pixels
 FIT_ERROR = 3e-4  # of contrast, added to its uncertainty: what the fit's approximations leave in brute-force pictures without noise
 
 
@@ -103,6 +107,10 @@ def fit_contrast(
     knots = Knots(span[0], step, math.ceil((top - span[0]) / step) + 3)
     template = Template(abs(across) * camera.sensor.pixel, abs(across) * float(blur(central_smms(camera), 1 / distance)))
     fit = _fit(data, target, start, span, top, knots, template, noise)
+    for _ in range(REFINEMENTS):
+        # The stages' errors blur differently from what is nominal, and the highest harmonics are seen through the template alone.
+        template = _with_measured_blur(template, fit, knots, span)
+        fit = _settle(data, target, start, replace(fit, curve=np.zeros_like(fit.curve)), span, top, knots, template, noise)
     return _curve(fit, data, pixels, camera, target, distance, knots, template, span)
 
 
@@ -153,13 +161,10 @@ def _fit(
     noise: SensorNoise,
 ) -> ChirpFit:
     """From the low frequencies, where no cycle can be mistaken for its neighbour, up to the highest."""
-    bars = target.kind == "bars"
-    variance = (noise.dark_variance, noise.dn_per_electron)
+    prior = _prior(start, float(np.mean(data.read)), target, knots, 0.5)
 
-    def advance(part: ChirpData, fit: ChirpFit, ceiling: float, move: bool, prior: float = 0.5) -> ChirpFit:
-        x = part.places @ fit.geometry
-        reach = ceiling if bars else math.inf
-        return gauss_newton_step(part, target.phase(x), target.frequency(x), fit, knots, template, reach, bars, variance, prior, move)
+    def advance(part: ChirpData, fit: ChirpFit, ceiling: float, move: bool) -> ChirpFit:
+        return _advance(part, target, fit, knots, template, ceiling, noise, move, prior)
 
     brightness = np.zeros(LIGHT)
     brightness[0] = float(np.mean(data.read))
@@ -186,12 +191,59 @@ def _fit(
         if ceiling >= span[1]:
             break
         ceiling = min(1.6 * ceiling, span[1])
-    for _ in range(6):
+    return _settle(data, target, start, fit, span, top, knots, template, noise)
+
+
+def _settle(
+    data: ChirpData, target: Bars, start: Array, fit: ChirpFit, span: tuple[float, float], top: float, knots: Knots, template: Template,
+    noise: SensorNoise,
+) -> ChirpFit:
+    """All pixels and all harmonics, until no pixel's place on the target moves any more."""
+    prior = _prior(start, float(np.mean(data.read)), target, knots, 1.0)
+    # A curve that starts at zero says nothing of the geometry yet.
+    fit = _advance(data, target, fit, knots, template, top, noise, False, prior)
+    for step in range(6):
         before = data.places @ fit.geometry
-        fit = advance(data, fit, top, move=True, prior=1.0)
-        if float(np.abs(data.places @ fit.geometry - before).max()) * span[1] < 1e-4:
+        fit = _advance(data, target, fit, knots, template, top, noise, True, prior)
+        # The first step's chi2 is that of where it started.
+        if step > 0 and float(np.abs(data.places @ fit.geometry - before).max()) * span[1] < 1e-4:
             break
     return fit
+
+
+def _advance(
+    data: ChirpData, target: Bars, fit: ChirpFit, knots: Knots, template: Template, ceiling: float, noise: SensorNoise, move: bool,
+    prior: Prior,
+) -> ChirpFit:
+    x = data.places @ fit.geometry
+    bars = target.kind == "bars"
+    variance = (noise.dark_variance, noise.dn_per_electron)
+    reach = ceiling if bars else math.inf
+    return gauss_newton_step(data, target.phase(x), target.frequency(x), fit, knots, template, reach, bars, variance, prior, move)
+
+
+def _with_measured_blur(template: Template, fit: ChirpFit, knots: Knots, span: tuple[float, float]) -> Template:
+    """The template whose disc of blur comes nearest to the measured transfer, up to one factor."""
+    nu = np.linspace(span[0], span[1], 4 * KNOTS)
+    measured = knots.design(nu, template) @ fit.curve
+
+    def misfit(disc: float) -> float:
+        shape = replace(template, blur=disc).transfer(nu)
+        return float(np.sum((measured - shape * (shape @ measured) / (shape @ shape)) ** 2))
+
+    widest = max(WIDEST_BLUR * template.pixel, 2 * template.blur)
+    steps = np.linspace(0.0, widest, 25)
+    best = steps[int(np.argmin([misfit(disc) for disc in steps]))]
+    found = minimize_scalar(misfit, bounds=(max(0.0, best - steps[1]), best + steps[1]), method="bounded")
+    return replace(template, blur=float(found.x))
+
+
+def _prior(start: Array, light: float, target: Bars, knots: Knots, loose: float) -> Prior:
+    """The nominal geometry to a few per cent, light even to a tenth, contrast of order 1: nothing the pixels see is bound by it."""
+    geometry = [WIDEST_SHIFT * target.width, 0.05 * abs(start[1]), 0.03 * abs(start[1]), 0.01 * abs(start[3]), 0.03 * abs(start[3])]
+    sharp = loose if target.kind == "bars" else 1e-9  # a sine has no harmonics for the template to carry
+    spread = np.concatenate([geometry, [math.inf], np.full(LIGHT - 1, 0.1 * light), [sharp], np.full(knots.count, loose)])
+    return Prior(np.concatenate([start, [light], np.zeros(len(spread) - len(start) - 1)]), spread)
 
 
 def _curve(
@@ -207,6 +259,10 @@ def _curve(
     design = knots.design(nu, template)
     spread = design @ covariance[spline, spline] @ design.T + FIT_ERROR**2 * np.eye(len(nu))
     near = np.array([np.count_nonzero(np.abs(frequency - one) <= knots.step / 2) for one in nu])
+    if chi2 > WORST_CHI2:
+        raise MeasurementError(
+            f"{target.kind} picture: the fit leaves {chi2:.0f} times the noise's variance; check exposure, target and distance"
+        )
     keep = (near >= FEWEST_PIXELS / KNOTS) & (np.sqrt(np.diag(spread)) < WORST_UNCERTAINTY)
     if not keep.any() or not np.isfinite(fit.geometry).all():
         raise MeasurementError(f"{target.kind} picture: the fit of the bars did not settle; check exposure, focus, target and distance")

@@ -19,6 +19,7 @@ Array = npt.NDArray[np.float64]
 GEOMETRY = 5  # shift, across x and y, along x and y
 LIGHT = 6
 STRIPS = 24
+MOST_CYCLES_A_STEP = 0.1
 MODEL_ERROR = 1e-3  # of the light: what the template leaves; keeps nearly dark pixels from outweighing all others
 CURVE = GEOMETRY + LIGHT  # first of the curve's parameters: g, then the spline's coefficients
 
@@ -195,11 +196,19 @@ class ChirpFit:
     chi2: float
 
 
+@dataclass(frozen=True)
+class Prior:
+    """What is known before the fit, parameter by parameter in the fit's order: mean and standard deviation (infinite: nothing)."""
+
+    mean: Array
+    spread: Array
+
+
 def gauss_newton_step(
     data: ChirpData, phase: Array, frequency: Array, fit: ChirpFit, knots: Knots, template: Template, ceiling: float, bars: bool,
-    variance: tuple[float, float], prior: float, move: bool,
+    variance: tuple[float, float], prior: Prior, move: bool,
 ) -> ChirpFit:
-    """One step of Gauss-Newton from ``fit``.
+    """One step of Gauss-Newton from ``fit``; no pixel's place moves by more than a tenth of a cycle.
 
     Args:
         data: the pixels.
@@ -211,23 +220,21 @@ def gauss_newton_step(
         ceiling: harmonics above this frequency are left to the template, cycles/mm.
         bars: square bars (all odd harmonics) or a sine.
         variance: of a dark pixel, DN^2, and its growth per DN.
-        prior: standard deviation about 0 of coefficients that the pixels hardly see.
+        prior: keeps directions that the pixels hardly see.
         move: False keeps the geometry and solves for light and curve only.
     """
     normal, right, chi2 = _accumulate(
         data.read, data.places, data.light, phase, frequency, template.pixel, template.strips, fit.brightness, fit.curve,
         knots.first, knots.step, ceiling, bars, *variance,
     )
-    normal = np.triu(normal) + np.triu(normal, 1).T
-    spline = np.arange(CURVE, len(normal))
-    normal[spline, spline] += prior**-2
-    right[spline] -= fit.curve * prior**-2
+    normal = np.triu(normal) + np.triu(normal, 1).T + np.diag(prior.spread**-2)
+    right += (prior.mean - np.concatenate([fit.geometry, fit.brightness, fit.curve])) * prior.spread**-2
     free = np.arange(0 if move else GEOMETRY, len(normal))
-    scale = np.sqrt(np.maximum(np.diag(normal)[free], 1e-300))
+    scale = np.sqrt(np.maximum(np.diag(normal)[free], 1e-30))
     inverse = np.linalg.inv(normal[np.ix_(free, free)] / np.outer(scale, scale) + 1e-12 * np.eye(len(free)))
     step, covariance = np.zeros(len(normal)), np.zeros_like(normal)
     step[free] = inverse @ (right[free] / scale) / scale
     covariance[np.ix_(free, free)] = inverse / np.outer(scale, scale)
-    return ChirpFit(
-        fit.geometry + step[:GEOMETRY], fit.brightness + step[GEOMETRY:CURVE], fit.curve + step[CURVE:], covariance, chi2
-    )
+    furthest = float(np.abs(data.places @ step[:GEOMETRY] * frequency).max())
+    step *= min(1.0, MOST_CYCLES_A_STEP / max(furthest, 1e-300))
+    return ChirpFit(fit.geometry + step[:GEOMETRY], fit.brightness + step[GEOMETRY:CURVE], fit.curve + step[CURVE:], covariance, chi2)
