@@ -139,9 +139,7 @@ def test_axis_and_driver_names_are_text_and_never_markup(single: Evaluation, run
     assert "<b>&amp;" in page.text
 
 
-def test_a_rejected_comparison_says_so_and_which_quantity(
-    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
-) -> None:
+def test_a_rejected_comparison_says_so_and_which_quantity(single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path) -> None:
     mtf, views = single.comparison.verdicts
     rejected = replace(views, accepted=False, p_value=0.001, sentence="views: 12 values do not agree with the model")
     worse = replace(single, comparison=Comparison(single.comparison.rows, (mtf, rejected)))
