@@ -19,8 +19,8 @@ def profile_table(target: Bars | Chirp) -> tuple[Array, Array]:
 
     Returns:
         The table, one row a cell: knot (mm from the centre), then the coefficients c0..c5 of its second antiderivative in
-        powers of the distance from the knot; the last row holds what lies beyond the right edge. And the law (left edge, right
-        edge, frequency at the left in cells/mm, half its slope in cells/mm^2), from which the cell of a position follows.
+        powers of the distance from the knot. And the law: left edge, right edge, frequency at the left in cells/mm, half its
+        slope in cells/mm^2 (from these follows the cell of a position), and the first antiderivative at the right edge.
     """
     per_cycle = CELLS_PER_CYCLE[target.kind]
     cells = math.ceil(target.cycles * per_cycle * (1 - 1e-12))
@@ -36,48 +36,68 @@ def profile_table(target: Bars | Chirp) -> tuple[Array, Array]:
     moment = widths**2 * (cubic / ((powers + 1) * (powers + 2))).sum(axis=1)
     first = np.concatenate([[0.0], np.cumsum(area)])
     second = np.concatenate([[0.0], np.cumsum(first[:-1] * widths + moment)])
-    table = np.zeros((cells + 1, 8))
-    table[:, 0], table[:, 1], table[:, 2] = knots, second, first
-    table[:-1, 3:7] = cubic / widths[:, None] ** powers / ((powers + 1) * (powers + 2))
+    table = np.zeros((cells, 8))
+    table[:, 0], table[:, 1], table[:, 2] = knots[:-1], second[:-1], first[:-1]
+    table[:, 3:7] = cubic / widths[:, None] ** powers / ((powers + 1) * (powers + 2))
     left, right = target.cycles_per_mm
-    law = np.array([knots[0], knots[-1], left * per_cycle, (right - left) * per_cycle / (2 * target.width)])
+    law = np.array([knots[0], knots[-1], left * per_cycle, (right - left) * per_cycle / (2 * target.width), first[-1]])
     return table, law
 
 
-@numba.njit(cache=True)
-def antiderivatives(x: float, table: Array, law: Array) -> tuple[float, float, float]:
-    """Second antiderivative, first antiderivative and radiance at x mm."""
-    if x <= law[0]:
-        return 0.0, 0.0, 0.0
-    last = table.shape[0] - 1
+@numba.njit(cache=True, error_model="numpy")
+def second_antiderivative(x: float, table: Array, law: Array) -> float:
+    """Second antiderivative of the radiance at x mm; written without branches, it is the innermost of all."""
+    inside = min(max(x, law[0]), law[1])
+    along = inside - law[0]
+    cell = min(int(along * (law[2] + law[3] * along)), table.shape[0] - 1)
+    d = inside - table[cell, 0]
+    c0, c1, c2, c3, c4, c5 = table[cell, 1], table[cell, 2], table[cell, 3], table[cell, 4], table[cell, 5], table[cell, 6]
+    return c0 + d * (c1 + d * (c2 + d * (c3 + d * (c4 + d * c5)))) + law[4] * max(x - law[1], 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def first_antiderivative(x: float, table: Array, law: Array) -> float:
+    """First antiderivative of the radiance at x mm."""
+    inside = min(max(x, law[0]), law[1])
+    along = inside - law[0]
+    cell = min(int(along * (law[2] + law[3] * along)), table.shape[0] - 1)
+    d = inside - table[cell, 0]
+    c1, c2, c3, c4, c5 = table[cell, 2], table[cell, 3], table[cell, 4], table[cell, 5], table[cell, 6]
+    return c1 + d * (2.0 * c2 + d * (3.0 * c3 + d * (4.0 * c4 + d * 5.0 * c5)))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def radiance_at(x: float, table: Array, law: Array) -> float:
+    """Radiance at x mm."""
+    if x < law[0] or x > law[1]:
+        return 0.0
     along = x - law[0]
-    cell = last if x >= law[1] else min(int(along * (law[2] + law[3] * along)), last - 1)
-    c = table[cell]
-    d = x - c[0]
-    second = c[1] + d * (c[2] + d * (c[3] + d * (c[4] + d * (c[5] + d * c[6]))))
-    first = c[2] + d * (2.0 * c[3] + d * (3.0 * c[4] + d * (4.0 * c[5] + d * 5.0 * c[6])))
-    return second, first, 2.0 * c[3] + d * (6.0 * c[4] + d * (12.0 * c[5] + d * 20.0 * c[6]))
+    cell = min(int(along * (law[2] + law[3] * along)), table.shape[0] - 1)
+    d = x - table[cell, 0]
+    return 2.0 * table[cell, 3] + d * (6.0 * table[cell, 4] + d * (12.0 * table[cell, 5] + d * 20.0 * table[cell, 6]))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
+def boxed(x: float, box: float, table: Array, law: Array) -> float:
+    """Antiderivative at x of the radiance smoothed by a box of this width."""
+    return (second_antiderivative(x + 0.5 * box, table, law) - second_antiderivative(x - 0.5 * box, table, law)) / box
+
+
+@numba.njit(cache=True, error_model="numpy")
 def profile_mean(x: float, box: float, chord: float, table: Array, law: Array) -> float:
     """Mean radiance at x smoothed by two boxes of these widths (mm); below 3e-8 of the target's width a box counts as 0."""
     wide = max(box, chord)
     narrow = min(box, chord)
     least = 3e-8 * (law[1] - law[0])
     if wide < least:
-        return antiderivatives(x, table, law)[2]
-    high = x + 0.5 * wide
-    low = x - 0.5 * wide
+        return radiance_at(x, table, law)
     if narrow < least:
-        return (antiderivatives(high, table, law)[1] - antiderivatives(low, table, law)[1]) / wide
-    half = 0.5 * narrow
-    ends = antiderivatives(high + half, table, law)[0] - antiderivatives(high - half, table, law)[0]
-    ends -= antiderivatives(low + half, table, law)[0] - antiderivatives(low - half, table, law)[0]
-    return min(max(ends / (wide * narrow), 0.0), 1.0)
+        return (first_antiderivative(x + 0.5 * wide, table, law) - first_antiderivative(x - 0.5 * wide, table, law)) / wide
+    mean = (boxed(x + 0.5 * narrow, wide, table, law) - boxed(x - 0.5 * narrow, wide, table, law)) / narrow
+    return min(max(mean, 0.0), 1.0)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def step_mean(x: float, box1: float, box2: float) -> float:
     """A step from 0 to 1 at x = 0, smoothed by two boxes of these widths."""
     outer = 0.5 * (box1 + box2)

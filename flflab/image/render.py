@@ -86,7 +86,7 @@ def _rows_of(scene: Scene, axes: Array) -> tuple[Array, Array]:
 
 def _add_ruled(image: Array, scene: Scene, target: Bars | Edge | White) -> None:
     axes, bounds = np.eye(2), np.array([-np.inf, np.inf])
-    table, law = np.zeros((1, 8)), np.zeros(4)
+    table, law = np.zeros((0, 8)), np.zeros(5)
     half_x = half_y = math.inf
     if isinstance(target, Bars):
         table, law = profile_table(target)

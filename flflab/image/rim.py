@@ -50,7 +50,7 @@ def rim_tables(rims: Rims, pixel: float, steep: npt.NDArray[np.bool_]) -> Array:
     return tables
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _fill(tables: Array, slope: Array, reach: Array, pixel: float, steep: npt.NDArray[np.bool_]) -> None:
     for kind in range(tables.shape[0]):
         if steep[kind]:
@@ -69,7 +69,7 @@ def _fill(tables: Array, slope: Array, reach: Array, pixel: float, steep: npt.ND
             tables[kind, index + 2] = total / (8 * math.pi)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def rim_share(distance: float, table: Array) -> float:
     """Share of the full cone at a distance (mm) from the centre, from one row of ``rim_tables``."""
     place = (distance - table[0]) * table[1]
@@ -89,7 +89,7 @@ def disc_nodes(rings: int, spokes: int) -> Array:
     return np.stack([(radius[:, None] * np.cos(angle)).ravel(), (radius[:, None] * np.sin(angle)).ravel()], axis=1)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def steep_share(x: float, y: float, width: float, height: float, slope: float, reach: float, nodes: Array) -> float:
     """Share of the full cone in a pixel at (x, y) from the centre, its mean over the pupil of the part of the pixel inside the shadow."""
     total = 0.0

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.profile import profile_mean, step_mean
+from flflab.image.profile import boxed, profile_mean, step_mean
 from flflab.image.rim import rim_share, steep_share
 from flflab.optics.discs import lens_chord, lens_rows
 
@@ -32,13 +32,13 @@ def strip_nodes(counts: Whole) -> Array:
     return nodes
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def window_mean(y: float, window: Array) -> float:
     """A window from window[0] to window[1] at y, smoothed by boxes of widths window[2] and window[3]."""
     return step_mean(y - window[0], window[2], window[3]) - step_mean(y - window[1], window[2], window[3])
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def pieces(x: float, y: float, radius: float, low: float, high: float, origin: float, spread: float, window: Array, ends: Array) -> int:
     """Cut the pupil's rows at the window's kinks and the lens's corners; returns the number of ends, 2 where nothing needs a cut."""
     count = 1
@@ -65,7 +65,71 @@ def pieces(x: float, y: float, radius: float, low: float, high: float, origin: f
     return count + 1
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def region_of(ex: float, ey: float, slope: float, reach: float) -> tuple[float, float, float]:
+    """Centre and radius of the disc that clips the pupil at a sensor point; (0, 0, 2) where it clips nothing.
+
+    A pixel whose centre is dark but whose edge is lit gets the last sliver of the pupil.
+    """
+    inside = max(0.0, reach - abs(slope))
+    squared = ex * ex + ey * ey
+    if slope == 0.0 or squared <= inside * inside:
+        return 0.0, 0.0, 2.0
+    radius = reach / abs(slope)
+    shrink = min(1.0, (1.0 + radius) * (1.0 - 1e-9) * abs(slope) / math.sqrt(squared))
+    return ex / slope * shrink, ey / slope * shrink, radius
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def strips_mean(
+    x: float, y: float, radius: float, low: float, high: float, origin: float, spread: float, strips: Array, count: int, box: float,
+    table: Array, law: Array,
+) -> float:
+    """Mean of the profile over a pupil clipped by the disc at (x, y), by strips from low to high."""
+    light = 0.0
+    area = 0.0
+    middle = 0.5 * (low + high)
+    reach = 0.5 * (high - low)
+    exact = abs(spread) * box < 1e-11 * (law[1] - law[0]) ** 2
+    for index in range(count):
+        left, right = lens_chord(x, y, radius, middle + reach * strips[0, index])
+        if right > left:
+            weight = strips[1, index]
+            area += weight * (right - left)
+            if exact:
+                chord = right - left
+                light += weight * chord * profile_mean(origin + spread * 0.5 * (left + right), box, abs(spread) * chord, table, law)
+            else:
+                ends = boxed(origin + spread * right, box, table, law) - boxed(origin + spread * left, box, table, law)
+                light += weight * ends / spread
+    return light / area if area > 0.0 else 0.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def pieces_mean(
+    x: float, y: float, radius: float, ends: Array, count: int, origin_x: float, origin_y: float, spread: float, box: float, table: Array,
+    law: Array, window: Array,
+) -> float:
+    """Mean of profile times window over a clipped pupil, by strips in each of the pieces between the ends."""
+    light = 0.0
+    area = 0.0
+    for piece in range(count - 1):
+        middle = 0.5 * (ends[piece + 1] + ends[piece])
+        reach = 0.5 * (ends[piece + 1] - ends[piece])
+        for index in range(PIECE_NODES):
+            at = middle + reach * PIECE[0, index]
+            left, right = lens_chord(x, y, radius, at)
+            if right > left:
+                weight = reach * PIECE[1, index] * (right - left)
+                area += weight
+                seen = window_mean(origin_y + spread * at, window)
+                if seen > 0.0 and table.shape[0] > 0:
+                    seen *= profile_mean(origin_x + spread * 0.5 * (left + right), box, abs(spread) * (right - left), table, law)
+                light += weight * seen
+    return light / area if area > 0.0 else 0.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def pupil_mean(
     ex: float, ey: float, pupil: Array, strips: Array, count: int, box: float, table: Array, law: Array, window: Array, ends: Array,
 ) -> float:
@@ -78,65 +142,30 @@ def pupil_mean(
         strips: heights and weights.
         count: number of strips; 0 where the blur is negligible.
         box: width of the pixel on the target along x', mm.
-        table: profile, see ``profile_table``; one row where the target does not vary along x'.
+        table: profile, see ``profile_table``; no row where the target does not vary along x'.
         law: its law.
         window: lower and upper end, and the widths of the two boxes that smooth it.
         ends: scratch for 16 numbers.
     """
-    slope, reach, spread, scale = pupil[0], pupil[1], pupil[2], pupil[3]
-    origin_x = scale * ex + pupil[4]
-    origin_y = scale * ey + pupil[5]
-    varies = table.shape[0] > 1
-    x, y, radius, distance = 0.0, 0.0, 2.0, 0.0
-    clipped = ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2 and slope != 0.0
-    if clipped:
-        x, y, radius = ex / slope, ey / slope, reach / abs(slope)
-        distance = math.hypot(x, y)
-        most = (1.0 + radius) * (1.0 - 1e-9)
-        if distance > most:
-            x *= most / distance
-            y *= most / distance
-            distance = most
-    if count <= 1:
-        middle_x, middle_y, half = 0.0, 0.0, 1.0
-        if clipped and distance > 0.0:
-            thick = 0.5 * (1.0 - max(-1.0, distance - radius))
-            along = min(1.0, max(-1.0, (1.0 + (distance - radius) * (distance + radius)) / (2.0 * distance)))
-            shift = (1.0 - thick) / distance
-            middle_x, middle_y = x * shift, y * shift
-            half = math.hypot(thick * x, math.sqrt(1.0 - along * along) * y) / distance
-        at = window_mean(origin_y + spread * middle_y, window)
-        if at == 0.0 or not varies:
-            return at
-        chord = abs(spread) * math.sqrt(3.0) * half if count == 1 else 0.0
-        return at * profile_mean(origin_x + spread * middle_x, box, chord, table, law)
-    low, high = lens_rows(x, y, radius) if clipped else (-1.0, 1.0)
+    spread = pupil[2]
+    origin_x = pupil[3] * ex + pupil[4]
+    origin_y = pupil[3] * ey + pupil[5]
+    varies = table.shape[0] > 0
+    if count == 0:
+        seen = window_mean(origin_y, window)
+        return seen * profile_mean(origin_x, box, 0.0, table, law) if varies and seen > 0.0 else seen
+    x, y, radius = region_of(ex, ey, pupil[0], pupil[1])
+    low, high = lens_rows(x, y, radius)
     cuts = pieces(x, y, radius, low, high, origin_y, spread, window, ends)
-    if cuts == 2 and window_mean(origin_y + spread * 0.5 * (low + high), window) == 0.0:
-        return 0.0
-    if cuts == 2 and not varies:
-        return window_mean(origin_y + spread * 0.5 * (low + high), window)
-    light = 0.0
-    area = 0.0
-    for piece in range(cuts - 1):
-        middle = 0.5 * (ends[piece + 1] + ends[piece])
-        half = 0.5 * (ends[piece + 1] - ends[piece])
-        for index in range(count if cuts == 2 else PIECE_NODES):
-            at = middle + half * (strips[0, index] if cuts == 2 else PIECE[0, index])
-            left, right = lens_chord(x, y, radius, at) if clipped else lens_chord(0.0, 0.0, 2.0, at)
-            if right <= left:
-                continue
-            weight = half * (strips[1, index] if cuts == 2 else PIECE[1, index]) * (right - left)
-            area += weight
-            seen = window_mean(origin_y + spread * at, window)
-            if seen > 0.0:
-                if varies:
-                    seen *= profile_mean(origin_x + spread * 0.5 * (left + right), box, abs(spread) * (right - left), table, law)
-                light += weight * seen
-    return light / area if area > 0.0 else 0.0
+    if cuts > 2:
+        return pieces_mean(x, y, radius, ends, cuts, origin_x, origin_y, spread, box, table, law, window)
+    seen = window_mean(origin_y + spread * 0.5 * (low + high), window)
+    if seen == 0.0 or not varies:
+        return seen
+    return seen * strips_mean(x, y, radius, low, high, origin_x, spread, strips, count, box, table, law)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_ruled(
     image: Array, rows: tuple[int, int], windows: Whole, kinds: Whole, centres: Array, pupils: Array, levels: Array, subs: Whole,
     counts: Whole, strips: Array, rims: Array, nodes: Array, xs: Array, ys: Array, pixel: float, axes: Array, table: Array, law: Array,
@@ -167,6 +196,7 @@ def add_ruled(
     """
     ends = np.empty(16)
     window = np.empty(4)
+    plain = table.shape[0] == 0
     window[0], window[1] = bounds[0], bounds[1]
     for lens in range(windows.shape[0]):
         first = max(rows[0], windows[lens, 2])
@@ -176,11 +206,12 @@ def add_ruled(
         kind = kinds[lens]
         across, up = subs[kind, 0], subs[kind, 1]
         part_x, part_y = pixel / across, pixel / up
-        pupil = pupils[lens]
+        pupil, strip, rim, count = pupils[lens], strips[kind], rims[kind], int(counts[kind])
         outside = pupil[1] + abs(pupil[0]) + 0.75 * pixel
         box = abs(pupil[3]) * (abs(axes[0, 0]) * part_x + abs(axes[0, 1]) * part_y)
         window[2] = abs(pupil[3] * axes[1, 0]) * part_x
         window[3] = abs(pupil[3] * axes[1, 1]) * part_y
+        blurred = abs(pupil[2]) + abs(pupil[3]) * pixel  # how far an end of the window is felt
         for row in range(first, last):
             dy = ys[row] - centres[lens, 1]
             room = outside * outside - dy * dy
@@ -191,17 +222,23 @@ def add_ruled(
             right = min(windows[lens, 1], math.floor((centres[lens, 0] + half - xs[0]) / pixel) + 1)
             for column in range(left, right):
                 dx = xs[column] - centres[lens, 0]
+                if plain and rim[0] >= 0.0:
+                    at = pupil[3] * (axes[1, 0] * dx + axes[1, 1] * dy) + pupil[5]
+                    if abs(at - bounds[0]) > blurred and abs(at - bounds[1]) > blurred:
+                        if bounds[0] < at < bounds[1]:
+                            image[row, column] += levels[lens] * rim_share(math.sqrt(dx * dx + dy * dy), rim)
+                        continue
                 light = 0.0
                 for j in range(up):
                     y = dy + ((j + 0.5) / up - 0.5) * pixel
                     for i in range(across):
                         x = dx + ((i + 0.5) / across - 0.5) * pixel
-                        if rims[kind, 0] < 0.0:
+                        if rim[0] < 0.0:
                             share = steep_share(x, y, part_x, part_y, pupil[0], pupil[1], nodes)
                         else:
-                            share = rim_share(math.sqrt(x * x + y * y), rims[kind])
+                            share = rim_share(math.sqrt(x * x + y * y), rim)
                         if share > 0.0:
                             ex = axes[0, 0] * x + axes[0, 1] * y
                             ey = axes[1, 0] * x + axes[1, 1] * y
-                            light += share * pupil_mean(ex, ey, pupil, strips[kind], int(counts[kind]), box, table, law, window, ends)
+                            light += share * pupil_mean(ex, ey, pupil, strip, count, box, table, law, window, ends)
                 image[row, column] += levels[lens] * light / (across * up)

@@ -22,7 +22,7 @@ def chord_nodes(counts: Whole) -> Array:
     return nodes
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def summed_value(sums: Array, column: float, row: float) -> float:
     """Integral of a picture from its first corner to a place in texels, from its summed-area table; constant beyond its ends."""
     column = min(max(column, 0.0), sums.shape[1] - 1.0)
@@ -34,7 +34,7 @@ def summed_value(sums: Array, column: float, row: float) -> float:
     return (1 - v) * ((1 - u) * sums[j, i] + u * sums[j, i + 1]) + v * ((1 - u) * sums[j + 1, i] + u * sums[j + 1, i + 1])
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def box_mean(x: float, y: float, width: float, height: float, radius: float, texel: float, sums: Array) -> float:
     """Mean radiance in a box round (x, y) from the target's centre: of a disc of this radius, or of a picture where radius is 0."""
     if radius > 0.0:
@@ -47,7 +47,7 @@ def box_mean(x: float, y: float, width: float, height: float, radius: float, tex
     return max(0.0, total + summed_value(sums, left, bottom)) * texel * texel / (width * height)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def sampled_mean(
     ex: float, ey: float, pupil: Array, rows: Array, chord: Array, count: int, width: float, height: float, radius: float, texel: float,
     sums: Array,
@@ -79,7 +79,7 @@ def sampled_mean(
     return light / area
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def spot_share(ex: float, ey: float, pupil: Array, radius: float) -> float:
     """Part of the full cone at (ex, ey) mm that comes from a dot of this radius (target mm): the area common to three discs over pi."""
     slope, reach, spread = pupil[0], pupil[1], pupil[2]
@@ -92,7 +92,7 @@ def spot_share(ex: float, ey: float, pupil: Array, radius: float) -> float:
     return three_disc_area(0.0, 0.0, 1.0, ex / slope, ey / slope, reach / abs(slope), x, y, size) / math.pi
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def full_share(ex: float, ey: float, pupil: Array) -> float:
     """Share of the full cone that passes both apertures at the point (ex, ey) mm."""
     slope = abs(pupil[0])
@@ -102,7 +102,7 @@ def full_share(ex: float, ey: float, pupil: Array) -> float:
     return two_disc_area(1.0, pupil[1] / slope, distance / slope) / math.pi
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_sampled(
     image: Array, rows: tuple[int, int], windows: Whole, kinds: Whole, centres: Array, pupils: Array, levels: Array, subs: Whole,
     counts: Whole, strips: Array, chords: Array, rims: Array, nodes: Array, xs: Array, ys: Array, pixel: float, radius: float,
@@ -119,8 +119,8 @@ def add_sampled(
         kind = kinds[entry]
         across, up = subs[kind, 0], subs[kind, 1]
         part_x, part_y = pixel / across, pixel / up
-        pupil = pupils[entry]
-        steep = rims[kind, 0] < 0.0
+        pupil, strip, chord, rim, count = pupils[entry], strips[kind], chords[kind], rims[kind], int(counts[kind])
+        steep = rim[0] < 0.0
         for row in range(first, last):
             dy = ys[row] - centres[entry, 1]
             for column in range(windows[entry, 0], windows[entry, 1]):
@@ -134,17 +134,17 @@ def add_sampled(
                         x = dx + ((i + 0.5) / across - 0.5) * pixel
                         if steep:
                             share = steep_share(x, y, part_x, part_y, pupil[0], pupil[1], nodes)
-                        elif counts[kind] == 0:
+                        elif count == 0:
                             share = 1.0
                         else:
-                            share = rim_share(math.sqrt(x * x + y * y), rims[kind])
+                            share = rim_share(math.sqrt(x * x + y * y), rim)
                         if share <= 0.0:
                             continue
-                        if counts[kind] == 0:
+                        if count == 0:
                             light += share * spot_share(x, y, pupil, radius) / (max(full_share(x, y, pupil), 1e-12) if steep else 1.0)
                         else:
                             size_x, size_y = abs(pupil[3]) * part_x, abs(pupil[3]) * part_y
                             light += share * sampled_mean(
-                                x, y, pupil, strips[kind], chords[kind], int(counts[kind]), size_x, size_y, radius, texel, sums
+                                x, y, pupil, strip, chord, count, size_x, size_y, radius, texel, sums
                             )
                 image[row, column] += levels[entry] * light / (across * up)

@@ -20,7 +20,7 @@ SERIES_LIMIT = 0.35
 SERIES = tuple(float(np.prod([(k - 0.5) / (k + 1) for k in range(n)])) / (n + 1.5) for n in range(SERIES_TERMS))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def gap(a: float, b: float, c: float) -> float:
     """a + b - c with one rounding, by two-term sums."""
     total = a + b
@@ -32,7 +32,7 @@ def gap(a: float, b: float, c: float) -> float:
     return rest + lost
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def segment(z: float, complement: float) -> float:
     """Area of a circular segment of radius 1 and half angle a: a - sin a cos a, from z = sin^2(a/2) and 1 - z.
 
@@ -43,7 +43,7 @@ def segment(z: float, complement: float) -> float:
     return segment_small(z, complement)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def segment_small(z: float, complement: float) -> float:
     """``segment`` for z up to 1/2."""
     if z > SERIES_LIMIT:
@@ -56,7 +56,7 @@ def segment_small(z: float, complement: float) -> float:
     return 8 * z * math.sqrt(z) * total
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def two_disc_area(radius1: float, radius2: float, distance: float) -> float:
     """Area common to two closed discs of these radii whose centres lie ``distance`` apart; all three at least 0."""
     small = min(radius1, radius2)
@@ -74,7 +74,7 @@ def two_disc_area(radius1: float, radius2: float, distance: float) -> float:
     return small * small * in_small + large * large * in_large
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _two_disc_areas(radius1: Array, radius2: Array, distance: Array, areas: Array) -> None:
     for index in range(areas.size):
         areas[index] = two_disc_area(radius1[index], radius2[index], distance[index])
@@ -95,7 +95,7 @@ def two_disc_areas(radius1: npt.ArrayLike, radius2: npt.ArrayLike, distance: npt
     return areas.reshape(given[0].shape)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def arc_share(x: float, y: float, radius: float, other_x: float, other_y: float, other_radius: float) -> tuple[float, float]:
     """Which part of a circle lies in another disc: (middle angle, half opening); half opening pi for all of it, -1 for none."""
     dx = other_x - x
@@ -112,7 +112,7 @@ def arc_share(x: float, y: float, radius: float, other_x: float, other_y: float,
     return math.atan2(dy, dx), 2 * math.atan2(math.sqrt(max(z, 0.0)), math.sqrt(max(complement, 0.0)))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def arc_area(x: float, y: float, radius: float, start: float, end: float) -> float:
     """Half the integral of x dy - y dx along an arc: its segment and the triangle from the origin."""
     if end - start >= 2 * math.pi - 1e-15:
@@ -125,7 +125,7 @@ def arc_area(x: float, y: float, radius: float, start: float, end: float) -> flo
     return radius * radius * segment(math.sin(quarter) ** 2, math.cos(quarter) ** 2) + 0.5 * (x1 * y2 - x2 * y1)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def three_disc_area(
     x1: float, y1: float, radius1: float, x2: float, y2: float, radius2: float, x3: float, y3: float, radius3: float,
 ) -> float:
@@ -166,7 +166,7 @@ def three_disc_area(
     return max(area, 0.0)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def side_area(height: float, along: float, radius: float) -> float:
     """Disc round the origin within the triangle from the origin to a line at ``height``, from its foot to ``along``; signed."""
     h = abs(height)
@@ -179,7 +179,7 @@ def side_area(height: float, along: float, radius: float) -> float:
     return area if (height < 0.0) == (along < 0.0) else -area
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def disc_rectangle_area(radius: float, left: float, right: float, bottom: float, top: float) -> float:
     """Area common to the disc of this radius round the origin and a rectangle with sides along the axes."""
     far_x = max(abs(left), abs(right))
@@ -197,7 +197,7 @@ def disc_rectangle_area(radius: float, left: float, right: float, bottom: float,
     return area
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def lens_rows(x: float, y: float, radius: float) -> tuple[float, float]:
     """Lowest and highest y of the region common to the unit disc round the origin and the disc at (x, y); empty if low >= high."""
     distance = math.hypot(x, y)
@@ -219,7 +219,7 @@ def lens_rows(x: float, y: float, radius: float) -> tuple[float, float]:
     return low, high
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def lens_chord(x: float, y: float, radius: float, at: float) -> tuple[float, float]:
     """Left and right end of that region at height ``at``; empty if left >= right."""
     half = math.sqrt(max(0.0, 1.0 - at * at))
