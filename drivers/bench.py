@@ -219,7 +219,8 @@ class _Connection:
             self.addresses[path[-1]] = device.address
             return opened
         except FlflabError as fault:
-            self._faults.append(fault)
+            name = path[-1]
+            self._faults.append(fault if name in str(fault) else type(fault)(f"{name}: {fault}"))
             return None
 
     def raise_faults(self) -> None:

@@ -164,13 +164,14 @@ class ZaberChain:
         Raises:
             CommunicationError: no reply, or not the reply to this command.
         """
+        try:
+            with self._turn:
+                return self._exchange(name, device, axis, text)
+        except CommunicationError:
+            if not repeatable:
+                raise
         with self._turn:
-            try:
-                return self._exchange(name, device, axis, text)
-            except CommunicationError:
-                if not repeatable:
-                    raise
-                return self._exchange(name, device, axis, text)
+            return self._exchange(name, device, axis, text)
 
     def write_stop(self, device: int, axis: int) -> None:
         """Write a stop at once; its reply is skipped by whoever reads."""

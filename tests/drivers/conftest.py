@@ -80,7 +80,7 @@ def dialogue() -> Iterator[Callable[[list[tuple[bytes, Reply]]], str]]:
 class ToyStage:
     """A stage in microsteps that moves at a constant speed in real time, and shows one fault when told to."""
 
-    def __init__(self, speed: float = 60000.0, homed: bool = True, resolution: int = 64) -> None:
+    def __init__(self, speed: float = 100000.0, homed: bool = True, resolution: int = 64) -> None:
         self.speed, self.homed = speed, homed
         self.limit = 100000
         self.settings = {"resolution": resolution, "limit.min": 0, "limit.max": self.limit, "maxspeed": 0}

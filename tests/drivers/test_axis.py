@@ -21,7 +21,7 @@ Build = Callable[..., tuple[Axis, Any]]
 
 @pytest.fixture
 def axis(toy_chain: Callable[..., str], toy_stage: type[Any]) -> Iterator[Build]:
-    """Build an axis of 0 to 40 mm on a toy stage of 0 to 50 mm that runs at 30 mm/s."""
+    """Build an axis of 0 to 40 mm on a toy stage of 0 to 50 mm that runs at 50 mm/s."""
     built: list[tuple[Axis, ZaberChain]] = []
 
     def build(*, patience: float = 0.3, guard: Any = None, **stage_is: Any) -> tuple[Axis, Any]:

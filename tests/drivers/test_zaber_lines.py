@@ -136,7 +136,7 @@ def test_a_stop_does_not_wait_for_another_exchange_and_its_reply_disturbs_none(d
 
 
 def test_nobody_at_the_address_is_said_with_the_address() -> None:
-    with pytest.raises(CommunicationError, match=r"127\.0\.0\.1:1: cannot be opened"):
+    with pytest.raises(CommunicationError, match=r"127\.0\.0\.1:1: cannot be reached"):
         open_serial("127.0.0.1:1", 115200)
     with pytest.raises(CommunicationError, match="/dev/no-such-port: cannot be opened"):
         open_serial("/dev/no-such-port", 115200)
