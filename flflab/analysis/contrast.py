@@ -107,10 +107,13 @@ def fit_contrast(
     knots = Knots(span[0], step, math.ceil((top - span[0]) / step) + 3)
     template = Template(abs(across) * camera.sensor.pixel, abs(across) * float(blur(central_smms(camera), 1 / distance)))
     fit = _fit(data, target, start, span, top, knots, template, noise)
-    for _ in range(REFINEMENTS):
+    for _ in range(REFINEMENTS if target.kind == "bars" else 0):
         # The stages' errors blur differently from what is nominal, and the highest harmonics are seen through the template alone.
-        template = _with_measured_blur(template, fit, knots, span)
-        fit = _settle(data, target, start, replace(fit, curve=np.zeros_like(fit.curve)), span, top, knots, template, noise)
+        other = _with_measured_blur(template, fit, knots, span)
+        again = _settle(data, target, start, replace(fit, curve=np.zeros_like(fit.curve)), span, top, knots, other, noise)
+        if again.chi2 >= fit.chi2:
+            break
+        template, fit = other, again
     return _curve(fit, data, pixels, camera, target, distance, knots, template, span)
 
 
@@ -223,12 +226,15 @@ def _advance(
 
 
 def _with_measured_blur(template: Template, fit: ChirpFit, knots: Knots, span: tuple[float, float]) -> Template:
-    """The template whose disc of blur comes nearest to the measured transfer, up to one factor."""
-    nu = np.linspace(span[0], span[1], 4 * KNOTS)
-    measured = knots.design(nu, template) @ fit.curve
+    """The template whose disc of blur comes nearest to the measured transfer, up to one factor, each frequency as far as it is known."""
+    nu = np.linspace(span[0], span[1], 2 * KNOTS)
+    design = knots.design(nu, template)
+    spread = design @ fit.covariance[CURVE:, CURVE:] @ design.T + FIT_ERROR**2 * np.eye(len(nu))
+    whiten = np.linalg.inv(np.linalg.cholesky(spread))
+    measured = whiten @ design @ fit.curve
 
     def misfit(disc: float) -> float:
-        shape = replace(template, blur=disc).transfer(nu)
+        shape = whiten @ replace(template, blur=disc).transfer(nu)
         return float(np.sum((measured - shape * (shape @ measured) / (shape @ shape)) ** 2))
 
     widest = max(WIDEST_BLUR * template.pixel, 2 * template.blur)
