@@ -124,7 +124,7 @@ def judge(quantity: str, measured: Array, noise: Array, draws: Array, threshold:
     accepted = p_value >= threshold
     sentence = (
         f"{quantity}: {count} values {'agree' if accepted else 'do not agree'} with the model; of benches built and measured as stated, "
-        f"{100 * p_value:.2g} % disagree at least as much (rejected below {100 * threshold:.2g} %)"
+        f"{100 * p_value:.3g} % disagree at least as much (rejected below {100 * threshold:.3g} %)"
     )
     return Verdict(quantity, count, p_value, threshold, accepted, sentence)
 

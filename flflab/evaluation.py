@@ -17,7 +17,7 @@ from flflab.bench import Bench, Element
 from flflab.comparison import Comparison, Row, count_spread, judge, z_score
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.contrast import contrast_paper
+from flflab.optics.contrast import contrast_paper, disc_transfer
 from flflab.optics.focus import blur, magnification
 from flflab.optics.resolution import central_smms
 from flflab.prediction import contrast_draws, placements, predicted_view_indices, stage_errors, view_draws
@@ -282,24 +282,33 @@ def _mtf_rows(one: Measured, model: Predicted) -> list[Row]:
         for k, frequency in enumerate(curve.cycles_per_mm)
     ]
     if model.blur_px <= 1:
-        # The paper's curve knows no blur: it is claimed inside the depth of field only.
-        enlarged = float(magnification(central_smms(model.camera), 1 / model.distance))
-        claimed = contrast_paper(curve.cycles_per_mm / enlarged * model.camera.sensor.pixel)
-        rows += [
-            _row(
-                one,
-                model,
-                "contrast_paper",
-                float(curve.classic[k]),
-                float(curve.classic_uncertainty[k]),
-                float(claimed[k]),
-                target="bars",
-                cycles_per_mm=float(frequency),
-            )
-            for k, frequency in enumerate(curve.cycles_per_mm)
-            if np.isfinite(curve.extremes[k])
-        ]
+        rows += _paper_rows(one, model)
     return rows
+
+
+def _paper_rows(one: Measured, model: Predicted) -> list[Row]:
+    """The paper's curve, which knows no blur and is claimed inside the depth of field only.
+
+    What a blur of up to one pixel takes away there is the model's own slack: a rectangular distribution from none to all of it.
+    """
+    curve, pixel = one.curve, model.camera.sensor.pixel
+    cycles_per_px = curve.cycles_per_mm / float(magnification(central_smms(model.camera), 1 / model.distance)) * pixel
+    claimed = contrast_paper(cycles_per_px)
+    slack = claimed * (1 - disc_transfer(1.0, cycles_per_px)) / 3**0.5
+    sigma = np.sqrt(curve.extremes_uncertainty**2 + slack**2)
+    return [
+        _row(
+            one,
+            model,
+            "contrast_paper",
+            float(curve.extremes[k]),
+            float(sigma[k]),
+            float(claimed[k]),
+            target="bars",
+            cycles_per_mm=float(nu),
+        )
+        for k, nu in enumerate(curve.cycles_per_mm)
+    ]
 
 
 def _difference_rows(one: Measured, model: Predicted, other: Measured, other_model: Predicted) -> list[Row]:

@@ -261,7 +261,9 @@ def _curve(
     chi2 = fit.chi2 / max(1, len(x) - len(fit.covariance))
     covariance = fit.covariance * max(1.0, chi2)
     spline = slice(CURVE, None)
-    nu = np.linspace(span[0], span[1], KNOTS)
+    # The target's own grid, not the picture's, so that two pictures of one target can be compared frequency by frequency.
+    nu = np.linspace(*target.cycles_per_mm, KNOTS + 2)[1:-1]
+    nu = nu[(nu >= span[0]) & (nu <= span[1])]
     design = knots.design(nu, template)
     spread = design @ covariance[spline, spline] @ design.T + FIT_ERROR**2 * np.eye(len(nu))
     near = np.array([np.count_nonzero(np.abs(frequency - one) <= knots.step / 2) for one in nu])

@@ -2,7 +2,7 @@
 
 import typer
 
-from flflab.cli import compare, model
+from flflab.cli import bench, compare, image, measure, model, new, plan, sim, validate
 
 app = typer.Typer(
     name="flflab",
@@ -12,5 +12,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+app.command("validate")(validate.validate)
 app.command("compare")(compare.compare)
 app.command("model")(model.model)
+app.command("image")(image.image)
+app.command("measure")(measure.measure)
+app.command("plan")(plan.plan)
+app.add_typer(bench.app, name="bench")
+app.command("sim")(sim.sim)
+app.command("report")(validate.report)
+app.command("new")(new.new)

@@ -49,6 +49,9 @@ def image(
     console = Console()
     if explain:
         console.print(_table(report))
+        absent = [effect.name for effect in report.effects if effect.size is None and not effect.on]
+        if absent:
+            console.print(f"Not simulated by this version: {', '.join(absent)}.", highlight=False)
     console.print(f"{out}: error below {report.error_estimate:.2g} of white level, {report.time_ms:.0f} ms", highlight=False)
 
 
@@ -57,6 +60,8 @@ def _table(report: ImageReport) -> Table:
     for head in ("effect", "on", "size", "bound", "ms", "why"):
         table.add_column(head, justify="right" if head in ("size", "bound", "ms") else "left")
     for effect in report.effects:
+        if effect.size is None and not effect.on:
+            continue  # told in one line below
         table.add_row(
             effect.name,
             "on" if effect.on else "off",

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from flflab.bench import read_bench
 from flflab.description import read_yaml
+from flflab.errors import FlflabError
 from flflab.record import Run, claim_folder, keep_descriptions, new_folder, read_run
 from flflab.study import read_study
 
@@ -54,11 +55,16 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
         with connect(file) as connected:
             place = folder or new_folder(study.description.name)
             keep_descriptions(place, bench, study_file)
+            failure: FlflabError | None = None
             try:
                 validate(connected, study, begin_recording(connected, study, place), tell)
-            except RunInterruptedError as interrupted:
-                sys.stderr.write(f"flflab: {interrupted}\n")
-                raise typer.Exit(130) from interrupted
+            except FlflabError as error:
+                failure = error  # raised below: every axis was told to stop, and what goes wrong in leaving must not hide why
+    if isinstance(failure, RunInterruptedError):
+        sys.stderr.write(f"flflab: {failure}\n")
+        raise typer.Exit(130)
+    if failure is not None:
+        raise failure
     return read_run(place)
 
 

@@ -1,0 +1,75 @@
+"""``flflab measure FRAME``: lattice, views and contrast of one picture, whatever took it."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from flflab.analysis.measure import measure as measure_picture
+from flflab.camera_file import read_camera
+from flflab.cli.ending import print_json
+from flflab.cli.targets import read_target
+from flflab.errors import InputError
+from flflab.image_file import read_picture
+from flflab.units import parse_quantity
+
+
+def measure(
+    frame: Annotated[Path, typer.Argument(help="picture: .npy, .png, .tiff, .h5, .dng or another raw file")],
+    camera: Annotated[Path, typer.Option(help="camera file (YAML) of the camera that took it")],
+    target: Annotated[str, typer.Option(help="kind of target that stood there, or its YAML file")] = "white",
+    distance: Annotated[str | None, typer.Option(help="main lens to target, with its unit; without it where the camera is sharp")] = None,
+    json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output (pixels, mm)")] = False,
+) -> None:
+    """Measure one picture; positions are (x, y) in pixels, (0, 0) is the centre of the top-left one."""
+    away = None if distance is None else parse_quantity(distance, "length")
+    if away is not None and not away > 0:
+        raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm")
+    result = measure_picture(read_picture(frame), read_camera(camera), read_target(target), away)
+    if json:
+        print_json(result)
+        return
+    console = Console()
+    _print_lattice(console, result["lattice"])
+    if result["dots"]:
+        console.print(_dots(result["dots"]))
+    if result["mtf"]:
+        console.print(_contrasts(result["mtf"]))
+    for remark in result["remarks"]:
+        console.print(f"Note: {remark}.", highlight=False)
+
+
+def _print_lattice(console: Console, lattice: dict[str, Any]) -> None:
+    table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
+    table.add_row("layout", str(lattice["layout"]))
+    table.add_row("pitch", f"{lattice['pitch_px']:.5f} px")
+    table.add_row("angle", f"{lattice['angle_deg']:.5f} deg")
+    table.add_row("origin (x, y)", "{:.4f}, {:.4f} px".format(*lattice["origin_px"]))
+    table.add_row("inside, outside radius", f"{lattice['inside_radius_px']:.3f}, {lattice['outside_radius_px']:.3f} px")
+    table.add_row("micro-images", str(len(lattice["centres_px"])))
+    console.print(table)
+
+
+def _dots(dots: list[dict[str, Any]]) -> Table:
+    table = Table(title="Dots", box=box.SIMPLE)
+    for head in ("dot", "views", "uncertain", "x mm", "y mm", "z mm"):
+        table.add_column(head, justify="right")
+    for dot in dots:
+        position = [
+            "none" if value is None or sigma is None else f"{value:.3f} ± {sigma:.3f}"
+            for value, sigma in zip(dot["position_mm"] or [None] * 3, dot["uncertainty_mm"] or [None] * 3, strict=True)
+        ]
+        table.add_row(str(dot["dot"]), str(dot["views"]), str(dot["views_uncertain"]), *position)
+    return table
+
+
+def _contrasts(points: list[dict[str, Any]]) -> Table:
+    table = Table(title="Contrast against frequency", box=box.SIMPLE)
+    for head in ("cycles/px", "contrast"):
+        table.add_column(head, justify="right")
+    for point in points:
+        table.add_row(f"{point['cycles_per_px']:.4f}", f"{point['contrast']:.4f} ± {point['uncertainty']:.4f}")
+    return table
