@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, PositiveInt, model_validator
 
 from flflab.description import Angle, Description, Length, Ratio, load
 from flflab.errors import InputError
-from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Substrate, Useful
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 Share = Annotated[Ratio, Field(ge=0, le=1)]
@@ -23,10 +23,19 @@ def _as_pair(given: object) -> object:
 
 
 class MainLensDescription(Description):
-    """Main lens: focal length and f-number."""
+    """Main lens: focal length, f-number and, for a thick one, how far its rear principal plane lies behind its front one."""
 
     focal_length: PositiveLength
     f_number: Annotated[float, Field(gt=0)]
+    principal_separation: Length = 0.0
+
+
+class SubstrateDescription(Description):
+    """The plate that carries the microlenses: thickness, refractive index, and which way it faces from them."""
+
+    thickness: Annotated[Length, Field(ge=0)]
+    refractive_index: Annotated[float, Field(ge=1)]
+    side: Literal["sensor", "main lens"] = "sensor"
 
 
 class ArrayDescription(Description):
@@ -45,6 +54,7 @@ class ArrayDescription(Description):
     offset: tuple[Length, Length] = (0.0, 0.0)
     roll: Angle = 0.0
     tilt: tuple[Angle, Angle] = (0.0, 0.0)
+    substrate: SubstrateDescription | None = None
 
     @model_validator(mode="after")
     def _needs_a_focal_length(self) -> "ArrayDescription":
@@ -117,10 +127,10 @@ class CameraDescription(Description):
 
     def camera(self) -> Camera:
         """The frozen camera this file describes."""
-        array = self.microlens_array
+        array, plate = self.microlens_array, self.microlens_array.substrate
         focal_lengths, aperture, _ = array.lenses()
         return Camera(
-            MainLens(self.main_lens.focal_length, self.main_lens.f_number),
+            MainLens(self.main_lens.focal_length, self.main_lens.f_number, self.main_lens.principal_separation),
             MicrolensArray(
                 layout=array.layout,
                 count=array.count,
@@ -132,6 +142,7 @@ class CameraDescription(Description):
                 offset=array.offset,
                 roll=array.roll,
                 tilt=array.tilt,
+                substrate=None if plate is None else Substrate(plate.thickness, plate.refractive_index, plate.side),
             ),
             Sensor(self.sensor.resolution, self.sensor.pixel, self.sensor.distance, self.sensor.offset),
             self.aperture_shape,

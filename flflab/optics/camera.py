@@ -16,15 +16,32 @@ ApertureShape = Literal["round", "square"]
 
 @dataclass(frozen=True)
 class MainLens:
-    """The main lens, thin, its principal plane at z = 0; lengths in mm."""
+    """The main lens; lengths in mm.
+
+    Object distances count from its front principal plane, all distances behind it from its rear one, at z = 0. A thin lens has both in
+    one place; ``principal_separation`` (rear minus front, negative where they are crossed) only says how far apart they lie.
+    """
 
     focal_length: float
     f_number: float
+    principal_separation: float = 0.0
 
     @property
     def aperture(self) -> float:
         """Diameter of the stop in mm."""
         return self.focal_length / self.f_number
+
+
+@dataclass(frozen=True)
+class Substrate:
+    """The glass plate that carries the microlenses: ``thickness`` in mm, refractive ``index``, on which ``side`` of the lenses.
+
+    Distances to the array are air, up to the nearest face of plate or lenses; the plate adds thickness/index to the optical one.
+    """
+
+    thickness: float
+    index: float
+    side: Literal["sensor", "main lens"] = "sensor"
 
 
 @dataclass(frozen=True)
@@ -47,6 +64,7 @@ class MicrolensArray:
     offset: tuple[float, float] = (0.0, 0.0)
     roll: float = 0.0
     tilt: tuple[float, float] = (0.0, 0.0)
+    substrate: Substrate | None = None
 
 
 @dataclass(frozen=True)
@@ -107,6 +125,11 @@ class Camera:
                 f"camera: sensor.distance is {self.sensor.distance:g} mm, in front of or on the array at "
                 f"{self.array.distance:g} mm; the sensor lies behind the array"
             )
+        plate = self.array.substrate
+        if plate is not None and plate.thickness < 0:
+            raise InputError(f"camera: microlens_array.substrate.thickness is {plate.thickness:g} mm; 0 mm or more is due")
+        if plate is not None and plate.index < 1:
+            raise InputError(f"camera: microlens_array.substrate.refractive_index is {plate.index:g}; 1 or more is due")
         types = len(self.array.focal_lengths)
         if not self.array.pattern or any(not 0 <= kind < types for row in self.array.pattern for kind in row):
             raise InputError(f"camera: microlens_array.pattern must be rows of indices from 0 to {types - 1}")
@@ -121,8 +144,22 @@ class Camera:
 
     @property
     def gap(self) -> float:
-        """Distance from the array to the sensor, mm."""
+        """Air from the array to the sensor, mm."""
         return self.sensor.distance - self.array.distance
+
+    @property
+    def optical_distance(self) -> float:
+        """L, main lens to microlenses, mm: the air and, where the plate faces the main lens, its thickness over its index."""
+        return self.array.distance + self._plate("main lens")
+
+    @property
+    def optical_gap(self) -> float:
+        """b, microlenses to sensor, mm: the air and, where the plate faces the sensor, its thickness over its index."""
+        return self.gap + self._plate("sensor")
+
+    def _plate(self, side: str) -> float:
+        plate = self.array.substrate
+        return plate.thickness / plate.index if plate is not None and plate.side == side else 0.0
 
 
 def _numbers(part: Any, path: str) -> list[tuple[str, float]]:

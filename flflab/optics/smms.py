@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from flflab.errors import InputError
 from flflab.optics.camera import Camera, microlens_centres, microlens_types
 
 Array = npt.NDArray[np.float64]
@@ -70,15 +71,25 @@ class Smms:
 
 
 def camera_smms(camera: Camera) -> Smms:
-    """The SMMS of every microlens of a camera, row by row, each field of shape (N,); a tilted array gives each its own L and b."""
+    """The SMMS of every microlens of a camera, row by row, each field of shape (N,); a tilted array gives each its own L and b.
+
+    Raises:
+        InputError: the array is tilted so far that a microlens would lie behind the sensor or before the main lens.
+    """
     centres = microlens_centres(camera.array)
     rise = centres @ np.asarray(camera.array.tilt)
+    if rise.max() >= camera.optical_gap or -rise.min() >= camera.optical_distance:
+        worst = max(float(rise.max()), -float(rise.min()))
+        raise InputError(
+            f"camera: microlens_array.tilt is {camera.array.tilt} and moves an outer microlens by {worst:g} mm along the axis; "
+            f"less than the {camera.optical_gap:g} mm to the sensor is allowed"
+        )
     ones = np.ones(len(centres))
     return Smms(
         lens_focal=ones * camera.main_lens.focal_length,
         lens_aperture=ones * camera.main_lens.aperture,
-        distance=camera.array.distance + rise,
-        gap=camera.gap - rise,
+        distance=camera.optical_distance + rise,
+        gap=camera.optical_gap - rise,
         focal=np.asarray(camera.array.focal_lengths)[microlens_types(camera.array)],
         aperture=ones * camera.array.aperture,
         centre_x=centres[:, 0],

@@ -75,7 +75,8 @@ class DistanceSolution:
 
 def array_arrangement(camera: Camera) -> str:
     """keplerian where b > f, galilean where b < f, afocal where b = f; mixed where the microlens types differ in it."""
-    kinds = {"keplerian" if camera.gap > f > 0 else "afocal" if camera.gap == f else "galilean" for f in camera.array.focal_lengths}
+    gap = camera.optical_gap
+    kinds = {"keplerian" if gap > f > 0 else "afocal" if gap == f else "galilean" for f in camera.array.focal_lengths}
     return kinds.pop() if len(kinds) == 1 else "mixed"
 
 

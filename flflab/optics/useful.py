@@ -174,7 +174,8 @@ def neighbours_of(smms: Smms, camera: Camera, slack: float = 0.0) -> npt.NDArray
     corner = 1.0 if shape == "round" else np.sqrt(2.0)
     radius = edge_radius(smms, rules.minimum_illumination, shape) * (1 + slack) * corner
     blocked = edge_radius(smms, rules.maximum_crosstalk, shape) * (1 + slack) * corner
-    pairs = pairs_within(centre, float(radius.max() + blocked.max()))
+    pairs = pairs_within(centre, centre, float(radius.max() + blocked.max()))
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     apart = np.hypot(*(centre[pairs[:, 1]] - centre[pairs[:, 0]]).T)
     reached = apart < radius[pairs[:, 0]] + blocked[pairs[:, 1]]
     # Nearest first: they cut most, and what they cut needs no further look.
@@ -186,25 +187,27 @@ def neighbours_of(smms: Smms, camera: Camera, slack: float = 0.0) -> npt.NDArray
     return neighbours
 
 
-def pairs_within(points: Array, reach: float) -> npt.NDArray[np.int64]:
-    """Ordered pairs (i, j), i not j, of points less than ``reach`` apart in x and in y, shape (K, 2), by cells of that size."""
-    lowest = points.min(axis=0)
-    size = max(reach, float(np.ptp(points, axis=0).max()) / 1000)
-    cell = ((points - lowest) / size).astype(np.int64) + 1
-    columns = int(cell[:, 0].max()) + 2
-    key = cell[:, 1] * columns + cell[:, 0]
-    order = np.argsort(key, kind="stable")
+def pairs_within(points: Array, others: Array, reach: float) -> npt.NDArray[np.int64]:
+    """Pairs (i, j) of points and other points at most ``reach`` apart in x and in y, shape (K, 2), by cells of that size."""
+    lowest = others.min(axis=0)
+    size = max(reach * (1 + 1e-9), float(np.ptp(others, axis=0).max()) / 1000, np.finfo(np.float64).tiny)
+    cells = np.floor((others - lowest) / size).astype(np.int64)
+    columns = int(cells[:, 0].max()) + 3
+    order = np.argsort(cells[:, 1] * columns + cells[:, 0], kind="stable")
+    keys = (cells[:, 1] * columns + cells[:, 0])[order]
+    near = np.flatnonzero(np.all((points >= lowest - reach) & (points <= others.max(axis=0) + reach), axis=1))
+    cell = np.floor((points[near] - lowest) / size).astype(np.int64)
     found: list[npt.NDArray[np.int64]] = []
     for row in (-1, 0, 1):
         # Three cells side by side have consecutive keys.
-        first = np.searchsorted(key[order], key + row * columns - 1, side="left")
-        counts = np.searchsorted(key[order], key + row * columns + 1, side="right") - first
-        owner = np.repeat(np.arange(len(points)), counts)
+        key = (cell[:, 1] + row) * columns + cell[:, 0]
+        first = np.searchsorted(keys, key - 1, side="left")
+        counts = np.searchsorted(keys, key + 1, side="right") - first
+        owner = np.repeat(np.arange(len(near)), counts)
         place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(first, counts)
-        found.append(np.stack([owner, order[place]], axis=1))
+        found.append(np.stack([near[owner], order[place]], axis=1))
     pairs = np.concatenate(found)
-    near = np.all(np.abs(points[pairs[:, 0]] - points[pairs[:, 1]]) < reach, axis=1) & (pairs[:, 0] != pairs[:, 1])
-    return pairs[near]
+    return pairs[np.all(np.abs(points[pairs[:, 0]] - others[pairs[:, 1]]) <= reach, axis=1)]
 
 
 def in_useful(fields: SensorFields, owner: npt.NDArray[np.int64], points: Array, margin: Array | float = 0.0) -> Flags:

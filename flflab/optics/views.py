@@ -117,9 +117,23 @@ def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
     members = np.flatnonzero(_extent(shift, fields.shape) <= reach)
     if len(members) == 0:
         return Views(0, 0, 0)
+    total, bright, chief = seen_by(fields, members, vergence, np.broadcast_to(angle, (len(members), 2)))
+    return Views(int(total.sum()), int(bright.sum()), int(chief.sum()))
+
+
+def seen_by(fields: SensorFields, members: npt.NDArray[np.int64], vergence: float, angle: Array) -> tuple[Flags, Flags, Flags]:
+    """Whether microlenses see object points, pair by pair: total, bright and chief; see ``sensor_views``.
+
+    Args:
+        fields: the camera's useful regions.
+        members: microlenses, shape (K,).
+        vergence: V = 1/D, 1/mm.
+        angle: o V (x, y) of the point for each of them, shape (K, 2).
+    """
     smms = select(fields.smms, members)
     x, slope, inverse = _scalars(smms, vergence)
-    shift, centre = shift[members], centre[members]
+    centre = np.stack([smms.centre_x, smms.centre_y], axis=1)
+    shift = centre + angle * smms.distance[:, None]
     base = (smms.gap / smms.focal)[:, None] * centre - (smms.kappa * smms.distance)[:, None] * angle
     crossing, passes, landing = chief_crossings(smms, vergence, angle, centre, fields.shape)
     chief = passes & in_useful(fields, members, landing)
@@ -131,7 +145,17 @@ def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
     owner = np.repeat(members, landed.shape[1])[lit.ravel()]
     hit = np.zeros(lit.shape, dtype=np.bool_)
     hit[lit] = in_useful(fields, owner, landed[lit])
-    return Views(int(np.count_nonzero(hit.any(axis=1) | chief)), int(bright.sum()), int(chief.sum()))
+    return hit.any(axis=1) | chief, bright, chief
+
+
+def chief_seen_by(fields: SensorFields, members: npt.NDArray[np.int64], vergence: float, angle: Array) -> Flags:
+    """The chief views of ``seen_by`` alone, without tracing rays."""
+    smms = select(fields.smms, members)
+    centre = np.stack([smms.centre_x, smms.centre_y], axis=1)
+    _, passes, landing = chief_crossings(smms, vergence, angle, centre, fields.shape)
+    passed = np.flatnonzero(passes)
+    passes[passed] = in_useful(fields, members[passed], landing[passed])
+    return passes
 
 
 def _rays(crossing: Array, disc_centre: Array, smms: Smms, x: Array, shift: Array, shape: ApertureShape) -> Array:

@@ -1,0 +1,109 @@
+"""The measurement volume: the measurement area in three dimensions, counted on a low-discrepancy set of object points.
+
+Source: paper, "Measurement area", taken from its row to the sensor. Lengths in mm.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.optics.area import NEAREST, Rule, sharp_ranges
+from flflab.optics.camera import Camera
+from flflab.optics.focus import merge_intervals
+from flflab.optics.smms import image_offset
+from flflab.optics.useful import SensorFields, pairs_within, select, sensor_fields
+from flflab.optics.views import chief_seen_by, seen_by
+
+Array = npt.NDArray[np.float64]
+_PLANES = 6
+# Fractional steps of the additive sequence whose points fill a square most evenly: powers of the plastic number's inverse.
+_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
+
+
+@dataclass(frozen=True)
+class MeasurementVolume:
+    """Volume in mm^3 that enough micro-images see sharply, and how far two halves of the points disagree about it.
+
+    ``volume`` is None where it is not bounded or not there, and ``reason`` says which.
+    """
+
+    volume: float | None
+    uncertainty: float
+    reason: str
+
+
+def measurement_volume(
+    camera: Camera, by: Rule = "chief", views: int = 2, circle: float | None = None, points: int = 1024
+) -> MeasurementVolume:
+    """Volume of the points that at least ``views`` micro-images see inside their depths of field.
+
+    Depth by six Gauss-Legendre planes in each piece of the depth of field, height and width by ``points`` object points a plane.
+
+    Args:
+        camera: the camera.
+        by: "chief" views or "total" (some useful ray; slower, rays are traced).
+        views: least number of micro-images.
+        circle: permitted blur on the sensor, mm; one pixel unless told.
+        points: object points a plane.
+    """
+    fields = sensor_fields(camera)
+    kinds, kind = np.unique(fields.smms.focal, return_inverse=True)
+    first = np.array([int(np.flatnonzero(kind == one)[0]) for one in range(len(kinds))])
+    ranges = sharp_ranges(select(fields.smms, first), circle or camera.sensor.pixel, NEAREST * camera.main_lens.focal_length)
+    cuts = sorted({end for one in ranges for part in one for end in part})
+    pieces = [(a, b) for a, b in itertools.pairwise(cuts) if any(lo <= a and b <= hi for one in ranges for lo, hi in one)]
+    if not merge_intervals([part for one in ranges for part in one]):
+        return MeasurementVolume(None, 0.0, "no micro-image is sharp at a real distance")
+    node, weight = np.polynomial.legendre.leggauss(_PLANES)
+    totals = np.zeros(2)
+    for low, high in pieces:
+        sharp = np.array([any(lo <= low and high <= hi for lo, hi in one) for one in ranges])[kind]
+        if low == 0:
+            if _counts(fields, sharp, 1e-3 * high, by, views, points)[0].any():
+                return MeasurementVolume(None, 0.0, "it reaches infinity")
+            continue
+        near, far = 1 / high, 1 / low
+        for distance, share in zip((near + far) / 2 + node * (far - near) / 2, weight * (far - near) / 2, strict=True):
+            seen, box = _counts(fields, sharp, 1 / float(distance), by, views, points)
+            halves = np.array([seen[: points // 2].mean(), seen[points // 2 :].mean()])
+            totals += share * box * distance**2 * halves
+    volume = float(totals.mean())
+    if volume == 0:
+        return MeasurementVolume(None, 0.0, f"no sharp point is seen by {views} micro-images")
+    return MeasurementVolume(volume, float(np.ptp(totals)) / math.sqrt(2), "")
+
+
+def _counts(
+    fields: SensorFields, sharp: npt.NDArray[np.bool_], vergence: float, by: Rule, views: int, points: int
+) -> tuple[npt.NDArray[np.bool_], float]:
+    """Whether each of ``points`` object points is seen often enough by sharp microlenses, and the area of their box in (o V)^2."""
+    members = np.flatnonzero(sharp)
+    smms = select(fields.smms, members)
+    x = image_offset(smms, vergence)
+    stops = smms.lens_aperture * np.abs(x), smms.aperture
+    reach = (stops[0] + stops[1] if by == "total" else np.maximum(*stops)) / 2
+    centre = np.stack([smms.centre_x, smms.centre_y], axis=1)
+    lit = np.all((fields.centre[members] >= fields.low) & (fields.centre[members] <= fields.high), axis=1)
+    if not np.any(lit):
+        return np.zeros(points, dtype=np.bool_), 0.0
+    members, smms, centre, reach = members[lit], select(smms, np.flatnonzero(lit)), centre[lit], reach[lit]
+    # In the coordinate -o V L a microlens sees what lies within its reach of its own centre.
+    low, high = (centre - reach[:, None]).min(axis=0), (centre + reach[:, None]).max(axis=0)
+    scale = float(smms.distance.mean())
+    low, high = low - 0.01 * (high - low), high + 0.01 * (high - low)
+    at = low + (high - low) * np.mod(0.5 + np.arange(1, points + 1)[:, None] * _STEPS, 1.0)
+    pairs = pairs_within(at, centre, float(reach.max() + np.abs(smms.distance / scale - 1).max() * np.abs(at).max()))
+    angle = -at[pairs[:, 0]] / scale
+    owner = members[pairs[:, 1]]
+    hit = chief_seen_by(fields, owner, vergence, angle)
+    count = np.bincount(pairs[hit, 0], minlength=points)
+    if by == "total":
+        # Rays are traced only where chief views, which are total views too, do not decide.
+        near = np.bincount(pairs[:, 0], minlength=points)
+        open_pairs = np.flatnonzero(~hit & ((count < views) & (near >= views))[pairs[:, 0]])
+        traced = seen_by(fields, owner[open_pairs], vergence, angle[open_pairs])[0]
+        count += np.bincount(pairs[open_pairs[traced], 0], minlength=points)
+    return count >= views, float(np.prod(high - low)) / scale**2
