@@ -14,7 +14,7 @@ from bluesky import Msg, RunEngine
 from bluesky import plan_stubs as bps
 from bluesky import preprocessors as bpp
 from bluesky.simulators import check_limits
-from bluesky.utils import DuringTask, RunEngineControlException, RunEngineInterrupted
+from bluesky.utils import DuringTask, FailedStatus, RunEngineInterrupted
 
 from drivers.bench import ConnectedBench
 from flflab.errors import DeviceError, FlflabError
@@ -50,9 +50,10 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
         engine.subscribe(recording.document)
         try:
             with interrupting(engine, bench, asked):
-                engine(as_run(plan, metadata))
+                engine(as_run(plan, metadata, asked))
         except RunEngineInterrupted:
-            with contextlib.redirect_stdout(io.StringIO()):  # it prints what it does
+            # It prints what it does, and fails with the motions that were told to stop.
+            with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(FailedStatus):
                 engine.abort()
         except Exception as error:
             failure = sentence(error, stop(bench))
@@ -62,11 +63,11 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
         raise failure
 
 
-def as_run(plan: Plan, metadata: dict[str, Any]) -> Plan:
-    """A plan as one recorded run, whose stop document says in a sentence why it did not end well."""
+def as_run(plan: Plan, metadata: dict[str, Any], asked: threading.Event) -> Plan:
+    """A plan as one recorded run, whose stop document says in a sentence why it did not end well; ``asked`` to, or by a fault."""
 
     def end(error: Exception) -> Plan:
-        if isinstance(error, RunEngineControlException):
+        if asked.is_set():
             yield from bps.close_run(exit_status="abort", reason=BY_OPERATOR)
         else:
             yield from bps.close_run(exit_status="fail", reason=str(sentence(error)))

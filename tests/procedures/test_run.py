@@ -1,0 +1,172 @@
+"""A whole run over the wire against the simulated bench, and the ways it can end: well, Ctrl-C, kill -9, a fault."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Generator
+from pathlib import Path
+from typing import Any
+
+import event_model
+import numpy as np
+import pytest
+
+from flflab.cli.run import run_study
+from flflab.errors import CommunicationError, DeviceError, MotionError
+from flflab.record import read_documents, read_run
+from procedures.sweep import Progress
+from procedures.validate import tell_nobody
+
+Until = Callable[..., None]
+Write = Callable[..., tuple[Path, Path]]
+ONE = {"configurations": [{"f_number": 4, "distance": "507 mm"}]}
+
+
+@contextlib.contextmanager
+def validating(study: Path, bench: Path, out: Path) -> Generator["subprocess.Popen[str]", None, None]:
+    command = [sys.executable, "-P", "-m", "flflab", "validate", str(study), "--bench", str(bench), "--out", str(out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def events(out: Path) -> int:
+    with contextlib.suppress(Exception):
+        return sum(name == "event" for name, _ in read_documents(out))
+    return 0
+
+
+def test_a_study_over_the_wire(served: Callable[..., Any], tmp_path: Path) -> None:
+    told: list[Progress] = []
+    with served() as (running, study, bench):
+        run = run_study(study, bench, tmp_path / "run", None, told.append)
+        elements = running.world.elements(running.world.clock.now())
+    assert [frame.key for frame in run.frames[:2]] == ["c0/white/0", "c1/white/0"]
+    assert len(run.frames) == 7
+    assert told[-1].done == told[-1].total
+    for name, document in read_documents(run.folder):
+        event_model.schema_validators[event_model.DocumentNames[name]].validate(document)
+    white, dark = run.picture(run.frames[0]).astype(float), run.picture(run.frames[-1]).astype(float)
+    assert dark.mean() == pytest.approx(64, abs=0.2)
+    assert 0.55 < (np.quantile(white, 0.99) - 64) / (4095 - 64) < 0.72
+    last = run.frames[-1].worlds
+    # The truth differs from the readings by the stages' zero and scale errors, standard deviation 1 um (the target's 50 um) and 1e-5.
+    for element, true in elements.items():
+        assert true == pytest.approx(last[element], abs=5 * (0.05 if element == "target.z" else 0.0015))  # pyright: ignore[reportArgumentType]
+    assert {device["name"] for device in run.start["devices"]} >= {"array_stage", "camera", "iris", "target"}
+
+
+@pytest.mark.ci
+def test_the_seed_given_replaces_the_bench_files(
+    served: Callable[..., Any], write: Callable[..., tuple[Path, Path]], tmp_path: Path
+) -> None:
+    study, bench = write(study=ONE)
+    runs = [run_study(study, bench, tmp_path / name, seed, tell_nobody) for name, seed in (("a", 7), ("b", 7), ("c", 8))]
+    assert [run.start["seed"] for run in runs] == [7, 7, 8]
+    first, again, other = (run.picture(run.frames[0]) for run in runs)
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).mean() > 0.2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process cannot be sent Ctrl-C here")
+def test_ctrl_c_in_a_motion_stops_every_axis_and_keeps_the_record(served: Callable[..., Any], until: Until, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    with served(study=ONE | {"exposure": {"frames": 4}}, clock=5) as (running, study, bench), validating(study, bench, out) as process:
+        carriages = running.world.carriages
+
+        def moving() -> bool:
+            return all(carriages[name].moving(running.world.clock.now()) for name in ("main_lens_stage", "target_stage"))
+
+        until(moving)
+        process.send_signal(signal.SIGINT)
+        asked = time.monotonic()
+        until(lambda: not any(carriage.moving(running.world.clock.now()) for carriage in carriages.values()))
+        assert time.monotonic() - asked < 1.0
+        places = [carriage.at(running.world.clock.now()) for carriage in carriages.values()]
+        _, said = process.communicate(timeout=30)
+        assert (process.returncode, said.splitlines()[-1]) == (130, f"flflab: interrupted; recorded so far is in {out}")
+        assert "Traceback" not in said
+        assert [carriage.at(running.world.clock.now()) for carriage in carriages.values()] == places
+    stop = read_run(out).stop
+    assert stop is not None
+    assert (stop["exit_status"], stop["reason"]) == ("abort", "interrupted by the operator")
+
+
+@pytest.mark.ci
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no kill -9")
+def test_after_kill_9_in_mid_run_every_finished_point_is_readable(served: Callable[..., Any], until: Until, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    with served(study=ONE | {"exposure": {"frames": 20}}) as (_, study, bench), validating(study, bench, out) as process:
+        until(lambda: events(out) >= 5)
+        process.kill()
+        process.wait()
+    run = read_run(out)
+    assert len(run.frames) >= 5
+    assert run.stop is None
+    for frame in run.frames:
+        assert run.picture(frame).max() > 500
+    assert len({frame.key for frame in run.frames}) == len(run.frames)
+
+
+@pytest.mark.parametrize(
+    ("fault", "after", "kind", "sentence"),
+    [
+        ("silence", 120, CommunicationError, "no answer"),
+        pytest.param("garbage", 120, CommunicationError, "not a reply", marks=pytest.mark.ci),
+        pytest.param("stall", 60, MotionError, "stalled", marks=pytest.mark.ci),
+        pytest.param("reset", 120, DeviceError, "home it", marks=pytest.mark.ci),
+    ],
+)
+def test_a_faulty_stage_ends_the_run_in_a_sentence(
+    fault: str, after: int, kind: type[DeviceError], sentence: str, served: Callable[..., Any], tmp_path: Path
+) -> None:
+    places = {"configurations": [{"f_number": 4, "distance": [f"{480 + 5 * k} mm" for k in range(12)]}]}
+    faults = [{"device": "target_stage", "fault": fault, "after": after}]
+    with served(study=places, faults=faults) as (running, study, bench):
+        with pytest.raises(kind, match=sentence) as caught:
+            run_study(study, bench, tmp_path / "run", None, tell_nobody)
+        now = running.world.clock.now() + 2 * running.world.clock.rate  # 2 s later nothing has moved
+        assert not any(carriage.moving(now) for carriage in running.world.carriages.values())
+    run = read_run(tmp_path / "run")
+    assert run.stop is not None
+    assert run.stop["exit_status"] == "fail"
+    assert run.stop["reason"] in str(caught.value)
+    assert all(run.picture(frame).any() for frame in run.frames)
+
+
+@pytest.mark.ci
+def test_a_fault_ends_the_command_with_exit_code_1_and_a_sentence(served: Callable[..., Any], tmp_path: Path) -> None:
+    faults = [{"device": "array_stage", "fault": "silence", "after": 20}]
+    with (
+        served(study=ONE, faults=faults) as (_, study, bench),
+        validating(study, bench, tmp_path / "run") as process,
+    ):
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    sentence = said.splitlines()[-1]
+    assert sentence.startswith("flflab: ")
+    assert "array_stage" in sentence
+    assert "Traceback" not in said
+
+
+@pytest.mark.ci
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no process groups")
+def test_a_ctrl_c_that_the_simulated_bench_hears_too_ends_well(
+    write: Callable[..., tuple[Path, Path]], until: Until, tmp_path: Path
+) -> None:
+    study, bench = write(study=ONE | {"exposure": {"frames": 60}}, clock=5)
+    out = tmp_path / "run"
+    command = [sys.executable, "-P", "-m", "flflab", "validate", str(study), "--bench", str(bench), "--out", str(out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True) as process:
+        until(lambda: (out / "documents.jsonl").exists() and "start" in (out / "documents.jsonl").read_text())
+        os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == f"flflab: interrupted; recorded so far is in {out}"
+    assert json.loads((out / "documents.jsonl").read_text().splitlines()[-1])["doc"]["exit_status"] == "abort"
