@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -22,9 +23,11 @@ from flflab.targets import FourDot
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-SEARCH_PX = 12.0  # how far a dot may be from where the nominal camera puts it
+WIDEST_SHIFT_PX = 30.0  # how far all dots together may be from where the nominal camera puts them
+SEARCH_PX = 8.0  # how far each may then still be
 FIT_ERROR_PX = 0.005  # of a spot's centre, in focus
-BLUR_ERROR = 0.02  # of a spot's centre for each px of blur, where the micro-image cuts its cone; both found with exact pictures
+CUT_ERROR_PX = 0.05  # where the micro-image cuts its cone: a blur that is not quite nominal
+BLUR_ERROR = 0.02  # there for each px of nominal blur; these found with exact pictures
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
 
@@ -68,7 +71,7 @@ def count_views(
 ) -> tuple[DotViews, ...]:
     """Find the images of each dot, decide which of them are views, and triangulate the dots.
 
-    The nominal camera only says where to look first, to 12 px; one common shift, turn, magnification and parallax are then fitted
+    The nominal camera only says where to look first, to 30 px; one common shift, turn, magnification and parallax are then fitted
     to the spots themselves. A view counts when the fitted centre lies in the useful region as measured: on the sensor, illumination
     at least the camera's ``minimum_illumination``, outside every neighbour's circle of more than ``maximum_crosstalk``, and within
     the circle in which the dot keeps half its light.
@@ -91,14 +94,17 @@ def count_views(
     across, along = target_scales(camera, distance)
     law = np.array([[0.0, 0.0], [1 / across, 0.0], [0.0, 1 / across], [-along / across, 0.0], [0.0, -along / across]])
     spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
-    law, table_radius = _register(values, lattice, camera, target, law, spread, noise)
-    candidates = _candidates(lattice, camera, target, law, table_radius + spread / 2 + 3)
-    spots = _fit(values, lattice, camera, target, candidates, law, table_radius, spread, noise)
+    law, radius = _register(values, lattice, camera, target, law, spread, noise)
+    candidates = _candidates(lattice, camera, target, law, radius + spread / 2 + 3)
+    spots = _fit(values, lattice, camera, target, candidates, law, radius, spread, noise)
     shift = clipping_shift(spots.centres - lattice.centres_px[candidates.lens], lattice, camera, distance)
     spots = replace(spots, centres=spots.centres - shift)
     # the brightest half of the well lit spots are whole: they say what a dot's full light is
     level = _full_light(spots, candidates, lattice)
-    return tuple(_views(dot, spots, candidates, lattice, camera, level, spread, distance) for dot in range(len(target.centres)))
+    doubts = _centre_doubts(spots, candidates, lattice, radius, spread)
+    agreed, agreed_doubts = _agreed_centres(spots, doubts, candidates, lattice, camera, target, law)
+    decided = Decided(spots, doubts, np.where((agreed_doubts < doubts)[:, None], agreed, spots.centres), np.minimum(agreed_doubts, doubts))
+    return tuple(_views(dot, decided, candidates, lattice, camera, level, distance) for dot in range(len(target.centres)))
 
 
 def _places(lattice: Lattice, camera: Camera, target: FourDot, law: Array, candidates: Candidates) -> tuple[Array, Array]:
@@ -127,6 +133,7 @@ def _register(
 ) -> tuple[Array, float]:
     """The law that the spots themselves follow, and a spot's radius in px: centroids in shrinking windows, robustly regressed."""
     radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
+    law = law + _shift(values, lattice, camera, target, law, radius, noise)
     for search in (SEARCH_PX, SEARCH_PX / 2, 3.0):
         candidates = _candidates(lattice, camera, target, law, 0.0)
         places, regressors = _places(lattice, camera, target, law, candidates)
@@ -142,6 +149,33 @@ def _register(
     return law, radius
 
 
+def _shift(values: Array, lattice: Lattice, camera: Camera, target: FourDot, law: Array, radius: float, noise: SensorNoise) -> Array:
+    """The common shift, in steps of half a radius, that puts most well lit places of dots on light; as a change of the law."""
+    columns, rows = camera.sensor.resolution
+    smooth = cv2.blur(values - noise.offset_dn, (2 * int(radius / 2) + 1,) * 2)
+    step = max(1.0, radius / 2)
+    # beyond half a parallax from one micro-image to the next, one dot would be taken for another view of it
+    parallax = float(np.hypot(*(law[3] + [1.0, 0.0]))) * lattice.pitch_px
+    most = int(min(WIDEST_SHIFT_PX, 0.4 * parallax, 0.4 * target.spacing * float(np.hypot(*law[1])) / camera.sensor.pixel) / step)
+    every = _candidates(lattice, camera, target, law, most * step)
+    places, _ = _places(lattice, camera, target, law, every)
+    centres = lattice.centres_px[every.lens]
+    dark = float(np.quantile(smooth, 0.5))
+    bright = max(float(np.quantile(smooth, 0.999)) - dark, 1e-9)
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(-most, most + 1), np.arange(-most, most + 1), indexing="ij"))
+    moved = places[None] + step * np.stack([i, j], axis=1)[:, None]
+    at = np.rint(moved).astype(np.int64)
+    seen = np.all((at >= 0) & (at < [columns, rows]), axis=2)
+    share = illumination(lattice, np.hypot(*np.moveaxis(moved - centres[None], 2, 0))) * seen
+    light = smooth[np.clip(at[..., 1], 0, rows - 1), np.clip(at[..., 0], 0, columns - 1)] - dark
+    # light where the dots should be counts for, its absence against; the nearest of equals wins
+    score = np.where(share > HALF, np.clip(light / bright, 0, share) - 0.5 * share, 0.0).sum(axis=1) - 1e-3 * np.hypot(i, j)
+    best = int(np.argmax(score))
+    change = np.zeros((5, 2))
+    change[0] = step * np.array([i[best], j[best]]) * camera.sensor.pixel
+    return change
+
+
 def _well_lit(
     places: Array, centroids: Array, total: Array, lattice: Lattice, candidates: Candidates, radius: float
 ) -> npt.NDArray[np.bool_]:
@@ -153,7 +187,7 @@ def _well_lit(
     own = lattice.centres_px[candidates.lens]
     lit = illumination(lattice, np.hypot(*(centroids - own).T)) > HALF
     enough = total > 0.25 * np.pi * radius**2 * max(float(np.quantile(total, 0.98)) / (np.pi * radius**2), 0.1) if len(total) else lit
-    expected = np.hypot(*(places - own).T) + SEARCH_PX < (lattice.inside_radius_px + lattice.outside_radius_px) / 2
+    expected = np.hypot(*(places - own).T) + WIDEST_SHIFT_PX < (lattice.inside_radius_px + lattice.outside_radius_px) / 2
     if expected.any() and not (lit & enough).any():
         raise MeasurementError("four-dot picture: no dot was found where the camera puts them; check exposure, target and distance")
     return lit & enough
@@ -234,23 +268,66 @@ def _radius_of(lattice: Lattice, share: float) -> float:
     return float(np.interp(share, illumination(lattice, r), r))
 
 
+@dataclass(frozen=True)
+class Decided:
+    """Spots, and the places by which views are decided.
+
+    A spot that its micro-image cuts is known better from all other spots than from itself. Uncertainties are standard, px, in one
+    coordinate.
+    """
+
+    spots: Spots
+    doubts: Array
+    places: Array
+    place_doubts: Array
+
+
+def _centre_doubts(spots: Spots, candidates: Candidates, lattice: Lattice, radius: float, spread: float) -> Array:
+    noise = np.sqrt(np.maximum(spots.covariance[:, 0, 0], spots.covariance[:, 1, 1]) * np.maximum(spots.chi2_per_pixel, 1.0))
+    away = np.hypot(*(spots.centres - lattice.centres_px[candidates.lens]).T)
+    cut = np.where(away + radius + spread / 2 > lattice.inside_radius_px, CUT_ERROR_PX + BLUR_ERROR * spread, 0.0)
+    return np.sqrt(np.where(np.isfinite(noise), noise, 100.0) ** 2 + FIT_ERROR_PX**2 + cut**2)
+
+
+def _agreed_centres(
+    spots: Spots, doubts: Array, candidates: Candidates, lattice: Lattice, camera: Camera, target: FourDot, law: Array,
+) -> tuple[Array, Array]:
+    """Where one law for all spots puts each, px, and how sure that is: shift, complex factor of dots and of micro-image centres."""
+    _, regressors = _places(lattice, camera, target, law, candidates)
+    centre = sensor_position(camera.sensor, lattice.centres_px)[candidates.lens]
+    z = (sensor_position(camera.sensor, spots.centres) - centre - regressors @ law) @ [1, 1j] / camera.sensor.pixel
+    o, c = regressors[:, 1:3] @ [1, 1j], regressors[:, 3:5] @ [1, 1j]
+    design = np.stack([np.ones(len(z)), o, c], axis=1) / [1.0, np.abs(o).max(initial=1e-9), np.abs(c).max(initial=1e-9)]
+    weight = np.where((doubts < 10) & (spots.brightness > 0.05), 1 / doubts**2, 0.0)
+    step, covariance, excess = np.zeros(3, dtype=np.complex128), np.eye(3), 1.0
+    for _ in range(4):
+        covariance = np.linalg.inv((design.conj().T * weight) @ design + np.eye(3) / SEARCH_PX**2)
+        step = covariance @ ((design.conj().T * weight) @ z)
+        left = np.abs(z - design @ step)
+        excess = max(1.0, float((weight * left**2).sum()) / max(2 * np.count_nonzero(weight) - 6, 1))
+        weight = np.where(left > 6 * doubts * math.sqrt(excess), 0.0, weight)
+    shift = design @ step
+    spread = np.sqrt(np.einsum("nk,km,nm->n", design, covariance, design.conj()).real * excess)
+    places, _ = _places(lattice, camera, target, law, candidates)
+    return places + np.stack([shift.real, shift.imag], axis=1), np.hypot(spread, FIT_ERROR_PX)
+
+
 def _views(
-    dot: int, spots: Spots, candidates: Candidates, lattice: Lattice, camera: Camera, level: float, spread: float, distance: float,
+    dot: int, decided: Decided, candidates: Candidates, lattice: Lattice, camera: Camera, level: float, distance: float,
 ) -> DotViews:
     mine = np.flatnonzero(candidates.dot == dot)
-    centres, lens = spots.centres[mine], candidates.lens[mine]
-    margin, edge = _margins(centres, lens, lattice, camera)
-    sure = np.sqrt(np.maximum(spots.covariance[mine, 0, 0], spots.covariance[mine, 1, 1]) * np.maximum(spots.chi2_per_pixel[mine], 1.0))
-    sure = np.hypot(sure, FIT_ERROR_PX + BLUR_ERROR * spread)
-    doubt = np.hypot(np.where(np.isfinite(sure), sure, 10.0), edge)
+    spots, lens = decided.spots, candidates.lens[mine]
+    margin, edge = _margins(decided.places[mine], lens, lattice, camera)
+    doubt = np.hypot(decided.place_doubts[mine], edge)
     light = spots.brightness[mine] / level
-    light_doubt = np.sqrt(np.where(np.isfinite(spots.covariance[mine, 2, 2]), spots.covariance[mine, 2, 2], 1.0)) / level
-    counted = (margin >= 0) & (light >= HALF) & np.isfinite(sure)
-    near_edge = (np.abs(margin) < 2 * doubt) & (light > HALF - 2 * light_doubt) & np.isfinite(sure)
+    light_doubt = np.sqrt(np.minimum(spots.covariance[mine, 2, 2], 1.0)) / level
+    counted = (margin >= 0) & (light >= HALF)
+    near_edge = (np.abs(margin) < 2 * doubt) & (light > HALF - 2 * light_doubt)
     near_dark = (np.abs(light - HALF) < 2 * light_doubt) & (margin > -2 * doubt)
-    position, uncertainty = triangulate(centres[counted], sure[counted], lens[counted], lattice, camera, distance)
+    centres, sure = spots.centres[mine][counted], decided.doubts[mine][counted]
+    position, uncertainty = triangulate(centres, sure, lens[counted], lattice, camera, distance)
     return DotViews(
         dot=dot, views=int(counted.sum()), views_uncertain=int(np.count_nonzero(near_edge | near_dark)),
-        indices=lattice.indices[lens[counted]], centres_px=centres[counted], centre_uncertainty_px=sure[counted],
-        position_mm=position, uncertainty_mm=uncertainty,
+        indices=lattice.indices[lens[counted]], centres_px=centres, centre_uncertainty_px=sure, position_mm=position,
+        uncertainty_mm=uncertainty,
     )
