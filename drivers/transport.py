@@ -161,14 +161,14 @@ def open_tcp(address: str, timeout: float = 5.0) -> Wire:
             raise ConnectionError("closed by the instrument")
         return more
 
-    def send(message: bytes) -> None:
-        link.settimeout(timeout)
-        try:
-            link.sendall(message)
-        finally:
-            link.settimeout(SLICE_S)
+    sender = link.dup()  # with its own timeout: one thread may write while another waits to read
+    sender.settimeout(timeout)
 
-    return Wire(address, send, receive, link.close)
+    def shut() -> None:
+        sender.close()
+        link.close()
+
+    return Wire(address, sender.sendall, receive, shut)
 
 
 def _is_host_and_port(address: str) -> bool:

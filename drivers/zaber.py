@@ -214,9 +214,10 @@ class ZaberChain:
                     f"got the reply of device {reply.device} axis {reply.axis} to message {reply.id}, not to message {message_id}; "
                     "check that no two devices share a number and no other program is on the line"
                 )
+        except LostError as error:
+            self._lose(wire)
+            raise LostError(asked + str(error)) from error
         except CommunicationError as error:
-            if isinstance(error, LostError):
-                self._lose(wire)
             raise CommunicationError(asked + str(error)) from error
         self._in_step = True
         return reply
@@ -282,12 +283,18 @@ class ZaberAxis:
         return not any(flag in NO_REFERENCE for flag in self._flags())
 
     def stop(self) -> None:
-        """Decelerate to rest; written at once, then the device is asked for its state to know that it listens."""
-        openings = 0
-        while openings != self._chain.openings:  # a line opened anew in between may have lost the stop
-            openings = self._chain.openings
+        """Decelerate to rest; written at once, then the device is asked once for its state to know that it listens."""
+        for may_fail in (True, False):
             self._chain.write_stop(self._keys.device, self._keys.axis)
-            self._command("", repeatable=True)
+            openings = self._chain.openings
+            try:
+                self._command("", repeatable=False)
+            except LostError:
+                if not may_fail:
+                    raise
+            else:
+                if openings == self._chain.openings:
+                    return  # else the line was opened anew in between, and the stop may have been lost with the old one
 
     def faults(self) -> tuple[str, ...]:
         """Flags that spoil a motion: every F, and WL, NI, NC (as the vendor's client judges its own moves)."""

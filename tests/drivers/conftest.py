@@ -141,6 +141,7 @@ class ToyChain:
 
     def __init__(self, *stages: ToyStage) -> None:
         self.stages = stages
+        self._link: socket.socket | None = None
         self._over = threading.Event()
         self._server = socket.create_server(("127.0.0.1", 0))
         self._server.settimeout(0.05)
@@ -151,8 +152,8 @@ class ToyChain:
     def _serve(self) -> None:
         while not self._over.is_set():
             with contextlib.suppress(TimeoutError):
-                link, _ = self._server.accept()
-                self._talk(link)
+                self._link, _ = self._server.accept()
+                self._talk(self._link)
 
     def _talk(self, link: socket.socket) -> None:
         with link, link.makefile("rb") as lines, contextlib.suppress(ConnectionError):
@@ -174,6 +175,9 @@ class ToyChain:
 
     def end(self) -> None:
         self._over.set()
+        if self._link is not None:
+            with contextlib.suppress(OSError):
+                self._link.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._server.close()
 

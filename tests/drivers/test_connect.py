@@ -5,7 +5,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -104,12 +105,18 @@ class Silent:
     )
 
 
+@pytest.fixture
+def resources() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
 def test_one_axis_that_does_not_answer_keeps_no_other_from_stopping(
-    write: Write, toy_chain: Callable[..., str], toy_stage: type[Any], dialogue: Callable[..., str]
+    write: Write, toy_chain: Callable[..., str], toy_stage: type[Any], dialogue: Callable[..., str], resources: ExitStack
 ) -> None:
     stages = [toy_stage() for _ in range(4)]
     file = write({**manual_but_axes(toy_chain(*stages)), "camera.address": dialogue(list(Silent.LINES))})
-    bench = drivers.connect(file)
+    bench = resources.enter_context(drivers.connect(file))
     statuses = [axis.move_to(axis.limits[1] * 0.25) for axis in bench.axes.values()]
     stages[0].fault = lambda _text, _reply: b""
     begin = time.monotonic()
@@ -121,7 +128,6 @@ def test_one_axis_that_does_not_answer_keeps_no_other_from_stopping(
         assert not stage.busy, name
         assert isinstance(status.exception(5), MotionError if stage is not stages[0] else DeviceError)
     stages[0].fault = None
-    bench.close()
 
 
 def fail_while_moving(bench: ConnectedBench) -> None:

@@ -4,7 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from bluesky import protocols
 
+from drivers.base import Detector
 from drivers.cameras.scpi import ScpiCamera
 from drivers.scpi_link import ScpiLink, on_link, split
 from drivers.scpi_settings import ScpiIris, ScpiTarget
@@ -187,3 +189,18 @@ def test_the_wheel_turns_to_a_name_in_its_catalogue_only(dialogue: Play) -> None
         target.set("siemens star")
     target.set("bars").wait(2)
     target.close()
+
+
+def test_camera_iris_and_wheel_satisfy_blueskys_promises(dialogue: Play) -> None:
+    camera, iris, target = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", frame())])), iris_at(dialogue(LIMITS)), target_at(dialogue(CATALOGUE))
+    detector = Detector(camera)
+    for promise in ("Triggerable", "Readable"):
+        assert isinstance(detector, getattr(protocols, promise)), promise
+    for setting in (iris, target):
+        for promise in ("Movable", "Readable", "Locatable", "Stoppable", "Checkable", "HasHints"):
+            assert isinstance(setting, getattr(protocols, promise)), promise
+    detector.trigger().wait(2)
+    assert detector.read()["camera_number"]["value"] == 1
+    assert detector.read().keys() == detector.describe().keys()
+    for device in (camera, iris, target):
+        device.close()
