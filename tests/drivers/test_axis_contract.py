@@ -190,7 +190,7 @@ def go_back_and_forth(axis: Axis) -> None:
 
 @pytest.mark.ci
 @pytest.mark.parametrize("fault", ["silence", "garbage", "wrong-checksum", "cut", "hang-up", "stall", "reset"])
-def test_a_fault_on_the_way_ends_in_one_sentence_and_every_axis_at_rest(fault: str, root: Path, tmp_path: Path) -> None:
+def test_a_fault_on_the_way_ends_in_one_sentence(fault: str, root: Path, tmp_path: Path) -> None:
     shows = {"device": "array_stage", "fault": fault, "after": 40}
     with served(root, tmp_path, 5.0, faults=(shows,)) as file, contextlib.suppress(DeviceError), drivers.connect(file) as bench:
         begin = time.monotonic()

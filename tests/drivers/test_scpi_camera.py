@@ -192,7 +192,8 @@ def test_the_wheel_turns_to_a_name_in_its_catalogue_only(dialogue: Play) -> None
 
 
 def test_camera_iris_and_wheel_satisfy_blueskys_promises(dialogue: Play) -> None:
-    camera, iris, target = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", frame())])), iris_at(dialogue(LIMITS)), target_at(dialogue(CATALOGUE))
+    camera = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", frame())]))
+    iris, target = iris_at(dialogue(LIMITS)), target_at(dialogue(CATALOGUE))
     detector = Detector(camera)
     for promise in ("Triggerable", "Readable"):
         assert isinstance(detector, getattr(protocols, promise)), promise
