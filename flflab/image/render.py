@@ -14,7 +14,17 @@ from flflab.image.profile import profile_table
 from flflab.image.rim import STEEP, disc_nodes
 from flflab.image.ruled import add_ruled, strip_nodes
 from flflab.image.sampled import add_sampled, chord_nodes
-from flflab.image.scene import MOST_STRIPS, Scene, in_bands, lit_windows, make_scene, pixel_parts, rim_rows, strip_counts
+from flflab.image.scene import (
+    Scene,
+    grid_counts,
+    in_bands,
+    lit_windows,
+    make_scene,
+    pixel_parts,
+    rim_rows,
+    spot_parts,
+    strip_counts,
+)
 from flflab.optics.camera import Camera, pixel_positions
 from flflab.optics.smms import camera_smms
 from flflab.targets import Bars, Black, Edge, FourDot, Picture, Target, White
@@ -23,7 +33,7 @@ Array = npt.NDArray[np.float64]
 
 TOLERANCE = 0.002
 LEAST_TOLERANCE = 1e-5
-LARGE_BLUR = 1.5  # pixels; from here on a dot's image is the area common to three discs
+LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
 def render(
@@ -120,10 +130,11 @@ def _add_sampled(image: Array, scene: Scene, radius: float, half_x: float, half_
         texel, sums = picture.texel, np.pad(picture.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     parts, steep = pixel_parts(scene, both=True)
     blur = scene.kind_blur(largest=True)
-    counts = np.clip(np.ceil(1 + 2.5 * blur), 1, MOST_STRIPS).astype(np.int64)
+    counts = grid_counts(blur, scene.tolerance / (1 if picture is None else 2.5))  # a picture has more edges than a dot
     if picture is None:
         counts = np.where(blur > LARGE_BLUR, 0, counts)
-        parts = np.where((counts == 0)[:, None], np.maximum(parts, 4), parts)
+        finer = np.maximum(parts, spot_parts(scene.kind_blur(largest=False), scene.tolerance)[:, None])
+        parts = np.where((counts == 0)[:, None], finer, parts)
     strips, chords, rims, nodes = strip_nodes(counts), chord_nodes(counts), rim_rows(scene, parts, steep), disc_nodes(8, 8)
     windows = lit_windows(scene, half_x, half_y)
     xs, ys = pixel_positions(scene.sensor)

@@ -139,6 +139,17 @@ def strip_counts(blur: Array, tolerance: float) -> Whole:
     return np.clip(counts, 0, MOST_STRIPS).astype(np.int64)
 
 
+def grid_counts(blur: Array, tolerance: float) -> Whole:
+    """How many points a side across the pupil a blur in pixels needs; measured on dots: n of them leave 0.1 blur / n^2 of white."""
+    return np.clip(np.ceil(np.sqrt(0.1 * blur / (0.6 * tolerance))), 1, MOST_STRIPS).astype(np.int64)
+
+
+def spot_parts(blur: Array, tolerance: float) -> Whole:
+    """Into how many parts a side a pixel is divided for the three-disc formula; n of them leave 0.07 / (n^2 sqrt(blur)) of white."""
+    parts = np.ceil(np.sqrt(0.07 / (np.sqrt(np.maximum(blur, 0.1)) * 0.6 * tolerance)))
+    return np.clip(parts, 2, 4 * MOST_PARTS).astype(np.int64)
+
+
 def in_bands(add: Callable[[tuple[int, int]], None], windows: Whole) -> None:
     """Call ``add`` for bands of rows that hold light, on all cores; bands share no row, so overlapping light adds up safely."""
     lit = windows[(windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3])]
