@@ -143,11 +143,14 @@ class Recording:
         Raises:
             RecordError: it does not fit, or the disk does not take it.
         """
-        if self.recorded >= self._frames.shape[0] or picture.shape != self._frames.shape[1:]:
+        count, rows, columns = self._frames.shape
+        if picture.shape != (rows, columns):
             raise RecordError(
-                f"{self.folder}: frame {self.recorded} of shape {picture.shape} does not fit into the {self._frames.shape[0]} frames "
-                f"of shape {self._frames.shape[1:]} made ready; this is a fault of the program"
+                f"{self.folder}: the camera gives pictures of {picture.shape[1]} x {picture.shape[0]} pixels, its camera file says "
+                f"{columns} x {rows}; correct sensor.resolution there"
             )
+        if self.recorded == count:
+            raise RecordError(f"{self.folder}: the record has room for {count} frames and they are taken; plan for more")
         try:
             self._frames[self.recorded] = picture
             self._file.flush()
@@ -176,6 +179,12 @@ class Recording:
         return {
             "uid": uid, "data_key": data_key, "mimetype": "application/x-hdf5", "uri": FRAMES, "parameters": parameters, "run_start": "",
         }  # fmt: skip
+
+    def discard(self) -> None:
+        """Close and remove both files, where nothing was recorded."""
+        self.close()
+        for name in (DOCUMENTS, FRAMES):
+            (self.folder / name).unlink()
 
     def close(self) -> None:
         """End both files; the folder is complete then."""

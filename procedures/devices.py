@@ -91,7 +91,7 @@ class Frames:
         self.camera = camera
         self._detector = Detector(camera)
         self._recording = recording
-        self._shot: Shot | None = None
+        self.shot: Shot | None = None
         self._resource = str(uuid.uuid4())
         self._told = False
 
@@ -103,7 +103,7 @@ class Frames:
     def prepare(self, value: Shot) -> Status:
         """Set the exposure for a shot."""
         status = Status(f"{self.name}: expose {value.exposure_s:g} s")
-        self._shot = value
+        self.shot = value
         self.camera.prepare(value.exposure_s, 1.0)
         status.complete()
         return status
@@ -118,7 +118,7 @@ class Frames:
         Raises:
             DeviceError: there is none.
         """
-        shot, frame = self._shot, self.latest
+        shot, frame = self.shot, self.latest
         if shot is None or frame is None:
             raise DeviceError(f"{self.name}: asked for a picture before one was taken; prepare and trigger first")
         saturated = int(np.count_nonzero(frame.picture >= self.camera.full_scale))

@@ -46,7 +46,11 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
     """
     failure: Exception | None = None
     with contextlib.closing(recording), logged(recording), running_engine() as engine, signals_heard() as asked:
-        check_limits(rehearsal)
+        try:
+            check_limits(rehearsal)
+        except FlflabError:
+            recording.discard()
+            raise
         engine.subscribe(recording.document)
         try:
             with interrupting(engine, bench, asked):

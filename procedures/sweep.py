@@ -79,8 +79,8 @@ def sweep(bench: ConnectedBench, frames: Frames, stages: Stages, steps: tuple[St
 
 def describe_last(frames: Frames) -> str:
     """The last frame in a few words."""
-    frame = frames.latest
-    return f"frame {frame.number}, {frame.exposure_s * 1e3:.3g} ms" if frame else ""
+    shot, frame = frames.shot, frames.latest
+    return f"{shot.key}: {frame.exposure_s * 1e3:.3g} ms" if shot and frame else ""
 
 
 def _left(expected: tuple[float, ...], done: int, elapsed: float) -> float:

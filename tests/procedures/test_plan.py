@@ -45,7 +45,7 @@ def test_bluesky_finds_a_position_out_of_limits_before_anything_moves(study: Stu
     with pytest.raises(LimitError, match=r"target_stage: asked to go to 151\.0+ mm"):
         perform(plan(), plan(), {}, bench, recording)
     assert not any(axis.is_homed() for axis in bench.axes.values())
-    assert list(read_documents(tmp_path)) == []
+    assert not (tmp_path / "documents.jsonl").exists()
 
 
 def test_bluesky_reads_the_plan_aloud(study: Study, bench: ConnectedBench, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -132,6 +132,6 @@ def test_what_fails_ends_the_run_in_a_sentence_with_every_axis_stopped(
 
 
 def test_a_recording_that_is_full_ends_the_run(study: Study, bench: ConnectedBench, tmp_path: Path) -> None:
-    with pytest.raises(Exception, match="does not fit into the 2 frames"):
+    with pytest.raises(Exception, match="has room for 2 frames"):
         validate(bench, study, Recording(tmp_path, 2, (90, 120)), tell_nobody)
     assert len(read_run(tmp_path).frames) == 2

@@ -176,3 +176,11 @@ def test_the_descriptions_kept_read_back_as_the_ones_used(tmp_path: Path, style:
     assert kept.description.model_copy(update={"optics": ""}) == bench.description.model_copy(update={"optics": ""})
     assert (folder / "study.yaml").read_bytes() == (BUILT_IN / "studies" / "first.yaml").read_bytes()
     assert "python" in json.loads((folder / "versions.json").read_text())
+
+
+def test_a_camera_of_another_size_than_described_is_named(tmp_path: Path) -> None:
+    recording = Recording(tmp_path, 1, SHAPE)
+    with pytest.raises(RecordError, match=r"pictures of 4 x 3 pixels, its camera file says 8 x 6; correct sensor\.resolution"):
+        recording.frame(np.zeros((3, 4), np.uint16))
+    recording.discard()
+    assert list(tmp_path.iterdir()) == []
