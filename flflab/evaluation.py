@@ -3,7 +3,9 @@
 Reads a record, never a bench: the same function serves a run that just ended and one from years ago.
 """
 
+import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,7 +86,9 @@ def evaluate(run: Run, study: Study, bench: Bench, seed: int = 0) -> Evaluation:
     Raises:
         MeasurementError: a configuration's frames are missing or do not show what they should.
     """
-    measured = tuple(measure_configuration(run, configuration, study, bench) for configuration in study.configurations)
+    # The measurement's kernels let other threads run, so every core measures a configuration of its own.
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        measured = tuple(pool.map(lambda configuration: measure_configuration(run, configuration, study, bench), study.configurations))
     rng = np.random.Generator(np.random.Philox(key=seed))
     errors = stage_errors(bench, study.description.draws, rng)
     predicted = tuple(predict(one, study, bench, errors) for one in measured)
