@@ -102,7 +102,7 @@ def strips_mean(
             else:
                 ends = boxed(origin + spread * right, box, table, law) - boxed(origin + spread * left, box, table, law)
                 light += weight * ends / spread
-    return light / area if area > 0.0 else 0.0
+    return min(max(light / area, 0.0), 1.0) if area > 0.0 else 0.0  # the difference may round to below 0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
