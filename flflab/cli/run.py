@@ -100,7 +100,8 @@ def progress_shown() -> Generator["Tell", None, None]:
 
         def tell(step: "Step") -> None:
             left = f"about {step.seconds_left:.0f} s left" if step.done else ""
-            bar.update(task, total=step.total, completed=step.done, description=f"{step.step}  [dim]{step.last}  {left}[/dim]")
+            now = step.step.partition(":")[0]
+            bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{step.last}  {left}[/dim]")
 
         yield tell
 
