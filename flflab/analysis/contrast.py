@@ -28,9 +28,9 @@ Array = npt.NDArray[np.float64]
 
 KNOTS = 16
 FEWEST_PIXELS = 300
-MOST_PIXELS_WHILE_SEARCHING = 40_000
+MOST_PIXELS = 200_000
+MOST_PIXELS_WHILE_SEARCHING = 20_000
 WIDEST_SHIFT = 0.06  # of the target's width: how far the target may be off sideways
-MOST_PIXELS = 250_000
 WORST_UNCERTAINTY = 0.25
 WORST_CHI2 = 50.0
 REFINEMENTS = 2
@@ -98,7 +98,7 @@ def fit_contrast(
     values = require_picture(picture, camera, target.kind)
     across, along = target_scales(camera, distance)
     start = np.array([0.0, across, 0.0, along, 0.0])
-    pixels = _pixels_on_target(values, lattice, camera, target, distance, noise, start)
+    pixels = _thinned(_pixels_on_target(values, lattice, camera, target, distance, noise, start))
     data = _data(values, lattice, camera, pixels, noise)
     frequency = target.frequency(data.places @ start)
     span = (float(frequency.min()), float(frequency.max()))
@@ -106,14 +106,16 @@ def fit_contrast(
     top = 3 * span[1] if target.kind == "bars" else span[1]
     knots = Knots(span[0], step, math.ceil((top - span[0]) / step) + 3)
     template = Template(abs(across) * camera.sensor.pixel, abs(across) * float(blur(central_smms(camera), 1 / distance)))
-    fit = _fit(data, target, start, span, top, knots, template, noise)
+    few = _part(data, np.ones(len(data.read), dtype=np.bool_), MOST_PIXELS_WHILE_SEARCHING)
+    fit = _settle(few, target, start, _fit(data, target, start, span, knots, template, noise), span, top, knots, template, noise)
     for _ in range(REFINEMENTS if target.kind == "bars" else 0):
         # The stages' errors blur differently from what is nominal, and the highest harmonics are seen through the template alone.
         other = _with_measured_blur(template, fit, knots, span)
-        again = _settle(data, target, start, replace(fit, curve=np.zeros_like(fit.curve)), span, top, knots, other, noise)
+        again = _settle(few, target, start, replace(fit, curve=np.zeros_like(fit.curve)), span, top, knots, other, noise)
         if again.chi2 >= fit.chi2:
             break
         template, fit = other, again
+    fit = _settle(data, target, start, fit, span, top, knots, template, noise)
     return _curve(fit, data, pixels, camera, target, distance, knots, template, span)
 
 
@@ -132,13 +134,22 @@ def _pixels_on_target(
     seen = start[1] * (place - centre) + start[3] * centre
     keep = (np.abs(seen[:, 0]) < target.width / 2 - margin) & (np.abs(seen[:, 1]) < target.height / 2 - margin)
     keep &= ~noise.saturated(values[pixels.rows, pixels.columns])
-    kept = pixels.kept(keep).thinned(MOST_PIXELS)
+    kept = pixels.kept(keep)
     if len(kept.rows) < FEWEST_PIXELS:
         raise MeasurementError(
             f"{target.kind} picture: only {len(kept.rows)} unsaturated pixels of bright fields look at the target, "
             f"{FEWEST_PIXELS} are due; check exposure, f-number and the target's distance"
         )
     return kept
+
+
+def _thinned(pixels: PixelSet) -> PixelSet:
+    """At most MOST_PIXELS of them, scattered so that no phase of the bars is preferred: more would cost time and tell little more."""
+    count = len(pixels.rows)
+    if count <= MOST_PIXELS:
+        return pixels
+    scattered = np.arange(count, dtype=np.uint64) * np.uint64(2654435761) % np.uint64(2**32)
+    return pixels.kept(scattered < np.uint64(2**32 * MOST_PIXELS // count))
 
 
 def _data(values: Array, lattice: Lattice, camera: Camera, pixels: PixelSet, noise: SensorNoise) -> ChirpData:
@@ -160,8 +171,7 @@ def _part(data: ChirpData, which: npt.NDArray[np.bool_], most: int) -> ChirpData
 
 
 def _fit(
-    data: ChirpData, target: Bars, start: Array, span: tuple[float, float], top: float, knots: Knots, template: Template,
-    noise: SensorNoise,
+    data: ChirpData, target: Bars, start: Array, span: tuple[float, float], knots: Knots, template: Template, noise: SensorNoise,
 ) -> ChirpFit:
     """From the low frequencies, where no cycle can be mistaken for its neighbour, up to the highest."""
     prior = _prior(start, float(np.mean(data.read)), target, knots, 0.5)
@@ -194,14 +204,14 @@ def _fit(
         if ceiling >= span[1]:
             break
         ceiling = min(1.6 * ceiling, span[1])
-    return _settle(data, target, start, fit, span, top, knots, template, noise)
+    return fit
 
 
 def _settle(
     data: ChirpData, target: Bars, start: Array, fit: ChirpFit, span: tuple[float, float], top: float, knots: Knots, template: Template,
     noise: SensorNoise,
 ) -> ChirpFit:
-    """All pixels and all harmonics, until no pixel's place on the target moves any more."""
+    """All harmonics, until no pixel's place on the target moves any more."""
     prior = _prior(start, float(np.mean(data.read)), target, knots, 1.0)
     # A curve that starts at zero says nothing of the geometry yet.
     fit = _advance(data, target, fit, knots, template, top, noise, False, prior)

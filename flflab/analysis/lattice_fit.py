@@ -222,6 +222,8 @@ def refine(
         values = model.values + shrink * step
         values[6:8] = np.maximum(values[6:8], 0.05)
         model = replace(model, values=values, covariance=covariance, chi2_per_pixel=chi2 / max(count, 1))
+        if not np.isfinite(values).all():
+            break
         periods = region.half_size / np.hypot(*model.values[2:4])
         if np.abs(step[:2]).max() + periods * np.abs(step[2:6]).max() < tolerance_px and np.abs(step[6:8]).max() < 20 * tolerance_px:
             break

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from flflab.optics.discs import two_disc_areas
+
 Array = npt.NDArray[np.float64]
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -16,17 +18,7 @@ _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 def overlap_share(distance: Array, large: float, small: float) -> Array:
     """Area common to two discs over that of the second; lengths in one unit, ``small`` above 0."""
-    a, b = large, small
-    r = np.asarray(distance, dtype=np.float64)
-    inside = r <= abs(a - b)
-    apart = r >= a + b
-    t = np.where(inside | apart, a + b, r)
-    # Twice the triangle's area by Heron, from side sums that keep their digits at the tangencies.
-    kite = 0.5 * np.sqrt(np.maximum((t + a + b) * (a + b - t) * (t - a + b) * (t + a - b), 0.0))
-    angle_a = np.arctan2(2 * kite, t * t + a * a - b * b)
-    angle_b = np.arctan2(2 * kite, t * t + b * b - a * a)
-    lens = (a * a * angle_a + b * b * angle_b - kite) / (np.pi * b * b)
-    return np.where(inside, min(1.0, (a / b) ** 2), np.where(apart, 0.0, lens))
+    return two_disc_areas(np.asarray(large), np.asarray(small), np.asarray(distance, dtype=np.float64)) / (np.pi * small**2)
 
 
 @dataclass(frozen=True)

@@ -34,11 +34,6 @@ class PixelSet:
     columns: npt.NDArray[np.int64]
     lens: npt.NDArray[np.int64]
 
-    def thinned(self, most: int) -> "PixelSet":
-        """Every n-th pixel, so that at most ``most`` remain."""
-        step = max(1, -(-len(self.rows) // most))
-        return PixelSet(self.rows[::step], self.columns[::step], self.lens[::step])
-
     def kept(self, which: npt.NDArray[np.bool_]) -> "PixelSet":
         """Only the pixels marked."""
         return PixelSet(self.rows[which], self.columns[which], self.lens[which])

@@ -1,0 +1,96 @@
+"""Dots traced ray by ray: how many views, where, and where in space."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from flflab.analysis.dots import DotViews, count_views
+from flflab.analysis.lattice import find_lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.errors import MeasurementError
+from flflab.optics.camera import Camera
+from flflab.targets import FourDot
+
+Array = npt.NDArray[np.float64]
+NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
+RESOLUTION = (1240, 1240)
+FOCUS = 506.7016
+TARGET = FourDot(diameter=1.0, spacing=4.0)
+
+
+def white_of(brute: Any, camera: Camera) -> Array:
+    b, away, pixel = camera.gap, camera.array.distance, camera.sensor.pixel
+    lens, cone = camera.main_lens.aperture * b / away / 2, camera.array.aperture * abs(1 + b / away - b / camera.array.focal_lengths[0]) / 2
+    middle = (np.asarray(RESOLUTION) - 1) / 2
+    return brute.white_picture(RESOLUTION[::-1], "square", 0.4 * (1 + b / away) / pixel, 0.0, tuple(middle), lens / pixel, cone / pixel)
+
+
+def counted(brute: Any, camera: Camera, distance: float, offset: Array, nominal: Camera, level: float = 3000) -> tuple[DotViews, ...]:
+    rng = np.random.default_rng(2)
+    white = brute.expose(white_of(brute, camera), NOISE, level, rng)
+    dots = brute.expose(brute.dots_picture(camera, distance, TARGET.centres + offset, TARGET.diameter), NOISE, level, rng)
+    lattice = find_lattice(white, "square", 245.0, NOISE)
+    return count_views(dots, white, lattice, nominal, TARGET, distance, NOISE)
+
+
+def expected_views(brute: Any, camera: Camera, distance: float, dot: Array) -> tuple[Array, Array]:
+    """Landings (px) within half of the light's circle, and how far from its rim the doubtful ones are."""
+    b, away, pixel = camera.gap, camera.array.distance, camera.sensor.pixel
+    lenses, landed = brute.landings(camera, distance, dot)
+    centres = lenses * (1 + b / away) / pixel + (np.asarray(RESOLUTION) - 1) / 2
+    lens, cone = camera.main_lens.aperture * b / away / 2, camera.array.aperture * abs(1 + b / away - b / camera.array.focal_lengths[0]) / 2
+    r = np.linspace(lens - cone, lens, 2000) / pixel
+    # two-disc illumination by counting: the share of the small disc's points inside the large one
+    grid = np.linspace(-1, 1, 401)
+    x, y = (part[np.hypot(*np.meshgrid(grid, grid)) <= 1] for part in np.meshgrid(grid, grid))
+    share = np.array([np.mean(np.hypot(one + x * cone / pixel, y * cone / pixel) <= lens / pixel) for one in r[::40]])
+    limit = np.interp(-0.5, -share, r[::40])
+    away_px = np.hypot(*(landed - centres).T)
+    on_sensor = np.all((landed > -0.5) & (landed < np.asarray(RESOLUTION) - 0.5), axis=1)
+    on_sensor &= np.all((centres > -0.5) & (centres < np.asarray(RESOLUTION) - 0.5), axis=1)
+    return landed[on_sensor & (away_px <= limit)], away_px - limit
+
+
+@pytest.mark.parametrize(("f_number", "distance", "offset"), [
+    (4.0, FOCUS, (0.0, 0.0)), (2.8, FOCUS, (0.13, -0.2)), (5.6, 497.0, (0.3, 0.1)), (8.0, FOCUS, (0.0, 0.0)),
+])
+def test_every_dot_is_counted_and_placed(brute: Any, f_number: float, distance: float, offset: tuple[float, float]) -> None:
+    camera = brute.camera(f_number, RESOLUTION)
+    found = counted(brute, camera, distance, np.array(offset), camera)
+    for dot in found:
+        true = TARGET.centres[dot.dot] + offset
+        landed, margin = expected_views(brute, camera, distance, true)
+        doubtful = np.count_nonzero(np.abs(margin) < 0.3)
+        assert abs(dot.views - len(landed)) <= doubtful
+        if doubtful == 0:
+            assert dot.views == len(landed)
+        nearest = np.hypot(*(dot.centres_px[:, None] - landed[None]).transpose(2, 0, 1)).min(axis=1) if len(landed) else np.zeros(0)
+        assert np.all(nearest < 4 * dot.centre_uncertainty_px + 0.02)
+        if dot.views >= 2:
+            error = dot.position_mm - np.array([*true, -distance])
+            assert np.all(np.abs(error) < 4 * dot.uncertainty_mm)
+            assert abs(error[2]) < 0.5
+        else:
+            assert np.isnan(dot.position_mm).all()
+
+
+def test_a_gap_off_by_a_hundredth_does_not_lose_a_view(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    nominal = replace(camera, sensor=replace(camera.sensor, distance=camera.sensor.distance + 0.0115))
+    exact = counted(brute, camera, FOCUS, np.zeros(2), camera)
+    off = counted(brute, camera, FOCUS, np.zeros(2), nominal)
+    assert [dot.views for dot in off] == [dot.views for dot in exact]
+
+
+def test_a_black_picture_is_refused_and_so_is_a_wrong_shape(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    white = brute.expose(white_of(brute, camera), NOISE, 3000, np.random.default_rng(1))
+    lattice = find_lattice(white, "square", 245.0, NOISE)
+    black = np.random.default_rng(1).normal(64, 2, white.shape)
+    with pytest.raises(MeasurementError, match="no dot"):
+        count_views(black, white, lattice, camera, TARGET, FOCUS, NOISE)
+    with pytest.raises(MeasurementError, match="shape"):
+        count_views(black[1:], white, lattice, camera, TARGET, FOCUS, NOISE)

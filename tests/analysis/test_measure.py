@@ -1,0 +1,73 @@
+"""One frame measured without a white picture, in JSON's own types, and noise estimated from a picture."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flflab.analysis.measure import measure
+from flflab.analysis.noise import SensorNoise, estimate_noise
+from flflab.errors import InputError
+from flflab.targets import Bars, Edge, FourDot, White
+
+NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
+RESOLUTION = (760, 520)
+
+
+def test_a_white_frame_gives_the_lattice_alone(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    white = brute.white_picture(RESOLUTION[::-1], "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777)
+    said = measure(brute.expose(white, NOISE, 3000, np.random.default_rng(1)), camera, White())
+    json.dumps(said, allow_nan=False)
+    lattice = said["lattice"]
+    assert lattice["layout"] == "square"
+    assert lattice["pitch_px"] == pytest.approx(245.5825, rel=1e-5)
+    assert lattice["origin_px"] == pytest.approx([379.5, 259.5], abs=0.01)
+    assert len(lattice["centres_px"]) == 9
+    assert said["dots"] == []
+    assert said["mtf"] == []
+    assert not any("radius" in remark for remark in said["remarks"])
+
+
+def test_a_radius_that_is_not_the_cameras_is_remarked_on(brute: Any) -> None:
+    camera = brute.camera(5.6, RESOLUTION)
+    white = brute.white_picture(RESOLUTION[::-1], "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777)
+    said = measure(white, camera)
+    assert any("outside radius" in remark for remark in said["remarks"])
+
+
+def test_bars_are_measured_on_the_nominal_lattice_and_it_is_said(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    _, bars = brute.bars_picture(camera, 506.7016, (0.5, 10.0), 20.0)
+    said = measure(bars, camera, Bars())
+    json.dumps(said, allow_nan=False)
+    assert any("nominal" in remark for remark in said["remarks"])
+    for point in said["mtf"]:
+        assert point["contrast"] == pytest.approx(np.sinc(point["cycles_per_px"]), abs=2e-3)
+
+
+def test_dots_and_other_targets(brute: Any) -> None:
+    camera = brute.camera(4.0, (1240, 1240))
+    target = FourDot(spacing=4.0)
+    said = measure(brute.dots_picture(camera, 506.7016, target.centres, 1.0), camera, target, 506.7016)
+    json.dumps(said, allow_nan=False)
+    assert [dot["dot"] for dot in said["dots"]] == [0, 1, 2, 3]
+    assert len({dot["views"] for dot in said["dots"]}) == 1
+    with pytest.raises(InputError, match="edge"):
+        measure(np.zeros((1240, 1240)), camera, Edge())
+
+
+def test_noise_is_estimated_from_a_picture(brute: Any) -> None:
+    white = brute.white_picture(RESOLUTION[::-1], "square", 120.0, 0.0, (379.5, 259.5), 40.0, 10.0)
+    found = estimate_noise(brute.expose(white, NOISE, 3000, np.random.default_rng(4)))
+    assert found.dn_per_electron == pytest.approx(0.3, rel=0.15)
+    assert found.read_noise_dn == pytest.approx(2.0, abs=0.7)
+    assert found.offset_dn == pytest.approx(64.0, abs=1.0)
+
+
+def test_variance_is_shot_read_and_rounding() -> None:
+    assert NOISE.variance(64.0) == pytest.approx(4 + 1 / 12)
+    assert NOISE.variance(1064.0) == pytest.approx(4 + 1 / 12 + 300)
+    with pytest.raises(InputError):
+        SensorNoise(0.0, 1.0, 0.0, 100.0)
