@@ -3,7 +3,6 @@
 An answer that does not exist is None with a reason, never nan.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +16,10 @@ from flflab.optics.focus import (
     magnification,
     marginal_angle,
     merge_intervals,
-    sharp_vergence,
     vergence_of,
     virtual_depth,
 )
+from flflab.optics.per_type import TypeSolution, arrangement_of, as_distances, sharp_distance, solve_types, type_smms
 from flflab.optics.resolution import (
     Stereo,
     central_smms,
@@ -51,11 +50,16 @@ class CameraSolution:
     stereo: Stereo
     row: RowFields
     marginal_angles: tuple[float, ...]
+    types: tuple[TypeSolution, ...] = ()
+    reference_planes: str = ""
 
 
 @dataclass(frozen=True)
 class DistanceSolution:
-    """What the model says of a target at one distance; the MTF curves are on the target, cycles/mm."""
+    """What the model says of a target at one distance; the MTF curves are on the target, cycles/mm.
+
+    ``by_type`` holds (magnification, blur in mm) of every microlens type; the plain figures are those of the microlens nearest the axis.
+    """
 
     distance: float
     image_distance: float
@@ -71,13 +75,29 @@ class DistanceSolution:
     contrast_paper: tuple[float, ...]
     mtf_pixel: tuple[float, ...]
     mtf: tuple[float, ...]
+    by_type: tuple[tuple[float, float], ...] = ()
 
 
 def array_arrangement(camera: Camera) -> str:
     """keplerian where b > f, galilean where b < f, afocal where b = f; mixed where the microlens types differ in it."""
-    gap = camera.optical_gap
-    kinds = {"keplerian" if gap > f > 0 else "afocal" if gap == f else "galilean" for f in camera.array.focal_lengths}
+    kinds = {arrangement_of(camera.optical_gap, focal) for focal in camera.array.focal_lengths}
     return kinds.pop() if len(kinds) == 1 else "mixed"
+
+
+def reference_planes(camera: Camera) -> str:
+    """From which plane every distance of an answer is measured, in sentences."""
+    thick, plate = camera.main_lens.principal_separation, camera.array.substrate
+    before = "the main lens" if thick == 0 else "the main lens's front principal plane"
+    behind = "the main lens" if thick == 0 else f"its rear principal plane, {thick:g} mm behind the front one"
+    text = (
+        f"Target distances are measured from {before}, positive in front; image, array and sensor distances from {behind}, positive "
+        "behind; virtual depth from the microlenses; positions on the sensor from the axis."
+    )
+    if plate is not None and plate.thickness > 0:
+        name = "array to sensor" if plate.side == "sensor" else "main lens to array"
+        air, optical = (camera.gap, camera.optical_gap) if plate.side == "sensor" else (camera.array.distance, camera.optical_distance)
+        text += f" The glass plate adds its thickness over its index: {name} is {air:g} mm of air, {optical:g} mm optically."
+    return text
 
 
 def distance_arrangement(x: float) -> str:
@@ -89,35 +109,26 @@ def distance_arrangement(x: float) -> str:
     return "galilean" if x < 1 else "object in or inside the front focus"
 
 
-def type_smms(camera: Camera) -> list[Smms]:
-    """One central system a microlens type, fields of shape ()."""
-    central = central_smms(camera)
-    fields = {name: getattr(central, name) for name in Smms.__dataclass_fields__}
-    return [Smms(**{**fields, "focal": np.asarray(focal)}) for focal in camera.array.focal_lengths]
-
-
 def solve_camera(camera: Camera) -> CameraSolution:
     """All properties of a camera that need no target distance."""
     central = central_smms(camera)
     row = row_fields(camera)
     pitch = camera.array.pitch[0] * float(central.image_scale)
-    sharp = float(sharp_vergence(central))
     intervals = merge_intervals([part for smms in type_smms(camera) for part in depth_of_field(smms, camera.sensor.pixel)])
-    near_far = tuple(
-        (1 / high if math.isfinite(high) else 0.0, 1 / low if low > 0 else math.inf) for low, high in reversed(intervals) if high > 0
-    )
     return CameraSolution(
         arrangement=array_arrangement(camera),
-        sharp_distance=1 / sharp if sharp > 0 and math.isfinite(sharp) else math.inf if sharp == 0 else None,
+        sharp_distance=sharp_distance(central),
         image_pitch=pitch,
         overlap=2 * float(central.outside_radius) - pitch,
         in_exit_pupil=bool(np.abs(central.microlens_width) <= camera.sensor.pixel),
         touching_f_number=camera.main_lens.focal_length * float(central.gap / central.distance) / pitch,
         useful_pixels=useful_pixels(camera),
-        depth_of_field=near_far,
+        depth_of_field=as_distances(intervals),
         stereo=stereo(camera),
         row=row,
         marginal_angles=tuple(float(angle) for angle in marginal_angle(row.smms)),
+        types=solve_types(camera),
+        reference_planes=reference_planes(camera),
     )
 
 
@@ -157,6 +168,7 @@ def solve_distance(camera: Camera, distance: float, useful: tuple[int, int], fie
         contrast_paper=tuple(contrast_paper(cycles_per_px).tolist()),
         mtf_pixel=tuple(mtf_pixel(cycles_per_px).tolist()),
         mtf=tuple(np.abs(_mtf(central, vergence, camera.sensor.pixel, on_target)).tolist()),
+        by_type=tuple((float(magnification(smms, vergence)), float(blur(smms, vergence))) for smms in type_smms(camera)),
     )
 
 

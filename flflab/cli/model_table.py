@@ -1,0 +1,85 @@
+"""What ``flflab model`` prints for a person."""
+
+import math
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from flflab.optics.area import MeasurementArea
+from flflab.optics.per_type import TypeSolution
+from flflab.optics.solution import CameraSolution, DistanceSolution
+from flflab.optics.volume import MeasurementVolume
+from flflab.units import show_quantity
+
+DEGREES = 180 / math.pi
+
+
+def print_tables(
+    solution: CameraSolution,
+    distances: list[DistanceSolution],
+    areas: tuple[MeasurementArea, MeasurementArea],
+    volume: MeasurementVolume,
+    remarks: tuple[str, ...],
+) -> None:
+    """Print the camera's properties, then a line for each target distance."""
+    console = Console()
+    for remark in remarks:
+        console.print(f"Note: {remark}.")
+    console.print(solution.reference_planes)
+    table = Table(title="The camera", show_header=False, box=box.SIMPLE)
+    sharp = "none: no real target is in focus" if solution.sharp_distance is None else show_quantity(solution.sharp_distance, "mm")
+    table.add_row("arrangement", solution.arrangement)
+    table.add_row("sharp at", sharp)
+    table.add_row("pitch of the micro-images", f"{solution.image_pitch * 1e3:.2f} um")
+    table.add_row("overlap of neighbours" if solution.overlap > 0 else "gap between neighbours", f"{abs(solution.overlap) * 1e3:.1f} um")
+    table.add_row("sensor in the exit pupil", "yes" if solution.in_exit_pupil else "no")
+    table.add_row("micro-images of the main lens touch at", f"F/{solution.touching_f_number:.2f}")
+    table.add_row("useful pixels, row / sensor", f"{solution.useful_pixels[0]} / {solution.useful_pixels[1]}")
+    sharp_from = ", ".join(f"{show_quantity(near, 'mm')} to {show_quantity(far, 'mm')}" for near, far in solution.depth_of_field)
+    table.add_row("depth of field (blur of one pixel)", sharp_from or "none")
+    stereo = solution.stereo
+    table.add_row(
+        "seen by two micro-images of a row from", stereo.reason if stereo.nearest is None else show_quantity(stereo.nearest, "mm")
+    )
+    if stereo.farthest is not None:
+        table.add_row("seen by two micro-images of a row to", show_quantity(stereo.farthest, "mm"))
+    if stereo.angle is not None:
+        table.add_row("stereo angle on the axis in focus", f"{stereo.angle * DEGREES:.3f} deg")
+    middle = solution.marginal_angles[len(solution.marginal_angles) // 2]
+    table.add_row("marginal angle near the axis", f"{middle * DEGREES:.2f} deg")
+    for name, area in zip(("some useful ray", "chief rays"), areas, strict=True):
+        table.add_row(f"measurement area by {name}", area.reason or _size(area.size(), "mm^2"))
+    table.add_row("measurement volume by chief rays", volume.reason if volume.volume is None else _size(volume.volume, "mm^3"))
+    if len(solution.types) > 1:
+        for number, one in enumerate(solution.types):
+            table.add_row(f"microlens type {number}, f = {show_quantity(one.focal_length, 'mm')}", _type(one))
+    console.print(table)
+    if not distances:
+        return
+    table = Table(title="Targets: views along the row / on the sensor; ELR along the row by eq. (3) and by views", box=box.SIMPLE)
+    for head in ("D mm", "v", "M", "blur um", "views", "ELR", "by views", "image"):
+        table.add_column(head, justify="left" if head == "image" else "right")
+    for one in distances:
+        table.add_row(
+            show_quantity(one.distance, ""),
+            f"{one.virtual_depth:.4g}",
+            f"{one.magnification:.4g}",
+            f"{one.blur * 1e3:.2f}",
+            f"{one.row_views.chief} / {one.sensor_views.chief}",
+            f"{one.resolution[0]:.0f}",
+            "none" if one.resolution_by_views[0] is None else f"{one.resolution_by_views[0]:.0f}",
+            one.arrangement,
+        )
+    console.print(table)
+
+
+def _size(size: float, unit: str) -> str:
+    return "reaches infinity" if math.isinf(size) else f"{size:.4g} {unit}"
+
+
+def _type(one: TypeSolution) -> str:
+    if one.sharp_distance is None:
+        return f"{one.arrangement}, sharp nowhere"
+    fields = ", ".join(f"{show_quantity(near, 'mm')} to {show_quantity(far, 'mm')}" for near, far in one.depth_of_field)
+    return f"{one.arrangement}, sharp at {show_quantity(one.sharp_distance, 'mm')} ({fields})"
