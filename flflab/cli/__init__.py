@@ -2,7 +2,6 @@
 
 import sys
 
-from flflab.cli.app import app
 from flflab.cli.ending import end_with_one_sentence
 from flflab.errors import FlflabError
 from flflab.house import stranger_among_packages
@@ -10,10 +9,12 @@ from flflab.house import stranger_among_packages
 
 def main() -> None:
     """Run one command; exit 0 done, 1 could not be done, 2 usage, 3 the comparison rejects the model, 130 interrupted."""
-    stranger = stranger_among_packages()
-    if stranger:
-        sys.exit(end_with_one_sentence(FlflabError(stranger)))
     try:
+        stranger = stranger_among_packages()
+        if stranger:
+            raise FlflabError(stranger)
+        from flflab.cli.app import app  # inside, so that Ctrl-C while it loads is heard as one
+
         app(standalone_mode=True)
     except FlflabError as error:
         sys.exit(end_with_one_sentence(error))

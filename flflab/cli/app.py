@@ -1,24 +1,47 @@
-"""All commands of ``flflab`` in one list; each lives in the file of its name."""
+"""All commands of ``flflab`` in one list; each lives in the file of its name and is loaded when it is asked for."""
+
+from importlib import import_module
+from typing import Any, cast
 
 import typer
+from typer.core import TyperGroup
 
-from flflab.cli import bench, compare, image, measure, model, new, plan, sim, validate
+COMMANDS = ("validate", "compare", "model", "image", "measure", "plan", "bench", "sim", "report", "new")
+ELSEWHERE = {"report": "validate"}  # a command that shares another one's file
+
+
+class Commands(TyperGroup):
+    """The commands by name; a command that draws or compiles does not slow down the others' start."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Every name, in the order of the help text."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of a name, None where there is none."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = import_module(f"flflab.cli.{ELSEWHERE.get(cmd_name, cmd_name)}")
+        group = getattr(module, "app", None)
+        if group is None:
+            group = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+            group.command(cmd_name)(getattr(module, cmd_name))
+        command = typer.main.get_command(cast(typer.Typer, group))
+        command.name = cmd_name
+        return command
+
 
 app = typer.Typer(
     name="flflab",
+    cls=Commands,
     help="Run the bench of a focused light field camera and say, with numbers, whether the camera does what its model says.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command("validate")(validate.validate)
-app.command("compare")(compare.compare)
-app.command("model")(model.model)
-app.command("image")(image.image)
-app.command("measure")(measure.measure)
-app.command("plan")(plan.plan)
-app.add_typer(bench.app, name="bench")
-app.command("sim")(sim.sim)
-app.command("report")(validate.report)
-app.command("new")(new.new)
+
+
+@app.callback()
+def flflab() -> None:
+    """Run the bench of a focused light field camera and say, with numbers, whether the camera does what its model says."""

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="Look at a bench and move it by hand; every command refuses what is out of limits or brings array and sensor too near.",
     no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
 )
 BenchFile = Annotated[Path, typer.Option("--bench", help="bench file (YAML)")]
 AxisName = Annotated[str, typer.Argument(help="name of an axis in the bench file")]

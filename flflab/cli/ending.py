@@ -13,10 +13,10 @@ LOG = logging.getLogger(__name__)
 def end_with_one_sentence(error: FlflabError) -> int:
     """Print the error for the operator, log its causes, and return exit code 1."""
     sys.stderr.write(f"flflab: {error}\n")
-    cause: BaseException | None = error.__cause__
-    while cause is not None:
+    told: list[BaseException] = [error]
+    while (cause := told[-1].__cause__) is not None and cause not in told:
         LOG.info("caused by %s: %s", type(cause).__name__, cause)
-        cause = cause.__cause__
+        told.append(cause)
     return 1
 
 
