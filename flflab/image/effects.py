@@ -20,9 +20,10 @@ from flflab.targets import Target
 Array = npt.NDArray[np.float64]
 
 OPTICAL = ("defocus", "vignetting", "overlap", "pixel")
+DESCRIBED = "misalignment"  # held exactly when the camera file describes one
 NOISE = ("shot-noise", "read-noise", "saturation", "quantisation")
 NOT_SIMULATED = (
-    "diffraction", "falloff", "distortion", "misalignment", "scatter", "stray-light", "colour-filter", "motion", "dark-current",
+    "diffraction", "falloff", "distortion", "scatter", "stray-light", "colour-filter", "motion", "dark-current",
     "fixed-pattern",
 )
 LEVELS = {"auto": 1.0, "fast": 5.0, "reference": 0.1}  # what each level makes of the tolerance
@@ -88,6 +89,7 @@ def image_report(
         image = (numbers.astype(np.float64) - sensor.offset_dn) / (sensor.dn_per_electron * electrons)
         share = 1e3 * (time.perf_counter() - noisy)
         found = [replace(effect, ms=share) if effect.name == chosen[0] else effect for effect in found]
+    found.append(_misalignment(camera))
     found += [Effect(name, False, None, None, "not simulated by this version", 0.0) for name in NOT_SIMULATED]
     return ImageReport(image, tuple(found), estimate, 1e3 * (time.perf_counter() - started))
 
@@ -98,6 +100,8 @@ def _choose(effects: str, seed: int | None) -> tuple[str, tuple[str, ...]]:
         return effects, NOISE if seed is not None else ()
     names = [name.strip() for name in effects.split(",") if name.strip()]
     for name in names:
+        if name == DESCRIBED:
+            raise InputError(f"effects: '{name}' is in the picture when the camera file gives offset, roll or tilt; leave it out here")
         if name in NOT_SIMULATED:
             raise InputError(f"effects: '{name}' is not simulated by this version; allowed: {_listed(LEVELS, OPTICAL, NOISE)}")
         if name not in OPTICAL and name not in NOISE:
@@ -135,6 +139,13 @@ def _optical(scene: Scene, ms: float) -> list[Effect]:
         ),
         Effect("pixel", True, 1.0, 1.0, f"radiance is averaged over the pixel, exactly; {together}", 0.0),
     ]
+
+
+def _misalignment(camera: Camera) -> Effect:
+    array = camera.array
+    given = any((*array.offset, array.roll, *array.tilt, *camera.sensor.offset))
+    why = "offset, roll and tilt as the camera file gives them" if given else "the camera file gives no offset, roll or tilt"
+    return Effect(DESCRIBED, given, None, None, why, 0.0)
 
 
 def _nearest(pupils: Pupils) -> float:
