@@ -35,7 +35,8 @@ WORST_UNCERTAINTY = 0.25
 WORST_CHI2 = 50.0
 REFINEMENTS = 2
 WIDEST_BLUR = 6.0  # pixels
-FIT_ERROR = 3e-4  # of contrast, added to its uncertainty: what the fit's approximations leave in brute-force pictures without noise
+FIT_ERROR = 3e-4  # of contrast, added to its uncertainty: what the fit's approximations leave in exact pictures in focus
+FIT_ERROR_BLUR = 0.5  # and how much more for each px of blur
 
 
 @dataclass(frozen=True)
@@ -239,7 +240,7 @@ def _with_measured_blur(template: Template, fit: ChirpFit, knots: Knots, span: t
     """The template whose disc of blur comes nearest to the measured transfer, up to one factor, each frequency as far as it is known."""
     nu = np.linspace(span[0], span[1], 2 * KNOTS)
     design = knots.design(nu, template)
-    spread = design @ fit.covariance[CURVE:, CURVE:] @ design.T + FIT_ERROR**2 * np.eye(len(nu))
+    spread = design @ fit.covariance[CURVE:, CURVE:] @ design.T + _fit_error(template) ** 2 * np.eye(len(nu))
     whiten = np.linalg.inv(np.linalg.cholesky(spread))
     measured = whiten @ design @ fit.curve
 
@@ -252,6 +253,10 @@ def _with_measured_blur(template: Template, fit: ChirpFit, knots: Knots, span: t
     best = steps[int(np.argmin([misfit(disc) for disc in steps]))]
     found = minimize_scalar(misfit, bounds=(max(0.0, best - steps[1]), best + steps[1]), method="bounded")
     return replace(template, blur=float(found.x))
+
+
+def _fit_error(template: Template) -> float:
+    return FIT_ERROR * (1 + FIT_ERROR_BLUR * template.blur / template.pixel)
 
 
 def _prior(start: Array, light: float, target: Bars, knots: Knots, loose: float) -> Prior:
@@ -275,7 +280,7 @@ def _curve(
     nu = np.linspace(*target.cycles_per_mm, KNOTS + 2)[1:-1]
     nu = nu[(nu >= span[0]) & (nu <= span[1])]
     design = knots.design(nu, template)
-    spread = design @ covariance[spline, spline] @ design.T + FIT_ERROR**2 * np.eye(len(nu))
+    spread = design @ covariance[spline, spline] @ design.T + _fit_error(template) ** 2 * np.eye(len(nu))
     near = np.array([np.count_nonzero(np.abs(frequency - one) <= knots.step / 2) for one in nu])
     if chi2 > WORST_CHI2:
         raise MeasurementError(
