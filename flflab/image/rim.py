@@ -98,3 +98,11 @@ def steep_share(x: float, y: float, width: float, height: float, slope: float, r
         bottom = y - slope * nodes[index, 1] - 0.5 * height
         total += disc_rectangle_area(reach, left, left + width, bottom, bottom + height)
     return total / (nodes.shape[0] * width * height)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def lit_middle(distance: float, part: float, reach: float) -> float:
+    """Where to look in a pixel of this side that a steep rim crosses: the middle of its lit part, as a share of its distance."""
+    if distance + 0.5 * part <= reach or distance <= part:
+        return 1.0
+    return max(0.5 * (distance - 0.5 * part + reach), distance - 0.5 * part) / distance

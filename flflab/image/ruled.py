@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.profile import boxed, profile_mean, step_mean
-from flflab.image.rim import rim_share, steep_share
+from flflab.image.rim import lit_middle, rim_share, steep_share
 from flflab.optics.discs import lens_chord, lens_rows
 
 Array = npt.NDArray[np.float64]
@@ -233,12 +233,14 @@ def add_ruled(
                     y = dy + ((j + 0.5) / up - 0.5) * pixel
                     for i in range(across):
                         x = dx + ((i + 0.5) / across - 0.5) * pixel
+                        look = 1.0
                         if rim[0] < 0.0:
                             share = steep_share(x, y, part_x, part_y, pupil[0], pupil[1], nodes)
+                            look = lit_middle(math.sqrt(x * x + y * y), part_x, pupil[1])
                         else:
                             share = rim_share(math.sqrt(x * x + y * y), rim)
                         if share > 0.0:
-                            ex = axes[0, 0] * x + axes[0, 1] * y
-                            ey = axes[1, 0] * x + axes[1, 1] * y
+                            ex = look * (axes[0, 0] * x + axes[0, 1] * y)
+                            ey = look * (axes[1, 0] * x + axes[1, 1] * y)
                             light += share * pupil_mean(ex, ey, pupil, strip, count, box, table, law, window, ends)
                 image[row, column] += levels[lens] * light / (across * up)

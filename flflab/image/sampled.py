@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.rim import rim_share, steep_share
+from flflab.image.rim import lit_middle, rim_share, steep_share
 from flflab.optics.discs import disc_rectangle_area, lens_chord, lens_rows, three_disc_area, two_disc_area
 
 Array = npt.NDArray[np.float64]
@@ -132,19 +132,21 @@ def add_sampled(
                     y = dy + ((j + 0.5) / up - 0.5) * pixel
                     for i in range(across):
                         x = dx + ((i + 0.5) / across - 0.5) * pixel
+                        look = 1.0
                         if steep:
                             share = steep_share(x, y, part_x, part_y, pupil[0], pupil[1], nodes)
+                            look = lit_middle(math.sqrt(x * x + y * y), part_x, pupil[1])
                         elif count == 0:
                             share = 1.0
                         else:
                             share = rim_share(math.sqrt(x * x + y * y), rim)
                         if share <= 0.0:
                             continue
+                        at_x, at_y = look * x, look * y
                         if count == 0:
-                            light += share * spot_share(x, y, pupil, radius) / (max(full_share(x, y, pupil), 1e-12) if steep else 1.0)
+                            spot = spot_share(at_x, at_y, pupil, radius)
+                            light += share * spot / (max(full_share(at_x, at_y, pupil), 1e-12) if steep else 1.0)
                         else:
                             size_x, size_y = abs(pupil[3]) * part_x, abs(pupil[3]) * part_y
-                            light += share * sampled_mean(
-                                x, y, pupil, strip, chord, count, size_x, size_y, radius, texel, sums
-                            )
+                            light += share * sampled_mean(at_x, at_y, pupil, strip, chord, count, size_x, size_y, radius, texel, sums)
                 image[row, column] += levels[entry] * light / (across * up)
