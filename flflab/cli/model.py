@@ -8,7 +8,6 @@ import typer
 from flflab.camera_file import CameraDescription
 from flflab.cli.ending import print_json
 from flflab.cli.model_json import as_json
-from flflab.cli.model_table import print_tables
 from flflab.description import load
 from flflab.errors import InputError
 from flflab.optics.area import measurement_area
@@ -28,16 +27,18 @@ def model(
     description = load(camera, CameraDescription)
     described = description.camera()
     distances = [_distance(given) for given in distance or []]
-    solution = solve_camera(described)
+    fields = sensor_fields(described)
+    solution = solve_camera(described, fields)
     if not distances and solution.sharp_distance is not None:
         distances = [solution.sharp_distance]
-    fields = sensor_fields(described)
     solved = [solve_distance(described, one, solution.useful_pixels, fields, solution.row) for one in distances]
     areas = measurement_area(described, "total"), measurement_area(described, "chief")
-    volume = measurement_volume(described)
+    volume = measurement_volume(described, fields=fields)
     if json:
         print_json(as_json(described, solution, solved, areas, volume))
     else:
+        from flflab.cli.model_table import print_tables  # a program that reads JSON need not wait for tables
+
         print_tables(solution, solved, areas, volume, description.remarks())
     if figures is not None:
         from flflab.figures import draw_figures  # matplotlib takes longer to start than the model to compute

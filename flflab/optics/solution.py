@@ -20,6 +20,7 @@ from flflab.optics.focus import (
     virtual_depth,
 )
 from flflab.optics.per_type import TypeSolution, arrangement_of, as_distances, sharp_distance, solve_types, type_smms
+from flflab.optics.pixels import useful_pixels
 from flflab.optics.resolution import (
     Stereo,
     central_smms,
@@ -29,7 +30,7 @@ from flflab.optics.resolution import (
     stereo,
 )
 from flflab.optics.smms import Smms, image_offset
-from flflab.optics.useful import RowFields, SensorFields, row_fields, useful_pixels
+from flflab.optics.useful import RowFields, SensorFields, row_fields
 from flflab.optics.views import Views, row_views, sensor_views
 
 FREQUENCIES = 101
@@ -109,8 +110,13 @@ def distance_arrangement(x: float) -> str:
     return "galilean" if x < 1 else "object in or inside the front focus"
 
 
-def solve_camera(camera: Camera) -> CameraSolution:
-    """All properties of a camera that need no target distance."""
+def solve_camera(camera: Camera, fields: SensorFields | None = None) -> CameraSolution:
+    """All properties of a camera that need no target distance.
+
+    Args:
+        camera: the camera.
+        fields: its useful regions on the sensor, where they are known already.
+    """
     central = central_smms(camera)
     row = row_fields(camera)
     pitch = camera.array.pitch[0] * float(central.image_scale)
@@ -122,7 +128,7 @@ def solve_camera(camera: Camera) -> CameraSolution:
         overlap=2 * float(central.outside_radius) - pitch,
         in_exit_pupil=bool(np.abs(central.microlens_width) <= camera.sensor.pixel),
         touching_f_number=camera.main_lens.focal_length * float(central.gap / central.distance) / pitch,
-        useful_pixels=useful_pixels(camera),
+        useful_pixels=useful_pixels(camera, fields),
         depth_of_field=as_distances(intervals),
         stereo=stereo(camera),
         row=row,

@@ -142,38 +142,44 @@ def edge_radius(smms: Smms, share: float, shape: ApertureShape) -> Array:
 def sensor_fields(camera: Camera) -> SensorFields:
     """Useful regions of every micro-image, for round apertures and square ones."""
     smms = camera_smms(camera)
-    return fields_of(smms, neighbours_of(smms, camera), camera)
+    radii = useful_radii(smms, camera)
+    return fields_of(smms, neighbours_of(smms, camera, radii=radii), camera, radii)
 
 
-def fields_of(smms: Smms, neighbours: npt.NDArray[np.int64], camera: Camera) -> SensorFields:
+def useful_radii(smms: Smms, camera: Camera) -> tuple[Array, Array]:
+    """How far out each micro-image is useful, and how far out it forbids others, by the camera's rules; see ``edge_radius``."""
+    rules, shape = camera.useful, camera.aperture_shape
+    return edge_radius(smms, rules.minimum_illumination, shape), edge_radius(smms, rules.maximum_crosstalk, shape)
+
+
+def fields_of(smms: Smms, neighbours: npt.NDArray[np.int64], camera: Camera, radii: tuple[Array, Array] | None = None) -> SensorFields:
     """Useful regions of systems whose possible neighbours are known; useful rules and sensor are the camera's.
 
     Args:
         smms: the systems, fields of shape (N,).
         neighbours: indices into the systems, shape (N, K); -1 where there are fewer.
         camera: whose sensor and rules hold.
+        radii: what ``useful_radii`` says of them, where it is known already.
     """
     rules, shape = camera.useful, camera.aperture_shape
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1) * smms.image_scale[:, None]
-    radius = edge_radius(smms, rules.minimum_illumination, shape)
-    blocked = edge_radius(smms, rules.maximum_crosstalk, shape)
+    radius, blocked = radii or useful_radii(smms, camera)
     low, high = sensor_edges(camera)
     return SensorFields(smms, centre, radius, blocked, neighbours, low, high, shape, rules.minimum_illumination, rules.maximum_crosstalk)
 
 
-def neighbours_of(smms: Smms, camera: Camera, slack: float = 0.0) -> npt.NDArray[np.int64]:
+def neighbours_of(smms: Smms, camera: Camera, slack: float = 0.0, radii: tuple[Array, Array] | None = None) -> npt.NDArray[np.int64]:
     """Which other micro-images can reach the useful region of each, shape (N, K); -1 where there are fewer.
 
     Args:
         smms: the systems, fields of shape (N,).
         camera: whose rules hold.
         slack: share by which the reach is enlarged, for systems that will be disturbed.
+        radii: what ``useful_radii`` says of them, where it is known already.
     """
-    rules, shape = camera.useful, camera.aperture_shape
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1) * smms.image_scale[:, None]
-    corner = 1.0 if shape == "round" else np.sqrt(2.0)
-    radius = edge_radius(smms, rules.minimum_illumination, shape) * (1 + slack) * corner
-    blocked = edge_radius(smms, rules.maximum_crosstalk, shape) * (1 + slack) * corner
+    enlarged = (1 + slack) * (1.0 if camera.aperture_shape == "round" else np.sqrt(2.0))
+    radius, blocked = (part * enlarged for part in radii or useful_radii(smms, camera))
     pairs = pairs_within(centre, centre, float(radius.max() + blocked.max()))
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     apart = np.hypot(*(centre[pairs[:, 1]] - centre[pairs[:, 0]]).T)
@@ -294,29 +300,3 @@ def _meets_glow(fields: SensorFields, other: npt.NDArray[np.int64], centre: Arra
     for part in np.linspace(0.0, 1.0, 65):
         met |= _square_illumination(smms, part * reach - centre, -margin) > fields.crosstalk
     return met
-
-
-def useful_pixels(camera: Camera) -> tuple[int, int]:
-    """Number of pixels whose centre lies in some useful region: along the row nearest the axis, and on the whole sensor."""
-    columns, rows = camera.sensor.resolution
-    low, _ = sensor_edges(camera)
-    pixel = camera.sensor.pixel
-    row = row_fields(camera).useful
-    row = row[~np.isnan(row[:, 0])]
-    first = np.ceil((row[:, 0] - low[0]) / pixel - 0.5)
-    last = np.floor((row[:, 1] - low[0]) / pixel - 0.5)
-    return int(np.sum(np.clip(np.minimum(last, columns - 1) - np.maximum(first, 0) + 1, 0, None))), _sensor_pixels(camera, rows, columns)
-
-
-def _sensor_pixels(camera: Camera, rows: int, columns: int) -> int:
-    fields = sensor_fields(camera)
-    low, pixel = fields.low, camera.sensor.pixel
-    lit = np.flatnonzero(np.all((fields.centre >= fields.low) & (fields.centre <= fields.high), axis=1))
-    total = 0
-    for i in lit:
-        first = np.maximum(np.floor((fields.centre[i] - fields.radius[i] - low) / pixel - 0.5).astype(int), 0)
-        last = np.minimum(np.ceil((fields.centre[i] + fields.radius[i] - low) / pixel - 0.5).astype(int), [columns - 1, rows - 1])
-        x, y = (low[axis] + (np.arange(first[axis], last[axis] + 1) + 0.5) * pixel for axis in (0, 1))
-        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        total += int(np.count_nonzero(in_useful(fields, np.full(len(points), i), points)))
-    return total

@@ -18,7 +18,9 @@ from flflab.optics.useful import SensorFields, pairs_within, select, sensor_fiel
 from flflab.optics.views import chief_seen_by, seen_by
 
 Array = npt.NDArray[np.float64]
-_PLANES = 6
+# Gauss-Legendre's six nodes and weights on (-1, 1); Abramowitz and Stegun, table 25.4.
+_NODES = np.array([0.2386191860831969, 0.6612093864662645, 0.9324695142031521])
+_WEIGHTS = np.array([0.4679139345726910, 0.3607615730481386, 0.1713244923791704])
 # Fractional steps of the additive sequence whose points fill a square most evenly: powers of the plastic number's inverse.
 _STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 
@@ -36,7 +38,12 @@ class MeasurementVolume:
 
 
 def measurement_volume(
-    camera: Camera, by: Rule = "chief", views: int = 2, circle: float | None = None, points: int = 1024
+    camera: Camera,
+    by: Rule = "chief",
+    views: int = 2,
+    circle: float | None = None,
+    points: int = 1024,
+    fields: SensorFields | None = None,
 ) -> MeasurementVolume:
     """Volume of the points that at least ``views`` micro-images see inside their depths of field.
 
@@ -48,8 +55,9 @@ def measurement_volume(
         views: least number of micro-images.
         circle: permitted blur on the sensor, mm; one pixel unless told.
         points: object points a plane.
+        fields: the camera's useful regions, where they are known already.
     """
-    fields = sensor_fields(camera)
+    fields = fields or sensor_fields(camera)
     kinds, kind = np.unique(fields.smms.focal, return_inverse=True)
     first = np.array([int(np.flatnonzero(kind == one)[0]) for one in range(len(kinds))])
     ranges = sharp_ranges(select(fields.smms, first), circle or camera.sensor.pixel, NEAREST * camera.main_lens.focal_length)
@@ -57,7 +65,7 @@ def measurement_volume(
     pieces = [(a, b) for a, b in itertools.pairwise(cuts) if any(lo <= a and b <= hi for one in ranges for lo, hi in one)]
     if not merge_intervals([part for one in ranges for part in one]):
         return MeasurementVolume(None, 0.0, "no micro-image is sharp at a real distance")
-    node, weight = np.polynomial.legendre.leggauss(_PLANES)
+    node, weight = np.concatenate([-_NODES, _NODES]), np.concatenate([_WEIGHTS, _WEIGHTS])
     totals = np.zeros(2)
     for low, high in pieces:
         sharp = np.array([any(lo <= low and high <= hi for lo, hi in one) for one in ranges])[kind]

@@ -8,14 +8,16 @@ import numpy.typing as npt
 import pytest
 from matplotlib.path import Path as Outline
 from scipy import optimize
+from scipy.spatial import KDTree
 
 from flflab.optics.area import MeasurementArea, measurement_area
 from flflab.optics.boundary import boundary_rays, object_fields, parallel_are_inside, useful_rays
 from flflab.optics.camera import Camera, Substrate
 from flflab.optics.discs import two_disc_area
+from flflab.optics.pixels import useful_pixels
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import camera_smms
-from flflab.optics.useful import row_fields
+from flflab.optics.useful import in_useful, row_fields, sensor_fields
 from flflab.optics.volume import measurement_volume
 
 Array = npt.NDArray[np.float64]
@@ -216,3 +218,21 @@ def test_a_glass_plate_counts_with_its_thickness_over_its_index(side: str, labor
     slope = 1e-4
     through = 1.15 * slope + 0.6 * np.tan(np.arcsin(np.sin(np.arctan(slope)) / 1.5))
     assert through == pytest.approx((1.15 + 0.6 / 1.5) * slope, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("f_number", "layout", "roll"), [(1.6, "square", 0.1), (2.0, "hexagonal", 0.0), (2.8, "square", 0.0), (8.0, "square", 0.02)]
+)
+def test_pixels_counted_by_intervals_are_those_looked_at_one_by_one(f_number: float, layout: str, roll: float, laboratory: Build) -> None:
+    camera = laboratory(f_number, minimum=0.25)
+    camera = replace(
+        camera,
+        array=replace(camera.array, layout="hexagonal" if layout == "hexagonal" else "square", roll=roll),
+        sensor=replace(camera.sensor, resolution=(1500, 1000), pixel=2.5e-3),
+    )
+    fields = sensor_fields(camera)
+    low = fields.low
+    x, y = (low[axis] + (np.arange(camera.sensor.resolution[axis]) + 0.5) * 2.5e-3 for axis in (0, 1))
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    nearest: npt.NDArray[np.int64] = np.asarray(KDTree(fields.centre).query(points)[1], dtype=np.int64)
+    assert useful_pixels(camera)[1] == int(np.count_nonzero(in_useful(fields, nearest, points)))
