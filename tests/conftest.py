@@ -9,6 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,8 @@ def kernel_cache() -> Path:
 os.environ["NUMBA_CACHE_DIR"] = str(kernel_cache())  # before anything imports numba; child processes inherit it
 settings.register_profile("flflab", deadline=None, derandomize=True)  # the first example may compile a kernel
 settings.load_profile("flflab")
+if os.name == "posix":
+    resource_tracker.ensure_running()  # one process for the whole session, started here so that no test seems to leave it behind
 
 
 def find_r12a() -> Path | None:
