@@ -7,7 +7,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from flflab.description import Description, Length, Ratio, check, read_yaml
+from flflab.description import Description, Length, Lines, Ratio, check, read_yaml
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.optics.focus import vergence_of
@@ -139,16 +139,13 @@ def read_study(file: Path, optics: Camera) -> Study:
             f"{file}:{lines.get(('reference',), 1)}: reference: {description.reference} is no configuration; "
             f"allowed: 0 to {len(configurations) - 1}"
         )
-    dots = _target(description.dots, FourDot, f"{file}:{lines.get(('dots',), 1)}: dots")
-    bars = _target(description.bars, Bars, f"{file}:{lines.get(('bars',), 1)}: bars")
+    dots = _target(description.dots, FourDot, Path(file), lines, "dots")
+    bars = _target(description.bars, Bars, Path(file), lines, "bars")
     return Study(description, configurations, dots, bars)
 
 
-def _target(data: dict[str, Any], kind: type[Kind], place: str) -> Kind:
-    try:
-        target = target_from(data)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from error
+def _target(data: dict[str, Any], kind: type[Kind], file: Path, lines: Lines, field: str) -> Kind:
+    target = target_from(data, str(file), file.parent, lines, (field,))
     if not isinstance(target, kind) or target.kind != kind.kind:
-        raise InputError(f"{place}: a {target.kind} target; allowed here: {kind.kind}")
+        raise InputError(f"{file}:{lines.get((field,), 1)}: {field}: a {target.kind} target; allowed here: {kind.kind}")
     return target

@@ -73,19 +73,27 @@ DESCRIPTIONS: dict[str, type[Description]] = {
 }
 
 
-def target_from(data: str | Mapping[str, Any], source: str = "target", folder: Path = Path()) -> Target:
+def target_from(
+    data: str | Mapping[str, Any],
+    source: str = "target",
+    folder: Path = Path(),
+    lines: Mapping[tuple[str | int, ...], int] | None = None,
+    under: tuple[str | int, ...] = (),
+) -> Target:
     """Make a target of a bare kind (its defaults) or of a mapping of fields.
 
     Args:
         data: for instance ``four-dot`` or ``{kind: four-dot, diameter: 1 mm, spacing: 8 mm}``.
         source: where the data stood, for the errors.
         folder: what a picture's relative path is relative to.
+        lines: the line of every field of the file that the data stood in.
+        under: where in that file the data stood.
 
     Raises:
         InputError: an unknown kind or field, a quantity without a unit, an impossible value, or a picture that cannot be read.
     """
     given: dict[str, Any] = {"kind": data} if isinstance(data, str) else dict(data)
-    return _made(given, source, {}, folder)
+    return _made(given, source, lines or {}, folder, under)
 
 
 def load_target(file: Path) -> Target:
@@ -98,12 +106,21 @@ def load_target(file: Path) -> Target:
     return _made(data, str(file), lines, Path(file).parent)
 
 
-def _made(data: dict[str, Any], source: str, lines: Mapping[tuple[str | int, ...], int], folder: Path) -> Target:
+def _made(
+    data: dict[str, Any],
+    source: str,
+    lines: Mapping[tuple[str | int, ...], int],
+    folder: Path,
+    under: tuple[str | int, ...] = (),
+) -> Target:
+    place = ".".join(str(part) for part in (*under, "kind"))
     kind = data.get("kind")
     if kind not in DESCRIPTIONS:
         asked = "this field is missing" if kind is None else f"{kind!r} is not a target"
-        raise InputError(f"{source}:{lines.get(('kind',), 1)}: kind: {asked}; allowed: {', '.join(DESCRIPTIONS)}")
-    found = check(data, DESCRIPTIONS[kind], source, lines)
+        raise InputError(
+            f"{source}:{lines.get((*under, 'kind'), lines.get(under, 1))}: {place}: {asked}; allowed: {', '.join(DESCRIPTIONS)}"
+        )
+    found = check(data, DESCRIPTIONS[kind], source, lines, under)
     try:
         match found:
             case FourDotDescription():
@@ -117,7 +134,7 @@ def _made(data: dict[str, Any], source: str, lines: Mapping[tuple[str | int, ...
             case _:
                 return White() if kind == "white" else Black()
     except InputError as error:
-        raise InputError(f"{source}:1: {error}") from error
+        raise InputError(f"{source}:{lines.get(under, 1)}: {error}") from error
 
 
 def _read_picture(file: Path, width: float) -> Picture:
