@@ -1,0 +1,108 @@
+"""Names, keys, exit codes and files of the command line, which others script against."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+Run = Callable[..., Any]
+EXAMPLES = Path(__file__).parents[2] / "examples"
+OSINSKI = EXAMPLES / "cameras" / "osinski.yaml"
+
+
+def test_model_has_every_key_of_the_contract(flflab: Run) -> None:
+    told = flflab("model", OSINSKI, "--distance", "506.7 mm", "--distance", "infinity", "--json").json
+    keys = "arrangement sharp_distance_mm image_pitch_mm overlap overlap_mm in_exit_pupil touching_f_number useful_pixels"
+    assert set(f"{keys} depth_of_field_mm stereo microlenses distances reasons".split()) <= set(told)
+    assert set(told["stereo"]) >= {"nearest_mm", "farthest_mm", "angle_deg", "field_angle_deg"}
+    lens = "index centre_mm image_centre_mm inside_mm outside_mm useful_mm marginal_angle_deg"
+    assert set(lens.split()) <= set(told["microlenses"][0])
+    distance = "distance_mm image_distance_mm arrangement virtual_depth magnification blur_mm views elr elr_by_views mtf"
+    assert all(set(distance.split()) <= set(one) for one in told["distances"])
+    assert set(told["distances"][0]["mtf"]) >= {"cycles_per_mm", "contrast_paper", "mtf_pixel", "mtf"}
+    assert len(told["distances"][0]["mtf"]["mtf"]) == 101
+    assert told["distances"][0]["views"]["sensor"]["chief"] == 5
+    assert told["sharp_distance_mm"] == pytest.approx(506.7016, abs=5e-5)
+
+
+def test_what_is_null_has_a_reason(flflab: Run) -> None:
+    told = flflab("model", OSINSKI, "--distance", "infinity", "--json").json
+    assert told["distances"][0]["distance_mm"] is None
+    assert any("distance_mm" in key for key in told["reasons"])
+    assert told["stereo"]["farthest_mm"] is None
+    assert any("farthest_mm" in key for key in told["reasons"])
+
+
+def test_an_image_is_written_in_units_of_the_white_level_and_measured_again(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "white.npy"
+    told = flflab("image", small_camera, "--target", "white", "--distance", "506.7 mm", "--json", "-o", picture).json
+    assert set(told) == {"effects", "error_estimate", "time_ms"}
+    assert set(told["effects"][0]) == {"name", "on", "size", "bound", "why", "ms"}
+    image = np.load(picture)
+    assert image.dtype == np.float64
+    assert image.shape == (560, 760)
+    assert image[279:281, 379:381] == pytest.approx(np.ones((2, 2)), abs=1e-9)
+    measured = flflab("measure", picture, "--camera", small_camera, "--target", "white", "--json").json
+    lattice = measured["lattice"]
+    assert set(lattice) >= {"layout", "pitch_px", "angle_deg", "origin_px", "centres_px", "inside_radius_px", "outside_radius_px"}
+    assert lattice["pitch_px"] == pytest.approx(0.4 * (1 + 1.15 / 60) / 1.66e-3, rel=1e-5)
+    assert lattice["origin_px"] == pytest.approx([379.5, 279.5], abs=0.01)
+    assert lattice["outside_radius_px"] == pytest.approx(318.517 / 2 / 1.66, abs=0.05)
+
+
+def test_noise_comes_from_the_seed_alone(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("a.png", "b.png", "c.png")]
+    for file, seed in zip(files, (1, 1, 2), strict=True):
+        assert flflab("image", small_camera, "--target", "four-dot", "--distance", "506.7 mm", "--seed", seed, "-o", file).code == 0
+    first, again, other = (file.read_bytes() for file in files)
+    assert first == again
+    assert first != other
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("model", "nowhere.yaml"), "cannot be read"),
+        (("model", OSINSKI, "--distance", "500"), "has no unit"),
+        (("model", OSINSKI, "--distance", "-5 mm"), "above 0 mm"),
+        (("image", OSINSKI, "--target", "stripes", "--distance", "500 mm", "-o", "x.npy"), "stripes"),
+        (("image", OSINSKI, "--distance", "500 mm", "--tolerance", "2", "-o", "x.npy"), "--tolerance 2"),
+        (("image", OSINSKI, "--distance", "500 mm", "--effects", "fog", "-o", "x.npy"), "there is no 'fog'"),
+        (("measure", "nowhere.png", "--camera", OSINSKI), "nowhere.png"),
+        (("compare", "nowhere", "--camera", OSINSKI), "nowhere"),
+        (("plan", "nowhere.yaml"), "cannot be read"),
+        (("report", "nowhere"), "nowhere"),
+    ],
+    ids=lambda value: " ".join(map(str, value))[-40:] if isinstance(value, tuple) else "",
+)
+def test_what_cannot_be_done_is_one_sentence_and_exit_1(flflab: Run, arguments: tuple[object, ...], says: str) -> None:
+    ended = flflab(*arguments)
+    assert ended.code == 1
+    assert says in ended.err
+    assert "Traceback" not in ended.err
+    assert ended.err.startswith("flflab: ")
+
+
+@pytest.mark.parametrize("arguments", [("nonsense",), ("model",), ("model", OSINSKI, "--nonsense"), ("image", OSINSKI)])
+def test_wrong_usage_is_exit_2(flflab: Run, arguments: tuple[object, ...]) -> None:
+    assert flflab(*arguments).code == 2
+
+
+@pytest.mark.parametrize("kind", ["camera", "bench", "study"])
+def test_new_writes_a_copy_that_can_be_used_and_never_overwrites(flflab: Run, kind: str, tmp_path: Path) -> None:
+    file = tmp_path / f"{kind}.yaml"
+    assert flflab("new", kind, file).code == 0
+    written = file.read_bytes()
+    again = flflab("new", kind, file)
+    assert (again.code, file.read_bytes()) == (1, written)
+    assert "not overwritten" in again.err
+
+
+def test_a_new_bench_and_a_new_study_can_be_planned(flflab: Run, tmp_path: Path) -> None:
+    flflab("new", "bench", tmp_path / "bench.yaml")
+    flflab("new", "study", tmp_path / "study.yaml")
+    planned = flflab("plan", tmp_path / "study.yaml", "--bench", tmp_path / "bench.yaml")
+    assert planned.code == 0
+    assert "the gap holds on the way" in " ".join(planned.out.split())

@@ -1,0 +1,79 @@
+"""The main job from end to end on a small simulated bench: an honest one is accepted, a wrong one is found out."""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Run = Callable[..., Any]
+EXAMPLES = Path(__file__).parents[2] / "examples"
+STUDY = """name: small
+configurations:
+  - {f_number: [2.8, 4], distance: 507 mm}
+dots: {kind: four-dot, diameter: 1 mm, spacing: 4 mm}
+bars: {kind: bars, cycles_per_mm: [0.5, 10], width: 12 mm, height: 8 mm}
+draws: 400
+reference: 0
+"""
+TARGETS = "{four-dot: {diameter: 1 mm, spacing: 4 mm}, bars: {width: 12 mm, height: 8 mm}}"
+
+
+@pytest.fixture
+def small_bench(small_camera: Path, tmp_path: Path) -> Callable[..., Path]:
+    def write(truths: str = "{}", seed: int = 1) -> Path:
+        text = (EXAMPLES / "benches" / "simulated.yaml").read_text(encoding="utf-8")
+        for old, new in (
+            ("optics: ../cameras/osinski.yaml", f"optics: {small_camera.name}"), ("truths: {} ", f"truths: {truths} "),
+            ("targets: {} ", f"targets: {TARGETS} "), ("seed: 1", f"seed: {seed}"), ("clock: 20 ", "clock: 100 "),
+        ):  # fmt: skip
+            assert old in text
+            text = text.replace(old, new)
+        file = tmp_path / "bench.yaml"
+        file.write_text(text, encoding="utf-8")
+        return file
+
+    return write
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    file = tmp_path / "study.yaml"
+    file.write_text(STUDY, encoding="utf-8")
+    return file
+
+
+@pytest.mark.ci
+@pytest.mark.timeout(300)
+def test_an_honest_bench_is_accepted_and_leaves_its_files(
+    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "run"
+    ended = flflab("validate", study, "--bench", small_bench(), "--out", out)
+    assert ended.code == 0, ended.err
+    assert "The camera does what its model says." in ended.out
+    assert {"report.html", "comparison.csv", "documents.jsonl", "frames.h5"} <= {file.name for file in out.iterdir()}
+    with (out / "comparison.csv").open(encoding="utf-8") as handle:
+        rows = list(csv.DictReader(handle))
+    columns = "configuration reference_configuration distance_mm array_mm sensor_mm f_number target dot cycles_per_mm quantity"
+    assert list(rows[0]) == [*columns.split(), "measured", "uncertainty", "predicted", "difference", "z"]
+    assert {row["quantity"] for row in rows} == {"views", "mtf", "contrast_paper", "difference_views", "ratio_mtf"}
+    views = [row for row in rows if row["quantity"] == "views"]
+    assert [row["measured"] for row in views] == [row["predicted"] for row in views]
+    again = flflab("validate", study, "--bench", small_bench(), "--out", out)
+    assert (again.code, "never overwritten" in again.err) == (1, True)
+    before = (out / "comparison.csv").read_bytes()
+    assert flflab("report", out).code == 0
+    assert (out / "comparison.csv").read_bytes() == before
+
+
+@pytest.mark.ci
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("truths", ["{microlens_array.focal_length: 0.935 mm}", "{iris.scale: 1.4}"])
+def test_a_wrong_microlens_or_iris_is_found_out(
+    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path, truths: str
+) -> None:
+    ended = flflab("validate", study, "--bench", small_bench(truths), "--out", tmp_path / "run")
+    assert ended.code == 3, ended.err
+    assert "The camera does not do what its model says." in ended.out
