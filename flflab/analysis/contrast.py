@@ -8,6 +8,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
 from flflab.analysis.contrast_fit import CURVE, GEOMETRY, LIGHT, ChirpData, ChirpFit, Knots, Prior, Template, gauss_newton_step
+from flflab.analysis.contrast_readings import fitted_extremes, read_extremes
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import (
@@ -290,8 +291,8 @@ def _curve(
     if not keep.any() or not np.isfinite(fit.geometry).all():
         raise MeasurementError(f"{target.kind} picture: the fit of the bars did not settle; check exposure, focus, target and distance")
     nu = nu[keep]
-    extremes, extremes_spread = _extremes(fit.curve, covariance[spline, spline], knots, nu, template, target.kind == "bars")
-    classic, classic_spread = _classic(data, pixels.lens, frequency, nu, knots.step)
+    extremes, extremes_spread = fitted_extremes(fit.curve, covariance[spline, spline], knots, nu, template, target.kind == "bars")
+    classic, classic_spread = read_extremes(data, pixels.lens, frequency, nu, knots.step)
     scale = float(magnification(central_smms(camera), 1 / distance))
     return ContrastCurve(
         cycles_per_mm=nu, cycles_per_px=nu * camera.sensor.pixel / scale, contrast=design[keep] @ fit.curve,
@@ -299,36 +300,3 @@ def _curve(
         classic_uncertainty=classic_spread, geometry=fit.geometry, geometry_uncertainty=np.sqrt(np.diag(covariance)[:GEOMETRY]),
         chi2_per_pixel=chi2, pixels=len(x),
     )
-
-
-def _extremes(curve: Array, covariance: Array, knots: Knots, frequency: Array, template: Template, bars: bool) -> tuple[Array, Array]:
-    """Largest excursion of the fitted wave at each frequency and its uncertainty."""
-    top = knots.first + knots.step * (knots.count - 3)
-    phase = (np.arange(256) + 0.5) / 512
-    largest, spread = np.zeros(len(frequency)), np.zeros(len(frequency))
-    for n, nu in enumerate(frequency):
-        orders = np.arange(1, max(2.0, top / nu + 1e-9), 2) if bars else np.array([1.0])
-        waves = np.sin(2 * np.pi * np.outer(phase, orders)) * (4 / (np.pi * orders) if bars else 1.0)
-        rows = waves @ knots.design(orders * nu, template)
-        rows[:, 0] = template.bars(phase, nu) if bars else 0.0
-        at = int(np.argmax(np.abs(rows @ curve)))
-        largest[n], spread[n] = abs(float(rows[at] @ curve)), math.sqrt(max(0.0, float(rows[at] @ covariance @ rows[at])))
-    return largest, spread
-
-
-def _classic(data: ChirpData, lens: npt.NDArray[np.int64], frequency: Array, knots: Array, step: float) -> tuple[Array, Array]:
-    """(max - min)/(max + min) of each view's pixels near each frequency: mean over the views and its scatter."""
-    mean, spread = np.full(len(knots), np.nan), np.full(len(knots), np.nan)
-    for n, nu in enumerate(knots):
-        near = np.abs(frequency - nu) <= step / 2
-        views = lens[near]
-        counts = np.bincount(views)
-        high, low = np.full(len(counts), -np.inf), np.full(len(counts), np.inf)
-        np.maximum.at(high, views, data.read[near])
-        np.minimum.at(low, views, data.read[near])
-        held = counts >= max(4, counts.max(initial=0) / 2)
-        if held.any():
-            readings = (high[held] - low[held]) / np.maximum(high[held] + low[held], 1e-300)
-            mean[n] = readings.mean()
-            spread[n] = readings.std(ddof=1) / math.sqrt(held.sum()) if held.sum() > 1 else np.nan
-    return mean, spread
