@@ -73,6 +73,8 @@ class ConnectedBench:
         try:
             if error is not None:
                 self.stop()
+        except DeviceError as not_stopped:
+            raise DeviceError(f"{error or 'interrupted'}; and then not every axis took the stop: {not_stopped}") from error
         finally:
             self.close()
 
