@@ -105,9 +105,9 @@ def _add_ruled(image: Array, scene: Scene, target: Bars | Edge | White) -> None:
     elif isinstance(target, Edge):
         cos, sin = math.cos(target.angle), math.sin(target.angle)
         axes, bounds = np.array([[sin, -cos], [cos, sin]]), np.array([0.0, np.inf])
-    parts, steep = pixel_parts(scene, both=isinstance(target, Edge))
+    parts, steep = pixel_parts(scene)
     if isinstance(target, White):
-        parts = np.where(scene.rims.width[:, None] < STEEP, parts, 1)
+        parts = np.where(scene.rims.width < STEEP, parts, 1)
     counts = strip_counts(scene.kind_blur(largest=True), scene.tolerance)
     strips, rims, nodes = strip_nodes(counts), rim_rows(scene, parts, steep), disc_nodes(8, 8)
     windows = lit_windows(scene, half_x, half_y)
@@ -128,13 +128,13 @@ def _add_sampled(image: Array, scene: Scene, radius: float, half_x: float, half_
     texel, sums = 1.0, np.zeros((2, 2))
     if picture is not None:
         texel, sums = picture.texel, np.pad(picture.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-    parts, steep = pixel_parts(scene, both=True)
+    parts, steep = pixel_parts(scene)
     blur = scene.kind_blur(largest=True)
     counts = grid_counts(blur, scene.tolerance / (1 if picture is None else 2.5))  # a picture has more edges than a dot
     if picture is None:
         counts = np.where(blur > LARGE_BLUR, 0, counts)
-        finer = np.maximum(parts, spot_parts(scene.kind_blur(largest=False), scene.tolerance)[:, None])
-        parts = np.where((counts == 0)[:, None], finer, parts)
+        finer = np.maximum(parts, spot_parts(scene.kind_blur(largest=False), scene.tolerance))
+        parts = np.where(counts == 0, finer, parts)
     strips, chords, rims, nodes = strip_nodes(counts), chord_nodes(counts), rim_rows(scene, parts, steep), disc_nodes(8, 8)
     windows = lit_windows(scene, half_x, half_y)
     xs, ys = pixel_positions(scene.sensor)

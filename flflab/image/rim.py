@@ -90,14 +90,14 @@ def disc_nodes(rings: int, spokes: int) -> Array:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def steep_share(x: float, y: float, width: float, height: float, slope: float, reach: float, nodes: Array) -> float:
-    """Share of the full cone in a pixel at (x, y) from the centre, its mean over the pupil of the part of the pixel inside the shadow."""
+def steep_share(x: float, y: float, side: float, slope: float, reach: float, nodes: Array) -> float:
+    """Share of the full cone in a pixel at (x, y) from the centre: the mean over the pupil of the part of it inside the shadow."""
     total = 0.0
     for index in range(nodes.shape[0]):
-        left = x - slope * nodes[index, 0] - 0.5 * width
-        bottom = y - slope * nodes[index, 1] - 0.5 * height
-        total += disc_rectangle_area(reach, left, left + width, bottom, bottom + height)
-    return total / (nodes.shape[0] * width * height)
+        left = x - slope * nodes[index, 0] - 0.5 * side
+        bottom = y - slope * nodes[index, 1] - 0.5 * side
+        total += disc_rectangle_area(reach, left, left + side, bottom, bottom + side)
+    return total / (nodes.shape[0] * side * side)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

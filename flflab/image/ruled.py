@@ -18,6 +18,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 PIECE_NODES = 8
+WIDE = 10.0  # half the width in pixels of a rim whose shape within a pixel does not matter
 _ABSCISSAE, _WEIGHTS = np.polynomial.legendre.leggauss(PIECE_NODES)
 PIECE = np.stack([np.sin(np.pi / 2 * _ABSCISSAE), _WEIGHTS * np.pi / 2 * np.cos(np.pi / 2 * _ABSCISSAE)])
 
@@ -181,7 +182,7 @@ def add_ruled(
         centres: centre of every micro-image, mm, shape (N, 2).
         pupils: as in ``pupil_mean``, direction in the target's axes, shape (N, 6).
         levels: light at full pupil.
-        subs: subdivision of a pixel (x, y) for each kind of rim, shape (K, 2).
+        subs: parts a side of a pixel for each kind of rim.
         counts: number of strips for each kind.
         strips: see ``strip_nodes``.
         rims: see ``rim_tables``; steep kinds start with a negative distance.
@@ -204,14 +205,15 @@ def add_ruled(
         if first >= last or windows[lens, 0] >= windows[lens, 1]:
             continue
         kind = kinds[lens]
-        across, up = subs[kind, 0], subs[kind, 1]
-        part_x, part_y = pixel / across, pixel / up
+        parts = int(subs[kind])
+        part = pixel / parts
         pupil, strip, rim, count = pupils[lens], strips[kind], rims[kind], int(counts[kind])
         outside = pupil[1] + abs(pupil[0]) + 0.75 * pixel
-        box = abs(pupil[3]) * (abs(axes[0, 0]) * part_x + abs(axes[0, 1]) * part_y)
-        window[2] = abs(pupil[3] * axes[1, 0]) * part_x
-        window[3] = abs(pupil[3] * axes[1, 1]) * part_y
+        box = abs(pupil[3]) * (abs(axes[0, 0]) + abs(axes[0, 1])) * part
+        window[2] = abs(pupil[3] * axes[1, 0]) * part
+        window[3] = abs(pupil[3] * axes[1, 1]) * part
         blurred = abs(pupil[2]) + abs(pupil[3]) * pixel  # how far an end of the window is felt
+        wide = rim[0] >= 0.0 and (parts == 1 or abs(pupil[0]) > WIDE * pixel)  # a rim that needs no parts for its own sake
         for row in range(first, last):
             dy = ys[row] - centres[lens, 1]
             room = outside * outside - dy * dy
@@ -222,25 +224,28 @@ def add_ruled(
             right = min(windows[lens, 1], math.floor((centres[lens, 0] + half - xs[0]) / pixel) + 1)
             for column in range(left, right):
                 dx = xs[column] - centres[lens, 0]
-                if plain and rim[0] >= 0.0:
-                    at = pupil[3] * (axes[1, 0] * dx + axes[1, 1] * dy) + pupil[5]
-                    if abs(at - bounds[0]) > blurred and abs(at - bounds[1]) > blurred:
-                        if bounds[0] < at < bounds[1]:
-                            image[row, column] += levels[lens] * rim_share(math.sqrt(dx * dx + dy * dy), rim)
+                at = pupil[3] * (axes[1, 0] * dx + axes[1, 1] * dy) + pupil[5]
+                rows_of_parts = parts
+                if wide and abs(at - bounds[0]) > blurred and abs(at - bounds[1]) > blurred:
+                    if at < bounds[0] or at > bounds[1]:
                         continue
+                    if plain:
+                        image[row, column] += levels[lens] * rim_share(math.sqrt(dx * dx + dy * dy), rim)
+                        continue
+                    rows_of_parts = 1
                 light = 0.0
-                for j in range(up):
-                    y = dy + ((j + 0.5) / up - 0.5) * pixel
-                    for i in range(across):
-                        x = dx + ((i + 0.5) / across - 0.5) * pixel
+                for j in range(rows_of_parts):
+                    y = dy + ((j + 0.5) / rows_of_parts - 0.5) * pixel
+                    for i in range(parts):
+                        x = dx + ((i + 0.5) / parts - 0.5) * pixel
                         look = 1.0
                         if rim[0] < 0.0:
-                            share = steep_share(x, y, part_x, part_y, pupil[0], pupil[1], nodes)
-                            look = lit_middle(math.sqrt(x * x + y * y), part_x, pupil[1])
+                            share = steep_share(x, y, part, pupil[0], pupil[1], nodes)
+                            look = lit_middle(math.sqrt(x * x + y * y), part, pupil[1])
                         else:
                             share = rim_share(math.sqrt(x * x + y * y), rim)
                         if share > 0.0:
                             ex = look * (axes[0, 0] * x + axes[0, 1] * y)
                             ey = look * (axes[1, 0] * x + axes[1, 1] * y)
                             light += share * pupil_mean(ex, ey, pupil, strip, count, box, table, law, window, ends)
-                image[row, column] += levels[lens] * light / (across * up)
+                image[row, column] += levels[lens] * light / (parts * rows_of_parts)

@@ -35,25 +35,26 @@ def summed_value(sums: Array, column: float, row: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def box_mean(x: float, y: float, width: float, height: float, radius: float, texel: float, sums: Array) -> float:
-    """Mean radiance in a box round (x, y) from the target's centre: of a disc of this radius, or of a picture where radius is 0."""
+def box_mean(x: float, y: float, side: float, radius: float, texel: float, sums: Array) -> float:
+    """Mean radiance in a square round (x, y) from the target's centre: of a disc of this radius, or of a picture where radius is 0."""
+    half = side / 2
     if radius > 0.0:
-        return max(0.0, disc_rectangle_area(radius, x - width / 2, x + width / 2, y - height / 2, y + height / 2)) / (width * height)
-    left = (x - width / 2) / texel + (sums.shape[1] - 1) / 2
-    bottom = (y - height / 2) / texel + (sums.shape[0] - 1) / 2
-    right = left + width / texel
-    top = bottom + height / texel
+        return max(0.0, disc_rectangle_area(radius, x - half, x + half, y - half, y + half)) / (side * side)
+    left = (x - half) / texel + (sums.shape[1] - 1) / 2
+    bottom = (y - half) / texel + (sums.shape[0] - 1) / 2
+    right = left + side / texel
+    top = bottom + side / texel
     total = summed_value(sums, right, top) - summed_value(sums, left, top) - summed_value(sums, right, bottom)
-    return max(0.0, total + summed_value(sums, left, bottom)) * texel * texel / (width * height)
+    return max(0.0, total + summed_value(sums, left, bottom)) * texel * texel / (side * side)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def sampled_mean(
-    ex: float, ey: float, pupil: Array, rows: Array, chord: Array, count: int, width: float, height: float, radius: float, texel: float,
-    sums: Array,
+    ex: float, ey: float, pupil: Array, rows: Array, chord: Array, count: int, part: float, radius: float, texel: float, sums: Array,
 ) -> float:
     """Mean over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm."""
     slope, reach, spread = pupil[0], pupil[1], pupil[2]
+    side = max(abs(pupil[3]) * part, 1e-3 * (radius if radius > 0.0 else texel))
     origin_x = pupil[3] * ex + pupil[4]
     origin_y = pupil[3] * ey + pupil[5]
     x, y, other = 0.0, 0.0, 2.0
@@ -74,7 +75,7 @@ def sampled_mean(
         area += weight
         for step in range(count):
             along = 0.5 * (left + right) + 0.5 * (right - left) * chord[0, step]
-            seen = box_mean(origin_x + spread * along, origin_y + spread * at, width, height, radius, texel, sums)
+            seen = box_mean(origin_x + spread * along, origin_y + spread * at, side, radius, texel, sums)
             light += 0.5 * weight * chord[1, step] * seen
     return light / area
 
@@ -117,8 +118,8 @@ def add_sampled(
         first = max(rows[0], windows[entry, 2])
         last = min(rows[1], windows[entry, 3])
         kind = kinds[entry]
-        across, up = subs[kind, 0], subs[kind, 1]
-        part_x, part_y = pixel / across, pixel / up
+        parts = int(subs[kind])
+        part = pixel / parts
         pupil, strip, chord, rim, count = pupils[entry], strips[kind], chords[kind], rims[kind], int(counts[kind])
         steep = rim[0] < 0.0
         for row in range(first, last):
@@ -128,14 +129,14 @@ def add_sampled(
                 if math.hypot(dx, dy) > pupil[1] + abs(pupil[0]) + pixel:
                     continue
                 light = 0.0
-                for j in range(up):
-                    y = dy + ((j + 0.5) / up - 0.5) * pixel
-                    for i in range(across):
-                        x = dx + ((i + 0.5) / across - 0.5) * pixel
+                for j in range(parts):
+                    y = dy + ((j + 0.5) / parts - 0.5) * pixel
+                    for i in range(parts):
+                        x = dx + ((i + 0.5) / parts - 0.5) * pixel
                         look = 1.0
                         if steep:
-                            share = steep_share(x, y, part_x, part_y, pupil[0], pupil[1], nodes)
-                            look = lit_middle(math.sqrt(x * x + y * y), part_x, pupil[1])
+                            share = steep_share(x, y, part, pupil[0], pupil[1], nodes)
+                            look = lit_middle(math.sqrt(x * x + y * y), part, pupil[1])
                         elif count == 0:
                             share = 1.0
                         else:
@@ -147,6 +148,5 @@ def add_sampled(
                             spot = spot_share(at_x, at_y, pupil, radius)
                             light += share * spot / (max(full_share(at_x, at_y, pupil), 1e-12) if steep else 1.0)
                         else:
-                            size_x, size_y = abs(pupil[3]) * part_x, abs(pupil[3]) * part_y
-                            light += share * sampled_mean(at_x, at_y, pupil, strip, chord, count, size_x, size_y, radius, texel, sums)
-                image[row, column] += levels[entry] * light / (across * up)
+                            light += share * sampled_mean(at_x, at_y, pupil, strip, chord, count, part, radius, texel, sums)
+                image[row, column] += levels[entry] * light / (parts * parts)

@@ -16,7 +16,6 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 BAND_ROWS = 48
-SMOOTH = 20.0  # a rim at least this many pixels wide needs no subdivision of its own
 MOST_PARTS = 8
 MOST_STRIPS = 128
 
@@ -101,27 +100,22 @@ def lit_windows(scene: Scene, half_x: float, half_y: float) -> Whole:
     return np.clip(np.stack(limits, axis=1), 0, sizes).astype(np.int64)
 
 
-def pixel_parts(scene: Scene, both: bool) -> tuple[Whole, npt.NDArray[np.bool_]]:
-    """Into how many parts (x, y) a pixel is divided for each kind of rim, and which kinds are steep.
+def pixel_parts(scene: Scene) -> tuple[Whole, npt.NDArray[np.bool_]]:
+    """Into how many parts a side a pixel is divided for each kind of rim, and which kinds are steep.
 
     Inside a pixel light and rim vary together: a step of the target in a rim w pixels wide leaves an error of up to
     0.17 / (w n^2) of white, less where the step is blurred (found as the root of the blur in pixels).
-
-    Args:
-        scene: what is formed.
-        both: whether the target varies along y as it does along x.
     """
     width = np.maximum(scene.rims.width, 1e-9)
-    parts = np.ceil(np.sqrt(0.34 / (width * scene.tolerance * np.sqrt(np.maximum(1.0, scene.kind_blur(largest=False))))))
-    parts = np.clip(parts, 1, MOST_PARTS)
+    blur = np.maximum(scene.kind_blur(largest=False), 1.0)
+    parts = np.clip(np.ceil(np.sqrt(0.34 / (width * scene.tolerance * np.sqrt(blur)))), 1, MOST_PARTS)
     parts = np.where(width * parts < STEEP, MOST_PARTS, parts)
-    other = np.where((width < SMOOTH) | both, parts, 1)
-    return np.stack([parts, other], axis=1).astype(np.int64), width * parts < STEEP
+    return parts.astype(np.int64), width * parts < STEEP
 
 
 def rim_rows(scene: Scene, parts: Whole, steep: npt.NDArray[np.bool_]) -> Array:
     """The tables of the rims' light; those of steep kinds start with a negative distance."""
-    tables = rim_tables(scene.rims, scene.sensor.pixel / float(parts[:, 1].max()), steep)
+    tables = rim_tables(scene.rims, scene.sensor.pixel / float(parts.max()), steep)
     tables[steep, 0] = -1.0
     return tables
 
