@@ -11,7 +11,8 @@ from flflab.units import parse_quantity, show_quantity
 @pytest.mark.parametrize(
     ("text", "dimension", "value"),
     [
-        ("400 um", "length", 0.4), ("400um", "length", 0.4), ("1.66 µm", "length", 1.66e-3), ("6 cm", "length", 60.0), ("1 in", "length", 25.4),
+        ("400 um", "length", 0.4), ("400um", "length", 0.4), ("1.66 µm", "length", 1.66e-3),
+        ("6 cm", "length", 60.0), ("1 in", "length", 25.4),
         ("infinity", "length", math.inf), ("-10 mm", "length", -10.0),
         ("1e-3 m", "length", 1.0), (0, "length", 0.0),
         ("180 deg", "angle", math.pi), ("20 ms", "time", 0.02), ("10 cycles/mm", "frequency", 10.0), ("10 mm/s", "speed", 10.0),
