@@ -144,6 +144,8 @@ def three_disc_area(
             between = math.hypot(x[index] - x[smaller], y[index] - y[smaller])
             return two_disc_area(radius[index], radius[smaller], between)
     area = 0.0
+    # Triangles count from a corner of the region: from far away a small region would be a difference of large ones.
+    corner_x, corner_y, cornered = 0.0, 0.0, False
     for index in range(3):
         a = (index + 1) % 3
         b = (index + 2) % 3
@@ -154,7 +156,10 @@ def three_disc_area(
         if half_b == math.pi or half_a == math.pi:
             middle = middle_a if half_b == math.pi else middle_b
             half = min(half_a, half_b)
-            area += arc_area(x[index], y[index], radius[index], middle - half, middle + half)
+            if not cornered:
+                corner_x, corner_y = x[index] + radius[index] * math.cos(middle - half), y[index] + radius[index] * math.sin(middle - half)
+                cornered = True
+            area += arc_area(x[index] - corner_x, y[index] - corner_y, radius[index], middle - half, middle + half)
             continue
         turn = middle_b - middle_a
         turn -= 2 * math.pi * math.floor(turn / (2 * math.pi) + 0.5)
@@ -162,7 +167,11 @@ def three_disc_area(
             start = max(-half_a, turn + full - half_b)
             end = min(half_a, turn + full + half_b)
             if end > start:
-                area += arc_area(x[index], y[index], radius[index], middle_a + start, middle_a + end)
+                if not cornered:
+                    corner_x = x[index] + radius[index] * math.cos(middle_a + start)
+                    corner_y = y[index] + radius[index] * math.sin(middle_a + start)
+                    cornered = True
+                area += arc_area(x[index] - corner_x, y[index] - corner_y, radius[index], middle_a + start, middle_a + end)
     return max(area, 0.0)
 
 

@@ -62,12 +62,11 @@ def common_area(radius1: npt.ArrayLike, radius2: npt.ArrayLike, distance: npt.Ar
             raise InputError(f"common_area: {name} is {part[wrong].flat[0]:g}; a finite number from 0 up is due")
     small, large, apart = np.minimum(given[0], given[1]), np.maximum(given[0], given[1]), given[2]
     between, beyond = gap_of(small, large, apart), gap_of(apart, small, large)
-    # A power of two near the largest length, divided out exactly, keeps lengths near the ends of the range of doubles in it.
-    unit = np.ldexp(1.0, np.frexp(np.maximum(np.maximum(large, apart), np.finfo(np.float64).tiny))[1])
     crossing = (between > 0) & (beyond > 0)
-    r, R, a, i, o = (np.where(crossing, part / unit, 1.0) for part in (small, large, apart, between, beyond))
+    r, R, a, i, o = (np.where(crossing, part, 1.0) for part in (small, large, apart, between, beyond))
     toward, whole = gap_of(a, R, r), a + (r + R)
-    in_small = r * r * segment_area(toward * i / (4 * a * r), whole * o / (4 * a * r))
-    in_large = R * R * segment_area(o * i / (4 * a * R), whole * toward / (4 * a * R))
+    # Ratios first: no product of two lengths leaves the range of doubles.
+    in_small = r * r * segment_area((toward / a) * (i / (4 * r)), (whole / r) * (o / (4 * a)))
+    in_large = R * R * segment_area((o / a) * (i / (4 * R)), (whole / R) * (toward / (4 * a)))
     nested = np.pi * small * small
-    return np.where(between <= 0, 0.0, np.where(beyond <= 0, nested, (in_small + in_large) * unit * unit))
+    return np.where(between <= 0, 0.0, np.where(beyond <= 0, nested, in_small + in_large))
