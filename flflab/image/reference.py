@@ -51,16 +51,21 @@ def trace_pixels(
     return image
 
 
+def _depth_and_gap(camera: Camera, centre: Array) -> tuple[float, float]:
+    """Main lens to this microlens of a perhaps tilted array, and from there to the sensor, mm."""
+    rise = float(centre @ np.asarray(camera.array.tilt))
+    return camera.optical_distance + rise, camera.optical_gap - rise
+
+
 def _behind(camera: Camera, centre: Array) -> Array:
     """Where the ray through the centres of main lens and microlens meets the sensor."""
-    depth = camera.array.distance + float(centre @ np.asarray(camera.array.tilt))
-    return centre * camera.sensor.distance / depth
+    depth, gap = _depth_and_gap(camera, centre)
+    return centre * (depth + gap) / depth
 
 
 def _reach(camera: Camera, centre: Array) -> float:
     """A radius round that place beyond which no ray through the microlens and the main lens's stop lands."""
-    depth = camera.array.distance + float(centre @ np.asarray(camera.array.tilt))
-    gap = camera.sensor.distance - depth
+    depth, gap = _depth_and_gap(camera, centre)
     bend = camera.array.aperture / 2 / min(abs(f) for f in camera.array.focal_lengths)
     return camera.array.aperture + gap * ((camera.main_lens.aperture + camera.array.aperture) / 2 / depth + bend)
 
@@ -70,8 +75,7 @@ def _light(
     target_offset: tuple[float, float],
 ) -> float:
     """Mean radiance over rays from the sensor points through all of the microlens, over the gap squared; no target means white."""
-    depth = camera.array.distance + float(centre @ np.asarray(camera.array.tilt))
-    gap = camera.sensor.distance - depth
+    depth, gap = _depth_and_gap(camera, centre)
     on_lens = centre + camera.array.aperture / 2 * disc
     after = (sensor_points - on_lens) / gap
     before = after + (on_lens - centre) / camera.array.focal_lengths[kind]

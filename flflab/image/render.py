@@ -26,7 +26,6 @@ from flflab.image.scene import (
     strip_counts,
 )
 from flflab.optics.camera import Camera, pixel_positions
-from flflab.optics.smms import camera_smms
 from flflab.targets import Bars, Black, Edge, FourDot, Picture, Target, White
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +52,7 @@ def render(
         boundless white target, without its neighbours' light.
 
     Raises:
-        InputError: the apertures are not round, or a number is impossible.
+        InputError: the apertures are not round, a number is impossible, or a tilted array reaches through the sensor.
     """
     _check(camera, distance, tolerance, target_offset)
     columns, rows = camera.sensor.resolution
@@ -81,9 +80,6 @@ def _check(camera: Camera, distance: float, tolerance: float, target_offset: tup
         raise InputError(f"render: the tolerance is {tolerance:g}; a share of white from {LEAST_TOLERANCE:g} to below 1 is allowed")
     if not all(math.isfinite(part) for part in target_offset):
         raise InputError(f"render: target_offset is {target_offset}; two finite lengths in mm are due")
-    nearest = float(camera_smms(camera).gap.min())
-    if nearest <= 0:
-        raise InputError(f"render: the tilted array reaches {-nearest:g} mm through the sensor; tilt it less or move it away")
 
 
 def _rows_of(scene: Scene, axes: Array) -> tuple[Array, Array]:
