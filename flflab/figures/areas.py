@@ -102,20 +102,20 @@ def measurement(camera: Camera) -> tuple["Figure", str]:
     span = far - near
     for axes, low, high in ((whole, 0.0, 2 * far), (close, near - 0.6 * span, far + 0.6 * span)):
         _fill(axes, measurement_area(camera, "total", anywhere=True), high, "#c6dbef", "seen by two or more")
-        _fill(axes, by_total, high, USEFUL, "and sharp: the measurement area")
+        _fill(axes, by_total, high, USEFUL, "measurement area")
         for one in ends:
             for edge in one:
                 axes.axvline(edge, color=DARK, linestyle="--", linewidth=1)
         axes.set_xlim(low, high)
-    for number, polygon in enumerate(by_chief.polygons):
+    for polygon in by_chief.polygons:
         ring = np.concatenate([polygon, polygon[:1]])
         if np.all(ring[:, 0] > 0):
-            close.plot(1 / ring[:, 0], ring[:, 1] / ring[:, 0], color=INSIDE, linewidth=1, label="by chief rays" if number == 0 else "_")
+            close.plot(1 / ring[:, 0], ring[:, 1] / ring[:, 0], color=INSIDE, linewidth=1)
     tallest = max((float(np.abs(part[:, 1] / part[:, 0]).max()) for part in by_total.polygons if np.all(part[:, 0] > 0)), default=0.0)
     if tallest > 0:
-        close.set_ylim(-1.4 * tallest, 1.25 * tallest)
+        close.set_ylim(-1.25 * tallest, 1.25 * tallest)
         whole.set_ylim(-2.4 * tallest, 2.4 * tallest)
-    close.legend(frameon=False, fontsize=8, loc="lower center", ncols=3, bbox_to_anchor=(0.5, 0.0))
+    whole.legend(frameon=False, fontsize=8, loc="upper left")
     plain(whole, "In front of the camera", "distance in front of the main lens, mm", "y, mm")
     plain(close, "Enlarged along the axis", "distance in front of the main lens, mm", "y, mm")
     return figure, caption

@@ -116,9 +116,10 @@ def merge_intervals(intervals: list[Interval]) -> list[Interval]:
 def marginal_angle(smms: Smms) -> Array:
     """Full plane angle of the cone on each micro-image's centre, rad (paper, Figs. 8 and 9).
 
-    atan((t + g)/b) - atan((t - g)/b) with t = y b/L the shift of the centre and g the half width of the limiting stop.
+    atan((t + g)/b) - atan((t - g)/b) with t = y b/L the shift of the centre and g the half width of the limiting stop, written as
+    one angle so that far off the axis no digits cancel.
     """
     with np.errstate(divide="ignore"):
         half = np.minimum(smms.aperture, smms.lens_width / np.abs(smms.kappa)) / 2
     shift = np.hypot(smms.centre_x, smms.centre_y) * smms.gap / smms.distance
-    return np.arctan((shift + half) / smms.gap) - np.arctan((shift - half) / smms.gap)
+    return np.arctan2(2 * smms.gap * half, smms.gap**2 + (shift - half) * (shift + half))
