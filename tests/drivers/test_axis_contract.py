@@ -116,7 +116,10 @@ def test_a_stop_from_another_thread_ends_the_motion_short(axis: Axis) -> None:
     with contextlib.suppress(MotionError):
         status.wait(5)
     assert not axis.is_moving()
-    assert status.success == (abs(axis.position() - 24.5) < 0.001)
+    # The stop may come when the motion has just ended; what ended short must never pass for arrived.
+    if abs(axis.position() - 24.5) > 0.001:
+        assert not status.success
+        assert "stopped on the way" in str(status.exception())
 
 
 def test_a_plan_of_the_run_engine_moves_and_reads_it(axis: Axis, engine: RunEngine) -> None:
