@@ -1,5 +1,6 @@
 """What is to be formed, and how finely: where light can fall, how a pixel is divided, how many strips a blur needs."""
 
+import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -29,7 +30,7 @@ class Scene:
         pupils: one a microlens.
         rims: the kinds of rims of their micro-images.
         blur: diameter on the sensor of the blur of a point, pixels, one a microlens.
-        tolerance: largest error asked for.
+        tolerance: largest error allowed to one micro-image; where several overlap their errors add like independent ones.
     """
 
     sensor: Sensor
@@ -65,8 +66,15 @@ def make_scene(camera: Camera, distance: float, tolerance: float, target_offset:
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         blur = np.where(pupils.spread == 0, 0.0, 2 * np.abs(pupils.spread / pupils.scale) / pixel)
-    scene = Scene(camera.sensor, pupils, find_rims(pupils, pixel), blur, tolerance)
+    scene = Scene(camera.sensor, pupils, find_rims(pupils, pixel), blur, tolerance / math.sqrt(max(1.0, _coverage(camera, pupils))))
     return scene.seen_from(*target_offset) if vergence > 0 else scene
+
+
+def _coverage(camera: Camera, pupils: Pupils) -> float:
+    """How many micro-images light a sensor point on average."""
+    row = math.sqrt(3) / 2 if camera.array.layout == "hexagonal" else 1.0
+    cell = camera.array.pitch[0] * camera.array.pitch[1] * row * (camera.sensor.distance / camera.array.distance) ** 2
+    return math.pi * float(np.max(pupils.reach)) ** 2 / cell
 
 
 def lit_windows(scene: Scene, half_x: float, half_y: float) -> Whole:
