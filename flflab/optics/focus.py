@@ -63,16 +63,21 @@ def blur(smms: Smms, vergence: Array | float) -> Array:
 
 
 def sharp_vergence(smms: Smms) -> Array:
-    """Vergence of the object plane in focus, 1/mm: kappa x = b/L; infinite where the sensor lies in the exit pupil."""
+    """Vergence of the object plane in focus, 1/mm; infinite where the sensor lies in the exit pupil.
+
+    V = 1/F - e/(1 + L e) with e = 1/b - 1/f, the vergence that the microlens brings to a point on the sensor: kappa x = b/L.
+    """
+    e = 1 / smms.gap - 1 / smms.focal
     with np.errstate(divide="ignore"):
-        x = smms.gap / smms.distance / smms.kappa
-    return 1 / smms.lens_focal - (1 - x) / smms.distance
+        return 1 / smms.lens_focal - e / (1 + smms.distance * e)
 
 
 def depth_of_field(smms: Smms, circle: float) -> list[Interval]:
     """Object vergences (low, high) with blur <= circle, for one SMMS, as a sorted union of intervals with V >= 0.
 
-    |kappa x - b/L| <= c max(1/A, |x|/d) is the union of two sets with closed-form ends; ends at infinity are allowed.
+    |kappa x - b/L| <= c max(1/A, |x|/d) is the union of two sets with closed-form ends; ends at infinity are allowed. With
+    e = 1/b - 1/f the ends of the main lens's set lie at V = 1/F - (e -+ c/(A b))/(1 + L e), those of the microlens's at
+    V = 1/F - e'/(1 + L e') with e' = (1 +- c/d)/b - 1/f: nothing cancels there that does not cancel in the result's condition.
 
     Args:
         smms: one system (fields of shape ()).
@@ -81,25 +86,25 @@ def depth_of_field(smms: Smms, circle: float) -> list[Interval]:
     Returns:
         Vergence intervals in 1/mm, disjoint, rising; empty when nothing real is sharp.
     """
-    kappa, slope = float(smms.kappa), float(smms.gap / smms.distance)
-    by_lens, by_microlens = circle / float(smms.lens_aperture), circle / float(smms.aperture)
+    F, A, L, b, f, d = (float(part) for part in (smms.lens_focal, smms.lens_aperture, smms.distance, smms.gap, smms.focal, smms.aperture))
     sets: list[Interval] = []
-    if kappa != 0:
-        ends = sorted(((slope - by_lens) / kappa, (slope + by_lens) / kappa))
+    e = 1 / b - 1 / f
+    middle, spread = 1 + L * e, circle / A / b
+    if middle != 0:
+        ends = sorted((1 / F - (e - spread) / middle, 1 / F - (e + spread) / middle))
         sets.append((ends[0], ends[1]))
-    elif slope <= by_lens:
+    elif b / L <= circle / A:
         sets.append((-math.inf, math.inf))
-    roots = sorted(slope / k if k != 0 else math.copysign(math.inf, kappa) for k in (kappa + by_microlens, kappa - by_microlens))
-    if abs(kappa) > by_microlens:
-        sets.append((roots[0], roots[1]))
-    elif abs(kappa) == by_microlens:
-        half = slope / (2 * kappa) if kappa else math.inf
-        sets.append((half, math.inf) if kappa > 0 else (-math.inf, half))
+    # 1 + L e' is kappa +- c/d times L/b: of one sign the set lies between its ends, of two outside them.
+    plus, minus = ((1 + sign * circle / d) / b - 1 / f for sign in (1, -1))
+    above, below = 1 + L * plus, 1 + L * minus
+    high = 1 / F - plus / above if above != 0 else math.inf
+    low = 1 / F - minus / below if below != 0 else math.inf
+    if below > 0 or above < 0:
+        sets.append((min(low, high), max(low, high)))
     else:
-        sets += [(-math.inf, roots[0]), (roots[1], math.inf)]
-    distance, focal = float(smms.distance), float(smms.lens_focal)
-    vergences = [(1 / focal - (1 - low) / distance, 1 / focal - (1 - high) / distance) for low, high in sets]
-    return merge_intervals([(max(low, 0.0), high) for low, high in vergences if high >= 0])
+        sets += [(-math.inf, low)] * (below < 0) + [(high, math.inf)] * (above > 0)
+    return merge_intervals([(max(first, 0.0), last) for first, last in sets if last >= 0])
 
 
 def merge_intervals(intervals: list[Interval]) -> list[Interval]:
