@@ -30,7 +30,7 @@ class Scene:
         pupils: one a microlens.
         rims: the kinds of rims of their micro-images.
         blur: diameter on the sensor of the blur of a point, pixels, one a microlens.
-        tolerance: largest error allowed to one micro-image; where several overlap their errors add like independent ones.
+        tolerance: largest error allowed to one micro-image; where several overlap their errors add up.
     """
 
     sensor: Sensor
@@ -66,7 +66,7 @@ def make_scene(camera: Camera, distance: float, tolerance: float, target_offset:
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         blur = np.where(pupils.spread == 0, 0.0, 2 * np.abs(pupils.spread / pupils.scale) / pixel)
-    scene = Scene(camera.sensor, pupils, find_rims(pupils, pixel), blur, tolerance / math.sqrt(max(1.0, _coverage(camera, pupils))))
+    scene = Scene(camera.sensor, pupils, find_rims(pupils, pixel), blur, tolerance / max(1.0, _coverage(camera, pupils)))
     return scene.seen_from(*target_offset) if vergence > 0 else scene
 
 
