@@ -71,10 +71,10 @@ def make_scene(camera: Camera, distance: float, tolerance: float, target_offset:
 
 
 def _coverage(camera: Camera, pupils: Pupils) -> float:
-    """How many micro-images light a sensor point on average."""
+    """How many micro-images reach a sensor point on average."""
     row = math.sqrt(3) / 2 if camera.array.layout == "hexagonal" else 1.0
     cell = camera.array.pitch[0] * camera.array.pitch[1] * row * (camera.sensor.distance / camera.array.distance) ** 2
-    return math.pi * float(np.max(pupils.reach)) ** 2 / cell
+    return math.pi * float(np.max(pupils.outside)) ** 2 / cell
 
 
 def lit_windows(scene: Scene, half_x: float, half_y: float) -> Whole:
