@@ -133,7 +133,7 @@ def strip_counts(blur: Array, tolerance: float) -> Whole:
 
     Measured on square bars: n strips leave 0.08 blur / n^2 of white for small blurs; for large ones 8 + 0.6 blur leave 0.0012.
     """
-    allowed = 0.6 * tolerance
+    allowed = 0.5 * tolerance
     small = np.sqrt(0.08 * blur / allowed)
     large = (8 + 0.6 * np.minimum(blur, 1e4)) * np.sqrt(0.0012 / allowed)
     counts = np.ceil(np.minimum(small, large))
