@@ -130,6 +130,12 @@ class Camera:
             raise InputError(f"camera: microlens_array.substrate.thickness is {plate.thickness:g} mm; 0 mm or more is due")
         if plate is not None and plate.index < 1:
             raise InputError(f"camera: microlens_array.substrate.refractive_index is {plate.index:g}; 1 or more is due")
+        nearest = _nearest_neighbour(self.array)
+        if self.array.aperture > nearest * (1 + 1e-9):
+            raise InputError(
+                f"camera: microlens_array.aperture is {self.array.aperture:g} mm, wider than the {nearest:g} mm between neighbours; "
+                "the pitch at most is allowed"
+            )
         types = len(self.array.focal_lengths)
         if not self.array.pattern or any(not 0 <= kind < types for row in self.array.pattern for kind in row):
             raise InputError(f"camera: microlens_array.pattern must be rows of indices from 0 to {types - 1}")
@@ -160,6 +166,12 @@ class Camera:
     def _plate(self, side: str) -> float:
         plate = self.array.substrate
         return plate.thickness / plate.index if plate is not None and plate.side == side else 0.0
+
+
+def _nearest_neighbour(array: MicrolensArray) -> float:
+    """Distance between the centres of the nearest two places of the lattice, mm."""
+    x, y = array.pitch
+    return min(x, math.hypot(x / 2, y * math.sqrt(0.75)) if array.layout == "hexagonal" else y)
 
 
 def _numbers(part: Any, path: str) -> list[tuple[str, float]]:

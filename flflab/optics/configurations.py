@@ -121,6 +121,12 @@ def solve_configurations(given: Configurations, threads: int | None = None) -> P
             f"configurations: columns {given.columns}, pixels {given.pixels} (1 or more are due) or minimum_illumination "
             f"{given.minimum_illumination:g} (a share from 0 to 1 is due) is out of range"
         )
+    pitch, aperture = np.broadcast_arrays(arrays[names.index("pitch")], arrays[names.index("aperture")])
+    if np.any(aperture > pitch * (1 + 1e-9)):
+        wide = aperture > pitch * (1 + 1e-9)
+        raise InputError(
+            f"configurations: aperture is {aperture[wide].flat[0]:g} mm; the pitch, {pitch[wide].flat[0]:g} mm, at most is allowed"
+        )
     shape = np.broadcast_shapes(*(array.shape for array in arrays))
     size = int(np.prod(shape))
     flat = [

@@ -230,6 +230,8 @@ def test_every_impossible_number_is_refused_with_its_field_and_value(part: str, 
     ("changes", "says"),
     [
         ({"pitch": (0.4, -0.4)}, "pitch y is -0.4"),
+        ({"aperture": 0.5}, "aperture is 0.5 mm, wider than the 0.4 mm between neighbours"),
+        ({"layout": "hexagonal", "pitch": (0.4, 0.3)}, "aperture is 0.336 mm, wider than the 0.327872"),
         ({"focal_lengths": (0.917, 0.0)}, "none of them 0"),
         ({"focal_lengths": (0.917, math.nan)}, "focal_lengths"),
         ({"count": (0, 25)}, "count is 0"),
