@@ -27,11 +27,27 @@ mp: Any = mpmath
 WORST_DISCS = [
     (0.0037304605345614230, 1.0, 1.0001799646629874),
     (5.298881996536893e-07, 1.0, 1.0000001526636533),
+    (0.1289803261961331, 2.030786489679339e-06, 0.12898095426193035),
+    (0.0008370006281762177, 0.03226876211485646, 0.03310576274292224),
+    (0.03255886537932174, 1.276606142479952e-06, 0.03255995013817181),
     (1.0, 1.0, 2.0), (1.0, 1.0, math.nextafter(2.0, 0)), (1.0, 1.0, 0.0), (1.0, 1.0, 5e-324), (1.0, 1.0, 1e-300),
     (1.0, 0.5, 0.5), (1.0, 0.5, math.nextafter(0.5, 1)), (1.0, 0.5, 1.5), (1.0, math.nextafter(1.0, 0), 2.0**-53),
     (1.0, 1e-9, 1.0), (1.0, 1e-9, 1 - 1e-9), (1.0, 1e-9, 1 + 1e-9), (1e9, 1.0, 1e9), (3.0, 4.0, 5.0), (1e-150, 1e-150, 1e-150),
     (1e150, 1e150, 1e150), (0.0, 1.0, 0.5), (0.0, 0.0, 0.0),
 ]  # fmt: skip
+
+# (F, A, L, b, f, d, c): a gap far beyond the main lens's distance, where kappa cancels though the result does not.
+WORST_CAMERAS = [
+    (
+        351.7864128723107,
+        58.8762474143481,
+        1.0363237497000688,
+        16.475449438208216,
+        9.707556301047898,
+        2.8359606600162137,
+        2.2199597070787056e-4,
+    ),
+]
 
 
 def area_in_50_digits(radius1: float, radius2: float, distance: float) -> Any:
@@ -104,8 +120,11 @@ def stratified_smms(number: int, seed: int) -> tuple[Smms, Array]:
     steered = (1 - slope) / (1 / small - 1 / length)
     gap = np.where(((kind == 1) | (kind == 2)) & (steered > 0), steered, gap)
     aperture, microlens = np.where(kind == 3, aperture * 1e-6, aperture), np.where(kind == 3, microlens * 1e-6, microlens)
+    numbers = np.stack([focal, aperture, length, gap, small, microlens, circle])
+    worst = np.array(WORST_CAMERAS).T
+    numbers[:, : worst.shape[1]] = worst
     zero = np.zeros(number)
-    return Smms(focal, aperture, length, gap, small, microlens, zero, zero), circle
+    return Smms(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], zero, zero), numbers[6]
 
 
 def ends(one: Any, sign: int, by_lens: bool) -> Any:
