@@ -127,7 +127,15 @@ def arc_area(x: float, y: float, radius: float, start: float, end: float) -> flo
 
 @numba.njit(cache=True, error_model="numpy")
 def three_disc_area(
-    x1: float, y1: float, radius1: float, x2: float, y2: float, radius2: float, x3: float, y3: float, radius3: float,
+    x1: float,
+    y1: float,
+    radius1: float,
+    x2: float,
+    y2: float,
+    radius2: float,
+    x3: float,
+    y3: float,
+    radius3: float,
 ) -> float:
     """Area common to three closed discs given by centres and radii: the arcs of its boundary, each by Green's formula."""
     x = (x1, x2, x3)
