@@ -104,7 +104,7 @@ def _add_ruled(image: Array, scene: Scene, target: Bars | Edge | White) -> None:
     parts, steep = pixel_parts(scene)
     if isinstance(target, White):
         parts = np.where(scene.rims.width < STEEP, parts, 1)
-    counts = strip_counts(scene.kind_blur(largest=True), scene.tolerance)
+    counts = strip_counts(scene.kind_blur(largest=True), scene.tolerance / scene.overlap)
     strips, rims, nodes = strip_nodes(counts), rim_rows(scene, parts, steep), disc_nodes(8, 8)
     windows = lit_windows(scene, half_x, half_y)
     xs, ys = pixel_positions(scene.sensor)
@@ -126,7 +126,7 @@ def _add_sampled(image: Array, scene: Scene, radius: float, half_x: float, half_
         texel, sums = picture.texel, np.pad(picture.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     parts, steep = pixel_parts(scene)
     blur = scene.kind_blur(largest=True)
-    counts = grid_counts(blur, scene.tolerance / (1 if picture is None else 2.5))  # a picture has more edges than a dot
+    counts = grid_counts(blur, scene.tolerance / scene.overlap / (1 if picture is None else 2.5))  # a picture has more edges than a dot
     if picture is None:
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(scene.kind_blur(largest=False), scene.tolerance))

@@ -158,9 +158,9 @@ def pupil_mean(
     x, y, radius = region_of(ex, ey, pupil[0], pupil[1])
     low, high = lens_rows(x, y, radius)
     cuts = pieces(x, y, radius, low, high, origin_y, spread, window, ends)
-    if cuts > 2:
+    seen = window_mean(origin_y + spread * low, window)
+    if cuts > 2 or window_mean(origin_y + spread * high, window) != seen:
         return pieces_mean(x, y, radius, ends, cuts, origin_x, origin_y, spread, box, table, law, window)
-    seen = window_mean(origin_y + spread * 0.5 * (low + high), window)
     if seen == 0.0 or not varies:
         return seen
     return seen * strips_mean(x, y, radius, low, high, origin_x, spread, strips, count, box, table, law)

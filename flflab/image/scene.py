@@ -30,7 +30,8 @@ class Scene:
         pupils: one a microlens.
         rims: the kinds of rims of their micro-images.
         blur: diameter on the sensor of the blur of a point, pixels, one a microlens.
-        tolerance: largest error allowed to one micro-image; where several overlap their errors add up.
+        tolerance: largest error asked for.
+        overlap: how many micro-images reach a sensor point, at least 1; the errors of their strips add up.
     """
 
     sensor: Sensor
@@ -38,6 +39,7 @@ class Scene:
     rims: Rims
     blur: Array
     tolerance: float
+    overlap: float
 
     def seen_from(self, x: float, y: float) -> "Scene":
         """The same with the target's coordinates counted from (x, y)."""
@@ -66,7 +68,7 @@ def make_scene(camera: Camera, distance: float, tolerance: float, target_offset:
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         blur = np.where(pupils.spread == 0, 0.0, 2 * np.abs(pupils.spread / pupils.scale) / pixel)
-    scene = Scene(camera.sensor, pupils, find_rims(pupils, pixel), blur, tolerance / max(1.0, _coverage(camera, pupils)))
+    scene = Scene(camera.sensor, pupils, find_rims(pupils, pixel), blur, tolerance, max(1.0, _coverage(camera, pupils)))
     return scene.seen_from(*target_offset) if vergence > 0 else scene
 
 
@@ -131,11 +133,11 @@ def rim_rows(scene: Scene, parts: Whole, steep: npt.NDArray[np.bool_]) -> Array:
 def strip_counts(blur: Array, tolerance: float) -> Whole:
     """How many strips across the pupil a blur in pixels needs; 0 where the blur itself is below the tolerance.
 
-    Measured on square bars: n strips leave 0.08 blur / n^2 of white for small blurs; for large ones 8 + 0.6 blur leave 0.0012.
+    Measured on square bars: n strips leave 0.08 blur / n^2 of white for small blurs; for large ones 9 + 0.6 blur leave 0.0012.
     """
     allowed = 0.5 * tolerance
     small = np.sqrt(0.08 * blur / allowed)
-    large = (8 + 0.6 * np.minimum(blur, 1e4)) * np.sqrt(0.0012 / allowed)
+    large = (9 + 0.6 * np.minimum(blur, 1e4)) * np.sqrt(0.0012 / allowed)
     counts = np.ceil(np.minimum(small, large))
     counts = np.where(0.42 * blur < allowed, 0, np.maximum(counts, 2))
     return np.clip(counts, 0, MOST_STRIPS).astype(np.int64)
