@@ -40,8 +40,11 @@ def read_picture(file: Path) -> Picture:
         picture = _read(file, ending)
     except (OSError, ValueError, EOFError, cv2.error) as error:
         raise InputError(f"{file}: cannot be read as a {ending} picture ({error})") from error
-    if picture.ndim == 3 and picture.shape[2] >= 3 and np.array_equal(picture[..., 0], picture[..., 1]) and np.array_equal(
-        picture[..., 0], picture[..., 2]
+    if (
+        picture.ndim == 3
+        and picture.shape[2] >= 3
+        and np.array_equal(picture[..., 0], picture[..., 1])
+        and np.array_equal(picture[..., 0], picture[..., 2])
     ):
         picture = picture[..., 0]
     if picture.ndim != 2 or picture.size == 0 or picture.dtype.kind not in "uif":

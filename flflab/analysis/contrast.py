@@ -173,7 +173,13 @@ def _part(data: ChirpData, which: npt.NDArray[np.bool_], most: int) -> ChirpData
 
 
 def _fit(
-    data: ChirpData, target: Bars, start: Array, span: tuple[float, float], knots: Knots, template: Template, noise: SensorNoise,
+    data: ChirpData,
+    target: Bars,
+    start: Array,
+    span: tuple[float, float],
+    knots: Knots,
+    template: Template,
+    noise: SensorNoise,
 ) -> ChirpFit:
     """From the low frequencies, where no cycle can be mistaken for its neighbour, up to the highest."""
     prior = _prior(start, float(np.mean(data.read)), target, knots, 0.5)
@@ -210,7 +216,14 @@ def _fit(
 
 
 def _settle(
-    data: ChirpData, target: Bars, start: Array, fit: ChirpFit, span: tuple[float, float], top: float, knots: Knots, template: Template,
+    data: ChirpData,
+    target: Bars,
+    start: Array,
+    fit: ChirpFit,
+    span: tuple[float, float],
+    top: float,
+    knots: Knots,
+    template: Template,
     noise: SensorNoise,
 ) -> ChirpFit:
     """All harmonics, until no pixel's place on the target moves any more."""
@@ -227,7 +240,14 @@ def _settle(
 
 
 def _advance(
-    data: ChirpData, target: Bars, fit: ChirpFit, knots: Knots, template: Template, ceiling: float, noise: SensorNoise, move: bool,
+    data: ChirpData,
+    target: Bars,
+    fit: ChirpFit,
+    knots: Knots,
+    template: Template,
+    ceiling: float,
+    noise: SensorNoise,
+    move: bool,
     prior: Prior,
 ) -> ChirpFit:
     x = data.places @ fit.geometry
@@ -269,7 +289,14 @@ def _prior(start: Array, light: float, target: Bars, knots: Knots, loose: float)
 
 
 def _curve(
-    fit: ChirpFit, data: ChirpData, pixels: PixelSet, camera: Camera, target: Bars, distance: float, knots: Knots, template: Template,
+    fit: ChirpFit,
+    data: ChirpData,
+    pixels: PixelSet,
+    camera: Camera,
+    target: Bars,
+    distance: float,
+    knots: Knots,
+    template: Template,
     span: tuple[float, float],
 ) -> ContrastCurve:
     x = data.places @ fit.geometry
@@ -295,8 +322,16 @@ def _curve(
     classic, classic_spread = read_extremes(data, pixels.lens, frequency, nu, knots.step)
     scale = float(magnification(central_smms(camera), 1 / distance))
     return ContrastCurve(
-        cycles_per_mm=nu, cycles_per_px=nu * camera.sensor.pixel / scale, contrast=design[keep] @ fit.curve,
-        covariance=spread[np.ix_(keep, keep)], extremes=extremes, extremes_uncertainty=extremes_spread, classic=classic,
-        classic_uncertainty=classic_spread, geometry=fit.geometry, geometry_uncertainty=np.sqrt(np.diag(covariance)[:GEOMETRY]),
-        chi2_per_pixel=chi2, pixels=len(x),
+        cycles_per_mm=nu,
+        cycles_per_px=nu * camera.sensor.pixel / scale,
+        contrast=design[keep] @ fit.curve,
+        covariance=spread[np.ix_(keep, keep)],
+        extremes=extremes,
+        extremes_uncertainty=extremes_spread,
+        classic=classic,
+        classic_uncertainty=classic_spread,
+        geometry=fit.geometry,
+        geometry_uncertainty=np.sqrt(np.diag(covariance)[:GEOMETRY]),
+        chi2_per_pixel=chi2,
+        pixels=len(x),
     )

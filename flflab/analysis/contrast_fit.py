@@ -100,8 +100,21 @@ def _square(phase: float) -> float:  # pragma: no cover - compiled
 
 @numba.njit(nogil=True, cache=True)
 def _accumulate(
-    read: Array, places: Array, light: Array, phase: Array, frequency: Array, pixel: float, strips: Array, brightness: Array, curve: Array,
-    first: float, step: float, ceiling: float, bars: bool, dark: float, gain: float,
+    read: Array,
+    places: Array,
+    light: Array,
+    phase: Array,
+    frequency: Array,
+    pixel: float,
+    strips: Array,
+    brightness: Array,
+    curve: Array,
+    first: float,
+    step: float,
+    ceiling: float,
+    bars: bool,
+    dark: float,
+    gain: float,
 ) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
     knots = len(curve) - 1
     base = GEOMETRY + LIGHT + 1
@@ -205,8 +218,17 @@ class Prior:
 
 
 def gauss_newton_step(
-    data: ChirpData, phase: Array, frequency: Array, fit: ChirpFit, knots: Knots, template: Template, ceiling: float, bars: bool,
-    variance: tuple[float, float], prior: Prior, move: bool,
+    data: ChirpData,
+    phase: Array,
+    frequency: Array,
+    fit: ChirpFit,
+    knots: Knots,
+    template: Template,
+    ceiling: float,
+    bars: bool,
+    variance: tuple[float, float],
+    prior: Prior,
+    move: bool,
 ) -> ChirpFit:
     """One step of Gauss-Newton from ``fit``; no pixel's place moves by more than a tenth of a cycle.
 
@@ -224,8 +246,20 @@ def gauss_newton_step(
         move: False keeps the geometry and solves for light and curve only.
     """
     normal, right, chi2 = _accumulate(
-        data.read, data.places, data.light, phase, frequency, template.pixel, template.strips, fit.brightness, fit.curve,
-        knots.first, knots.step, ceiling, bars, *variance,
+        data.read,
+        data.places,
+        data.light,
+        phase,
+        frequency,
+        template.pixel,
+        template.strips,
+        fit.brightness,
+        fit.curve,
+        knots.first,
+        knots.step,
+        ceiling,
+        bars,
+        *variance,
     )
     normal = np.triu(normal) + np.triu(normal, 1).T + np.diag(prior.spread**-2)
     right += (prior.mean - np.concatenate([fit.geometry, fit.brightness, fit.curve])) * prior.spread**-2

@@ -66,8 +66,13 @@ class Candidates:
 
 
 def count_views(
-    picture: npt.NDArray[np.generic], white: npt.NDArray[np.generic] | None, lattice: Lattice, camera: Camera, target: FourDot,
-    distance: float, noise: SensorNoise,
+    picture: npt.NDArray[np.generic],
+    white: npt.NDArray[np.generic] | None,
+    lattice: Lattice,
+    camera: Camera,
+    target: FourDot,
+    distance: float,
+    noise: SensorNoise,
 ) -> tuple[DotViews, ...]:
     """Find the images of each dot, decide which of them are views, and triangulate the dots.
 
@@ -129,7 +134,13 @@ def _candidates(lattice: Lattice, camera: Camera, target: FourDot, law: Array, r
 
 
 def _register(
-    values: Array, lattice: Lattice, camera: Camera, target: FourDot, law: Array, spread: float, noise: SensorNoise,
+    values: Array,
+    lattice: Lattice,
+    camera: Camera,
+    target: FourDot,
+    law: Array,
+    spread: float,
+    noise: SensorNoise,
 ) -> tuple[Array, float]:
     """The law that the spots themselves follow, and a spot's radius in px: centroids in shrinking windows, robustly regressed."""
     radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
@@ -214,7 +225,14 @@ def _regress(law: Array, regressors: Array, offsets: Array, pixel: float) -> Arr
 
 
 def _fit(
-    values: Array, lattice: Lattice, camera: Camera, target: FourDot, candidates: Candidates, law: Array, radius: float, spread: float,
+    values: Array,
+    lattice: Lattice,
+    camera: Camera,
+    target: FourDot,
+    candidates: Candidates,
+    law: Array,
+    radius: float,
+    spread: float,
     noise: SensorNoise,
 ) -> Spots:
     places, _ = _places(lattice, camera, target, law, candidates)
@@ -290,7 +308,13 @@ def _centre_doubts(spots: Spots, candidates: Candidates, lattice: Lattice, radiu
 
 
 def _agreed_centres(
-    spots: Spots, doubts: Array, candidates: Candidates, lattice: Lattice, camera: Camera, target: FourDot, law: Array,
+    spots: Spots,
+    doubts: Array,
+    candidates: Candidates,
+    lattice: Lattice,
+    camera: Camera,
+    target: FourDot,
+    law: Array,
 ) -> tuple[Array, Array]:
     """Where one law for all spots puts each, px, and how sure that is: shift, complex factor of dots and of micro-image centres."""
     _, regressors = _places(lattice, camera, target, law, candidates)
@@ -313,7 +337,13 @@ def _agreed_centres(
 
 
 def _views(
-    dot: int, decided: Decided, candidates: Candidates, lattice: Lattice, camera: Camera, level: float, distance: float,
+    dot: int,
+    decided: Decided,
+    candidates: Candidates,
+    lattice: Lattice,
+    camera: Camera,
+    level: float,
+    distance: float,
 ) -> DotViews:
     mine = np.flatnonzero(candidates.dot == dot)
     spots, lens = decided.spots, candidates.lens[mine]
@@ -327,7 +357,12 @@ def _views(
     centres, sure = spots.centres[mine][counted], decided.doubts[mine][counted]
     position, uncertainty = triangulate(centres, sure, lens[counted], lattice, camera, distance)
     return DotViews(
-        dot=dot, views=int(counted.sum()), views_uncertain=int(np.count_nonzero(near_edge | near_dark)),
-        indices=lattice.indices[lens[counted]], centres_px=centres, centre_uncertainty_px=sure, position_mm=position,
+        dot=dot,
+        views=int(counted.sum()),
+        views_uncertain=int(np.count_nonzero(near_edge | near_dark)),
+        indices=lattice.indices[lens[counted]],
+        centres_px=centres,
+        centre_uncertainty_px=sure,
+        position_mm=position,
         uncertainty_mm=uncertainty,
     )

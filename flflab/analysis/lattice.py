@@ -175,10 +175,22 @@ def _lattice(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool_]
     spread = np.sqrt(np.diag(by_vectors @ placed[2:, 2:] @ by_vectors.T))
     radii = covariance[6:8, 6:8]
     return Lattice(
-        layout=layout, pitch_px=pitch, angle=angle, origin_px=centres[nearest], vectors_px=vectors, indices=indices - indices[nearest],
-        centres_px=centres, inside_radius_px=abs(large - small), outside_radius_px=large + small,
-        pitch_uncertainty_px=float(spread[0]), angle_uncertainty=float(spread[1]), origin_uncertainty_px=np.sqrt(np.diag(placed)[:2]),
+        layout=layout,
+        pitch_px=pitch,
+        angle=angle,
+        origin_px=centres[nearest],
+        vectors_px=vectors,
+        indices=indices - indices[nearest],
+        centres_px=centres,
+        inside_radius_px=abs(large - small),
+        outside_radius_px=large + small,
+        pitch_uncertainty_px=float(spread[0]),
+        angle_uncertainty=float(spread[1]),
+        origin_uncertainty_px=np.sqrt(np.diag(placed)[:2]),
         inside_uncertainty_px=math.sqrt(max(0.0, float(radii[0, 0] + radii[1, 1] - 2 * radii[0, 1]))),
         outside_uncertainty_px=math.sqrt(max(0.0, float(radii[0, 0] + radii[1, 1] + 2 * radii[0, 1]))),
-        covariance_px=placed, chi2_per_pixel=model.chi2_per_pixel, background_dn=float(model.values[8]), light=model.values[9:15],
+        covariance_px=placed,
+        chi2_per_pixel=model.chi2_per_pixel,
+        background_dn=float(model.values[8]),
+        light=model.values[9:15],
     )

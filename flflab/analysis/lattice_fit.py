@@ -41,8 +41,19 @@ class LatticeModel:
 
 @numba.njit(nogil=True, cache=True)
 def _accumulate(
-    picture: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], columns: tuple[int, int], values: Array, inverse: Array, table: Array,
-    step: float, neighbours: int, present: npt.NDArray[np.bool_], dark: float, gain: float, ceiling: float, offset_dn: float,
+    picture: npt.NDArray[np.float32],
+    rows: npt.NDArray[np.int64],
+    columns: tuple[int, int],
+    values: Array,
+    inverse: Array,
+    table: Array,
+    step: float,
+    neighbours: int,
+    present: npt.NDArray[np.bool_],
+    dark: float,
+    gain: float,
+    ceiling: float,
+    offset_dn: float,
 ) -> tuple[Array, Array, float, int]:  # pragma: no cover - compiled
     normal = np.zeros((COUNT, COUNT))
     right = np.zeros(COUNT)
@@ -123,7 +134,12 @@ def _accumulate(
 
 @numba.njit(nogil=True, cache=True)
 def _brightness(
-    picture: npt.NDArray[np.float32], values: Array, present: npt.NDArray[np.bool_], table: Array, step: float, ceiling: float,
+    picture: npt.NDArray[np.float32],
+    values: Array,
+    present: npt.NDArray[np.bool_],
+    table: Array,
+    step: float,
+    ceiling: float,
 ) -> Array:  # pragma: no cover - compiled
     """Sums (read - background) profile and profile^2 about every lattice point, shape (i, j, 2)."""
     height, width = picture.shape
@@ -155,7 +171,11 @@ class Region:
 
 
 def _normal_equations(
-    picture: npt.NDArray[np.float32], values: Array, table: ProfileTable, present: npt.NDArray[np.bool_], noise: SensorNoise,
+    picture: npt.NDArray[np.float32],
+    values: Array,
+    table: ProfileTable,
+    present: npt.NDArray[np.bool_],
+    noise: SensorNoise,
     region: Region,
 ) -> tuple[Array, Array, float, int]:
     height, width = picture.shape
@@ -169,8 +189,19 @@ def _normal_equations(
 
     def band(rows: npt.NDArray[np.int64]) -> tuple[Array, Array, float, int]:
         return _accumulate(
-            picture, rows, (left, right_end), values, inverse, table.values, table.step, neighbours, present,
-            noise.dark_variance, noise.dn_per_electron, noise.full_scale_dn, noise.offset_dn,
+            picture,
+            rows,
+            (left, right_end),
+            values,
+            inverse,
+            table.values,
+            table.step,
+            neighbours,
+            present,
+            noise.dark_variance,
+            noise.dn_per_electron,
+            noise.full_scale_dn,
+            noise.offset_dn,
         )
 
     workers = numba.get_num_threads()
@@ -193,7 +224,10 @@ def _solve(normal: Array, right: Array, free: npt.NDArray[np.int64]) -> tuple[Ar
 
 
 def micro_images_present(
-    picture: npt.NDArray[np.float32], model: LatticeModel, half_counts: tuple[int, int], noise: SensorNoise,
+    picture: npt.NDArray[np.float32],
+    model: LatticeModel,
+    half_counts: tuple[int, int],
+    noise: SensorNoise,
 ) -> npt.NDArray[np.bool_]:
     """Which lattice points have light where a micro-image would be; those off the picture count as present.
 
@@ -210,8 +244,14 @@ def micro_images_present(
 
 
 def refine(
-    picture: npt.NDArray[np.float32], model: LatticeModel, present: npt.NDArray[np.bool_], noise: SensorNoise, region: Region,
-    free: npt.NDArray[np.int64], iterations: int, tolerance_px: float,
+    picture: npt.NDArray[np.float32],
+    model: LatticeModel,
+    present: npt.NDArray[np.bool_],
+    noise: SensorNoise,
+    region: Region,
+    free: npt.NDArray[np.int64],
+    iterations: int,
+    tolerance_px: float,
 ) -> LatticeModel:
     """Gauss-Newton on one region until no micro-image centre in it moves by more than ``tolerance_px``."""
     for _ in range(iterations):

@@ -126,7 +126,12 @@ def _jinc(x: Array) -> Array:
 
 
 def _origin_and_radii(
-    small: npt.NDArray[np.float32], window: npt.NDArray[np.float32], layout: Layout, vectors: Array, factor: int, shape: tuple[int, ...],
+    small: npt.NDArray[np.float32],
+    window: npt.NDArray[np.float32],
+    layout: Layout,
+    vectors: Array,
+    factor: int,
+    shape: tuple[int, ...],
 ) -> RoughLattice:
     """Match the complex amplitudes at the reciprocal lattice to every origin in a cell and every pair of radii."""
     indices = np.concatenate([[[0, 0]], _reciprocal_indices(layout, 6)])

@@ -25,7 +25,10 @@ SCALED_WHITE_DN = 4000.0
 
 
 def measure(
-    picture: npt.NDArray[np.generic], camera: Camera, target: Target | None = None, distance: float | None = None,
+    picture: npt.NDArray[np.generic],
+    camera: Camera,
+    target: Target | None = None,
+    distance: float | None = None,
     noise: SensorNoise | None = None,
 ) -> dict[str, Any]:
     """Measure one frame.
@@ -92,12 +95,24 @@ def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:
     origin = centres[int(np.argmin(np.hypot(*(centres - [(width - 1) / 2, (height - 1) / 2]).T)))]
     length, angle = pitch_and_angle(camera.array.layout, vectors)
     return Lattice(
-        layout=camera.array.layout, pitch_px=length, angle=angle, origin_px=origin, vectors_px=vectors,
-        indices=np.rint((centres - origin) @ np.linalg.inv(vectors).T).astype(np.int64), centres_px=centres,
-        inside_radius_px=float(smms.inside_radius) / camera.sensor.pixel, outside_radius_px=outside,
-        pitch_uncertainty_px=math.nan, angle_uncertainty=math.nan, origin_uncertainty_px=np.full(2, NOMINAL_UNCERTAINTY_PX),
-        inside_uncertainty_px=NOMINAL_UNCERTAINTY_PX, outside_uncertainty_px=NOMINAL_UNCERTAINTY_PX,
-        covariance_px=np.full((6, 6), math.nan), chi2_per_pixel=math.nan, background_dn=0.0, light=np.array([light_dn, 0, 0, 0, 0, 0.0]),
+        layout=camera.array.layout,
+        pitch_px=length,
+        angle=angle,
+        origin_px=origin,
+        vectors_px=vectors,
+        indices=np.rint((centres - origin) @ np.linalg.inv(vectors).T).astype(np.int64),
+        centres_px=centres,
+        inside_radius_px=float(smms.inside_radius) / camera.sensor.pixel,
+        outside_radius_px=outside,
+        pitch_uncertainty_px=math.nan,
+        angle_uncertainty=math.nan,
+        origin_uncertainty_px=np.full(2, NOMINAL_UNCERTAINTY_PX),
+        inside_uncertainty_px=NOMINAL_UNCERTAINTY_PX,
+        outside_uncertainty_px=NOMINAL_UNCERTAINTY_PX,
+        covariance_px=np.full((6, 6), math.nan),
+        chi2_per_pixel=math.nan,
+        background_dn=0.0,
+        light=np.array([light_dn, 0, 0, 0, 0, 0.0]),
     )
 
 

@@ -13,7 +13,12 @@ Array = npt.NDArray[np.float64]
 
 
 def triangulate(
-    centres_px: Array, uncertainty_px: Array, lens: npt.NDArray[np.int64], lattice: Lattice, camera: Camera, distance: float,
+    centres_px: Array,
+    uncertainty_px: Array,
+    lens: npt.NDArray[np.int64],
+    lattice: Lattice,
+    camera: Camera,
+    distance: float,
 ) -> tuple[Array, Array]:
     """World position (x, y, z) in mm of a dot seen at ``centres_px``, and its standard uncertainties from those of the centres.
 

@@ -23,7 +23,14 @@ OPTICAL = ("defocus", "vignetting", "overlap", "pixel")
 DESCRIBED = "misalignment"  # held exactly when the camera file describes one
 NOISE = ("shot-noise", "read-noise", "saturation", "quantisation")
 NOT_SIMULATED = (
-    "diffraction", "falloff", "distortion", "scatter", "stray-light", "colour-filter", "motion", "dark-current",
+    "diffraction",
+    "falloff",
+    "distortion",
+    "scatter",
+    "stray-light",
+    "colour-filter",
+    "motion",
+    "dark-current",
     "fixed-pattern",
 )
 LEVELS = {"auto": 1.0, "fast": 5.0, "reference": 0.1}  # what each level makes of the tolerance
@@ -55,8 +62,14 @@ class ImageReport:
 
 
 def image_report(
-    camera: Camera, target: Target, distance: float, *, tolerance: float = TOLERANCE, seed: int | None = None,
-    effects: str = "auto", response: SensorResponse | None = None,
+    camera: Camera,
+    target: Target,
+    distance: float,
+    *,
+    tolerance: float = TOLERANCE,
+    seed: int | None = None,
+    effects: str = "auto",
+    response: SensorResponse | None = None,
 ) -> ImageReport:
     """Form an image and say what is in it.
 
@@ -133,9 +146,14 @@ def _optical(scene: Scene, ms: float) -> list[Effect]:
         Effect("defocus", True, blur, min(1.0, math.sqrt(0.5) * blur), f"the target is {focus}: blur {blur:.3g} px", ms),
         Effect("vignetting", True, rim, 1.0, f"both apertures clip: a rim {rim:.3g} px wide; {together}", 0.0),
         Effect(
-            "overlap", overlap > 0, overlap / pixel, _crosstalk(pupils, spacing) if overlap > 0 else 0.0,
-            f"neighbouring micro-images overlap by {overlap / pixel:.3g} px; {together}" if overlap > 0
-            else f"neighbouring micro-images are {-overlap / pixel:.3g} px apart", 0.0,
+            "overlap",
+            overlap > 0,
+            overlap / pixel,
+            _crosstalk(pupils, spacing) if overlap > 0 else 0.0,
+            f"neighbouring micro-images overlap by {overlap / pixel:.3g} px; {together}"
+            if overlap > 0
+            else f"neighbouring micro-images are {-overlap / pixel:.3g} px apart",
+            0.0,
         ),
         Effect("pixel", True, 1.0, 1.0, f"radiance is averaged over the pixel, exactly; {together}", 0.0),
     ]
@@ -172,8 +190,10 @@ def _noise(sensor: SensorResponse, electrons: float, brightest: float, chosen: t
         "saturation": (sensor.saturation_e / electrons, max(0.0, brightest - sensor.saturation_e / electrons)),
         "quantisation": (step, step / 2),
     }
-    return [Effect(name, name in chosen, size, bound, reason if name in chosen or not chosen else "not asked for", 0.0)
-            for name, (size, bound) in sizes.items()]
+    return [
+        Effect(name, name in chosen, size, bound, reason if name in chosen or not chosen else "not asked for", 0.0)
+        for name, (size, bound) in sizes.items()
+    ]
 
 
 def _estimate_error(camera: Camera, target: Target, distance: float, image: Array, tolerance: float) -> float:

@@ -16,7 +16,12 @@ GOLDEN = 1.1673039782614187  # the root of x^5 = x + 1: its powers give the addi
 
 
 def trace_pixels(
-    camera: Camera, target: Target, distance: float, pixels: npt.NDArray[np.int64], *, rays: int = 65536,
+    camera: Camera,
+    target: Target,
+    distance: float,
+    pixels: npt.NDArray[np.int64],
+    *,
+    rays: int = 65536,
     target_offset: tuple[float, float] = (0.0, 0.0),
 ) -> Array:
     """Trace single pixels of the image.
@@ -71,7 +76,13 @@ def _reach(camera: Camera, centre: Array) -> float:
 
 
 def _light(
-    camera: Camera, centre: Array, kind: int, disc: Array, sensor_points: Array, target: Target | None, distance: float,
+    camera: Camera,
+    centre: Array,
+    kind: int,
+    disc: Array,
+    sensor_points: Array,
+    target: Target | None,
+    distance: float,
     target_offset: tuple[float, float],
 ) -> float:
     """Mean radiance over rays from the sensor points through all of the microlens, over the gap squared; no target means white."""

@@ -36,7 +36,12 @@ LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to thr
 
 
 def render(
-    camera: Camera, target: Target, distance: float, *, tolerance: float = TOLERANCE, target_offset: tuple[float, float] = (0.0, 0.0),
+    camera: Camera,
+    target: Target,
+    distance: float,
+    *,
+    tolerance: float = TOLERANCE,
+    target_offset: tuple[float, float] = (0.0, 0.0),
 ) -> Array:
     """Form the image of a flat target.
 
@@ -112,8 +117,25 @@ def _add_ruled(image: Array, scene: Scene, target: Bars | Edge | White) -> None:
 
     def add(rows: tuple[int, int]) -> None:
         add_ruled(
-            image, rows, windows, scene.rims.kind, centres, known, scene.pupils.level, parts, counts, strips, rims, nodes, xs, ys,
-            scene.sensor.pixel, axes, table, law, bounds,
+            image,
+            rows,
+            windows,
+            scene.rims.kind,
+            centres,
+            known,
+            scene.pupils.level,
+            parts,
+            counts,
+            strips,
+            rims,
+            nodes,
+            xs,
+            ys,
+            scene.sensor.pixel,
+            axes,
+            table,
+            law,
+            bounds,
         )
 
     in_bands(add, windows)
@@ -138,8 +160,25 @@ def _add_sampled(image: Array, scene: Scene, radius: float, half_x: float, half_
 
     def add(rows: tuple[int, int]) -> None:
         add_sampled(
-            image, rows, windows, scene.rims.kind, centres, known, scene.pupils.level, parts, counts, strips, chords, rims, nodes, xs, ys,
-            scene.sensor.pixel, radius, texel, sums,
+            image,
+            rows,
+            windows,
+            scene.rims.kind,
+            centres,
+            known,
+            scene.pupils.level,
+            parts,
+            counts,
+            strips,
+            chords,
+            rims,
+            nodes,
+            xs,
+            ys,
+            scene.sensor.pixel,
+            radius,
+            texel,
+            sums,
         )
 
     in_bands(add, windows)

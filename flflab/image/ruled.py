@@ -83,8 +83,18 @@ def region_of(ex: float, ey: float, slope: float, reach: float) -> tuple[float, 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def strips_mean(
-    x: float, y: float, radius: float, low: float, high: float, origin: float, spread: float, strips: Array, count: int, box: float,
-    table: Array, law: Array,
+    x: float,
+    y: float,
+    radius: float,
+    low: float,
+    high: float,
+    origin: float,
+    spread: float,
+    strips: Array,
+    count: int,
+    box: float,
+    table: Array,
+    law: Array,
 ) -> float:
     """Mean of the profile over a pupil clipped by the disc at (x, y), by strips from low to high."""
     light = 0.0
@@ -108,8 +118,18 @@ def strips_mean(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def pieces_mean(
-    x: float, y: float, radius: float, ends: Array, count: int, origin_x: float, origin_y: float, spread: float, box: float, table: Array,
-    law: Array, window: Array,
+    x: float,
+    y: float,
+    radius: float,
+    ends: Array,
+    count: int,
+    origin_x: float,
+    origin_y: float,
+    spread: float,
+    box: float,
+    table: Array,
+    law: Array,
+    window: Array,
 ) -> float:
     """Mean of profile times window over a clipped pupil, by strips in each of the pieces between the ends."""
     light = 0.0
@@ -132,7 +152,16 @@ def pieces_mean(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def pupil_mean(
-    ex: float, ey: float, pupil: Array, strips: Array, count: int, box: float, table: Array, law: Array, window: Array, ends: Array,
+    ex: float,
+    ey: float,
+    pupil: Array,
+    strips: Array,
+    count: int,
+    box: float,
+    table: Array,
+    law: Array,
+    window: Array,
+    ends: Array,
 ) -> float:
     """Mean radiance over the part of the pupil that lights a sensor point, each radiance averaged over the pixel.
 
@@ -168,8 +197,24 @@ def pupil_mean(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_ruled(
-    image: Array, rows: tuple[int, int], windows: Whole, kinds: Whole, centres: Array, pupils: Array, levels: Array, subs: Whole,
-    counts: Whole, strips: Array, rims: Array, nodes: Array, xs: Array, ys: Array, pixel: float, axes: Array, table: Array, law: Array,
+    image: Array,
+    rows: tuple[int, int],
+    windows: Whole,
+    kinds: Whole,
+    centres: Array,
+    pupils: Array,
+    levels: Array,
+    subs: Whole,
+    counts: Whole,
+    strips: Array,
+    rims: Array,
+    nodes: Array,
+    xs: Array,
+    ys: Array,
+    pixel: float,
+    axes: Array,
+    table: Array,
+    law: Array,
     bounds: Array,
 ) -> None:
     """Add the light of every microlens to the rows from rows[0] to below rows[1] of an image.

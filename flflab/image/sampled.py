@@ -50,7 +50,16 @@ def box_mean(x: float, y: float, side: float, radius: float, texel: float, sums:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def sampled_mean(
-    ex: float, ey: float, pupil: Array, rows: Array, chord: Array, count: int, part: float, radius: float, texel: float, sums: Array,
+    ex: float,
+    ey: float,
+    pupil: Array,
+    rows: Array,
+    chord: Array,
+    count: int,
+    part: float,
+    radius: float,
+    texel: float,
+    sums: Array,
 ) -> float:
     """Mean over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm."""
     slope, reach, spread = pupil[0], pupil[1], pupil[2]
@@ -105,9 +114,25 @@ def full_share(ex: float, ey: float, pupil: Array) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_sampled(
-    image: Array, rows: tuple[int, int], windows: Whole, kinds: Whole, centres: Array, pupils: Array, levels: Array, subs: Whole,
-    counts: Whole, strips: Array, chords: Array, rims: Array, nodes: Array, xs: Array, ys: Array, pixel: float, radius: float,
-    texel: float, sums: Array,
+    image: Array,
+    rows: tuple[int, int],
+    windows: Whole,
+    kinds: Whole,
+    centres: Array,
+    pupils: Array,
+    levels: Array,
+    subs: Whole,
+    counts: Whole,
+    strips: Array,
+    chords: Array,
+    rims: Array,
+    nodes: Array,
+    xs: Array,
+    ys: Array,
+    pixel: float,
+    radius: float,
+    texel: float,
+    sums: Array,
 ) -> None:
     """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; arguments as in ``add_ruled``.
 

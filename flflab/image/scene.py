@@ -95,7 +95,8 @@ def lit_windows(scene: Scene, half_x: float, half_y: float) -> Whole:
     outside = pupils.outside + pixel
     limits: list[Array] = []
     for centre, direction, half, positions in (
-        (pupils.centre_x, pupils.direction_x, half_x, xs), (pupils.centre_y, pupils.direction_y, half_y, ys),
+        (pupils.centre_x, pupils.direction_x, half_x, xs),
+        (pupils.centre_y, pupils.direction_y, half_y, ys),
     ):
         reach = half + np.abs(pupils.spread) + np.abs(pupils.scale) * pixel
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -38,7 +38,9 @@ class SensorResponse:
             InputError: a number is not finite or outside what is allowed.
         """
         for name, value, least in (
-            ("full_well_e", self.full_well_e, 1.0), ("read_noise_e", self.read_noise_e, 0.0), ("offset_dn", self.offset_dn, 0.0),
+            ("full_well_e", self.full_well_e, 1.0),
+            ("read_noise_e", self.read_noise_e, 0.0),
+            ("offset_dn", self.offset_dn, 0.0),
         ):
             if not (math.isfinite(value) and value >= least):
                 raise InputError(f"sensor response: {name} is {value:g}; a finite number from {least:g} up is allowed")
@@ -61,7 +63,12 @@ class SensorResponse:
 
 
 def digitise(
-    image: Array, electrons_at_white: float, response: SensorResponse, rng: np.random.Generator, *, shot_noise: bool = True,
+    image: Array,
+    electrons_at_white: float,
+    response: SensorResponse,
+    rng: np.random.Generator,
+    *,
+    shot_noise: bool = True,
     read_noise: bool = True,
 ) -> npt.NDArray[np.uint16]:
     """What the sensor reads of an image.

@@ -65,7 +65,13 @@ class Brute:
 
     @staticmethod
     def white_picture(
-        shape: tuple[int, int], layout: str, pitch: float, angle: float, origin: tuple[float, float], a: float, b: float,
+        shape: tuple[int, int],
+        layout: str,
+        pitch: float,
+        angle: float,
+        origin: tuple[float, float],
+        a: float,
+        b: float,
     ) -> Array:
         """White picture, 1 at the middle of a micro-image; a, b: radii of the two discs, px."""
         centres = Brute.lattice_points(shape, Brute.vectors_of(layout, pitch, angle), origin, a + b)
@@ -78,7 +84,12 @@ class Brute:
 
     @staticmethod
     def bars_picture(
-        one: Camera, distance: float, cycles_per_mm: tuple[float, float], width: float, sine: bool = False, shift: float = 0.0,
+        one: Camera,
+        distance: float,
+        cycles_per_mm: tuple[float, float],
+        width: float,
+        sine: bool = False,
+        shift: float = 0.0,
     ) -> tuple[Array, Array]:
         """White picture and picture of bars."""
         return bars_picture(one, distance, cycles_per_mm, width, sine, shift)
@@ -134,7 +145,12 @@ def bars_edges(cycles_per_mm: tuple[float, float], width: float, sine: bool) -> 
 
 
 def bars_picture(
-    one: Camera, distance: float, cycles_per_mm: tuple[float, float], width: float, sine: bool, shift: float,
+    one: Camera,
+    distance: float,
+    cycles_per_mm: tuple[float, float],
+    width: float,
+    sine: bool,
+    shift: float,
 ) -> tuple[Array, Array]:
     """White picture, and bars seen by strips of the microlens in every bright field (half light elsewhere)."""
     columns, rows = one.sensor.resolution
@@ -167,8 +183,20 @@ def bars_picture(
 
 @numba.njit(cache=True)
 def _dots(
-    x: Array, y: Array, lenses: Array, dots: Array, radius: float, f: float, away: float, gap: float, main: float, lens_radius: float,
-    aperture: float, distance: float, pixel: float, pupil: Array,
+    x: Array,
+    y: Array,
+    lenses: Array,
+    dots: Array,
+    radius: float,
+    f: float,
+    away: float,
+    gap: float,
+    main: float,
+    lens_radius: float,
+    aperture: float,
+    distance: float,
+    pixel: float,
+    pupil: Array,
 ) -> Array:
     image = np.zeros((len(y), len(x)))
     footprint = pixel * abs(away / gap * (1 - distance / main) + distance / gap)
@@ -213,8 +241,20 @@ def dots_picture(one: Camera, distance: float, dots: Array, diameter: float) -> 
     lenses = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2).astype(np.float64)
     x, y = (((np.arange(size) - (size - 1) / 2) * one.sensor.pixel).astype(np.float64) for size in (columns, rows))
     return _dots(
-        x, y, lenses, dots, diameter / 2, one.array.focal_lengths[0], one.array.distance, one.gap, one.main_lens.focal_length,
-        one.main_lens.aperture / 2, one.array.aperture, distance, one.sensor.pixel, pupil,
+        x,
+        y,
+        lenses,
+        dots,
+        diameter / 2,
+        one.array.focal_lengths[0],
+        one.array.distance,
+        one.gap,
+        one.main_lens.focal_length,
+        one.main_lens.aperture / 2,
+        one.array.aperture,
+        distance,
+        one.sensor.pixel,
+        pupil,
     )
 
 

@@ -33,7 +33,13 @@ def closed_form(camera: Camera, distance: float, frequency: Array) -> Array:
 
 
 def measured(
-    brute: Any, camera: Camera, distance: float, pictures: tuple[Array, Array], target: Bars, seed: int, level: float = 3000,
+    brute: Any,
+    camera: Camera,
+    distance: float,
+    pictures: tuple[Array, Array],
+    target: Bars,
+    seed: int,
+    level: float = 3000,
 ) -> ContrastCurve:
     rng = np.random.default_rng(seed)
     white, bars = (brute.expose(picture, NOISE, level, rng) for picture in pictures)
@@ -41,9 +47,16 @@ def measured(
     return fit_contrast(bars, lattice, camera, target, distance, NOISE)
 
 
-@pytest.mark.parametrize(("f_number", "distance", "shift", "level"), [
-    (4.0, FOCUS, 0.0, 3000), (4.0, 497.0, 0.37, 3000), (2.8, 490.0, -0.2, 3000), (8.0, FOCUS, 0.0, 3000), (1.6, FOCUS, 0.1, 1000),
-])
+@pytest.mark.parametrize(
+    ("f_number", "distance", "shift", "level"),
+    [
+        (4.0, FOCUS, 0.0, 3000),
+        (4.0, 497.0, 0.37, 3000),
+        (2.8, 490.0, -0.2, 3000),
+        (8.0, FOCUS, 0.0, 3000),
+        (1.6, FOCUS, 0.1, 1000),
+    ],
+)
 def test_bars_give_the_closed_form_contrast_within_their_uncertainty(
     brute: Any, f_number: float, distance: float, shift: float, level: float
 ) -> None:
@@ -106,9 +119,15 @@ def test_the_uncertainty_covers_repeated_noise_without_being_twice_too_wide(brut
     assert np.mean(np.abs(scores) > 2) < 0.07
 
 
-@pytest.mark.parametrize("picture", [
-    np.full((520, 760), 1500.0), np.full((520, 760), 4095.0), np.zeros((2, 2)), np.full((520, 760), np.nan),
-])
+@pytest.mark.parametrize(
+    "picture",
+    [
+        np.full((520, 760), 1500.0),
+        np.full((520, 760), 4095.0),
+        np.zeros((2, 2)),
+        np.full((520, 760), np.nan),
+    ],
+)
 def test_a_picture_without_bars_is_refused(brute: Any, picture: Array) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     white = brute.white_picture((520, 760), "square", 245.58, 0.0, (379.5, 259.5), 72.2, 23.8)

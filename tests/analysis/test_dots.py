@@ -54,12 +54,15 @@ def expected_views(brute: Any, camera: Camera, distance: float, dot: Array) -> t
     return landed[on_sensor & (away_px <= limit)], away_px - limit
 
 
-@pytest.mark.parametrize(("f_number", "distance", "offset"), [
-    (4.0, FOCUS, (0.0, 0.0)),
-    (5.6, 497.0, (0.3, 0.1)),
-    pytest.param(2.8, FOCUS, (0.13, -0.2), marks=pytest.mark.ci),
-    pytest.param(8.0, FOCUS, (0.0, 0.0), marks=pytest.mark.ci),
-])
+@pytest.mark.parametrize(
+    ("f_number", "distance", "offset"),
+    [
+        (4.0, FOCUS, (0.0, 0.0)),
+        (5.6, 497.0, (0.3, 0.1)),
+        pytest.param(2.8, FOCUS, (0.13, -0.2), marks=pytest.mark.ci),
+        pytest.param(8.0, FOCUS, (0.0, 0.0), marks=pytest.mark.ci),
+    ],
+)
 def test_every_dot_is_counted_and_placed(brute: Any, f_number: float, distance: float, offset: tuple[float, float]) -> None:
     camera = brute.camera(f_number, RESOLUTION)
     found = counted(brute, camera, distance, np.array(offset), camera)

@@ -37,7 +37,13 @@ def distances(found: Array, true: Array) -> Array:
 
 @pytest.mark.parametrize(("layout", "pitch", "degrees", "a", "b", "level"), CASES)
 def test_every_micro_image_is_found_to_a_hundredth_of_a_pixel_at_one_percent_noise(
-    brute: Any, layout: Layout, pitch: float, degrees: float, a: float, b: float, level: float,
+    brute: Any,
+    layout: Layout,
+    pitch: float,
+    degrees: float,
+    a: float,
+    b: float,
+    level: float,
 ) -> None:
     angle = math.radians(degrees)
     image = brute.white_picture(SHAPE, layout, pitch, angle, ORIGIN, a, b)
@@ -76,14 +82,16 @@ def test_the_stated_uncertainties_are_the_scatter_over_repeated_noise(brute: Any
     scores: list[list[float]] = []
     for _ in range(24):
         found = find_lattice(brute.expose(image, NOISE, 3000, rng), "square", pitch, NOISE)
-        scores.append([
-            (found.pitch_px - pitch) / found.pitch_uncertainty_px,
-            (found.angle - angle) / found.angle_uncertainty,
-            (found.origin_px[0] - origin[0]) / found.origin_uncertainty_px[0],
-            (found.origin_px[1] - origin[1]) / found.origin_uncertainty_px[1],
-            (found.inside_radius_px - (a - b)) / found.inside_uncertainty_px,
-            (found.outside_radius_px - (a + b)) / found.outside_uncertainty_px,
-        ])
+        scores.append(
+            [
+                (found.pitch_px - pitch) / found.pitch_uncertainty_px,
+                (found.angle - angle) / found.angle_uncertainty,
+                (found.origin_px[0] - origin[0]) / found.origin_uncertainty_px[0],
+                (found.origin_px[1] - origin[1]) / found.origin_uncertainty_px[1],
+                (found.inside_radius_px - (a - b)) / found.inside_uncertainty_px,
+                (found.outside_radius_px - (a + b)) / found.outside_uncertainty_px,
+            ]
+        )
     spread = np.sqrt(np.mean(np.square(scores)))
     assert 0.82 < spread < 1.18  # 144 scores: 1 +- 0.06
     assert np.abs(np.mean(scores, axis=0)).max() < 4 / math.sqrt(24)
@@ -108,14 +116,17 @@ def test_the_origin_is_the_centre_nearest_the_sensors_and_angles_are_nearest_zer
     assert np.array_equal(lattice.indices[nearest], [0, 0])
 
 
-@pytest.mark.parametrize("picture", [
-    np.full((200, 200), 2000.0),
-    np.full((200, 200), 64.0),
-    np.full((200, 200), 4095.0),
-    np.full((1, 1), 2000.0),
-    np.full((200, 200), np.nan),
-    np.random.default_rng(5).normal(2000, 30, (200, 200)),
-])
+@pytest.mark.parametrize(
+    "picture",
+    [
+        np.full((200, 200), 2000.0),
+        np.full((200, 200), 64.0),
+        np.full((200, 200), 4095.0),
+        np.full((1, 1), 2000.0),
+        np.full((200, 200), np.nan),
+        np.random.default_rng(5).normal(2000, 30, (200, 200)),
+    ],
+)
 def test_a_picture_without_a_lattice_is_refused_in_one_sentence(picture: Array) -> None:
     with pytest.raises(MeasurementError, match="white picture"):
         find_lattice(picture, "square", 30.0, NOISE)

@@ -31,7 +31,12 @@ def largest_difference() -> Difference:
     """Largest difference between the image and traced rays over some lit pixels, half of them where the image is steepest."""
 
     def compare(
-        camera: Camera, target: Target, distance: float, count: int = 16, rays: int = 65536, offset: tuple[float, float] = (0.0, 0.0),
+        camera: Camera,
+        target: Target,
+        distance: float,
+        count: int = 16,
+        rays: int = 65536,
+        offset: tuple[float, float] = (0.0, 0.0),
     ) -> float:
         image = render(camera, target, distance, target_offset=offset)
         rng = np.random.default_rng(7)

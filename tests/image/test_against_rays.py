@@ -12,7 +12,12 @@ from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 FOCUS = 506.7016
 ALLOWED = 0.002 + 0.0008  # the tolerance, and the scatter of 65536 rays a pixel
 TARGETS: tuple[Target, ...] = (
-    White(), FourDot(1.0, 2.0), Bars(), Chirp(), Edge(), Picture(np.random.default_rng(0).random((60, 80)), 20.0),
+    White(),
+    FourDot(1.0, 2.0),
+    Bars(),
+    Chirp(),
+    Edge(),
+    Picture(np.random.default_rng(0).random((60, 80)), 20.0),
 )
 Difference = Callable[..., float]
 
@@ -24,7 +29,11 @@ def name_of(part: object) -> str:
 @pytest.mark.parametrize("target", TARGETS, ids=name_of)
 @pytest.mark.parametrize(("f_number", "distance"), [(4.0, FOCUS), (2.8, 490.0)])
 def test_every_target_is_imaged_as_rays_draw_it(
-    with_f_number: Callable[[float], Camera], largest_difference: Difference, target: Target, f_number: float, distance: float,
+    with_f_number: Callable[[float], Camera],
+    largest_difference: Difference,
+    target: Target,
+    f_number: float,
+    distance: float,
 ) -> None:
     assert largest_difference(with_f_number(f_number), target, distance, count=10) < ALLOWED
 
@@ -34,14 +43,21 @@ def test_every_target_is_imaged_as_rays_draw_it(
 @pytest.mark.parametrize("f_number", [1.6, 2.8, 4.0, 16.0])
 @pytest.mark.parametrize("distance", [FOCUS, 500.0, 490.0, 525.0])
 def test_every_target_at_every_opening_in_and_out_of_focus(
-    with_f_number: Callable[[float], Camera], largest_difference: Difference, target: Target, f_number: float, distance: float,
+    with_f_number: Callable[[float], Camera],
+    largest_difference: Difference,
+    target: Target,
+    f_number: float,
+    distance: float,
 ) -> None:
     assert largest_difference(with_f_number(f_number), target, distance, count=40) < ALLOWED
 
 
 @pytest.mark.parametrize(("f_number", "distance"), [(1.6, 525.0), (16.0, 490.0)])
 def test_overlapping_and_narrow_micro_images(
-    with_f_number: Callable[[float], Camera], largest_difference: Difference, f_number: float, distance: float,
+    with_f_number: Callable[[float], Camera],
+    largest_difference: Difference,
+    f_number: float,
+    distance: float,
 ) -> None:
     assert largest_difference(with_f_number(f_number), Bars(), distance, count=8) < ALLOWED
 
@@ -75,6 +91,9 @@ def test_the_sensor_in_the_exit_pupil_and_near_it(camera: Camera, largest_differ
 @pytest.mark.parametrize("target", [FourDot(1.0, 1.6), Bars()], ids=name_of)
 @pytest.mark.parametrize("f_number", [4.0, 16.0])
 def test_the_targets_image_on_the_array(
-    with_f_number: Callable[[float], Camera], largest_difference: Difference, target: Target, f_number: float,
+    with_f_number: Callable[[float], Camera],
+    largest_difference: Difference,
+    target: Target,
+    f_number: float,
 ) -> None:
     assert largest_difference(with_f_number(f_number), target, 1 / (1 / 50 - 1 / 60), count=6) < ALLOWED

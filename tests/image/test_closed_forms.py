@@ -22,7 +22,9 @@ def one_micro_image(camera: Camera) -> Camera:
 
 @pytest.mark.parametrize(("f_number", "shadow_um"), [(1.6, 599.0), (4.0, 239.6), (8.0, 119.8), (16.0, 78.9)])
 def test_a_white_micro_image_holds_as_much_light_as_the_wider_shadow(
-    with_f_number: Callable[[float], Camera], f_number: float, shadow_um: float,
+    with_f_number: Callable[[float], Camera],
+    f_number: float,
+    shadow_um: float,
 ) -> None:
     camera = with_f_number(f_number)
     wide = replace(one_micro_image(camera), sensor=replace(camera.sensor, resolution=(440, 440)))
@@ -126,8 +128,12 @@ def test_a_sensor_of_one_pixel(camera: Camera) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"distance": -1.0}, "-1 mm"), ({"distance": 0.0}, "0 mm"), ({"distance": math.nan}, "nan"), ({"tolerance": 0.0}, "1e-05"),
-        ({"tolerance": math.nan}, "nan"), ({"target_offset": (math.nan, 0.0)}, "finite"),
+        ({"distance": -1.0}, "-1 mm"),
+        ({"distance": 0.0}, "0 mm"),
+        ({"distance": math.nan}, "nan"),
+        ({"tolerance": 0.0}, "1e-05"),
+        ({"tolerance": math.nan}, "nan"),
+        ({"target_offset": (math.nan, 0.0)}, "finite"),
     ],
 )
 def test_impossible_numbers_are_refused(camera: Camera, change: dict[str, float], message: str) -> None:

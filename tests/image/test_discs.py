@@ -58,8 +58,15 @@ def test_two_discs_to_8_units_of_roundoff_over_a_million() -> None:
 @pytest.mark.parametrize(
     ("radius1", "radius2", "distance", "area"),
     [
-        (1.0, 1.0, 2.0, 0.0), (1.0, 2.0, 1.0, math.pi), (1.0, 1.0, 0.0, math.pi), (3.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 0.0),
-        (1.0, 2.0, 3.5, 0.0), (1.0, 1.0, 1.0, 2 * math.pi / 3 - math.sqrt(3) / 2), (1e9, 1.0, 0.0, math.pi), (1.0, 1e9, 1e9 + 1, 0.0),
+        (1.0, 1.0, 2.0, 0.0),
+        (1.0, 2.0, 1.0, math.pi),
+        (1.0, 1.0, 0.0, math.pi),
+        (3.0, 0.0, 1.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0),
+        (1.0, 2.0, 3.5, 0.0),
+        (1.0, 1.0, 1.0, 2 * math.pi / 3 - math.sqrt(3) / 2),
+        (1e9, 1.0, 0.0, math.pi),
+        (1.0, 1e9, 1e9 + 1, 0.0),
     ],
 )
 def test_tangent_nested_coinciding_and_empty_discs(radius1: float, radius2: float, distance: float, area: float) -> None:

@@ -10,8 +10,24 @@ from flflab.optics.camera import Camera, MainLens
 from flflab.targets import Bars, Black, FourDot, Target
 
 ALL = {
-    "defocus", "vignetting", "overlap", "pixel", "diffraction", "falloff", "distortion", "misalignment", "scatter", "stray-light",
-    "colour-filter", "motion", "shot-noise", "read-noise", "dark-current", "fixed-pattern", "saturation", "quantisation",
+    "defocus",
+    "vignetting",
+    "overlap",
+    "pixel",
+    "diffraction",
+    "falloff",
+    "distortion",
+    "misalignment",
+    "scatter",
+    "stray-light",
+    "colour-filter",
+    "motion",
+    "shot-noise",
+    "read-noise",
+    "dark-current",
+    "fixed-pattern",
+    "saturation",
+    "quantisation",
 }
 
 
@@ -61,8 +77,11 @@ def test_a_camera_file_with_a_roll_is_misaligned(camera: Camera) -> None:
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ("sparkle", "there is no 'sparkle'; allowed: auto, fast, reference, defocus"), ("diffraction", "not simulated"),
-        ("defocus,pixel", "add vignetting, overlap"), ("defocus,vignetting,overlap,pixel,shot-noise", "seed"), ("", "add defocus"),
+        ("sparkle", "there is no 'sparkle'; allowed: auto, fast, reference, defocus"),
+        ("diffraction", "not simulated"),
+        ("defocus,pixel", "add vignetting, overlap"),
+        ("defocus,vignetting,overlap,pixel,shot-noise", "seed"),
+        ("", "add defocus"),
         ("misalignment", "camera file"),
     ],
 )

@@ -14,7 +14,12 @@ from flflab.targets import Bars, Black, Chirp, Edge, FourDot, Picture, Target, W
 @pytest.mark.parametrize(
     ("data", "target"),
     [
-        ("four-dot", FourDot()), ("bars", Bars()), ("chirp", Chirp()), ("edge", Edge()), ("white", White()), ("black", Black()),
+        ("four-dot", FourDot()),
+        ("bars", Bars()),
+        ("chirp", Chirp()),
+        ("edge", Edge()),
+        ("white", White()),
+        ("black", Black()),
         ({"kind": "four-dot", "diameter": "500 um", "spacing": "1 cm"}, FourDot(0.5, 10.0)),
         ({"kind": "bars", "cycles_per_mm": [0.5, 10], "width": "20 mm", "height": "20 mm"}, Bars()),
         ({"kind": "chirp", "cycles_per_mm": ["1 lp/mm", 2]}, Chirp((1.0, 2.0))),
@@ -28,11 +33,15 @@ def test_a_bare_kind_means_its_defaults_and_fields_have_units(data: Any, target:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ("dots", "'dots' is not a target; allowed: four-dot"), ({}, "kind: this field is missing"),
+        ("dots", "'dots' is not a target; allowed: four-dot"),
+        ({}, "kind: this field is missing"),
         ({"kind": "four-dot", "diameter": 1}, "diameter: 1 has no unit"),
         ({"kind": "four-dot", "diametr": "1 mm"}, "diametr: there is no such"),
-        ({"kind": "bars", "cycles_per_mm": [0, 1]}, "cycles_per_mm"), ({"kind": "bars", "cycles_per_mm": ["1 mm", 1]}, "length"),
-        ({"kind": "four-dot", "spacing": "0.1 mm"}, "spacing"), ({"kind": "edge", "angle": "5 mm"}, "angle"), ({"kind": "picture"}, "file"),
+        ({"kind": "bars", "cycles_per_mm": [0, 1]}, "cycles_per_mm"),
+        ({"kind": "bars", "cycles_per_mm": ["1 mm", 1]}, "length"),
+        ({"kind": "four-dot", "spacing": "0.1 mm"}, "spacing"),
+        ({"kind": "edge", "angle": "5 mm"}, "angle"),
+        ({"kind": "picture"}, "file"),
         ({"kind": "picture", "file": "none.png", "width": "1 mm"}, "cannot be read"),
     ],
 )

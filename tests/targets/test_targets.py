@@ -60,11 +60,18 @@ def test_radiance_lies_from_0_to_1_and_has_the_shape_of_the_places(target: Targe
 @pytest.mark.parametrize(
     ("make", "field"),
     [
-        (lambda: FourDot(diameter=0.0), "diameter"), (lambda: FourDot(diameter=2.0, spacing=1.0), "spacing"),
-        (lambda: FourDot(spacing=math.inf), "spacing"), (lambda: Bars((0.0, 1.0)), "cycles_per_mm"), (lambda: Bars(width=-1.0), "width"),
-        (lambda: Chirp(height=math.nan), "height"), (lambda: Bars((1.0, 1e9)), "cycles"), (lambda: Edge(math.nan), "angle"),
-        (lambda: Picture(np.array([[2.0]]), 1.0), "values"), (lambda: Picture(np.ones(3), 1.0), "shape"),
-        (lambda: Picture(np.ones((1, 1)), 0.0), "width"), (lambda: Picture(np.array([[np.nan]]), 1.0), "values"),
+        (lambda: FourDot(diameter=0.0), "diameter"),
+        (lambda: FourDot(diameter=2.0, spacing=1.0), "spacing"),
+        (lambda: FourDot(spacing=math.inf), "spacing"),
+        (lambda: Bars((0.0, 1.0)), "cycles_per_mm"),
+        (lambda: Bars(width=-1.0), "width"),
+        (lambda: Chirp(height=math.nan), "height"),
+        (lambda: Bars((1.0, 1e9)), "cycles"),
+        (lambda: Edge(math.nan), "angle"),
+        (lambda: Picture(np.array([[2.0]]), 1.0), "values"),
+        (lambda: Picture(np.ones(3), 1.0), "shape"),
+        (lambda: Picture(np.ones((1, 1)), 0.0), "width"),
+        (lambda: Picture(np.array([[np.nan]]), 1.0), "values"),
     ],
 )
 def test_impossible_targets_are_refused_by_kind_and_field(make: object, field: str) -> None:
