@@ -68,7 +68,8 @@ def placements(bench: Bench, worlds: dict[Element, float], errors: dict[Element,
 def contrast_draws(camera: Camera, placement: Placement, cycles_per_mm: Array) -> Array:
     """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies)."""
     central = central_smms(camera)
-    moved = replace(central, distance=placement.array[:, None], gap=placement.gap[:, None])
+    before, behind = camera.optical_distance - camera.array.distance, camera.optical_gap - camera.gap  # a glass plate's share
+    moved = replace(central, distance=placement.array[:, None] + before, gap=placement.gap[:, None] + behind)
     return transfer(moved, 1 / placement.distance[:, None], camera.sensor.pixel, cycles_per_mm[None, :])
 
 
@@ -120,13 +121,13 @@ def _count(camera: Camera, smms: Smms, neighbours: npt.NDArray[np.int64], placem
     if systems == 0:
         return np.zeros(draws, dtype=np.int64)
     tiled = Smms(**{field.name: np.tile(getattr(smms, field.name), draws) for field in fields(Smms)})
-    shift = np.tile(smms.distance - camera.array.distance, draws)
-    tiled = replace(tiled, distance=np.repeat(placement.array, systems) + shift, gap=np.repeat(placement.gap, systems) - shift)
+    before, behind = np.tile(smms.distance - camera.array.distance, draws), np.tile(smms.gap - camera.gap, draws)
+    tiled = replace(tiled, distance=np.repeat(placement.array, systems) + before, gap=np.repeat(placement.gap, systems) + behind)
     offsets = np.repeat(np.arange(draws) * systems, systems)[:, None]
     repeated = np.tile(neighbours, (draws, 1))
     seen = fields_of(tiled, np.where(repeated >= 0, repeated + offsets, -1), camera)
     distance = np.repeat(placement.distance, systems)
     centre = np.stack([tiled.centre_x, tiled.centre_y], axis=1)
-    _, passes, landing = chief_crossings(tiled, 1 / distance, point[None, :] / distance[:, None], centre)
+    _, passes, landing = chief_crossings(tiled, 1 / distance, point[None, :] / distance[:, None], centre, camera.aperture_shape)
     chief = passes & in_useful(seen, np.arange(len(distance)), landing)
     return chief.reshape(draws, systems).sum(axis=1)

@@ -98,9 +98,10 @@ def focused_sensor(optics: Camera, array: float, distance: float) -> float:
     Raises:
         InputError: no real sensor position behind the array focuses on that distance.
     """
-    x = array * (vergence_of(distance) - 1 / optics.main_lens.focal_length + 1 / array)
+    length = array + optics.optical_distance - optics.array.distance
+    x = length * (vergence_of(distance) - 1 / optics.main_lens.focal_length + 1 / length)
     focal = optics.array.focal_lengths[0]
-    gap = x / ((1 - x) / array + x / focal) if x != 0 else 0.0
+    gap = (x / ((1 - x) / length + x / focal) if x != 0 else 0.0) - (optics.optical_gap - optics.gap)
     if not gap > 0:
         raise InputError(
             f"no sensor position behind an array at {array:g} mm sees a target at {distance:g} mm sharply; move the array or the target"

@@ -74,7 +74,7 @@ def cone_width(camera: Camera, distance: float) -> float:
 def airy_diameter(camera: Camera, distance: float, wavelength: float = WAVELENGTH) -> float:
     """Diameter of the first dark ring of a sharp point on the sensor, mm: 2.44 lambda b / w with w the cone's width."""
     width = cone_width(camera, distance)
-    return 2.44 * wavelength * camera.gap / width if width > 0 else math.inf
+    return 2.44 * wavelength * camera.optical_gap / width if width > 0 else math.inf
 
 
 def diffraction_contrast(
@@ -83,7 +83,7 @@ def diffraction_contrast(
     """Contrast that a perfect round lens leaves: 2/pi (acos s - s sqrt(1 - s^2)), s = frequency lambda b / w, 0 from s = 1 on."""
     width = cone_width(camera, distance)
     on_sensor = np.abs(np.asarray(cycles_per_px, dtype=np.float64)) / camera.sensor.pixel
-    s = np.minimum(on_sensor * wavelength * camera.gap / width, 1.0) if width > 0 else np.ones_like(on_sensor)
+    s = np.minimum(on_sensor * wavelength * camera.optical_gap / width, 1.0) if width > 0 else np.ones_like(on_sensor)
     return 2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s * s))
 
 

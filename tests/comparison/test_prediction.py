@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 from flflab.bench import read_bench
+from flflab.optics.camera import Substrate
 from flflab.prediction import ELEMENTS, contrast_draws, placements, predicted_view_indices, stage_errors, view_draws
 
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "simulated.yaml"
 POINTS = 4.0 * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1.0]])
 
 
+@pytest.mark.parametrize("substrate", [None, Substrate(0.3, 1.5, "sensor"), Substrate(0.3, 1.5, "main lens")], ids=str)
 @pytest.mark.parametrize("f_number", [1.6, 2.8, 4.0, 5.6])
-def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: float) -> None:
+def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: float, substrate: Substrate | None) -> None:
     bench = read_bench(BENCH)
     rng = np.random.Generator(np.random.Philox(key=5))
     errors = stage_errors(bench, 12, rng)
@@ -23,6 +25,7 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: f
     worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
     where = placements(bench, worlds, errors)  # pyright: ignore[reportArgumentType]
     camera = replace(bench.optics, main_lens=replace(bench.optics.main_lens, f_number=f_number))
+    camera = replace(camera, array=replace(camera.array, tilt=(1e-3, 0.0), substrate=substrate))
     counted = view_draws(camera, where, POINTS)
     for draw in range(12):
         moved = replace(

@@ -1,6 +1,8 @@
 """Camera, bench and study files: what is wrong is refused with file, line, field, what was given and what is allowed."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -8,6 +10,9 @@ from flflab.bench import read_bench
 from flflab.camera_file import CameraDescription, read_camera
 from flflab.description import load
 from flflab.errors import InputError
+from flflab.optics.camera import Substrate
+from flflab.optics.focus import blur
+from flflab.optics.resolution import central_smms
 from flflab.study import focused_sensor, read_study
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -172,6 +177,15 @@ def test_the_refocused_sensor_sees_a_traced_point_sharply(array: float, distance
         q = m + slope * array
         landed.append(q + (slope - q / 0.917) * (sensor - array))
     assert max(landed) - min(landed) < 1e-12
+
+
+@pytest.mark.parametrize("side", ["sensor", "main lens"])
+def test_a_glass_plate_moves_the_refocused_sensor(side: Literal["sensor", "main lens"]) -> None:
+    camera = read_camera(CAMERA)
+    glazed = replace(camera, array=replace(camera.array, substrate=Substrate(0.3, 1.5, side)))
+    sensor = focused_sensor(glazed, 60.0, 506.7016)
+    moved = replace(glazed, sensor=replace(glazed.sensor, distance=sensor))
+    assert float(blur(central_smms(moved), 1 / 506.7016)) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_no_sensor_position_focuses_an_image_between_the_array_and_its_focus() -> None:
