@@ -4,9 +4,8 @@ The hidden errors are drawn here, by this file's own generator; the analysis kno
 """
 
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -95,7 +94,7 @@ def one_run(seed: int) -> Comparison:
 @pytest.fixture(scope="module")
 def runs() -> Callable[[int], list[Comparison]]:
     def take(count: int) -> list[Comparison]:
-        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        with ThreadPoolExecutor(2) as pool:
             return list(pool.map(one_run, range(count)))
 
     return take
