@@ -44,12 +44,9 @@ def test_stopping_frees_the_ports_and_leaves_no_thread(write_bench_file: WriteBe
             socket.create_connection(("127.0.0.1", int(address.split(":")[1])))
 
 
+@pytest.mark.skipif(os.name != "posix", reason="pseudo terminals are there on Linux and macOS only")
 def test_stages_on_pseudo_terminals(write_bench_file: WriteBench) -> None:
-    try:
-        running = serve(write_bench_file(), pty=True)
-    except OSError as error:
-        pytest.skip(str(error))
-    with running:
+    with serve(write_bench_file(), pty=True) as running:
         path = running.addresses["axes"]["array_stage"]["address"]
         line = os.open(path, os.O_RDWR | os.O_NOCTTY)
         os.write(line, b"/2 get pos\n")

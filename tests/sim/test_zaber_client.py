@@ -1,5 +1,6 @@
 """The vendor's client drives the simulated chain over TCP and over a pseudo terminal."""
 
+import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -14,7 +15,7 @@ MICROSTEP = 0.00049609375  # mm
 END = 302362  # 150 mm / microstep
 
 
-@pytest.fixture(params=["tcp", "pty"])
+@pytest.fixture(params=["tcp", "pty"] if os.name == "posix" else ["tcp"])
 def connection(request: pytest.FixtureRequest) -> Iterator[Connection]:
     if request.param == "tcp":
         line: TcpLine | PtyLine = request.getfixturevalue("tcp_chain")
