@@ -13,7 +13,7 @@ from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
-from flflab.image.effects import ImageReport, image_report
+from flflab.image.image_report import ImageReport, image_report
 from flflab.image_file import write_picture
 from flflab.units import parse_quantity
 

@@ -30,6 +30,10 @@ class Pupils:
         direction_x: object direction of the micro-image's centre through the pupil's centre, rad.
         direction_y: the same along y.
         level: irradiance at full pupil in units of the white level.
+        slant_x: slope at the sensor of the ray through the pupil's centre to the micro-image's centre.
+        slant_y: the same along y.
+        slant_scale: change of a ray's slope at the sensor per mm on the sensor, 1/mm.
+        slant_spread: the same per unit of pupil; over the wavelength it is the pupil's half width in cycles/mm on the sensor.
     """
 
     centre_x: Array
@@ -41,6 +45,10 @@ class Pupils:
     direction_x: Array
     direction_y: Array
     level: Array
+    slant_x: Array
+    slant_y: Array
+    slant_scale: Array
+    slant_spread: Array
 
     @property
     def outside(self) -> Array:
@@ -79,4 +87,8 @@ def camera_pupils(camera: Camera, vergence: float) -> Pupils:
         direction_x=-smms.centre_x / smms.distance,
         direction_y=-smms.centre_y / smms.distance,
         level=concentration / concentration[axis_microlens(smms)],
+        slant_x=smms.centre_x / smms.distance,
+        slant_y=smms.centre_y / smms.distance,
+        slant_scale=np.where(by_microlens, 1, 1 - 1 / kappa) / smms.gap,
+        slant_spread=-radius * np.where(by_microlens, 1 / smms.gap, 1 / (smms.distance * kappa)),
     )

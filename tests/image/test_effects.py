@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flflab.errors import InputError
-from flflab.image.effects import image_report
+from flflab.image.image_report import image_report
 from flflab.image.render import render
 from flflab.optics.camera import Camera, MainLens
 from flflab.targets import Bars, Black, FourDot, Target

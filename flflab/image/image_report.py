@@ -11,8 +11,8 @@ import numpy.typing as npt
 from flflab.errors import InputError
 from flflab.image.pupil import Pupils
 from flflab.image.render import LEAST_TOLERANCE, TOLERANCE, render
-from flflab.image.scene import Scene, make_scene
 from flflab.image.sensor_response import SensorResponse, digitise
+from flflab.image.setup import Setup, make_setup
 from flflab.optics.camera import Camera
 from flflab.optics.discs import two_disc_areas
 from flflab.targets import Target
@@ -94,7 +94,7 @@ def image_report(
     sensor = response or SensorResponse()
     electrons = BRIGHTEST * sensor.saturation_e / max(1.0, float(image.max()))
     noisy = time.perf_counter()
-    found = _optical(make_scene(camera, distance, allowed, (0.0, 0.0)), 1e3 * (formed - started))
+    found = _optical(make_setup(camera, distance, allowed, (0.0, 0.0)), 1e3 * (formed - started))
     found += _noise(sensor, electrons, float(image.max()), chosen)
     if chosen:
         shot, read = "shot-noise" in chosen, "read-noise" in chosen
@@ -134,14 +134,14 @@ def _listed(*groups: Iterable[str]) -> str:
     return ", ".join(name for group in groups for name in group)
 
 
-def _optical(scene: Scene, ms: float) -> list[Effect]:
-    pupils, pixel = scene.pupils, scene.sensor.pixel
-    blur = float(np.max(scene.blur))
-    rim = float(np.max(scene.rims.width))
+def _optical(setup: Setup, ms: float) -> list[Effect]:
+    pupils, pixel = setup.pupils, setup.sensor.pixel
+    blur = float(np.max(setup.blur))
+    rim = float(np.max(setup.rims.width))
     together = "formed in one pass with defocus"
     spacing = _nearest(pupils)
     overlap = float(2 * pupils.outside.max() - spacing)
-    focus = "sharp within the tolerance" if math.sqrt(0.5) * blur < scene.tolerance else "out of focus"
+    focus = "sharp within the tolerance" if math.sqrt(0.5) * blur < setup.tolerance else "out of focus"
     return [
         Effect("defocus", True, blur, min(1.0, math.sqrt(0.5) * blur), f"the target is {focus}: blur {blur:.3g} px", ms),
         Effect("vignetting", True, rim, 1.0, f"both apertures clip: a rim {rim:.3g} px wide; {together}", 0.0),

@@ -1,0 +1,1 @@
+"""The effects a picture can hold: one frozen description a file, with its size, its bound and its cost."""

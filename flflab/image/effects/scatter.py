@@ -1,0 +1,31 @@
+"""Scatter of the microlenses: every one has a focal length and a place of its own."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flflab.errors import InputError
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Independent normal errors of every microlens, drawn once from a ``seed``.
+
+    ``focal_length`` is the standard deviation relative to the focal length, ``position`` that of each coordinate in mm.
+    """
+
+    focal_length: float = 0.0
+    position: float = 0.0
+    seed: int = 0
+    name: ClassVar[str] = "scatter"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no scatter.
+
+        Raises:
+            InputError: a number is negative or not finite, or so large that microlenses turn into others.
+        """
+        if not (math.isfinite(self.focal_length) and 0 <= self.focal_length <= 0.1):
+            raise InputError(f"scatter: focal_length is {self.focal_length:g} of the focal length; from 0 to 0.1 is allowed")
+        if not (math.isfinite(self.position) and self.position >= 0):
+            raise InputError(f"scatter: position is {self.position:g} mm; a finite number from 0 up is due")

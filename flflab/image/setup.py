@@ -1,0 +1,89 @@
+"""What is to be formed of one flat target: the pupils, and where on the target every ray through them ends."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.pupil import Pupils, camera_pupils
+from flflab.image.rim import Rims, find_rims
+from flflab.optics.camera import Camera, Sensor
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A camera before one target, as a list of entries: each is a microlens, or a part of its micro-image.
+
+    Within an entry the ray from the sensor point e (mm from the micro-image's centre) through the pupil point t ends on the target,
+    in the target's own axes, at origin + by_pupil t + by_sensor e.
+
+    Attributes:
+        sensor: the sensor.
+        pupils: the sensor side of every entry; N entries.
+        origin: mm on the target (rad where it is at infinity), shape (N, 2).
+        by_pupil: the same per unit of pupil, shape (N, 2, 2).
+        by_sensor: the same per mm on the sensor, shape (N, 2, 2).
+        window: the part of the sensor an entry may light: first column, column after the last, first row, row after the last; (N, 4).
+        rims: the kinds of rims of the micro-images.
+        blur: diameter on the sensor of the blur of a point, pixels, shape (N,).
+        tolerance: largest error asked for.
+        overlap: how many micro-images reach a sensor point, at least 1; the errors of their strips add up.
+        falloff: whether rays count by cos^4 of their slopes at the sensor.
+    """
+
+    sensor: Sensor
+    pupils: Pupils
+    origin: Array
+    by_pupil: Array
+    by_sensor: Array
+    window: Whole
+    rims: Rims
+    blur: Array
+    tolerance: float
+    overlap: float
+    falloff: bool = False
+
+    def seen_from(self, x: float, y: float) -> "Setup":
+        """The same with the target's coordinates counted from (x, y)."""
+        return replace(self, origin=self.origin - np.array([x, y]))
+
+    def kind_blur(self, largest: bool) -> Array:
+        """The largest or smallest blur among the entries of each kind of rim, pixels."""
+        choose = np.max if largest else np.min
+        return np.array([choose(self.blur[self.rims.kind == kind]) for kind in range(len(self.rims.width))])
+
+
+def make_setup(camera: Camera, distance: float, tolerance: float, target_offset: tuple[float, float]) -> Setup:
+    """Set up a camera before a target at a distance (mm, infinity allowed) that stands off the axis by an offset (mm)."""
+    pixel = camera.sensor.pixel
+    vergence = 1 / distance
+    unit = distance if vergence > 0 else 1.0
+    pupils = camera_pupils(camera, vergence)
+    pupils = replace(pupils, slope=np.where(np.abs(pupils.slope) < 1e-6 * pixel, 0.0, pupils.slope))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        blur = np.where(pupils.spread == 0, 0.0, 2 * np.abs(pupils.spread / pupils.scale) / pixel)
+    columns, rows = camera.sensor.resolution
+    setup = Setup(
+        sensor=camera.sensor,
+        pupils=pupils,
+        origin=unit * np.stack([pupils.direction_x, pupils.direction_y], axis=1),
+        by_pupil=unit * pupils.spread[:, None, None] * np.eye(2),
+        by_sensor=unit * pupils.scale[:, None, None] * np.eye(2),
+        window=np.tile(np.array([0, columns, 0, rows], dtype=np.int64), (len(pupils.slope), 1)),
+        rims=find_rims(pupils, pixel),
+        blur=blur,
+        tolerance=tolerance,
+        overlap=max(1.0, _coverage(camera, pupils)),
+    )
+    return setup.seen_from(*target_offset) if vergence > 0 else setup
+
+
+def _coverage(camera: Camera, pupils: Pupils) -> float:
+    """How many micro-images reach a sensor point on average."""
+    row = math.sqrt(3) / 2 if camera.array.layout == "hexagonal" else 1.0
+    cell = camera.array.pitch[0] * camera.array.pitch[1] * row * (camera.sensor.distance / camera.array.distance) ** 2
+    return math.pi * float(np.max(pupils.outside)) ** 2 / cell
