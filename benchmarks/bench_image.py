@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from flflab.image.render import render
+from flflab.image.scene import one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import Bars, Edge, FourDot, Target, White
@@ -29,7 +30,7 @@ def laboratory(f_number: float) -> Camera:
 def timed(camera: Camera, target: Target, distance: float, tolerance: float) -> tuple[float, float]:
     """Seconds on the wall and of all cores."""
     started, used = time.perf_counter(), time.process_time()
-    render(camera, target, distance, tolerance=tolerance)
+    render(one_plane(camera, target, distance), tolerance=tolerance)
     return time.perf_counter() - started, time.process_time() - used
 
 
@@ -47,12 +48,12 @@ def main() -> None:
             for distance in (FOCUS, 500.0, 490.0):
                 cold = timed(camera, target, distance, tolerance)
                 warm = min(timed(camera, target, distance, tolerance) for _ in range(3))
-                lit = np.count_nonzero(render(camera, target, distance, tolerance=tolerance)) / 1e6
-                fine = render(middle, target, distance, tolerance=tolerance / 10)
-                error = np.abs(render(middle, target, distance, tolerance=tolerance) - fine).max()
+                lit = np.count_nonzero(render(one_plane(camera, target, distance), tolerance=tolerance)) / 1e6
+                fine = render(one_plane(middle, target, distance), tolerance=tolerance / 10)
+                error = np.abs(render(one_plane(middle, target, distance), tolerance=tolerance) - fine).max()
                 times = f"{cold[0]:7.3f} {warm[0]:7.3f} {warm[1]:6.3f}"
                 print(f"{f_number:<5g} {target.kind:9} {distance:11.4f} {times} {lit:8.2f}  {error:.5f}", flush=True)
-    image = render(laboratory(4.0), White(), FOCUS)
+    image = render(one_plane(laboratory(4.0), White(), FOCUS))
     started = time.perf_counter()
     digitise(image, 8000.0, SensorResponse(), np.random.default_rng(0))
     print(f"digitise, F/4 white: {time.perf_counter() - started:.3f} s")

@@ -17,6 +17,7 @@ from flflab.bench import SimulatedDescription
 from flflab.errors import InputError
 from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
+from flflab.image.scene import one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
 from sim.faults import Faults
 from sim.scpi import BlockError, Handler, ScpiError, decimal, limits_or, name_among, no_parameters, number_within
@@ -86,7 +87,7 @@ class SimulatedCamera:
         camera, distance = self._world.optics, sharp_distance(self._world.optics)
         few = replace(camera, sensor=replace(camera.sensor, resolution=(32, 32)))
         for target in self._world.targets.values():
-            picture = render(few, target, distance, tolerance=TOLERANCE)
+            picture = render(one_plane(few, target, distance), tolerance=TOLERANCE)
             digitise(picture, 1000.0, self._response(1.0), keyed(0, "warm-up"))
 
     @property
@@ -240,7 +241,7 @@ class SimulatedCamera:
                 if scene.camera is None or scene.distance is None:
                     picture = np.zeros((rows, columns))
                 else:
-                    drawn = render(scene.camera, scene.target, scene.distance, tolerance=TOLERANCE)
+                    drawn = render(one_plane(scene.camera, scene.target, scene.distance), tolerance=TOLERANCE)
                     picture = np.maximum(drawn, 0.0)  # sums of strips leave a rounding error below black
                 kept = list(self._pictures.items())[1 - PICTURES :]
                 self._pictures = dict([*kept, (scene.state, picture)])

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from flflab.errors import InputError
 from flflab.image.pupil import Pupils
 from flflab.image.render import LEAST_TOLERANCE, TOLERANCE, render
+from flflab.image.scene import one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
 from flflab.image.setup import Setup, make_setup
 from flflab.optics.camera import Camera
@@ -88,13 +89,14 @@ def image_report(
     started = time.perf_counter()
     level, chosen = _choose(effects, seed)
     allowed = min(max(tolerance * LEVELS.get(level, 1.0), LEAST_TOLERANCE), 0.5)
-    image = render(camera, target, distance, tolerance=allowed)
+    scene = one_plane(camera, target, distance)
+    image = render(scene, tolerance=allowed)
     formed = time.perf_counter()
     estimate = _estimate_error(camera, target, distance, image, allowed)
     sensor = response or SensorResponse()
     electrons = BRIGHTEST * sensor.saturation_e / max(1.0, float(image.max()))
     noisy = time.perf_counter()
-    found = _optical(make_setup(camera, distance, allowed, (0.0, 0.0)), 1e3 * (formed - started))
+    found = _optical(make_setup(scene, scene.planes[0], allowed), 1e3 * (formed - started))
     found += _noise(sensor, electrons, float(image.max()), chosen)
     if chosen:
         shot, read = "shot-noise" in chosen, "read-noise" in chosen
@@ -216,6 +218,6 @@ def _estimate_error(camera: Camera, target: Target, distance: float, image: Arra
             sensor.offset[1] + (top + (height - 1) / 2 - (rows - 1) / 2) * sensor.pixel,
         )
         crop = replace(camera, sensor=replace(sensor, resolution=(width, height), offset=offset))
-        better = render(crop, target, distance, tolerance=finer)
+        better = render(one_plane(crop, target, distance), tolerance=finer)
         worst = max(worst, float(np.abs(better - image[top : top + height, left : left + width]).max()))
     return worst + finer

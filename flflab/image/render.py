@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from flflab.errors import InputError
 from flflab.image.form import add_plane
+from flflab.image.scene import ALL, Scene, without
 from flflab.image.setup import make_setup
-from flflab.optics.camera import Camera
-from flflab.targets import Bars, Black, FourDot, Picture, Target
+from flflab.targets import Bars, Black, FourDot, Picture
 
 Array = npt.NDArray[np.float64]
 
@@ -22,44 +22,45 @@ LEAST_TOLERANCE = 1e-5
 
 
 def render(
-    camera: Camera,
-    target: Target,
-    distance: float,
+    scene: Scene,
     *,
     tolerance: float = TOLERANCE,
-    target_offset: tuple[float, float] = (0.0, 0.0),
+    effects: frozenset[str] = ALL,
+    wanted: npt.NDArray[np.bool_] | None = None,
 ) -> Array:
-    """Form the image of a flat target.
+    """Form the picture of a scene without noise.
 
     Args:
-        camera: the camera, with round apertures.
-        target: what stands in front of it.
-        distance: main lens to target, mm; at infinity all that has a size in mm is a point and black.
+        scene: camera and targets; what has a size in mm is a point and black at infinity.
         tolerance: largest error asked for, in units of the white level.
-        target_offset: where the target's centre stands, (x, y) mm; without meaning at infinity.
+        effects: what is formed; an effect that the scene does not have changes nothing.
+        wanted: the pixels that matter, [row, column]; the others may hold anything. None for all.
 
     Returns:
         Irradiance [row, column] in units of the white level: that at the centre of the micro-image nearest the axis under a
         boundless white target, without its neighbours' light.
 
     Raises:
-        InputError: the apertures are not round, a number is impossible, or a tilted array reaches through the sensor.
+        InputError: the apertures are not round, a number is impossible, an effect is unknown, or a tilted array reaches through the
+            sensor.
     """
-    _check(camera, distance, tolerance, target_offset)
-    columns, rows = camera.sensor.resolution
+    pictured = without(scene, effects)
+    columns, rows = pictured.camera.sensor.resolution
+    _check(pictured, tolerance, wanted)
     image = np.zeros((rows, columns))
-    if isinstance(target, Black) or (math.isinf(distance) and isinstance(target, FourDot | Bars | Picture)):
-        return image
-    add_plane(image, make_setup(camera, distance, tolerance, target_offset), target)
+    for plane in pictured.planes:
+        target = plane.target
+        if not isinstance(target, Black) and (math.isfinite(plane.distance) or not isinstance(target, FourDot | Bars | Picture)):
+            add_plane(image, make_setup(pictured, plane, tolerance, effects), target)
     return image
 
 
-def _check(camera: Camera, distance: float, tolerance: float, target_offset: tuple[float, float]) -> None:
-    if camera.aperture_shape != "round":
-        raise InputError(f"render: images are formed for round apertures only, not {camera.aperture_shape}; set aperture_shape: round")
-    if math.isnan(distance) or distance <= 0:
-        raise InputError(f"render: the target's distance is {distance:g} mm; one above 0, in front of the main lens, or infinity is due")
+def _check(scene: Scene, tolerance: float, wanted: npt.NDArray[np.bool_] | None) -> None:
+    shape = scene.camera.aperture_shape
+    if shape != "round":
+        raise InputError(f"render: images are formed for round apertures only, not {shape}; set aperture_shape: round")
     if not LEAST_TOLERANCE <= tolerance < 1:
         raise InputError(f"render: the tolerance is {tolerance:g}; a share of white from {LEAST_TOLERANCE:g} to below 1 is allowed")
-    if not all(math.isfinite(part) for part in target_offset):
-        raise InputError(f"render: target_offset is {target_offset}; two finite lengths in mm are due")
+    size = scene.camera.sensor.resolution[::-1]
+    if wanted is not None and wanted.shape != size:
+        raise InputError(f"render: the wanted pixels are an array of {wanted.shape}; the sensor has {size} rows and columns")

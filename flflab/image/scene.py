@@ -1,7 +1,7 @@
 """What a picture is formed of: a camera, the flat targets before it, and what is not ideal about either."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flflab.errors import InputError
 from flflab.image.effects.colour_filter import ColourFilter
@@ -15,6 +15,8 @@ from flflab.optics.camera import Camera
 from flflab.targets import Target
 
 STEEPEST = 0.5  # slope of a target's plane
+DESCRIBED = ("diffraction", "falloff", "distortion", "scatter", "stray-light", "colour-filter", "motion")  # by the scene; None is ideal
+ALL = frozenset(("defocus", "vignetting", "overlap", "pixel", "misalignment", *DESCRIBED))  # effects of the light, the noise not among them
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,8 @@ class Plane:
         offset: where the target's centre stands, world (x, y) mm; without meaning at infinity.
         roll: the target's x axis turned from the world's towards its y axis, rad.
         tilt: slopes along the world's (x, y) round the target's centre, which stays at ``distance``: the place of the plane that lies
-            (u, v) further along (x, y) lies tilt_x u + tilt_y v further from the main lens.
+            (u, v) further along (x, y) lies tilt_x u + tilt_y v further from the main lens. The target, rolled, is turned into this
+            plane by the shortest way, rigidly: lengths on it stay, and seen along the axis it is foreshortened.
         size: width and height in mm of the opaque card that carries the target, along the target's own axes; None for a boundless one.
     """
 
@@ -104,3 +107,23 @@ class Scene:
 def one_plane(camera: Camera, target: Target, distance: float, offset: tuple[float, float] = (0.0, 0.0)) -> Scene:
     """The plain scene: one flat target at a distance (mm), its centre off the axis by ``offset`` (mm)."""
     return Scene(camera, (Plane(target, distance, offset),))
+
+
+def without(scene: Scene, effects: frozenset[str]) -> Scene:
+    """The scene in which what is not among ``effects`` is ideal.
+
+    Without ``misalignment`` the array has no offset, roll and tilt, the sensor no offset, and no target roll or tilt; a target's offset
+    is where it stands and stays.
+
+    Raises:
+        InputError: there is no effect of that name.
+    """
+    for name in sorted(effects - ALL):
+        raise InputError(f"effects: there is no '{name}'; allowed: {', '.join(sorted(ALL))}")
+    ideal = replace(scene, **{name.replace("-", "_"): None for name in DESCRIBED if name not in effects})
+    if "misalignment" in effects:
+        return ideal
+    camera = scene.camera
+    array = replace(camera.array, offset=(0.0, 0.0), roll=0.0, tilt=(0.0, 0.0))
+    camera = replace(camera, array=array, sensor=replace(camera.sensor, offset=(0.0, 0.0)))
+    return replace(ideal, camera=camera, planes=tuple(replace(plane, roll=0.0, tilt=(0.0, 0.0)) for plane in scene.planes))

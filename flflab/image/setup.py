@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from flflab.image.pupil import Pupils, camera_pupils
 from flflab.image.rim import Rims, find_rims
+from flflab.image.scene import ALL, Plane, Scene
 from flflab.optics.camera import Camera, Sensor
 
 Array = npt.NDArray[np.float64]
@@ -32,6 +33,7 @@ class Setup:
         blur: diameter on the sensor of the blur of a point, pixels, shape (N,).
         tolerance: largest error asked for.
         overlap: how many micro-images reach a sensor point, at least 1; the errors of their strips add up.
+        pixel_width: side of the square over which a pixel gathers light, mm; 0 for its centre alone.
         falloff: whether rays count by cos^4 of their slopes at the sensor.
     """
 
@@ -45,6 +47,7 @@ class Setup:
     blur: Array
     tolerance: float
     overlap: float
+    pixel_width: float
     falloff: bool = False
 
     def seen_from(self, x: float, y: float) -> "Setup":
@@ -57,29 +60,35 @@ class Setup:
         return np.array([choose(self.blur[self.rims.kind == kind]) for kind in range(len(self.rims.width))])
 
 
-def make_setup(camera: Camera, distance: float, tolerance: float, target_offset: tuple[float, float]) -> Setup:
-    """Set up a camera before a target at a distance (mm, infinity allowed) that stands off the axis by an offset (mm)."""
-    pixel = camera.sensor.pixel
-    vergence = 1 / distance
-    unit = distance if vergence > 0 else 1.0
+def make_setup(scene: Scene, plane: Plane, tolerance: float, effects: frozenset[str] = ALL) -> Setup:
+    """Set up a scene's camera before one of its planes."""
+    camera, pixel = scene.camera, scene.camera.sensor.pixel
+    vergence = 1 / plane.distance
+    unit = plane.distance if vergence > 0 else 1.0
     pupils = camera_pupils(camera, vergence)
-    pupils = replace(pupils, slope=np.where(np.abs(pupils.slope) < 1e-6 * pixel, 0.0, pupils.slope))
+    slope = np.where(np.abs(pupils.slope) < 1e-6 * pixel, 0.0, pupils.slope)
+    spread = pupils.spread if "defocus" in effects else np.zeros_like(slope)
+    pupils = replace(pupils, slope=slope if "vignetting" in effects else np.zeros_like(slope), spread=spread)
     with np.errstate(divide="ignore", invalid="ignore"):
         blur = np.where(pupils.spread == 0, 0.0, 2 * np.abs(pupils.spread / pupils.scale) / pixel)
     columns, rows = camera.sensor.resolution
-    setup = Setup(
+    cos, sin = math.cos(plane.roll), math.sin(plane.roll)
+    turned = np.array([[cos, sin], [-sin, cos]])
+    origin = unit * np.stack([pupils.direction_x, pupils.direction_y], axis=1)
+    return Setup(
         sensor=camera.sensor,
         pupils=pupils,
-        origin=unit * np.stack([pupils.direction_x, pupils.direction_y], axis=1),
-        by_pupil=unit * pupils.spread[:, None, None] * np.eye(2),
-        by_sensor=unit * pupils.scale[:, None, None] * np.eye(2),
+        origin=(origin - np.array(plane.offset if vergence > 0 else (0.0, 0.0))) @ turned.T,
+        by_pupil=unit * pupils.spread[:, None, None] * turned,
+        by_sensor=unit * pupils.scale[:, None, None] * turned,
         window=np.tile(np.array([0, columns, 0, rows], dtype=np.int64), (len(pupils.slope), 1)),
         rims=find_rims(pupils, pixel),
         blur=blur,
         tolerance=tolerance,
         overlap=max(1.0, _coverage(camera, pupils)),
+        pixel_width=pixel if "pixel" in effects else 0.0,
+        falloff=scene.falloff is not None,
     )
-    return setup.seen_from(*target_offset) if vergence > 0 else setup
 
 
 def _coverage(camera: Camera, pupils: Pupils) -> float:

@@ -7,6 +7,7 @@ import pytest
 
 from flflab.image.reference import trace_pixels
 from flflab.image.render import render
+from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import Target
 
@@ -38,7 +39,7 @@ def largest_difference() -> Difference:
         rays: int = 65536,
         offset: tuple[float, float] = (0.0, 0.0),
     ) -> float:
-        image = render(camera, target, distance, target_offset=offset)
+        image = render(one_plane(camera, target, distance, offset))
         rng = np.random.default_rng(7)
         steepness = np.abs(np.gradient(image)).sum(axis=0)
         places = [np.argwhere(image > 0), np.argwhere(steepness > 0.5 * steepness.max())]

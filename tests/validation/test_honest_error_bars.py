@@ -17,6 +17,7 @@ from flflab.bench import Bench, Element, read_bench
 from flflab.comparison import Comparison
 from flflab.evaluation import compare, measure_pictures, predict
 from flflab.image.render import render
+from flflab.image.scene import one_plane
 from flflab.prediction import stage_errors
 from flflab.study import Configuration, ConfigurationsDescription, Study, StudyDescription, expand
 from flflab.targets import Bars, FourDot, Target, White
@@ -60,7 +61,7 @@ def picture(
         array=replace(camera.array, distance=configuration.array + array - lens),
         sensor=replace(camera.sensor, distance=configuration.sensor + sensor - lens),
     )
-    light = np.maximum(render(true, target, configuration.distance - away + lens, tolerance=2e-4), 0.0)
+    light = np.maximum(render(one_plane(true, target, configuration.distance - away + lens), tolerance=2e-4), 0.0)
     electrons = rng.poisson(light * WHITE_E) + rng.normal(0.0, READ_NOISE_E, light.shape)
     return np.clip(np.rint(electrons * GAIN + OFFSET), 0, FULL_SCALE)
 
