@@ -15,20 +15,29 @@ from flflab.optics.camera import pixel_positions
 from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
 
 Array = npt.NDArray[np.float64]
+Chosen = npt.NDArray[np.bool_]
 
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
-def add_plane(image: Array, setup: Setup, target: Target) -> None:
-    """Add the light of one flat target, not black, to an image [row, column] in units of the white level."""
+def add_plane(image: Array, setup: Setup, target: Target, wanted: Chosen | None = None) -> None:
+    """Add the light of one flat target, not black, to an image [row, column] in units of the white level.
+
+    Args:
+        image: the image to add to.
+        setup: what is formed.
+        target: the target.
+        wanted: which pixels to compute, [row, column]; the others stay as they are. None for all.
+    """
+    chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
     match target:
         case FourDot():
             for x, y in target.centres:
-                _add_sampled(image, setup.seen_from(x, y), target.diameter / 2, target.diameter / 2, target.diameter / 2, None)
+                _add_sampled(image, setup.seen_from(x, y), target.diameter / 2, target.diameter / 2, target.diameter / 2, None, chosen)
         case Picture():
-            _add_sampled(image, setup, 0.0, target.width / 2, target.height / 2, target)
+            _add_sampled(image, setup, 0.0, target.width / 2, target.height / 2, target, chosen)
         case _:
-            _add_ruled(image, setup, target)
+            _add_ruled(image, setup, target, chosen)
 
 
 def _rows_of(setup: Setup, axes: Array) -> tuple[Array, Array]:
@@ -38,7 +47,7 @@ def _rows_of(setup: Setup, axes: Array) -> tuple[Array, Array]:
     return np.column_stack([pupils.centre_x, pupils.centre_y]), known
 
 
-def _add_ruled(image: Array, setup: Setup, target: Target) -> None:
+def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> None:
     axes, bounds = np.eye(2), np.array([-np.inf, np.inf])
     table, law = np.zeros((0, 8)), np.zeros(5)
     half_x = half_y = math.inf
@@ -79,12 +88,13 @@ def _add_ruled(image: Array, setup: Setup, target: Target) -> None:
             table,
             law,
             bounds,
+            chosen,
         )
 
     in_bands(add, windows)
 
 
-def _add_sampled(image: Array, setup: Setup, radius: float, half_x: float, half_y: float, picture: Picture | None) -> None:
+def _add_sampled(image: Array, setup: Setup, radius: float, half_x: float, half_y: float, picture: Picture | None, chosen: Chosen) -> None:
     """Add a disc of this radius round the origin of the target's coordinates, or a picture where the radius is 0."""
     texel, sums = 1.0, np.zeros((2, 2))
     if picture is not None:
@@ -122,6 +132,7 @@ def _add_sampled(image: Array, setup: Setup, radius: float, half_x: float, half_
             radius,
             texel,
             sums,
+            chosen,
         )
 
     in_bands(add, windows)

@@ -216,6 +216,7 @@ def add_ruled(
     table: Array,
     law: Array,
     bounds: Array,
+    wanted: npt.NDArray[np.bool_],
 ) -> None:
     """Add the light of every microlens to the rows from rows[0] to below rows[1] of an image.
 
@@ -239,6 +240,7 @@ def add_ruled(
         table: profile.
         law: its law.
         bounds: lower and upper end of the window, target mm.
+        wanted: which pixels to compute, [row, column]; empty for all.
     """
     ends = np.empty(16)
     window = np.empty(4)
@@ -268,6 +270,8 @@ def add_ruled(
             left = max(windows[lens, 0], math.ceil((centres[lens, 0] - half - xs[0]) / pixel))
             right = min(windows[lens, 1], math.floor((centres[lens, 0] + half - xs[0]) / pixel) + 1)
             for column in range(left, right):
+                if wanted.size > 0 and not wanted[row, column]:
+                    continue
                 dx = xs[column] - centres[lens, 0]
                 at = pupil[3] * (axes[1, 0] * dx + axes[1, 1] * dy) + pupil[5]
                 rows_of_parts = parts

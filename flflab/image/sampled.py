@@ -133,6 +133,7 @@ def add_sampled(
     radius: float,
     texel: float,
     sums: Array,
+    wanted: npt.NDArray[np.bool_],
 ) -> None:
     """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; arguments as in ``add_ruled``.
 
@@ -150,6 +151,8 @@ def add_sampled(
         for row in range(first, last):
             dy = ys[row] - centres[entry, 1]
             for column in range(windows[entry, 0], windows[entry, 1]):
+                if wanted.size > 0 and not wanted[row, column]:
+                    continue
                 dx = xs[column] - centres[entry, 0]
                 if math.hypot(dx, dy) > pupil[1] + abs(pupil[0]) + pixel:
                     continue
