@@ -1,4 +1,4 @@
-"""One linear axis, whatever its vendor: limits, reference and guard before motion, one thread that sees each motion to its end."""
+"""One axis, linear or rotary, of any vendor: limits, reference and guard before motion, one thread that sees each motion to its end."""
 
 import contextlib
 import math
@@ -11,11 +11,12 @@ from typing import Any
 
 from drivers.commands import AxisCommands
 from drivers.status import Status
+from flflab.bench import LENGTH, Coordinate
 from flflab.errors import CommunicationError, DeviceError, LimitError, MotionError, NotHomedError
 
 Guard = Callable[[str, float | None, float | None], None]
 POLL_S = 0.02
-LEAST_PROGRESS_MM = 1e-4
+LEAST_PROGRESS = 1e-4  # mm or rad
 
 
 def unguarded(name: str, start: float | None, end: float | None) -> None:
@@ -24,7 +25,7 @@ def unguarded(name: str, start: float | None, end: float | None) -> None:
 
 @dataclass
 class Motion:
-    """A motion under way: from, to (mm; None: not known, looking for the reference), and how it is to end if it is stopped."""
+    """A motion under way: from, to (None: not known, looking for the reference), and how it is to end if it is stopped."""
 
     start: float | None
     end: float | None
@@ -34,17 +35,18 @@ class Motion:
 
 
 class Axis:
-    """A linear axis; satisfies bluesky's Movable, Readable, Locatable, Stoppable, Checkable, Configurable and HasHints.
+    """An axis in mm, or in rad; satisfies bluesky's Movable, Readable, Locatable, Stoppable, Checkable, Configurable and HasHints.
 
     Nothing moves on connect. A refused motion sends nothing that moves.
 
     Args:
         name: the name in the bench file.
         commands: the vendor's commands.
-        limits: soft limits, readings in mm; the device's own travel is checked beside them.
-        speed: mm/s, told to readers; the vendor's file sets it.
-        guard: called as ``guard(name, start, end)`` before motion, readings in mm; raises InterlockError to refuse. ``end`` is
+        limits: soft limits, readings; the device's own travel is checked beside them.
+        speed: mm/s or rad/s, told to readers; the vendor's file sets it.
+        guard: called as ``guard(name, start, end)`` before motion, readings; raises InterlockError to refuse. ``end`` is
             None when the axis looks for its reference, ``start`` is None when its position is not known.
+        coordinate: whether it counts lengths or angles.
         patience: how long the axis may stay busy without coming nearer to its end, s.
     """
 
@@ -58,12 +60,14 @@ class Axis:
         speed: float,
         guard: Guard = unguarded,
         *,
+        coordinate: Coordinate = LENGTH,
         patience: float = 3.0,
     ) -> None:
         self.name = name
         self.limits = limits
         self.speed = speed
         self.guard = guard
+        self.coordinate = coordinate
         self._commands = commands
         self._patience = patience
         self._starting = threading.Lock()
@@ -73,7 +77,8 @@ class Axis:
         self._closed = False
 
     def __repr__(self) -> str:
-        return f"<axis {self.name}, {self.limits[0]:g} to {self.limits[1]:g} mm>"
+        low, high = (self.coordinate.show(limit, "g") for limit in self.limits)
+        return f"<axis {self.name}, {low} to {high}>"
 
     # Motion
 
@@ -87,7 +92,7 @@ class Axis:
         return self._begin(None)
 
     def move_to(self, position: float) -> Status:
-        """Move to a reading in mm.
+        """Move to a reading, mm or rad.
 
         Raises:
             LimitError: outside the soft limits or the device's own, or not a finite number.
@@ -99,7 +104,7 @@ class Axis:
         return self._begin(float(position))
 
     def move_by(self, distance: float) -> Status:
-        """Move by a distance in mm from the present reading; errors as ``move_to``."""
+        """Move by a distance, mm or rad, from the present reading; errors as ``move_to``."""
         return self.move_to(self.position() + distance)
 
     set = move_to
@@ -127,18 +132,19 @@ class Axis:
             LimitError: outside the soft limits or the device's own, or not a finite number.
         """
         if not isinstance(value, Real) or not math.isfinite(value):
-            raise LimitError(f"{self.name}: {value!r} is not a position; give a finite number of mm")
+            raise LimitError(f"{self.name}: {value!r} is not a position; give a finite number of {self.coordinate.unit}")
         for (low, high), whose in ((self.limits, "its soft limits"), (self._commands.travel, "the device's own limits")):
             if not low <= value <= high:
+                least, most = (self.coordinate.show(limit, "g") for limit in (low, high))
                 raise LimitError(
-                    f"{self.name}: asked to go to {value:.6f} mm, outside {whose}, {low:g} mm to {high:g} mm; "
+                    f"{self.name}: asked to go to {self.coordinate.show(float(value))}, outside {whose}, {least} to {most}; "
                     "nothing moved, ask for a position inside"
                 )
 
     # State
 
     def position(self) -> float:
-        """The reading in mm; where the axis is not homed the number means nothing."""
+        """The reading, mm or rad; where the axis is not homed the number means nothing."""
         return self._commands.position()
 
     def is_homed(self) -> bool:
@@ -157,7 +163,7 @@ class Axis:
         return self._motion
 
     def reach(self) -> tuple[float, float] | None:
-        """Between which readings in mm the axis is now and will be until it rests; None where that is not known.
+        """Between which readings the axis is now and will be until it rests; None where that is not known.
 
         Raises:
             CommunicationError: the device does not answer.
@@ -180,7 +186,7 @@ class Axis:
 
     @property
     def travel(self) -> tuple[float, float]:
-        """The device's own limits, readings in mm."""
+        """The device's own limits, readings."""
         return self._commands.travel
 
     def close(self) -> None:
@@ -199,20 +205,24 @@ class Axis:
     # bluesky
 
     def read(self) -> dict[str, Any]:
-        """The reading, mm."""
-        return {f"{self.name}_mm": {"value": self.position(), "timestamp": time.time()}}
+        """The reading."""
+        return {self.coordinate.column(self.name): {"value": self.position(), "timestamp": time.time()}}
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns."""
-        return {f"{self.name}_mm": self._describe_number("mm")}
+        return {self.coordinate.column(self.name): self._describe_number(self.coordinate.unit)}
 
     def read_configuration(self) -> dict[str, Any]:
-        """Speed in mm/s."""
-        return {f"{self.name}_speed_mm_per_s": {"value": self.speed, "timestamp": time.time()}}
+        """Speed in mm/s or rad/s."""
+        return {self._speed_column: {"value": self.speed, "timestamp": time.time()}}
 
     def describe_configuration(self) -> dict[str, Any]:
         """What ``read_configuration`` returns."""
-        return {f"{self.name}_speed_mm_per_s": self._describe_number("mm/s")}
+        return {self._speed_column: self._describe_number(f"{self.coordinate.unit}/s")}
+
+    @property
+    def _speed_column(self) -> str:
+        return f"{self.name}_speed_{self.coordinate.unit}_per_s"
 
     def _describe_number(self, units: str) -> dict[str, Any]:
         return {"source": f"axis {self.name}", "dtype": "number", "shape": [], "units": units}
@@ -220,10 +230,10 @@ class Axis:
     @property
     def hints(self) -> dict[str, Any]:
         """The reading is what plots and tables show."""
-        return {"fields": [f"{self.name}_mm"]}
+        return {"fields": [self.coordinate.column(self.name)]}
 
     def locate(self) -> dict[str, float]:
-        """Where it was asked to go and where it is, mm."""
+        """Where it was asked to go and where it is."""
         readback = self.position()
         motion = self._motion
         return {"setpoint": readback if motion is None or motion.end is None else motion.end, "readback": readback}
@@ -231,7 +241,7 @@ class Axis:
     # How a motion starts and ends
 
     def _begin(self, end: float | None) -> Status:
-        task = f"{self.name}: " + ("look for the reference" if end is None else f"move to {end:.6f} mm")
+        task = f"{self.name}: " + ("look for the reference" if end is None else f"move to {self.coordinate.show(end)}")
         with self._starting:
             stops = self._stops
             if self._closed:
@@ -240,7 +250,9 @@ class Axis:
                 raise DeviceError(f"{self.name}: asked to move while it moves; wait for it or stop it first")
             homed = self._commands.is_homed()
             if end is not None and not homed:
-                raise NotHomedError(f"{self.name}: asked to go to {end:.6f} mm, but it has no reference; home it first, nothing moved")
+                raise NotHomedError(
+                    f"{self.name}: asked to go to {self.coordinate.show(end)}, but it has no reference; home it first, nothing moved"
+                )
             motion = Motion(self._commands.position() if homed else None, end, Status(task))
             # Seen by the neighbours' guards before our own guard looks at them: of two that start at once, one sees the other.
             self._motion = motion
@@ -285,15 +297,15 @@ class Axis:
         while self._commands.is_busy():
             position = self._commands.position()
             if motion.end is None or motion.stopped:
-                progress = last is None or abs(position - last) >= LEAST_PROGRESS_MM
+                progress = last is None or abs(position - last) >= LEAST_PROGRESS
             else:
-                progress = abs(position - motion.end) <= nearest - LEAST_PROGRESS_MM
+                progress = abs(position - motion.end) <= nearest - LEAST_PROGRESS
             if progress:
                 moved, last, nearest = time.monotonic(), position, abs(position - (motion.end or 0.0))
             if motion.end is None and time.monotonic() - began > longest_search:
                 raise MotionError(f"{motion.status.task}: still moving long after a whole travel; stopped, look at its home sensor")
             if time.monotonic() - moved > self._patience:
-                where = f"at {position:.6f} mm" if motion.start is not None else "before it found its reference"
+                where = f"at {self.coordinate.show(position)}" if motion.start is not None else "before it found its reference"
                 raise MotionError(f"{motion.status.task}: no progress for {self._patience:g} s, {where}; stopped, look what holds it")
             time.sleep(POLL_S)
 
@@ -303,15 +315,19 @@ class Axis:
         homed = self._commands.is_homed()
         task = motion.status.task
         if motion.stopped:
-            return None if motion.stopped_as_planned else MotionError(f"{task}: stopped on the way at {position:.6f} mm, as it was told")
+            return (
+                None
+                if motion.stopped_as_planned
+                else MotionError(f"{task}: stopped on the way at {self.coordinate.show(position)}, as it was told")
+            )
         faults = "; ".join(self._commands.faults())
         if not homed:
             lost = "lost its reference on the way (a reset?)" if motion.start is not None else "did not find its reference"
             return MotionError(f"{task}: {lost}{f' ({faults})' if faults else ''}; home it again")
         if faults:
-            return MotionError(f"{task}: ended at {position:.6f} mm ({faults}); look what holds it, then home it again")
+            return MotionError(f"{task}: ended at {self.coordinate.show(position)} ({faults}); look what holds it, then home it again")
         if motion.end is not None and abs(position - motion.end) > 1.01 * self._commands.resolution:
-            return MotionError(f"{task}: ended at {position:.6f} mm instead; look what holds it, then home it again")
+            return MotionError(f"{task}: ended at {self.coordinate.show(position)} instead; look what holds it, then home it again")
         return None
 
     def _stop_quietly(self) -> None:

@@ -241,7 +241,7 @@ class _Connection:
     def _open(self, drivers: Mapping[str, Any], driver: Any, name: str, device: Any, keys: Any) -> Any:
         if drivers is AXES:
             commands = driver.open(name, device, keys, self._share)
-            return Axis(name, commands, device.limits, device.speed, patience=driver.patience)
+            return Axis(name, commands, device.limits, device.speed, coordinate=device.coordinate, patience=driver.patience)
         opened = driver.open(device.address, keys, self._share)
         return opened if drivers is CAMERAS else Setting[Any](name, opened, timeout=driver.timeout)
 

@@ -6,19 +6,19 @@ Value = TypeVar("Value", float, str)
 
 
 class AxisCommands(Protocol):
-    """One linear axis as its vendor's protocol has it, in mm; every method talks to the device at once and is brief.
+    """One axis as its vendor's protocol has it, in mm, or in rad for one that turns; every method talks to the device at once and is brief.
 
     Every method may raise CommunicationError; the two that start motion may raise DeviceError where the device refuses.
     """
 
     @property
     def travel(self) -> tuple[float, float]:
-        """The device's own limits, readings in mm."""
+        """The device's own limits, readings."""
         ...
 
     @property
     def resolution(self) -> float:
-        """The smallest difference between two positions, mm; a motion may end this far from where it was asked to."""
+        """The smallest difference between two positions; a motion may end this far from where it was asked to."""
         ...
 
     def start_home(self) -> None:
@@ -26,11 +26,11 @@ class AxisCommands(Protocol):
         ...
 
     def start_move(self, position: float) -> None:
-        """Start towards a reading in mm."""
+        """Start towards a reading."""
         ...
 
     def position(self) -> float:
-        """The reading in mm."""
+        """The reading."""
         ...
 
     def is_busy(self) -> bool:

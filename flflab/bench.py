@@ -4,17 +4,51 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from flflab.camera_file import read_camera
-from flflab.description import Description, Length, Ratio, Speed, check, read_yaml
+from flflab.description import Description, Length, Ratio, check, read_yaml
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
+from flflab.units import Dimension, parse_quantity
 
 Element = Literal["main_lens.z", "array.z", "sensor.z", "target.z"]
+Turn = Literal["array.pitch", "array.yaw", "array.roll"]
+Moved = Literal[Element, Turn]
 Own = TypeVar("Own", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """What an axis counts in: lengths in mm, angles in rad, which people are shown in degrees.
+
+    Args:
+        dimension: of readings.
+        rate: of speeds.
+        unit: of readings inside and in records.
+        shown: the unit people are shown.
+        per_unit: how many shown units one unit inside is.
+    """
+
+    dimension: Dimension
+    rate: Dimension
+    unit: Literal["mm", "rad"]
+    shown: Literal["mm", "deg"]
+    per_unit: float
+
+    def show(self, value: float, form: str = ".6f") -> str:
+        """A reading for people: ``12.500000 mm``, ``1.500000 deg``."""
+        return f"{value * self.per_unit:{form}} {self.shown}"
+
+    def column(self, name: str) -> str:
+        """The column of records in which the readings of an axis stand."""
+        return f"{name}_{self.unit}"
+
+
+LENGTH = Coordinate("length", "speed", "mm", "mm", 1.0)
+ANGLE = Coordinate("angle", "angular speed", "rad", "deg", 180 / math.pi)
 
 
 class DeviceDescription(BaseModel):
@@ -26,37 +60,77 @@ class DeviceDescription(BaseModel):
     address: str = ""
 
 
-class AxisDescription(DeviceDescription):
-    """A linear axis: world z of its element = zero + sign * reading, in mm.
+def coordinate_of(moves: Moved) -> Coordinate:
+    """Whether what is moved is shifted or turned."""
+    return ANGLE if moves in get_args(Turn) else LENGTH
 
-    Limits are readings of the axis. The standard uncertainty of the zero is a length, that of the scale a share of the reading.
+
+def _quantity_of_the_axis(rate: bool) -> BeforeValidator:
+    """Reads lengths of an axis that shifts, angles of one that turns; where ``moves`` is wrong only that is told."""
+
+    def read(given: object, info: ValidationInfo) -> float:
+        if "moves" not in info.data:
+            return 1.0
+        coordinate = coordinate_of(info.data["moves"])
+        try:
+            return parse_quantity(given, coordinate.rate if rate else coordinate.dimension)
+        except InputError as error:
+            raise ValueError(str(error)) from error
+
+    return BeforeValidator(read)
+
+
+Place = Annotated[float, _quantity_of_the_axis(rate=False)]
+Rate = Annotated[float, _quantity_of_the_axis(rate=True)]
+
+
+class AxisDescription(DeviceDescription):
+    """An axis: the place of what it moves = zero + sign * reading, in mm, or in rad for one that turns the array.
+
+    ``array.pitch`` turns about the world's x axis, its positive sense takes the edge at +y away from the main lens; ``array.yaw`` turns
+    about y and takes the edge at +x away; ``array.roll`` turns from x towards y. All pass through the array's middle. Limits are
+    readings of the axis. The standard uncertainty of the zero is a length or an angle, that of the scale a share of the reading.
     """
 
-    moves: Element
+    moves: Moved
     sign: Literal[1, -1] = 1
-    zero: Length = 0.0
-    zero_uncertainty: Annotated[Length, Field(ge=0)] = 0.0
+    zero: Place = 0.0
+    zero_uncertainty: Annotated[Place, Field(ge=0)] = 0.0
     scale_uncertainty: Annotated[Ratio, Field(ge=0)] = 0.0
-    limits: tuple[Length, Length]
-    speed: Annotated[Speed, Field(gt=0)]
-    home_towards: Literal["-z", "+z"]
+    limits: tuple[Place, Place]
+    speed: Annotated[Rate, Field(gt=0)]
+    home_towards: Literal["-z", "+z", "-pitch", "+pitch", "-yaw", "+yaw", "-roll", "+roll"]
 
     @model_validator(mode="after")
     def _limits_rise(self) -> "AxisDescription":
         if not self.limits[0] < self.limits[1]:
-            raise ValueError(f"limits are {self.limits[0]:g} mm to {self.limits[1]:g} mm; the first must be below the second")
+            low, high = (self.coordinate.show(limit, "g") for limit in self.limits)
+            raise ValueError(f"limits are {low} to {high}; the first must be below the second")
+        if self.home_towards[1:] != self.moves.partition(".")[2]:
+            coordinate = self.moves.partition(".")[2]
+            raise ValueError(f"home_towards is {self.home_towards}, but this axis moves {self.moves}; give -{coordinate} or +{coordinate}")
         return self
 
+    @property
+    def coordinate(self) -> Coordinate:
+        """Whether it counts in lengths or in angles."""
+        return coordinate_of(self.moves)
+
+    @property
+    def homes_up(self) -> bool:
+        """Whether it looks for its reference towards higher readings."""
+        return (self.home_towards[0] == "+") == (self.sign == 1)
+
     def world(self, reading: float) -> float:
-        """World z in mm of a reading in mm."""
+        """Place in the world, mm or rad, of a reading."""
         return self.zero + self.sign * reading
 
     def reading(self, world: float) -> float:
-        """Reading in mm that puts the element at a world z in mm."""
+        """Reading that puts what it moves at a place in the world, mm or rad."""
         return self.sign * (world - self.zero)
 
     def uncertainty(self, reading: float) -> float:
-        """Standard uncertainty in mm of the world position at a reading in mm."""
+        """Standard uncertainty of the place in the world at a reading, mm or rad."""
         return math.hypot(self.zero_uncertainty, self.scale_uncertainty * reading)
 
 
@@ -107,8 +181,8 @@ class BenchDescription(Description):
             )
         return self
 
-    def axis_of(self, element: Element) -> tuple[str, AxisDescription] | None:
-        """Name and description of the axis that moves an element, or None where nothing moves it."""
+    def axis_of(self, element: Moved) -> tuple[str, AxisDescription] | None:
+        """Name and description of the axis that moves an element or turns the array, or None where nothing does."""
         return next(((name, axis) for name, axis in self.axes.items() if axis.moves == element), None)
 
 

@@ -6,15 +6,16 @@ from typing import Literal
 
 from flflab.errors import InputError
 
-Dimension = Literal["length", "angle", "time", "frequency", "speed", "acceleration", "ratio"]
+Dimension = Literal["length", "angle", "time", "frequency", "speed", "angular speed", "acceleration", "ratio"]
 
-# Factors to the unit used inside: mm, rad, s, cycles/mm, mm/s, mm/s^2, 1.
+# Factors to the unit used inside: mm, rad, s, cycles/mm, mm/s, rad/s, mm/s^2, 1.
 FACTORS: dict[Dimension, dict[str, float]] = {
     "length": {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1e3, "in": 25.4},
     "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180, "arcmin": math.pi / 10800, "arcsec": math.pi / 648000},
     "time": {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0},
     "frequency": {"cycles/mm": 1.0, "lp/mm": 1.0, "1/mm": 1.0, "cycles/um": 1e3, "cycles/m": 1e-3},
     "speed": {"um/s": 1e-3, "µm/s": 1e-3, "mm/s": 1.0, "m/s": 1e3},
+    "angular speed": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180},
     "acceleration": {"mm/s^2": 1.0, "mm/s2": 1.0, "m/s^2": 1e3, "m/s2": 1e3},
     "ratio": {"%": 1e-2, "ppm": 1e-6},
 }
@@ -24,6 +25,7 @@ SHOWN_UNITS: dict[Dimension, str] = {
     "time": "s",
     "frequency": "cycles/mm",
     "speed": "mm/s",
+    "angular speed": "rad/s",
     "acceleration": "mm/s^2",
     "ratio": "",
 }
@@ -38,7 +40,7 @@ def parse_quantity(given: object, dimension: Dimension) -> float:
         dimension: what kind of quantity is due.
 
     Returns:
-        The value in mm, rad, s, cycles/mm, mm/s or mm/s^2; ``infinity`` is allowed for a length.
+        The value in mm, rad, s, cycles/mm, mm/s, rad/s or mm/s^2; ``infinity`` is allowed for a length.
 
     Raises:
         InputError: no unit, an unknown unit or one of another kind, or not a finite number.
