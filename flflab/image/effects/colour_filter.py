@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flflab.errors import InputError
+from flflab.image.regime import Regime
 
 PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
 
@@ -17,6 +18,7 @@ class ColourFilter:
     green: float = 1.0
     blue: float = 0.5
     name: ClassVar[str] = "colour-filter"
+    unit: ClassVar[str] = "of the light"
 
     def __post_init__(self) -> None:
         """Refuse what is no mosaic.
@@ -30,3 +32,19 @@ class ColourFilter:
             share = getattr(self, colour)
             if not 0 <= share <= 1:
                 raise InputError(f"colour filter: {colour} is {share:g}; a transmission from 0 to 1 is allowed")
+
+    def size(self, regime: Regime) -> float:
+        """What the densest filter takes."""
+        return 1 - min(self.red, self.green, self.blue)
+
+    def bound(self, regime: Regime) -> float:
+        """That share of the brightest light."""
+        return self.size(regime) * regime.brightest
+
+    def cost(self, regime: Regime) -> float:
+        """One multiplication a pixel."""
+        return 2e-6 * regime.pixels
+
+    def why(self, regime: Regime) -> str:
+        """The mosaic."""
+        return f"a mosaic {self.pattern} of transmissions {self.red:g}, {self.green:g}, {self.blue:g}"

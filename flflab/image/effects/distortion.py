@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flflab.errors import InputError
+from flflab.image.regime import PlaneRegime, Regime
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,7 @@ class Distortion:
 
     coefficient: float
     name: ClassVar[str] = "distortion"
+    unit: ClassVar[str] = "px"
 
     def __post_init__(self) -> None:
         """Refuse what is no coefficient.
@@ -25,3 +27,24 @@ class Distortion:
         """
         if not math.isfinite(self.coefficient):
             raise InputError(f"distortion: coefficient is {self.coefficient:g} 1/rad^2; a finite number is due")
+
+    def _shift(self, plane: PlaneRegime) -> float:
+        """How far the outermost ray moves, rad."""
+        return abs(self.coefficient) * plane.field**3
+
+    def size(self, regime: Regime) -> float:
+        """How far the outermost place moves."""
+        return max(plane.pixels(self._shift(plane)) for plane in regime.planes)
+
+    def bound(self, regime: Regime) -> float:
+        """Rays move by c a^3 at the angle a, and by 3 c a^2 of their angle apart from each other."""
+        apart = [3 * abs(self.coefficient) * plane.field**2 * plane.bundle for plane in regime.planes]
+        return sum(plane.moved(self._shift(plane), stretch) for plane, stretch in zip(regime.planes, apart, strict=True))
+
+    def cost(self, regime: Regime) -> float:
+        """Micro-images are formed in parts, each with a map of its own."""
+        return 1e-4 * regime.pixels * regime.lit
+
+    def why(self, regime: Regime) -> str:
+        """Up to which angle."""
+        return f"the main lens distorts up to {math.degrees(regime.field):.3g} degrees off the axis"

@@ -1,7 +1,10 @@
 """Natural fall-off: a ray that meets the sensor at an angle theta from the normal brings cos^4(theta) of its paraxial light."""
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
+
+from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
@@ -9,3 +12,20 @@ class Falloff:
     """It has no number of its own: the angles follow from the camera."""
 
     name: ClassVar[str] = "falloff"
+    unit: ClassVar[str] = "of the light"
+
+    def size(self, regime: Regime) -> float:
+        """What the ray of the largest slope s loses: 1 - cos^4 = 1 - 1 / (1 + s^2)^2."""
+        return 1 - (1 + regime.slope**2) ** -2
+
+    def bound(self, regime: Regime) -> float:
+        """That share of the brightest light."""
+        return self.size(regime) * regime.brightest
+
+    def cost(self, regime: Regime) -> float:
+        """A factor for each ray."""
+        return 5e-5 * regime.pixels * regime.lit
+
+    def why(self, regime: Regime) -> str:
+        """The steepest ray."""
+        return f"rays meet the sensor at up to {math.degrees(math.atan(regime.slope)):.3g} degrees from the normal"

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flflab.errors import InputError
+from flflab.image.regime import PlaneRegime, Regime
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,7 @@ class Motion:
     drift: tuple[float, float] = (0.0, 0.0)
     vibration: tuple[float, float] = (0.0, 0.0)
     name: ClassVar[str] = "motion"
+    unit: ClassVar[str] = "px"
 
     def __post_init__(self) -> None:
         """Refuse what is no motion.
@@ -27,3 +29,27 @@ class Motion:
         """
         if not all(math.isfinite(length) for length in (*self.drift, *self.vibration)):
             raise InputError(f"motion: drift is {self.drift} mm and vibration {self.vibration} mm; finite lengths are due")
+
+    def _way(self, plane: PlaneRegime, drift: float, vibration: float) -> float:
+        """So many times the drift and the amplitude, rad."""
+        if math.isinf(plane.distance):
+            return 0.0
+        return (drift * math.hypot(*self.drift) + vibration * math.hypot(*self.vibration)) / plane.distance
+
+    def size(self, regime: Regime) -> float:
+        """From end to end."""
+        return max(plane.pixels(self._way(plane, 1.0, 2.0)) for plane in regime.planes)
+
+    def bound(self, regime: Regime) -> float:
+        """A target is off its place by a quarter of the drift and 2 / pi of the amplitude, in the mean over the exposure."""
+        return sum(plane.moved(self._way(plane, 0.25, 2 / math.pi)) for plane in regime.planes)
+
+    def cost(self, regime: Regime) -> float:
+        """The picture is formed at several moments."""
+        return 3e-4 * regime.pixels * regime.lit * (2 + min(self.size(regime), 50.0))
+
+    def why(self, regime: Regime) -> str:
+        """What moves."""
+        return (
+            f"targets drift by {math.hypot(*self.drift):.3g} mm and tremble by {math.hypot(*self.vibration):.3g} mm while light is gathered"
+        )

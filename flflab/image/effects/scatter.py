@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flflab.errors import InputError
+from flflab.image.regime import Regime
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,7 @@ class Scatter:
     position: float = 0.0
     seed: int = 0
     name: ClassVar[str] = "scatter"
+    unit: ClassVar[str] = "px"
 
     def __post_init__(self) -> None:
         """Refuse what is no scatter.
@@ -29,3 +31,19 @@ class Scatter:
             raise InputError(f"scatter: focal_length is {self.focal_length:g} of the focal length; from 0 to 0.1 is allowed")
         if not (math.isfinite(self.position) and self.position >= 0):
             raise InputError(f"scatter: position is {self.position:g} mm; a finite number from 0 up is due")
+
+    def size(self, regime: Regime) -> float:
+        """How far rims move at most."""
+        return regime.scattered.rim
+
+    def bound(self, regime: Regime) -> float:
+        """What the farthest errors change."""
+        return regime.changed(regime.scattered)
+
+    def cost(self, regime: Regime) -> float:
+        """Every microlens has a rim of its own."""
+        return 0.4 * (regime.microlenses - regime.kinds)
+
+    def why(self, regime: Regime) -> str:
+        """Of what."""
+        return f"focal lengths scatter by {100 * self.focal_length:.2g} %, places by {1e3 * self.position:.2g} um"

@@ -1,0 +1,34 @@
+"""Defocus: the rays of a pixel go through all of the pupil and meet the target apart from each other."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flflab.image.regime import Regime
+
+MEAN_REACH = 0.4244  # mean of |x| over the unit disc, 4 / (3 pi)
+
+
+@dataclass(frozen=True)
+class Defocus:
+    """Left out, a pixel sees the target through the middle of the pupil alone. It has no number of its own."""
+
+    name: ClassVar[str] = "defocus"
+    unit: ClassVar[str] = "px"
+
+    def size(self, regime: Regime) -> float:
+        """Diameter of the blur of a point."""
+        return regime.blur
+
+    def bound(self, regime: Regime) -> float:
+        """A ray is off its place by the mean distance in the blur, along x and along y; the pixel alone limits what that changes."""
+        axes = [1 if plane.plain else 2 for plane in regime.planes]
+        moved = [regime.light * MEAN_REACH * count * plane.blur / 2 for count, plane in zip(axes, regime.planes, strict=True)]
+        return sum(min(plane.contrast, change) for plane, change in zip(regime.planes, moved, strict=True))
+
+    def cost(self, regime: Regime) -> float:
+        """Strips across the pupil grow with the root of the blur."""
+        return 1e-4 * regime.pixels * regime.lit * (2 + 2 * min(regime.blur, 100.0) ** 0.5)
+
+    def why(self, regime: Regime) -> str:
+        """Sharp or not."""
+        return "the target is sharp to a fraction of a pixel" if regime.blur < 0.5 else "the target is out of focus"

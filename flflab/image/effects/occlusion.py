@@ -1,0 +1,30 @@
+"""Occlusion: a card hides what is behind it."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flflab.image.regime import Regime
+
+
+@dataclass(frozen=True)
+class Occlusion:
+    """Its numbers stand in the planes; left out, the light of all planes adds up."""
+
+    name: ClassVar[str] = "occlusion"
+    unit: ClassVar[str] = "planes"
+
+    def size(self, regime: Regime) -> float:
+        """How many planes stand before another."""
+        return float(len(regime.planes) - 1)
+
+    def bound(self, regime: Regime) -> float:
+        """All light of the planes behind."""
+        return (len(regime.planes) - 1) * regime.brightest
+
+    def cost(self, regime: Regime) -> float:
+        """Each plane is formed once more, through what the nearer ones leave."""
+        return 2e-4 * regime.pixels * regime.lit * (len(regime.planes) - 1)
+
+    def why(self, regime: Regime) -> str:
+        """How many planes."""
+        return "one target alone hides nothing" if len(regime.planes) == 1 else f"{len(regime.planes)} targets stand behind each other"

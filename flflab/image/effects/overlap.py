@@ -1,0 +1,30 @@
+"""Overlap: the light of neighbouring microlenses adds up where their micro-images overlap."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flflab.image.regime import Regime
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Left out, a pixel gets the light of the micro-image whose centre is nearest alone. It has no number of its own."""
+
+    name: ClassVar[str] = "overlap"
+    unit: ClassVar[str] = "px"
+
+    def size(self, regime: Regime) -> float:
+        """How far neighbouring micro-images reach into each other; negative for a gap between them."""
+        return -regime.gap
+
+    def bound(self, regime: Regime) -> float:
+        """All light that neighbours can bring to a pixel."""
+        return min(regime.crosstalk, regime.brightest)
+
+    def cost(self, regime: Regime) -> float:
+        """Every micro-image beyond the first on a pixel is formed like the first."""
+        return 1e-4 * regime.pixels * max(0.0, regime.light - 1)
+
+    def why(self, regime: Regime) -> str:
+        """Whether neighbours overlap."""
+        return "neighbouring micro-images overlap" if regime.gap < 0 else "neighbouring micro-images do not touch"

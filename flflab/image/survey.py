@@ -1,0 +1,215 @@
+"""From a scene to its regime: what its pupils say about blur, rims, overlap and steepness, without forming a picture."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.pupil import Pupils, camera_pupils, limiting_radius
+from flflab.image.regime import Change, PlaneRegime, Regime
+from flflab.image.scene import Plane, Scene
+from flflab.optics.camera import Camera
+from flflab.optics.discs import two_disc_areas
+from flflab.optics.smms import camera_smms
+from flflab.targets import Bars, Black, Chirp, Edge, Picture, White
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+FAR = 6.0  # standard deviations within which all microlenses lie: 2e-9 is beyond
+
+
+def survey(scene: Scene) -> Regime:
+    """The regime of a scene.
+
+    Raises:
+        InputError: a tilted array reaches through the sensor.
+    """
+    camera, pixel = scene.camera, scene.camera.sensor.pixel
+    pupils = camera_pupils(camera, 1 / scene.planes[0].distance)
+    seen = _reaching_the_sensor(camera, pupils)
+    radius, slope = pupils.outside[seen], np.abs(pupils.slope[seen])
+    level = float(pupils.level[seen].max(initial=0.0))
+    gap, crosstalk, reaching = _neighbours(pupils, seen, pixel)
+    light = level + crosstalk
+    width = 2 * slope / pixel
+    rim_steepness = reaching * level * min(math.sqrt(2), 4 / (math.pi * max(float(width.min(initial=math.inf)), 1e-9)))
+    planes = tuple(_plane(scene, plane, seen, light, reaching * level) for plane in scene.planes)
+    columns, rows = camera.sensor.resolution
+    kinds = np.unique(np.stack([slope, pupils.reach[seen]], axis=1), axis=0)
+    return Regime(
+        planes=planes,
+        pixels=columns * rows,
+        lit=min(1.0, math.pi * float((radius**2).sum()) / (columns * rows * pixel**2)),
+        microlenses=int(seen.sum()),
+        kinds=max(1, len(kinds)),
+        light=light,
+        brightest=light * max(_brightest(plane) for plane in scene.planes),
+        reaching=reaching,
+        rim=float(width.max(initial=0.0)),
+        least_rim=float(width.min(initial=math.inf)) if len(width) else 0.0,
+        rim_steepness=rim_steepness,
+        gap=gap,
+        crosstalk=crosstalk,
+        airy=0.61 / max(float(np.abs(pupils.slant_spread[seen]).min(initial=math.inf)), 1e-300) / pixel,
+        slope=_steepest_ray(pupils, seen),
+        misaligned=_misaligned(scene),
+        scattered=_scattered(scene, seen),
+    )
+
+
+def _reaching_the_sensor(camera: Camera, pupils: Pupils) -> Flags:
+    """Which micro-images lie on the sensor at least in part."""
+    sensor = camera.sensor
+    away = [
+        np.maximum(np.abs(centre - middle) - count * sensor.pixel / 2, 0)
+        for centre, middle, count in zip((pupils.centre_x, pupils.centre_y), sensor.offset, sensor.resolution, strict=True)
+    ]
+    return np.hypot(away[0], away[1]) <= pupils.outside
+
+
+def _neighbours(pupils: Pupils, seen: Flags, pixel: float) -> tuple[float, float, int]:
+    """Gap between neighbouring micro-images in pixels, most light that a pixel has from neighbours, most micro-images on a pixel.
+
+    A pixel belongs to the micro-image whose centre is nearest, so no neighbour's centre is nearer than half the way between the two.
+    """
+    places = np.stack([pupils.centre_x, pupils.centre_y], axis=1)
+    owners = np.flatnonzero(seen)
+    if len(places) < 2 or not len(owners):
+        return math.inf, 0.0, 1
+    middle = places[owners].mean(axis=0)
+    owners = owners[np.argsort(np.hypot(*(places[owners] - middle).T))[:9]]  # unlike microlenses repeat within a few
+    gap, crosstalk, reaching = math.inf, 0.0, 1
+    for owner in owners:
+        apart = np.hypot(*(places - places[owner]).T)
+        others = (apart > 0) & (apart / 2 - pixel < pupils.outside)
+        gap = min(gap, float((apart - pupils.outside[owner] - pupils.outside)[apart > 0].min()) / pixel)
+        nearest = np.maximum(apart[others] / 2 - pixel / math.sqrt(2), 0)
+        slope = np.maximum(np.abs(pupils.slope[others]), 1e-9)
+        shares = two_disc_areas(1.0, pupils.reach[others] / slope, nearest / slope) / math.pi
+        crosstalk = max(crosstalk, float((shares * pupils.level[others]).sum()))
+        reaching = max(reaching, 1 + int(others.sum()))
+    return gap, crosstalk, reaching
+
+
+def _plane(scene: Scene, plane: Plane, seen: Flags, light: float, reaching: float) -> PlaneRegime:
+    """The regime of one target; ``reaching`` counts micro-images on a pixel, each with its level."""
+    camera, pixel = scene.camera, scene.camera.sensor.pixel
+    pupils = camera_pupils(camera, 1 / plane.distance)
+    spread, scale = np.abs(pupils.spread[seen]), np.abs(pupils.scale[seen]) * pixel
+    outside = np.minimum(pupils.outside[seen] / pixel, math.hypot(*camera.sensor.resolution) + 1)
+    field = float((np.hypot(pupils.direction_x, pupils.direction_y)[seen] + scale * outside + spread).max(initial=0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        blur = np.where(spread == 0, 0.0, 2 * spread / scale)
+        by_pixel, by_blur = light * math.sqrt(2) / scale, reaching * 2 / (math.pi * spread)
+    steepness = np.fmin(by_pixel, by_blur).max(initial=0.0)
+    finite = math.isfinite(plane.distance)
+    from_centre = field + (math.hypot(*plane.offset) / plane.distance if finite else 0.0)
+    if isinstance(plane.target, Chirp) and finite and _fills(plane, plane.target, field):
+        steepness = min(steepness, light * math.pi * max(plane.target.cycles_per_mm) * plane.distance)
+    if len(scene.planes) > 1:
+        steepness = 3 * steepness  # a card that moves uncovers what is behind it, on two sides
+    return PlaneRegime(
+        distance=plane.distance,
+        blur=float(blur.max(initial=0.0)),
+        least_blur=float(blur.min(initial=math.inf)) if len(blur) else 0.0,
+        field=field,
+        from_centre=from_centre,
+        bundle=float((spread + scale).max(initial=0.0)),
+        pixel_angle=float(scale.min(initial=math.inf)) if len(scale) else 0.0,
+        contrast=light * _contrast(plane, len(scene.planes)),
+        steepness=float(steepness),
+        plain=isinstance(plane.target, Bars | Edge) and plane.size is None,
+    )
+
+
+def _fills(plane: Plane, target: Bars, field: float) -> bool:
+    """Whether no border of the target is in sight."""
+    room = min(target.width, target.height) / 2 - field * plane.distance - math.hypot(*plane.offset)
+    return room > 0.5 * target.width * math.hypot(*plane.tilt) and plane.size is None
+
+
+def _contrast(plane: Plane, planes: int) -> float:
+    """Range of the radiance on a target, its surroundings included."""
+    if isinstance(plane.target, White | Black) and plane.size is None and planes == 1:
+        return 0.0
+    return float(plane.target.values.max()) if isinstance(plane.target, Picture) and planes == 1 else 1.0
+
+
+def _brightest(plane: Plane) -> float:
+    """Highest radiance on a target."""
+    if isinstance(plane.target, Picture):
+        return float(plane.target.values.max())
+    return 0.0 if isinstance(plane.target, Black) else 1.0
+
+
+def _steepest_ray(pupils: Pupils, seen: Flags) -> float:
+    """Largest slope of a ray that reaches the sensor."""
+    slant = np.hypot(pupils.slant_x, pupils.slant_y) + np.abs(pupils.slant_scale) * pupils.outside + np.abs(pupils.slant_spread)
+    return float(slant[seen].max(initial=0.0))
+
+
+def _changed(scene: Scene, camera: Camera, seen: Flags) -> Change:
+    """What becomes of the pupils of a scene's microlenses when this is the camera instead."""
+    pixel = scene.camera.sensor.pixel
+    moved, stretched, rims, levels = 0.0, 0.0, 0.0, 0.0
+    for plane in scene.planes:
+        old, new = (camera_pupils(one, 1 / plane.distance) for one in (scene.camera, camera))
+        if not seen.any() or np.any(np.sign(old.slope) != np.sign(new.slope)):
+            return Change(math.inf, math.inf, 0.0, 1.0)
+        step = np.hypot(new.centre_x - old.centre_x, new.centre_y - old.centre_y)
+        turned = np.hypot(new.direction_x - old.direction_x, new.direction_y - old.direction_y)
+        moved = max(moved, float((turned + np.abs(new.scale) * step)[seen].max()))
+        apart = np.abs(new.spread - old.spread) + np.abs(new.scale - old.scale) * old.outside
+        stretched = max(stretched, float(apart[seen].max()))
+        rims = max(rims, float((step + np.abs(new.slope - old.slope) + np.abs(new.reach - old.reach))[seen].max()) / pixel)
+        levels = max(levels, float(np.abs(new.level / old.level - 1)[seen].max()))
+    return Change(rims, moved, stretched, levels)
+
+
+def aligned(camera: Camera) -> Camera:
+    """The same camera without offset, roll and tilt of its array and offset of its sensor."""
+    array = replace(camera.array, offset=(0.0, 0.0), roll=0.0, tilt=(0.0, 0.0))
+    return replace(camera, array=array, sensor=replace(camera.sensor, offset=(0.0, 0.0)))
+
+
+def _misaligned(scene: Scene) -> Change:
+    ideal = aligned(scene.camera)
+    if ideal == scene.camera:
+        return Change()
+    change = _changed(scene, ideal, np.ones(scene.camera.array.count[0] * scene.camera.array.count[1], dtype=np.bool_))
+    step = math.hypot(*scene.camera.sensor.offset)
+    if step == 0:
+        return change
+    scale = max(float(np.abs(camera_pupils(scene.camera, 1 / plane.distance).scale).max()) for plane in scene.planes)
+    return replace(change, rim=change.rim + step / scene.camera.sensor.pixel, shift=change.shift + scale * step)
+
+
+def _scattered(scene: Scene, seen: Flags) -> Change:
+    """What scatter at its farthest changes: focal lengths by derivative, places evenly."""
+    scatter, camera = scene.scatter, scene.camera
+    if scatter is None or not (scatter.focal_length or scatter.position):
+        return Change()
+    far = FAR * scatter.focal_length
+    changes = [
+        _changed(
+            scene, replace(camera, array=replace(camera.array, focal_lengths=tuple(f * (1 + e) for f in camera.array.focal_lengths))), seen
+        )
+        for e in (-far, far)
+    ]
+    smms = camera_smms(camera)
+    step = FAR * math.sqrt(2) * scatter.position
+    pixels = step * float(smms.image_scale.max()) / camera.sensor.pixel
+    angle = 0.0
+    for plane in scene.planes:
+        pupils = camera_pupils(camera, 1 / plane.distance)
+        angle = max(angle, step * float((np.abs(pupils.scale) * smms.image_scale + 1 / smms.distance)[seen].max(initial=0.0)))
+    # the white level is that of one microlens, which has an error of its own
+    levels = 2 * max(change.level for change in changes) + 2 * far * float(bool((limiting_radius(smms) < smms.aperture / 2).any()))
+    return Change(
+        rim=pixels + max(change.rim for change in changes),
+        shift=angle + max(change.shift for change in changes),
+        stretch=max(change.stretch for change in changes),
+        level=levels,
+    )
