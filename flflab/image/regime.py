@@ -86,6 +86,7 @@ class Regime:
         slope: largest slope of a ray at the sensor.
         misaligned: what the camera's offsets, roll and tilt change.
         scattered: what the scatter of the microlenses changes.
+        electrons: mean electrons in a pixel at the white level; 0 where no sensor was asked for.
     """
 
     planes: tuple[PlaneRegime, ...]
@@ -105,6 +106,7 @@ class Regime:
     slope: float
     misaligned: Change
     scattered: Change
+    electrons: float = 0.0
 
     @property
     def blur(self) -> float:

@@ -6,18 +6,15 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.pupil import Pupils, camera_pupils, limiting_radius
+from flflab.image.pupil import Pupils, camera_pupils
 from flflab.image.regime import Change, PlaneRegime, Regime
-from flflab.image.scene import Plane, Scene
+from flflab.image.scene import ALL, Plane, Scene, without
 from flflab.optics.camera import Camera
 from flflab.optics.discs import two_disc_areas
-from flflab.optics.smms import camera_smms
 from flflab.targets import Bars, Black, Chirp, Edge, Picture, White
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-
-FAR = 6.0  # standard deviations within which all microlenses lie: 2e-9 is beyond
 
 
 def survey(scene: Scene) -> Regime:
@@ -27,7 +24,7 @@ def survey(scene: Scene) -> Regime:
         InputError: a tilted array reaches through the sensor.
     """
     camera, pixel = scene.camera, scene.camera.sensor.pixel
-    pupils = camera_pupils(camera, 1 / scene.planes[0].distance)
+    pupils = camera_pupils(camera, 1 / scene.planes[0].distance, scene.scatter)
     seen = _reaching_the_sensor(camera, pupils)
     radius, slope = pupils.outside[seen], np.abs(pupils.slope[seen])
     level = float(pupils.level[seen].max(initial=0.0))
@@ -54,7 +51,7 @@ def survey(scene: Scene) -> Regime:
         crosstalk=crosstalk,
         airy=0.61 / max(float(np.abs(pupils.slant_spread[seen]).min(initial=math.inf)), 1e-300) / pixel,
         slope=_steepest_ray(pupils, seen),
-        misaligned=_misaligned(scene),
+        misaligned=_misaligned(scene, seen),
         scattered=_scattered(scene, seen),
     )
 
@@ -96,7 +93,7 @@ def _neighbours(pupils: Pupils, seen: Flags, pixel: float) -> tuple[float, float
 def _plane(scene: Scene, plane: Plane, seen: Flags, light: float, reaching: float) -> PlaneRegime:
     """The regime of one target; ``reaching`` counts micro-images on a pixel, each with its level."""
     camera, pixel = scene.camera, scene.camera.sensor.pixel
-    pupils = camera_pupils(camera, 1 / plane.distance)
+    pupils = camera_pupils(camera, 1 / plane.distance, scene.scatter)
     spread, scale = np.abs(pupils.spread[seen]), np.abs(pupils.scale[seen]) * pixel
     outside = np.minimum(pupils.outside[seen] / pixel, math.hypot(*camera.sensor.resolution) + 1)
     field = float((np.hypot(pupils.direction_x, pupils.direction_y)[seen] + scale * outside + spread).max(initial=0.0))
@@ -150,66 +147,46 @@ def _steepest_ray(pupils: Pupils, seen: Flags) -> float:
     return float(slant[seen].max(initial=0.0))
 
 
-def _changed(scene: Scene, camera: Camera, seen: Flags) -> Change:
-    """What becomes of the pupils of a scene's microlenses when this is the camera instead."""
-    pixel = scene.camera.sensor.pixel
-    moved, stretched, rims, levels = 0.0, 0.0, 0.0, 0.0
-    for plane in scene.planes:
-        old, new = (camera_pupils(one, 1 / plane.distance) for one in (scene.camera, camera))
-        if not seen.any() or np.any(np.sign(old.slope) != np.sign(new.slope)):
-            return Change(math.inf, math.inf, 0.0, 1.0)
-        step = np.hypot(new.centre_x - old.centre_x, new.centre_y - old.centre_y)
-        turned = np.hypot(new.direction_x - old.direction_x, new.direction_y - old.direction_y)
-        moved = max(moved, float((turned + np.abs(new.scale) * step)[seen].max()))
-        apart = np.abs(new.spread - old.spread) + np.abs(new.scale - old.scale) * old.outside
-        stretched = max(stretched, float(apart[seen].max()))
-        rims = max(rims, float((step + np.abs(new.slope - old.slope) + np.abs(new.reach - old.reach))[seen].max()) / pixel)
-        levels = max(levels, float(np.abs(new.level / old.level - 1)[seen].max()))
-    return Change(rims, moved, stretched, levels)
+def _changed(old: Pupils, new: Pupils, seen: Flags, pixel: float) -> Change:
+    """What becomes of the rays and rims of the micro-images seen when these are the pupils instead."""
+    if np.any((old.lens_scale == 0) != (new.lens_scale == 0)):
+        return Change(math.inf, math.inf, 0.0, 1.0)  # another aperture limits: the two descriptions cannot be compared
+    step = np.hypot(new.centre_x - old.centre_x, new.centre_y - old.centre_y)
+    turned = np.hypot(new.direction_x - old.direction_x, new.direction_y - old.direction_y)
+    apart = np.abs(new.spread - old.spread) + np.abs(new.scale - old.scale) * old.outside
+    rims = step + np.abs(new.slope - old.slope) + np.abs(new.reach - old.reach)
+    return Change(
+        rim=float(rims[seen].max(initial=0.0)) / pixel,
+        shift=float((turned + np.abs(new.scale) * step)[seen].max(initial=0.0)),
+        stretch=float(apart[seen].max(initial=0.0)),
+        level=float(np.abs(new.level / old.level - 1)[seen].max(initial=0.0)),
+    )
 
 
-def aligned(camera: Camera) -> Camera:
-    """The same camera without offset, roll and tilt of its array and offset of its sensor."""
-    array = replace(camera.array, offset=(0.0, 0.0), roll=0.0, tilt=(0.0, 0.0))
-    return replace(camera, array=array, sensor=replace(camera.sensor, offset=(0.0, 0.0)))
+def _worst(changes: list[Change]) -> Change:
+    return Change(*(max(parts) for parts in zip(*((one.rim, one.shift, one.stretch, one.level) for one in changes), strict=True)))
 
 
-def _misaligned(scene: Scene) -> Change:
-    ideal = aligned(scene.camera)
+def _misaligned(scene: Scene, seen: Flags) -> Change:
+    ideal = without(scene, ALL - {"misalignment"}).camera
     if ideal == scene.camera:
         return Change()
-    change = _changed(scene, ideal, np.ones(scene.camera.array.count[0] * scene.camera.array.count[1], dtype=np.bool_))
+    pixel = scene.camera.sensor.pixel
     step = math.hypot(*scene.camera.sensor.offset)
-    if step == 0:
-        return change
-    scale = max(float(np.abs(camera_pupils(scene.camera, 1 / plane.distance).scale).max()) for plane in scene.planes)
-    return replace(change, rim=change.rim + step / scene.camera.sensor.pixel, shift=change.shift + scale * step)
+    changes: list[Change] = []
+    for plane in scene.planes:
+        old, new = (camera_pupils(camera, 1 / plane.distance, scene.scatter) for camera in (scene.camera, ideal))
+        change = _changed(old, new, seen | _reaching_the_sensor(ideal, new), pixel)
+        turned = step * float(np.abs(old.scale).max())  # the sensor's own offset moves all alike
+        changes.append(replace(change, rim=change.rim + step / pixel, shift=change.shift + turned))
+    return _worst(changes)
 
 
 def _scattered(scene: Scene, seen: Flags) -> Change:
-    """What scatter at its farthest changes: focal lengths by derivative, places evenly."""
-    scatter, camera = scene.scatter, scene.camera
-    if scatter is None or not (scatter.focal_length or scatter.position):
+    if scene.scatter is None:
         return Change()
-    far = FAR * scatter.focal_length
-    changes = [
-        _changed(
-            scene, replace(camera, array=replace(camera.array, focal_lengths=tuple(f * (1 + e) for f in camera.array.focal_lengths))), seen
-        )
-        for e in (-far, far)
+    camera, pixel = scene.camera, scene.camera.sensor.pixel
+    pairs = [
+        (camera_pupils(camera, 1 / plane.distance, scene.scatter), camera_pupils(camera, 1 / plane.distance)) for plane in scene.planes
     ]
-    smms = camera_smms(camera)
-    step = FAR * math.sqrt(2) * scatter.position
-    pixels = step * float(smms.image_scale.max()) / camera.sensor.pixel
-    angle = 0.0
-    for plane in scene.planes:
-        pupils = camera_pupils(camera, 1 / plane.distance)
-        angle = max(angle, step * float((np.abs(pupils.scale) * smms.image_scale + 1 / smms.distance)[seen].max(initial=0.0)))
-    # the white level is that of one microlens, which has an error of its own
-    levels = 2 * max(change.level for change in changes) + 2 * far * float(bool((limiting_radius(smms) < smms.aperture / 2).any()))
-    return Change(
-        rim=pixels + max(change.rim for change in changes),
-        shift=angle + max(change.shift for change in changes),
-        stretch=max(change.stretch for change in changes),
-        level=levels,
-    )
+    return _worst([_changed(old, new, seen, pixel) for old, new in pairs])
