@@ -292,7 +292,8 @@ class Axis:
 
     def _until_idle(self, motion: Motion) -> None:
         nearest, began = math.inf, time.monotonic()
-        longest_search = self._patience * (10 + 10 * (self.travel[1] - self.travel[0]) / self.speed)
+        whole = self.travel[1] - self.travel[0]
+        longest_search = self._patience * (10 + 10 * (min(whole, math.tau) if self.coordinate.unit == "rad" else whole) / self.speed)
         moved, last = began, None
         while self._commands.is_busy():
             position = self._commands.position()

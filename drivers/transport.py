@@ -112,7 +112,7 @@ def show(message: bytes | bytearray, most: int = 60) -> str:
     return repr(bytes(message[:most])) + ("..." if len(message) > most else "")
 
 
-def open_serial(address: str, baud: int, *, parity: str = "N") -> Wire:
+def open_serial(address: str, baud: int, *, parity: str = "N", handshake: bool = False) -> Wire:
     """Open a serial line.
 
     Args:
@@ -120,6 +120,7 @@ def open_serial(address: str, baud: int, *, parity: str = "N") -> Wire:
             ``socket://host:port`` are TCP without pyserial, which reads them byte by byte and takes 0.3 s to close.
         baud: bits per second; TCP has none.
         parity: N, E or O.
+        handshake: RTS and CTS say when to send.
 
     Raises:
         CommunicationError: there is no such port, or it is in use.
@@ -130,7 +131,7 @@ def open_serial(address: str, baud: int, *, parity: str = "N") -> Wire:
 
     own: dict[str, bool] = {} if "://" in address else {"exclusive": True}
     try:
-        port = serial.serial_for_url(address, baudrate=baud, parity=parity, timeout=SLICE_S, write_timeout=2.0, **own)
+        port = serial.serial_for_url(address, baudrate=baud, parity=parity, rtscts=handshake, timeout=SLICE_S, write_timeout=2.0, **own)
     except (OSError, ValueError) as error:
         raise CommunicationError(f"{address}: cannot be opened ({error}); check the address, and who else holds it") from error
     return Wire(address, port.write, lambda: port.read(max(1, port.in_waiting)), port.close)

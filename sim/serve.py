@@ -7,31 +7,24 @@ import signal
 import stat
 import sys
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from flflab.bench import AxisDescription, Bench, DeviceDescription, read_bench
+from flflab.bench import Bench, DeviceDescription, read_bench
 from flflab.description import read_yaml
 from flflab.errors import InputError
-from flflab.units import parse_quantity
 from sim.camera import SimulatedCamera
 from sim.clock import Clock, RunningClock
-from sim.faults import Fault, Faults
+from sim.registry import AXES, MOTOR_FAULTS, faults_of
 from sim.scpi import Address, Instrument
 from sim.server import Open, PtyLine, TcpLine
 from sim.settings import Iris, Wheel
-from sim.stage import Stage
 from sim.world import World
-from sim.zaber import Chain, Device
 
-TRAVELS = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 450.0, 600.0, 750.0, 1000.0, 1500.0, 2000.0, 3000.0)  # mm, as stages are sold
-MICROSTEP = "0.49609375 um"  # 200 full steps of 64 a turn, lead 6.35 mm
-ACCELERATION = 400.0  # mm/s^2 at start-up
-MOTOR_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "stall")
 CAMERA_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "lost-frame")
 POLL = 0.2  # s between looks for the end
 GRACE = 5.0  # s that a parent has after a Ctrl-C
@@ -85,11 +78,12 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
 
     scpi: list[Address] = []
     try:
-        for chain in _sharing(bench.description.axes, "zaber"):
-            where = listen(_zaber_chain(bench, world, chain).open_session, serial=True)
-            for name in chain:
-                addresses["axes"][name] = {"driver": "zaber", "address": where, "device": _device_number(bench, name), "axis": 1}
-        for shared in _sharing(devices, "scpi"):
+        alone = [driver for driver, kind in AXES.items() if not kind.share_a_line]
+        for driver, names in _sharing(bench.description.axes, AXES, alone):
+            line = AXES[driver].line(bench, world, names)
+            where = listen(line.open_session, serial=True)
+            addresses["axes"] |= {name: {"driver": driver, "address": where, **place} for name, place in line.places.items()}
+        for _, shared in _sharing(devices, ("scpi",)):
             address = Address([_instrument(bench, world, name) for name in shared], world.clock)
             scpi.append(address)
             where = listen(address.open_session, serial=False)
@@ -100,66 +94,34 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
     return Served(world, addresses, tuple(lines), tuple(scpi))
 
 
-def _sharing(devices: dict[str, AxisDescription] | dict[str, DeviceDescription], driver: str) -> list[list[str]]:
-    """Names of the devices of a driver, those of one address together.
+def _sharing(
+    devices: Mapping[str, DeviceDescription], drivers: Collection[str], alone: Collection[str] = ()
+) -> list[tuple[str, list[str]]]:
+    """Drivers and names of the devices that share one address, those of some drivers each alone.
 
     Raises:
         InputError: a device has a driver that nothing here can simulate.
     """
-    shared: dict[str, list[str]] = {}
+    shared: dict[tuple[str, str, str], list[str]] = {}
     for name, device in devices.items():
-        if device.driver == driver:
-            shared.setdefault(device.address, []).append(name)
+        if device.driver in drivers:
+            shared.setdefault((device.driver, device.address, name if device.driver in alone else ""), []).append(name)
         elif device.driver != "manual":
-            raise InputError(f"{name}: there is no simulator for driver '{device.driver}'; drivers with one here: {driver}, manual")
-    return list(shared.values())
-
-
-def _zaber_chain(bench: Bench, world: World, names: Sequence[str]) -> Chain:
-    numbers = [_device_number(bench, name) for name in names]
-    if len(set(numbers)) < len(numbers):
-        raise InputError(f"{bench.file}: axes {', '.join(names)} share an address, so each needs a device number of its own, not {numbers}")
-    devices = [Device(number, _stage(bench, world, name), _faults(bench, name)) for number, name in zip(numbers, names, strict=True)]
-    return Chain(devices, world.lock)
-
-
-def _device_number(bench: Bench, name: str) -> int:
-    number = (bench.description.axes[name].model_extra or {}).get("device", 1)
-    if not isinstance(number, int) or not 1 <= number <= 99:
-        raise InputError(f"{bench.file}: axes.{name}.device is {number!r}; a whole number from 1 to 99 is due")
-    return number
-
-
-def _stage(bench: Bench, world: World, name: str) -> Stage:
-    """A stage long enough for an axis's limits, and for where it was left."""
-    axis = bench.description.axes[name]
-    reach = max(axis.limits[1], world.axes[name].start)
-    longest = next((travel for travel in TRAVELS if travel >= reach), reach)
-    microstep = parse_quantity((axis.model_extra or {}).get("microstep", MICROSTEP), "length")
-    return Stage(
-        world.carriages[name],
-        (min(axis.limits[0], 0.0), longest),
-        microstep,
-        axis.speed / microstep,
-        ACCELERATION / microstep,
-        homes_up=(axis.home_towards == "+z") == (axis.sign == 1),
-    )
+            known = ", ".join((*drivers, "manual"))
+            raise InputError(f"{name}: there is no simulator for driver '{device.driver}'; drivers with one here: {known}")
+    return [(driver, names) for (driver, _, _), names in shared.items()]
 
 
 def _instrument(bench: Bench, world: World, name: str) -> Instrument:
-    faults = _faults(bench, name)
+    faults = faults_of(bench, name)
     if name == "camera":
         return SimulatedCamera(world, bench.description.simulated, faults)
     return Iris(world, faults) if name == "iris" else Wheel(world, faults)
 
 
-def _faults(bench: Bench, device: str) -> Faults:
-    return Faults(Fault(fault.fault, fault.after) for fault in bench.description.simulated.faults if fault.device == device)
-
-
 def _check_faults(bench: Bench) -> None:
     """Refuse faults of devices that are not there, and faults that a device cannot have."""
-    allowed = dict.fromkeys(bench.description.axes, (*MOTOR_FAULTS, "wrong-checksum"))
+    allowed = {name: AXES[axis.driver].faults for name, axis in bench.description.axes.items() if axis.driver in AXES}
     allowed |= {"camera": CAMERA_FAULTS, "iris": MOTOR_FAULTS, "target": MOTOR_FAULTS}
     for fault in bench.description.simulated.faults:
         if fault.device not in allowed:

@@ -1,4 +1,4 @@
-"""A stepper stage behind a controller: where its carriage is, what its counter says, what it warns of. No grammar here."""
+"""A motor behind a controller: where its carriage is, what its counter says, what it warns of. No grammar here."""
 
 import math
 from typing import Literal, Protocol
@@ -10,7 +10,7 @@ Reference = Literal["none", "set", "homed"]
 
 
 class Carriage(Protocol):
-    """The carriage of one axis in the world: its motion in mm of travel, 0 at the end nearer the motor."""
+    """The carriage of one axis in the world: its motion in mm of travel, or in rad where it turns."""
 
     @property
     def clock(self) -> Clock:
@@ -38,20 +38,20 @@ class Stage:
     """
 
     def __init__(self, carriage: Carriage, travel: tuple[float, float], microstep: float, speed: float, acceleration: float,
-                 homes_up: bool = False) -> None:  # fmt: skip
+                 home: float | None = None) -> None:  # fmt: skip
         """Power up.
 
         Args:
             carriage: the axis in the world.
-            travel: ends of the carriage's travel, mm.
-            microstep: mm of travel a microstep.
+            travel: ends of the carriage's travel, mm or rad.
+            microstep: mm or rad of travel a microstep (or whatever the controller counts).
             speed: top speed at start-up, microsteps/s.
             acceleration: at start-up, microsteps/s^2.
-            homes_up: the home sensor stands at the upper end of the travel.
+            home: where on the travel the home sensor stands; by default at its lower end.
         """
         self._carriage, self._travel, self.microstep = carriage, travel, microstep
         self._start_up = (speed, acceleration)
-        self._homes_up = homes_up
+        self._home = travel[0] if home is None else home
         self._jam: float | None = None
         self.power_up()
 
@@ -85,6 +85,10 @@ class Stage:
         self._settle()
         return self._carriage.motion.moving(self._now)
 
+    def homing(self) -> bool:
+        """Whether it runs to its home sensor."""
+        return self.busy() and self._homing
+
     def flags(self) -> set[str]:
         """Everything it warns of now: what was raised, and what lasts (no reference, not homed, driver disabled)."""
         self._settle()
@@ -93,8 +97,7 @@ class Stage:
 
     def home(self) -> None:
         """Run to the home sensor; the counter becomes true on arrival."""
-        end = self._travel[1 if self._homes_up else 0]
-        self._start(end, self.speed, self.acceleration)
+        self._start(self._home, self.speed, self.acceleration)
         self._homing = True
 
     def move_to(self, target: int, speed: float | None = None, acceleration: float | None = None) -> None:
@@ -141,7 +144,7 @@ class Stage:
         self.reference = "set"
 
     def jam(self, after_travel: float) -> None:
-        """Fault: whatever moves next stalls after so many mm of travel."""
+        """Fault: whatever moves next stalls after so much travel."""
         self._jam = after_travel
 
     def _start_allowed(self) -> None:
@@ -178,7 +181,6 @@ class Stage:
             self.raised.add("FS")
             self.reference = "none"
         elif self._homing:
-            end = self._travel[1 if self._homes_up else 0]
             self._zero, self.reference = 0, "homed"
-            self._carriage.motion = rest(end)
+            self._carriage.motion = rest(self._home)
         self._homing = self._stopping = self._will_stall = False

@@ -1,10 +1,12 @@
 """The one true state of the simulated bench, hidden errors included: where everything really stands and what the camera sees.
 
 Hidden errors are drawn once, each from a generator keyed by the seed and its name, so that none depends on another or on the
-order of drawing. Travel is measured from a stage's home end in mm; world z = zero + sign (1 + scale) travel.
+order of drawing. Travel is measured from a stage's home end in mm, or in rad from its home for what turns the array; its place in the
+world is zero + sign (1 + scale) travel.
 """
 
 import hashlib
+import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,12 +15,12 @@ import numpy as np
 
 from flflab.bench import AxisDescription, Bench
 from flflab.errors import InputError
-from flflab.optics.camera import Camera
+from flflab.optics.camera import Camera, MicrolensArray
 from flflab.optics.focus import sharp_vergence
 from flflab.optics.smms import camera_smms
 from flflab.target_file import target_from
 from flflab.targets import Target
-from flflab.units import parse_quantity
+from flflab.units import Dimension, parse_quantity
 from sim.clock import Clock
 from sim.motion import Motion, rest
 
@@ -36,7 +38,7 @@ def keyed(*parts: object) -> np.random.Generator:
 
 @dataclass(frozen=True)
 class TrueAxis:
-    """How an axis really moves its element: world z = zero + sign (1 + scale) travel, mm; ``start`` is its first travel."""
+    """How an axis really moves its element: place = zero + sign (1 + scale) travel, mm or rad; ``start`` is its first travel."""
 
     moves: str
     sign: int
@@ -45,7 +47,7 @@ class TrueAxis:
     start: float
 
     def world(self, travel: float) -> float:
-        """World z of the element, mm."""
+        """World z of the element, mm, or the angle of the array, rad."""
         return self.zero + self.sign * (1 + self.scale) * travel
 
 
@@ -120,6 +122,9 @@ class World:
             "array.z": bench.optics.array.distance,
             "sensor.z": bench.optics.sensor.distance,
             "target.z": -sharp_distance(bench.optics),
+            "array.pitch": math.atan(self.optics.array.tilt[1]),
+            "array.yaw": math.atan(self.optics.array.tilt[0]),
+            "array.roll": self.optics.array.roll,
         }
         self.axes = {
             name: true_axis(name, axis, self._fixed[axis.moves], simulated.seed, simulated.truths)
@@ -132,15 +137,15 @@ class World:
         self.targets = wheel_targets(bench)
 
     def elements(self, instant: float) -> dict[str, float]:
-        """True world z of every element, mm."""
+        """True place of everything an axis can move: world z in mm, angles of the array in rad."""
         with self.lock:
             moved = {axis.moves: axis.world(self.carriages[name].at(instant)) for name, axis in self.axes.items()}
         return self._fixed | moved
 
     def gap(self, instant: float) -> float:
-        """True distance from array to sensor, mm; negative where they have met."""
+        """True distance from the array's nearest corner to the sensor, mm; negative where they have met."""
         elements = self.elements(instant)
-        return elements["sensor.z"] - elements["array.z"]
+        return elements["sensor.z"] - elements["array.z"] - corner_reach(self.optics.array, elements)
 
     def f_number(self, instant: float) -> float:
         """True f-number."""
@@ -159,17 +164,30 @@ class World:
         lens = elements["main_lens.z"]
         state = (*(round(value / NANOMETRE) for value in elements.values()), round(f_number, 6), name)
         target = self.targets[name or "black"]
+        tilt = (math.tan(elements["array.yaw"]), math.tan(elements["array.pitch"]))
         distance = lens - elements["target.z"]
         try:
             camera = replace(
                 self.optics,
                 main_lens=replace(self.optics.main_lens, f_number=f_number),
-                array=replace(self.optics.array, distance=elements["array.z"] - lens),
+                array=replace(self.optics.array, distance=elements["array.z"] - lens, tilt=tilt, roll=elements["array.roll"]),
                 sensor=replace(self.optics.sensor, distance=elements["sensor.z"] - lens),
             )
         except InputError:
             return Scene(None, None, target, state)
         return Scene(camera, distance, target, state) if distance > 0 else Scene(None, None, target, state)
+
+
+def corner_reach(array: MicrolensArray, angles: Mapping[str, float]) -> float:
+    """How far the foremost corner of the turned array stands out of the plane through its middle towards the sensor, mm.
+
+    The array is a stiff plate that is rolled about its axis and then tilted.
+    """
+    x, y = ((count * pitch + array.aperture) / 2 for count, pitch in zip(array.count, array.pitch, strict=True))
+    cos, sin = math.cos(angles["array.roll"]), math.sin(angles["array.roll"])
+    slope_x, slope_y = math.tan(angles["array.yaw"]), math.tan(angles["array.pitch"])
+    steepness = math.sqrt(1 + slope_x**2 + slope_y**2)
+    return max(slope_x * (cos * a - sin * b) + slope_y * (sin * a + cos * b) for a in (-x, x) for b in (-y, y)) / steepness
 
 
 def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truths: Truths) -> TrueAxis:
@@ -178,10 +196,11 @@ def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truth
     Args:
         name: the axis's name in the bench file.
         axis: its description.
-        left_at: world z in mm where its element was left.
+        left_at: place in mm or rad where its element was left.
         seed: the recorded seed.
         truths: planted truths ``<axis>.zero`` (error of the zero), ``<axis>.scale`` (error of the scale), ``<axis>.start`` (reading).
     """
+    dimension = axis.coordinate.dimension
     zero, scale = keyed(seed, "axis", name).normal(size=2) * (axis.zero_uncertainty, axis.scale_uncertainty)
     reading = axis.reading(left_at)
     if not axis.limits[0] <= reading <= axis.limits[1]:
@@ -189,9 +208,9 @@ def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truth
     return TrueAxis(
         moves=axis.moves,
         sign=axis.sign,
-        zero=axis.zero + _planted(truths, f"{name}.zero", "length", float(zero)),
+        zero=axis.zero + _planted(truths, f"{name}.zero", dimension, float(zero)),
         scale=_planted(truths, f"{name}.scale", "ratio", float(scale)),
-        start=_planted(truths, f"{name}.start", "length", reading),
+        start=_planted(truths, f"{name}.start", dimension, reading),
     )
 
 
@@ -231,10 +250,10 @@ def sharp_distance(optics: Camera) -> float:
     return 1 / vergence if np.isfinite(vergence) and vergence > 0 else 500.0
 
 
-def _planted(truths: Truths, name: str, dimension: str, otherwise: float) -> float:
+def _planted(truths: Truths, name: str, dimension: Dimension, otherwise: float) -> float:
     if name not in truths:
         return otherwise
     try:
-        return parse_quantity(truths[name], dimension)  # pyright: ignore[reportArgumentType]
+        return parse_quantity(truths[name], dimension)
     except InputError as error:
         raise InputError(f"simulated.truths: {name}: {error}") from error
