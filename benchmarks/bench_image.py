@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
@@ -55,7 +56,7 @@ def main() -> None:
                 print(f"{f_number:<5g} {target.kind:9} {distance:11.4f} {times} {lit:8.2f}  {error:.5f}", flush=True)
     image = render(one_plane(laboratory(4.0), White(), FOCUS))
     started = time.perf_counter()
-    digitise(image, 8000.0, SensorResponse(), np.random.default_rng(0))
+    digitise(image, 8000.0, SensorResponse(), noise_key("bench"))
     print(f"digitise, F/4 white: {time.perf_counter() - started:.3f} s")
 
 

@@ -15,13 +15,17 @@ import numpy.typing as npt
 
 from flflab.bench import SimulatedDescription
 from flflab.errors import InputError
+from flflab.image.effects.quantisation import Quantisation
+from flflab.image.effects.read_noise import ReadNoise
+from flflab.image.effects.saturation import Saturation
 from flflab.image.exposure import white_irradiance
+from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
 from sim.faults import Faults
 from sim.scpi import BlockError, Handler, ScpiError, decimal, limits_or, name_among, no_parameters, number_within
-from sim.world import Scene, World, keyed, sharp_distance
+from sim.world import Scene, World, sharp_distance
 
 EXPOSURE = (1e-5, 10.0)  # s
 GAIN = (1.0, 16.0)
@@ -88,7 +92,7 @@ class SimulatedCamera:
         few = replace(camera, sensor=replace(camera.sensor, resolution=(32, 32)))
         for target in self._world.targets.values():
             picture = render(one_plane(few, target, distance), tolerance=TOLERANCE)
-            digitise(picture, 1000.0, self._response(1.0), keyed(0, "warm-up"))
+            digitise(picture, 1000.0, self._response(1.0), noise_key("warm-up"))
 
     @property
     def commands(self) -> Mapping[str, Handler]:
@@ -122,7 +126,7 @@ class SimulatedCamera:
 
     def _conversion(self, parameters: Sequence[str], ended: threading.Event) -> str:
         no_parameters(parameters)
-        return decimal(1 / self._response(self._gain).dn_per_electron)
+        return decimal(1 / self._response(self._gain).quantisation.dn_per_electron)
 
     def _set_exposure(self, parameters: Sequence[str], ended: threading.Event) -> str:
         with self._lock:
@@ -230,8 +234,8 @@ class SimulatedCamera:
         electrons = 0.0
         if scene.camera:
             electrons = self._light.electrons_per_second * exposure.duration * white_irradiance(scene.camera) / self._reference
-        noise = keyed(self._world.seed, "frame", scene.state, exposure.duration, exposure.gain, repeat)
-        return digitise(picture, electrons, self._response(exposure.gain), noise)
+        key = noise_key(self._world.seed, "frame", scene.state, exposure.duration, exposure.gain, repeat)
+        return digitise(picture, electrons, self._response(exposure.gain), key)
 
     def _picture(self, scene: Scene) -> npt.NDArray[np.float64]:
         """The scene without noise in units of white level; drawn once for a state of the world."""
@@ -251,11 +255,9 @@ class SimulatedCamera:
         light = self._light
         numbers = 2**light.bits - 1 - light.black_level
         return SensorResponse(
-            full_well_e=light.full_well_electrons,
-            read_noise_e=light.read_noise_electrons,
-            bits=light.bits,
-            dn_per_electron=gain * numbers / light.full_well_electrons,
-            offset_dn=light.black_level,
+            quantisation=Quantisation(light.bits, gain * numbers / light.full_well_electrons, light.black_level),
+            saturation=Saturation(light.full_well_electrons),
+            read_noise=ReadNoise(light.read_noise_electrons),
         )
 
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from flflab.errors import InputError
 from flflab.image.pupil import Pupils
+from flflab.image.random_numbers import noise_key
 from flflab.image.render import LEAST_TOLERANCE, TOLERANCE, render
 from flflab.image.scene import one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
@@ -99,9 +100,11 @@ def image_report(
     found = _optical(make_setup(scene, scene.planes[0], allowed), 1e3 * (formed - started))
     found += _noise(sensor, electrons, float(image.max()), chosen)
     if chosen:
-        shot, read = "shot-noise" in chosen, "read-noise" in chosen
-        numbers = digitise(image, electrons, sensor, np.random.default_rng(seed), shot_noise=shot, read_noise=read)
-        image = (numbers.astype(np.float64) - sensor.offset_dn) / (sensor.dn_per_electron * electrons)
+        shot = sensor.shot_noise if "shot-noise" in chosen else None
+        read = sensor.read_noise if "read-noise" in chosen else None
+        numbers = digitise(image, electrons, replace(sensor, shot_noise=shot, read_noise=read), noise_key(seed))
+        scale = sensor.quantisation
+        image = (numbers.astype(np.float64) - scale.offset_dn) / (scale.dn_per_electron * electrons)
         share = 1e3 * (time.perf_counter() - noisy)
         found = [replace(effect, ms=share) if effect.name == chosen[0] else effect for effect in found]
     found.append(_misalignment(camera))
@@ -184,11 +187,12 @@ def _crosstalk(pupils: Pupils, spacing: float) -> float:
 
 
 def _noise(sensor: SensorResponse, electrons: float, brightest: float, chosen: tuple[str, ...]) -> list[Effect]:
-    step = 1 / (sensor.dn_per_electron * electrons)
+    step = 1 / (sensor.quantisation.dn_per_electron * electrons)
+    read = sensor.read_noise.electrons if sensor.read_noise else 0.0
     reason = f"white makes {electrons:.4g} electrons" if chosen else "no seed was given: the picture is without noise"
     sizes = {
         "shot-noise": (1 / math.sqrt(electrons), 3 * math.sqrt(brightest / electrons)),
-        "read-noise": (sensor.read_noise_e / electrons, 3 * sensor.read_noise_e / electrons),
+        "read-noise": (read / electrons, 3 * read / electrons),
         "saturation": (sensor.saturation_e / electrons, max(0.0, brightest - sensor.saturation_e / electrons)),
         "quantisation": (step, step / 2),
     }

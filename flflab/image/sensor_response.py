@@ -1,75 +1,66 @@
-"""From light to numbers: shot noise, read noise, offset, quantisation and saturation of a sensor."""
+"""From light to numbers: what a sensor reads of an image, with noise by counter and the sensor's own faults."""
 
 import math
-from dataclasses import dataclass
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.image.effects.dark_current import DarkCurrent
+from flflab.image.effects.dead_pixels import DeadPixels
+from flflab.image.effects.fixed_pattern import FixedPattern
+from flflab.image.effects.quantisation import Quantisation
+from flflab.image.effects.read_noise import ReadNoise
+from flflab.image.effects.saturation import Saturation
+from flflab.image.effects.shot_noise import ShotNoise
+from flflab.image.noise_kernel import LONGEST_ROW, MOST_ELECTRONS, read_rows
+from flflab.image.random_numbers import Key, noise_key
 
 Array = npt.NDArray[np.float64]
 
-BLOCK_ROWS = 128  # a block of rows stays in the cache from light to numbers
+BAND_ROWS = 32
 
 
 @dataclass(frozen=True)
 class SensorResponse:
-    """What a sensor makes of electrons.
+    """What a sensor makes of electrons; what is None is ideal.
 
     Attributes:
-        full_well_e: electrons a pixel can hold.
-        read_noise_e: standard deviation of the noise of reading, electrons.
-        bits: bits of the numbers; the largest is 2^bits - 1.
-        dn_per_electron: numbers per electron.
-        offset_dn: number of a dark pixel.
+        quantisation: the numbers.
+        saturation: the full well.
+        shot_noise: whether electrons come at random.
+        read_noise: the noise of reading.
+        dark_current: electrons without light.
+        fixed_pattern: gain and offset of every pixel.
+        dead_pixels: pixels that are stuck.
     """
 
-    full_well_e: float = 10000.0
-    read_noise_e: float = 3.0
-    bits: int = 12
-    dn_per_electron: float = 0.4
-    offset_dn: float = 64.0
-
-    def __post_init__(self) -> None:
-        """Refuse what is no sensor.
-
-        Raises:
-            InputError: a number is not finite or outside what is allowed.
-        """
-        for name, value, least in (
-            ("full_well_e", self.full_well_e, 1.0),
-            ("read_noise_e", self.read_noise_e, 0.0),
-            ("offset_dn", self.offset_dn, 0.0),
-        ):
-            if not (math.isfinite(value) and value >= least):
-                raise InputError(f"sensor response: {name} is {value:g}; a finite number from {least:g} up is allowed")
-        if not (math.isfinite(self.dn_per_electron) and self.dn_per_electron > 0):
-            raise InputError(f"sensor response: dn_per_electron is {self.dn_per_electron:g}; a finite number above 0 is due")
-        if not 1 <= self.bits <= 16:
-            raise InputError(f"sensor response: bits is {self.bits}; from 1 to 16 are allowed")
-        if self.offset_dn >= self.full_scale:
-            raise InputError(f"sensor response: offset_dn is {self.offset_dn:g}; below {self.full_scale}, the largest number, is allowed")
-
-    @property
-    def full_scale(self) -> int:
-        """The largest number."""
-        return 2**self.bits - 1
+    quantisation: Quantisation = field(default_factory=Quantisation)
+    saturation: Saturation | None = field(default_factory=Saturation)
+    shot_noise: ShotNoise | None = field(default_factory=ShotNoise)
+    read_noise: ReadNoise | None = field(default_factory=ReadNoise)
+    dark_current: DarkCurrent | None = None
+    fixed_pattern: FixedPattern | None = None
+    dead_pixels: DeadPixels | None = None
 
     @property
     def saturation_e(self) -> float:
         """Electrons at which a pixel saturates: the full well or the largest number, whichever comes first."""
-        return min(self.full_well_e, (self.full_scale - self.offset_dn) / self.dn_per_electron)
+        numbers = self.quantisation
+        largest = (numbers.full_scale - numbers.offset_dn) / numbers.dn_per_electron
+        return min(self.saturation.full_well, largest) if self.saturation else largest
 
 
 def digitise(
     image: Array,
     electrons_at_white: float,
     response: SensorResponse,
-    rng: np.random.Generator,
+    key: Key,
     *,
-    shot_noise: bool = True,
-    read_noise: bool = True,
+    corner: tuple[int, int] = (0, 0),
 ) -> npt.NDArray[np.uint16]:
     """What the sensor reads of an image.
 
@@ -77,33 +68,77 @@ def digitise(
         image: irradiance in units of the white level, [row, column].
         electrons_at_white: mean electrons in a pixel at the white level.
         response: the sensor.
-        rng: where the noise comes from; the same generator gives the same picture.
-        shot_noise: whether electrons come at random (Poisson).
-        read_noise: whether reading adds noise (Gaussian).
+        key: names the frame (``noise_key``); the noise of a pixel depends on it and on the pixel's place and mean, and on nothing else.
+        corner: (row, column) on the sensor of the image's pixel [0, 0]: a part of a frame reads as in the whole frame.
 
     Returns:
-        Numbers from 0 to ``response.full_scale``, the shape of the image.
+        Numbers from 0 to full scale, the shape of the image.
 
     Raises:
-        InputError: the image or the exposure is negative or not finite.
+        InputError: image, exposure or corner is negative or not finite, or beyond what can be counted.
     """
+    numbers = np.empty(image.shape, dtype=np.uint16)
+    _read(image, electrons_at_white, response, key, corner, numbers, float(response.quantisation.full_scale))
+    return numbers
+
+
+def read_out(
+    image: Array,
+    electrons_at_white: float,
+    response: SensorResponse,
+    key: Key,
+    *,
+    corner: tuple[int, int] = (0, 0),
+) -> Array:
+    """What ``digitise`` makes numbers of: DN before they are rounded and limited to the range of the numbers; see there."""
+    signal = np.empty(image.shape)
+    _read(image, electrons_at_white, response, key, corner, signal, 0.0)
+    return signal
+
+
+def _read(
+    image: Array,
+    electrons_at_white: float,
+    response: SensorResponse,
+    key: Key,
+    corner: tuple[int, int],
+    out: npt.NDArray[np.uint16] | Array,
+    limit: float,
+) -> None:
     if not (math.isfinite(electrons_at_white) and electrons_at_white >= 0):
         raise InputError(f"digitise: electrons_at_white is {electrons_at_white:g}; a finite number from 0 up is allowed")
-    numbers = np.empty(image.shape, dtype=np.uint16)
-    for first in range(0, image.shape[0], BLOCK_ROWS):
-        rows = slice(first, first + BLOCK_ROWS)
-        electrons = image[rows] * electrons_at_white
-        if not (electrons.size == 0 or (electrons.min() >= 0 and electrons.max() < 1e15)):
-            raise InputError("digitise: the image is negative, not finite, or beyond 1e15 electrons somewhere; light from 0 up is allowed")
-        if shot_noise:
-            lit = electrons > 0
-            electrons[lit] = rng.poisson(electrons[lit])
-        np.minimum(electrons, response.full_well_e, out=electrons)
-        read = electrons.astype(np.float32)
-        if read_noise and response.read_noise_e > 0:
-            read += np.float32(response.read_noise_e) * rng.standard_normal(read.shape, dtype=np.float32)
-        read *= np.float32(response.dn_per_electron)
-        read += np.float32(response.offset_dn)
-        np.rint(read, out=read)
-        numbers[rows] = np.clip(read, 0, response.full_scale)
-    return numbers
+    rows, columns = image.shape
+    if min(corner) < 0 or max(corner[0] + rows, corner[1] + columns) > LONGEST_ROW:
+        raise InputError(f"digitise: pixels {corner} to {(corner[0] + rows, corner[1] + columns)}; from 0 to {LONGEST_ROW} are allowed")
+    pattern, dead = response.fixed_pattern or FixedPattern(), response.dead_pixels or DeadPixels(0.0)
+    numbers = response.quantisation
+    keys = key, noise_key(pattern.name, pattern.seed), noise_key(dead.name, dead.seed)
+
+    def read(first: int) -> bool:
+        band = np.empty((min(BAND_ROWS, rows - first), columns))
+        counted = read_rows(
+            image,
+            first,
+            corner,
+            keys,
+            electrons_at_white,
+            response.dark_current.electrons if response.dark_current else 0.0,
+            response.shot_noise is not None,
+            (pattern.gain, pattern.offset),
+            response.saturation.full_well if response.saturation else math.inf,
+            response.read_noise.electrons if response.read_noise else 0.0,
+            (numbers.dn_per_electron, numbers.offset_dn, float(numbers.full_scale)),
+            dead.share,
+            limit,
+            band,
+        )
+        if counted:
+            out[first : first + BAND_ROWS] = band
+        return counted
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        if not all(list(pool.map(read, range(0, rows, BAND_ROWS)))):
+            most = f"{MOST_ELECTRONS:g}"
+            raise InputError(
+                f"digitise: the image is negative, not finite, or beyond {most} electrons somewhere; light from 0 up is allowed"
+            )

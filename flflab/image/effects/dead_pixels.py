@@ -1,0 +1,42 @@
+"""Dead pixels: some read the same whatever falls on them."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flflab.errors import InputError
+from flflab.image.regime import Regime
+
+
+@dataclass(frozen=True)
+class DeadPixels:
+    """A ``share`` of the pixels, drawn once from the ``seed`` of a sensor, is stuck: half of them at 0, half at full scale."""
+
+    share: float
+    seed: int = 0
+    name: ClassVar[str] = "dead-pixels"
+    unit: ClassVar[str] = "of the pixels"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no share.
+
+        Raises:
+            InputError: it is not from 0 to 1.
+        """
+        if not 0 <= self.share <= 1:
+            raise InputError(f"dead pixels: share is {self.share:g}; from 0 to 1 is allowed")
+
+    def size(self, regime: Regime) -> float:
+        """Their share."""
+        return self.share
+
+    def bound(self, regime: Regime) -> float:
+        """A stuck pixel may read anything."""
+        return max(1.0, regime.brightest) if self.share > 0 else 0.0
+
+    def cost(self, regime: Regime) -> float:
+        """A random number a pixel."""
+        return 4e-6 * regime.pixels
+
+    def why(self, regime: Regime) -> str:
+        """How many."""
+        return f"about {self.share * regime.pixels:.3g} of {regime.pixels:.3g} pixels are stuck"
