@@ -8,14 +8,15 @@ import numpy.typing as npt
 
 from flflab.analysis.contrast import ContrastCurve, fit_contrast
 from flflab.analysis.dots import DotViews, count_views
+from flflab.analysis.edges import EdgeCurve, measure_edges
 from flflab.analysis.lattice import Lattice, find_lattice, pitch_and_angle
 from flflab.analysis.noise import SensorNoise, estimate_noise
 from flflab.analysis.registration import require_picture, sensor_pixel
 from flflab.errors import InputError
 from flflab.optics.camera import Camera, microlens_centres
-from flflab.optics.focus import sharp_vergence
+from flflab.optics.focus import magnification, sharp_vergence
 from flflab.optics.resolution import central_smms
-from flflab.targets import Bars, Chirp, FourDot, Target, White
+from flflab.targets import Bars, Chirp, Edge, FourDot, Target, White
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +34,7 @@ def measure(
 ) -> dict[str, Any]:
     """Measure one frame.
 
-    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera. A frame of dots or bars is
+    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera. A frame of dots, bars or edges is
     measured on the camera's nominal lattice, and a remark says so.
 
     Args:
@@ -64,16 +65,20 @@ def measure(
     if isinstance(target, White):
         lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, noise)
         remarks += _radius_remarks(lattice, camera)
-    elif isinstance(target, FourDot | Bars):
+    elif isinstance(target, FourDot | Bars | Edge):
         lattice = nominal_lattice(camera, max(float(np.quantile(values, 0.999)) - noise.offset_dn, 1.0))
         remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
         away = _sharp_distance(camera) if distance is None else distance
         if isinstance(target, FourDot):
             result["dots"] = [_dot(dot) for dot in count_views(values, None, lattice, camera, target, away, noise)]
+        elif isinstance(target, Edge):
+            edges = measure_edges(values, lattice, camera, noise)
+            result["mtf"] = _edge_curve(edges, camera, away)
+            remarks += _edge_remarks(edges)
         else:
             result["mtf"] = _curve(fit_contrast(values, lattice, camera, target, away, noise))
     else:
-        kinds = ", ".join(kind.kind for kind in (White, FourDot, Bars, Chirp))
+        kinds = ", ".join(kind.kind for kind in (White, FourDot, Bars, Chirp, Edge))
         raise InputError(f"measure: a {target.kind} target cannot be measured; allowed are {kinds}")
     return {"lattice": _lattice(lattice), **result, "remarks": remarks}
 
@@ -174,4 +179,23 @@ def _curve(curve: ContrastCurve) -> list[dict[str, float]]:
     return [
         {"cycles_per_px": float(u), "cycles_per_mm": float(nu), "contrast": float(contrast), "uncertainty": float(doubt)}
         for u, nu, contrast, doubt in zip(curve.cycles_per_px, curve.cycles_per_mm, curve.contrast, curve.uncertainty, strict=True)
+    ]
+
+
+def _edge_curve(curve: EdgeCurve, camera: Camera, distance: float) -> list[dict[str, float]]:
+    scale = float(magnification(central_smms(camera), 1 / distance)) / camera.sensor.pixel
+    return [
+        {"cycles_per_px": float(u), "cycles_per_mm": float(u) * scale, "contrast": float(mtf), "uncertainty": float(doubt)}
+        for u, mtf, doubt in zip(curve.cycles_per_px, curve.mtf, curve.uncertainty, strict=True)
+    ]
+
+
+def _edge_remarks(curve: EdgeCurve) -> list[str]:
+    views = f"the transfer function is that of {len(curve.views)} edges, along their normal"
+    if not curve.starved:
+        return [views]
+    slope = math.degrees(curve.views[0].fit.angle)
+    return [
+        views,
+        f"{curve.starved} of the edges, at {slope:.2f} deg, sample their profile at too few places in a pixel; turn the target by a degree",
     ]

@@ -1,6 +1,7 @@
 """One frame measured without a white picture, in JSON's own types, and noise estimated from a picture."""
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from flflab.analysis.measure import measure
 from flflab.analysis.noise import SensorNoise, estimate_noise
 from flflab.errors import InputError
-from flflab.targets import Bars, Edge, FourDot, White
+from flflab.targets import Bars, Edge, FourDot, Picture, White
 
 NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
 RESOLUTION = (760, 520)
@@ -54,8 +55,29 @@ def test_dots_and_other_targets(brute: Any) -> None:
     json.dumps(said, allow_nan=False)
     assert [dot["dot"] for dot in said["dots"]] == [0, 1, 2, 3]
     assert len({dot["views"] for dot in said["dots"]}) == 1
-    with pytest.raises(InputError, match="edge"):
-        measure(np.zeros((1240, 1240)), camera, Edge())
+    with pytest.raises(InputError, match="picture"):
+        measure(np.zeros((1240, 1240)), camera, Picture(np.ones((2, 2)), 10.0))
+
+
+def test_edges_in_all_bright_fields_are_pooled(brute: Any) -> None:
+    camera = brute.camera(4.0, (740, 740))
+    y, x = np.mgrid[:740, :740].astype(np.float64)
+    angle, picture = math.radians(5), np.zeros((740, 740))
+    a, b = math.cos(angle), math.sin(angle)
+    pitch = 0.4 * (1 + 1.15 / 60) / 0.00166
+    for centre in [(369.5 + i * pitch, 369.5 + j * pitch) for i in (-1, 0, 1) for j in (-1, 0, 1)]:
+        t = (x - centre[0] - 2.3) * a + (y - centre[1]) * b
+        ramps = [np.maximum(t + at, 0.0) ** 2 for at in ((a + b) / 2, (a - b) / 2, (b - a) / 2, -(a + b) / 2)]
+        inside = np.hypot(x - centre[0], y - centre[1]) < 60
+        picture += inside * (0.1 + 0.8 * (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (2 * a * b))
+    noisy = brute.expose(picture, NOISE, 3000, np.random.default_rng(4))
+    said = measure(noisy, camera, Edge(angle), 506.7016, NOISE)
+    json.dumps(said, allow_nan=False)
+    assert any("9 edges" in remark for remark in said["remarks"])
+    for point in said["mtf"]:
+        truth = np.sinc(point["cycles_per_px"] * a) * np.sinc(point["cycles_per_px"] * b)
+        assert abs(point["contrast"] - truth) < 4 * point["uncertainty"] + 1e-4
+    assert said["mtf"][-1]["uncertainty"] < 0.01
 
 
 def test_noise_is_estimated_from_a_picture(brute: Any) -> None:

@@ -1,0 +1,88 @@
+"""Transfer function from the edges in all bright fields of one frame: each view on its own, then pooled."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.analysis.edge_free import FreeEdge, fit_free_edge
+from flflab.analysis.lattice import Lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.analysis.registration import bright_pixels, require_picture, same_type_as_central
+from flflab.errors import MeasurementError
+from flflab.optics.camera import Camera
+
+Array = npt.NDArray[np.float64]
+
+MARGIN_PX = 2.0
+FREQUENCIES = np.linspace(0.0, 0.5, 26)  # cycles/px
+LEAST_SIDE = 0.1  # of a bright field's pixels on each side of the edge
+LEAST_STEP = 0.3  # of the brightest field's light
+
+
+@dataclass(frozen=True)
+class EdgeCurve:
+    """Transfer function along the edges' normal, blur and pixel together.
+
+    Attributes:
+        cycles_per_px: frequencies on the sensor, shape (K,).
+        mtf: pooled over the views, shape (K,).
+        uncertainty: standard uncertainty, the larger of what the fits state and what the views' scatter shows, shape (K,).
+        views: the single edges.
+        lenses: which micro-image of the lattice each lies in.
+        starved: how many of them sample their profile at too few phases.
+    """
+
+    cycles_per_px: Array
+    mtf: Array
+    uncertainty: Array
+    views: tuple[FreeEdge, ...]
+    lenses: tuple[int, ...]
+    starved: int
+
+
+def measure_edges(picture: npt.NDArray[np.generic], lattice: Lattice, camera: Camera, noise: SensorNoise) -> EdgeCurve:
+    """Measure the transfer function from every bright field that an edge crosses.
+
+    Args:
+        picture: DN, [row, col], in the camera's resolution.
+        lattice: of the micro-images.
+        camera: nominal; of several kinds of microlenses only those like the central one are used.
+        noise: of the sensor.
+
+    Raises:
+        MeasurementError: wrong shape, or no bright field with an edge in it.
+    """
+    values = require_picture(picture, camera, "edge")
+    pixels = bright_pixels(lattice, values.shape, MARGIN_PX, same_type_as_central(lattice, camera))
+    if len(pixels.rows) == 0:
+        raise MeasurementError("edge: the micro-images have no bright field; a larger f-number or a sensor nearer the exit pupil gives one")
+    pixels = pixels.kept(~noise.saturated(values[pixels.rows, pixels.columns]))
+    light = values[pixels.rows, pixels.columns] - noise.offset_dn
+    top = float(np.quantile(light, 0.99))
+    fits: list[FreeEdge] = []
+    lenses: list[int] = []
+    for lens in np.unique(pixels.lens):
+        here = pixels.lens == lens
+        bright = float(np.mean(light[here] > top / 2))
+        if not (LEAST_SIDE < bright < 1 - LEAST_SIDE and np.ptp(light[here]) > LEAST_STEP * top):
+            continue
+        rows, columns = pixels.rows[here], pixels.columns[here]
+        first, left = int(rows.min()), int(columns.min())
+        mask = np.zeros((int(rows.max()) - first + 1, int(columns.max()) - left + 1), dtype=np.bool_)
+        mask[rows - first, columns - left] = True
+        patch = values[first : first + mask.shape[0], left : left + mask.shape[1]]
+        try:
+            fits.append(fit_free_edge(patch, mask, np.sqrt(noise.variance(patch))))
+        except MeasurementError:
+            continue  # a field that an edge only brushes
+        lenses.append(int(lens))
+    if not fits:
+        raise MeasurementError("edge: no bright field is crossed by an edge; move the target so that its edge lies before the camera")
+    curves = np.array([fit.mtf(FREQUENCIES) for fit in fits])
+    doubts = np.maximum([fit.mtf_uncertainty(FREQUENCIES) for fit in fits], 1e-9)
+    weights = 1 / doubts**2
+    pooled = (weights * curves).sum(axis=0) / weights.sum(axis=0)
+    stated = weights.sum(axis=0) ** -0.5
+    seen = np.sqrt((weights * (curves - pooled) ** 2).sum(axis=0) / weights.sum(axis=0) / max(len(fits) - 1, 1))
+    return EdgeCurve(FREQUENCIES, pooled, np.maximum(stated, seen), tuple(fits), tuple(lenses), sum(fit.fit.starved for fit in fits))
