@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from flflab.errors import InputError
+from flflab.image.effects.falloff import Falloff
 from flflab.image.exposure import electrons_at_white, white_irradiance
+from flflab.image.render import render
+from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera
+from flflab.targets import White
 
 
 def integrated(camera: Camera) -> float:
@@ -34,6 +38,15 @@ def test_brightness_falls_with_the_f_number_only_where_the_main_lens_limits(with
 def test_brightness_falls_with_the_gap(camera: Camera) -> None:
     further = replace(camera, sensor=replace(camera.sensor, distance=61.5))
     assert white_irradiance(camera) / white_irradiance(further) == pytest.approx((1.5 / 1.15) ** 2, rel=0.02)
+
+
+@pytest.mark.parametrize("f_number", [4.0, 16.0])
+def test_a_picture_makes_the_electrons_of_the_true_irradiance(with_f_number: Callable[[float], Camera], f_number: float) -> None:
+    camera = with_f_number(f_number)
+    scene = one_plane(replace(camera, sensor=replace(camera.sensor, resolution=(1, 1))), White(), 506.7)
+    assert render(scene)[0, 0] * electrons_at_white(camera, 1.0, 1.0) == pytest.approx(integrated(camera), rel=3e-5)
+    middle = integrated(camera) / white_irradiance(camera, Falloff())  # what a picture with fall-off shows there
+    assert middle == pytest.approx(1 - white_irradiance(camera), rel=1e-6)
 
 
 def test_electrons_grow_with_exposure_and_rate(camera: Camera) -> None:
