@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from drivers import manual, scpi_settings, thorlabs, zaber
+from drivers import manual, oriental, scpi_settings, thorlabs, zaber
 from drivers.camera import CameraDevice
 from drivers.cameras import scpi
 from drivers.commands import AxisCommands, SettingCommands
@@ -52,6 +52,7 @@ class CameraDriver:
 AXES: Mapping[str, AxisDriver] = {
     "zaber": AxisDriver(zaber.ZaberKeys, zaber.open_axis),
     "thorlabs": AxisDriver(thorlabs.ThorlabsKeys, thorlabs.open_axis),
+    "oriental": AxisDriver(oriental.OrientalKeys, oriental.open_axis),
     "manual": AxisDriver(manual.ManualAxisKeys, manual.open_axis, patience=FOR_EVER),
 }
 CAMERAS: Mapping[str, CameraDriver] = {

@@ -1,7 +1,7 @@
 """Faults that an instrument shows on purpose, by name, from a given command on."""
 
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,12 +14,13 @@ KINDS = {
     "garbage": "answers bytes that mean nothing",
     "cut": "answers half a line without its end",
     "wrong-checksum": "answers with a checksum that is one off",
+    "deaf": "acknowledges one motion and does not make it",
     "hang-up": "closes the line",
     "reset": "loses power once: settings and reference are gone",
     "stall": "does not get further than JAM from where it is",
     "lost-frame": "loses one frame",
 }
-JAM = 0.5  # mm of travel (f-numbers of an iris, places of a wheel) that a stalling drive still makes
+JAM = 0.5  # mm or degrees of travel (f-numbers of an iris, places of a wheel) that a stalling drive still makes
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,12 @@ class Faults:
         if self._first("reset"):
             drive.power_up()
 
-    def reply(self, answer: bytes) -> bytes | None:
+    def reply(self, answer: bytes, one_off: Callable[[bytes], bytes] | None = None) -> bytes | None:
         """What goes over the wire instead of an answer; None for nothing.
+
+        Args:
+            answer: what is due.
+            one_off: makes its checksum wrong; by default two hex digits after a colon.
 
         Raises:
             HangUpError: the line is to be closed.
@@ -83,8 +88,12 @@ class Faults:
         if self._due("cut"):
             return answer[: len(answer) // 2]
         if self._due("wrong-checksum"):
-            return _one_off(answer)
+            return (one_off or one_off_hex)(answer)
         return answer
+
+    def ignores_motion(self) -> bool:
+        """Whether the motion just asked for is not made."""
+        return self._first("deaf")
 
     def loses_frame(self) -> bool:
         """Whether the frame that ends now is lost."""
@@ -101,7 +110,7 @@ class Faults:
         return bool(due)
 
 
-def _one_off(answer: bytes) -> bytes:
+def one_off_hex(answer: bytes) -> bytes:
     """The line with a checksum that does not fit."""
     body = answer.rstrip(b"\r\n")
     if body[-3:-2] == b":":

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from flflab.bench import AxisDescription, Bench
 from flflab.errors import InputError
 from flflab.units import parse_quantity
-from sim import thorlabs
+from sim import oriental, thorlabs
 from sim.faults import Fault, Faults
 from sim.server import Open
 from sim.stage import Stage
@@ -65,15 +65,42 @@ def _zaber(bench: Bench, world: World, names: Sequence[str]) -> Line:
 
 def _thorlabs(bench: Bench, world: World, names: Sequence[str]) -> Line:
     (name,) = names
-    axis = bench.description.axes[name]
-    if axis.coordinate.unit != "rad":
-        raise InputError(f"{bench.file}: axes.{name} moves {axis.moves}; the stage simulated here turns, so let it move array.pitch")
-    count = thorlabs.COUNT
+    axis, count = _turning(bench, name), thorlabs.COUNT
     stage = Stage(
         world.carriages[name], (-TURNS, TURNS), count, min(axis.speed, math.radians(10)) / count, ANGULAR_ACCELERATION / count, home=0.0
     )
     controller = thorlabs.Controller(stage, faults_of(bench, name), 27_000_001, world.lock)
     return Line(lambda: thorlabs.ControllerSession(controller), {name: {}})
+
+
+def _oriental(bench: Bench, world: World, names: Sequence[str]) -> Line:
+    numbers = {name: own_number(bench, name, "device", 1, 31) for name in names}
+    _require_numbers_of_their_own(bench, numbers, "device")
+    drives = {number: _drive(bench, world, name) for name, number in numbers.items()}
+    line = oriental.Line(drives, world.lock)
+    return Line(lambda: oriental.LineSession(line), {name: {"device": number} for name, number in numbers.items()})
+
+
+def _drive(bench: Bench, world: World, name: str) -> oriental.Drive:
+    """A drive set up as the bench file says; without wrap its table has ends a little beyond the limits."""
+    axis, start = _turning(bench, name), world.axes[name].start
+    keys = dict(axis.model_extra or {})
+    wiring = oriental.Wiring(**{key: own_number(bench, name, key, 0, 15) for key in keys if key.endswith(("_input", "_output"))})
+    steps = keys.get("steps_per_degree", 100)
+    if not isinstance(steps, int | float) or not 0 < steps < 1e6:
+        raise InputError(f"{bench.file}: axes.{name}.steps_per_degree is {steps!r}; a number above 0 is due")
+    step, wrap = math.radians(1) / steps, keys.get("wrap", False) is True
+    margin = math.radians(1)
+    ends = (-TURNS, TURNS) if wrap else (min(axis.limits[0], 0, start) - margin, max(axis.limits[1], 0, start) + margin)
+    stage = Stage(world.carriages[name], ends, step, axis.speed / step, ANGULAR_ACCELERATION / step, home=0.0)
+    return oriental.Drive(stage, faults_of(bench, name), wiring, 360 * steps, wrap=wrap)
+
+
+def _turning(bench: Bench, name: str) -> AxisDescription:
+    axis = bench.description.axes[name]
+    if axis.coordinate.unit != "rad":
+        raise InputError(f"{bench.file}: axes.{name} moves {axis.moves}; the stage simulated here turns, so let it move array.pitch")
+    return axis
 
 
 def _require_numbers_of_their_own(bench: Bench, numbers: Mapping[str, int], key: str) -> None:
@@ -104,4 +131,5 @@ def _travel(axis: AxisDescription, start: float) -> tuple[float, float]:
 AXES: Mapping[str, SimulatedAxes] = {
     "zaber": SimulatedAxes(_zaber, (*MOTOR_FAULTS, "wrong-checksum")),
     "thorlabs": SimulatedAxes(_thorlabs, MOTOR_FAULTS, share_a_line=False),
+    "oriental": SimulatedAxes(_oriental, (*MOTOR_FAULTS, "wrong-checksum", "deaf")),
 }

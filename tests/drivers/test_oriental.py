@@ -1,0 +1,289 @@
+"""The Oriental Motor driver on an independent Modbus server whose registers are written here, from the manual's numbers."""
+
+import asyncio
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymodbus import FramerType
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from drivers.oriental import ModbusLine, OrientalAxis, OrientalKeys, from_words, make_client, to_words
+from flflab.errors import CommunicationError, DeviceError, LimitError
+
+DEGREE = math.pi / 180
+STEPS = 100  # a degree
+
+
+class Motor:
+    """One slave: a motor that turns at constant speed in real time, and can be deaf, alarmed or not ready."""
+
+    def __init__(self) -> None:
+        self.start = self.end = 700
+        self.since, self.speed = 0.0, 1.0
+        self.homed = self.alarm = 0
+        self.deaf = self.not_ready = False
+        self.operations: list[tuple[int, ...]] = []
+        self.inputs: list[int] = []
+
+    @property
+    def position(self) -> int:
+        way = round((time.monotonic() - self.since) * self.speed)
+        return self.end if way >= abs(self.end - self.start) else self.start + (way if self.end > self.start else -way)
+
+    @property
+    def moving(self) -> bool:
+        return self.position != self.end
+
+    def go(self, end: int, speed: float) -> None:
+        self.start, self.end, self.since, self.speed = self.position, end, time.monotonic(), speed
+
+    def outputs(self) -> int:
+        ready = not (self.moving or self.alarm or self.not_ready)
+        return ready << 5 | bool(self.alarm) << 7 | self.moving << 13
+
+    async def access(
+        self, function: int, start: int, address: int, count: int, registers: list[int], values: list[int] | list[bool] | None
+    ) -> ExcCodes | None:
+        if address >= 0x0300 and address not in (0x0386, 0x0388, 0x038A):
+            return ExcCodes.ILLEGAL_ADDRESS
+        if values is not None:
+            words = [int(value) for value in values]
+            signed = [(words[at] << 16 | words[at + 1] & 0xFFFF) for at in range(0, len(words), 2)]
+            signed = [value - 2**32 if value >= 2**31 else value for value in signed]
+            if address == 0x0058:
+                self.operations.append(tuple(signed))
+                if not self.deaf and not self.alarm:
+                    self.go(signed[2], signed[3])
+            elif address == 0x007C:
+                self.inputs.append(signed[0])
+                if signed[0] >> 5 & 1:
+                    self.go(self.position, 1.0)
+                if signed[0] >> 4 & 1 and not self.deaf:
+                    self.go(0, 10_000)
+                    self.homed = 1
+            return None
+        known = {
+            0x007E: self.outputs(), 0x0080: self.alarm, 0x00C6: self.position, 0x00CC: self.position, 0x0178: self.homed << 17,
+            0x0386: 1, 0x0388: 20 * STEPS, 0x038A: -20 * STEPS,
+        }  # fmt: skip
+        value = known[address]
+        registers[address - start : address - start + 2] = [value >> 16 & 0xFFFF, value & 0xFFFF]
+        return None
+
+
+Motors = tuple[str, dict[int, Motor]]
+Axes = tuple[OrientalAxis, OrientalAxis, dict[int, Motor]]
+Open = Callable[[str], ModbusLine]
+
+
+@pytest.fixture
+def motors() -> Iterator[Motors]:
+    """Slaves 1 and 2 of one line, served by another library."""
+    slaves = {1: Motor(), 2: Motor()}
+    block = [SimData(0, count=0x0400, datatype=DataType.REGISTERS)]
+    begun, address = threading.Event(), list[str]()
+    loop = asyncio.new_event_loop()
+
+    async def serve() -> None:
+        devices = [SimDevice(id=number, simdata=block, action=motor.access) for number, motor in slaves.items()]
+        server = ModbusTcpServer(devices, framer=FramerType.RTU, address=("127.0.0.1", 0))
+        await server.serve_forever(background=True)
+        assert isinstance(server.transport, asyncio.Server)
+        address.append("{}:{}".format(*server.transport.sockets[0].getsockname()))
+        begun.set()
+        ended = asyncio.Event()
+        stop.append(lambda: loop.call_soon_threadsafe(ended.set))
+        await ended.wait()
+        await server.shutdown()
+
+    stop: list[Callable[[], object]] = []
+    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()))
+    thread.start()
+    assert begun.wait(10)
+    yield address[0], slaves
+    while not stop:
+        time.sleep(0.01)
+    stop[0]()
+    thread.join()
+    loop.close()
+
+
+@pytest.fixture
+def line() -> Iterator[Open]:
+    lines: list[ModbusLine] = []
+
+    def open_line(address: str) -> ModbusLine:
+        keys = OrientalKeys(device=1, steps_per_degree=STEPS, timeout=0.3)
+        lines.append(ModbusLine(lambda: make_client(address, keys), address, 0.1))
+        return lines[-1]
+
+    yield open_line
+    for one in lines:
+        one.close()
+
+
+@pytest.fixture
+def axes(motors: Motors, line: Open) -> Axes:
+    address, slaves = motors
+    shared = line(address)
+    made = [OrientalAxis(f"axis {n}", shared, OrientalKeys(device=n, steps_per_degree=STEPS, timeout=0.3), 90 * DEGREE) for n in slaves]
+    return made[0], made[1], slaves
+
+
+def rested(axis: OrientalAxis) -> None:
+    deadline = time.monotonic() + 5
+    while axis.is_busy():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+@given(st.integers(-(2**31), 2**31 - 1))
+def test_every_value_survives_its_two_registers(value: int) -> None:
+    assert from_words(*to_words([value])) == value
+
+
+def test_the_published_example_of_a_negative_value() -> None:
+    assert to_words([-1000]) == [0xFFFF, 0xFC18]
+
+
+def test_connecting_moves_nothing_and_reads_the_limits(axes: Axes) -> None:
+    first, _, slaves = axes
+    assert first.travel == pytest.approx((-20 * DEGREE, 20 * DEGREE))
+    assert first.position() == pytest.approx(7 * DEGREE)
+    assert not first.is_homed()
+    assert all(motor.operations == motor.inputs == [] for motor in slaves.values())
+
+
+def test_two_drives_of_one_line_home_and_move_each_for_itself(axes: Axes) -> None:
+    first, second, slaves = axes
+    for axis in (first, second):
+        axis.start_home()
+        rested(axis)
+        assert axis.is_homed()
+        assert axis.position() == 0
+    first.start_move(3.456789 * DEGREE)
+    second.start_move(-2 * DEGREE)
+    rested(first)
+    rested(second)
+    assert first.position() == pytest.approx(3.46 * DEGREE)
+    assert second.position() == pytest.approx(-2 * DEGREE)
+    assert slaves[1].operations == [(0, 1, 346, 9000, 45_000, 45_000, 1000, 1)]
+    assert slaves[1].inputs == [1 << 4, 0]
+
+
+def test_wrap_mode_asks_for_a_place_within_the_wrap_range(motors: Motors, line: Open) -> None:
+    address, slaves = motors
+    ring = OrientalAxis("ring", line(address), OrientalKeys(device=2, steps_per_degree=STEPS, wrap=True, timeout=0.3), DEGREE * 90)
+    ring.start_move(DEGREE)
+    assert slaves[2].operations[0][:3] == (0, 8, 100)
+
+
+def test_a_command_that_is_acknowledged_and_then_ignored_is_noticed(axes: Axes) -> None:
+    axis, _, slaves = axes
+    slaves[1].deaf = True
+    with pytest.raises(DeviceError, match=r"axis 1: asked to move to 5\.000000 deg, the drive acknowledged and did nothing") as caught:
+        axis.start_move(5 * DEGREE)
+    assert "\n" not in str(caught.value)
+    assert slaves[1].inputs == [1 << 5, 0], "it was not told to stop"
+    with pytest.raises(DeviceError, match="look for its reference, the drive acknowledged and did nothing"):
+        axis.start_home()
+
+
+def test_a_drive_that_is_not_ready_is_told_nothing(axes: Axes) -> None:
+    axis, _, slaves = axes
+    slaves[1].not_ready = True
+    with pytest.raises(DeviceError, match="its drive is not ready"):
+        axis.start_move(DEGREE)
+    assert slaves[1].operations == []
+
+
+@pytest.mark.parametrize(("code", "words"), [(0x4A, "before it has a reference; home it"), (0x30, "overload"), (0x99, "alarm 99")])
+def test_an_alarm_is_a_sentence(code: int, words: str, axes: Axes) -> None:
+    axis, _, slaves = axes
+    slaves[1].alarm = code
+    with pytest.raises(DeviceError, match=words):
+        axis.start_move(DEGREE)
+    assert any(words in phrase for phrase in axis.warnings())
+    assert slaves[1].operations == []
+
+
+def test_a_stop_goes_before_all_who_wait_for_the_line(axes: Axes) -> None:
+    first, second, _ = axes
+    first.start_home()
+    rested(first)
+    first.start_move(15 * DEGREE)
+    over = threading.Event()
+
+    def keep_asking() -> None:
+        while not over.is_set():
+            second.position()
+
+    askers = [threading.Thread(target=keep_asking) for _ in range(4)]
+    for asker in askers:
+        asker.start()
+    first.stop()
+    over.set()
+    for asker in askers:
+        asker.join()
+    assert not first.is_busy()
+    assert 0 <= first.position() < 15 * DEGREE
+
+
+def test_more_steps_than_the_drive_can_count_are_refused(axes: Axes) -> None:
+    with pytest.raises(LimitError, match="more than the drive can count"):
+        axes[0].start_move(1e9)
+
+
+def test_an_absent_slave_is_named_with_what_to_look_at(dialogue: Callable[..., str], line: Open) -> None:
+    asked = request(0x0386, slave=9)
+    address = dialogue([(asked, b""), (asked, b"")])
+    with pytest.raises(CommunicationError, match=r"lost \(slave 9\): .* check cable, parity, slave number and power"):
+        OrientalAxis("lost", line(address), OrientalKeys(device=9, steps_per_degree=STEPS, timeout=0.3), DEGREE)
+
+
+def test_nobody_listening_is_said(line: Open) -> None:
+    with pytest.raises(CommunicationError, match=r"127\.0\.0\.1:9: cannot be opened"):
+        line("127.0.0.1:9")
+
+
+@pytest.mark.parametrize(
+    "answer",
+    ["010304000002bcfa", "020304000002bc", "010302000078", "0103040000", "7f4b233f"],
+    ids=["wrong crc", "other slave", "too few registers", "half", "noise"],
+)
+def test_an_answer_that_is_not_right_is_never_a_position(answer: str, dialogue: Callable[..., str], line: Open) -> None:
+    """Each of two tries is answered wrongly; frames that need one get a right CRC, so only what is wrong is wrong."""
+    body = bytes.fromhex(answer)
+    framed = body + crc(body) if answer in ("020304000002bc", "010302000078") else body
+    asked = request(0x00CC)
+    address = dialogue([(request(0x0386), read_reply(0xFFFFFFFF)), (asked, framed), (asked, framed)])
+    axis = OrientalAxis("tilt", line(address), OrientalKeys(device=1, steps_per_degree=STEPS, timeout=0.3), DEGREE)
+    with pytest.raises(CommunicationError, match=r"tilt \(slave 1\)"):
+        axis.position()
+
+
+def crc(body: bytes) -> bytes:
+    """CRC-16/MODBUS bit by bit."""
+    rest = 0xFFFF
+    for byte in body:
+        for bit in range(8):
+            odd = (rest ^ byte >> bit) & 1
+            rest = rest >> 1 ^ 0xA001 * odd
+    return bytes((rest & 0xFF, rest >> 8))
+
+
+def request(register: int, slave: int = 1) -> bytes:
+    body = bytes((slave, 3, register >> 8, register & 0xFF, 0, 2))
+    return body + crc(body)
+
+
+def read_reply(value: int) -> bytes:
+    body = bytes((1, 3, 4)) + value.to_bytes(4, "big")
+    return body + crc(body)
