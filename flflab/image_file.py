@@ -1,6 +1,7 @@
 """Pictures in files: .npy, .png, .tiff (LZW too), raw and .dng in; .npy, .png, .tiff, .dng out. Always one plane, [row, col]."""
 
 import struct
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,32 @@ from flflab.errors import InputError
 
 Picture = npt.NDArray[Any]
 
-READABLE = (".npy", ".png", ".tif", ".tiff", ".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef")
+RAW = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef")
 WRITABLE = (".npy", ".png", ".tif", ".tiff", ".dng")
+READABLE = WRITABLE[:-1] + RAW
+WHITE_DN = 16384  # what 1.0 becomes in 16 bits: room for four times the white level where light overlaps
+FULL_DN = 65535
+MOSAICS = ("rggb", "bggr", "grbg", "gbrg")
+SMALLEST = 22  # rows and columns; LibRaw takes nothing smaller for a raw file
+
+
+@dataclass(frozen=True)
+class RawPicture:
+    """The sensor's own numbers, and what a raw file says of them.
+
+    Attributes:
+        values: shape (rows, columns), uint16, black level not subtracted, every filter's pixels at their places.
+        pattern: the filters of the pixels [0, 0], [0, 1], [1, 0], [1, 1], a letter each; None for a sensor without filters.
+        black_level: what these four read in the dark, DN.
+        white_level: what a saturated pixel reads, DN.
+        neutral: what a white target gives in red, green and blue, of the largest of the three.
+    """
+
+    values: npt.NDArray[np.uint16]
+    pattern: str | None = None
+    black_level: tuple[int, int, int, int] = (0, 0, 0, 0)
+    white_level: int = FULL_DN
+    neutral: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 def read_picture(file: Path) -> Picture:
@@ -34,8 +59,9 @@ def read_picture(file: Path) -> Picture:
     ending = file.suffix.lower()
     if ending not in READABLE:
         raise InputError(f"{file}: pictures are read from files ending in {', '.join(READABLE)}")
-    if not file.is_file():
-        raise InputError(f"{file}: there is no such file")
+    if ending in RAW:
+        return read_raw(file).values
+    _require(file)
     try:
         picture = _read(file, ending)
     except (OSError, ValueError, EOFError, cv2.error) as error:
@@ -52,35 +78,49 @@ def read_picture(file: Path) -> Picture:
     return picture
 
 
-def _read(file: Path, ending: str) -> Picture:
-    if ending == ".npy":
-        return np.asarray(np.load(file, allow_pickle=False))
-    if ending in (".png", ".tif", ".tiff"):
-        # cv2.imread takes no path outside the locale's encoding; the bytes always work
-        picture = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-        if picture is None:
-            raise ValueError("not decodable")
-        return np.asarray(picture)
+def read_raw(file: Path) -> RawPicture:
+    """Read a raw file with its facts, without demosaicing.
+
+    Args:
+        file: a raw file of one number a pixel, with a mosaic of two by two filters or none.
+
+    Raises:
+        InputError: no such file, not a raw file, damaged, or of another kind.
+    """
     import rawpy  # only raw files pay for its start-up
 
+    file = Path(file)
+    if file.suffix.lower() not in RAW:
+        raise InputError(f"{file}: raw pictures are read from files ending in {', '.join(RAW)}")
+    _require(file)
     try:
         with rawpy.imread(str(file)) as raw:
-            return np.array(raw.raw_image_visible)
-    except rawpy.LibRawError as error:
-        raise ValueError(str(error)) from error
+            if raw.raw_type != rawpy.RawType.Flat:
+                raise InputError(f"{file}: it holds several numbers a pixel; one number a pixel is due")
+            values, levels, white = np.array(raw.raw_image_visible), raw.black_level_per_channel, int(raw.white_level)
+            if raw.num_colors == 1:
+                black = int(levels[0])
+                return RawPicture(values, None, (black, black, black, black), white)
+            if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
+                raise InputError(f"{file}: its mosaic is not one of two by two filters; such a one, or none, is due")
+            colours = [int(colour) for colour in raw.raw_colors_visible[:2, :2].ravel()]
+            a, b, c, d = (int(levels[colour]) for colour in colours)
+            pattern = "".join(chr(raw.color_desc[colour]) for colour in colours).lower()
+            return RawPicture(values, pattern, (a, b, c, d), white, _neutral(raw.camera_whitebalance))
+    except (OSError, ValueError, rawpy.LibRawError) as error:
+        raise InputError(f"{file}: cannot be read as a raw picture ({error})") from error
 
 
-def write_picture(file: Path, picture: Picture, white_dn: int = 16384) -> None:
+def write_picture(file: Path, picture: Picture, white_dn: int = WHITE_DN) -> None:
     """Write one picture.
 
-    .npy keeps numbers and kind as they are. .tiff keeps float32 and whole numbers; float64 becomes float32. .png and .dng hold
-    16 bits: whole numbers as they are, floating point times ``white_dn`` rounded, what noise puts below 0 as 0.
+    .npy keeps numbers and kind as they are. .tiff, .png and .dng hold 16 bits: whole numbers as they are, floating point times
+    ``white_dn`` rounded, what noise puts below 0 as 0. A .dng is one without filters, black at 0; ``write_raw`` says more.
 
     Args:
         file: its ending says what to write.
         picture: shape (rows, columns).
-        white_dn: what 1.0 of a floating-point picture becomes in .png and .dng; the rest is room for overlapping light. A .dng of
-            whole numbers notes it as its white level.
+        white_dn: what 1.0 of a floating-point picture becomes in 16 bits; the rest is room for overlapping light.
 
     Raises:
         InputError: unknown ending, not a plane of numbers, numbers that 16 bits cannot hold, or the folder cannot be written.
@@ -91,15 +131,14 @@ def write_picture(file: Path, picture: Picture, white_dn: int = 16384) -> None:
         raise InputError(f"{file}: pictures are written to files ending in {', '.join(WRITABLE)}")
     if picture.ndim != 2 or picture.size == 0 or picture.dtype.kind not in "uif":
         raise InputError(f"{file}: a plane of numbers is due, not shape {picture.shape} of {picture.dtype}")
+    if ending == ".dng":
+        return write_raw(file, RawPicture(_sixteen_bits(file, picture, white_dn)))
     try:
         if ending == ".npy":
             with file.open("wb") as stream:
                 np.save(stream, picture, allow_pickle=False)
-        elif ending == ".dng":
-            file.write_bytes(_dng(_sixteen_bits(file, picture, white_dn), 65535 if picture.dtype.kind == "f" else white_dn))
         else:
-            plane = _sixteen_bits(file, picture, white_dn) if ending == ".png" else _tiff_numbers(file, picture)
-            done, encoded = cv2.imencode(ending, plane)
+            done, encoded = cv2.imencode(ending, _sixteen_bits(file, picture, white_dn))
             if not done:
                 raise InputError(f"{file}: this picture cannot be written as {ending}")
             file.write_bytes(encoded.tobytes())
@@ -107,53 +146,104 @@ def write_picture(file: Path, picture: Picture, white_dn: int = 16384) -> None:
         raise InputError(f"{file}: cannot be written ({error.strerror}); check the folder") from error
 
 
-def _tiff_numbers(file: Path, picture: Picture) -> Picture:
-    if picture.dtype.kind == "f":
-        return picture.astype(np.float32)
-    return picture if picture.dtype == np.uint8 else _sixteen_bits(file, picture, 65535)
+def write_raw(file: Path, raw: RawPicture) -> None:
+    """Write a .dng that LibRaw reads back bit for bit, with its facts.
+
+    Args:
+        file: ends in .dng.
+        raw: numbers of any bits up to 16; each takes 16 in the file.
+
+    Raises:
+        InputError: another ending, too small a picture, an impossible fact, or the folder cannot be written.
+    """
+    file = Path(file)
+    rows, columns = raw.values.shape
+    if file.suffix.lower() != ".dng":
+        raise InputError(f"{file}: raw pictures are written to files ending in .dng")
+    if min(rows, columns) < SMALLEST:
+        raise InputError(f"{file}: the picture has {columns} x {rows} pixels; a raw file takes {SMALLEST} x {SMALLEST} or more")
+    if raw.pattern not in (None, *MOSAICS):
+        raise InputError(f"{file}: there is no pattern {raw.pattern!r}; allowed: {', '.join(MOSAICS)}, or None")
+    if not 0 <= min(raw.black_level) <= max(raw.black_level) < raw.white_level <= FULL_DN:
+        raise InputError(f"{file}: black {raw.black_level} and white {raw.white_level} DN; 0 <= black < white <= {FULL_DN} is due")
+    if raw.pattern is None and len(set(raw.black_level)) > 1:
+        raise InputError(f"{file}: black levels are {raw.black_level} DN; without filters they are all the same")
+    if not all(0 < share <= 1 for share in raw.neutral):
+        raise InputError(f"{file}: neutral is {raw.neutral}; numbers above 0 up to 1 are due")
+    try:
+        file.write_bytes(_dng(raw))
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error.strerror}); check the folder") from error
+
+
+def _require(file: Path) -> None:
+    if not file.is_file():
+        raise InputError(f"{file}: there is no such file")
+
+
+def _read(file: Path, ending: str) -> Picture:
+    if ending == ".npy":
+        return np.asarray(np.load(file, allow_pickle=False))
+    # cv2.imread takes no path outside the locale's encoding; the bytes always work
+    picture = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    if picture is None:
+        raise ValueError("not decodable")
+    return np.asarray(picture)
+
+
+def _neutral(balance: list[float]) -> tuple[float, float, float]:
+    """What white gives in red, green and blue, from the factors that even them out; all alike where a file has none."""
+    if not all(factor > 0 for factor in balance[:3]):
+        return 1.0, 1.0, 1.0
+    red, green, blue = (min(balance[:3]) / factor for factor in balance[:3])
+    return red, green, blue
 
 
 def _sixteen_bits(file: Path, picture: Picture, white_dn: int) -> npt.NDArray[np.uint16]:
     numbers = np.maximum(np.rint(picture * float(white_dn)), 0) if picture.dtype.kind == "f" else picture
-    if not np.isfinite(picture).all() or numbers.min() < 0 or numbers.max() > 65535:
+    if not np.isfinite(picture).all() or numbers.min() < 0 or numbers.max() > FULL_DN:
         span = f"{picture.min():g} to {picture.max():g}"
-        raise InputError(f"{file}: 16 bits hold 0 to 65535, the picture runs from {span}; write .npy or .tiff")
+        raise InputError(f"{file}: 16 bits hold 0 to {FULL_DN}, the picture runs from {span}; write .npy")
     return numbers.astype(np.uint16)
 
 
-def _dng(picture: npt.NDArray[np.uint16], white_dn: int) -> bytes:
-    """A little-endian DNG 1.4 of one uncompressed strip, an RGGB mosaic by name; the least tags LibRaw reads bit-exactly."""
-    rows, columns = picture.shape
+def _dng(raw: RawPicture) -> bytes:
+    """A little-endian DNG 1.4 of one uncompressed strip: a colour filter array, or linear raw of one sample."""
+    rows, columns = raw.values.shape
     short, long, byte, ascii_, rational, srational = 3, 4, 1, 2, 5, 10
-    identity = struct.pack("<18i", *(number for at in range(9) for number in (int(at % 4 == 0), 1)))
     tags: list[tuple[int, int, int, bytes]] = [
         (254, long, 1, struct.pack("<I", 0)),  # a full picture
         (256, long, 1, struct.pack("<I", columns)),
         (257, long, 1, struct.pack("<I", rows)),
         (258, short, 1, struct.pack("<H", 16)),
         (259, short, 1, struct.pack("<H", 1)),  # uncompressed
-        (262, short, 1, struct.pack("<H", 32803)),  # colour filter array
+        (262, short, 1, struct.pack("<H", 32803 if raw.pattern else 34892)),  # colour filter array, or linear raw
         (271, ascii_, 7, b"flflab\0"),
         (272, ascii_, 7, b"flflab\0"),
         (273, long, 1, b"strip"),  # where the pixels begin, set below
         (274, short, 1, struct.pack("<H", 1)),
         (277, short, 1, struct.pack("<H", 1)),
         (278, long, 1, struct.pack("<I", rows)),
-        (279, long, 1, struct.pack("<I", picture.nbytes)),
+        (279, long, 1, struct.pack("<I", raw.values.nbytes)),
         (284, short, 1, struct.pack("<H", 1)),
-        (33421, short, 2, struct.pack("<HH", 2, 2)),
-        (33422, byte, 4, bytes([0, 1, 1, 2])),
-        (50706, byte, 4, bytes([1, 4, 0, 0])),
-        (50707, byte, 4, bytes([1, 1, 0, 0])),
-        (50708, ascii_, 7, b"flflab\0"),
-        (50714, short, 1, struct.pack("<H", 0)),  # black level
-        (50717, long, 1, struct.pack("<I", white_dn)),
-        (50721, srational, 9, identity),
-        (50728, rational, 3, struct.pack("<6I", 1, 1, 1, 1, 1, 1)),
-        (50778, short, 1, struct.pack("<H", 21)),
     ]
-    directory_at = 8
-    values_at = directory_at + 2 + 12 * len(tags) + 4
+    if raw.pattern:
+        tags += [(33421, short, 2, struct.pack("<HH", 2, 2)), (33422, byte, 4, bytes("rgb".index(letter) for letter in raw.pattern))]
+    tags += [(50706, byte, 4, bytes([1, 4, 0, 0])), (50707, byte, 4, bytes([1, 1, 0, 0])), (50708, ascii_, 7, b"flflab\0")]
+    if raw.pattern:
+        tags += [(50713, short, 2, struct.pack("<HH", 2, 2)), (50714, short, 4, struct.pack("<4H", *raw.black_level))]
+    else:
+        tags += [(50714, short, 1, struct.pack("<H", raw.black_level[0]))]
+    planes = 3 if raw.pattern else 1
+    identity = [number for at in range(planes**2) for number in (int(at % (planes + 1) == 0), 1)]
+    neutral = [number for share in raw.neutral[:planes] for number in (round(share * 1e6), 10**6)]
+    tags += [
+        (50717, long, 1, struct.pack("<I", raw.white_level)),
+        (50721, srational, planes**2, struct.pack(f"<{len(identity)}i", *identity)),  # no colours are claimed
+        (50728, rational, planes, struct.pack(f"<{len(neutral)}I", *neutral)),
+        (50778, short, 1, struct.pack("<H", 21)),  # D65
+    ]
+    values_at = 8 + 2 + 12 * len(tags) + 4
     values = b"".join(value + b"\0" * (len(value) % 2) for _, _, _, value in tags if len(value) > 4 and value != b"strip")
     pixels_at = (values_at + len(values) + 15) // 16 * 16
     entries, at = b"", values_at
@@ -166,5 +256,5 @@ def _dng(picture: npt.NDArray[np.uint16], white_dn: int) -> bytes:
             field = struct.pack("<I", at)
             at += len(value) + len(value) % 2
         entries += struct.pack("<HHI", tag, kind, count) + field
-    head = struct.pack("<2sHI", b"II", 42, directory_at) + struct.pack("<H", len(tags)) + entries + struct.pack("<I", 0) + values
-    return head.ljust(pixels_at, b"\0") + picture.astype("<u2").tobytes()
+    head = struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<H", len(tags)) + entries + struct.pack("<I", 0) + values
+    return head.ljust(pixels_at, b"\0") + raw.values.astype("<u2").tobytes()
