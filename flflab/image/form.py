@@ -1,12 +1,25 @@
 """The light of one flat target on the sensor, by the kernels that suit the target."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.orders import grid_counts, in_bands, lit_windows, pixel_parts, rim_rows, spot_parts, strip_counts
-from flflab.image.profile import profile_table
+from flflab.image.orders import (
+    falloff_chunks,
+    grid_counts,
+    in_bands,
+    is_even,
+    is_turn,
+    lit_windows,
+    pixel_parts,
+    rim_rows,
+    spot_parts,
+    strip_counts,
+    turned_parts,
+)
+from flflab.image.profile import half_plane, profile_table
 from flflab.image.rim import STEEP, disc_nodes
 from flflab.image.ruled import add_ruled, strip_nodes
 from flflab.image.sampled import add_sampled, chord_nodes
@@ -17,6 +30,7 @@ from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
 Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
 
+FINE = 0.05  # of the tolerance goes to the tables of antiderivatives
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
@@ -40,15 +54,19 @@ def add_plane(image: Array, setup: Setup, target: Target, wanted: Chosen | None 
             _add_ruled(image, setup, target, chosen)
 
 
-def _rows_of(setup: Setup, axes: Array) -> tuple[Array, Array]:
-    """Centres of the micro-images (N, 2) and what the kernels know of a pupil (N, 6), directions in the target's axes."""
-    pupils = setup.pupils
-    known = np.column_stack([pupils.slope, pupils.reach, setup.by_pupil[:, 0, 0], setup.by_sensor[:, 0, 0], setup.origin @ axes.T])
-    return np.column_stack([pupils.centre_x, pupils.centre_y]), known
+def _turned(setup: Setup, axes: Array) -> Setup:
+    """The same with the target's coordinates counted along other axes, the rows of ``axes``."""
+    return replace(setup, origin=setup.origin @ axes.T, by_pupil=axes @ setup.by_pupil, by_sensor=axes @ setup.by_sensor)
+
+
+def _maps(setup: Setup) -> Array:
+    """The affine maps to the target, shape (N, 10): origin, by pupil, by sensor, row by row."""
+    count = len(setup.origin)
+    return np.concatenate([setup.origin, setup.by_pupil.reshape(count, 4), setup.by_sensor.reshape(count, 4)], axis=1)
 
 
 def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> None:
-    axes, bounds = np.eye(2), np.array([-np.inf, np.inf])
+    bounds = np.array([-np.inf, np.inf])
     table, law = np.zeros((0, 8)), np.zeros(5)
     half_x = half_y = math.inf
     if isinstance(target, Bars):
@@ -57,41 +75,38 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         bounds = np.array([-half_y, half_y])
     elif isinstance(target, Edge):
         cos, sin = math.cos(target.angle), math.sin(target.angle)
-        axes, bounds = np.array([[sin, -cos], [cos, sin]]), np.array([0.0, np.inf])
-    parts, steep = pixel_parts(setup)
+        table, law = half_plane()
+        setup = _turned(setup, np.array([[cos, sin], [-sin, cos]]))
+    pupils = setup.pupils
+    counts = strip_counts(setup)
+    parts, steep = pixel_parts(setup, counts)
     if isinstance(target, White):
         parts = np.where(setup.rims.width < STEEP, parts, 1)
-    counts = strip_counts(setup.kind_blur(largest=True), setup.tolerance / setup.overlap)
-    strips, rims, nodes = strip_nodes(counts), rim_rows(setup, parts, steep), disc_nodes(8, 8)
+    nodes = strip_nodes(counts.ravel())
+    arguments = (
+        setup.rims.kind,
+        np.column_stack([pupils.centre_x, pupils.centre_y]),
+        np.column_stack([pupils.slope, pupils.reach]),
+        _maps(setup),
+        np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread]),
+        pupils.level,
+        parts,
+        counts,
+        nodes.reshape(*counts.shape, *nodes.shape[1:]),
+        falloff_chunks(setup),
+        rim_rows(setup, parts, steep),
+        disc_nodes(8, 8),
+        *pixel_positions(setup.sensor),
+        setup.sensor.pixel,
+        setup.pixel_width,
+        FINE * setup.tolerance,
+        table,
+        law,
+        bounds,
+        chosen,
+    )
     windows = lit_windows(setup, half_x, half_y)
-    xs, ys = pixel_positions(setup.sensor)
-    centres, known = _rows_of(setup, axes)
-
-    def add(rows: tuple[int, int]) -> None:
-        add_ruled(
-            image,
-            rows,
-            windows,
-            setup.rims.kind,
-            centres,
-            known,
-            setup.pupils.level,
-            parts,
-            counts,
-            strips,
-            rims,
-            nodes,
-            xs,
-            ys,
-            setup.sensor.pixel,
-            axes,
-            table,
-            law,
-            bounds,
-            chosen,
-        )
-
-    in_bands(add, windows)
+    in_bands(lambda rows: add_ruled(image, rows, windows, *arguments), windows)
 
 
 def _add_sampled(image: Array, setup: Setup, radius: float, half_x: float, half_y: float, picture: Picture | None, chosen: Chosen) -> None:
@@ -99,40 +114,37 @@ def _add_sampled(image: Array, setup: Setup, radius: float, half_x: float, half_
     texel, sums = 1.0, np.zeros((2, 2))
     if picture is not None:
         texel, sums = picture.texel, np.pad(picture.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-    parts, steep = pixel_parts(setup)
-    blur = setup.kind_blur(largest=True)
+    blur, pupils = setup.kind_blur(largest=True), setup.pupils
     counts = grid_counts(blur, setup.tolerance / setup.overlap / (1 if picture is None else 2.5))  # a picture has more edges than a dot
-    if picture is None:
+    parts, steep = pixel_parts(setup, np.zeros((len(counts), 1), dtype=np.int64))
+    even = is_even(setup.by_sensor, setup.tolerance)
+    if not even:
+        parts = np.maximum(parts, turned_parts(setup.tolerance))
+    if picture is None and not setup.falloff and is_turn(setup.by_pupil, setup.tolerance):
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))
         parts = np.where(counts == 0, finer, parts)
-    strips, chords, rims, nodes = strip_nodes(counts), chord_nodes(counts), rim_rows(setup, parts, steep), disc_nodes(8, 8)
+    slants = np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread])
+    arguments = (
+        setup.rims.kind,
+        np.column_stack([pupils.centre_x, pupils.centre_y]),
+        np.column_stack([pupils.slope, pupils.reach]),
+        _maps(setup),
+        slants if setup.falloff else np.zeros_like(slants),
+        pupils.level,
+        parts,
+        counts,
+        strip_nodes(counts)[:, :2],
+        chord_nodes(counts),
+        rim_rows(setup, parts, steep),
+        disc_nodes(8, 8),
+        *pixel_positions(setup.sensor),
+        setup.pixel_width,
+        radius,
+        texel,
+        sums,
+        chosen,
+        even,
+    )
     windows = lit_windows(setup, half_x, half_y)
-    xs, ys = pixel_positions(setup.sensor)
-    centres, known = _rows_of(setup, np.eye(2))
-
-    def add(rows: tuple[int, int]) -> None:
-        add_sampled(
-            image,
-            rows,
-            windows,
-            setup.rims.kind,
-            centres,
-            known,
-            setup.pupils.level,
-            parts,
-            counts,
-            strips,
-            chords,
-            rims,
-            nodes,
-            xs,
-            ys,
-            setup.sensor.pixel,
-            radius,
-            texel,
-            sums,
-            chosen,
-        )
-
-    in_bands(add, windows)
+    in_bands(lambda rows: add_sampled(image, rows, windows, *arguments), windows)

@@ -1,5 +1,6 @@
 """How finely a picture is formed: where light can fall, how a pixel is divided, how many strips a blur needs."""
 
+import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -7,20 +8,24 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.rim import STEEP, rim_tables
+from flflab.image.rim import STEEP, TABLE_STEPS, rim_tables
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-BAND_ROWS = 48
-MOST_PARTS = 8
-MOST_STRIPS = 128
+BAND_ROWS = 176
+MOST_PARTS = 32
+STEEP_PARTS = 8
+MOST_STEPS = 16384
+MOST_STRIPS = 512
+MOST_POINTS = 128
+EIGHT = 8  # strips in one go
 
 
 def lit_windows(setup: Setup, half_x: float, half_y: float) -> Whole:
-    """Where a microlens's light from a box on the target can fall.
+    """Where an entry's light from a box on the target can fall.
 
     Args:
         setup: what is formed.
@@ -31,66 +36,106 @@ def lit_windows(setup: Setup, half_x: float, half_y: float) -> Whole:
         First column, column after the last, first row, row after the last; shape (N, 4).
     """
     pupils, pixel = setup.pupils, setup.sensor.pixel
-    xs, ys = pixel_positions(setup.sensor)
     outside = pupils.outside + pixel
+    lowest, highest = np.stack([-outside, -outside], axis=1), np.stack([outside, outside], axis=1)
+    determinant = np.linalg.det(setup.by_sensor)
+    bounded = (determinant != 0) & math.isfinite(half_x + half_y)
+    if np.any(bounded):
+        inverse = np.linalg.inv(setup.by_sensor[bounded])
+        reach = np.array([half_x, half_y]) + np.linalg.norm(setup.by_pupil[bounded], axis=2)
+        middle = -np.einsum("nij,nj->ni", inverse, setup.origin[bounded])
+        half = np.einsum("nij,nj->ni", np.abs(inverse), reach) + pixel
+        lowest[bounded] = np.maximum(lowest[bounded], middle - half)
+        highest[bounded] = np.minimum(highest[bounded], middle + half)
     limits: list[Array] = []
-    for axis, centre, half, positions in ((0, pupils.centre_x, half_x, xs), (1, pupils.centre_y, half_y, ys)):
-        spread, scale = setup.by_pupil[:, axis, axis], setup.by_sensor[:, axis, axis]
-        reach = half + np.abs(spread) + np.abs(scale) * pixel
-        with np.errstate(divide="ignore", invalid="ignore"):
-            middle = -setup.origin[:, axis] / scale
-            lowest = np.fmax(-outside, middle - reach / np.abs(scale))
-            highest = np.fmin(outside, middle + reach / np.abs(scale))
+    for axis, (centre, positions) in enumerate(zip((pupils.centre_x, pupils.centre_y), pixel_positions(setup.sensor), strict=True)):
         low, high = positions[0] - pixel, positions[-1] + pixel
-        start = np.ceil((np.clip(centre + lowest, low, high) - positions[0]) / pixel)
-        end = np.floor((np.clip(centre + highest, low, high) - positions[0]) / pixel) + 1
-        limits += [start, np.where(lowest < highest, end, 0)]
-    sizes = np.array([len(xs), len(xs), len(ys), len(ys)])
-    return np.clip(np.stack(limits, axis=1), 0, sizes).astype(np.int64)
+        start = np.ceil((np.clip(centre + lowest[:, axis], low, high) - positions[0]) / pixel)
+        end = np.floor((np.clip(centre + highest[:, axis], low, high) - positions[0]) / pixel) + 1
+        end = np.where(lowest[:, axis] < highest[:, axis], end, 0)
+        limits += [np.maximum(start, setup.window[:, 2 * axis]), np.minimum(end, setup.window[:, 2 * axis + 1])]
+    columns, rows = setup.sensor.resolution
+    return np.clip(np.stack(limits, axis=1), 0, [columns, columns, rows, rows]).astype(np.int64)
 
 
-def pixel_parts(setup: Setup) -> tuple[Whole, npt.NDArray[np.bool_]]:
-    """Into how many parts a side a pixel is divided for each kind of rim, and which kinds are steep.
+def pixel_parts(setup: Setup, counts: Whole) -> tuple[Whole, npt.NDArray[np.bool_]]:
+    """Into how many parts a side a pixel in the rim is divided for each kind of rim, and which kinds are steep.
 
-    Inside a pixel light and rim vary together: a step of the target in a rim w pixels wide leaves an error of up to
-    0.17 / (w n^2) of white, less where the step is blurred (found as the root of the blur in pixels).
+    Light and rim vary together inside a pixel. Measured on square bars, in a rim w pixels wide n parts leave 0.17 / (w n^2) of white in
+    focus (no strips), and 0.9 / (w n)^2 where strips end at the rim.
     """
-    width = np.maximum(setup.rims.width, 1e-9)
-    blur = np.maximum(setup.kind_blur(largest=False), 1.0)
-    parts = np.clip(np.ceil(np.sqrt(0.34 / (width * setup.tolerance * np.sqrt(blur)))), 1, MOST_PARTS)
-    parts = np.where(width * parts < STEEP, MOST_PARTS, parts)
-    return parts.astype(np.int64), width * parts < STEEP
+    width, allowed = np.maximum(setup.rims.width, 1e-9), 0.5 * setup.tolerance
+    blurred = np.sqrt(0.9 / allowed) / width
+    parts = np.where(counts[:, 0] > 0, blurred, np.sqrt(0.17 / (width * allowed)))
+    parts = np.clip(np.ceil(parts), 1, MOST_PARTS)
+    steep = width * parts < STEEP
+    if setup.pixel_width == 0:
+        return np.ones_like(counts[:, 0]), setup.rims.slope == 0
+    return np.where(steep, STEEP_PARTS, parts).astype(np.int64), steep
 
 
 def rim_rows(setup: Setup, parts: Whole, steep: npt.NDArray[np.bool_]) -> Array:
-    """The tables of the rims' light; those of steep kinds start with a negative distance."""
-    tables = rim_tables(setup.rims, setup.sensor.pixel / float(parts.max()), steep)
-    tables[steep, 0] = -1.0
-    return tables
+    """The tables of the rims' light for pixels divided into so many parts a side; n steps leave about 1 / n^1.5 of white."""
+    steps = int(np.clip((0.05 * setup.tolerance) ** (-1 / 1.5), TABLE_STEPS, MOST_STEPS))
+    return rim_tables(setup.rims, setup.pixel_width / parts, steep, steps)
 
 
-def strip_counts(blur: Array, tolerance: float) -> Whole:
-    """How many strips across the pupil a blur in pixels needs; 0 where the blur itself is below the tolerance.
+def strip_counts(setup: Setup) -> Whole:
+    """How many strips across the pupil each kind of rim needs, (K, 2): in most pixels, and where the target's height ends.
 
-    Measured on square bars: n strips leave 0.08 blur / n^2 of white for small blurs; for large ones 9 + 0.6 blur leave 0.0012.
+    0 where the blur itself is below the tolerance. Measured on square bars, 8 strips leave 0.001 + 0.00045 blur of white, at most 0.03,
+    and the error falls as their power -2.2. The kernels take strips by eights.
     """
-    allowed = 0.5 * tolerance
-    small = np.sqrt(0.08 * blur / allowed)
-    large = (9 + 0.6 * np.minimum(blur, 1e4)) * np.sqrt(0.0012 / allowed)
-    counts = np.ceil(np.minimum(small, large))
-    counts = np.where(0.42 * blur < allowed, 0, np.maximum(counts, 2))
-    return np.clip(counts, 0, MOST_STRIPS).astype(np.int64)
+    blur = setup.kind_blur(largest=True)
+    allowed = 0.5 * setup.tolerance / setup.overlap
+    eight = np.minimum(0.001 + 0.00045 * np.minimum(blur, 1e4), 0.03)
+    counts = EIGHT * np.ceil(np.maximum(eight / allowed, 1e-9) ** (1 / 2.2))
+    counts = np.where(0.42 * blur < allowed, 0, np.minimum(counts, MOST_STRIPS))
+    return np.stack([counts, np.where(counts == 0, EIGHT, 4 * counts)], axis=1).astype(np.int64)
+
+
+def falloff_chunks(setup: Setup) -> int:
+    """Into how many pieces of one weight a strip is cut for the fall-off; 0 for none.
+
+    Where the weight changes by c from a strip's middle to its end, n pieces leave at most 0.088 c / n^2 of white.
+    """
+    if not setup.falloff:
+        return 0
+    pupils = setup.pupils
+    steepest = np.hypot(pupils.slant_x, pupils.slant_y) + np.abs(pupils.slant_scale) * pupils.outside + np.abs(pupils.slant_spread)
+    change = 4 * float(np.max(steepest * np.abs(pupils.slant_spread)))
+    return max(1, math.ceil(math.sqrt(0.22 * change / setup.tolerance)))
 
 
 def grid_counts(blur: Array, tolerance: float) -> Whole:
     """How many points a side across the pupil a blur in pixels needs; measured on dots: n of them leave 0.1 blur / n^2 of white."""
-    return np.clip(np.ceil(np.sqrt(0.1 * blur / (0.6 * tolerance))), 1, MOST_STRIPS).astype(np.int64)
+    return np.clip(np.ceil(np.sqrt(0.1 * blur / (0.6 * tolerance))), 1, MOST_POINTS).astype(np.int64)
 
 
 def spot_parts(blur: Array, tolerance: float) -> Whole:
     """Into how many parts a side a pixel is divided for the three-disc formula; n of them leave 0.07 / (n^2 sqrt(blur)) of white."""
     parts = np.ceil(np.sqrt(0.07 / (np.sqrt(np.maximum(blur, 0.1)) * 0.6 * tolerance)))
-    return np.clip(parts, 2, 4 * MOST_PARTS).astype(np.int64)
+    return np.clip(parts, 2, MOST_PARTS).astype(np.int64)
+
+
+def is_even(maps: Array, tolerance: float) -> bool:
+    """Whether maps to the target (N, 2, 2) keep the directions of rows and columns, as far as the tolerance can tell."""
+    off = np.abs(maps[:, [0, 1], [1, 0]]).max(axis=1)
+    return bool(np.all(off <= 0.5 * tolerance * np.abs(maps[:, [0, 1], [0, 1]]).max(axis=1)))
+
+
+def is_turn(maps: Array, tolerance: float) -> bool:
+    """Whether maps (N, 2, 2) are turns with one scale, as far as the tolerance can tell."""
+    skew = np.hypot(maps[:, 0, 0] - maps[:, 1, 1], maps[:, 0, 1] + maps[:, 1, 0])
+    return bool(np.all(skew <= tolerance * np.hypot(maps[:, 0, 0] + maps[:, 1, 1], maps[:, 0, 1] - maps[:, 1, 0])))
+
+
+def turned_parts(tolerance: float) -> int:
+    """Into how many parts a side a pixel is divided that lies askew on the target and counts as a square along its axes.
+
+    Measured on edges: n of them leave up to 0.05 / n^2 of white.
+    """
+    return int(np.clip(math.ceil(math.sqrt(0.05 / (0.5 * tolerance))), 1, MOST_PARTS))
 
 
 def in_bands(add: Callable[[tuple[int, int]], None], windows: Whole) -> None:

@@ -11,6 +11,8 @@ from flflab.targets import Bars, Chirp
 Array = npt.NDArray[np.float64]
 
 CELLS_PER_CYCLE = {"bars": 2, "chirp": 32}  # bars are constant in a cell, a sine is a cubic to 5e-7
+LARGE = 1e3  # mm; a target's width as far as rounding goes
+BOUNDLESS = 1e9  # mm; here a white half plane ends
 NODES = np.polynomial.legendre.leggauss(4)[0]
 
 
@@ -44,7 +46,14 @@ def profile_table(target: Bars | Chirp) -> tuple[Array, Array]:
     return table, law
 
 
-@numba.njit(cache=True, error_model="numpy")
+def half_plane() -> tuple[Array, Array]:
+    """Table and law of white from x = 0 on."""
+    table = np.zeros((1, 8))
+    table[0, 3] = 0.5
+    return table, np.array([0.0, BOUNDLESS, 0.0, 0.0, BOUNDLESS])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def second_antiderivative(x: float, table: Array, law: Array) -> float:
     """Second antiderivative of the radiance at x mm; written without branches, it is the innermost of all."""
     inside = min(max(x, law[0]), law[1])
@@ -55,7 +64,7 @@ def second_antiderivative(x: float, table: Array, law: Array) -> float:
     return c0 + d * (c1 + d * (c2 + d * (c3 + d * (c4 + d * c5)))) + law[4] * max(x - law[1], 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def first_antiderivative(x: float, table: Array, law: Array) -> float:
     """First antiderivative of the radiance at x mm."""
     inside = min(max(x, law[0]), law[1])
@@ -66,7 +75,7 @@ def first_antiderivative(x: float, table: Array, law: Array) -> float:
     return c1 + d * (2.0 * c2 + d * (3.0 * c3 + d * (4.0 * c4 + d * 5.0 * c5)))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def radiance_at(x: float, table: Array, law: Array) -> float:
     """Radiance at x mm."""
     if x < law[0] or x > law[1]:
@@ -77,27 +86,70 @@ def radiance_at(x: float, table: Array, law: Array) -> float:
     return 2.0 * table[cell, 3] + d * (6.0 * table[cell, 4] + d * (12.0 * table[cell, 5] + d * 20.0 * table[cell, 6]))
 
 
-@numba.njit(cache=True, error_model="numpy")
-def boxed(x: float, box: float, table: Array, law: Array) -> float:
-    """Antiderivative at x of the radiance smoothed by a box of this width."""
-    return (second_antiderivative(x + 0.5 * box, table, law) - second_antiderivative(x - 0.5 * box, table, law)) / box
-
-
-@numba.njit(cache=True, error_model="numpy")
-def profile_mean(x: float, box: float, chord: float, table: Array, law: Array) -> float:
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def profile_mean(x: float, box: float, other: float, table: Array, law: Array) -> float:
     """Mean radiance at x smoothed by two boxes of these widths (mm); below 3e-8 of the target's width a box counts as 0."""
-    wide = max(box, chord)
-    narrow = min(box, chord)
-    least = 3e-8 * (law[1] - law[0])
+    wide = max(box, other)
+    narrow = min(box, other)
+    least = 3e-8 * min(law[1] - law[0], LARGE)
     if wide < least:
         return radiance_at(x, table, law)
     if narrow < least:
         return (first_antiderivative(x + 0.5 * wide, table, law) - first_antiderivative(x - 0.5 * wide, table, law)) / wide
-    mean = (boxed(x + 0.5 * narrow, wide, table, law) - boxed(x - 0.5 * narrow, wide, table, law)) / narrow
-    return min(max(mean, 0.0), 1.0)
+    outer = 0.5 * (wide + narrow)
+    inner = 0.5 * (wide - narrow)
+    ends = second_antiderivative(x + outer, table, law) - second_antiderivative(x + inner, table, law)
+    ends -= second_antiderivative(x - inner, table, law) - second_antiderivative(x - outer, table, law)
+    return min(max(ends / (wide * narrow), 0.0), 1.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fill_antiderivative(
+    out: Array, first: int, count: int, low: float, step: float, box: float, other: float, table: Array, law: Array
+) -> None:
+    """Antiderivative of the radiance smoothed by two boxes, at ``count`` places ``step`` apart from ``low`` on, into out[first:]."""
+    wide = max(box, other)
+    narrow = min(box, other)
+    margin = math.ceil(0.5 * narrow / step) + 1 if narrow > 0.5 * step else 0
+    places = count + 2 * margin
+    plain = np.empty(places)
+    ahead = int(wide / step + 0.5)
+    start = low - margin * step
+    if ahead > 0 and abs(ahead * step - wide) < 1e-9 * wide:
+        second = np.empty(places + ahead)
+        for index in range(places + ahead):
+            second[index] = second_antiderivative(start + index * step - 0.5 * wide, table, law)
+        for index in range(places):
+            plain[index] = (second[index + ahead] - second[index]) / wide
+    else:
+        for index in range(places):
+            x = start + index * step
+            if wide > 0.01 * step:
+                plain[index] = (
+                    second_antiderivative(x + 0.5 * wide, table, law) - second_antiderivative(x - 0.5 * wide, table, law)
+                ) / wide
+            else:
+                plain[index] = first_antiderivative(x, table, law)
+    if margin == 0:
+        out[first : first + count] = plain
+        return
+    # The mean over the narrower box of the straight lines between the places.
+    sums = np.empty(places)
+    sums[0] = 0.0
+    for index in range(1, places):
+        sums[index] = sums[index - 1] + 0.5 * (plain[index] + plain[index - 1])
+    reach = 0.5 * narrow / step
+    whole = int(reach)
+    rest = reach - whole
+    for index in range(count):
+        right = index + margin + whole
+        left = index + margin - whole
+        total = sums[right] - sums[left] + rest * (plain[right] + plain[left])
+        total += 0.5 * rest * rest * (plain[right + 1] - plain[right] + plain[left - 1] - plain[left])
+        out[first + index] = total / (2.0 * reach)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def step_mean(x: float, box1: float, box2: float) -> float:
     """A step from 0 to 1 at x = 0, smoothed by two boxes of these widths."""
     outer = 0.5 * (box1 + box2)

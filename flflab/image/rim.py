@@ -39,27 +39,36 @@ def find_rims(pupils: Pupils, pixel: float) -> Rims:
     return Rims(kind=kind.reshape(-1), width=2 * pairs[:, 0] / pixel, slope=pairs[:, 0], reach=pairs[:, 1])
 
 
-def rim_tables(rims: Rims, pixel: float, steep: npt.NDArray[np.bool_]) -> Array:
-    """Share of the full cone against the distance from the centre, averaged over a pixel of this side (mm).
+def rim_tables(rims: Rims, sides: Array, steep: npt.NDArray[np.bool_], steps: int = TABLE_STEPS) -> Array:
+    """Share of the full cone against the distance from the centre, averaged over a pixel.
+
+    Args:
+        rims: the kinds of rims.
+        sides: side of the pixel for each kind, mm.
+        steep: kinds without a table.
+        steps: steps of a table.
 
     Returns:
-        Shape (K, TABLE_STEPS + 3): first distance, 1 / step, then the shares. The rows of steep kinds are empty.
+        Shape (K, steps + 3): first distance, 1 / step, then the shares. The rows of steep kinds start with -1.
     """
-    tables = np.zeros((len(rims.slope), TABLE_STEPS + 3))
-    _fill(tables, rims.slope, rims.reach, pixel, steep)
+    tables = np.zeros((len(rims.slope), steps + 3))
+    _fill(tables, rims.slope, rims.reach, sides, steep)
+    tables[steep, 0] = -1.0
     return tables
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _fill(tables: Array, slope: Array, reach: Array, pixel: float, steep: npt.NDArray[np.bool_]) -> None:
+def _fill(tables: Array, slope: Array, reach: Array, sides: Array, steep: npt.NDArray[np.bool_]) -> None:
+    steps = tables.shape[1] - 3
     for kind in range(tables.shape[0]):
         if steep[kind]:
             continue
+        pixel = sides[kind]
         first = max(0.0, reach[kind] - slope[kind] - pixel)
-        step = (reach[kind] + slope[kind] + pixel - first) / TABLE_STEPS
+        step = (reach[kind] + slope[kind] + pixel - first) / steps
         tables[kind, 0] = first
         tables[kind, 1] = 1.0 / step
-        for index in range(TABLE_STEPS + 1):
+        for index in range(steps + 1):
             total = 0.0
             for column in range(4):
                 x = first + step * index + pixel * (column - 1.5) / 4
@@ -76,7 +85,7 @@ def rim_share(distance: float, table: Array) -> float:
     if place <= 0.0:
         return table[2]
     index = int(place)
-    if index >= TABLE_STEPS:
+    if index >= table.shape[0] - 3:
         return 0.0
     part = place - index
     return table[index + 2] * (1.0 - part) + table[index + 3] * part
@@ -92,6 +101,8 @@ def disc_nodes(rings: int, spokes: int) -> Array:
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def steep_share(x: float, y: float, side: float, slope: float, reach: float, nodes: Array) -> float:
     """Share of the full cone in a pixel at (x, y) from the centre: the mean over the pupil of the part of it inside the shadow."""
+    if side == 0.0 and slope == 0.0:
+        return 1.0 if math.hypot(x, y) <= reach else 0.0
     total = 0.0
     for index in range(nodes.shape[0]):
         left = x - slope * nodes[index, 0] - 0.5 * side

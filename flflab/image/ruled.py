@@ -1,7 +1,7 @@
-"""Images of targets that vary along one direction (bars, chirp), end at straight lines (edge), or are plain white.
+"""Images of targets that vary along one direction (bars, chirp), end at a straight line (edge), or are plain white.
 
-The radiance is profile(x') times a window in y', x' and y' being target axes turned as the target asks. Over the pupil, strips
-of constant y' are summed; along each strip the mean of the profile is exact, and so is the mean over the pixel.
+The radiance is profile(x') times a window in y', where x' and y' are target axes turned as the target asks. Over the pupil, strips
+along the gradient of x' are summed; along each strip the mean of the profile is exact, and so is the mean over the pixel.
 """
 
 import math
@@ -10,189 +10,277 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.profile import boxed, profile_mean, step_mean
+from flflab.image.profile import fill_antiderivative, profile_mean, step_mean
 from flflab.image.rim import lit_middle, rim_share, steep_share
-from flflab.optics.discs import lens_chord, lens_rows
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
+Chosen = npt.NDArray[np.bool_]
 
-PIECE_NODES = 8
-WIDE = 10.0  # half the width in pixels of a rim whose shape within a pixel does not matter
-_ABSCISSAE, _WEIGHTS = np.polynomial.legendre.leggauss(PIECE_NODES)
-PIECE = np.stack([np.sin(np.pi / 2 * _ABSCISSAE), _WEIGHTS * np.pi / 2 * np.cos(np.pi / 2 * _ABSCISSAE)])
+# Sums may be taken in any order; nothing here is infinite or not a number.
+LOOSE = {"contract", "nsz", "nnan", "ninf", "reassoc", "arcp"}
 
 
 def strip_nodes(counts: Whole) -> Array:
-    """Heights and weights of the strips for each count, shape (K, 2, most strips): Gauss's rule for the weight sqrt(1 - y^2)."""
-    nodes = np.zeros((len(counts), 2, max(int(counts.max()), 1)))
+    """Heights, weights and half lengths of the strips of the unit disc for each count, shape (K, 3, most strips).
+
+    They are Gauss's rule for the weight sqrt(1 - y^2).
+    """
+    nodes = np.zeros((len(counts), 3, max(int(counts.max()), 1)))
     for kind, count in enumerate(counts):
         angle = np.pi * np.arange(1, count + 1) / (count + 1)
-        nodes[kind, 0, :count] = np.cos(angle)
-        nodes[kind, 1, :count] = np.pi / (count + 1) * np.sin(angle)
+        nodes[kind, :, :count] = np.cos(angle), np.pi / (count + 1) * np.sin(angle), np.sin(angle)
     return nodes
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def window_mean(y: float, window: Array) -> float:
-    """A window from window[0] to window[1] at y, smoothed by boxes of widths window[2] and window[3]."""
-    return step_mean(y - window[0], window[2], window[3]) - step_mean(y - window[1], window[2], window[3])
+def lens_span(x: float, y: float, radius: float) -> tuple[float, float]:
+    """Lowest and highest y common to the unit disc and a disc at (x, y) of a radius of at least 1 that cuts it."""
+    squared = x * x + y * y
+    low, high = -1.0, 1.0
+    cut_top = squared - 2.0 * y + 1.0 > radius * radius
+    cut_bottom = squared + 2.0 * y + 1.0 > radius * radius
+    if cut_top or cut_bottom:
+        inverse = 1.0 / squared
+        along = 0.5 * (1.0 + squared - radius * radius) * inverse
+        across = abs(x) * math.sqrt(max(0.0, inverse - along * along))
+        if cut_top:
+            high = y + radius if x * x + (y + radius) ** 2 < 1.0 else along * y + across
+        if cut_bottom:
+            low = y - radius if x * x + (y - radius) ** 2 < 1.0 else along * y - across
+    return low, high
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def pieces(x: float, y: float, radius: float, low: float, high: float, origin: float, spread: float, window: Array, ends: Array) -> int:
-    """Cut the pupil's rows at the window's kinks and the lens's corners; returns the number of ends, 2 where nothing needs a cut."""
-    count = 1
-    ends[0] = low
-    for edge in range(2):
-        for side in (-1.0, 1.0):
-            for reach in (0.5 * (window[2] + window[3]), 0.5 * abs(window[2] - window[3])):
-                at = (window[edge] + side * reach - origin) / spread
-                if low < at < high:
-                    ends[count] = at
-                    count += 1
-    if count > 1:
-        distance = math.hypot(x, y)
-        if distance + 1.0 > radius and distance + radius > 1.0:
-            along = (1.0 + (distance - radius) * (distance + radius)) / (2.0 * distance)
-            across = math.sqrt(max(0.0, 1.0 - along * along))
-            for side in (-1.0, 1.0):
-                at = (along * y + side * across * x) / distance
-                if low < at < high:
-                    ends[count] = at
-                    count += 1
-        ends[1:count].sort()
-    ends[count] = high
-    return count + 1
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
+def full_mean(base: float, spread: float, strips: Array, count: int, sums: Array, place: Array) -> float:
+    """Mean of a profile over the whole pupil.
 
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def region_of(ex: float, ey: float, slope: float, reach: float) -> tuple[float, float, float]:
-    """Centre and radius of the disc that clips the pupil at a sensor point; (0, 0, 2) where it clips nothing.
-
-    A pixel whose centre is dark but whose edge is lit gets the last sliver of the pupil.
+    Args:
+        base: x' at the pupil's centre, mm.
+        spread: change of x' over the pupil's radius, mm.
+        strips: see ``strip_nodes``.
+        count: how many there are.
+        sums: antiderivatives at even steps of x'.
+        place: where in ``sums`` to look: first position, 1 / step, first index, last index.
     """
-    inside = max(0.0, reach - abs(slope))
-    squared = ex * ex + ey * ey
-    if slope == 0.0 or squared <= inside * inside:
-        return 0.0, 0.0, 2.0
-    radius = reach / abs(slope)
-    shrink = min(1.0, (1.0 + radius) * (1.0 - 1e-9) * abs(slope) / math.sqrt(squared))
-    return ex / slope * shrink, ey / slope * shrink, radius
+    start = (base - place[0]) * place[1] + place[2]
+    slope = spread * place[1]
+    low, high = place[2], place[3]
+    total = 0.0
+    for strip in range(count):
+        right = min(max(start + slope * strips[2, strip], low), high)
+        left = min(max(start - slope * strips[2, strip], low), high)
+        i, j = np.int64(right), np.int64(left)
+        at, to = np.uint64(i), np.uint64(j)
+        above = sums[at] + (right - i) * (sums[at + np.uint64(1)] - sums[at])
+        total += strips[1, strip] * (above - sums[to] - (left - j) * (sums[to + np.uint64(1)] - sums[to]))
+    return total / (math.pi * spread)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def strips_mean(
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
+def clipped_mean(
+    base: float,
+    spread: float,
     x: float,
     y: float,
     radius: float,
     low: float,
     high: float,
-    origin: float,
-    spread: float,
     strips: Array,
     count: int,
-    box: float,
-    table: Array,
-    law: Array,
+    sums: Array,
+    place: Array,
+    clipped: Array,
 ) -> float:
-    """Mean of the profile over a pupil clipped by the disc at (x, y), by strips from low to high."""
-    light = 0.0
-    area = 0.0
+    """The same over the part of the pupil from ``low`` to ``high`` inside the disc at (x, y); ``clipped`` is the place for its ends."""
     middle = 0.5 * (low + high)
     reach = 0.5 * (high - low)
-    exact = abs(spread) * box < 1e-11 * (law[1] - law[0]) ** 2
-    for index in range(count):
-        left, right = lens_chord(x, y, radius, middle + reach * strips[0, index])
-        if right > left:
-            weight = strips[1, index]
-            area += weight * (right - left)
-            if exact:
-                chord = right - left
-                light += weight * chord * profile_mean(origin + spread * 0.5 * (left + right), box, abs(spread) * chord, table, law)
-            else:
-                ends = boxed(origin + spread * right, box, table, law) - boxed(origin + spread * left, box, table, law)
-                light += weight * ends / spread
-    return min(max(light / area, 0.0), 1.0) if area > 0.0 else 0.0  # the difference may round to below 0
+    squared = radius * radius
+    light = 0.0
+    area = 0.0
+    start1, slope1, low1, high1 = (base - place[0]) * place[1] + place[2], spread * place[1], place[2], place[3]
+    start2, slope2, low2, high2 = (base - clipped[0]) * clipped[1] + clipped[2], spread * clipped[1], clipped[2], clipped[3]
+    for strip in range(count):
+        at = middle + reach * strips[0, strip]
+        off = at - y
+        own = math.sqrt(max(0.0, 1.0 - at * at))
+        other = math.sqrt(max(0.0, squared - off * off))
+        cut_right = x + other < own
+        cut_left = x - other > -own
+        right = x + other if cut_right else own
+        left = x - other if cut_left else -own
+        right = max(left, right)
+        up = min(max(start2 + slope2 * right, low2), high2) if cut_right else min(max(start1 + slope1 * right, low1), high1)
+        down = min(max(start2 + slope2 * left, low2), high2) if cut_left else min(max(start1 + slope1 * left, low1), high1)
+        i, j = np.int64(up), np.int64(down)
+        upper, lower = np.uint64(i), np.uint64(j)
+        above = sums[upper] + (up - i) * (sums[upper + np.uint64(1)] - sums[upper])
+        light += strips[1, strip] * (above - sums[lower] - (down - j) * (sums[lower + np.uint64(1)] - sums[lower]))
+        area += strips[1, strip] * (right - left)
+    return light / (spread * area) if area > 0.0 else 0.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def pieces_mean(
+def antiderivative(at: float, sums: Array, place: Array) -> float:
+    """The antiderivative at x' = ``at``, by straight lines between the steps."""
+    where = min(max((at - place[0]) * place[1] + place[2], place[2]), place[3])
+    index = int(where)
+    return sums[index] + (where - index) * (sums[index + 1] - sums[index])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def weighted_mean(
+    base: float,
+    spread: float,
     x: float,
     y: float,
     radius: float,
-    ends: Array,
+    low: float,
+    high: float,
+    strips: Array,
     count: int,
-    origin_x: float,
-    origin_y: float,
-    spread: float,
-    box: float,
-    table: Array,
-    law: Array,
+    sums: Array,
+    place: Array,
+    clipped: Array,
+    chunks: int,
+    slant: tuple[float, float, float],
+    across: tuple[float, float, float],
     window: Array,
 ) -> float:
-    """Mean of profile times window over a clipped pupil, by strips in each of the pieces between the ends."""
+    """The mean of ``clipped_mean`` where rays count by cos^4 of their slope and by a window in y'.
+
+    Args:
+        base: x' at the pupil's centre, mm.
+        spread: change of x' over the pupil's radius, mm; 0 leaves the profile out.
+        x: centre of the clipping disc, in units of the pupil.
+        y: the same across the strips.
+        radius: of the clipping disc.
+        low: where the strips begin.
+        high: where they end.
+        strips: see ``strip_nodes``.
+        count: how many there are.
+        sums: antiderivatives at even steps of x'.
+        place: where in ``sums`` to look.
+        clipped: the same for ends at the clipping disc.
+        chunks: into how many pieces a strip is cut, each of one weight.
+        slant: slope at the sensor of the ray through the pupil's centre along the strips and across them, its change over the radius.
+        across: y' at the pupil's centre, its change over the radius along the strips and across them, mm.
+        window: lower and upper end, and the widths of the two boxes that smooth it.
+    """
+    middle = 0.5 * (low + high)
+    reach = 0.5 * (high - low)
     light = 0.0
     area = 0.0
-    for piece in range(count - 1):
-        middle = 0.5 * (ends[piece + 1] + ends[piece])
-        reach = 0.5 * (ends[piece + 1] - ends[piece])
-        for index in range(PIECE_NODES):
-            at = middle + reach * PIECE[0, index]
-            left, right = lens_chord(x, y, radius, at)
-            if right > left:
-                weight = reach * PIECE[1, index] * (right - left)
-                area += weight
-                seen = window_mean(origin_y + spread * at, window)
-                if seen > 0.0 and table.shape[0] > 0:
-                    seen *= profile_mean(origin_x + spread * 0.5 * (left + right), box, abs(spread) * (right - left), table, law)
-                light += weight * seen
+    for strip in range(count):
+        at = middle + reach * strips[0, strip]
+        off = at - y
+        own = math.sqrt(max(0.0, 1.0 - at * at))
+        other = math.sqrt(max(0.0, radius * radius - off * off))
+        right = min(own, x + other)
+        left = max(-own, x - other)
+        if right <= left:
+            continue
+        area += strips[1, strip] * (right - left)
+        thick = abs(across[2]) * reach * strips[1, strip]
+        second = (
+            math.sqrt(window[3] * window[3] + thick * thick)
+            if window[2] > thick
+            else math.sqrt(window[3] * window[3] + window[2] * window[2])
+        )
+        height = across[0] + across[1] * 0.5 * (left + right) + across[2] * at
+        seen = window_mean(height, window[0], window[1], max(window[2], thick), second)
+        if seen == 0.0:
+            continue
+        steep = slant[1] + slant[2] * at
+        before = antiderivative(base + spread * left, sums, clipped if x - other > -own else place) if spread != 0.0 else 0.0
+        part = (right - left) / chunks
+        total = 0.0
+        for chunk in range(chunks):
+            end = left + part * (chunk + 1)
+            step = part
+            if spread != 0.0:
+                last = chunk == chunks - 1 and x + other < own
+                after = antiderivative(base + spread * end, sums, clipped if last else place)
+                step = (after - before) / spread
+                before = after
+            along = slant[0] + slant[2] * (end - 0.5 * part)
+            total += step / (1.0 + along * along + steep * steep) ** 2
+        light += strips[1, strip] * seen * total
     return light / area if area > 0.0 else 0.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def pupil_mean(
-    ex: float,
-    ey: float,
-    pupil: Array,
-    strips: Array,
-    count: int,
-    box: float,
+def window_mean(y: float, lower: float, upper: float, box: float, other: float) -> float:
+    """A window from ``lower`` to ``upper`` at y, smoothed by boxes of two widths."""
+    return step_mean(y - lower, box, other) - step_mean(y - upper, box, other)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def shrink(wanted: Chosen, start: int, end: int, first: int, last: int) -> tuple[int, int, int, int]:
+    """The smallest part of a window of columns and rows that holds all its wanted pixels."""
+    left, right, bottom, top = end, start, last, first
+    for row in range(first, last):
+        for column in range(start, end):
+            if wanted[row, column]:
+                left, right = min(left, column), max(right, column + 1)
+                bottom, top = min(bottom, row), max(top, row + 1)
+    return left, right, bottom, top
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def prepare(
+    low: float,
+    high: float,
+    spread: float,
+    boxes: Array,
+    fine: float,
     table: Array,
     law: Array,
-    window: Array,
-    ends: Array,
-) -> float:
-    """Mean radiance over the part of the pupil that lights a sensor point, each radiance averaged over the pixel.
+    places: Array,
+) -> Array:
+    """Antiderivatives of the profile from ``low`` to ``high`` (x' at the pupil's centre), one behind the other for each pair of boxes.
+
+    The straight lines between their steps change a mean over the pupil by up to ``fine``.
 
     Args:
-        ex: sensor point from the micro-image's centre, in the target's axes, mm.
-        ey: the same along y'.
-        pupil: slope, reach, spread, scale, direction x', y' (spread, scale and direction in target mm).
-        strips: heights and weights.
-        count: number of strips; 0 where the blur is negligible.
-        box: width of the pixel on the target along x', mm.
-        table: profile, see ``profile_table``; no row where the target does not vary along x'.
+        low: lowest x' of a ray through the pupil's centre, mm.
+        high: highest.
+        spread: change of x' over the pupil's radius, mm; above 0.
+        boxes: widths of the two boxes, shape (3, 2).
+        fine: largest error.
+        table: see ``profile_table``.
         law: its law.
-        window: lower and upper end, and the widths of the two boxes that smooth it.
-        ends: scratch for 16 numbers.
+        places: filled with first position, 1 / step, first and last index of each, shape (3, 4).
     """
-    spread = pupil[2]
-    origin_x = pupil[3] * ex + pupil[4]
-    origin_y = pupil[3] * ey + pupil[5]
-    varies = table.shape[0] > 0
-    if count == 0:
-        seen = window_mean(origin_y, window)
-        return seen * profile_mean(origin_x, box, 0.0, table, law) if varies and seen > 0.0 else seen
-    x, y, radius = region_of(ex, ey, pupil[0], pupil[1])
-    low, high = lens_rows(x, y, radius)
-    cuts = pieces(x, y, radius, low, high, origin_y, spread, window, ends)
-    seen = window_mean(origin_y + spread * low, window)
-    if cuts > 2 or window_mean(origin_y + spread * high, window) != seen:
-        return pieces_mean(x, y, radius, ends, cuts, origin_x, origin_y, spread, box, table, law, window)
-    if seen == 0.0 or not varies:
-        return seen
-    return seen * strips_mean(x, y, radius, low, high, origin_x, spread, strips, count, box, table, law)
+    counts = np.zeros(3, dtype=np.int64)
+    steps = np.empty(3)
+    total = 0
+    for kind in range(3):
+        same = -1
+        for earlier in range(kind):
+            if boxes[earlier, 0] == boxes[kind, 0] and boxes[earlier, 1] == boxes[kind, 1]:
+                same = earlier
+        if same >= 0:
+            places[kind] = places[same]
+            continue
+        wide = max(boxes[kind, 0], boxes[kind, 1])
+        steps[kind] = max(math.sqrt(fine * wide * spread / 0.16), fine * spread / 0.3)
+        if steps[kind] < wide:
+            steps[kind] = wide / math.ceil(wide / steps[kind])  # then the box's ends fall on steps
+        first = max(low - spread, law[0] - 2.0 * wide)
+        last = max(min(high + spread, law[1] + 2.0 * wide), first)
+        counts[kind] = int((last - first) / steps[kind]) + 3
+        places[kind, 0] = first - 0.5 * steps[kind]
+        places[kind, 1] = 1.0 / steps[kind]
+        places[kind, 2] = total
+        places[kind, 3] = total + counts[kind] - 2
+        total += counts[kind]
+    sums = np.empty(total)
+    for kind in range(3):
+        if counts[kind] > 0:
+            start, step = int(places[kind, 2]), steps[kind]
+            fill_antiderivative(sums, start, counts[kind], places[kind, 0], step, boxes[kind, 0], boxes[kind, 1], table, law)
+    return sums
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -202,99 +290,209 @@ def add_ruled(
     windows: Whole,
     kinds: Whole,
     centres: Array,
-    pupils: Array,
+    cones: Array,
+    maps: Array,
+    slants: Array,
     levels: Array,
-    subs: Whole,
+    parts: Whole,
     counts: Whole,
     strips: Array,
+    chunks: int,
     rims: Array,
     nodes: Array,
     xs: Array,
     ys: Array,
     pixel: float,
-    axes: Array,
+    width: float,
+    fine: float,
     table: Array,
     law: Array,
     bounds: Array,
-    wanted: npt.NDArray[np.bool_],
+    wanted: Chosen,
 ) -> None:
-    """Add the light of every microlens to the rows from rows[0] to below rows[1] of an image.
+    """Add the light of every entry to the rows from rows[0] to below rows[1] of an image.
 
     Args:
         image: picture to add to, [row, column].
         rows: the band.
-        windows: first column, column after the last, first row, row after the last, of every microlens; shape (N, 4).
-        kinds: kind of rim of every microlens.
+        windows: first column, column after the last, first row, row after the last, of every entry; shape (N, 4).
+        kinds: kind of rim of every entry.
         centres: centre of every micro-image, mm, shape (N, 2).
-        pupils: as in ``pupil_mean``, direction in the target's axes, shape (N, 6).
+        cones: slope and reach of every entry, mm, shape (N, 2).
+        maps: x', y' = (0, 1) + [[2, 3], [4, 5]] pupil + [[6, 7], [8, 9]] sensor, target mm, shape (N, 10).
+        slants: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per unit of pupil, shape (N, 4).
         levels: light at full pupil.
-        subs: parts a side of a pixel for each kind of rim.
-        counts: number of strips for each kind.
-        strips: see ``strip_nodes``.
+        parts: parts a side of a pixel in the rim, for each kind of rim.
+        counts: number of strips for each kind, (K, 2): of most pixels, and where the window ends; 0 where the blur is negligible.
+        strips: see ``strip_nodes``; (K, 2, 3, most strips).
+        chunks: pieces of a strip for the fall-off; 0 for no fall-off.
         rims: see ``rim_tables``; steep kinds start with a negative distance.
         nodes: pupil points for steep rims.
         xs: positions of the columns, mm.
         ys: positions of the rows, mm.
-        pixel: side of a pixel, mm.
-        axes: rows are the directions x' and y' in world axes.
-        table: profile.
+        pixel: distance of the pixels, mm.
+        width: side of a pixel that gathers light, mm.
+        fine: largest error of the antiderivatives' tables.
+        table: profile, see ``profile_table``; no row where the target does not vary along x'.
         law: its law.
         bounds: lower and upper end of the window, target mm.
         wanted: which pixels to compute, [row, column]; empty for all.
     """
-    ends = np.empty(16)
+    varies = table.shape[0] > 0
     window = np.empty(4)
-    plain = table.shape[0] == 0
-    window[0], window[1] = bounds[0], bounds[1]
-    for lens in range(windows.shape[0]):
-        first = max(rows[0], windows[lens, 2])
-        last = min(rows[1], windows[lens, 3])
-        if first >= last or windows[lens, 0] >= windows[lens, 1]:
+    window[:2] = bounds
+    places = np.zeros((3, 4))
+    whole, clear, cut = places[0], places[1], places[2]
+    boxes = np.zeros((3, 2))
+    sums = np.zeros(2)
+    for entry in range(windows.shape[0]):
+        first, last = max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])
+        start, end = windows[entry, 0], windows[entry, 1]
+        if wanted.size > 0:
+            start, end, first, last = shrink(wanted, start, end, first, last)
+        if first >= last or start >= end:
             continue
-        kind = kinds[lens]
-        parts = int(subs[kind])
-        part = pixel / parts
-        pupil, strip, rim, count = pupils[lens], strips[kind], rims[kind], int(counts[kind])
-        outside = pupil[1] + abs(pupil[0]) + 0.75 * pixel
-        box = abs(pupil[3]) * (abs(axes[0, 0]) + abs(axes[0, 1])) * part
-        window[2] = abs(pupil[3] * axes[1, 0]) * part
-        window[3] = abs(pupil[3] * axes[1, 1]) * part
-        blurred = abs(pupil[2]) + abs(pupil[3]) * pixel  # how far an end of the window is felt
-        wide = rim[0] >= 0.0 and (parts == 1 or abs(pupil[0]) > WIDE * pixel)  # a rim that needs no parts for its own sake
+        kind = kinds[entry]
+        slope, reach = cones[entry, 0], cones[entry, 1]
+        origin_x, origin_y, xx, xy, yx, yy, cxx, cxy, cyx, cyy = maps[entry]
+        spread = math.hypot(xx, xy)
+        along_x, along_y = (xx / spread, xy / spread) if spread > 0.0 else (1.0, 0.0)
+        up_along, up_across = yx * along_x + yy * along_y, yy * along_x - yx * along_y
+        rim = rims[kind]
+        steep = rim[0] < 0.0
+        strip, strip_edge = strips[kind, 0], strips[kind, 1]
+        count, count_edge = int(counts[kind, 0]), int(counts[kind, 1])
+        blurred = count > 0 and varies
+        unslope = 1.0 / slope if slope != 0.0 else 0.0
+        radius = reach * abs(unslope) if slope != 0.0 else 2.0
+        lit = (reach + abs(slope)) * (1.0 - 1e-9)
+        level, lower, upper = levels[entry], bounds[0], bounds[1]
+        rim_parts = int(parts[kind])
+        part = width / rim_parts
+        for axis in range(2):
+            boxes[0, axis] = abs(maps[entry, 6 + axis]) * width
+            boxes[1, axis] = abs(maps[entry, 6 + axis]) * part
+            moved = 0.0 if steep or slope == 0.0 else maps[entry, 2 + axis] / slope
+            boxes[2, axis] = abs(maps[entry, 6 + axis] + moved) * part
+        if blurred:
+            middle_x = 0.5 * (xs[start] + xs[end - 1]) - centres[entry, 0]
+            middle_y = 0.5 * (ys[first] + ys[last - 1]) - centres[entry, 1]
+            middle = origin_x + cxx * middle_x + cxy * middle_y
+            half = 0.5 * (abs(cxx) * ((end - start) * pixel) + abs(cxy) * ((last - first) * pixel))
+            sums = prepare(middle - half, middle + half, spread, boxes, fine, table, law, places)
+        simple = blurred and chunks == 0 and rim_parts == 1 and not steep
+        outside = reach + abs(slope) + 0.75 * width
+        deep = reach - abs(slope) - 0.75 * width
+        felt = abs(up_along) + abs(up_across) + (abs(cyx) + abs(cyy)) * width
+        even = not blurred and varies and cxy == 0.0
+        steady = np.empty((1 + rim_parts, end - start if even else 0))
+        if even:
+            for column in range(start, end):
+                at = origin_x + cxx * (xs[column] - centres[entry, 0])
+                steady[0, column - start] = profile_mean(at, boxes[0, 0], 0.0, table, law)
+                for i in range(rim_parts):
+                    shifted = at + cxx * ((i + 0.5) / rim_parts - 0.5) * width
+                    steady[1 + i, column - start] = profile_mean(shifted, boxes[1, 0], 0.0, table, law)
         for row in range(first, last):
-            dy = ys[row] - centres[lens, 1]
+            dy = ys[row] - centres[entry, 1]
             room = outside * outside - dy * dy
             if room <= 0.0:
                 continue
             half = math.sqrt(room)
-            left = max(windows[lens, 0], math.ceil((centres[lens, 0] - half - xs[0]) / pixel))
-            right = min(windows[lens, 1], math.floor((centres[lens, 0] + half - xs[0]) / pixel) + 1)
+            left = max(start, math.ceil((centres[entry, 0] - half - xs[0]) / pixel))
+            right = min(end, math.floor((centres[entry, 0] + half - xs[0]) / pixel) + 1)
             for column in range(left, right):
                 if wanted.size > 0 and not wanted[row, column]:
                     continue
-                dx = xs[column] - centres[lens, 0]
-                at = pupil[3] * (axes[1, 0] * dx + axes[1, 1] * dy) + pupil[5]
-                rows_of_parts = parts
-                if wide and abs(at - bounds[0]) > blurred and abs(at - bounds[1]) > blurred:
-                    if at < bounds[0] or at > bounds[1]:
+                dx = xs[column] - centres[entry, 0]
+                height = origin_y + cyx * dx + cyy * dy
+                if height < lower - felt or height > upper + felt:
+                    continue
+                inside = height > lower + felt and height < upper - felt
+                distance = math.sqrt(dx * dx + dy * dy)
+                full = distance <= deep
+                if simple and inside:
+                    base = origin_x + cxx * dx + cxy * dy
+                    if full:
+                        image[row, column] += level * full_mean(base, spread, strip, count, sums, whole)
                         continue
-                    if plain:
-                        image[row, column] += levels[lens] * rim_share(math.sqrt(dx * dx + dy * dy), rim)
-                        continue
-                    rows_of_parts = 1
+                    share = rim_share(distance, rim)
+                    if share > 0.0:
+                        inward = unslope if distance < lit else unslope * lit / distance
+                        clip_x, clip_y = (along_x * dx + along_y * dy) * inward, (along_x * dy - along_y * dx) * inward
+                        low, high = lens_span(clip_x, clip_y, radius)
+                        value = clipped_mean(base, spread, clip_x, clip_y, radius, low, high, strip, count, sums, clear, cut)
+                        image[row, column] += level * share * min(max(value, 0.0), 1.0)
+                    continue
+                divide = 1 if full else rim_parts
+                side = width / divide
+                window[2], window[3] = abs(cyx) * side, abs(cyy) * side
                 light = 0.0
-                for j in range(rows_of_parts):
-                    y = dy + ((j + 0.5) / rows_of_parts - 0.5) * pixel
-                    for i in range(parts):
-                        x = dx + ((i + 0.5) / parts - 0.5) * pixel
-                        look = 1.0
-                        if rim[0] < 0.0:
-                            share = steep_share(x, y, part, pupil[0], pupil[1], nodes)
-                            look = lit_middle(math.sqrt(x * x + y * y), part, pupil[1])
+                for j in range(divide):
+                    y = dy + ((j + 0.5) / divide - 0.5) * width
+                    for i in range(divide):
+                        x = dx + ((i + 0.5) / divide - 0.5) * width
+                        share, look = 1.0, 1.0
+                        if not full:
+                            distance = math.sqrt(x * x + y * y)
+                            if steep:
+                                share = steep_share(x, y, side, slope, reach, nodes)
+                                look = lit_middle(distance, side, reach)
+                            else:
+                                share = rim_share(distance, rim)
+                            if share <= 0.0:
+                                continue
+                        if inside and chunks == 0:
+                            if not varies:
+                                light += share
+                                continue
+                            if even:
+                                light += share * steady[0 if full else 1 + i, column - start]
+                                continue
+                        ex, ey = look * x, look * y
+                        base = origin_x + cxx * ex + cxy * ey
+                        if inside and chunks == 0 and blurred and full:
+                            light += full_mean(base, spread, strip, count, sums, whole)
+                            continue
+                        clip_x, clip_y, low, high = 0.0, 0.0, -1.0, 1.0
+                        if not full and slope != 0.0:
+                            away = math.sqrt(ex * ex + ey * ey)
+                            inward = unslope if away < lit else unslope * lit / away  # the centre may be dark, but not its edge
+                            clip_x, clip_y = (along_x * ex + along_y * ey) * inward, (along_x * ey - along_y * ex) * inward
+                            low, high = lens_span(clip_x, clip_y, radius)
+                        value = 1.0
+                        if not blurred and varies:
+                            value = profile_mean(base, boxes[0 if full else 1, 0], boxes[0 if full else 1, 1], table, law)
+                        if inside and chunks == 0:
+                            if blurred:
+                                value = clipped_mean(base, spread, clip_x, clip_y, radius, low, high, strip, count, sums, clear, cut)
                         else:
-                            share = rim_share(math.sqrt(x * x + y * y), rim)
-                        if share > 0.0:
-                            ex = look * (axes[0, 0] * x + axes[0, 1] * y)
-                            ey = look * (axes[1, 0] * x + axes[1, 1] * y)
-                            light += share * pupil_mean(ex, ey, pupil, strip, count, box, table, law, window, ends)
-                image[row, column] += levels[lens] * light / (parts * rows_of_parts)
+                            slant_x, slant_y = slants[entry, 0] + slants[entry, 2] * ex, slants[entry, 1] + slants[entry, 2] * ey
+                            slant = (
+                                slant_x * along_x + slant_y * along_y,
+                                slant_y * along_x - slant_x * along_y,
+                                slants[entry, 3],
+                            )
+                            if chunks == 0:
+                                slant = (0.0, 0.0, 0.0)
+                            across = (origin_y + cyx * ex + cyy * ey, up_along, up_across)
+                            value *= weighted_mean(
+                                base,
+                                spread if blurred else 0.0,
+                                clip_x,
+                                clip_y,
+                                radius,
+                                low,
+                                high,
+                                strip if inside and blurred else strip_edge,
+                                count if inside and blurred else count_edge,
+                                sums,
+                                whole if full else clear,
+                                whole if full else cut,
+                                max(chunks, 1),
+                                slant,
+                                across,
+                                window,
+                            )
+                        light += share * min(max(value, 0.0), 1.0)
+                image[row, column] += level * light / (divide * divide)

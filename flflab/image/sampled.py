@@ -52,7 +52,8 @@ def box_mean(x: float, y: float, side: float, radius: float, texel: float, sums:
 def sampled_mean(
     ex: float,
     ey: float,
-    pupil: Array,
+    cone: Array,
+    to: Array,
     rows: Array,
     chord: Array,
     count: int,
@@ -60,12 +61,15 @@ def sampled_mean(
     radius: float,
     texel: float,
     sums: Array,
+    slants: Array,
 ) -> float:
-    """Mean over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm."""
-    slope, reach, spread = pupil[0], pupil[1], pupil[2]
-    side = max(abs(pupil[3]) * part, 1e-3 * (radius if radius > 0.0 else texel))
-    origin_x = pupil[3] * ex + pupil[4]
-    origin_y = pupil[3] * ey + pupil[5]
+    """Mean radiance over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm."""
+    slope, reach = cone[0], cone[1]
+    size = math.sqrt(abs(to[6] * to[9] - to[7] * to[8])) * part
+    side = max(size, 1e-3 * (radius if radius > 0.0 else texel))
+    origin_x = to[0] + to[6] * ex + to[7] * ey
+    origin_y = to[1] + to[8] * ex + to[9] * ey
+    slant_x, slant_y = slants[0] + slants[2] * ex, slants[1] + slants[2] * ey
     x, y, other = 0.0, 0.0, 2.0
     if slope != 0.0 and ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2:
         x, y, other = ex / slope, ey / slope, reach / abs(slope)
@@ -82,20 +86,28 @@ def sampled_mean(
         left, right = lens_chord(x, y, other, at)
         weight = rows[1, index] * max(right - left, 1e-300)
         area += weight
+        steep = slant_y + slants[3] * at
         for step in range(count):
             along = 0.5 * (left + right) + 0.5 * (right - left) * chord[0, step]
-            seen = box_mean(origin_x + spread * along, origin_y + spread * at, side, radius, texel, sums)
-            light += 0.5 * weight * chord[1, step] * seen
+            tilted = slant_x + slants[3] * along
+            seen = box_mean(origin_x + to[2] * along + to[3] * at, origin_y + to[4] * along + to[5] * at, side, radius, texel, sums)
+            light += 0.5 * weight * chord[1, step] * seen / (1.0 + tilted * tilted + steep * steep) ** 2
     return light / area
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def spot_share(ex: float, ey: float, pupil: Array, radius: float) -> float:
-    """Part of the full cone at (ex, ey) mm that comes from a dot of this radius (target mm): the area common to three discs over pi."""
-    slope, reach, spread = pupil[0], pupil[1], pupil[2]
-    x = -(pupil[3] * ex + pupil[4]) / spread
-    y = -(pupil[3] * ey + pupil[5]) / spread
-    size = radius / abs(spread)
+def spot_share(ex: float, ey: float, cone: Array, to: Array, radius: float) -> float:
+    """Part of the full cone at (ex, ey) mm that comes from a dot of this radius (target mm): the area common to three discs over pi.
+
+    The map from the pupil to the target counts as a turn and one scale.
+    """
+    slope, reach = cone[0], cone[1]
+    determinant = to[2] * to[5] - to[3] * to[4]
+    at_x = to[0] + to[6] * ex + to[7] * ey
+    at_y = to[1] + to[8] * ex + to[9] * ey
+    x = (to[3] * at_y - to[5] * at_x) / determinant
+    y = (to[4] * at_x - to[2] * at_y) / determinant
+    size = radius / math.sqrt(abs(determinant))
     distance = math.hypot(ex, ey)
     if slope == 0.0 or distance <= reach - abs(slope):
         return two_disc_area(1.0, size, math.hypot(x, y)) / math.pi
@@ -103,13 +115,13 @@ def spot_share(ex: float, ey: float, pupil: Array, radius: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def full_share(ex: float, ey: float, pupil: Array) -> float:
+def full_share(ex: float, ey: float, cone: Array) -> float:
     """Share of the full cone that passes both apertures at the point (ex, ey) mm."""
-    slope = abs(pupil[0])
+    slope = abs(cone[0])
     distance = math.hypot(ex, ey)
-    if slope == 0.0 or distance <= pupil[1] - slope:
+    if slope == 0.0 or distance <= cone[1] - slope:
         return 1.0
-    return two_disc_area(1.0, pupil[1] / slope, distance / slope) / math.pi
+    return two_disc_area(1.0, cone[1] / slope, distance / slope) / math.pi
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -119,7 +131,9 @@ def add_sampled(
     windows: Whole,
     kinds: Whole,
     centres: Array,
-    pupils: Array,
+    cones: Array,
+    maps: Array,
+    slants: Array,
     levels: Array,
     subs: Whole,
     counts: Whole,
@@ -129,52 +143,58 @@ def add_sampled(
     nodes: Array,
     xs: Array,
     ys: Array,
-    pixel: float,
+    width: float,
     radius: float,
     texel: float,
     sums: Array,
     wanted: npt.NDArray[np.bool_],
+    even: bool,
 ) -> None:
     """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; arguments as in ``add_ruled``.
 
     ``counts`` of 0 asks for the three-disc formula at the sub-pixels' centres instead of pupil points; ``chords`` are
-    Gauss-Legendre nodes and weights; ``radius`` is a dot's, 0 for a picture with ``texel`` mm and ``sums``.
+    Gauss-Legendre nodes and weights; ``radius`` is a dot's, 0 for a picture with ``texel`` mm and ``sums``; ``slants`` of 0 leave the
+    fall-off out; ``even``: a pixel is a square along the target's axes, and needs parts only in the rim.
     """
     for entry in range(windows.shape[0]):
         first = max(rows[0], windows[entry, 2])
         last = min(rows[1], windows[entry, 3])
         kind = kinds[entry]
+        cone, to, slant = cones[entry], maps[entry], slants[entry]
         parts = int(subs[kind])
-        part = pixel / parts
-        pupil, strip, chord, rim, count = pupils[entry], strips[kind], chords[kind], rims[kind], int(counts[kind])
+        part = width / parts
+        strip, chord, rim, count = strips[kind], chords[kind], rims[kind], int(counts[kind])
         steep = rim[0] < 0.0
+        deep, outside = cone[1] - abs(cone[0]) - 0.75 * width, cone[1] + abs(cone[0]) + 0.75 * width
         for row in range(first, last):
             dy = ys[row] - centres[entry, 1]
             for column in range(windows[entry, 0], windows[entry, 1]):
                 if wanted.size > 0 and not wanted[row, column]:
                     continue
                 dx = xs[column] - centres[entry, 0]
-                if math.hypot(dx, dy) > pupil[1] + abs(pupil[0]) + pixel:
+                distance = math.hypot(dx, dy)
+                if distance > outside:
                     continue
+                full = distance < deep
+                divide = 1 if full and count > 0 and even else parts
+                side = width / divide
                 light = 0.0
-                for j in range(parts):
-                    y = dy + ((j + 0.5) / parts - 0.5) * pixel
-                    for i in range(parts):
-                        x = dx + ((i + 0.5) / parts - 0.5) * pixel
-                        look = 1.0
-                        if steep:
-                            share = steep_share(x, y, part, pupil[0], pupil[1], nodes)
-                            look = lit_middle(math.sqrt(x * x + y * y), part, pupil[1])
-                        elif count == 0:
-                            share = 1.0
-                        else:
+                for j in range(divide):
+                    y = dy + ((j + 0.5) / divide - 0.5) * width
+                    for i in range(divide):
+                        x = dx + ((i + 0.5) / divide - 0.5) * width
+                        share, look = 1.0, 1.0
+                        if steep and not full:
+                            share = steep_share(x, y, part, cone[0], cone[1], nodes)
+                            look = lit_middle(math.sqrt(x * x + y * y), part, cone[1])
+                        elif not full and count > 0:
                             share = rim_share(math.sqrt(x * x + y * y), rim)
                         if share <= 0.0:
                             continue
                         at_x, at_y = look * x, look * y
                         if count == 0:
-                            spot = spot_share(at_x, at_y, pupil, radius)
-                            light += share * spot / (max(full_share(at_x, at_y, pupil), 1e-12) if steep else 1.0)
+                            spot = spot_share(at_x, at_y, cone, to, radius)
+                            light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
                         else:
-                            light += share * sampled_mean(at_x, at_y, pupil, strip, chord, count, part, radius, texel, sums)
-                image[row, column] += levels[entry] * light / (parts * parts)
+                            light += share * sampled_mean(at_x, at_y, cone, to, strip, chord, count, side, radius, texel, sums, slant)
+                image[row, column] += levels[entry] * light / (divide * divide)
