@@ -111,16 +111,25 @@ def read_raw(file: Path) -> RawPicture:
         raise InputError(f"{file}: cannot be read as a raw picture ({error})") from error
 
 
-def write_picture(file: Path, picture: Picture, white_dn: int = WHITE_DN) -> None:
+def write_picture(
+    file: Path,
+    picture: Picture,
+    white_dn: int = WHITE_DN,
+    *,
+    pattern: str | None = None,
+    neutral: tuple[float, float, float] = (1.0, 1.0, 1.0),
+) -> None:
     """Write one picture.
 
     .npy keeps numbers and kind as they are. .tiff, .png and .dng hold 16 bits: whole numbers as they are, floating point times
-    ``white_dn`` rounded, what noise puts below 0 as 0. A .dng is one without filters, black at 0; ``write_raw`` says more.
+    ``white_dn`` rounded, what noise puts below 0 as 0. A .dng has its black at 0; ``write_raw`` says more.
 
     Args:
         file: its ending says what to write.
         picture: shape (rows, columns).
         white_dn: what 1.0 of a floating-point picture becomes in 16 bits; the rest is room for overlapping light.
+        pattern: mosaic of a .dng, see ``RawPicture``; the other kinds note none.
+        neutral: what white gives in its colours.
 
     Raises:
         InputError: unknown ending, not a plane of numbers, numbers that 16 bits cannot hold, or the folder cannot be written.
@@ -132,7 +141,7 @@ def write_picture(file: Path, picture: Picture, white_dn: int = WHITE_DN) -> Non
     if picture.ndim != 2 or picture.size == 0 or picture.dtype.kind not in "uif":
         raise InputError(f"{file}: a plane of numbers is due, not shape {picture.shape} of {picture.dtype}")
     if ending == ".dng":
-        return write_raw(file, RawPicture(_sixteen_bits(file, picture, white_dn)))
+        return write_raw(file, RawPicture(_sixteen_bits(file, picture, white_dn), pattern, neutral=neutral))
     try:
         if ending == ".npy":
             with file.open("wb") as stream:
