@@ -9,11 +9,11 @@ from typing import Any, NamedTuple, TypeVar
 
 from drivers.axis import Axis
 from drivers.camera import CameraDevice, Detector
-from drivers.interlocks import GapRule, Neighbour, check_motion, corner_reach, least_gap, order_moves, retreats
+from drivers.interlocks import check_motion, gap_rule, least_gap, order_moves, retreats
 from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
 from drivers.setting import Setting
 from drivers.simulated import SimulatedBench
-from flflab.bench import Bench, DeviceDescription, Element, read_bench
+from flflab.bench import Bench, DeviceDescription, Moved, read_bench
 from flflab.errors import CommunicationError, DeviceError, FlflabError, InputError
 
 Opened = TypeVar("Opened")
@@ -22,7 +22,7 @@ STOP_TIMEOUT_S = 5.0
 
 
 class Identity(NamedTuple):
-    """One line of the table of devices: texts; position in mm is None where there is none or its reference is missing."""
+    """One line of the table of devices: texts; position in mm is None or rad is None where there is none or its reference is missing."""
 
     name: str
     driver: str
@@ -54,7 +54,7 @@ class ConnectedBench:
         self.detector = Detector(camera)
         self.iris = iris
         self.target = target
-        self.gap_rule = _gap_rule(described, self.axes)
+        self.gap_rule = gap_rule(described, {name: axis.travel for name, axis in self.axes.items()})
         self._addresses = addresses
         self._resources = resources
         for axis in self.axes.values():
@@ -106,26 +106,26 @@ class ConnectedBench:
         """Let go of everything, in the reverse order of opening; may be called again."""
         self._resources.close()
 
-    def axis_of(self, element: Element) -> Axis | None:
-        """The axis that moves an element, None where nothing moves it."""
+    def axis_of(self, element: Moved) -> Axis | None:
+        """The axis that moves an element or turns the array, None where nothing does."""
         found = self.described.description.axis_of(element)
         return None if found is None else self.axes[found[0]]
 
-    def world_z(self, element: Element) -> float:
-        """Where an element stands by its axis's reading, world z in mm.
+    def world(self, moved: Moved) -> float:
+        """Where an element stands by its axis's reading, world z in mm, or how the array is turned, rad.
 
         Raises:
             InputError: nothing moves it.
             CommunicationError: the axis does not answer.
         """
-        found = self.described.description.axis_of(element)
+        found = self.described.description.axis_of(moved)
         if found is None:
-            raise InputError(f"{self.described.file}: no axis moves {element}; give one in `axes`")
+            raise InputError(f"{self.described.file}: no axis moves {moved}; give one in `axes`")
         name, axis = found
         return axis.world(self.axes[name].position())
 
     def order_moves(self, targets: Mapping[str, float]) -> tuple[str, ...]:
-        """In which order axes can go to these readings (mm) from where they are, so that the minimum gap holds on the way.
+        """In which order axes can go to these readings from where they are, so that the minimum gap holds on the way.
 
         Raises:
             LimitError: a target is outside its axis's limits.
@@ -141,8 +141,7 @@ class ConnectedBench:
         Raises:
             CommunicationError: an axis does not answer.
         """
-        rule = self.gap_rule
-        return None if rule is None else least_gap(rule, self._reach(rule.array), self._reach(rule.sensor))
+        return None if self.gap_rule is None else least_gap(self.gap_rule, self._reaches())
 
     def identities(self) -> list[Identity]:
         """What stands on the bench, one line a device; a device that fails says so in its line."""
@@ -166,11 +165,13 @@ class ConnectedBench:
 
     def _guard(self, name: str, start: float | None, end: float | None) -> None:
         rule = self.gap_rule
-        if rule is not None and (side := rule.concerns(name)) is not None and not retreats(rule, side, start, end):
-            check_motion(rule, name, start, end, self._reach(rule.other(side)))
+        if rule is not None and name in rule.movers and not retreats(rule, name, start, end):
+            check_motion(rule, name, start, end, self._reaches(besides=name))
 
-    def _reach(self, neighbour: Neighbour | float) -> tuple[float, float] | None:
-        return self.axes[neighbour.name].reach() if isinstance(neighbour, Neighbour) else None
+    def _reaches(self, besides: str = "") -> dict[str, tuple[float, float] | None]:
+        """Between which readings the axes of the gap rule are until they rest."""
+        movers = self.gap_rule.movers if self.gap_rule else {}
+        return {name: self.axes[name].reach() for name in movers if name != besides}
 
 
 def connect(bench_file: str | Path) -> ConnectedBench:
@@ -266,16 +267,3 @@ class _Connection:
         if isinstance(self._simulated, CommunicationError):
             raise self._simulated
         return self._simulated
-
-
-def _gap_rule(described: Bench, axes: Mapping[str, Axis]) -> GapRule | None:
-    """The rule between array and sensor; one that nothing moves stands where the camera file has it, the main lens at world z = 0."""
-    description, optics = described.description, described.optics
-    array, sensor = description.axis_of("array.z"), description.axis_of("sensor.z")
-    if array is None and sensor is None:
-        return None
-    return GapRule(
-        description.minimum_gap,
-        Neighbour(*array, axes[array[0]].travel, corner_reach(optics.array)) if array else optics.array.distance,
-        Neighbour(*sensor, axes[sensor[0]].travel) if sensor else optics.sensor.distance,
-    )

@@ -1,39 +1,66 @@
-"""The rule across axes: array and sensor never nearer than the minimum gap. Pure functions over readings and world z, in mm.
+"""The rule across axes: array and sensor never nearer than the minimum gap. Pure functions over readings and world places.
 
-Each of the two may be anywhere between its readings (one reading at rest, start to end under way, its whole travel when unknown),
-widened by three standard uncertainties of its world position, by the following error, and for a tilted array by its corners.
+Each axis may be anywhere between its readings (one reading at rest, start to end under way, its whole travel when unknown), widened
+by three standard uncertainties of its place and by the following error. A tilted array reaches out of its plane as far as the circle
+round its corners does, however it is rolled.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
-from flflab.bench import AxisDescription
+from flflab.bench import AxisDescription, Bench
 from flflab.errors import InterlockError
 from flflab.optics.camera import MicrolensArray
 
 Interval = tuple[float, float]
-Side = Literal["array", "sensor"]
+Readings = Mapping[str, Interval | None]
 COVERAGE = 3.0
-FOLLOWING_MM = 0.01
+FOLLOWING = {"mm": 0.01, "rad": 2e-4}
 
 
 @dataclass(frozen=True)
-class Neighbour:
-    """Array or sensor: the axis that moves it, the axis's whole travel (readings), and how far it reaches out of its plane."""
+class Mover:
+    """An axis of the rule: it shifts array or sensor, or tilts the array; ``travel`` is all it can reach, readings."""
 
     name: str
     axis: AxisDescription
     travel: Interval
-    reach_out: float = 0.0
+
+    @property
+    def tilts(self) -> bool:
+        """Whether it turns, not shifts."""
+        return self.axis.coordinate.unit == "rad"
+
+    def spread(self, readings: Interval) -> float:
+        """By how much its place may be off, mm or rad."""
+        return COVERAGE * max(self.axis.uncertainty(reading) for reading in readings) + FOLLOWING[self.axis.coordinate.unit]
 
     def place(self, readings: Interval | None) -> Interval:
-        """Between which world z it may be when its axis is between two readings, or anywhere."""
+        """Between which world places it may be when it is between two readings, or anywhere."""
         ends = readings or self.travel
-        spread = COVERAGE * max(self.axis.uncertainty(reading) for reading in ends) + FOLLOWING_MM + self.reach_out
-        world = sorted(self.axis.world(reading) for reading in ends)
-        return world[0] - spread, world[1] + spread
+        if not all(math.isfinite(end) for end in ends):
+            return -math.inf, math.inf
+        low, high = sorted(self.axis.world(reading) for reading in ends)
+        return low - self.spread(ends), high + self.spread(ends)
+
+
+@dataclass(frozen=True)
+class Plate:
+    """The array as a stiff plate that tilts about its middle.
+
+    Args:
+        radius: of the circle round its corners, mm.
+        tilt: along (x, y) what tilts it (yaw, pitch), or the slope as the camera file has it where nothing does.
+    """
+
+    radius: float
+    tilt: tuple[Mover | float, Mover | float]
+
+    def reach(self, readings: Readings) -> float:
+        """How far it may reach out of the plane through its middle, mm: radius * sine of the steepest tilt."""
+        slope = math.hypot(*(_steepest(part, readings) for part in self.tilt))
+        return self.radius * (slope / math.sqrt(1 + slope**2) if math.isfinite(slope) else 1.0)
 
 
 @dataclass(frozen=True)
@@ -41,85 +68,86 @@ class GapRule:
     """The array rides before the sensor, at least ``minimum_gap`` away; a float stands for one that no axis moves, at this world z."""
 
     minimum_gap: float
-    array: Neighbour | float
-    sensor: Neighbour | float
+    array: Mover | float
+    sensor: Mover | float
+    plate: Plate = Plate(0.0, (0.0, 0.0))
 
-    def concerns(self, name: str) -> Side | None:
-        """Which of the two an axis moves."""
-        if isinstance(self.array, Neighbour) and name == self.array.name:
-            return "array"
-        return "sensor" if isinstance(self.sensor, Neighbour) and name == self.sensor.name else None
-
-    def other(self, side: Side) -> Neighbour | float:
-        """The neighbour of one side."""
-        return self.sensor if side == "array" else self.array
+    @property
+    def movers(self) -> dict[str, Mover]:
+        """The axes it concerns by name."""
+        return {part.name: part for part in (self.array, self.sensor, *self.plate.tilt) if isinstance(part, Mover)}
 
 
-def corner_reach(array: MicrolensArray) -> float:
-    """How far the corners of a tilted array reach out of the plane through its middle, mm."""
-    halves = ((count * pitch + array.aperture) / 2 for count, pitch in zip(array.count, array.pitch, strict=True))
-    return sum(abs(math.tan(tilt)) * half for tilt, half in zip(array.tilt, halves, strict=True))
+def gap_rule(bench: Bench, travels: Mapping[str, Interval]) -> GapRule | None:
+    """The rule of a bench; what nothing moves stands where the camera file has it, the main lens at world z = 0.
+
+    Args:
+        bench: the bench file.
+        travels: all that each axis can reach, readings.
+
+    Returns:
+        None where no axis moves or tilts either of the two.
+    """
+    description, array = bench.description, bench.optics.array
+
+    def mover(element: str, otherwise: float) -> Mover | float:
+        found = next(((name, axis) for name, axis in description.axes.items() if axis.moves == element), None)
+        return Mover(*found, travels[found[0]]) if found else otherwise
+
+    rule = GapRule(
+        description.minimum_gap,
+        mover("array.z", array.distance),
+        mover("sensor.z", bench.optics.sensor.distance),
+        Plate(corner_radius(array), (mover("array.yaw", array.tilt[0]), mover("array.pitch", array.tilt[1]))),
+    )
+    return rule if rule.movers else None
 
 
-def least_gap(rule: GapRule, array: Interval | None, sensor: Interval | None) -> float:
-    """The smallest gap possible between array and sensor whose axes are between these readings (None: anywhere), mm."""
-    return _place(rule.sensor, sensor)[0] - _place(rule.array, array)[1]
+def corner_radius(array: MicrolensArray) -> float:
+    """Radius of the circle round the array's corners, mm."""
+    return math.hypot(*((count * pitch + array.aperture) / 2 for count, pitch in zip(array.count, array.pitch, strict=True)))
 
 
-def retreats(rule: GapRule, side: Side, start: float | None, end: float | None) -> bool:
-    """Whether a motion only leads away from the neighbour; ``end`` None: it looks for its reference."""
-    mover = _mover(rule, side)
-    away = -1 if side == "array" else 1
-    if end is None:
-        return mover.axis.home_towards == ("-z" if side == "array" else "+z")
-    return start is not None and away * (mover.axis.world(end) - mover.axis.world(start)) >= 0
+def least_gap(rule: GapRule, readings: Readings) -> float:
+    """The smallest gap possible between array and sensor when axes are between these readings (None or missing: anywhere), mm."""
+    return _place(rule.sensor, readings)[0] - _place(rule.array, readings)[1] - rule.plate.reach(readings)
 
 
-def swept(rule: GapRule, side: Side, start: float | None, end: float | None) -> Interval:
-    """The readings a motion may pass; where start or end is not known (homing), up to the end of the travel on that side."""
-    mover = _mover(rule, side)
-    if start is None:
+def retreats(rule: GapRule, name: str, start: float | None, end: float | None) -> bool:
+    """Whether a motion can only widen the gap, whatever the true zeros are; ``end`` None: it looks for its reference."""
+    return _retreats(rule, rule.movers[name], None if start is None else (start, start), end)
+
+
+def swept(mover: Mover, start: Interval | None, end: float | None) -> Interval:
+    """The readings a motion may pass; one that looks for its reference may go to the end of the travel it homes towards.
+
+    A tilt that looks for its reference may go anywhere.
+    """
+    if start is None or (end is None and mover.tilts):
         return mover.travel
-    if end is None:
-        towards = mover.axis.sign if mover.axis.home_towards == "+z" else -mover.axis.sign
-        end = mover.travel[1] if towards > 0 else mover.travel[0]
-    return min(start, end), max(start, end)
+    last = mover.travel[1 if mover.axis.homes_up else 0] if end is None else end
+    return min(*start, last), max(*start, last)
 
 
-def check_motion(rule: GapRule, name: str, start: float | None, end: float | None, neighbour: Interval | None) -> None:
+def check_motion(rule: GapRule, name: str, start: float | None, end: float | None, readings: Readings) -> None:
     """Refuse a motion that could bring array and sensor too near to each other.
 
     A motion that only leads away is never refused: it is what makes a gap that is too small, or not known, safe again.
 
     Args:
         rule: the rule.
-        name: the axis that is to move; others than the rule's two are never refused.
+        name: the axis that is to move; others than the rule's are never refused.
         start: its reading, None where it has no reference.
         end: where it is to go, None where it looks for its reference.
-        neighbour: the readings the neighbour's axis may be between until it rests; None: anywhere in its travel.
+        readings: between which readings the other axes may be until they rest; None or missing: anywhere in their travel.
 
     Raises:
         InterlockError: the gap could become smaller than the minimum.
     """
-    side = rule.concerns(name)
-    if side is None or retreats(rule, side, start, end):
-        return
-    readings = swept(rule, side, start, end)
-    gap = least_gap(rule, readings, neighbour) if side == "array" else least_gap(rule, neighbour, readings)
-    if gap < rule.minimum_gap:
-        other = rule.other(side)
-        task = "look for its reference" if end is None else f"move to {end:.6f} mm"
-        where = f"the {'sensor' if side == 'array' else 'array'}, which nothing moves"
-        if isinstance(other, Neighbour):
-            place = f"between {neighbour[0]:.6f} and {neighbour[1]:.6f} mm" if neighbour else "without a reference: home it first"
-            where = f"{other.name}, {place}"
-        raise InterlockError(
-            f"{name}: asked to {task}, which could leave {gap:.3f} mm between array and sensor ({where}); "
-            f"at least {rule.minimum_gap:g} mm are kept, nothing moved"
-        )
+    _check(rule, name, None if start is None else (start, start), end, readings)
 
 
-def order_moves(rule: GapRule | None, readings: Mapping[str, Interval | None], targets: Mapping[str, float]) -> tuple[str, ...]:
+def order_moves(rule: GapRule | None, readings: Readings, targets: Mapping[str, float]) -> tuple[str, ...]:
     """In which order axes can go to their targets, one after the other, so that the gap holds on the way.
 
     Args:
@@ -137,12 +165,9 @@ def order_moves(rule: GapRule | None, readings: Mapping[str, Interval | None], t
     while waiting:
         refusals: list[InterlockError] = []
         for name in waiting:
-            here = now.get(name)
             try:
-                if rule is not None and (side := rule.concerns(name)) is not None:
-                    other = rule.other(side)
-                    beside = now.get(other.name) if isinstance(other, Neighbour) else None
-                    check_motion(rule, name, None if here is None else _start(rule, side, here), targets[name], beside)
+                if rule is not None:
+                    _check(rule, name, now.get(name), targets[name], now)
             except InterlockError as refusal:
                 refusals.append(refusal)
                 continue
@@ -155,18 +180,51 @@ def order_moves(rule: GapRule | None, readings: Mapping[str, Interval | None], t
     return tuple(order)
 
 
-def _start(rule: GapRule, side: Side, readings: Interval) -> float:
-    """Of where an axis may be now, the reading nearest to its neighbour."""
-    nearest = max if side == "array" else min
-    return nearest(readings, key=_mover(rule, side).axis.world)
+def _check(rule: GapRule, name: str, start: Interval | None, end: float | None, readings: Readings) -> None:
+    mover = rule.movers.get(name)
+    if mover is None or _retreats(rule, mover, start, end):
+        return
+    gap = least_gap(rule, {**readings, name: swept(mover, start, end)})
+    if not gap >= rule.minimum_gap:
+        task = "look for its reference" if end is None else f"move to {mover.axis.coordinate.show(end)}"
+        raise InterlockError(
+            f"{name}: asked to {task}, which could leave {gap:.3f} mm between array and sensor ({_others(rule, name, readings)}); "
+            f"at least {rule.minimum_gap:g} mm are kept, nothing moved"
+        )
 
 
-def _mover(rule: GapRule, side: Side) -> Neighbour:
-    mover = rule.array if side == "array" else rule.sensor
-    if isinstance(mover, Neighbour):
-        return mover
-    raise InterlockError(f"no axis moves the {side}")
+def _retreats(rule: GapRule, mover: Mover, start: Interval | None, end: float | None) -> bool:
+    if mover.tilts:
+        # Towards flat for every zero error that is possible: |end + error| <= |start + error|.
+        if start is None or end is None or start[0] != start[1]:
+            return False
+        here, there = mover.axis.world(start[0]), mover.axis.world(end)
+        return (here - there) * (here + there) >= 0 and abs(here + there) >= 2 * mover.spread((start[0], end))
+    away = -1 if mover == rule.array else 1
+    if end is None:
+        return mover.axis.home_towards == ("-z" if away < 0 else "+z")
+    return start is not None and all(away * (mover.axis.world(end) - mover.axis.world(reading)) >= 0 for reading in start)
 
 
-def _place(neighbour: Neighbour | float, readings: Interval | None) -> Interval:
-    return neighbour.place(readings) if isinstance(neighbour, Neighbour) else (neighbour, neighbour)
+def _others(rule: GapRule, name: str, readings: Readings) -> str:
+    """Where the other parts are, for people."""
+    parts = [f"the {side}, which nothing moves" for side in ("array", "sensor") if not isinstance(getattr(rule, side), Mover)]
+    for other in rule.movers.values():
+        if other.name != name:
+            low, high = readings.get(other.name) or (math.nan, math.nan)
+            show = other.axis.coordinate.show
+            known = f"at {show(low)}" if low == high else f"between {show(low)} and {show(high)}"
+            parts.append(f"{other.name}, {known if readings.get(other.name) else 'without a reference: home it first'}")
+    return "; ".join(parts)
+
+
+def _steepest(part: Mover | float, readings: Readings) -> float:
+    """The largest slope, infinite from a right angle on."""
+    if not isinstance(part, Mover):
+        return abs(part)
+    angle = max(abs(end) for end in part.place(readings.get(part.name)))
+    return math.tan(angle) if angle < math.pi / 2 else math.inf
+
+
+def _place(part: Mover | float, readings: Readings) -> Interval:
+    return part.place(readings.get(part.name)) if isinstance(part, Mover) else (part, part)

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from flflab.bench import Bench, Element
+from flflab.bench import ANGLE, LENGTH, Bench, Element
 from flflab.description import read_yaml
 from flflab.errors import RecordError
 
@@ -209,7 +209,7 @@ class FrameRecord:
         target: name of the target in place.
         repeat: counts the frames of one target in one configuration.
         f_number: by the iris's reading.
-        readings: of all axes, mm.
+        readings: of all axes, mm or rad.
         worlds: world z in mm of main lens, array, sensor and target, by those readings.
         exposure_s: as the camera says.
         gain: factor.
@@ -333,11 +333,16 @@ def world_key(element: Element) -> str:
     return f"world_{element.replace('.', '_')}_mm"
 
 
+def _reading(data: Mapping[str, Any], axis: str) -> float:
+    """An axis's reading: a column in rad where it turns, else one in mm."""
+    return float(data[column if (column := ANGLE.column(axis)) in data else LENGTH.column(axis)])
+
+
 def _frame_of(data: Mapping[str, Any], time: float, place: int, axes: Iterable[str]) -> FrameRecord:
     configuration = int(data["configuration"])
     return FrameRecord(
         key=data["point"], configuration=None if configuration < 0 else configuration, target=data["target"], repeat=int(data["repeat"]),
-        f_number=float(data["iris"]), readings={axis: float(data[f"{axis}_mm"]) for axis in axes},
+        f_number=float(data["iris"]), readings={axis: _reading(data, axis) for axis in axes},
         worlds={element: float(data[world_key(element)]) for element in ELEMENTS}, exposure_s=float(data["exposure_s"]),
         gain=float(data["gain"]), saturated=int(data["saturated"]), number=int(data["number"]), index=place, time=time,
     )  # fmt: skip

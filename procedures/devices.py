@@ -42,26 +42,24 @@ class Stages:
         """Each axis asked once."""
         now = time.time()
         readings = {name: axis.position() for name, axis in self._axes.items()}
-        values = {f"{name}_mm": mm for name, mm in readings.items()} | {
+        values = {self._axes[name].coordinate.column(name): reading for name, reading in readings.items()} | {
             world_key(element): z for element, z in self.worlds(readings).items()
         }
         return {key: {"value": value, "timestamp": now} for key, value in values.items()}
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns."""
-        keys = [f"{name}_mm" for name in self._axes] + [world_key(element) for element in self.worlds(dict.fromkeys(self._axes, 0.0))]
-        return {key: {"source": "axes", "dtype": "number", "shape": [], "units": "mm"} for key in keys}
+        units: dict[str, str] = {axis.coordinate.column(name): axis.coordinate.unit for name, axis in self._axes.items()}
+        units |= dict.fromkeys([world_key(element) for element in self.worlds(dict.fromkeys(self._axes, 0.0))], "mm")
+        return {key: {"source": "axes", "dtype": "number", "shape": [], "units": unit} for key, unit in units.items()}
 
     def read_configuration(self) -> dict[str, Any]:
-        """Speeds, mm/s."""
-        now = time.time()
-        return {f"{name}_speed_mm_per_s": {"value": axis.speed, "timestamp": now} for name, axis in self._axes.items()}
+        """Speeds."""
+        return {key: value for axis in self._axes.values() for key, value in axis.read_configuration().items()}
 
     def describe_configuration(self) -> dict[str, Any]:
         """What ``read_configuration`` returns."""
-        return {
-            f"{name}_speed_mm_per_s": {"source": f"axis {name}", "dtype": "number", "shape": [], "units": "mm/s"} for name in self._axes
-        }
+        return {key: value for axis in self._axes.values() for key, value in axis.describe_configuration().items()}
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from drivers.interlocks import GapRule, Neighbour, corner_reach, order_moves
+from drivers.interlocks import gap_rule, order_moves
 from flflab.bench import AxisDescription, Bench, Element
 from flflab.errors import InputError, InterlockError, LimitError
 from flflab.study import Configuration, Study
@@ -118,8 +118,9 @@ def home_steps(bench: Bench) -> tuple[Home, ...]:
 
 
 def homed_readings(bench: Bench) -> dict[str, float]:
-    """Where every axis stands after homing, mm: at the end of its limits towards which it homes."""
-    return {name: axis.limits[1 if (axis.home_towards == "+z") == (axis.sign == 1) else 0] for name, axis in bench.description.axes.items()}
+    """Where every axis stands after homing: at the end of its limits towards which it homes, one that turns the array at 0."""
+    axes = bench.description.axes
+    return {name: 0.0 if axis.coordinate.unit == "rad" else axis.limits[1 if axis.homes_up else 0] for name, axis in axes.items()}
 
 
 def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]:
@@ -220,27 +221,14 @@ def _move(configuration: Configuration, bench: Bench, now: Readings) -> Move:
         _require_within(configuration, name, axis, reading)
         if abs(reading - now[name]) > NOT_MOVED:
             wanted[name] = reading
-    rule = gap_rule(bench)
-    free = {name: mm for name, mm in wanted.items() if rule is None or rule.concerns(name) is None}
+    rule = gap_rule(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
+    free = {name: mm for name, mm in wanted.items() if rule is None or name not in rule.movers}
     bound = {name: mm for name, mm in wanted.items() if name not in free}
     try:
         order = order_moves(rule, {name: (mm, mm) for name, mm in now.items()}, bound)
     except InterlockError as error:
         raise InterlockError(f"configuration {configuration.index}: {error}") from error
     return Move(configuration.index, tuple(group for group in (free, *({name: bound[name]} for name in order)) if group))
-
-
-def gap_rule(bench: Bench) -> GapRule | None:
-    """The rule between array and sensor as far as the bench file tells: an axis travels between its limits."""
-    description, optics = bench.description, bench.optics
-    array, sensor = description.axis_of("array.z"), description.axis_of("sensor.z")
-    if array is None and sensor is None:
-        return None
-    return GapRule(
-        description.minimum_gap,
-        Neighbour(*array, array[1].limits, corner_reach(optics.array)) if array else optics.array.distance,
-        Neighbour(*sensor, sensor[1].limits) if sensor else optics.sensor.distance,
-    )
 
 
 def standing(bench: Bench) -> dict[Element, float]:

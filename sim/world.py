@@ -10,10 +10,11 @@ import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
-from flflab.bench import AxisDescription, Bench
+from flflab.bench import AxisDescription, Bench, Element, Turn
 from flflab.errors import InputError
 from flflab.optics.camera import Camera, MicrolensArray
 from flflab.optics.focus import sharp_vergence
@@ -137,15 +138,22 @@ class World:
         self.targets = wheel_targets(bench)
 
     def elements(self, instant: float) -> dict[str, float]:
-        """True place of everything an axis can move: world z in mm, angles of the array in rad."""
-        with self.lock:
-            moved = {axis.moves: axis.world(self.carriages[name].at(instant)) for name, axis in self.axes.items()}
-        return self._fixed | moved
+        """True world z of every element, mm."""
+        return {moved: place for moved, place in self._places(instant).items() if moved in get_args(Element)}
+
+    def angles(self, instant: float) -> dict[str, float]:
+        """True pitch, yaw and roll of the array, rad, as ``array.pitch`` and so on."""
+        return {moved: place for moved, place in self._places(instant).items() if moved in get_args(Turn)}
 
     def gap(self, instant: float) -> float:
         """True distance from the array's nearest corner to the sensor, mm; negative where they have met."""
-        elements = self.elements(instant)
-        return elements["sensor.z"] - elements["array.z"] - corner_reach(self.optics.array, elements)
+        places = self._places(instant)
+        return places["sensor.z"] - places["array.z"] - corner_reach(self.optics.array, places)
+
+    def _places(self, instant: float) -> dict[str, float]:
+        with self.lock:
+            moved = {axis.moves: axis.world(self.carriages[name].at(instant)) for name, axis in self.axes.items()}
+        return self._fixed | moved
 
     def f_number(self, instant: float) -> float:
         """True f-number."""
@@ -160,18 +168,18 @@ class World:
 
     def scene(self, instant: float) -> Scene:
         """What the camera sees at an instant."""
-        elements, f_number, name = self.elements(instant), self.f_number(instant), self.target_name(instant)
-        lens = elements["main_lens.z"]
-        state = (*(round(value / NANOMETRE) for value in elements.values()), round(f_number, 6), name)
+        places, f_number, name = self._places(instant), self.f_number(instant), self.target_name(instant)
+        lens = places["main_lens.z"]
+        state = (*(round(value / NANOMETRE) for value in places.values()), round(f_number, 6), name)
         target = self.targets[name or "black"]
-        tilt = (math.tan(elements["array.yaw"]), math.tan(elements["array.pitch"]))
-        distance = lens - elements["target.z"]
+        tilt = (math.tan(places["array.yaw"]), math.tan(places["array.pitch"]))
+        distance = lens - places["target.z"]
         try:
             camera = replace(
                 self.optics,
                 main_lens=replace(self.optics.main_lens, f_number=f_number),
-                array=replace(self.optics.array, distance=elements["array.z"] - lens, tilt=tilt, roll=elements["array.roll"]),
-                sensor=replace(self.optics.sensor, distance=elements["sensor.z"] - lens),
+                array=replace(self.optics.array, distance=places["array.z"] - lens, tilt=tilt, roll=places["array.roll"]),
+                sensor=replace(self.optics.sensor, distance=places["sensor.z"] - lens),
             )
         except InputError:
             return Scene(None, None, target, state)

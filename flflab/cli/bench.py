@@ -11,6 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from flflab.bench import LENGTH
 from flflab.errors import InputError, RecordError
 from flflab.units import parse_quantity
 
@@ -37,23 +38,25 @@ def check(bench: BenchFile) -> None:
             table.add_column(heading, justify="right" if heading == "position" else "left")
         for row in connected.identities():
             axis = connected.axes.get(row.name)
-            position = "" if axis is None else "not homed" if row.position is None else f"{row.position:.4f} mm"
-            limits = "" if axis is None else f"{axis.limits[0]:g} to {axis.limits[1]:g} mm"
+            show = LENGTH.show if axis is None else axis.coordinate.show
+            position = "" if axis is None else "not homed" if row.position is None else show(row.position, ".4f")
+            limits = "" if axis is None else f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}"
             table.add_row(row.name, row.driver, row.address, row.identity, position, limits, row.state)
         _print(table)
 
 
 @app.command()
 def where(bench: BenchFile) -> None:
-    """Say where every axis stands and where its element is in the world."""
+    """Say where every axis stands, where its element is in the world, and how the array is turned."""
     with _connected(bench) as connected:
         table = Table(box=box.SIMPLE_HEAD)
-        for heading in ("axis", "reading", "moves", "world z"):
+        for heading in ("axis", "reading", "moves", "in the world"):
             table.add_column(heading, justify="left" if heading in ("axis", "moves") else "right")
         for name, axis in connected.axes.items():
             element = connected.described.description.axes[name].moves
             homed = axis.is_homed()
-            reading, world = (f"{axis.position():.4f} mm", f"{connected.world_z(element):.4f} mm") if homed else ("not homed", "unknown")
+            show = axis.coordinate.show
+            reading, world = (show(axis.position(), ".4f"), show(connected.world(element), ".4f")) if homed else ("not homed", "unknown")
             table.add_row(name, reading, element, world)
         _print(table)
 
@@ -69,29 +72,31 @@ def home(bench: BenchFile, axes: Annotated[list[str] | None, typer.Argument(help
         for step in home_steps(connected.described):
             wait_all(*[connected.axes[name].home() for name in step.axes if name in named])
         for name in named:
-            typer.echo(f"{name} is at {connected.axes[name].position():.4f} mm")
+            typer.echo(_place(connected.axes[name]))
 
 
 @app.command()
-def move(axis: AxisName, position: Annotated[str, typer.Argument(help="reading with its unit: '12.5 mm'")], bench: BenchFile) -> None:
+def move(
+    axis: AxisName, position: Annotated[str, typer.Argument(help="reading with its unit: '12.5 mm', '1.5 deg'")], bench: BenchFile
+) -> None:
     """Move an axis to a reading and wait until it is there."""
-    target = parse_quantity(position, "length")
     with _connected(bench) as connected:
         moved = _axis(connected, axis)
-        moved.move_to(target).wait()
-        typer.echo(f"{axis} is at {moved.position():.4f} mm")
+        moved.move_to(parse_quantity(position, moved.coordinate.dimension)).wait()
+        typer.echo(_place(moved))
 
 
 @app.command()
 def jog(
-    axis: AxisName, distance: Annotated[str, typer.Argument(help="with its unit: '100 um'; after --: '-0.5 mm'")], bench: BenchFile
+    axis: AxisName,
+    distance: Annotated[str, typer.Argument(help="with its unit: '100 um', '0.1 deg'; after --: '-0.5 mm'")],
+    bench: BenchFile,
 ) -> None:
     """Move an axis by a distance and wait until it is there."""
-    step = parse_quantity(distance, "length")
     with _connected(bench) as connected:
         moved = _axis(connected, axis)
-        moved.move_by(step).wait()
-        typer.echo(f"{axis} is at {moved.position():.4f} mm")
+        moved.move_by(parse_quantity(distance, moved.coordinate.dimension)).wait()
+        typer.echo(_place(moved))
 
 
 @app.command()
@@ -131,6 +136,10 @@ def _connected(bench: Path) -> Generator["ConnectedBench", None, None]:
 
     with connect(bench) as connected:
         yield connected
+
+
+def _place(axis: "Axis") -> str:
+    return f"{axis.name} is at {axis.coordinate.show(axis.position(), '.4f')}"
 
 
 def _axis(bench: "ConnectedBench", name: str) -> "Axis":

@@ -51,7 +51,7 @@ def nowhere() -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"axes.array_stage.driver": "zabre"}, r"axes\.array_stage\.driver: there is no driver 'zabre' here; there are zaber, manual"),
+        ({"axes.array_stage.driver": "zabre"}, r"axes\.array_stage\.driver: there is no driver 'zabre' here; there are zaber, thorlabs, oriental, manual"),
         ({"camera.driver": "kodak"}, r"camera\.driver: there is no driver 'kodak' here; there are scpi"),
         ({"axes.array_stage.device": None}, r"axes\.array_stage\.device: this field is missing"),
         ({"axes.array_stage.device": 100}, r"axes\.array_stage\.device: .*not 100"),
@@ -153,7 +153,7 @@ def test_address_simulated_starts_a_bench_and_ends_it(root: Path) -> None:
     with drivers.connect(root / "examples" / "benches" / "simulated.yaml") as bench:
         wait_all(bench.array_stage.home(), bench.sensor_stage.home(), timeout=20)
         bench.array_stage.move_to(12.5).wait(20)
-        assert bench.world_z("array.z") == pytest.approx(52.5, abs=0.001)
+        assert bench.world("array.z") == pytest.approx(52.5, abs=0.001)
 
 
 def test_a_simulated_bench_that_does_not_start_says_its_last_words(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from drivers.interlocks import FOLLOWING_MM, GapRule, Interval, Neighbour, check_motion, corner_reach, order_moves
+from drivers.interlocks import FOLLOWING, GapRule, Interval, Mover, Plate, check_motion, corner_radius, least_gap, order_moves, retreats
 from flflab.bench import AxisDescription
 from flflab.errors import InterlockError
 from flflab.optics.camera import MicrolensArray
@@ -31,14 +31,14 @@ def axis(element: str, home_towards: str, sign: int, zero: str) -> AxisDescripti
 def rule(array_home: str = "-z", sensor_home: str = "+z", sensor_sign: int = -1) -> GapRule:
     """Array from z = 40 to 90 mm; sensor over the same stretch, mounted either way round."""
     sensor = axis("sensor.z", sensor_home, sensor_sign, "92 mm" if sensor_sign < 0 else "42 mm")
-    return GapRule(LEAST_MM, Neighbour("array", axis("array.z", array_home, 1, "40 mm"), TRAVEL), Neighbour("sensor", sensor, TRAVEL))
+    return GapRule(LEAST_MM, Mover("array", axis("array.z", array_home, 1, "40 mm"), TRAVEL), Mover("sensor", sensor, TRAVEL))
 
 
 @dataclass
 class Stage:
     """The truth of one stage: where its element is, what it believes, where it goes."""
 
-    neighbour: Neighbour
+    neighbour: Mover
     zero_error: float
     scale_error: float
     reading: float
@@ -89,7 +89,7 @@ class World:
         if stage.goal is not None or (goal is not None and not stage.homed):
             return False
         try:
-            check_motion(self.rule, name, stage.reading if stage.homed else None, goal, other.reach())
+            check_motion(self.rule, name, stage.reading if stage.homed else None, goal, {other.neighbour.name: other.reach()})
         except InterlockError:
             return False
         stage.go(stage.home_end() if goal is None else goal, goal is None)
@@ -119,7 +119,7 @@ def world(rule_: GapRule, errors: tuple[float, ...], begin: tuple[float, float],
     stages = {
         name: Stage(part, 0.06 * errors[2 * k], 3e-4 * errors[2 * k + 1], begin[k], homed[k])
         for k, (name, part) in enumerate((("array", rule_.array), ("sensor", rule_.sensor)))
-        if isinstance(part, Neighbour)
+        if isinstance(part, Mover)
     }
     return World(rule_, stages)
 
@@ -159,8 +159,9 @@ def test_an_order_is_found_exactly_where_one_keeps_the_gap_in_the_worst_case(
     begin: tuple[float, float], targets: tuple[float, float], swap: bool
 ) -> None:
     rule_ = rule()
-    exact = GapRule(LEAST_MM, *(_without_scale_uncertainty(part) for part in (rule_.array, rule_.sensor) if isinstance(part, Neighbour)))
-    nearest = 2 * (0.06 + FOLLOWING_MM)
+    array, sensor = (_without_scale_uncertainty(part) for part in (rule_.array, rule_.sensor) if isinstance(part, Mover))
+    exact = GapRule(LEAST_MM, array, sensor)
+    nearest = 2 * (0.06 + FOLLOWING["mm"])
     wanted: dict[str, float] = dict(zip(("array", "sensor"), targets, strict=True))
     asked = dict(reversed(wanted.items())) if swap else wanted
 
@@ -184,8 +185,8 @@ def test_an_order_is_found_exactly_where_one_keeps_the_gap_in_the_worst_case(
             order_moves(exact, places, asked)
 
 
-def _without_scale_uncertainty(part: Neighbour) -> Neighbour:
-    return Neighbour(part.name, part.axis.model_copy(update={"scale_uncertainty": 0.0}), part.travel)
+def _without_scale_uncertainty(part: Mover) -> Mover:
+    return Mover(part.name, part.axis.model_copy(update={"scale_uncertainty": 0.0}), part.travel)
 
 
 def test_going_up_together_the_sensor_goes_first_and_back_the_array() -> None:
@@ -202,29 +203,142 @@ def test_axes_the_rule_does_not_concern_keep_their_turn() -> None:
 
 def test_an_approach_beside_an_unknown_neighbour_is_refused_and_says_what_to_do() -> None:
     with pytest.raises(InterlockError, match="sensor, without a reference: home it first") as caught:
-        check_motion(rule(), "array", 10.0, 11.0, None)
+        check_motion(rule(), "array", 10.0, 11.0, {"sensor": None})
     assert "at least 0.3 mm are kept, nothing moved" in str(caught.value)
-    check_motion(rule(), "array", 10.0, 9.0, None)
+    check_motion(rule(), "array", 10.0, 9.0, {})
 
 
 def test_homing_away_is_free_and_homing_towards_needs_a_neighbour_known_and_clear() -> None:
-    check_motion(rule(), "array", None, None, None)
-    check_motion(rule(), "sensor", None, None, None)
+    check_motion(rule(), "array", None, None, {})
+    check_motion(rule(), "sensor", None, None, {})
     for neighbour in (None, (30.0, 30.0), (0.0, 2.0)):
         with pytest.raises(InterlockError, match="asked to look for its reference"):
-            check_motion(rule(array_home="+z"), "array", None, None, neighbour)
-    check_motion(rule(array_home="+z"), "array", None, None, (0.0, 1.0))
+            check_motion(rule(array_home="+z"), "array", None, None, {"sensor": neighbour})
+    check_motion(rule(array_home="+z"), "array", None, None, {"sensor": (0.0, 1.0)})
 
 
-def test_a_tilted_array_reaches_out_by_its_corners() -> None:
-    array = MicrolensArray("square", (25, 25), (0.12, 0.12), 0.1, (0.9,), 60.0, tilt=(math.radians(1), 0.0))
-    assert corner_reach(array) == pytest.approx(math.tan(math.radians(1)) * 1.55)
-    tilted = Neighbour("array", axis("array.z", "-z", 1, "40 mm"), TRAVEL, corner_reach(array))
-    assert tilted.place((1.0, 1.0))[1] - Neighbour("array", tilted.axis, TRAVEL).place((1.0, 1.0))[1] == pytest.approx(corner_reach(array))
+def turn(element: str, zero_uncertainty: str = "0.02 deg") -> AxisDescription:
+    return AxisDescription.model_validate(
+        {
+            "driver": "thorlabs", "moves": element, "zero_uncertainty": zero_uncertainty, "limits": ["-10 deg", "10 deg"],
+            "speed": "10 deg/s", "home_towards": f"-{element.partition('.')[2]}",
+        }
+    )  # fmt: skip
+
+
+ARRAY = MicrolensArray("square", (25, 25), (0.12, 0.12), 0.1, (0.9,), 60.0)
+TILTS = (-math.radians(10), math.radians(10))
+
+
+def tilted_rule() -> GapRule:
+    yaw, pitch = (Mover(name, turn(f"array.{name}"), TILTS) for name in ("yaw", "pitch"))
+    return GapRule(LEAST_MM, rule().array, rule().sensor, Plate(corner_radius(ARRAY), (yaw, pitch)))
+
+
+def test_the_circle_round_the_corners_of_a_tilted_array_reaches_out() -> None:
+    radius = 1.55 * math.sqrt(2)
+    assert corner_radius(ARRAY) == pytest.approx(radius)
+    fixed = Plate(radius, (math.tan(math.radians(1)), 0.0))
+    assert fixed.reach({}) == pytest.approx(radius * math.sin(math.radians(1)))
+    rule_, flat = tilted_rule(), rule()
+    at = {"array": (20.0, 20.0), "sensor": (30.0, 30.0), "yaw": (math.radians(1), math.radians(2)), "pitch": (0.0, 0.0)}
+    steepest = math.hypot(math.tan(math.radians(2.06) + 2e-4), math.tan(math.radians(0.06) + 2e-4))
+    assert least_gap(flat, at) - least_gap(rule_, at) == pytest.approx(radius * math.sin(math.atan(steepest)))
+
+
+def test_a_tilt_that_nobody_knows_may_be_anything_even_of_a_stage_that_turns_for_ever() -> None:
+    endless = Mover("yaw", turn("array.yaw"), (-math.inf, math.inf))
+    assert Plate(2.0, (endless, 0.0)).reach({}) == 2.0
+    rule_ = GapRule(LEAST_MM, rule().array, rule().sensor, Plate(2.0, (endless, 0.0)))
+    near = {"array": (20.0, 20.0), "sensor": (30.0, 30.0)}
+    with pytest.raises(InterlockError, match="yaw: asked to look for its reference"):
+        check_motion(rule_, "yaw", None, None, near)
+    check_motion(rule_, "yaw", None, None, {"array": (20.0, 20.0), "sensor": (29.0, 29.0)})
+    with pytest.raises(InterlockError, match=r"array: .*yaw, without a reference: home it first"):
+        check_motion(rule_, "array", 20.0, 20.5, near)
+
+
+def test_a_tilt_is_refused_where_its_corners_would_come_too_near_and_the_way_back_is_free() -> None:
+    rule_ = tilted_rule()
+    at = {"array": (20.0, 20.0), "sensor": (31.4, 31.4), "pitch": (0.0, 0.0), "yaw": (0.0, 0.0)}
+    check_motion(rule_, "pitch", 0.0, math.radians(2), at)
+    with pytest.raises(
+        InterlockError, match=r"pitch: asked to move to -9\.000000 deg, which could leave 0\.\d+ mm between array and sensor"
+    ):
+        check_motion(rule_, "pitch", 0.0, math.radians(-9), at)
+    too_near = at | {"sensor": (31.8, 31.8)}
+    check_motion(rule_, "pitch", math.radians(-9), math.radians(-1), too_near)
+    with pytest.raises(InterlockError):
+        check_motion(rule_, "pitch", math.radians(-9), math.radians(9), too_near)
+
+
+def test_levelling_counts_as_a_way_back_only_where_the_true_tilt_shrinks_whatever_its_zero() -> None:
+    rule_ = tilted_rule()
+    assert retreats(rule_, "pitch", math.radians(-9), math.radians(-1))
+    assert retreats(rule_, "pitch", math.radians(9), 0.0)
+    assert not retreats(rule_, "pitch", math.radians(0.05), 0.0)  # its zero may be off by 0.06 degrees
+    assert not retreats(rule_, "pitch", math.radians(1), math.radians(-0.99))
+    assert not retreats(rule_, "pitch", math.radians(1), math.radians(2))
+
+
+@settings(max_examples=150)
+@given(
+    errors=st.tuples(unit, unit, unit, unit),
+    begin=st.tuples(st.floats(15, 20), st.floats(25, 32), st.floats(-10, 10), st.floats(-10, 10)),
+    program=st.lists(st.tuples(st.integers(0, 3), st.floats(-1, 1), st.integers(0, 60)), min_size=4, max_size=12),
+    roll=st.floats(0, math.tau),
+)
+def test_no_corner_of_a_tilting_array_ever_comes_nearer_than_the_minimum(
+    errors: tuple[float, ...], begin: tuple[float, ...], program: list[tuple[int, float, int]], roll: float
+) -> None:
+    """All four axes step at once; the truth is the height of each corner of a stiff plate."""
+    rule_ = tilted_rule()
+    names: tuple[str, ...] = ("array", "sensor", "yaw", "pitch")
+    spans: dict[str, Interval] = {"array": (18.0, 22.0), "sensor": (28.0, 32.0), "yaw": TILTS, "pitch": TILTS}
+    steps = {"array": 0.25, "sensor": 0.25, "yaw": math.radians(0.5), "pitch": math.radians(0.5)}
+    off = dict(
+        zip(names, (0.06 * errors[0], 0.06 * errors[1], math.radians(0.06) * errors[2], math.radians(0.06) * errors[3]), strict=True)
+    )
+    now: dict[str, float] = dict(zip(names, (*begin[:2], math.radians(begin[2]), math.radians(begin[3])), strict=True))
+    ways: dict[str, tuple[float, float]] = {}
+
+    def true_gap() -> float:
+        world = {name: rule_.movers[name].axis.world(now[name]) + off[name] for name in names}
+        along_x, along_y = math.tan(world["yaw"]), math.tan(world["pitch"])
+        # In the plate's plane: a unit vector across y, and the one square to it; the corners are rolled in that plane.
+        length, steep = math.hypot(1, along_x), math.hypot(1, along_x, along_y)
+        rise_first, rise_second = along_x / length, along_y / (length * steep)
+        cos, sin = math.cos(roll), math.sin(roll)
+        heights = [(cos * x - sin * y) * rise_first + (sin * x + cos * y) * rise_second for x in (-1.55, 1.55) for y in (-1.55, 1.55)]
+        return world["sensor"] - world["array"] - max(heights)
+
+    assume(true_gap() >= LEAST_MM)
+    least = true_gap()
+    for which, share, steps_taken in program:
+        name = names[which]
+        low, high = spans[name]
+        goal = (low + high) / 2 + share * (high - low) / 2
+        others = {other: ways.get(other, (now[other], now[other])) for other in names if other != name}
+        if name not in ways:
+            try:
+                check_motion(rule_, name, now[name], goal, others)
+                ways[name] = (now[name], goal)
+            except InterlockError:
+                pass
+        for _ in range(steps_taken):
+            for moving, (_, end) in list(ways.items()):
+                way = end - now[moving]
+                now[moving] += math.copysign(min(steps[moving], abs(way)), way)
+                if now[moving] == end:
+                    del ways[moving]
+            if not ways:
+                break
+            least = min(least, true_gap())
+    assert least >= LEAST_MM - 1e-12
 
 
 def test_an_element_that_nothing_moves_stands_where_the_camera_file_has_it() -> None:
     fixed = GapRule(LEAST_MM, 60.0, rule().sensor)
-    check_motion(fixed, "sensor", 20.0, 31.0, None)
+    check_motion(fixed, "sensor", 20.0, 31.0, {})
     with pytest.raises(InterlockError, match="the array, which nothing moves"):
-        check_motion(fixed, "sensor", 20.0, 31.7, None)
+        check_motion(fixed, "sensor", 20.0, 31.7, {})

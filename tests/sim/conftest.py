@@ -21,13 +21,13 @@ WriteBench = Callable[..., Bench]
 
 @pytest.fixture
 def write_bench_file(root: Path, tmp_path: Path) -> WriteBench:
-    """Write the built-in bench with a sensor of 240 x 180 pixels and other simulated values, and read it."""
+    """Write an example bench with a sensor of 240 x 180 pixels and other simulated values, and read it."""
 
-    def write(**simulated: object) -> Bench:
+    def write(example: str = "simulated", **simulated: object) -> Bench:
         camera = yaml.safe_load((root / "examples/cameras/osinski.yaml").read_text())
         camera["sensor"] |= {"resolution": [240, 180], "pixel": "6 um"}
         (tmp_path / "camera.yaml").write_text(yaml.safe_dump(camera))
-        bench = yaml.safe_load((root / "examples/benches/simulated.yaml").read_text())
+        bench = yaml.safe_load((root / f"examples/benches/{example}.yaml").read_text())
         bench["optics"] = "camera.yaml"
         bench["simulated"] |= {"clock": 200} | simulated
         (tmp_path / "bench.yaml").write_text(yaml.safe_dump(bench, sort_keys=False))

@@ -1,5 +1,6 @@
 """The hidden truth: drawn from the bench file's uncertainties, once and for all, and what follows from where the stages stand."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -61,6 +62,28 @@ def test_the_camera_sees_where_the_stages_really_stand(write_bench_file: WriteBe
     assert scene.distance == pytest.approx(0.010 + 511)
     assert scene.camera.main_lens.f_number == pytest.approx(4 * 1.01)
     assert world.gap(clock.now()) == pytest.approx(62 - 60.032)
+
+
+def test_axes_tilt_and_roll_the_array_that_the_camera_sees(write_bench_file: WriteBench) -> None:
+    truths = {f"{name}.{what}": 0 for name in ("rotation_stage", "goniometer") for what in ("zero", "scale")}
+    world = World(write_bench_file("full", truths=truths | {"ring.zero": "0.2 deg", "ring.scale": 0}), SteppedClock())
+    for name, degrees in (("rotation_stage", 2.0), ("goniometer", -1.0), ("ring", 30.0)):
+        world.carriages[name].motion = rest(math.radians(degrees))
+    assert world.angles(0.0) == pytest.approx({f"array.{k}": math.radians(v) for k, v in (("yaw", 2), ("pitch", -1), ("roll", 30.2))})
+    camera = world.scene(0.0).camera
+    assert camera is not None
+    assert camera.array.tilt == pytest.approx((math.tan(math.radians(2)), math.tan(math.radians(-1))))
+    assert camera.array.roll == pytest.approx(math.radians(30.2))
+
+
+def test_the_gap_is_that_of_the_lowest_corner_of_a_rolled_plate(write_bench_file: WriteBench) -> None:
+    """The corner at azimuth 45 + 45 degrees of a square plate: half its diagonal times the sine of the pitch."""
+    world = World(write_bench_file("full", truths={f"{name}.zero": 0 for name in ("rotation_stage", "goniometer", "ring")}), SteppedClock())
+    flat = world.gap(0.0)
+    world.carriages["ring"].motion = rest(math.radians(45))
+    world.carriages["goniometer"].motion = rest(math.radians(3))
+    half_diagonal = (25 * 0.4 + 0.336) / math.sqrt(2)
+    assert flat - world.gap(0.0) == pytest.approx(half_diagonal * math.sin(math.radians(3)), rel=1e-4)
 
 
 def test_the_bench_wakes_up_as_the_camera_file_has_it(write_bench_file: WriteBench) -> None:
