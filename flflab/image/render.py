@@ -10,12 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.image.cards import cards_of, split
+from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.form import add_plane
+from flflab.image.moments import moments
 from flflab.image.scene import ALL, Scene, without
 from flflab.image.setup import make_setup
+from flflab.image.single_rays import add_single_rays
 from flflab.targets import Bars, Black, FourDot, Picture
 
 Array = npt.NDArray[np.float64]
+Chosen = npt.NDArray[np.bool_]
 
 TOLERANCE = 0.002
 LEAST_TOLERANCE = 1e-5
@@ -26,7 +31,7 @@ def render(
     *,
     tolerance: float = TOLERANCE,
     effects: frozenset[str] = ALL,
-    wanted: npt.NDArray[np.bool_] | None = None,
+    wanted: Chosen | None = None,
 ) -> Array:
     """Form the picture of a scene without noise.
 
@@ -34,7 +39,8 @@ def render(
         scene: camera and targets; what has a size in mm is a point and black at infinity.
         tolerance: largest error asked for, in units of the white level.
         effects: what is formed; an effect that the scene does not have changes nothing.
-        wanted: the pixels that matter, [row, column]; the others may hold anything. None for all.
+        wanted: the pixels that matter, [row, column]; the others may hold anything. None for all. Stray light comes from all pixels:
+            with it all are formed.
 
     Returns:
         Irradiance [row, column] in units of the white level: that at the centre of the micro-image nearest the axis under a
@@ -45,17 +51,47 @@ def render(
             sensor.
     """
     pictured = without(scene, effects)
-    columns, rows = pictured.camera.sensor.resolution
     _check(pictured, tolerance, wanted)
+    columns, rows = pictured.camera.sensor.resolution
     image = np.zeros((rows, columns))
-    for plane in pictured.planes:
-        target = plane.target
-        if not isinstance(target, Black) and (math.isfinite(plane.distance) or not isinstance(target, FourDot | Bars | Picture)):
-            add_plane(image, make_setup(pictured, plane, tolerance, effects), target)
+    formed = None if pictured.stray_light is not None else wanted
+    exposure = moments(pictured, tolerance, effects)
+    for moment in exposure:
+        for index in range(len(moment.planes)):
+            _add_plane(image, moment, index, tolerance, effects, formed)
+    if len(exposure) > 1:
+        image /= len(exposure)
+    if pictured.stray_light is not None:
+        share = pictured.stray_light.share
+        image[:] = (1 - share) * image + share * image.mean()
+    if pictured.colour_filter is not None:
+        image *= transmissions(pictured.colour_filter, (rows, columns))
     return image
 
 
-def _check(scene: Scene, tolerance: float, wanted: npt.NDArray[np.bool_] | None) -> None:
+def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects: frozenset[str], wanted: Chosen | None) -> None:
+    """Add the light of one of a scene's planes."""
+    plane = scene.planes[index]
+    if isinstance(plane.target, Black) or (math.isinf(plane.distance) and isinstance(plane.target, FourDot | Bars | Picture)):
+        return
+    setup = make_setup(scene, plane, tolerance, effects)
+    cards = cards_of(scene, index)
+    if cards or setup.crooked.any():
+        setup, singly = split(setup, 1 / plane.distance, scene.distortion, cards)
+        add_single_rays(image, singly, plane, scene.distortion, cards, wanted)
+    if len(setup.blur):
+        add_plane(image, setup, plane.target, wanted)
+
+
+def transmissions(mosaic: ColourFilter, shape: tuple[int, int]) -> Array:
+    """How much of the light the filter of each pixel lets through, [row, column]."""
+    by_letter = {"r": mosaic.red, "g": mosaic.green, "b": mosaic.blue}
+    tile = np.array([by_letter[letter] for letter in mosaic.pattern]).reshape(2, 2)
+    rows, columns = shape
+    return tile[np.ix_(np.arange(rows) % 2, np.arange(columns) % 2)]
+
+
+def _check(scene: Scene, tolerance: float, wanted: Chosen | None) -> None:
     shape = scene.camera.aperture_shape
     if shape != "round":
         raise InputError(f"render: images are formed for round apertures only, not {shape}; set aperture_shape: round")

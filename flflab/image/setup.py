@@ -7,12 +7,16 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.pupil import Pupils, camera_pupils
+from flflab.image.rays import is_straight, linearised
 from flflab.image.rim import Rims, find_rims
 from flflab.image.scene import ALL, Plane, Scene
+from flflab.image.tiles import blur_of, counts_needed, cut, middles, windows_of
 from flflab.optics.camera import Camera, Sensor
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
+
+MAP_SHARE = 0.2  # of the tolerance, for each way in which a map is not linear
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,8 @@ class Setup:
         window: the part of the sensor an entry may light: first column, column after the last, first row, row after the last; (N, 4).
         rims: the kinds of rims of the micro-images.
         blur: diameter on the sensor of the blur of a point, pixels, shape (N,).
+        crooked: entries in which rays through one sensor point end elsewhere than any linear map says, by more than the tolerance
+            allows; shape (N,).
         tolerance: largest error asked for.
         overlap: how many micro-images reach a sensor point, at least 1; the errors of their strips add up.
         pixel_width: side of the square over which a pixel gathers light, mm; 0 for its centre alone.
@@ -45,6 +51,7 @@ class Setup:
     window: Whole
     rims: Rims
     blur: Array
+    crooked: npt.NDArray[np.bool_]
     tolerance: float
     overlap: float
     pixel_width: float
@@ -55,38 +62,64 @@ class Setup:
         return replace(self, origin=self.origin - np.array([x, y]))
 
     def kind_blur(self, largest: bool) -> Array:
-        """The largest or smallest blur among the entries of each kind of rim, pixels."""
-        choose = np.max if largest else np.min
-        return np.array([choose(self.blur[self.rims.kind == kind]) for kind in range(len(self.rims.width))])
+        """The largest or smallest blur among the entries of each kind of rim, pixels; 0 where a kind has none."""
+        found = np.full(len(self.rims.width), -math.inf if largest else math.inf)
+        (np.maximum if largest else np.minimum).at(found, self.rims.kind, self.blur)
+        found[np.bincount(self.rims.kind, minlength=len(found)) == 0] = 0.0
+        return found
+
+    def of(self, entries: Whole, windows: Whole) -> "Setup":
+        """Some of the entries, any number of times each, within these windows."""
+        return replace(
+            self,
+            pupils=self.pupils.of(entries),
+            origin=self.origin[entries],
+            by_pupil=self.by_pupil[entries],
+            by_sensor=self.by_sensor[entries],
+            window=windows,
+            rims=replace(self.rims, kind=self.rims.kind[entries]),
+            blur=self.blur[entries],
+            crooked=self.crooked[entries],
+        )
 
 
 def make_setup(scene: Scene, plane: Plane, tolerance: float, effects: frozenset[str] = ALL) -> Setup:
-    """Set up a scene's camera before one of its planes."""
-    camera, pixel = scene.camera, scene.camera.sensor.pixel
-    vergence = 1 / plane.distance
-    unit = plane.distance if vergence > 0 else 1.0
-    pupils = camera_pupils(camera, vergence)
-    slope = np.where(np.abs(pupils.slope) < 1e-6 * pixel, 0.0, pupils.slope)
-    spread = pupils.spread if "defocus" in effects else np.zeros_like(slope)
-    pupils = replace(pupils, slope=slope if "vignetting" in effects else np.zeros_like(slope), spread=spread)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        blur = np.where(pupils.spread == 0, 0.0, 2 * np.abs(pupils.spread / pupils.scale) / pixel)
-    columns, rows = camera.sensor.resolution
-    cos, sin = math.cos(plane.roll), math.sin(plane.roll)
-    turned = np.array([[cos, sin], [-sin, cos]])
-    origin = unit * np.stack([pupils.direction_x, pupils.direction_y], axis=1)
+    """Set up a scene's camera before one of its planes.
+
+    Raises:
+        InputError: the distortion folds the picture over, or a tilted plane or array reaches too far.
+    """
+    sensor = scene.camera.sensor
+    pupils = camera_pupils(scene.camera, 1 / plane.distance, scene.scatter)
+    slope = np.where(np.abs(pupils.slope) < 1e-6 * sensor.pixel, 0.0, pupils.slope)
+    pupils = replace(pupils, slope=slope if "vignetting" in effects else np.zeros_like(slope))
+    if "defocus" not in effects:
+        pupils = replace(pupils, lens_spread=np.zeros_like(slope), spread=np.zeros_like(slope))
+    windows, rims = windows_of(sensor, pupils, "overlap" in effects), find_rims(pupils, sensor.pixel)
+    overlap = max(1.0, _coverage(scene.camera, pupils)) if "overlap" in effects else 1.0
+    crooked = np.zeros(len(slope), dtype=np.bool_)
+    middle = np.zeros((len(slope), 2))
+    if not is_straight(plane, scene.distortion):
+        seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
+        lenses = pupils.of(seen)
+        counts, crooked = counts_needed(sensor, lenses, windows[seen], plane, scene.distortion, MAP_SHARE * tolerance)
+        entries, windows = cut(windows[seen], counts)
+        pupils, crooked, rims = lenses.of(entries), crooked[entries], replace(rims, kind=rims.kind[seen][entries])
+        middle = middles(sensor, pupils, windows)[0]
+    landing = linearised(pupils, plane, scene.distortion, middle)
     return Setup(
-        sensor=camera.sensor,
+        sensor=sensor,
         pupils=pupils,
-        origin=(origin - np.array(plane.offset if vergence > 0 else (0.0, 0.0))) @ turned.T,
-        by_pupil=unit * pupils.spread[:, None, None] * turned,
-        by_sensor=unit * pupils.scale[:, None, None] * turned,
-        window=np.tile(np.array([0, columns, 0, rows], dtype=np.int64), (len(pupils.slope), 1)),
-        rims=find_rims(pupils, pixel),
-        blur=blur,
+        origin=landing.origin,
+        by_pupil=landing.by_pupil,
+        by_sensor=landing.by_sensor,
+        window=windows,
+        rims=rims,
+        blur=blur_of(landing.by_pupil, landing.by_sensor, sensor.pixel),
+        crooked=crooked,
         tolerance=tolerance,
-        overlap=max(1.0, _coverage(camera, pupils)),
-        pixel_width=pixel if "pixel" in effects else 0.0,
+        overlap=overlap,
+        pixel_width=sensor.pixel if "pixel" in effects else 0.0,
         falloff=scene.falloff is not None,
     )
 

@@ -1,0 +1,112 @@
+"""Which parts of micro-images see a target past the edges of cards: with all their rays, with none, or with some."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.effects.distortion import Distortion
+from flflab.image.pupil import Pupils
+from flflab.image.rays import land, linearised
+from flflab.image.scene import Plane, Scene
+from flflab.image.setup import Setup
+from flflab.image.tiles import RIM, cut, middles
+from flflab.targets import Bars, FourDot, Picture, Target
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+SMALLEST = 4  # pixels a side of a part that a card's edge crosses
+CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Card:
+    """A card between light and lens: rays must end on it where it carries the target (``own``), and beside it where it hides one."""
+
+    plane: Plane
+    own: bool
+
+
+def cards_of(scene: Scene, index: int) -> tuple[Card, ...]:
+    """The cards whose edges the light of a scene's plane can meet."""
+    plane = scene.planes[index]
+    own = (Card(plane, True),) if plane.size is not None and _sticks_out(plane.target, plane.size) else ()
+    return own + tuple(Card(near, False) for near in scene.planes[:index])
+
+
+def _sticks_out(target: Target, size: tuple[float, float]) -> bool:
+    match target:
+        case FourDot():
+            half_x = half_y = (target.spacing + target.diameter) / 2
+        case Bars() | Picture():
+            half_x, half_y = target.width / 2, target.height / 2
+        case _:
+            half_x = half_y = math.inf
+    return half_x > size[0] / 2 or half_y > size[1] / 2
+
+
+def pupils_before(pupils: Pupils, vergence: float, other: float) -> Pupils:
+    """Pupils made for one vergence (1/mm), for another."""
+    change = other - vergence
+    return replace(pupils, spread=pupils.spread + change * pupils.lens_spread, scale=pupils.scale + change * pupils.lens_scale)
+
+
+def split(setup: Setup, vergence: float, distortion: Distortion | None, cards: tuple[Card, ...]) -> tuple[Setup, Setup]:
+    """Tell the parts that see a target (of this vergence, for which the setup is made) with all rays from those that need single rays.
+
+    Single rays need the parts that a card's edge crosses, which are quartered until they are small, and those that are ``crooked``.
+    What sees nothing is in neither.
+    """
+    entries, windows = np.arange(len(setup.blur)), setup.window
+    clear, crossed = [(entries[:0], windows[:0])], [(entries[:0], windows[:0])]
+    while len(entries):
+        full, none = _seen(setup, setup.pupils.of(entries), windows, vergence, distortion, cards)
+        sides = np.stack([windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]], axis=1)
+        none |= (sides <= 0).any(axis=1)
+        single = ~none & np.where(full, setup.crooked[entries], (sides <= SMALLEST).all(axis=1))
+        whole = full & ~single & ~none
+        clear.append((entries[whole], windows[whole]))
+        crossed.append((entries[single], windows[single]))
+        rest = ~(whole | single | none)
+        quarters, smaller = cut(windows[rest], np.where(sides[rest] > SMALLEST, 2, 1))
+        entries, windows = entries[rest][quarters], smaller
+    found = [
+        setup.of(np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])) for parts in (clear, crossed)
+    ]
+    return found[0], found[1]
+
+
+def _seen(
+    setup: Setup,
+    pupils: Pupils,
+    windows: Whole,
+    vergence: float,
+    distortion: Distortion | None,
+    cards: tuple[Card, ...],
+) -> tuple[Flags, Flags]:
+    """Parts whose rays all pass, and parts whose rays are all stopped."""
+    full, none = np.ones(len(windows), dtype=np.bool_), np.zeros(len(windows), dtype=np.bool_)
+    middle, half = middles(setup.sensor, pupils, windows)
+    half = half + setup.sensor.pixel / 2
+    for card in cards:
+        low, high = _extent(pupils_before(pupils, vergence, 1 / card.plane.distance), card.plane, distortion, middle, half)
+        size = np.array(card.plane.size) / 2
+        on = ((low >= -size) & (high <= size)).all(axis=1)
+        beside = ((low > size) | (high < -size)).any(axis=1)
+        full &= on if card.own else beside
+        none |= beside if card.own else on
+    return full, none
+
+
+def _extent(pupils: Pupils, plane: Plane, distortion: Distortion | None, middle: Array, half: Array) -> tuple[Array, Array]:
+    """Lowest and highest places on a card of all rays from a rectangle on the sensor; (N, 2) each."""
+    landing = linearised(pupils, plane, distortion, middle)
+    sensor = middle[:, None] + half[:, None] * np.repeat(CORNERS, len(RIM), axis=0)
+    pupil = np.tile(RIM, (len(CORNERS), 1))[None]
+    crooked = np.abs(landing.at(pupil, sensor) - land(pupils, plane, distortion, pupil, sensor)).max(axis=1)
+    reach = (np.abs(landing.by_sensor) @ half[:, :, None])[:, :, 0] + np.hypot(landing.by_pupil[:, :, 0], landing.by_pupil[:, :, 1])
+    centre = landing.origin + (landing.by_sensor @ middle[:, :, None])[:, :, 0]
+    return centre - reach - 1.5 * crooked, centre + reach + 1.5 * crooked
