@@ -49,7 +49,7 @@ def read_rows(
         out: where the numbers of these rows go.
     """
     bits, others = np.empty(RUN, dtype=np.uint64), np.empty(RUN, dtype=np.uint64)
-    room, light, counts, errors = np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN)
+    room, light, counts, errors, terms = np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN)
     counted = True
     for row in range(len(out)):
         for start in range(0, image.shape[1], RUN):
@@ -78,7 +78,7 @@ def read_rows(
             if shot or noise > 0:
                 draw_bits(pixel, keys[0], run, other)
             if shot:
-                poissons(means, run, 0, pixel, keys[0], space, electrons)
+                poissons(means, run, 0, pixel, keys[0], space, terms[:size], electrons)
             else:
                 electrons[:] = means
             if noise > 0:

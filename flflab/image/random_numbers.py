@@ -158,7 +158,9 @@ def _exact(count: float, mean: float, w: float) -> float:  # pragma: no cover - 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def poissons(means: Array, bits: Bits, stream: int, first: int, key: Key, w: Array, out: Array) -> None:  # pragma: no cover - compiled
+def poissons(
+    means: Array, bits: Bits, stream: int, first: int, key: Key, w: Array, terms: Array, out: Array
+) -> None:  # pragma: no cover - compiled
     """Poisson numbers of a run of pixels by inversion: the least whose distribution function reaches a uniform number.
 
     Small means count up. Large ones take the uniform number from a normal w, and the number is the whole part of the expansion
@@ -166,10 +168,13 @@ def poissons(means: Array, bits: Bits, stream: int, first: int, key: Key, w: Arr
         mean + sqrt(mean) w + (2 + w^2) / 6 - (w + w^3 / 2) / (36 sqrt(mean)) + (-8 / 405 + 7 w^2 / 810 + w^4 / 270) / mean
 
     (Giles, ACM TOMS 42 (1), 7, 2016, eq. 9 and its next term) wherever a bound of its error leaves one whole number; elsewhere the
-    distribution function itself decides, so the number is exact to the precision of doubles. ``w`` is room to work in.
+    distribution function itself decides, so the number is exact to the precision of doubles. ``w`` and ``terms`` are room to work in.
     """
-    out[:] = -1.0  # not known yet; -1 - k stands for a guess k
-    if means.max() >= LARGE_MEAN:
+    small = 0
+    for i in range(len(out)):
+        out[i] = 0.0
+        small += means[i] < LARGE_MEAN
+    if small < len(out):
         normals(bits, stream, first, key, w)
         for i in range(len(out)):
             mean, w1, w2 = max(means[i], LARGE_MEAN), w[i], w[i] * w[i]
@@ -179,21 +184,33 @@ def poissons(means: Array, bits: Bits, stream: int, first: int, key: Key, w: Arr
             place = mean + root * w1 + (2 + w2) / 6 + rest * by_root
             doubt = (0.025 + abs(w1) * w2 * w2 / 150) * by_root * by_root * by_root + 1e-15 * mean
             whole = math.floor(place)
-            sure = (abs(w1) < FAR) & (place - whole > doubt) & (place - whole < 1 - doubt) & (means[i] >= LARGE_MEAN)
-            out[i] = whole if sure else -1 - max(whole, 0.0)
-    for i in range(len(out)):
-        if out[i] < 0:
-            out[i] = _counted(means[i], bits[i]) if means[i] < LARGE_MEAN else _exact(-1 - out[i], means[i], w[i])
+            sure = (abs(w1) < FAR) & (place - whole > doubt) & (place - whole < 1 - doubt)
+            out[i] = (whole if sure else -1 - max(whole, 0.0)) if means[i] >= LARGE_MEAN else 0.0
+        for i in range(len(out)):
+            if out[i] < 0:
+                out[i] = _exact(-1 - out[i], means[i], w[i])
+    if small > 0:
+        _count_up(means, bits, w, terms, out)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _counted(mean: float, bits: np.uint64) -> float:  # pragma: no cover - compiled
-    """Poisson number of a small mean."""
-    if mean == 0:
-        return 0.0
-    left, term, count = uniform(bits), math.exp(-mean), 0
-    while left > term and count < MOST_COUNTED:  # the sum of all terms may fall short of 1 by a roundoff
-        left -= term
-        count += 1
-        term *= mean * INVERSES[count]
-    return float(count)
+def _count_up(means: Array, bits: Bits, left: Array, terms: Array, out: Array) -> None:  # pragma: no cover - compiled
+    """Poisson numbers of the small means among these, all together: a uniform number less the probabilities of 0, 1, 2, ..."""
+    for i in range(len(out)):
+        part, power = min(means[i], LARGE_MEAN) / 16, 1.0
+        for k in range(12, 0, -1):
+            power = 1 - power * part * INVERSES[k]
+        power *= power
+        power *= power
+        power *= power
+        terms[i] = power * power  # exp(-mean) by its series at a 16th of it
+        left[i] = uniform(bits[i]) if means[i] < LARGE_MEAN else -1.0
+    for k in range(1, MOST_COUNTED):  # the sum of all terms may fall short of 1 by a roundoff
+        going = 0
+        for i in range(len(out)):
+            left[i] = left[i] - terms[i] if left[i] > terms[i] else -1.0
+            out[i] += 1.0 if left[i] > 0 else 0.0
+            terms[i] *= means[i] * INVERSES[k]
+            going += left[i] > 0
+        if going == 0:
+            return

@@ -22,8 +22,10 @@ def drawn(*parts: object) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64
 
 def poisson_numbers(means: Array, *parts: object) -> tuple[Array, Array]:
     """Numbers, and the normal ones that the large means took them from."""
-    w, numbers = np.zeros(PIXELS), np.empty(PIXELS)
-    poissons(means, drawn(*parts)[0], 0, 0, noise_key(*parts), w, numbers)
+    w, numbers = np.empty(PIXELS), np.empty(PIXELS)
+    bits, _ = drawn(*parts)
+    poissons(means, bits, 0, 0, noise_key(*parts), np.empty(PIXELS), np.empty(PIXELS), numbers)
+    normals(bits, 0, 0, noise_key(*parts), w)
     return numbers, w
 
 
