@@ -46,7 +46,7 @@ def parse_quantity(given: object, dimension: Dimension) -> float:
         InputError: no unit, an unknown unit or one of another kind, or not a finite number.
     """
     units = FACTORS[dimension]
-    example = f"a {dimension} is a number and a unit of {', '.join(units)}"
+    example = f"{'an' if dimension[0] == 'a' else 'a'} {dimension} is a number and a unit of {', '.join(units)}"
     if isinstance(given, (int, float)) and not isinstance(given, bool):
         if given == 0 or (dimension == "ratio" and math.isfinite(given)):
             return float(given)
