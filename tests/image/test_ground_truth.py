@@ -56,11 +56,13 @@ def images_of(truth: dict[str, Any]) -> list[dict[str, Any]]:
     ("plane", "change"),
     [
         (Plane(SMALL, FOCUS), {}),
-        (Plane(SMALL, 495.0, offset=(1.3, -0.7)), {}),
+        (Plane(SMALL, 495.0, offset=(1.3, -0.7), roll=0.2), {}),
+        (Plane(SMALL, FOCUS, offset=(0.4, 0.9), roll=-0.3, tilt=(0.2, -0.1)), {}),
+        (Plane(SMALL, FOCUS, offset=(0.4, 0.9)), {"distortion": Distortion(30.0)}),
         (Plane(SMALL, FOCUS, offset=(0.4, 0.9)), {"scatter": Scatter(0.005, 0.002, 3)}),
         (Plane(SMALL, FOCUS, offset=(0.4, 0.9)), {"camera": hexagonal}),
     ],
-    ids=["plain", "defocused", "scattered", "hexagonal"],
+    ids=["plain", "defocused and rolled", "tilted", "distorted", "scattered", "hexagonal"],
 )
 def test_dots_lie_where_the_truth_says(wide: Camera, plane: Plane, change: dict[str, Any]) -> None:
     camera = change.get("camera", lambda camera: camera)(wide)
