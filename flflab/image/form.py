@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from flflab.image.orders import (
     falloff_chunks,
+    falloff_steps,
     grid_counts,
     in_bands,
     is_even,
@@ -21,9 +22,10 @@ from flflab.image.orders import (
 )
 from flflab.image.profile import half_plane, profile_table
 from flflab.image.rim import STEEP, disc_nodes
-from flflab.image.ruled import add_ruled, strip_nodes
+from flflab.image.ruled import add_ruled
 from flflab.image.sampled import add_sampled, chord_nodes
 from flflab.image.setup import Setup
+from flflab.image.strips import strip_nodes
 from flflab.optics.camera import pixel_positions
 from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
 
@@ -94,6 +96,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         counts,
         nodes.reshape(*counts.shape, *nodes.shape[1:]),
         falloff_chunks(setup),
+        falloff_steps(setup.tolerance),
         rim_rows(setup, parts, steep),
         disc_nodes(8, 8),
         *pixel_positions(setup.sensor),
