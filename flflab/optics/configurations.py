@@ -139,7 +139,7 @@ def solve_configurations(given: Configurations, threads: int | None = None) -> P
         part = slice(start, min(start + _CHUNK, size))
         numbers = dict(zip(names, (array[part] if array.ndim else array for array in flat), strict=True))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            for name, value in _solve(numbers, given.columns, given.pixels, given.minimum_illumination).items():
+            for name, value in properties_of(numbers, given.columns, given.pixels, given.minimum_illumination).items():
                 kinds[name][part] = value
 
     with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
@@ -147,8 +147,12 @@ def solve_configurations(given: Configurations, threads: int | None = None) -> P
     return Properties(**{name: value.reshape(shape) for name, value in kinds.items()})  # pyright: ignore[reportArgumentType]
 
 
-def _solve(given: dict[str, Array], columns: int, pixels: int, least: float) -> dict[str, Array]:
-    """One chunk. Letters as in the model: F, A, L, b, f, p, d, V = 1/D, x = L (V - 1/F + 1/L), kappa = 1 + b/L - b/f."""
+def properties_of(given: dict[str, Array], columns: int, pixels: int, least: float) -> dict[str, Array]:
+    """The properties by name, of numbers by the names of ``Configurations``; nothing is checked.
+
+    Letters as in the model: F, A, L, b, f, p, d, V = 1/D, x = L (V - 1/F + 1/L), kappa = 1 + b/L - b/f. Only numpy's functions are
+    used, so that anything that stands for an array goes through.
+    """
     F, L, b, f, p, d = (given[name] for name in ("lens_focal", "array_distance", "gap", "focal", "pitch", "aperture"))
     pixel, V = given["pixel"], 1 / given["distance"]
     A, ratio = F / given["f_number"], b / L

@@ -33,7 +33,7 @@ def disc_transfer(diameter: Array | float, cycles_per_mm: Array) -> Array:
     Up to z = 25 the integral (2/pi) of sqrt(1 - t^2) cos(z t) over (-1, 1) by Gauss-Chebyshev's 41 nodes, exact to roundoff there;
     beyond, Hankel's asymptotic series (Abramowitz and Stegun 25.4.40 and 9.2.5). Absolute error below 1e-15.
     """
-    z = np.pi * np.abs(np.asarray(diameter) * cycles_per_mm)
+    z = np.pi * np.abs(diameter * cycles_per_mm)
     near = np.minimum(z, _HANKEL_FROM)
     angle = np.arange(1, _NODES // 2 + 1) * np.pi / (_NODES + 1)
     total = np.ones_like(near)  # the node at t = 0; the others come in equal pairs

@@ -1,0 +1,125 @@
+"""``flflab design REQUIREMENTS``: which configuration, what it gives up for what, and how well it must be built."""
+
+import csv
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from flflab.cli.ending import print_json
+from flflab.design.answer import Option, answer, row
+from flflab.design.camera_text import camera_text
+from flflab.design.chunk_log import Found
+from flflab.design.cluster import search_on_cluster
+from flflab.design.page import asked, summary, write_page
+from flflab.design.requirements import Requirements, read_requirements
+from flflab.design.search import Hindrance, hindrance, search
+from flflab.errors import InputError
+
+
+def design(
+    requirements: Annotated[Path, typer.Argument(help="requirements file (YAML)")],
+    out: Annotated[Path, typer.Option(help="folder for the page, the table, the camera files and the search's log")] = Path("design"),
+    scheduler: Annotated[str | None, typer.Option(help="address of a Dask scheduler whose workers share the search")] = None,
+    json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+) -> None:
+    """Search the configurations that meet the requirements; an interrupted search goes on when it is started again."""
+    wanted = read_requirements(requirements)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: the folder cannot be made ({error.strerror}); give another") from error
+    found = _searched(wanted, scheduler, out / "search.jsonl", quiet=json)
+    if found.met == 0:
+        raise InputError(_nothing(wanted, found, hindrance(wanted)))
+    named, front = answer(wanted, found)
+    _write(out, requirements.stem, wanted, found, named, front)
+    if json:
+        print_json(
+            {
+                "tried": found.tried,
+                "built": found.built,
+                "met": found.met,
+                "epsilon": found.front.epsilon,
+                "named": [row(wanted, option) | {"yield": option.built.share if option.built else None} for option in named],
+                "front": [row(wanted, option) for option in front],
+            }
+        )
+        return
+    console = Console()
+    console.print(summary(found), highlight=False)
+    console.print(_table(wanted, named))
+    for option in named:
+        built = option.built
+        if built is not None and built.buys_most is not None:
+            better = f"{100 * built.halved[built.buys_most]:.1f} % with half the tolerance of {built.buys_most.replace('_', ' ')}"
+            console.print(f"{option.name}: {100 * built.share:.1f} % of those built meet everything, {better}.", highlight=False)
+    console.print(
+        f"{out / 'design.html'}, {out / 'front.csv'}, {len(named) + len(front)} camera files in {out / 'cameras'}", highlight=False
+    )
+
+
+def _searched(wanted: Requirements, scheduler: str | None, log: Path, quiet: bool) -> Found:
+    with Progress(transient=True, disable=quiet, console=Console(stderr=True)) as progress:
+        bar = progress.add_task("configurations", total=None)
+
+        def tell(done: int, total: int) -> None:
+            progress.update(bar, completed=done, total=total)
+
+        if scheduler is not None:
+            return search_on_cluster(wanted, scheduler, log, tell)
+        return search(wanted, log, tell)
+
+
+def _nothing(wanted: Requirements, found: Found, why: Hindrance) -> str:
+    """What clashes, and by how much, in sentences."""
+    said = [f"none of {found.tried:,} configurations meets the requirements"]
+    if why.nearest is None:
+        return f"{said[0]}: none can be built, no gap within travel.gap puts the depth in focus; widen travel.gap or travel.array"
+    for demand, value in why.alone:
+        bound = "at least" if demand.least else "at most"
+        said.append(f"all others can be met with {demand.name} {demand.show(value)} instead of {bound} {demand.show(demand.limit)}")
+    if not why.alone:
+        clash = " and ".join(f"{demand.name} ({demand.show(value)}, asked {demand.show(demand.limit)})" for demand, value in why.misses)
+        said.append(f"at least two clash: the nearest configuration misses {clash}")
+    return "; ".join(said)
+
+
+def _table(wanted: Requirements, named: tuple[Option, ...]) -> Table:
+    """One column an option, so that it fits a narrow terminal."""
+    rows = [row(wanted, option) for option in named]
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("")
+    for cells in rows:
+        table.add_column(str(cells["name"]), justify="right")
+    several = {part for part in ("main_lens", "array", "sensor") if len({cells[part] for cells in rows}) > 1}
+    for head in rows[0]:
+        if head not in ({"name", "main_lens", "array", "sensor"} - several):
+            table.add_row(head.replace("_", " "), *(_cell(cells[head]) for cells in rows))
+    return table
+
+
+def _cell(value: object) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def _write(out: Path, title: str, wanted: Requirements, found: Found, named: tuple[Option, ...], front: tuple[Option, ...]) -> None:
+    try:
+        write_page(out / "design.html", f"Design search: {title}", wanted, found, named, front)
+        rows = [row(wanted, option) for option in (*named, *front)]
+        with (out / "front.csv").open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, fieldnames=list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+        cameras = out / "cameras"
+        cameras.mkdir(exist_ok=True)
+        for option in (*named, *front):
+            heading = f"Design search '{title}', {option.name}: {'; '.join(asked(wanted)[:1])}"
+            name = option.name.replace(" ", "-") if not option.name.isdigit() else f"{int(option.name):03d}"
+            (cameras / f"{name}.yaml").write_text(camera_text(option.given, option.lens, wanted, heading), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}); check the folder") from error
