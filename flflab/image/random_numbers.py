@@ -102,11 +102,12 @@ def _other_normal(bits: np.uint64, stream: int, pixel: int, key: Key) -> float: 
         draw += _2
         if layer == 0:
             x = TAIL - math.log(uniform(other)) / TAIL
-            if -2 * math.log(uniform(bits)) > (x - TAIL) ** 2:
-                return sign * x
-            _, bits = philox(np.uint64(pixel), draw, key)
-            draw += _2
-        elif HEIGHTS[layer] + uniform(other) * (HEIGHTS[layer + _1] - HEIGHTS[layer]) < math.exp(-x * x / 2):
+            while -2 * math.log(uniform(bits)) <= (x - TAIL) ** 2:
+                other, bits = philox(np.uint64(pixel), draw, key)
+                draw += _2
+                x = TAIL - math.log(uniform(other)) / TAIL
+            return sign * x
+        if HEIGHTS[layer] + uniform(other) * (HEIGHTS[layer + _1] - HEIGHTS[layer]) < math.exp(-x * x / 2):
             return sign * x
 
 

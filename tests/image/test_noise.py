@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 from scipy import special, stats
 
-from flflab.image.random_numbers import FAR, LARGE_MEAN, TAIL, draw_bits, noise_key, normals, philox, poissons
+from flflab.image.random_numbers import EDGES, FAR, HEIGHTS, LARGE_MEAN, TAIL, draw_bits, noise_key, normals, philox, poissons
 
 Array = npt.NDArray[np.float64]
 PIXELS = 200_000
@@ -65,6 +65,26 @@ def test_normal_numbers_are_normal_to_the_tail() -> None:
         assert np.mean(numbers**4) == pytest.approx(3.0, abs=4 * math.sqrt(96 / PIXELS))
         expected = PIXELS * math.erfc(TAIL / math.sqrt(2))  # beyond here the ziggurat has its own rule
         assert abs(np.sum(np.abs(numbers) > TAIL) - expected) < 4 * math.sqrt(expected)
+
+
+def test_beyond_the_ziggurat_the_tail_is_normal() -> None:
+    beyond = np.full(PIXELS, 0xFFFFFFFFFFFFFE00, dtype=np.uint64)  # the base layer, at its far end
+    numbers = np.empty(PIXELS)
+    normals(beyond, 0, 0, noise_key("tail"), numbers)
+    assert numbers.min() > TAIL
+    assert stats.kstest(special.ndtr(-numbers) / special.ndtr(-TAIL), "uniform").pvalue > SEEN
+
+
+@pytest.mark.parametrize("layer", [1, 100, 254, 255])
+def test_between_two_layers_the_normal_density_decides(layer: int) -> None:
+    bits, numbers = drawn("layer", layer)[0] & np.uint64(0xFFFFFFFFFFFFFE00) | np.uint64(layer), np.empty(PIXELS)
+    normals(bits, 0, 0, noise_key("layer", layer), numbers)
+    offered = ((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53 * EDGES[layer]
+    kept = np.sum((offered >= EDGES[layer + 1]) & (numbers == offered))
+    low, high = EDGES[layer + 1], EDGES[layer]
+    density = math.sqrt(math.pi / 2) * (math.erf(high / math.sqrt(2)) - math.erf(low / math.sqrt(2))) - (high - low) * HEIGHTS[layer]
+    share = density / (HEIGHTS[layer + 1] - HEIGHTS[layer]) / high
+    assert kept == pytest.approx(PIXELS * share, abs=4 * math.sqrt(PIXELS * share))
 
 
 @pytest.mark.parametrize("mean", [0.01, 0.5, 3.0, 4.999, 5.0, 7.3, 20.5, 300.0, 1e4, 1e5])
