@@ -76,7 +76,7 @@ def test_every_sensitivity_is_the_difference_of_the_model(found: tuple[Requireme
     for row in sensitivities(given, asked):
         if row.name not in model(base):
             continue
-        by = dict(zip(DIMENSIONS, row.per_tolerance, strict=True))
+        by: dict[str, float] = dict(zip(DIMENSIONS, row.per_tolerance, strict=True))
         for name, value in base.items():
             h = 1e-5 * value
             slope = (model(base | {name: value + h})[row.name] - model(base | {name: value - h})[row.name]) / (2 * h)
