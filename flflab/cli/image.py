@@ -1,8 +1,8 @@
-"""``flflab image CAMERA``: the picture a camera takes of a target, as numbers or as a picture file."""
+"""``flflab image CAMERA``: the picture a camera takes of a scene, as numbers or as a picture file, with its ground truth beside it."""
 
-from dataclasses import asdict
+import json as text
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich import box
@@ -13,61 +13,107 @@ from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
-from flflab.image.image_report import ImageReport, image_report
+from flflab.image.ground_truth import ground_truth
+from flflab.image.picture import Report, Told, take_picture
+from flflab.image.render import TOLERANCE
+from flflab.image.scene import Plane
+from flflab.image.scene_file import PicturedScene, read_scene, short_scene
+from flflab.image.sensor_response import SensorResponse
 from flflab.image_file import write_picture
 from flflab.units import parse_quantity
 
+WIDTH = 100
+
 
 def image(
-    camera: Annotated[Path, typer.Argument(help="camera file (YAML)")],
+    context: typer.Context,
     out: Annotated[Path, typer.Option("-o", "--output", help=".npy (float64, white level 1), .tiff, .png or .dng")],
-    distance: Annotated[str, typer.Option(help="main lens to target, with its unit, or infinity")],
+    camera: Annotated[Path | None, typer.Argument(help="camera file (YAML); not needed where the scene names one")] = None,
+    scene: Annotated[Path | None, typer.Option(help="scene file (YAML), instead of --target and --distance")] = None,
+    distance: Annotated[str | None, typer.Option(help="main lens to target, with its unit, or infinity")] = None,
     target: Annotated[str, typer.Option(help="kind of target, or a YAML target file, or a picture file")] = "four-dot",
     effects: Annotated[str, typer.Option(help="auto, fast, reference, or a list of effects joined by commas")] = "auto",
-    tolerance: Annotated[float, typer.Option(help="largest error asked for, as a share of white level")] = 0.002,
+    tolerance: Annotated[float, typer.Option(help="largest error asked for, as a share of white level")] = TOLERANCE,
+    time_budget: Annotated[str | None, typer.Option(help="time with its unit: the best accuracy that fits, instead of --tolerance")] = None,
     seed: Annotated[int | None, typer.Option(help="of the noise; without one the picture has none")] = None,
     explain: Annotated[bool, typer.Option(help="print every effect: size, bound, on or off, why, milliseconds")] = False,
     json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:
-    """Form the image of a target and write it; columns rise with the world's x, rows with its y."""
-    away = parse_quantity(distance, "length")
-    if not away > 0:
-        raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm, or infinity")
-    if not 0 < tolerance < 1:
-        raise InputError(f"--tolerance {tolerance:g}: a share of white level above 0 and below 1 is due")
-    report = image_report(read_camera(camera), read_target(target), away, tolerance=tolerance, seed=seed, effects=effects)
+    """Form the picture of a scene and write it; columns rise with the world's x, rows with its y."""
+    if (scene is None) == (distance is None) or (camera is None and scene is None):
+        context.fail("give a camera and --distance, or --scene with a scene that names its camera or a camera beside it")
+    pictured = read_scene(scene, camera) if scene is not None else _short(camera or Path(), target, distance or "")
+    report = take_picture(
+        pictured.scene,
+        tolerance=tolerance,
+        effects=effects,
+        seed=seed,
+        response=pictured.response,
+        electrons_at_white=pictured.electrons_at_white,
+        budget=None if time_budget is None else parse_quantity(time_budget, "time"),
+    )
     write_picture(out, report.image)
+    told = {"effects": [_keys(effect) for effect in report.effects], "error_estimate": report.error_estimate, "time_ms": report.time_ms}
+    _write_truth(out.with_suffix(".json"), {**ground_truth(pictured.scene), **told})
     if json:
-        print_json(
-            {
-                "effects": [asdict(effect) for effect in report.effects],
-                "error_estimate": report.error_estimate,
-                "time_ms": report.time_ms,
-            }
-        )
+        print_json(told)
         return
-    console = Console()
+    console = Console(width=WIDTH)
     if explain:
         console.print(_table(report))
-        absent = [effect.name for effect in report.effects if effect.size is None and not effect.on]
+        absent = [effect.name for effect in report.effects if not effect.on and not effect.unit]
         if absent:
-            console.print(f"Not simulated by this version: {', '.join(absent)}.", highlight=False)
+            console.print(f"Not in this scene: {', '.join(absent)}.", highlight=False)
     console.print(f"{out}: error below {report.error_estimate:.2g} of white level, {report.time_ms:.0f} ms", highlight=False)
 
 
-def _table(report: ImageReport) -> Table:
-    table = Table(box=box.SIMPLE)
-    for head in ("effect", "on", "size", "bound", "ms", "why"):
-        table.add_column(head, justify="right" if head in ("size", "bound", "ms") else "left")
+def _short(camera: Path, target: str, distance: str) -> PicturedScene:
+    """One target on the axis, the short way."""
+    away = parse_quantity(distance, "length")
+    if not away > 0:
+        raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm, or infinity")
+    return PicturedScene(short_scene(read_camera(camera), Plane(read_target(target), away)), SensorResponse(), None)
+
+
+def _keys(effect: Told) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "on": effect.on,
+        "size": effect.size,
+        "bound": effect.bound,
+        "why": effect.why,
+        "ms": effect.ms,
+    }
+
+
+def _write_truth(file: Path, truth: dict[str, Any]) -> None:
+    try:
+        file.write_text(text.dumps(truth, allow_nan=False, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error.strerror}); check the folder") from error
+
+
+def _table(report: Report) -> Table:
+    table = Table(box=box.SIMPLE, width=WIDTH, pad_edge=False)
+    table.add_column("effect", no_wrap=True)
+    table.add_column("size", justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    table.add_column("bound", justify="right", no_wrap=True)
+    table.add_column("on", no_wrap=True)
+    table.add_column("ms", justify="right", no_wrap=True)
+    table.add_column("why", ratio=1)
     for effect in report.effects:
-        if effect.size is None and not effect.on:
+        if not effect.on and not effect.unit:
             continue  # told in one line below
+        size = "" if effect.size is None else f"{effect.size:.3g}"
         table.add_row(
             effect.name,
+            size,
+            effect.unit,
+            f"{effect.bound:.2g}",
             "on" if effect.on else "off",
-            "" if effect.size is None else f"{effect.size:.3g}",
-            "" if effect.bound is None else f"{effect.bound:.2g}",
-            f"{effect.ms:.1f}" if effect.ms else "",
+            f"{effect.ms:.2g}",
             effect.why,
+            style="" if effect.on else "dim",
         )
     return table

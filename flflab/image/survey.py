@@ -10,7 +10,7 @@ from flflab.image.pupil import Pupils, camera_pupils
 from flflab.image.regime import Change, PlaneRegime, Regime
 from flflab.image.scene import ALL, Plane, Scene, without
 from flflab.optics.camera import Camera
-from flflab.optics.discs import two_disc_areas
+from flflab.optics.discs import two_disc_area
 from flflab.targets import Bars, Black, Chirp, Edge, Picture, White
 
 Array = npt.NDArray[np.float64]
@@ -84,8 +84,8 @@ def _neighbours(pupils: Pupils, seen: Flags, pixel: float) -> tuple[float, float
         gap = min(gap, float((apart - pupils.outside[owner] - pupils.outside)[apart > 0].min()) / pixel)
         nearest = np.maximum(apart[others] / 2 - pixel / math.sqrt(2), 0)
         slope = np.maximum(np.abs(pupils.slope[others]), 1e-9)
-        shares = two_disc_areas(1.0, pupils.reach[others] / slope, nearest / slope) / math.pi
-        crosstalk = max(crosstalk, float((shares * pupils.level[others]).sum()))
+        shares = [two_disc_area(1.0, *pair) / math.pi for pair in zip(pupils.reach[others] / slope, nearest / slope, strict=True)]
+        crosstalk = max(crosstalk, float(np.dot(shares, pupils.level[others])))
         reaching = max(reaching, 1 + int(others.sum()))
     return gap, crosstalk, reaching
 

@@ -1,0 +1,61 @@
+"""How far a picture is from the reference: the reference itself on the pixels where the difference can be largest."""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.render import LEAST_TOLERANCE, render, transmissions
+from flflab.image.scene import Scene
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+BLOCKS = 12  # a side: of each block of the picture, its steepest pixel
+SPREAD = 160  # more pixels, evenly spread over those with light
+FINER = 8.0  # how much finer than asked for the reference is formed here
+SAFETY = 2.0  # the largest difference anywhere over the largest one found
+
+
+def estimate_error(scene: Scene, image: Array, tolerance: float, effects: frozenset[str]) -> float:
+    """Estimate the largest difference of a picture from the reference, of white; it is not below it (see docs/pictures.md).
+
+    Args:
+        scene: what is pictured, with all its effects.
+        image: the picture, formed to this tolerance.
+        tolerance: of white.
+        effects: those that were formed.
+    """
+    finer = max(tolerance / FINER, LEAST_TOLERANCE)
+    wanted = telling_pixels(image)
+    truth = render(replace(scene, stray_light=None, colour_filter=None), tolerance=finer, wanted=wanted)
+    passed = np.ones(image.shape) if scene.colour_filter is None else transmissions(scene.colour_filter, image.shape)
+    if scene.stray_light is not None:
+        # the mean of all pixels is that of the picture itself: rendering all for it would cost more than the picture
+        seen = passed if "colour-filter" in effects else np.ones(image.shape)
+        mean = float(image[seen > 0].sum() / seen[seen > 0].sum())
+        truth = (1 - scene.stray_light.share) * truth + scene.stray_light.share * mean
+    return SAFETY * float(np.abs(passed * truth - image)[wanted].max(initial=0.0)) + finer / 100
+
+
+def telling_pixels(image: Array) -> Flags:
+    """The steepest pixel of every block of a picture, and others spread evenly over its light."""
+    wanted = np.zeros(image.shape, dtype=np.bool_)
+    steep = np.zeros(image.shape)
+    for axis in (0, 1):
+        step = np.abs(np.diff(image, axis=axis))
+        before, after = [slice(None)] * 2, [slice(None)] * 2
+        before[axis], after[axis] = slice(0, -1), slice(1, None)
+        np.maximum(steep[tuple(before)], step, out=steep[tuple(before)])
+        np.maximum(steep[tuple(after)], step, out=steep[tuple(after)])
+    rows = np.array_split(np.arange(image.shape[0]), min(BLOCKS, image.shape[0]))
+    columns = np.array_split(np.arange(image.shape[1]), min(BLOCKS, image.shape[1]))
+    for band in rows:
+        for strip in columns:
+            block = steep[band[0] : band[-1] + 1, strip[0] : strip[-1] + 1]
+            row, column = np.unravel_index(int(np.argmax(block)), block.shape)
+            wanted[band[0] + row, strip[0] + column] = True
+    lit = np.flatnonzero(image.ravel() + steep.ravel())
+    if len(lit):
+        wanted.ravel()[lit[np.linspace(0, len(lit) - 1, SPREAD).astype(np.int64)]] = True
+    return wanted

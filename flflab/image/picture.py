@@ -1,0 +1,158 @@
+"""A picture of a scene at a stated accuracy, with what is in it, why, how far it can be from the reference, and the time it took."""
+
+import math
+import time
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.errors import InputError
+from flflab.image.budget import affordable_tolerance
+from flflab.image.chooser import LEVELS, NOISE, Choice, Decision, choose, named
+from flflab.image.effects.effect import Effect
+from flflab.image.estimate import estimate_error
+from flflab.image.random_numbers import noise_key
+from flflab.image.regime import Regime
+from flflab.image.render import TOLERANCE, render
+from flflab.image.scene import Scene
+from flflab.image.sensor_response import SensorResponse, digitise, read_out
+
+Array = npt.NDArray[np.float64]
+
+BRIGHTEST = 0.7  # of saturation: the exposure rule of the bench
+
+
+@dataclass(frozen=True)
+class Told:
+    """One effect: whether the picture holds it, its size in ``unit``, most that leaving it out can change (of white), why, milliseconds.
+
+    A size of None: the scene has no such effect, or it has no size.
+    """
+
+    name: str
+    on: bool
+    size: float | None
+    unit: str
+    bound: float
+    why: str
+    ms: float
+
+
+@dataclass(frozen=True)
+class Report:
+    """A picture in units of the white level, its effects, an estimate of its largest error but for noise, and the time it took.
+
+    ``choice`` is what was chosen of the effects of the light, ``tolerance`` what was asked for or could be afforded.
+    """
+
+    image: Array
+    effects: tuple[Told, ...]
+    error_estimate: float
+    time_ms: float
+    tolerance: float
+    choice: Choice
+
+
+def take_picture(
+    scene: Scene,
+    *,
+    tolerance: float = TOLERANCE,
+    effects: str = "auto",
+    seed: int | None = None,
+    response: SensorResponse | None = None,
+    electrons_at_white: float | None = None,
+    budget: float | None = None,
+) -> Report:
+    """Form a picture and say what is in it.
+
+    Args:
+        scene: what is pictured.
+        tolerance: largest error asked for, of white.
+        effects: ``auto``, ``fast``, ``reference``, or names joined by commas.
+        seed: of the noise; without one the picture has none.
+        response: the sensor; by default one of 12 bits.
+        electrons_at_white: mean electrons in a pixel at the white level; None: the brightest light fills 70 % of what saturates.
+        budget: time to take, s: the finest tolerance that fits instead of ``tolerance``.
+
+    Raises:
+        InputError: an unknown effect, noise without a seed, a tolerance or budget that cannot be kept; and as ``render``.
+    """
+    started = time.perf_counter()
+    noise = _noise(effects, seed)
+    if budget is not None:
+        tolerance = affordable_tolerance(scene, budget, effects)
+    choice = choose(scene, tolerance, effects)
+    forming = time.perf_counter()
+    image = render(scene, tolerance=choice.tolerance, effects=choice.formed)
+    formed = time.perf_counter()
+    estimate = estimate_error(scene, image, tolerance, choice.effects)
+    reading = time.perf_counter()
+    sensor = response or SensorResponse()
+    electrons = electrons_at_white
+    if electrons is None:
+        electrons = BRIGHTEST * sensor.saturation_e / max(1.0, float(image.max()))
+    told = _told(choice.decisions, 1e3 * (formed - forming))
+    if noise:
+        image = _read(image, electrons, sensor, noise, seed)
+    ended = time.perf_counter()
+    decisions = _noise_decisions(sensor, noise, replace(choice.regime, electrons=electrons), seed)
+    told += _told(decisions, 1e3 * (ended - reading))
+    return Report(image, told, estimate, 1e3 * (ended - started), tolerance, choice)
+
+
+def _noise(effects: str, seed: int | None) -> frozenset[str]:
+    """The effects of the noise that are asked for."""
+    if effects in LEVELS:
+        return frozenset(NOISE if seed is not None else ())
+    noise = named(effects) & set(NOISE)
+    if noise and seed is None:
+        raise InputError(f"effects: {', '.join(sorted(noise))} need a seed; give one with --seed")
+    return noise
+
+
+def _present(response: SensorResponse) -> dict[str, Effect]:
+    """The effects that a sensor has."""
+    return {part.name: part for field in fields(response) if (part := getattr(response, field.name)) is not None}
+
+
+def _read(image: Array, electrons: float, sensor: SensorResponse, noise: frozenset[str], seed: int | None) -> Array:
+    """What the sensor reads, in units of the white level again."""
+    kept = {name.replace("-", "_"): None for name in NOISE if name not in noise and name != "quantisation"}
+    response = replace(sensor, **kept)
+    numbers = response.quantisation
+    read = digitise if "quantisation" in noise else read_out
+    read_numbers = read(image, electrons, response, noise_key("picture", seed))
+    return (read_numbers.astype(np.float64) - numbers.offset_dn) / (numbers.dn_per_electron * electrons)
+
+
+def _noise_decisions(response: SensorResponse, noise: frozenset[str], regime: Regime, seed: int | None) -> tuple[Decision, ...]:
+    present = _present(response)
+    decisions: list[Decision] = []
+    for name in NOISE:
+        effect = present.get(name)
+        if effect is None:
+            decisions.append(Decision(name, False, None, "", 0.0, "the sensor has none", 0.0))
+            continue
+        why = effect.why(regime) + ("" if name in noise else "; no seed was given" if seed is None else "; not asked for")
+        cost = effect.cost(regime)
+        decisions.append(Decision(name, name in noise, effect.size(regime), effect.unit, effect.bound(regime), why, cost))
+    return tuple(decisions)
+
+
+def _told(decisions: tuple[Decision, ...], ms: float) -> tuple[Told, ...]:
+    """The decisions with the time measured shared out by the costs expected; what is off is told at the same rate."""
+    total = sum(decision.cost for decision in decisions if decision.on)
+    rate = ms / total if total > 0 else 1.0
+    return tuple(
+        Told(
+            one.name,
+            one.on,
+            one.size if one.size is not None and math.isfinite(one.size) else None,
+            one.unit,
+            one.bound,
+            one.why,
+            rate * one.cost,
+        )
+        for one in decisions
+    )

@@ -1,0 +1,137 @@
+"""The choice of effects, and what is promised of it, over random scenes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flflab.errors import InputError
+from flflab.image.chooser import LIGHT, NOISE, choose
+from flflab.image.effects.dead_pixels import DeadPixels
+from flflab.image.picture import Report, take_picture
+from flflab.image.random_scene import RESOLUTION, random_scene
+from flflab.image.render import render
+from flflab.image.scene import Plane, Scene, one_plane
+from flflab.image.scene_file import short_scene
+from flflab.image.sensor_response import SensorResponse
+from flflab.optics.camera import Camera
+from flflab.targets import Bars, Black, Edge
+
+REFERENCE = 8  # how much finer than asked for the reference of the trials is formed, down to the finest there is
+LEAST = 1e-5
+
+
+@pytest.fixture(scope="module")
+def scene(camera: Camera) -> Scene:
+    small = replace(camera, sensor=replace(camera.sensor, resolution=(96, 64)))
+    return short_scene(small, Plane(Edge(), 500.0))
+
+
+def on(report: Report) -> set[str]:
+    return {effect.name for effect in report.effects if effect.on}
+
+
+def test_every_effect_of_the_contract_is_told_with_a_reason(scene: Scene) -> None:
+    report = take_picture(scene)
+    assert [effect.name for effect in report.effects] == [*LIGHT, *NOISE]
+    assert len(set(LIGHT + NOISE)) == 20
+    assert all(effect.why for effect in report.effects)
+    assert on(report) == {"defocus", "vignetting", "pixel", "diffraction", "falloff"}
+    assert report.error_estimate < report.tolerance == 0.002
+
+
+def test_what_is_left_out_and_the_quadrature_share_the_tolerance(scene: Scene) -> None:
+    for tolerance in (0.5, 0.2, 0.01, 0.0005):
+        choice = choose(scene, tolerance)
+        left_out = sum(one.bound for one in choice.decisions if not one.on and one.size is not None)
+        assert left_out <= tolerance / 2
+        assert left_out + choice.tolerance == pytest.approx(tolerance)
+
+
+def test_levels_keep_less_or_more(scene: Scene) -> None:
+    fast, auto, reference = (choose(scene, 0.05, level) for level in ("fast", "auto", "reference"))
+    assert fast.effects <= auto.effects <= reference.effects
+    assert fast.tolerance > auto.tolerance > reference.tolerance == LEAST
+    assert reference.effects == {"defocus", "vignetting", "pixel", "diffraction", "falloff"}  # nothing overlaps
+
+
+def test_a_list_is_taken_as_it_is(scene: Scene) -> None:
+    report = take_picture(scene, effects="pixel, falloff")
+    assert on(report) == {"pixel", "falloff"}
+    assert {effect.why for effect in report.effects if effect.name == "scatter"} == {"the scene has none"}
+
+
+def test_noise_comes_with_a_seed_and_repeats_with_it(camera: Camera) -> None:
+    scene = one_plane(replace(camera, sensor=replace(camera.sensor, resolution=(96, 64))), Bars(), 506.7)
+    one, again, other = (take_picture(scene, seed=seed).image for seed in (1, 1, 2))
+    quiet = take_picture(scene).image
+    assert np.array_equal(one, again)
+    assert not np.array_equal(one, other)
+    assert abs((one - quiet).mean()) < 2e-3
+    assert 0.001 < (one - quiet).std() < 0.05
+
+
+def test_any_subset_of_the_noise_can_be_asked_for(camera: Camera) -> None:
+    scene = one_plane(replace(camera, sensor=replace(camera.sensor, resolution=(96, 64))), Black(), 506.7)
+    response = SensorResponse(dead_pixels=DeadPixels(0.1))
+    read = take_picture(scene, effects="pixel,read-noise", seed=1, response=response, electrons_at_white=1000.0).image
+    assert read.std() == pytest.approx(3 / 1000, rel=0.05)
+    stuck = take_picture(scene, effects="pixel,dead-pixels", seed=1, response=response, electrons_at_white=1000.0)
+    assert 0.05 < float((stuck.image != 0).mean()) < 0.15
+    assert on(stuck) == {"pixel", "dead-pixels"}
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ("sparkle", "there is no 'sparkle'; allowed: auto, fast, reference, or a list of defocus, vignetting"),
+        ("pixel,shot-noise", "shot-noise need a seed"),
+        ("", "the list is empty"),
+    ],
+)
+def test_effects_that_cannot_be_chosen_are_refused(scene: Scene, asked: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        take_picture(scene, effects=asked)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -0.1, math.nan, math.inf, 1.0, 1e-12])
+def test_tolerances_that_cannot_be_kept_are_refused(scene: Scene, tolerance: float) -> None:
+    with pytest.raises(InputError, match="tolerance"):
+        take_picture(scene, tolerance=tolerance)
+
+
+def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene) -> None:
+    assert take_picture(scene, budget=60.0).tolerance < take_picture(scene).tolerance
+    with pytest.raises(InputError, match="cannot be kept; the least that can is about"):
+        take_picture(scene, budget=1e-6)
+    with pytest.raises(InputError, match="above 0 s"):
+        take_picture(scene, budget=0.0)
+
+
+def keeps_the_promise(seed: int, resolution: tuple[int, int]) -> tuple[float, float, float]:
+    """Tolerance asked for, error achieved, error estimated."""
+    rng = np.random.default_rng(seed)
+    scene = random_scene(rng, resolution)
+    tolerance = math.exp(rng.uniform(math.log(1e-3), math.log(1e-1)))
+    report = take_picture(scene, tolerance=tolerance)
+    reference = render(scene, tolerance=max(LEAST, tolerance / REFERENCE))
+    return tolerance, float(np.abs(report.image - reference).max()), report.error_estimate
+
+
+@pytest.mark.parametrize(
+    ("seeds", "resolution"),
+    [
+        (range(4), (64, 48)),
+        pytest.param(range(4, 44), (64, 48), marks=pytest.mark.ci),
+        pytest.param(range(1000), RESOLUTION, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
+    ],
+    ids=["few", "some", "all"],
+)
+def test_auto_differs_from_the_reference_by_less_than_asked_for_and_knows_by_how_much(seeds: range, resolution: tuple[int, int]) -> None:
+    found = np.array([keeps_the_promise(seed, resolution) for seed in seeds])
+    asked, achieved, estimated = found.T
+    assert (achieved < asked).all(), f"seeds {np.flatnonzero(achieved >= asked)}"
+    assert (estimated >= achieved).all(), f"seeds {np.flatnonzero(estimated < achieved)}"
+    telling = achieved > asked / 1000
+    assert np.mean(estimated[telling] <= 5 * achieved[telling]) >= 0.95
