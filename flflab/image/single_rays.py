@@ -32,6 +32,9 @@ WHITE, DOTS, RULED, EDGE, PICTURE = range(5)
 STEEP = 6.0  # a rim narrower than this many parts of a pixel is averaged over them
 MOST_PARTS = 8
 MOST_ROWS = 96
+MOST_CROSSED = 3  # cards whose edges are told apart within one neighbourhood
+SKEW = 0.2  # roll, in rad, from which on edges of cards do not count as parallel to the columns
+TURNED_ERROR = 0.1  # error, of white, times the square of the number of parts, where the edges of two surfaces cross under an angle
 ROWS_ERROR = 0.6  # twice the error, of white, times the square of the number of rows; measured on dots, pictures, edges and bars
 
 
@@ -59,17 +62,27 @@ def add_single_rays(
     middle = middles(setup.sensor, pupils, setup.window)[0]
     surfaces = np.array([_surface(Card(plane, False)), *(_surface(card) for card in cards)])
     maps = np.empty((len(setup.blur), len(surfaces), 8))
-    blur = np.zeros(len(setup.blur))
+    blurs = np.zeros((len(setup.blur), len(surfaces)))
     for index, before in enumerate((plane, *(card.plane for card in cards))):
         landing = linearised(pupils_before(pupils, 1 / plane.distance, 1 / before.distance), before, distortion, middle)
-        maps[:, index, :4] = np.abs(landing.by_pupil).reshape(-1, 4)
-        maps[:, index, 4:] = np.abs(landing.by_sensor).reshape(-1, 4) * setup.pixel_width
-        blur = np.maximum(blur, blur_of(landing.by_pupil, landing.by_sensor, pixel))
+        maps[:, index, :4] = landing.by_pupil.reshape(-1, 4)
+        maps[:, index, 4:] = landing.by_sensor.reshape(-1, 4) * setup.pixel_width
+        blurs[:, index] = blur_of(landing.by_pupil, landing.by_sensor, pixel)
     width = np.maximum(2 * np.abs(pupils.slope) / pixel, 1e-9)
-    tolerance = setup.tolerance / setup.overlap
-    parts = np.clip(np.ceil(np.sqrt(0.34 / (width * tolerance * np.sqrt(np.maximum(blur, 1.0))))), 1, MOST_PARTS)
-    parts = np.where(width * parts < STEEP, MOST_PARTS, parts) if setup.pixel_width else np.ones_like(width)
+    tolerance, blur = setup.tolerance / setup.overlap, blurs.max(axis=1)
     rows = np.where(blur == 0, 1, np.clip(np.ceil(np.sqrt(ROWS_ERROR * np.minimum(blur / 3, 1.0) / tolerance)), 2, MOST_ROWS))
+    change = 0.34 / width + 0.25 * (1 / np.maximum(blurs[:, 1:], 1.0)).sum(axis=1)  # of rim and cards within a pixel, against a step
+    parts = np.clip(np.ceil(np.sqrt(change / (tolerance * np.sqrt(np.maximum(blurs[:, 0], 1.0))))), 1, MOST_PARTS)
+    parts = np.where(width * parts < STEEP, MOST_PARTS, parts)
+    turned = _turned(maps)
+    sharp = np.abs(maps[:, :, [4, 7]]).max(axis=2) >= np.abs(maps[:, :, [0, 3]]).max(axis=2)
+    parts = np.where(
+        (turned & sharp).any(axis=1), np.maximum(parts, np.minimum(np.ceil(np.sqrt(TURNED_ERROR / tolerance)), MOST_PARTS)), parts
+    )
+    if setup.pixel_width == 0:
+        parts = np.ones_like(parts)
+    leads = np.abs(maps[:, :, [4, 7]]) / parts[:, None, None] >= np.abs(maps[:, :, [0, 3]]) * (2 / rows)[:, None, None]
+    aligned: Chosen = (leads == leads[:, :1]).all(axis=2) & ~turned & ~turned[:, :1]
     known = np.column_stack(
         [
             pupils.centre_x,
@@ -103,6 +116,7 @@ def add_single_rays(
             known,
             surfaces,
             maps,
+            aligned,
             parts.astype(np.int64),
             rows.astype(np.int64),
             coefficient,
@@ -121,6 +135,14 @@ def add_single_rays(
         )
 
     in_bands(add, setup.window)
+
+
+def _turned(maps: Array) -> Chosen:
+    """Whether the axes of each surface do not count as parallel to columns and rows, from its maps (T, K, 8); (T, K)."""
+    size = np.abs(maps)
+    along = np.maximum(size[:, :, [0, 4]], size[:, :, [3, 7]])
+    aside = np.maximum(size[:, :, [1, 5]], size[:, :, [2, 6]])
+    return np.any(aside > SKEW * along, axis=2, keepdims=False)
 
 
 def _surface(card: Card) -> Array:
@@ -188,8 +210,8 @@ def _end(mx: float, my: float, ax: float, ay: float, vergence: float, surface: A
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _two_boxes(a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Two boxes that smooth about as four do: the widest of them, and one as wide as the others' root of summed squares."""
-    widest = max(max(a, b), max(c, d))
+    """Two boxes that smooth about as four (signed) do: the widest, and one as wide as the others' root of summed squares."""
+    widest = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
     return widest, math.sqrt(max(0.0, a * a + b * b + c * c + d * d - widest * widest))
 
 
@@ -199,6 +221,14 @@ def _card_share(x: float, y: float, surface: Array, box_x: tuple[float, float], 
     half_x, half_y = surface[10], surface[11]
     across = step_mean(x + half_x, box_x[0], box_x[1]) - step_mean(x - half_x, box_x[0], box_x[1])
     return across * (step_mean(y + half_y, box_y[0], box_y[1]) - step_mean(y - half_y, box_y[0], box_y[1]))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _signed_box(by_sensor: float, by_pupil: float, pixel_leads: bool) -> float:
+    """One box for two, with the sign of the one that leads."""
+    size = math.sqrt(by_sensor * by_sensor + by_pupil * by_pupil)
+    size = max(size, 1e-300)
+    return -size if (by_sensor if pixel_leads else by_pupil) < 0.0 else size
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -241,6 +271,59 @@ def _radiance(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _jointly(
+    x: float,
+    y: float,
+    surfaces: Array,
+    maps: Array,
+    places: Array,
+    crossed: int,
+    parts: int,
+    width: float,
+    height: float,
+    kind: int,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
+) -> float:
+    """Mean of radiance times visibility in a neighbourhood that the edges of cards cross, all of them along its sides.
+
+    A place of the neighbourhood is (u, v), both from -1/2 to 1/2, the same for all surfaces. What a card leaves visible is all less
+    what it covers, so that the mean is a sum of means over rectangles, one for each choice among the cards.
+    """
+    by = maps[0]
+    leads_x, leads_y = abs(by[4]) >= parts * abs(by[0]) * width, abs(by[7]) >= parts * abs(by[3]) * height
+    wide, high = _signed_box(by[4] / parts, by[0] * width, leads_x), _signed_box(by[7] / parts, by[3] * height, leads_y)
+    total = 0.0
+    for choice in range(1 << crossed):
+        left, right, bottom, top, sign = -0.5, 0.5, -0.5, 0.5, 1.0
+        for card in range(crossed):
+            index = int(places[card, 2])
+            own = surfaces[index, 12] > 0.0
+            taken = (choice >> card) & 1 == 1
+            if own and not taken:
+                sign = 0.0
+            if not taken:
+                continue
+            if not own:
+                sign = -sign
+            by = maps[index]
+            box_x = _signed_box(by[4] / parts, by[0] * width, leads_x)
+            box_y = _signed_box(by[7] / parts, by[3] * height, leads_y)
+            middle, reach = -places[card, 0] / box_x, surfaces[index, 10] / abs(box_x)
+            left, right = max(left, middle - reach), min(right, middle + reach)
+            middle, reach = -places[card, 1] / box_y, surfaces[index, 11] / abs(box_y)
+            bottom, top = max(bottom, middle - reach), min(top, middle + reach)
+        if sign == 0.0 or left >= right or bottom >= top:
+            continue
+        box_x, box_y = (abs(wide) * (right - left), 0.0), (abs(high) * (top - bottom), 0.0)
+        at_x, at_y = x + wide * 0.5 * (left + right), y + high * 0.5 * (bottom + top)
+        total += sign * (right - left) * (top - bottom) * _radiance(at_x, at_y, box_x, box_y, kind, numbers, table, law, sums)
+    return max(0.0, total)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _lit_share(away: float, slope: float, reach: float) -> float:
     """Share of the full cone at a sensor point."""
     if slope > 0.0:
@@ -255,6 +338,8 @@ def _mean(
     lens: Array,
     surfaces: Array,
     maps: Array,
+    aligned: Chosen,
+    places: Array,
     parts: int,
     rows: int,
     coefficient: float,
@@ -286,23 +371,38 @@ def _mean(
         width = (right - left) / rows
         for step in range(rows):
             tx = left + width * (step + 0.5)
-            area += width * height
             mx, my = lens[4] * tx + lens[5] * ex, lens[4] * ty + lens[5] * ey
             ax, ay = lens[6] * tx + lens[7] * ex + lens[8], lens[6] * ty + lens[7] * ey + lens[9]
             seen = 1.0
-            for index in range(surfaces.shape[0] - 1, -1, -1):
+            crossed = 0
+            for index in range(surfaces.shape[0] - 1, 0, -1):
                 surface = surfaces[index]
                 px, py = _end(mx, my, ax, ay, surfaces[0, 1], surface, coefficient)
                 by = maps[index]
                 box_x = _two_boxes(by[4] / parts, by[5] / parts, by[0] * width, by[1] * height)
                 box_y = _two_boxes(by[6] / parts, by[7] / parts, by[2] * width, by[3] * height)
-                if index > 0:
-                    share = _card_share(px, py, surface, box_x, box_y)
-                    seen *= share if surface[12] > 0.0 else 1.0 - share
-                    if seen <= 0.0:
-                        break
-                else:
-                    seen *= _radiance(px, py, box_x, box_y, kind, numbers, table, law, sums)
+                share = _card_share(px, py, surface, box_x, box_y)
+                if share == (0.0 if surface[12] > 0.0 else 1.0):
+                    seen = 0.0
+                    break
+                if 0.0 < share < 1.0:
+                    if crossed < MOST_CROSSED and aligned[index]:
+                        places[crossed, 0], places[crossed, 1], places[crossed, 2] = px, py, index
+                        crossed += 1
+                    else:
+                        seen *= share if surface[12] > 0.0 else 1.0 - share
+            if seen == 0.0:
+                area += width * height
+                continue
+            px, py = _end(mx, my, ax, ay, surfaces[0, 1], surfaces[0], coefficient)
+            if crossed == 0:
+                by = maps[0]
+                box_x = _two_boxes(by[4] / parts, by[5] / parts, by[0] * width, by[1] * height)
+                box_y = _two_boxes(by[6] / parts, by[7] / parts, by[2] * width, by[3] * height)
+                seen *= _radiance(px, py, box_x, box_y, kind, numbers, table, law, sums)
+            else:
+                seen *= _jointly(px, py, surfaces, maps, places, crossed, parts, width, height, kind, numbers, table, law, sums)
+            area += width * height
             if falloff and seen > 0.0:
                 sx = lens[11] + lens[13] * ex + lens[14] * tx
                 sy = lens[12] + lens[13] * ey + lens[14] * ty
@@ -319,6 +419,7 @@ def _add(
     lenses: Array,
     surfaces: Array,
     maps: Array,
+    aligned: Chosen,
     parts: Whole,
     rows: Whole,
     coefficient: float,
@@ -336,6 +437,7 @@ def _add(
     wanted: Chosen,
 ) -> None:
     """Add the light of all windows to the rows of a band; see ``add_single_rays``."""
+    places = np.empty((MOST_CROSSED, 3))
     for entry in range(windows.shape[0]):
         lens, count = lenses[entry], parts[entry]
         part = pixel_width / count
@@ -366,6 +468,8 @@ def _add(
                                 lens,
                                 surfaces,
                                 maps[entry],
+                                aligned[entry],
+                                places,
                                 count,
                                 rows[entry],
                                 coefficient,
