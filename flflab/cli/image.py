@@ -94,26 +94,18 @@ def _write_truth(file: Path, truth: dict[str, Any]) -> None:
 
 
 def _table(report: Report) -> Table:
-    table = Table(box=box.SIMPLE, width=WIDTH, pad_edge=False)
-    table.add_column("effect", no_wrap=True)
-    table.add_column("size", justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    table.add_column("bound", justify="right", no_wrap=True)
-    table.add_column("on", no_wrap=True)
-    table.add_column("ms", justify="right", no_wrap=True)
+    table = Table(box=box.SIMPLE_HEAD, width=WIDTH, pad_edge=False, padding=(0, 1))
+    for head in ("effect", "size", "bound", "", "ms"):
+        table.add_column(head, justify="left" if head in ("effect", "") else "right", no_wrap=True)
     table.add_column("why", ratio=1)
     for effect in report.effects:
         if not effect.on and not effect.unit:
             continue  # told in one line below
-        size = "" if effect.size is None else f"{effect.size:.3g}"
-        table.add_row(
-            effect.name,
-            size,
-            effect.unit,
-            f"{effect.bound:.2g}",
-            "on" if effect.on else "off",
-            f"{effect.ms:.2g}",
-            effect.why,
-            style="" if effect.on else "dim",
-        )
+        size = "" if effect.size is None else f"{effect.size:.3g} {effect.unit}"
+        state, style = ("on", "") if effect.on else ("off", "dim")
+        table.add_row(effect.name, size, f"{effect.bound:.2g}", state, _short_number(effect.ms), effect.why, style=style)
     return table
+
+
+def _short_number(ms: float) -> str:
+    return f"{ms:.0f}" if ms >= 10 else f"{ms:.1f}"

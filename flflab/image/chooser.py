@@ -164,5 +164,5 @@ def _decide(name: str, effect: Effect | None, on: bool, bound: float, asked: str
         return Decision(name, False, None, "", 0.0, "the scene has none", 0.0)
     why = effect.why(regime)
     if not on:
-        why += "; within its share of the tolerance" if asked in LEVELS else "; not asked for"
+        why += ": too little to matter" if asked in LEVELS else ": not asked for"
     return Decision(name, on, effect.size(regime), effect.unit, bound, why, effect.cost(regime))

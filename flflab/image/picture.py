@@ -134,7 +134,7 @@ def _noise_decisions(response: SensorResponse, noise: frozenset[str], regime: Re
         if effect is None:
             decisions.append(Decision(name, False, None, "", 0.0, "the sensor has none", 0.0))
             continue
-        why = effect.why(regime) + ("" if name in noise else "; no seed was given" if seed is None else "; not asked for")
+        why = effect.why(regime) + ("" if name in noise else ": no seed was given" if seed is None else ": not asked for")
         cost = effect.cost(regime)
         decisions.append(Decision(name, name in noise, effect.size(regime), effect.unit, effect.bound(regime), why, cost))
     return tuple(decisions)

@@ -20,7 +20,7 @@ RESOLUTION = (256, 192)
 
 
 def random_scene(rng: np.random.Generator, resolution: tuple[int, int] = RESOLUTION) -> Scene:
-    """A camera with 10 to 60 pixels to a microlens's radius before one or two targets, each imperfection over four decades."""
+    """A camera with 10 to 60 pixels to a microlens's radius before one or two targets; it has every imperfection, from none to plain."""
     while True:
         try:
             camera = _camera(rng, resolution)
@@ -46,7 +46,6 @@ def _camera(rng: np.random.Generator, resolution: tuple[int, int]) -> Camera:
     pixel = pitch / rng.uniform(20.0, 120.0)
     hexagonal = rng.random() < 0.5
     count = 2 * math.ceil(resolution[0] * pixel / pitch) + 5
-    tilted = rng.random() < 0.5
     array = MicrolensArray(
         layout="hexagonal" if hexagonal else "square",
         count=(count, count),
@@ -55,9 +54,9 @@ def _camera(rng: np.random.Generator, resolution: tuple[int, int]) -> Camera:
         focal_lengths=tuple(focal * step for step in (1.0, 0.95, 1.05)),
         distance=distance,
         pattern=((0, 1, 2),) if hexagonal and rng.random() < 0.3 else ((0,),),
-        offset=(_log(rng, 1e-6, 1e-1), -_log(rng, 1e-6, 1e-1)) if tilted else (0.0, 0.0),
-        roll=_sign(rng) * _log(rng, 1e-7, 1e-2) if tilted else 0.0,
-        tilt=(_log(rng, 1e-7, 1e-2), -_log(rng, 1e-7, 1e-2)) if tilted else (0.0, 0.0),
+        offset=(_log(rng, 1e-7, 1e-2), -_log(rng, 1e-7, 1e-2)),
+        roll=_sign(rng) * _log(rng, 1e-8, 1e-2),
+        tilt=(_log(rng, 1e-8, 1e-2), -_log(rng, 1e-8, 1e-2)),
     )
     return Camera(MainLens(50.0, f_number), array, Sensor(resolution, pixel, distance + gap))
 
@@ -84,13 +83,12 @@ def _target(rng: np.random.Generator, width: float) -> Target:
 def _plane(rng: np.random.Generator, camera: Camera, distance: float, card: bool) -> Plane:
     sensor = camera.sensor
     width = distance / camera.array.distance * sensor.resolution[0] * sensor.pixel * rng.uniform(1.0, 10.0)
-    turned = rng.random() < 0.5
     return Plane(
         _target(rng, width),
         distance,
         offset=(width * rng.uniform(-0.3, 0.3), width * rng.uniform(-0.3, 0.3)),
-        roll=_sign(rng) * _log(rng, 1e-6, 1.0) if turned else 0.0,
-        tilt=(_log(rng, 1e-6, 0.2), -_log(rng, 1e-6, 0.2)) if turned else (0.0, 0.0),
+        roll=_sign(rng) * _log(rng, 1e-8, 1.0),
+        tilt=(_log(rng, 1e-8, 0.2), -_log(rng, 1e-8, 0.2)),
         size=(width * rng.uniform(0.2, 0.8), width * rng.uniform(0.2, 0.8)) if card else None,
     )
 
@@ -103,24 +101,21 @@ def _sharp_distance(camera: Camera) -> float:
 
 
 def _scene(rng: np.random.Generator, camera: Camera) -> Scene:
-    def has() -> bool:
-        return bool(rng.random() < 0.5)
-
     sharp = _sharp_distance(camera)
     distances = sorted(
-        sharp * math.exp(_sign(rng) * _log(rng, 1e-4, 0.3)) if 150 < sharp < 5000 and has() else _log(rng, 150.0, 5000.0)
+        sharp * math.exp(_sign(rng) * _log(rng, 1e-4, 0.3)) if 150 < sharp < 5000 and rng.random() < 0.5 else _log(rng, 150.0, 5000.0)
         for _ in range(2 if rng.random() < 0.2 else 1)
     )
     planes = tuple(_plane(rng, camera, distance, card=place < len(distances) - 1) for place, distance in enumerate(distances))
-    shift = _log(rng, 1e-6, 1e-1), _log(rng, 1e-6, 1e-1)
+    way = [_log(rng, 1e-7, 1e-1) for _ in range(4)]
     return Scene(
         camera,
         planes,
-        diffraction=Diffraction(_log(rng, 400e-6, 900e-6)) if has() else None,
-        falloff=Falloff() if has() else None,
-        distortion=Distortion(_sign(rng) * _log(rng, 1e-4, 1.0)) if has() else None,
-        scatter=Scatter(_log(rng, 1e-6, 1e-2), _log(rng, 1e-7, 1e-3), int(rng.integers(1 << 30))) if has() else None,
-        stray_light=StrayLight(_log(rng, 1e-6, 1e-1)) if has() else None,
-        colour_filter=ColourFilter(str(rng.choice(PATTERNS))) if rng.random() < 0.25 else None,
-        motion=Motion(shift, (shift[1], shift[0])) if has() else None,
+        diffraction=Diffraction(_log(rng, 400e-6, 900e-6)),
+        falloff=Falloff(),
+        distortion=Distortion(_sign(rng) * _log(rng, 1e-5, 1.0)),
+        scatter=Scatter(_log(rng, 1e-7, 1e-2), _log(rng, 1e-8, 1e-3), int(rng.integers(1 << 30))),
+        stray_light=StrayLight(_log(rng, 1e-6, 1e-1)),
+        colour_filter=ColourFilter(str(rng.choice(PATTERNS))),
+        motion=Motion((way[0], -way[1]), (way[2], way[3])),
     )

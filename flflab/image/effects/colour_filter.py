@@ -18,7 +18,7 @@ class ColourFilter:
     green: float = 1.0
     blue: float = 0.5
     name: ClassVar[str] = "colour-filter"
-    unit: ClassVar[str] = "of the light"
+    unit: ClassVar[str] = "of light"
 
     def __post_init__(self) -> None:
         """Refuse what is no mosaic.
@@ -47,4 +47,4 @@ class ColourFilter:
 
     def why(self, regime: Regime) -> str:
         """The mosaic."""
-        return f"a mosaic {self.pattern} of transmissions {self.red:g}, {self.green:g}, {self.blue:g}"
+        return f"mosaic {self.pattern} of {self.red:g}, {self.green:g}, {self.blue:g}"

@@ -49,4 +49,4 @@ class Diffraction:
 
     def why(self, regime: Regime) -> str:
         """Against the blur."""
-        return f"light of {1e6 * self.wavelength:.0f} nm bends at the pupil's edge; the blur is {regime.blur:.3g} px"
+        return f"light of {1e6 * self.wavelength:.0f} nm against a blur of {regime.blur:.3g} px"

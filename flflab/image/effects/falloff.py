@@ -12,7 +12,7 @@ class Falloff:
     """It has no number of its own: the angles follow from the camera."""
 
     name: ClassVar[str] = "falloff"
-    unit: ClassVar[str] = "of the light"
+    unit: ClassVar[str] = "of light"
 
     def size(self, regime: Regime) -> float:
         """What the ray of the largest slope s loses: 1 - cos^4 = 1 - 1 / (1 + s^2)^2."""
@@ -28,4 +28,4 @@ class Falloff:
 
     def why(self, regime: Regime) -> str:
         """The steepest ray."""
-        return f"rays meet the sensor at up to {math.degrees(math.atan(regime.slope)):.3g} degrees from the normal"
+        return f"rays land up to {math.degrees(math.atan(regime.slope)):.3g} degrees off the normal"

@@ -50,6 +50,4 @@ class Motion:
 
     def why(self, regime: Regime) -> str:
         """What moves."""
-        return (
-            f"targets drift by {math.hypot(*self.drift):.3g} mm and tremble by {math.hypot(*self.vibration):.3g} mm while light is gathered"
-        )
+        return f"drift of {math.hypot(*self.drift):.3g} mm, vibration of {math.hypot(*self.vibration):.3g} mm"

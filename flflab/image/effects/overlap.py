@@ -27,4 +27,4 @@ class Overlap:
 
     def why(self, regime: Regime) -> str:
         """Whether neighbours overlap."""
-        return "neighbouring micro-images overlap" if regime.gap < 0 else "neighbouring micro-images do not touch"
+        return "neighbours overlap" if regime.gap < 0 else "neighbours do not touch"

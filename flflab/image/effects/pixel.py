@@ -32,4 +32,4 @@ class Pixel:
 
     def why(self, regime: Regime) -> str:
         """Always."""
-        return "light varies within a pixel: its mean counts"
+        return "light varies within a pixel"

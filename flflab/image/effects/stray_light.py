@@ -13,7 +13,7 @@ class StrayLight:
 
     share: float
     name: ClassVar[str] = "stray-light"
-    unit: ClassVar[str] = "of the light"
+    unit: ClassVar[str] = "of light"
 
     def __post_init__(self) -> None:
         """Refuse what is no share.

@@ -29,4 +29,4 @@ class Vignetting:
 
     def why(self, regime: Regime) -> str:
         """How wide."""
-        return "main lens and microlens clip together: light falls off across the rim of a micro-image"
+        return "both apertures clip: light falls off across the rim"
