@@ -12,6 +12,7 @@ from flflab.image.orders import (
     grid_counts,
     in_bands,
     is_even,
+    is_sharp,
     is_turn,
     lit_windows,
     pixel_parts,
@@ -80,8 +81,8 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         table, law = half_plane()
         setup = _turned(setup, np.array([[cos, sin], [-sin, cos]]))
     pupils = setup.pupils
-    counts = strip_counts(setup)
-    parts, steep = pixel_parts(setup, counts)
+    counts, sharp = strip_counts(setup), is_sharp(setup)
+    parts, steep = pixel_parts(setup, sharp)
     if isinstance(target, White):
         parts = np.where(setup.rims.width < STEEP, parts, 1)
     nodes = strip_nodes(counts.ravel())
@@ -92,6 +93,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         _maps(setup),
         np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread]),
         pupils.level,
+        sharp,
         parts,
         counts,
         nodes.reshape(*counts.shape, *nodes.shape[1:]),
@@ -119,7 +121,7 @@ def _add_sampled(image: Array, setup: Setup, radius: float, half_x: float, half_
         texel, sums = picture.texel, np.pad(picture.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     blur, pupils = setup.kind_blur(largest=True), setup.pupils
     counts = grid_counts(blur, setup.tolerance / setup.overlap / (1 if picture is None else 2.5))  # a picture has more edges than a dot
-    parts, steep = pixel_parts(setup, np.zeros((len(counts), 1), dtype=np.int64))
+    parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
     even = is_even(setup.by_sensor, setup.tolerance)
     if not even:
         parts = np.maximum(parts, turned_parts(setup.tolerance))

@@ -14,6 +14,7 @@ from flflab.optics.camera import pixel_positions
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
 
 BAND_ROWS = 176
 MOST_PARTS = 32
@@ -58,23 +59,28 @@ def lit_windows(setup: Setup, half_x: float, half_y: float) -> Whole:
     return np.clip(np.stack(limits, axis=1), 0, [columns, columns, rows, rows]).astype(np.int64)
 
 
-def pixel_parts(setup: Setup, counts: Whole) -> tuple[Whole, npt.NDArray[np.bool_]]:
+def is_sharp(setup: Setup) -> Flags:
+    """In which entries the blur of a point is below what the tolerance can tell, shape (N,)."""
+    return 0.42 * setup.blur < 0.5 * setup.tolerance / setup.overlap
+
+
+def pixel_parts(setup: Setup, sharp: Flags) -> tuple[Whole, Flags]:
     """Into how many parts a side a pixel in the rim is divided for each kind of rim, and which kinds are steep.
 
     Light and rim vary together inside a pixel. Measured on square bars, in a rim w pixels wide n parts leave 0.17 / (w n^2) of white in
-    focus (no strips), and 0.9 / (w n)^2 where strips end at the rim.
+    sharp entries, and 0.9 / (w n)^2 where strips end at the rim.
     """
     width, allowed = np.maximum(setup.rims.width, 1e-9), 0.5 * setup.tolerance
-    blurred = np.sqrt(0.9 / allowed) / width
-    parts = np.where(counts[:, 0] > 0, blurred, np.sqrt(0.17 / (width * allowed)))
+    any_sharp = np.bincount(setup.rims.kind[sharp], minlength=len(width)) > 0
+    parts = np.where(any_sharp, np.sqrt(0.17 / (width * allowed)), np.sqrt(0.9 / allowed) / width)
     parts = np.clip(np.ceil(parts), 1, MOST_PARTS)
-    steep = width * parts < STEEP
     if setup.pixel_width == 0:
-        return np.ones_like(counts[:, 0]), setup.rims.slope == 0
+        return np.ones(len(width), dtype=np.int64), setup.rims.slope == 0
+    steep = width * parts < STEEP
     return np.where(steep, STEEP_PARTS, parts).astype(np.int64), steep
 
 
-def rim_rows(setup: Setup, parts: Whole, steep: npt.NDArray[np.bool_]) -> Array:
+def rim_rows(setup: Setup, parts: Whole, steep: Flags) -> Array:
     """The tables of the rims' light for pixels divided into so many parts a side; n steps leave about 1 / n^1.5 of white."""
     steps = int(np.clip((0.05 * setup.tolerance) ** (-1 / 1.5), TABLE_STEPS, MOST_STEPS))
     return rim_tables(setup.rims, setup.pixel_width / parts, steep, steps)
@@ -83,15 +89,14 @@ def rim_rows(setup: Setup, parts: Whole, steep: npt.NDArray[np.bool_]) -> Array:
 def strip_counts(setup: Setup) -> Whole:
     """How many strips across the pupil each kind of rim needs, (K, 2): in most pixels, and where the target's height ends.
 
-    0 where the blur itself is below the tolerance. Measured on square bars, 8 strips leave 0.001 + 0.00045 blur of white, at most 0.03,
-    and the error falls as their power -2.2. The kernels take strips by eights.
+    Measured on square bars, 8 strips leave 0.001 + 0.00045 blur of white, at most 0.03, and the error falls as their power -2.2. The
+    kernels take strips by eights.
     """
     blur = setup.kind_blur(largest=True)
     allowed = 0.5 * setup.tolerance / setup.overlap
     eight = np.minimum(0.001 + 0.00045 * np.minimum(blur, 1e4), 0.03)
-    counts = EIGHT * np.ceil(np.maximum(eight / allowed, 1e-9) ** (1 / 2.2))
-    counts = np.where(0.42 * blur < allowed, 0, np.minimum(counts, MOST_STRIPS))
-    return np.stack([counts, np.where(counts == 0, EIGHT, 4 * counts)], axis=1).astype(np.int64)
+    counts = EIGHT * np.clip(np.ceil((eight / allowed) ** (1 / 2.2)), 1, MOST_STRIPS // EIGHT)
+    return np.stack([counts, np.where(blur > 0, 4 * counts, EIGHT)], axis=1).astype(np.int64)
 
 
 def falloff_chunks(setup: Setup) -> int:

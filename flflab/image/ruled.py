@@ -13,12 +13,14 @@ import numpy.typing as npt
 from flflab.image.profile import profile_mean
 from flflab.image.rim import lit_middle, rim_share, steep_share
 from flflab.image.strips import clipped_mean, full_mean, lens_span, prepare, slanted_mean, weighted_mean, window_mean
+from flflab.optics.discs import lens_chord
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 WIDE = 10.0  # half the width in pixels of a rim whose shape within a pixel does not matter
+GAUSS = ((-math.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.6), 5 / 18))  # on a chord from -1 to 1
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -60,20 +62,27 @@ def mean_weights(
     slants: Array,
     strips: Array,
     count: int,
-    chunks: int,
 ) -> None:
     """Mean of cos^4 of the slope over the clipped pupil, at sensor points ``step`` mm apart from (left, bottom) on, [row, column]."""
-    nothing = np.zeros(4)
-    window = np.array([-np.inf, np.inf, 0.0, 0.0])
     radius = reach / abs(slope) if slope != 0.0 else 2.0
     for row in range(weights.shape[0]):
         for column in range(weights.shape[1]):
             ex, ey = left + column * step, bottom + row * step
             x, y, low, high = clip(ex, ey, 1.0, 0.0, slope, reach)
-            slant = (slants[0] + slants[2] * ex, slants[1] + slants[2] * ey, slants[3])
-            weights[row, column] = weighted_mean(
-                0.0, 0.0, x, y, radius, low, high, strips, count, nothing, nothing, nothing, chunks, slant, (0.0, 0.0, 0.0), window
-            )
+            slant_x, slant_y = slants[0] + slants[2] * ex, slants[1] + slants[2] * ey
+            light, area = 0.0, 0.0
+            for strip in range(count):
+                at = 0.5 * (low + high) + 0.5 * (high - low) * strips[0, strip]
+                start, end = lens_chord(x, y, radius, at)
+                if end <= start:
+                    continue
+                weight = strips[1, strip] * (end - start)
+                across = slant_y + slants[3] * at
+                area += weight
+                for node, share in GAUSS:
+                    along = slant_x + 0.5 * slants[3] * ((end + start) + (end - start) * node)
+                    light += weight * share / (1.0 + along * along + across * across) ** 2
+            weights[row, column] = light / area if area > 0.0 else 1.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -96,6 +105,7 @@ def add_ruled(
     maps: Array,
     slants: Array,
     levels: Array,
+    sharp: Chosen,
     parts: Whole,
     counts: Whole,
     strips: Array,
@@ -125,8 +135,9 @@ def add_ruled(
         maps: x', y' = (0, 1) + [[2, 3], [4, 5]] pupil + [[6, 7], [8, 9]] sensor, target mm, shape (N, 10).
         slants: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per unit of pupil, shape (N, 4).
         levels: light at full pupil.
+        sharp: entries whose blur is negligible.
         parts: parts a side of a pixel in the rim, for each kind of rim.
-        counts: number of strips for each kind, (K, 2): of most pixels, and where the window ends; 0 where the blur is negligible.
+        counts: number of strips for each kind, (K, 2): of most pixels, and where the window ends.
         strips: see ``strip_nodes``; (K, 2, 3, most strips).
         chunks: pieces of a strip for the fall-off; 0 for no fall-off.
         steps: steps over a micro-image of the fall-off's table.
@@ -166,7 +177,7 @@ def add_ruled(
         steep = rim[0] < 0.0
         strip, strip_edge = strips[kind, 0], strips[kind, 1]
         count, count_edge = int(counts[kind, 0]), int(counts[kind, 1])
-        blurred = count > 0 and varies
+        blurred = varies and not sharp[entry]
         unslope = 1.0 / slope if slope != 0.0 else 0.0
         radius = reach * abs(unslope) if slope != 0.0 else 2.0
         lit = (reach + abs(slope)) * (1.0 - 1e-9)
@@ -205,7 +216,7 @@ def add_ruled(
         corner_x, corner_y = xs[start] - centres[entry, 0] - 0.5 * pixel, ys[first] - centres[entry, 1] - 0.5 * pixel
         weights = np.ones((int((last - first) * pixel / apart) + 2, int((end - start) * pixel / apart) + 2) if falls else (1, 1))
         if falls:
-            mean_weights(corner_x, corner_y, apart, weights, slope, reach, slants[entry], strip_edge, count_edge, chunks)
+            mean_weights(corner_x, corner_y, apart, weights, slope, reach, slants[entry], strip, count)
         for row in range(first, last):
             dy = ys[row] - centres[entry, 1]
             room = outside * outside - dy * dy

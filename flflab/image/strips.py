@@ -11,6 +11,8 @@ from flflab.image.profile import fill_antiderivative, step_mean
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
+MOST_STEPS = 4e6  # of a table
+
 # Sums may be taken in any order; nothing here is infinite or not a number.
 LOOSE = {"contract", "nsz", "nnan", "ninf", "reassoc", "arcp"}
 
@@ -216,7 +218,7 @@ def weighted_mean(
 
     Args:
         base: x' at the pupil's centre, mm.
-        spread: change of x' over the pupil's radius, mm; 0 leaves the profile out.
+        spread: change of x' over the pupil's radius, mm.
         x: centre of the clipping disc, in units of the pupil.
         y: the same across the strips.
         radius: of the clipping disc.
@@ -257,20 +259,17 @@ def weighted_mean(
         if seen == 0.0:
             continue
         steep = slant[1] + slant[2] * at
-        before = antiderivative(base + spread * left, sums, clipped if x - other > -own else place) if spread != 0.0 else 0.0
+        before = antiderivative(base + spread * left, sums, clipped if x - other > -own else place)
         part = (right - left) / chunks
         total = 0.0
         for chunk in range(chunks):
             end = left + part * (chunk + 1)
-            step = part
-            if spread != 0.0:
-                last = chunk == chunks - 1 and x + other < own
-                after = antiderivative(base + spread * end, sums, clipped if last else place)
-                step = (after - before) / spread
-                before = after
+            last = chunk == chunks - 1 and x + other < own
+            after = antiderivative(base + spread * end, sums, clipped if last else place)
             along = slant[0] + slant[2] * (end - 0.5 * part)
-            total += step / (1.0 + along * along + steep * steep) ** 2
-        light += strips[1, strip] * seen * total
+            total += (after - before) / (1.0 + along * along + steep * steep) ** 2
+            before = after
+        light += strips[1, strip] * seen * total / spread
     return light / area if area > 0.0 else 0.0
 
 
@@ -317,7 +316,7 @@ def prepare(
             places[kind] = places[same]
             continue
         wide = max(boxes[kind, 0], boxes[kind, 1])
-        steps[kind] = max(math.sqrt(fine * wide * spread / 0.16), fine * spread / 0.3)
+        steps[kind] = max(math.sqrt(fine * wide * spread / 0.16), fine * spread / 0.3, 2.0 * fine * wide, (high - low) / MOST_STEPS)
         if steps[kind] < wide:
             steps[kind] = wide / math.ceil(wide / steps[kind])  # then the box's ends fall on steps
         first = max(low - spread, law[0] - 2.0 * wide)
