@@ -10,10 +10,12 @@ from typing import Any, NamedTuple, TypeVar
 from drivers.axis import Axis
 from drivers.camera import CameraDevice, Detector
 from drivers.interlocks import check_motion, gap_rule, least_gap, order_moves, retreats
+from drivers.owner import Owner
 from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
+from drivers.sentinel import Sentinel
 from drivers.setting import Setting
 from drivers.simulated import SimulatedBench
-from flflab.bench import Bench, DeviceDescription, Moved, read_bench
+from flflab.bench import AxisDescription, Bench, DeviceDescription, Moved, read_bench
 from flflab.errors import CommunicationError, DeviceError, FlflabError, InputError
 
 Opened = TypeVar("Opened")
@@ -57,6 +59,9 @@ class ConnectedBench:
         self.gap_rule = gap_rule(described, {name: axis.travel for name, axis in self.axes.items()})
         self._addresses = addresses
         self._resources = resources
+        self._watching = threading.Lock()
+        self._sentinel: Sentinel | None = None
+        self._outliving = {name: addresses[name] for name, axis in described.description.axes.items() if _can_outlive(axis)}
         for axis in self.axes.values():
             axis.guard = self._guard
 
@@ -164,9 +169,17 @@ class ConnectedBench:
         return Identity(name, device.driver, self._addresses[name], identity, position, state)
 
     def _guard(self, name: str, start: float | None, end: float | None) -> None:
+        self._have_sentinel()
         rule = self.gap_rule
         if rule is not None and name in rule.movers and not retreats(rule, name, start, end):
             check_motion(rule, name, start, end, self._reaches(besides=name))
+
+    def _have_sentinel(self) -> None:
+        """Before the first motion a sentinel begins to watch over the axes that could outlive this process."""
+        with self._watching:
+            if self._outliving and self._sentinel is None:
+                self._sentinel = Sentinel(self.described.file, self._outliving)
+                self._resources.callback(self._sentinel.close)
 
     def _reaches(self, besides: str = "") -> dict[str, tuple[float, float] | None]:
         """Between which readings the axes of the gap rule are until they rest."""
@@ -179,11 +192,14 @@ def connect(bench_file: str | Path) -> ConnectedBench:
 
     Raises:
         InputError: the bench file is wrong; every fault with file, line and field.
-        DeviceError: devices are missing or wrong; every fault in one message, and nothing stays open.
+        DeviceError: another program drives the bench, or devices are missing or wrong: every fault in one message; nothing stays open.
     """
     described = read_bench(Path(bench_file))
     description = described.description
     with ExitStack() as resources:
+        owner = Owner(described.file) if any(_can_outlive(axis) for axis in description.axes.values()) else None
+        if owner is not None:
+            resources.callback(owner.close)
         connection = _Connection(described, resources)
         axes: dict[str, Axis] = {}
         for name, axis in description.axes.items():
@@ -193,7 +209,15 @@ def connect(bench_file: str | Path) -> ConnectedBench:
         iris = connection.open(IRISES, description.iris, "iris")
         target = connection.open(TARGETS, description.target, "target")
         connection.raise_faults()
-        return ConnectedBench(described, axes, camera, iris, target, connection.addresses, resources.pop_all())
+        bench = ConnectedBench(described, axes, camera, iris, target, connection.addresses, resources.pop_all())
+    if owner is not None:
+        owner.stops_with(bench.stop)
+    return bench
+
+
+def _can_outlive(axis: AxisDescription) -> bool:
+    """Whether an axis could go on moving after this process: what it simulates dies with it, a person knows to stop."""
+    return axis.address != "simulated" and axis.driver != "manual"
 
 
 class _Connection:

@@ -101,10 +101,13 @@ def jog(
 
 @app.command()
 def stop(bench: BenchFile) -> None:
-    """Stop every axis."""
-    with _connected(bench) as connected:
-        connected.stop()
-        typer.echo("every axis took the stop")
+    """Stop every axis: the program that drives the bench is told to, or this one opens the ports itself."""
+    from drivers.owner import ask_owner_to_stop
+
+    if not ask_owner_to_stop(bench):
+        with _connected(bench) as connected:
+            connected.stop()
+    typer.echo("every axis took the stop")
 
 
 @app.command()

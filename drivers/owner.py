@@ -1,0 +1,153 @@
+"""One owner of a bench: who drives it holds a lock on a file and answers at a loopback port to those who want it stopped.
+
+The system frees the lock when the owner ends, however it ends.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+import secrets
+import socket
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+from flflab.errors import CommunicationError, DeviceError
+
+STOP_TIMEOUT_S = 10.0
+LOCKED_BYTE = 1 << 20  # far behind what is written: a locked byte cannot be read on Windows
+
+
+def lock_file(bench_file: Path) -> Path:
+    """Where the owner of a bench file writes its port: one file a user and bench file, beside the system's temporary files."""
+    key = hashlib.blake2b(f"{Path.home()}|{bench_file.resolve()}".encode(), digest_size=12).hexdigest()
+    return Path(tempfile.gettempdir()) / f"flflab-bench-{key}.lock"
+
+
+class Owner:
+    """Owns a bench until closed.
+
+    Args:
+        bench_file: the bench file.
+
+    Raises:
+        DeviceError: another process owns the bench, or the lock file cannot be written.
+    """
+
+    def __init__(self, bench_file: Path) -> None:
+        self._token = secrets.token_hex(16)
+        self._ended = False
+        self._thread: threading.Thread | None = None
+        self._name = bench_file.name
+        file = lock_file(bench_file)
+        locked = _open_locked(file)
+        if locked is None:
+            who = _read(file).get("process", "unknown")
+            raise DeviceError(
+                f"{bench_file}: another program drives this bench (process {who}); wait for its end, or stop its axes with "
+                f"`flflab bench stop --bench {bench_file}`"
+            )
+        self._file = locked
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        text = json.dumps({"process": os.getpid(), "port": self._listener.getsockname()[1], "token": self._token})
+        os.ftruncate(self._file, 0)
+        os.write(self._file, text.encode())
+
+    def stops_with(self, stop: Callable[[], None]) -> None:
+        """From now on another process that asks has every axis stopped: ``stop`` is called from a thread of this owner's."""
+        self._thread = threading.Thread(target=self._listen, args=(stop,), name=f"owner of {self._name}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Own it no longer."""
+        self._ended = True
+        if self._thread is not None:
+            with contextlib.suppress(OSError), socket.create_connection(self._listener.getsockname(), 1.0):
+                pass  # wakes the thread that waits for somebody
+            self._thread.join()
+        self._listener.close()
+        os.ftruncate(self._file, 0)
+        os.close(self._file)
+
+    def _listen(self, stop: Callable[[], None]) -> None:
+        while not self._ended:
+            with contextlib.suppress(OSError):
+                link, _ = self._listener.accept()
+                with link:
+                    link.settimeout(1.0)
+                    self._answer(link, stop)
+
+    def _answer(self, link: socket.socket, stop: Callable[[], None]) -> None:
+        if not secrets.compare_digest(link.recv(200).strip(), self._token.encode()):
+            return
+        try:
+            stop()
+            link.sendall(b"stopped\n")
+        except DeviceError as error:
+            link.sendall(str(error).encode())
+
+
+def ask_owner_to_stop(bench_file: Path) -> bool:
+    """Have the owner of a bench stop every axis.
+
+    Returns:
+        False where nobody owns the bench.
+
+    Raises:
+        DeviceError: the owner could not stop every axis; in its own words.
+        CommunicationError: there is an owner, but it does not answer.
+    """
+    file = lock_file(bench_file)
+    free = _open_locked(file)
+    if free is not None:
+        os.close(free)
+        return False
+    owner = _read(file)
+    try:
+        with socket.create_connection(("127.0.0.1", int(owner["port"])), 1.0) as link:
+            link.settimeout(STOP_TIMEOUT_S)
+            link.sendall(str(owner["token"]).encode() + b"\n")
+            answer = b"".join(iter(lambda: link.recv(4096), b"")).decode(errors="replace")
+    except (OSError, KeyError, ValueError) as error:
+        who = owner.get("process", "unknown")
+        raise CommunicationError(
+            f"{bench_file}: process {who} drives this bench and does not answer ({error}); end it, which stops its axes, or cut their power"
+        ) from error
+    if answer != "stopped\n":
+        raise DeviceError(answer or f"{bench_file}: its owner did not say that the axes stopped; cut their power")
+    return True
+
+
+def _open_locked(file: Path) -> int | None:
+    """The file opened and locked for this process, None where another one has it."""
+    try:
+        opened = os.open(file, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+    except OSError as error:
+        raise DeviceError(f"{file}: cannot be opened ({error}); it says who drives the bench, make it writable") from error
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            os.lseek(opened, LOCKED_BYTE, os.SEEK_SET)
+            msvcrt.locking(opened, msvcrt.LK_NBLCK, 1)
+            os.lseek(opened, 0, os.SEEK_SET)
+        else:
+            import fcntl
+
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(opened)
+        return None
+    return opened
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        found: Any = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return cast(dict[str, Any], found) if isinstance(found, dict) else {}

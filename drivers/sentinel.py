@@ -1,0 +1,111 @@
+"""A child process that stops every axis of a bench when the process that drives it dies: killed, crashed, or out of memory.
+
+It holds the reading end of a pipe. The pipe ends when the owner does; what the owner says before tells whether it let go on purpose.
+"""
+
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from drivers.registry import AXES
+from flflab.bench import AxisDescription, Bench, read_bench
+from flflab.errors import DeviceError, FlflabError
+
+RELEASED, WATCHING = "released", "watching\n"
+PATIENCE_S = 5.0
+
+
+class Sentinel:
+    """The child, from the owner's side, as soon as it watches; ``close`` lets it go without a stop.
+
+    Args:
+        bench_file: the bench file.
+        addresses: where each axis really is.
+
+    Raises:
+        DeviceError: it does not start.
+    """
+
+    def __init__(self, bench_file: Path, addresses: Mapping[str, str]) -> None:
+        command = [
+            sys.executable,
+            "-P",
+            "-c",
+            "from drivers.sentinel import main; main()",
+            str(bench_file.resolve()),
+            json.dumps(dict(addresses)),
+        ]
+        # A session of its own: what ends the owner's process group must not end its sentinel.
+        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        assert self._child.stdout is not None  # noqa: S101 - a pipe was asked for
+        if self._child.stdout.readline() != WATCHING:
+            self.close()
+            raise DeviceError(f"{bench_file}: the sentinel that stops the axes when this program dies did not start; nothing moved")
+
+    def close(self) -> None:
+        """Let go: nothing is stopped."""
+        try:
+            with contextlib.suppress(OSError):
+                self._child.communicate(RELEASED, PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+
+
+def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
+    """Open every axis of a bench and stop it, all lines at once.
+
+    Args:
+        bench: the bench file as read.
+        addresses: where each axis is; those that are not named are left alone.
+
+    Returns:
+        A sentence for each axis that did not take the stop.
+    """
+    lines: dict[str, list[str]] = {}
+    for name, address in addresses.items():
+        lines.setdefault(address, []).append(name)
+    faults: dict[str, str] = {name: f"{name}: no answer to the stop; it may still move, cut its power" for name in addresses}
+
+    def stop_line(address: str, names: list[str]) -> None:
+        opened: dict[str, Any] = {}
+
+        def share(where: str, opener: Callable[[], Any], /) -> Any:
+            return opened[where] if where in opened else opened.setdefault(where, opener())
+
+        for name in names:
+            axis: AxisDescription = bench.description.axes[name].model_copy(update={"address": address})
+            driver = AXES[axis.driver]
+            try:
+                driver.open(name, axis, bench.own_keys(driver.keys, "axes", name), share).stop()
+            except FlflabError as error:
+                faults[name] = f"{error}; it may still move, cut its power"
+            else:
+                del faults[name]
+
+    threads = [threading.Thread(target=stop_line, args=line, daemon=True) for line in lines.items()]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    return list(faults.values())
+
+
+def main() -> None:
+    """Wait for the owner's end; stop every axis unless it let go. The command line names the bench file and the axes' addresses."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    bench_file, addresses = Path(sys.argv[1]), json.loads(sys.argv[2])
+    bench = read_bench(bench_file)
+    sys.stdout.write(WATCHING)
+    sys.stdout.flush()
+    if sys.stdin.read() == RELEASED:
+        return
+    faults = stop_axes(bench, addresses)
+    said = faults or ["every axis was told to stop"]
+    sys.stderr.write("".join(f"flflab: the program that drove {bench_file} is gone; {sentence}\n" for sentence in said))

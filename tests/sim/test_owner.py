@@ -1,0 +1,135 @@
+"""Who drives a bench: one program at a time, stopped by others through it, and by its sentinel when it dies."""
+
+import contextlib
+import math
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from drivers.bench import connect
+from drivers.owner import ask_owner_to_stop, lock_file
+from flflab.bench import Bench
+from flflab.errors import CommunicationError, DeviceError, MotionError
+from sim.serve import Served, serve, write_bench
+
+WriteBench = Callable[..., Bench]
+MOVING = ("array_stage", "rotation_stage", "ring")
+DRIVER = """
+import sys, time
+from drivers.base import wait_all
+from drivers.bench import connect
+with connect(sys.argv[1]) as bench:
+    for names in (("array_stage", "sensor_stage"), ("rotation_stage", "goniometer", "ring")):
+        wait_all(*(bench.axes[name].home() for name in names))
+    moving = [bench.axes[name] for name in ("array_stage", "rotation_stage", "ring")]
+    for axis in moving:
+        axis.move_to(0.6 * axis.limits[1])
+    print("moving", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def slow(write_bench_file: WriteBench, tmp_path: Path) -> Iterator[tuple[Served, Path]]:
+    """A bench in real time that stands near its references, served; and a bench file that leads to it."""
+    starts = {"array_stage.start": "0.2 mm", "sensor_stage.start": "2 mm", "rotation_stage.start": "0.1 deg", "ring.start": "1 deg"}
+    bench = write_bench_file("full", truths=starts, clock=1)
+    data = yaml.safe_load(bench.file.read_text())
+    for name, speed in (("array_stage", "4 mm/s"), ("rotation_stage", "1 deg/s"), ("ring", "12 deg/s")):
+        data["axes"][name]["speed"] = speed
+    bench.file.write_text(yaml.safe_dump(data, sort_keys=False))
+    with serve(bench) as served:
+        write_bench(bench, served, tmp_path / "served.yaml")
+        yield served, tmp_path / "served.yaml"
+
+
+@contextlib.contextmanager
+def another_program(file: Path) -> Generator[subprocess.Popen[bytes]]:
+    """A program that moves three axes of three makers, killed in the end."""
+    with subprocess.Popen([sys.executable, "-P", "-c", DRIVER, str(file)], stdout=subprocess.PIPE) as child:
+        try:
+            assert child.stdout is not None
+            assert child.stdout.readline() == b"moving\n"
+            yield child
+        finally:
+            child.kill()
+
+
+def at_rest(served: Served) -> bool:
+    now = served.world.clock.now()
+    return not any(served.world.carriages[name].moving(now) for name in MOVING)
+
+
+def test_when_the_owner_is_killed_its_sentinel_stops_every_axis_on_the_way(slow: tuple[Served, Path]) -> None:
+    served, file = slow
+    with another_program(file) as child:
+        assert not at_rest(served)
+        child.kill()
+    deadline = time.monotonic() + 20
+    while not at_rest(served):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    places = {name: served.world.carriages[name].at(served.world.clock.now()) for name in MOVING}
+    assert 0 < places["array_stage"] < 29
+    assert 0 < math.degrees(places["rotation_stage"]) < 5.9
+    assert 0 < math.degrees(places["ring"]) < 100
+    with connect(file) as bench:  # the lock died with its owner
+        assert not any(bench.axes[name].is_moving() for name in MOVING)
+
+
+def test_another_program_is_refused_and_can_have_the_owner_stop(slow: tuple[Served, Path]) -> None:
+    served, file = slow
+    with another_program(file) as child:
+        with pytest.raises(DeviceError, match=rf"another program drives this bench \(process {child.pid}\)"):
+            connect(file)
+        assert ask_owner_to_stop(file)
+        deadline = time.monotonic() + 5
+        while not at_rest(served):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+
+
+def test_a_stop_reaches_the_motions_of_a_script_through_its_own_connection(slow: tuple[Served, Path]) -> None:
+    _, file = slow
+    with connect(file) as bench:
+        bench.ring.home().wait(20)
+        status = bench.ring.move_to(math.radians(160))
+        asker = threading.Thread(target=ask_owner_to_stop, args=(file,))
+        asker.start()
+        with pytest.raises(MotionError, match=r"stopped on the way at \d+\.\d+ deg"):
+            status.wait(10)
+        asker.join()
+    assert not ask_owner_to_stop(file), "a bench that was let go still has an owner"
+
+
+def test_an_owner_that_does_not_answer_is_named(slow: tuple[Served, Path]) -> None:
+    _, file = slow
+    with connect(file):
+        lock_file(file).write_text('{"process": 4711, "port": 9, "token": "none"}')
+        with pytest.raises(CommunicationError, match="process 4711 drives this bench and does not answer"):
+            ask_owner_to_stop(file)
+
+
+def test_only_who_may_read_the_lock_file_can_stop_a_bench(slow: tuple[Served, Path]) -> None:
+    _, file = slow
+    with connect(file):
+        text = lock_file(file).read_text()
+        lock_file(file).write_text(text.replace('"token": "', '"token": "x'))
+        with pytest.raises(DeviceError, match="did not say that the axes stopped"):
+            ask_owner_to_stop(file)
+        if sys.platform != "win32":
+            assert lock_file(file).stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.ci
+def test_simulated_benches_of_one_file_can_be_driven_side_by_side(root: Path) -> None:
+    file = root / "examples" / "benches" / "simulated.yaml"
+    with contextlib.ExitStack() as both:
+        first, second = (both.enter_context(connect(file)) for _ in range(2))
+        assert first.array_stage is not second.array_stage
