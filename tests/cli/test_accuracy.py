@@ -1,0 +1,50 @@
+"""``flflab accuracy``: the page, the table and the words it leaves."""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Run = Callable[..., Any]
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("what", "columns", "pictures", "says"),
+    [
+        ("image", {"scene", "method", "requested", "largest_error", "rms_error", "processor_s", "first_s"}, 5, "tolerances asked of it"),
+        ("model", {"lens", "f_number", "field_mm", "quantity", "model", "exact", "limit", "holds"}, 10, "Virtual depth to 1 %"),
+    ],
+)
+def test_accuracy_leaves_a_page_and_a_table_and_says_where(
+    flflab: Run, what: str, columns: set[str], pictures: int, says: str, tmp_path: Path
+) -> None:
+    ended = flflab("accuracy", what, "--out", tmp_path / "new" / "folder")
+    assert ended.code == 0, ended.err
+    page, table = (tmp_path / "new" / "folder" / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
+    assert f"Page: {page}" in ended.out
+    assert f"Table: {table}" in ended.out
+    assert says in " ".join(ended.out.split())
+    text = page.read_text(encoding="utf-8")
+    assert text.count('<img src="data:image/svg+xml;base64,') == pictures == text.count("<figcaption>")
+    assert "http" not in text.replace("data:image", "")
+    with table.open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert columns <= set(rows[0])
+    assert len(rows) > 50
+
+
+@pytest.mark.parametrize("what", ["measure", "bench", "nonsense"])
+def test_accuracy_of_what_there_is_not_is_refused_with_a_list_of_what_there_is(flflab: Run, what: str) -> None:
+    ended = flflab("accuracy", what)
+    assert ended.code == 2
+    assert f"'{what}' is not one of 'image', 'model'" in " ".join(ended.err.split())
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(flflab: Run, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    ended = flflab("accuracy", "model", "--out", tmp_path / "file")
+    assert ended.code == 1
+    assert "cannot be made" in ended.err
