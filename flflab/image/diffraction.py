@@ -1,0 +1,372 @@
+"""The picture of a flat target in light of one wavelength: the scalar Fresnel image through every microlens's clipped pupil.
+
+A sensor point sees the target through the part of the pupil that both stops leave of it, as rays do; the light of that part comes
+from the target with the diffraction pattern of its shape and defocus instead of a point for each ray. The pattern's integral is the
+light of the rays, so that white stays white. Paraxial, incoherent, first stop clipped geometrically.
+"""
+
+import math
+from dataclasses import fields, replace
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.diffraction_border import Border, border_reach, from_beyond, make_border
+from flflab.image.diffraction_falloff import mean_falloff, pupil_moments, slant_rows
+from flflab.image.diffraction_fields import Field, Grid, add_field, dot_spectrum, kept_frequencies, make_fields, make_grid, picture_spectrum
+from flflab.image.diffraction_ruled import make_curves, make_line, seen_through
+from flflab.image.diffraction_table import Kind, find_kinds, find_modes, transfer_table
+from flflab.image.form import add_plane
+from flflab.image.orders import in_bands
+from flflab.image.pupil import Pupils
+from flflab.image.rim import STEEP, disc_nodes, find_rims, lit_middle, steep_share
+from flflab.image.setup import Setup
+from flflab.optics.camera import pixel_positions
+from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
+
+Array = npt.NDArray[np.float64]
+Chosen = npt.NDArray[np.bool_]
+Whole = npt.NDArray[np.int64]
+
+MOST_PARTS = 8
+LEAST_TERM = 1e-4  # of white; finer terms of the sum over a rim are too many
+LARGEST_BLUR = 300.0  # pixels; beyond, and where the cutoff is so high that no pixel tells, rays alone
+
+
+def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavelength: float, wanted: Chosen | None = None) -> None:
+    """Add the diffracted light of one flat target, not black, to an image [row, column] in units of the geometric white level.
+
+    Args:
+        image: the image to add to.
+        setup: what is formed.
+        target: the target.
+        wavelength: of the light, mm.
+        wanted: which pixels to compute, [row, column]; the others stay as they are. None for all.
+    """
+    if isinstance(target, White):
+        add_plane(image, setup, target, wanted)
+        return
+    chosen = np.ones(image.shape, dtype=np.bool_) if wanted is None else wanted
+    for kind in find_kinds(setup, wavelength):
+        if 2 * abs(kind.blur) > LARGEST_BLUR or kind.cutoff * setup.tolerance > 1:
+            add_plane(image, _part_of(setup, kind), target, wanted)
+        elif isinstance(target, Bars | Edge):
+            _add_ruled(image, setup, kind, target, chosen)
+        elif isinstance(target, Picture):
+            _add_picture(image, setup, kind, target, chosen)
+        elif isinstance(target, FourDot):
+            for x, y in target.centres:
+                _add_dot(image, setup.seen_from(x, y), kind, target.diameter / 2, chosen)
+
+
+def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chosen: Chosen) -> None:
+    pixel = setup.sensor.pixel
+    axes = np.eye(2)
+    if isinstance(target, Edge):
+        cos, sin = math.cos(target.angle), math.sin(target.angle)
+        axes = np.array([[cos, sin], [-sin, cos]])
+    parts, steep = pixel_parts(kind, setup.tolerance)
+    radii, angles = node_counts(kind, setup.tolerance)
+    table = transfer_table(kind, 1 if steep else radii, 1 if steep else angles)
+    centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
+    directions = axes @ kind.by_sensor
+    scales = np.hypot(*directions.T)
+    origins = setup.origin[kind.entries] @ axes.T / scales
+    box = setup.pixel_width / pixel
+    reach = scales[0] * (kind.outer + 1)
+    seen = (float(origins[:, 0].min()) * scales[0] - reach, float(origins[:, 0].max()) * scales[0] + reach)
+    line = make_line(table, target, seen, directions[0], setup.tolerance)
+    curves = make_curves(table, line, box, parts)
+    modes = find_modes(table, box, max(setup.tolerance / 4, LEAST_TERM))
+    half, borders = math.inf, [_no_border(), _no_border()]
+    if isinstance(target, Bars):
+        half = target.height / 2 / scales[1]
+        seen_up = float(np.max(np.abs(origins[:, 1]))) + kind.outer + 1
+        if seen_up > half - border_reach(modes, setup.tolerance):
+            borders = [make_border(modes, line, inward, box, parts, setup.tolerance) for inward in (directions[1], -directions[1])]
+    windows = lit_windows(setup, kind)
+    xs, ys = pixel_positions(setup.sensor)
+
+    def add(rows: tuple[int, int]) -> None:
+        add_ruled_diffracted(
+            image,
+            rows,
+            windows,
+            centres,
+            origins,
+            directions / scales[:, None],
+            setup.pupils.level[kind.entries],
+            np.array([kind.inner, kind.slope, kind.reach, kind.outer]),
+            steep,
+            parts,
+            box,
+            xs,
+            ys,
+            pixel,
+            half,
+            (curves.core, curves.part, curves.rim, curves.place),
+            (borders[0].core, borders[0].part, borders[0].even, borders[0].odd, borders[0].last, borders[0].place),
+            (borders[1].core, borders[1].part, borders[1].even, borders[1].odd, borders[1].last, borders[1].place),
+            modes.orders,
+            modes.radial,
+            slant_rows(setup, kind),
+            pupil_moments(kind, table.radii),
+            disc_nodes(8, 8),
+            chosen,
+        )
+
+    in_bands(add, windows)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_ruled_diffracted(
+    image: Array,
+    rows: tuple[int, int],
+    windows: Whole,
+    centres: Array,
+    origins: Array,
+    directions: Array,
+    levels: Array,
+    rim: Array,
+    steep: bool,
+    parts: int,
+    box: float,
+    xs: Array,
+    ys: Array,
+    pixel: float,
+    half: float,
+    curves: tuple[Array, Array, Array, tuple[float, float, float, float, float, float]],
+    lower: tuple[Array, Array, Array, Array, Array, tuple[float, float, float, float, float]],
+    upper: tuple[Array, Array, Array, Array, Array, tuple[float, float, float, float, float]],
+    orders: Whole,
+    radial_terms: Array,
+    slants: Array,
+    moments: Array,
+    nodes: Array,
+    chosen: Chosen,
+) -> None:
+    """Add the light of microlenses of one kind to the rows from rows[0] to below rows[1].
+
+    Args:
+        image: picture to add to, [row, column].
+        rows: the band.
+        windows: first column, column after the last, first row, row after the last; shape (N, 4).
+        centres: of the micro-images, mm, shape (N, 2).
+        origins: position on the target seen from there along x' and y', in pixels of either direction, shape (N, 2).
+        directions: x' and y' as unit vectors on the sensor, rows.
+        levels: light at full pupil.
+        rim: inner edge, slope, reach and outer edge of a micro-image, pixels.
+        steep: whether its rim is too narrow for curves of its own.
+        parts: parts a side of a pixel.
+        box: side of the square over which a pixel gathers light, pixels.
+        xs: positions of the columns, mm.
+        ys: of the rows.
+        pixel: side of a pixel, mm.
+        half: half the target's extent along y', pixels; infinite where it does not end.
+        curves: see ``Curves``.
+        lower: see ``Border``.
+        upper: the same.
+        orders: see ``Modes``.
+        radial_terms: the same.
+        slants: see ``slant_rows``.
+        moments: see ``pupil_moments``.
+        nodes: pupil points for steep rims.
+        chosen: which pixels to compute.
+    """
+    core, part, table, place = curves
+    count = table.shape[0] - 1
+    for entry in range(windows.shape[0]):
+        for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):
+            dy = (ys[row] - centres[entry, 1]) / pixel
+            for column in range(windows[entry, 0], windows[entry, 1]):
+                dx = (xs[column] - centres[entry, 0]) / pixel
+                from_centre = math.sqrt(dx * dx + dy * dy)
+                if from_centre > rim[3] + 0.75 or not chosen[row, column]:
+                    continue
+                whole = from_centre < rim[0] - 0.75
+                pieces = 1 if whole else parts
+                side = max(box / pieces, 1e-3)
+                light = 0.0
+                for j in range(pieces):
+                    y = dy + ((j + 0.5) / pieces - 0.5) * box
+                    for i in range(pieces):
+                        x = dx + ((i + 0.5) / pieces - 0.5) * box
+                        distance = math.sqrt(x * x + y * y)
+                        radial, share, look = -1.0, 1.0, 1.0
+                        if steep and not whole:
+                            share = steep_share(x, y, side, rim[1], rim[2], nodes)
+                            look = lit_middle(distance, side, rim[2])
+                        elif distance >= rim[3]:
+                            share = 0.0
+                        elif distance > rim[0]:
+                            radial = math.acos(max(-1.0, 1.0 - (distance - rim[0]) / rim[1])) / math.pi * count
+                        if share <= 0.0:
+                            continue
+                        toward = directions[0, 0] * x + directions[0, 1] * y
+                        angle = math.acos(min(max(toward / distance, -1.0), 1.0)) if radial >= 0.0 else 0.0
+                        at = origins[entry, 0] + look * toward
+                        seen = seen_through(radial, angle, at, core if whole else part, table, place)
+                        if half < math.inf:
+                            cos, sin = (x / distance, y / distance) if radial >= 0.0 else (1.0, 0.0)
+                            up = origins[entry, 1] + look * (directions[1, 0] * x + directions[1, 1] * y)
+                            sheet = lower[0] if whole else lower[1]
+                            seen -= from_beyond(
+                                radial, cos, sin, at, half + up, sheet, lower[2], lower[3], lower[4], lower[5], orders, radial_terms
+                            )
+                            sheet = upper[0] if whole else upper[1]
+                            seen -= from_beyond(
+                                radial, cos, sin, at, half - up, sheet, upper[2], upper[3], upper[4], upper[5], orders, radial_terms
+                            )
+                        light += share * max(seen, 0.0)
+                weight = levels[entry] * mean_falloff(dx, dy, rim, slants[entry], moments)
+                image[row, column] += weight * light / (pieces * pieces)
+
+
+def _add_dot(image: Array, setup: Setup, kind: Kind, radius: float, chosen: Chosen) -> None:
+    """Add a dot round the origin of the target's coordinates."""
+    scales = np.hypot(*kind.by_sensor.T)
+    size = float(radius / scales.min())
+    # The pattern falls as its light times 2 / (pi^4 cutoff) over the third power of the distance, once round the circle.
+    reach = size + abs(kind.blur) + 4 + (8 * size**2 / (math.pi**3 * kind.cutoff * setup.tolerance)) ** (1 / 3)
+    grid = make_grid(kind.by_sensor / scales[:, None], np.full(2, -reach), np.full(2, reach), reach, kind.cutoff, setup.tolerance)
+    _, _, x, y = kept_frequencies(grid, kind.cutoff)
+    _add_fields(image, setup, kind, grid, dot_spectrum(-np.array(grid.first), radius / scales, x, y), chosen)
+
+
+def _add_picture(image: Array, setup: Setup, kind: Kind, picture: Picture, chosen: Chosen) -> None:
+    scales = np.hypot(*kind.by_sensor.T)
+    origins = setup.origin[kind.entries] / scales
+    edge = np.array([picture.width, picture.height]) / 2 / scales
+    margin = min(max(2 / (math.pi**3 * kind.cutoff) / (0.4 * setup.tolerance), 16.0), 400.0) + abs(kind.blur)
+    low = np.maximum(origins.min(axis=0) - kind.outer - 1, -edge - margin)
+    high = np.minimum(origins.max(axis=0) + kind.outer + 1, edge + margin)
+    if np.any(low >= high):
+        return
+    grid = make_grid(kind.by_sensor / scales[:, None], low, high, 2 * margin, kind.cutoff, setup.tolerance)
+    _, _, x, y = kept_frequencies(grid, kind.cutoff)
+    spectrum = picture_spectrum(picture, scales, low - margin, high + margin, grid.first, x, y)
+    _add_fields(image, setup, kind, grid, spectrum, chosen)
+
+
+def _add_fields(image: Array, setup: Setup, kind: Kind, grid: Grid, spectrum: npt.NDArray[np.complex128], chosen: Chosen) -> None:
+    pixel = setup.sensor.pixel
+    parts, steep = pixel_parts(kind, setup.tolerance)
+    radii, angles = node_counts(kind, setup.tolerance)
+    box = setup.pixel_width / pixel
+    table = transfer_table(kind, 1 if steep else radii, 1 if steep else angles)
+    modes = find_modes(table, box, max(setup.tolerance / 4, LEAST_TERM))
+    centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
+    origins = setup.origin[kind.entries] / np.hypot(*kind.by_sensor.T)
+    seen = _looking_windows(lit_windows(setup, kind), centres, origins, grid, setup)
+    lit = (seen[:, 0] < seen[:, 1]) & (seen[:, 2] < seen[:, 3])
+    if not lit.any():
+        return
+    xs, ys = pixel_positions(setup.sensor)
+    rim, nodes = np.array([kind.inner, kind.slope, kind.reach, kind.outer]), disc_nodes(8, 8)
+    levels = setup.pupils.level[kind.entries]
+    slants, moments = slant_rows(setup, kind), pupil_moments(kind, table.radii)
+    for field in make_fields(modes, grid, spectrum, box, parts):
+        term = np.zeros(2) if field.term < 0 else modes.radial[field.term]
+
+        def add(rows: tuple[int, int], field: Field = field, term: Array = term) -> None:
+            add_field(
+                image,
+                rows,
+                seen[lit],
+                centres[lit],
+                origins[lit],
+                grid.axes,
+                levels[lit],
+                rim,
+                steep,
+                parts,
+                box,
+                xs,
+                ys,
+                pixel,
+                field.term,
+                field.order,
+                field.even,
+                field.odd,
+                term,
+                grid.first,
+                grid.samples,
+                slants[lit],
+                moments,
+                nodes,
+                chosen,
+            )
+
+        in_bands(add, seen[lit])
+
+
+def _looking_windows(windows: Whole, centres: Array, origins: Array, grid: Grid, setup: Setup) -> Whole:
+    """The part of each window that looks at a grid."""
+    corners = np.array([[x, y] for x in (0, grid.count[0]) for y in (0, grid.count[1])]) / grid.samples + np.array(grid.first)
+    looking = np.linalg.solve(grid.axes, (corners - origins[:, None]).reshape(-1, 2).T).T.reshape(-1, 4, 2)
+    positions = pixel_positions(setup.sensor)
+    seen = windows.copy()
+    for axis in (0, 1):
+        middle = (centres[:, axis] - positions[axis][0]) / setup.sensor.pixel
+        low, high = looking[..., axis].min(axis=1) + middle, looking[..., axis].max(axis=1) + middle
+        seen[:, 2 * axis] = np.maximum(seen[:, 2 * axis], np.clip(np.ceil(low - 1), -1e9, 1e9).astype(np.int64))
+        seen[:, 2 * axis + 1] = np.minimum(seen[:, 2 * axis + 1], np.clip(np.floor(high + 2), -1e9, 1e9).astype(np.int64))
+    return seen
+
+
+def _no_border() -> Border:
+    empty = np.zeros((1, 1, 1))
+    return Border(empty[0], empty[0], empty, empty, np.zeros(0), (0.0, 1.0, 1.0, 0.0, 1.0))
+
+
+def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:
+    """Into how many parts a side a pixel on the rim is divided, and whether the rim is too steep for curves of its own.
+
+    Across a pixel share and radiance vary together: on a rim w pixels wide n parts leave up to 0.12 / (w n^2), found on bars.
+    """
+    width = max(2 * kind.slope, 1e-9)
+    parts = min(max(math.ceil(math.sqrt(0.3 / (width * tolerance))), math.ceil(STEEP / width), 1), MOST_PARTS)
+    return parts, width * parts < STEEP
+
+
+def node_counts(kind: Kind, tolerance: float) -> tuple[int, int]:
+    """How many radii and angles of a micro-image's rim a tolerance needs."""
+    finer = (0.002 / tolerance) ** 0.25 * (1 + 0.1 * abs(kind.blur))
+    return math.ceil(10 * finer), math.ceil(32 * finer) + 1
+
+
+def lit_windows(setup: Setup, kind: Kind) -> Whole:
+    """The part of the sensor under each micro-image of a kind: first column, column after the last, first row, row after the last."""
+    pixel, pupils = setup.sensor.pixel, setup.pupils
+    limits: list[Array] = []
+    for centre, positions in zip((pupils.centre_x, pupils.centre_y), pixel_positions(setup.sensor), strict=True):
+        middle = (centre[kind.entries] - positions[0]) / pixel
+        limits += [np.ceil(middle - kind.outer - 1), np.floor(middle + kind.outer + 1) + 1]
+    own = setup.window[kind.entries]
+    windows = np.clip(np.stack(limits, axis=1), -1e9, 1e9).astype(np.int64)
+    return np.stack(
+        [
+            np.maximum(windows[:, 0], own[:, 0]),
+            np.minimum(windows[:, 1], own[:, 1]),
+            np.maximum(windows[:, 2], own[:, 2]),
+            np.minimum(windows[:, 3], own[:, 3]),
+        ],
+        axis=1,
+    )
+
+
+def _part_of(setup: Setup, kind: Kind) -> Setup:
+    """The entries of a kind alone."""
+    pupils = Pupils(**{field.name: getattr(setup.pupils, field.name)[kind.entries] for field in fields(Pupils)})
+    rims = find_rims(pupils, setup.sensor.pixel)
+    return replace(
+        setup,
+        pupils=pupils,
+        origin=setup.origin[kind.entries],
+        by_pupil=setup.by_pupil[kind.entries],
+        by_sensor=setup.by_sensor[kind.entries],
+        window=setup.window[kind.entries],
+        rims=rims,
+        blur=setup.blur[kind.entries],
+    )

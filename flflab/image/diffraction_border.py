@@ -1,0 +1,207 @@
+"""What a target's upper and lower border take from the diffracted image of its lines: the light that would come from beyond.
+
+The light of the lines' continuation beyond a straight border, seen from a distance inside of it, is a curve over x' for every
+distance and for every term of the transfer functions' sum.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+from scipy import fft, ndimage
+from scipy.interpolate import make_interp_spline
+
+from flflab.image.diffraction_ruled import Line, line_spectrum, mirrored, spline_weights
+from flflab.image.diffraction_table import Modes
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+Whole = npt.NDArray[np.int64]
+
+PANELS = 400
+FARTHEST = 400.0
+
+
+@dataclass(frozen=True)
+class Border:
+    """Spline coefficients of the light from beyond a border.
+
+    Attributes:
+        core: through an unclipped pupil over a pixel, shape (Y, X).
+        part: the same over a part of a pixel.
+        even: of each term over a part of a pixel, for the cosine of the sensor point's angle, shape (T, Y, X).
+        odd: the same for the sine, but for the first terms, of order 0.
+        last: the row, counted from outside, after which a term no longer matters, shape (T,).
+        place: node of the border itself, nodes a unit and scale (pixels) of the distance's inverse hyperbolic sine; first position
+            along x', pixels, and coefficients a pixel.
+    """
+
+    core: Array
+    part: Array
+    even: Array
+    odd: Array
+    last: Array
+    place: tuple[float, float, float, float, float]
+
+
+def border_reach(modes: Modes, tolerance: float) -> float:
+    """How far inside of a border it is felt, pixels."""
+    return min(max(0.3 / (modes.kind.cutoff * tolerance) / 2, 20.0), FARTHEST) + abs(modes.kind.blur)
+
+
+def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int, tolerance: float) -> Border:
+    """Tabulate the light from beyond a border.
+
+    Args:
+        modes: the transfer functions.
+        line: the lines' grid along x'.
+        inward: direction from the border to the target's inside: mm on the target per pixel on the sensor along x and y.
+        box: side of the square over which a pixel gathers light, pixels.
+        parts: parts a side of it.
+        tolerance: largest error asked for.
+    """
+    cutoff = modes.kind.cutoff
+    near = 4 + abs(modes.kind.blur)
+    spacing = 0.5 * min(1.0, (tolerance / 0.002) ** 0.125) / min(max(1.0, cutoff), 3.0)
+    farthest = border_reach(modes, tolerance)
+    nodes = math.ceil(math.asinh(farthest / near) / (spacing / near))
+    distance = near * np.sinh(np.arange(-nodes, nodes + 1) * spacing / near)
+    count = modes.spectra.shape[1]
+    turn = np.linspace(0, np.pi, count)
+    coarse = cutoff * (1 - np.cos(turn)) / 2
+    kernel = _step_weights(coarse, distance)
+    axes = np.stack([line.direction / np.hypot(*line.direction), inward / np.hypot(*inward)])
+    f = np.stack(np.broadcast_arrays(coarse[:, None], np.concatenate([coarse, -coarse])), axis=-1) @ axes
+    size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
+    kept = line.frequency < cutoff
+    finer = make_interp_spline(turn, np.eye(count), k=5)(np.arccos(1 - 2 * line.frequency[kept] / cutoff))
+    spectrum = line_spectrum(line, cutoff)
+
+    def sheets(patterns: list[ComplexArray], side: float) -> Array:
+        boxed = np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side)
+        beyond = np.stack([(pattern * boxed) @ kernel for pattern in patterns], axis=1)
+        found = (finer @ beyond.reshape(count, -1)).T * spectrum
+        lines = np.asarray(fft.irfft(found, line.length, axis=-1), dtype=np.float64)[:, : line.count]
+        return ndimage.spline_filter1d(lines.reshape(len(patterns), len(distance), line.count), axis=1, mode="mirror")
+
+    def reach(term: int) -> float:
+        seen = np.abs(evens[term]).max(axis=1)
+        if modes.orders[term]:
+            seen = np.maximum(seen, np.abs(odds[term - len(evens) + len(odds)]).max(axis=1))
+        return float(np.flatnonzero(seen * np.abs(modes.radial[term]).max() > tolerance / 50).max(initial=0))
+
+    whole = modes.spectrum(-1, size).astype(np.complex128)
+    patterns = [modes.spectrum(term, size) * (1j if order % 2 else 1.0) for term, order in enumerate(modes.orders)]
+    even = [pattern * np.cos(order * alpha) for pattern, order in zip(patterns, modes.orders, strict=True)]
+    odd = [pattern * np.sin(order * alpha) for pattern, order in zip(patterns, modes.orders, strict=True) if order]
+    evens, odds = sheets(even, box / parts), sheets(odd, box / parts) if odd else np.zeros((0, 1, 1))
+    return Border(
+        sheets([whole], box)[0],
+        sheets([whole], box / parts)[0],
+        evens,
+        odds,
+        np.array([reach(term) for term in range(len(evens))]),
+        (float(nodes), near / spacing, near, line.first, line.samples),
+    )
+
+
+def _step_weights(coarse: Array, distance: Array) -> ComplexArray:
+    """Weights that turn a pattern at frequencies along y', rising and falling, into the light from beyond a border at distances.
+
+    The light is half the pattern at 0 plus i/(2 pi) times the integral over v > 0 of (P(v) E - P(-v) / E) / v, E = exp(2 pi i v distance),
+    P the quintic spline through the pattern's values. Shape (2 n, Y).
+    """
+    count = len(coarse)
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    edges = np.linspace(0, np.pi, PANELS + 1)
+    half = np.pi / (2 * PANELS)
+    turn = (edges[:-1, None] + half * (1 + nodes)).ravel()
+    weight = np.tile(half * weights, PANELS) / np.tan(turn / 2)  # dv / v
+    splines = make_interp_spline(np.linspace(0, np.pi, count), np.eye(count), k=5)(turn) * weight[:, None]
+    phase = np.pi * coarse[-1] * (1 - np.cos(turn))[:, None] * distance
+    rising = 1j / (2 * np.pi) * (splines.T @ np.exp(1j * phase))
+    rising[0] = 0.25 - splines[:, 0] @ np.sin(phase) / (2 * np.pi)  # both sides share the value at 0, and the cosines cancel
+    return np.concatenate([rising, np.conj(rising)])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def read_sheet(
+    sheet: Array, row: int, column: int, by_row: tuple[float, float, float, float], by_column: tuple[float, float, float, float]
+) -> float:
+    """A spline over two axes from its coefficients around a place; the rows are mirrored at their ends."""
+    total = 0.0
+    for m in range(4):
+        line = sheet[mirrored(row + m - 1, sheet.shape[0])]
+        part = by_column[0] * line[column - 1] + by_column[1] * line[column]
+        total += by_row[m] * (part + by_column[2] * line[column + 1] + by_column[3] * line[column + 2])
+    return total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def radial_value(coefficients: Array, radial: float) -> float:
+    """One term at a radius counted in nodes."""
+    base = min(int(radial), coefficients.size - 2)
+    a, b, c, d = spline_weights(radial - base)
+    last = coefficients.size
+    low, high = coefficients[mirrored(base - 1, last)], coefficients[mirrored(base + 2, last)]
+    return a * low + b * coefficients[base] + c * coefficients[base + 1] + d * high
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def from_beyond(
+    radial: float,
+    cos: float,
+    sin: float,
+    x: float,
+    inside: float,
+    sheet: Array,
+    even: Array,
+    odd: Array,
+    last: Array,
+    place: tuple[float, float, float, float, float],
+    orders: Whole,
+    coefficients: Array,
+) -> float:
+    """The light from beyond a border at ``inside`` pixels from it; infinite where nothing else is seen.
+
+    Args:
+        radial: place of the sensor point in nodes of radius, below 0 where nothing is clipped.
+        cos: cosine of its direction from the micro-image's centre.
+        sin: the sine.
+        x: position along x', pixels.
+        inside: distance from the border, pixels.
+        sheet: of the unclipped pupil, see ``Border``.
+        even: the same.
+        odd: the same.
+        last: the same.
+        place: the same.
+        orders: see ``Modes``.
+        coefficients: the same, ``radial``.
+    """
+    row = math.asinh(inside / place[2]) * place[1] + place[0]
+    if row >= sheet.shape[0] - 1.0:
+        return 0.0
+    column = (x - place[3]) * place[4]
+    if row <= 0.0 or column < 0.0 or column > sheet.shape[1] - 1.0:
+        return math.inf
+    base_row = int(row)
+    base = min(max(int(column), 1), sheet.shape[1] - 3)
+    by_row = spline_weights(row - base_row)
+    by_column = spline_weights(column - base)
+    if radial < 0.0:
+        return read_sheet(sheet, base_row, base, by_row, by_column)
+    total = 0.0
+    now, turned_cos, turned_sin = 0, 1.0, 0.0
+    for term in range(orders.size):
+        if row > last[term] + 2.0:
+            continue
+        while now < orders[term]:
+            turned_cos, turned_sin = turned_cos * cos - turned_sin * sin, turned_sin * cos + turned_cos * sin
+            now += 1
+        seen = turned_cos * read_sheet(even[term], base_row, base, by_row, by_column)
+        if now > 0:
+            seen += turned_sin * read_sheet(odd[term - even.shape[0] + odd.shape[0]], base_row, base, by_row, by_column)
+        total += radial_value(coefficients[term], radial) * seen
+    return total

@@ -1,0 +1,72 @@
+"""Natural fall-off behind a clipped pupil: the mean of cos^4 of the slopes of its rays at the sensor, from the pupil's moments.
+
+Diffracted light is weighted by this mean alone: a weight that varies over the pupil also changes its transfer function, by up to half
+the weight's relative variation over the pupil times what blur and diffraction take from the contrast.
+"""
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.diffraction_table import Kind
+from flflab.image.setup import Setup
+
+Array = npt.NDArray[np.float64]
+
+GRID = 301
+
+
+def slant_rows(setup: Setup, kind: Kind) -> Array:
+    """Slope at the centre (x, y), its change per pixel on the sensor and per unit of pupil along e; zeros without fall-off; (N, 4)."""
+    pupils, pixel = setup.pupils, setup.sensor.pixel
+    turned = np.where(pupils.slope < 0, -pupils.slant_spread, pupils.slant_spread)
+    rows = np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale * pixel, turned])[kind.entries]
+    return rows if setup.falloff else np.zeros_like(rows)
+
+
+def pupil_moments(kind: Kind, distances: Array) -> Array:
+    """Means of t, t^2 and u^2 over the pupil clipped at these distances, t along e and u across; shape (R, 3)."""
+    places = np.linspace(-1, 1, GRID)
+    t, u = np.meshgrid(places, places)
+    disc = t**2 + u**2 <= 1
+    rows: list[tuple[float, float, float]] = []
+    for distance in distances:
+        inside = disc & (np.hypot(t * kind.slope - distance, u * kind.slope) <= kind.reach) if distance > kind.inner else disc
+        if not inside.any():
+            inside = t == 1.0  # the last sliver, at the rim in the direction of e
+            inside &= u == 0.0
+        rows.append((float(t[inside].mean()), float((t[inside] ** 2).mean()), float((u[inside] ** 2).mean())))
+    return np.array(rows)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def mean_falloff(x: float, y: float, rim: Array, slant: Array, moments: Array) -> float:
+    """Mean of cos^4 = (1 + slope^2)^-2 over the pupil of a sensor point (x, y), pixels from the micro-image's centre.
+
+    With q the squared slope: (1 + mean q)^-2 + 3 (1 + mean q)^-4 variance of q, exact to the third power of q's spread.
+
+    Args:
+        x: sensor point.
+        y: the same.
+        rim: inner edge, slope, reach and outer edge of a micro-image, pixels.
+        slant: one of ``slant_rows``.
+        moments: see ``pupil_moments``, at nodes as a cosine from inner to outer edge.
+    """
+    distance = math.sqrt(x * x + y * y)
+    first, second, across = moments[0, 0], moments[0, 1], moments[0, 2]
+    if distance > rim[0] and moments.shape[0] > 1:
+        radial = math.acos(min(max(1.0 - (distance - rim[0]) / rim[1], -1.0), 1.0)) / math.pi * (moments.shape[0] - 1)
+        base = min(int(radial), moments.shape[0] - 2)
+        part = radial - base
+        first = (1.0 - part) * moments[base, 0] + part * moments[base + 1, 0]
+        second = (1.0 - part) * moments[base, 1] + part * moments[base + 1, 1]
+        across = (1.0 - part) * moments[base, 2] + part * moments[base + 1, 2]
+    slope_x, slope_y = slant[0] + slant[2] * x, slant[1] + slant[2] * y
+    away = max(distance, 1e-12)
+    along, aside = (slope_x * x + slope_y * y) / away, (slope_y * x - slope_x * y) / away
+    spread = slant[3]
+    mean = slope_x * slope_x + slope_y * slope_y + 2.0 * spread * along * first + spread * spread * (second + across)
+    variance = 4.0 * spread * spread * (along * along * (second - first * first) + aside * aside * across) + spread**4 / 12.0
+    return (1.0 + mean) ** -2 + 3.0 * (1.0 + mean) ** -4 * variance

@@ -1,0 +1,196 @@
+"""The transfer functions of one kind of microlens over its micro-image, as smooth tables to be read by cubic splines.
+
+The pupil of a sensor point e from the micro-image's centre is clipped by a disc that lies in the direction of e, so its transfer
+function depends on |e|, on the frequency, and on the angle between e and the frequency's direction, evenly. All in the sensor's
+own frame: frequencies in cycles/pixel, lengths in pixels.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft, ndimage
+from scipy.interpolate import make_interp_spline
+
+from flflab.image.setup import Setup
+from flflab.optics.diffraction import pupil_transfer
+from flflab.optics.discs import two_disc_areas
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+Whole = npt.NDArray[np.int64]
+
+OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Microlenses with one kind of pupil and one map to the target; lengths in pixels on the sensor.
+
+    Attributes:
+        entries: which entries of the setup, shape (n,).
+        slope: shift of the clipping disc, |slope| of ``Pupils``.
+        reach: its radius on the sensor.
+        blur: radius of the geometric blur, signed.
+        cutoff: where the whole pupil's transfer ends, cycles/pixel.
+        by_sensor: target mm per pixel on the sensor, shape (2, 2).
+    """
+
+    entries: Whole
+    slope: float
+    reach: float
+    blur: float
+    cutoff: float
+    by_sensor: Array
+
+    @property
+    def inner(self) -> float:
+        """Distance from the micro-image's centre up to which nothing is clipped."""
+        return max(0.0, self.reach - self.slope)
+
+    @property
+    def outer(self) -> float:
+        """Radius of the micro-image."""
+        return self.reach + self.slope
+
+
+def find_kinds(setup: Setup, wavelength: float) -> list[Kind]:
+    """Sort the entries into kinds; numbers that agree to ten digits count as equal.
+
+    The geometric blur is by_pupil over by_sensor: a number, but for what a target's tilt does to it, of which the mean is taken.
+    """
+    pixel, pupils = setup.sensor.pixel, setup.pupils
+    by_sensor = setup.by_sensor * pixel
+    inverse = np.linalg.inv(by_sensor)
+    blur = np.trace(inverse @ setup.by_pupil, axis1=1, axis2=2) / 2
+    cutoff = 2 * np.abs(pupils.slant_spread) * pixel / wavelength
+    numbers = np.column_stack(
+        [np.abs(pupils.slope) / pixel, pupils.reach / pixel, blur * np.sign(pupils.slope + (pupils.slope == 0)), cutoff]
+    )
+    numbers = np.column_stack([numbers, by_sensor.reshape(-1, 4)])
+    scale = np.max(np.abs(numbers), axis=0)
+    _, first, kind = np.unique(np.round(numbers / np.where(scale > 0, scale, 1), 10), axis=0, return_index=True, return_inverse=True)
+    kind = kind.reshape(-1)
+    return [
+        Kind(np.flatnonzero(kind == number), *(float(part) for part in numbers[row, :4]), by_sensor=by_sensor[row])
+        for number, row in enumerate(first)
+    ]
+
+
+@dataclass(frozen=True)
+class TransferTable:
+    """Transfer functions of a kind at nodes.
+
+    Attributes:
+        kind: the kind.
+        radii: distances from the micro-image's centre, pixels, shape (R,); the first is the bright field's edge.
+        shares: part of the full pupil left there, shape (R,).
+        angles: angles between e and the frequency, from 0 to pi, shape (A,).
+        values: share times transfer at the radii, angles and ``frequency_nodes``, shape (R, A, F).
+        tails: share times the decay of a line's image: it falls as ``tails`` over the squared distance in pixels, shape (R, A).
+    """
+
+    kind: Kind
+    radii: Array
+    shares: Array
+    angles: Array
+    values: ComplexArray
+    tails: Array
+
+    def at(self, frequencies: Array) -> ComplexArray:
+        """The values at other frequencies from 0 up, cycles/pixel; shape (R, A, n)."""
+        inside = frequencies < self.kind.cutoff
+        place = np.arccos(1 - 2 * np.minimum(frequencies[inside] / self.kind.cutoff, 1.0))
+        nodes = np.linspace(0, np.pi, self.values.shape[2])
+        weights = make_interp_spline(nodes, np.eye(len(nodes)), k=5)(place)
+        found = np.zeros((*self.values.shape[:2], len(frequencies)), dtype=np.complex128)
+        found[..., inside] = self.values @ weights.T
+        return found
+
+
+def transfer_table(kind: Kind, radii: int, angles: int) -> TransferTable:
+    """Tabulate a kind at so many radii and angles; one radius means an unclipped pupil only.
+
+    Radii are spaced as a cosine: the clipped area grows as the 3/2 power of the distance from either end of the rim, which is smooth
+    in the cosine's argument. Frequencies are spaced alike, dense at 0 and at the cutoff.
+    """
+    turn = np.linspace(0, np.pi, radii) if radii > 1 else np.zeros(1)
+    distance = np.minimum(kind.inner + kind.slope * (1 - np.cos(turn)), kind.outer * OUTERMOST) if radii > 1 else np.zeros(1)
+    clip = distance / kind.slope if radii > 1 else np.zeros(1)
+    clip_radius = kind.reach / kind.slope if radii > 1 else 2.0
+    beta = np.linspace(0, np.pi, angles)
+    count = 40 + math.ceil(6 * abs(kind.blur) * kind.cutoff)
+    shift = 1 - np.cos(np.linspace(0, np.pi, count))
+    x, y = clip[:, None, None] * np.cos(beta)[:, None], clip[:, None, None] * np.sin(beta)[:, None]
+    waves = kind.blur * kind.cutoff / 2 * shift
+    shares = pupil_share(clip, clip_radius)
+    values = pupil_transfer(shift, waves, x, y, clip_radius) * shares[:, None, None]
+    small = 1e-4
+    slope = (shares[:, None] - pupil_transfer(small, 0.0, x[..., 0], y[..., 0], clip_radius).real * shares[:, None]) / small
+    return TransferTable(kind, distance, shares, beta, values, tails=slope / (math.pi**2 * kind.cutoff))
+
+
+def pupil_share(clip: Array, clip_radius: float) -> Array:
+    """Part of the full pupil left by a disc at these distances."""
+    return two_disc_areas(1.0, clip_radius, clip) / math.pi
+
+
+def fast_length(least: float) -> int:
+    """The smallest length from ``least`` up without prime factors beyond 5: fast to transform."""
+    powers = [2**a * 3**b * 5**c for a in range(27) for b in range(17) for c in range(12)]
+    return min(power for power in powers if power >= least)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """A kind's transfer functions as a short sum, for sensor points in any direction from the micro-image's centre.
+
+    Share times transfer at radius r and angle phi of the sensor point, at frequency f in the direction alpha, is the sum over the
+    terms of radial(r) spectrum(f) cos(order (alpha - phi)), times i for odd orders: a real image for each.
+
+    Attributes:
+        kind: the kind.
+        orders: of the terms, shape (T,).
+        radial: spline coefficients over the nodes of radius, shape (T, R).
+        spectra: at the frequencies of a ``TransferTable``, shape (T, F).
+        core: the unclipped pupil's transfer, shape (F,).
+    """
+
+    kind: Kind
+    orders: Whole
+    radial: Array
+    spectra: Array
+    core: Array
+
+    def spectrum(self, term: int, frequency: Array) -> Array:
+        """One term's spectrum (that of the core for -1) at frequencies of any shape."""
+        values = self.core if term < 0 else self.spectra[term]
+        place = np.arccos(np.maximum(1 - 2 * frequency / self.kind.cutoff, -1)) * ((len(values) - 1) / np.pi)
+        found = ndimage.map_coordinates(
+            ndimage.spline_filter1d(values, mode="mirror"), place[None], order=3, mode="mirror", prefilter=False
+        )
+        return np.where(frequency < self.kind.cutoff, found, 0.0)
+
+
+def find_modes(table: TransferTable, box: float, least: float) -> Modes:
+    """Turn a table into a sum, leaving out what changes no sine of half the full contrast by ``least`` behind a pixel of ``box`` pixels."""
+    count = table.values.shape[1] - 1
+    parts = np.asarray(fft.dct(np.stack([table.values.real, table.values.imag]), type=1, axis=2), dtype=np.float64)
+    waves = parts[0] + 1j * parts[1]
+    waves[:, 1:-1] *= 2
+    waves /= 2 * count
+    nodes = np.linspace(0, np.pi, table.values.shape[2])
+    weight = np.maximum(np.abs(np.sinc(box * table.kind.cutoff / 2 * (1 - np.cos(nodes)))) / 2, 1e-2)
+    orders: list[int] = []
+    radial: list[Array] = []
+    spectra: list[Array] = []
+    for order in range(count + 1):
+        part = waves[:, order].imag if order % 2 else waves[:, order].real
+        left, sizes, right = np.linalg.svd(part * weight, full_matrices=False)
+        for term, size in enumerate(sizes):
+            if size * np.max(np.abs(left[:, term])) * np.max(np.abs(right[term])) > least:
+                orders.append(order)
+                radial.append(ndimage.spline_filter1d(size * left[:, term], mode="mirror"))
+                spectra.append(right[term] / weight)
+    return Modes(table.kind, np.array(orders), np.array(radial), np.array(spectra), table.values[0, 0].real)
