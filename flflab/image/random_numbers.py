@@ -17,6 +17,8 @@ Array = npt.NDArray[np.float64]
 Key = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 Bits = npt.NDArray[np.uint64]
 
+LONGEST = 65536  # rows and columns of a sensor: 16 bits of a pixel's number each
+RUN = 512  # pixels whose Poisson numbers are found together, in the cache
 LAYERS = 256
 TAIL = 3.6541528853610088  # where the ziggurat of 256 equal layers begins its tail (Marsaglia, Tsang, J. Stat. Softw. 5 (8), 2000)
 UNIT = 2.0**-53
@@ -63,10 +65,12 @@ def philox(pixel: np.uint64, draw: np.uint64, key: Key) -> tuple[np.uint64, np.u
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def draw_bits(first: int, key: Key, bits: Bits, other: Bits) -> None:  # pragma: no cover - compiled
-    """Draw 0 of a run of pixels: 64 bits for stream 0, 64 other ones for stream 1."""
-    for i in range(len(bits)):
-        bits[i], other[i] = philox(np.uint64(first + i), np.uint64(0), key)
+def draw_bits(corner: tuple[int, int], key: Key, first: Bits, second: Bits) -> None:  # pragma: no cover - compiled
+    """Draw 0 of a rectangle of pixels with its corner (row, column): 64 bits for stream 0, 64 other ones for stream 1."""
+    for row in range(len(first)):
+        pixel = (corner[0] + row) * LONGEST + corner[1]
+        for i in range(first.shape[1]):
+            first[row, i], second[row, i] = philox(np.uint64(pixel + i), np.uint64(0), key)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -76,8 +80,15 @@ def uniform(bits: np.uint64) -> float:  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def normals(bits: Bits, stream: int, first: int, key: Key, out: Array) -> None:  # pragma: no cover - compiled
-    """Standard normal numbers of a run of pixels by the ziggurat; exact to the 53 bits of its uniform numbers."""
+def normals(bits: Bits, stream: int, corner: tuple[int, int], key: Key, out: Array) -> None:  # pragma: no cover - compiled
+    """Standard normal numbers of a rectangle of pixels by the ziggurat; exact to the 53 bits of its uniform numbers."""
+    for row in range(len(out)):
+        _normal_run(bits[row], stream, (corner[0] + row) * LONGEST + corner[1], key, out[row])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _normal_run(bits: Bits, stream: int, pixel: int, key: Key, out: Array) -> None:  # pragma: no cover - compiled
+    """Normal numbers of a row of pixels: of most at once, then of the few outside the inner part of their layer."""
     for i in range(len(out)):
         layer = bits[i] & _LAYER
         x = uniform(bits[i]) * EDGES[layer]
@@ -85,7 +96,7 @@ def normals(bits: Bits, stream: int, first: int, key: Key, out: Array) -> None: 
         out[i] = signed if x < EDGES[layer + _1] else np.nan
     for i in range(len(out)):
         if math.isnan(out[i]):
-            out[i] = _other_normal(bits[i], stream, first + i, key)
+            out[i] = _other_normal(bits[i], stream, pixel + i, key)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -159,9 +170,19 @@ def _exact(count: float, mean: float, w: float) -> float:  # pragma: no cover - 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def poissons(
-    means: Array, bits: Bits, stream: int, first: int, key: Key, w: Array, terms: Array, out: Array
-) -> None:  # pragma: no cover - compiled
+def poissons(means: Array, bits: Bits, corner: tuple[int, int], key: Key, out: Array) -> None:  # pragma: no cover - compiled
+    """Poisson numbers of a rectangle of pixels, of stream 0."""
+    normal, terms = np.empty(RUN), np.empty(RUN)
+    for row in range(len(out)):
+        for start in range(0, out.shape[1], RUN):
+            end = min(start + RUN, out.shape[1])
+            pixel = (corner[0] + row) * LONGEST + corner[1] + start
+            part = slice(start, end)
+            _poisson_run(means[row, part], bits[row, part], pixel, key, normal[: end - start], terms[: end - start], out[row, part])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _poisson_run(means: Array, bits: Bits, pixel: int, key: Key, w: Array, terms: Array, out: Array) -> None:  # pragma: no cover - compiled
     """Poisson numbers of a run of pixels by inversion: the least whose distribution function reaches a uniform number.
 
     Small means count up. Large ones take the uniform number from a normal w, and the number is the whole part of the expansion
@@ -176,7 +197,7 @@ def poissons(
         out[i] = 0.0
         small += means[i] < LARGE_MEAN
     if small < len(out):
-        normals(bits, stream, first, key, w)
+        _normal_run(bits, 0, pixel, key, w)
         for i in range(len(out)):
             mean, w1, w2 = max(means[i], LARGE_MEAN), w[i], w[i] * w[i]
             root = math.sqrt(mean)

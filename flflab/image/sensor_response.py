@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.image.draws import draw
 from flflab.image.effects.dark_current import DarkCurrent
 from flflab.image.effects.dead_pixels import DeadPixels
 from flflab.image.effects.fixed_pattern import FixedPattern
@@ -16,12 +18,12 @@ from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
 from flflab.image.effects.shot_noise import ShotNoise
-from flflab.image.noise_kernel import LONGEST_ROW, MOST_ELECTRONS, read_rows
-from flflab.image.random_numbers import Key, noise_key
+from flflab.image.random_numbers import LONGEST, Key, noise_key
 
 Array = npt.NDArray[np.float64]
 
-BAND_ROWS = 32
+BAND_ROWS = 8  # rows worked through together lie in the cache from light to numbers
+MOST_ELECTRONS = 1e12
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,15 @@ def digitise(
     Raises:
         InputError: image, exposure or corner is negative or not finite, or beyond what can be counted.
     """
+    _check(image.shape, electrons_at_white, corner)
     numbers = np.empty(image.shape, dtype=np.uint16)
-    _read(image, electrons_at_white, response, key, corner, numbers, float(response.quantisation.full_scale))
+    most = response.quantisation.full_scale
+
+    def read(rows: slice) -> None:
+        signal = _signal(image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1]))
+        numbers[rows] = np.clip(np.rint(signal, out=signal), 0, most, out=signal)
+
+    _in_bands(read, len(image))
     return numbers
 
 
@@ -91,54 +100,56 @@ def read_out(
     corner: tuple[int, int] = (0, 0),
 ) -> Array:
     """What ``digitise`` makes numbers of: DN before they are rounded and limited to the range of the numbers; see there."""
+    _check(image.shape, electrons_at_white, corner)
     signal = np.empty(image.shape)
-    _read(image, electrons_at_white, response, key, corner, signal, 0.0)
+
+    def read(rows: slice) -> None:
+        signal[rows] = _signal(image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1]))
+
+    _in_bands(read, len(image))
     return signal
 
 
-def _read(
-    image: Array,
-    electrons_at_white: float,
-    response: SensorResponse,
-    key: Key,
-    corner: tuple[int, int],
-    out: npt.NDArray[np.uint16] | Array,
-    limit: float,
-) -> None:
+def _check(shape: tuple[int, ...], electrons_at_white: float, corner: tuple[int, int]) -> None:
     if not (math.isfinite(electrons_at_white) and electrons_at_white >= 0):
         raise InputError(f"digitise: electrons_at_white is {electrons_at_white:g}; a finite number from 0 up is allowed")
-    rows, columns = image.shape
-    if min(corner) < 0 or max(corner[0] + rows, corner[1] + columns) > LONGEST_ROW:
-        raise InputError(f"digitise: pixels {corner} to {(corner[0] + rows, corner[1] + columns)}; from 0 to {LONGEST_ROW} are allowed")
-    pattern, dead = response.fixed_pattern or FixedPattern(), response.dead_pixels or DeadPixels(0.0)
-    numbers = response.quantisation
-    keys = key, noise_key(pattern.name, pattern.seed), noise_key(dead.name, dead.seed)
+    end = (corner[0] + shape[0], corner[1] + shape[1])
+    if min(corner) < 0 or max(end) > LONGEST:
+        raise InputError(f"digitise: rows and columns from {corner} to {end}; 0 to {LONGEST} are allowed")
 
-    def read(first: int) -> bool:
-        band = np.empty((min(BAND_ROWS, rows - first), columns))
-        counted = read_rows(
-            image,
-            first,
-            corner,
-            keys,
-            electrons_at_white,
-            response.dark_current.electrons if response.dark_current else 0.0,
-            response.shot_noise is not None,
-            (pattern.gain, pattern.offset),
-            response.saturation.full_well if response.saturation else math.inf,
-            response.read_noise.electrons if response.read_noise else 0.0,
-            (numbers.dn_per_electron, numbers.offset_dn, float(numbers.full_scale)),
-            dead.share,
-            limit,
-            band,
-        )
-        if counted:
-            out[first : first + BAND_ROWS] = band
-        return counted
 
+def _in_bands(read: Callable[[slice], None], rows: int) -> None:
+    """Call ``read`` for bands of rows, on all cores."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        if not all(list(pool.map(read, range(0, rows, BAND_ROWS)))):
-            most = f"{MOST_ELECTRONS:g}"
-            raise InputError(
-                f"digitise: the image is negative, not finite, or beyond {most} electrons somewhere; light from 0 up is allowed"
-            )
+        list(pool.map(read, (slice(first, min(first + BAND_ROWS, rows)) for first in range(0, rows, BAND_ROWS))))
+
+
+def _signal(light: Array, electrons_at_white: float, response: SensorResponse, key: Key, corner: tuple[int, int]) -> Array:
+    """DN of some pixels before rounding."""
+    means = light * electrons_at_white
+    offset = np.zeros(1)
+    pattern, dead = response.fixed_pattern, response.dead_pixels
+    if pattern is not None and (pattern.gain > 0 or pattern.offset > 0):
+        own = draw(light.shape, corner, noise_key(pattern.name, pattern.seed))
+        means *= 1 + pattern.gain * own.normal(0)
+        offset = pattern.offset * own.normal(1)
+    if response.dark_current is not None:
+        means += response.dark_current.electrons
+    if means.size and not (means.min() >= 0 and means.max() < MOST_ELECTRONS):
+        raise InputError(
+            f"digitise: the image is negative, not finite, or beyond {MOST_ELECTRONS:g} electrons somewhere; light from 0 up is allowed"
+        )
+    drawn = draw(light.shape, corner, key) if response.shot_noise or response.read_noise else None
+    electrons = drawn.poisson(means) if drawn is not None and response.shot_noise else means
+    if response.saturation is not None:
+        np.minimum(electrons, response.saturation.full_well, out=electrons)
+    if drawn is not None and response.read_noise:
+        electrons += response.read_noise.electrons * drawn.normal(1)
+    electrons += offset
+    electrons *= response.quantisation.dn_per_electron
+    electrons += response.quantisation.offset_dn
+    if dead is not None and dead.share > 0:
+        own = draw(light.shape, corner, noise_key(dead.name, dead.seed))
+        stuck = own.chosen(dead.share)
+        electrons[stuck] = np.where(own.coin[stuck], response.quantisation.full_scale, 0)
+    return electrons

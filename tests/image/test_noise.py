@@ -1,32 +1,28 @@
 """The random numbers of pixels against published answers and scipy's distributions."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy import special, stats
 
-from flflab.image.random_numbers import EDGES, FAR, HEIGHTS, LARGE_MEAN, TAIL, draw_bits, noise_key, normals, philox, poissons
+from flflab.image.draws import Draws, draw
+from flflab.image.random_numbers import EDGES, FAR, HEIGHTS, LARGE_MEAN, TAIL, noise_key, philox
 
 Array = npt.NDArray[np.float64]
+SHAPE = (4, 50_000)
 PIXELS = 200_000
 SEEN = 1e-5  # a true distribution looks this unlikely once in 10^5 tries, and the keys are fixed
 
 
-def drawn(*parts: object) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64]]:
-    bits, others = np.empty(PIXELS, dtype=np.uint64), np.empty(PIXELS, dtype=np.uint64)
-    draw_bits(0, noise_key(*parts), bits, others)
-    return bits, others
+def drawn(*parts: object) -> Draws:
+    return draw(SHAPE, (0, 0), noise_key(*parts))
 
 
-def poisson_numbers(means: Array, *parts: object) -> tuple[Array, Array]:
-    """Numbers, and the normal ones that the large means took them from."""
-    w, numbers = np.empty(PIXELS), np.empty(PIXELS)
-    bits, _ = drawn(*parts)
-    poissons(means, bits, 0, 0, noise_key(*parts), np.empty(PIXELS), np.empty(PIXELS), numbers)
-    normals(bits, 0, 0, noise_key(*parts), w)
-    return numbers, w
+def uniform(bits: npt.NDArray[np.uint64]) -> Array:
+    return ((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
 
 
 @pytest.mark.parametrize(
@@ -54,10 +50,8 @@ def test_a_key_depends_on_every_part_and_its_kind() -> None:
 
 
 def test_normal_numbers_are_normal_to_the_tail() -> None:
-    numbers = np.empty(PIXELS)
     for stream in (0, 1):
-        parts = ("normal", stream)
-        normals(drawn(*parts)[stream], stream, 0, noise_key(*parts), numbers)
+        numbers = drawn("normal", stream).normal(stream).ravel()
         assert stats.kstest(numbers, "norm").pvalue > SEEN
         edges = special.ndtri(np.linspace(0, 1, 401))
         assert stats.chisquare(np.histogram(numbers, edges)[0]).pvalue > SEEN
@@ -68,18 +62,18 @@ def test_normal_numbers_are_normal_to_the_tail() -> None:
 
 
 def test_beyond_the_ziggurat_the_tail_is_normal() -> None:
-    beyond = np.full(PIXELS, 0xFFFFFFFFFFFFFE00, dtype=np.uint64)  # the base layer, at its far end
-    numbers = np.empty(PIXELS)
-    normals(beyond, 0, 0, noise_key("tail"), numbers)
+    beyond = np.full(SHAPE, 0xFFFFFFFFFFFFFE00, dtype=np.uint64)  # the base layer, at its far end
+    numbers = replace(drawn("tail"), first=beyond).normal(0).ravel()
     assert numbers.min() > TAIL
     assert stats.kstest(special.ndtr(-numbers) / special.ndtr(-TAIL), "uniform").pvalue > SEEN
 
 
 @pytest.mark.parametrize("layer", [1, 100, 254, 255])
 def test_between_two_layers_the_normal_density_decides(layer: int) -> None:
-    bits, numbers = drawn("layer", layer)[0] & np.uint64(0xFFFFFFFFFFFFFE00) | np.uint64(layer), np.empty(PIXELS)
-    normals(bits, 0, 0, noise_key("layer", layer), numbers)
-    offered = ((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53 * EDGES[layer]
+    draws = drawn("layer", layer)
+    bits = draws.first & np.uint64(0xFFFFFFFFFFFFFE00) | np.uint64(layer)
+    numbers = replace(draws, first=bits).normal(0)
+    offered = uniform(bits) * EDGES[layer]
     kept = np.sum((offered >= EDGES[layer + 1]) & (numbers == offered))
     low, high = EDGES[layer + 1], EDGES[layer]
     density = math.sqrt(math.pi / 2) * (math.erf(high / math.sqrt(2)) - math.erf(low / math.sqrt(2))) - (high - low) * HEIGHTS[layer]
@@ -89,7 +83,7 @@ def test_between_two_layers_the_normal_density_decides(layer: int) -> None:
 
 @pytest.mark.parametrize("mean", [0.01, 0.5, 3.0, 4.999, 5.0, 7.3, 20.5, 300.0, 1e4, 1e5])
 def test_poisson_numbers_have_the_poisson_distribution(mean: float) -> None:
-    numbers, _ = poisson_numbers(np.full(PIXELS, mean), "poisson", mean)
+    numbers = drawn("poisson", mean).poisson(np.full(SHAPE, mean)).ravel()
     wanted = np.unique(stats.poisson.ppf(np.linspace(0, 1, 200)[1:-1], mean))
     edges = np.concatenate([[-np.inf], wanted + 0.5, [np.inf]])
     expected = PIXELS * np.diff(np.concatenate([[0.0], stats.poisson.cdf(wanted, mean), [1.0]]))
@@ -101,12 +95,10 @@ def test_poisson_numbers_have_the_poisson_distribution(mean: float) -> None:
 
 
 def test_every_poisson_number_is_the_quantile_of_its_uniform_number() -> None:
-    means = np.exp(np.linspace(math.log(0.01), math.log(1e6), PIXELS))
-    numbers, w = poisson_numbers(means, "quantiles")
-    bits, _ = drawn("quantiles")
-    uniform = ((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
-    share = np.where(means >= LARGE_MEAN, special.ndtr(w), uniform)
-    assert np.array_equal(numbers, stats.poisson.ppf(share, means))
+    means = np.exp(np.linspace(math.log(0.01), math.log(1e6), PIXELS)).reshape(SHAPE)
+    draws = drawn("quantiles")
+    share = np.where(means >= LARGE_MEAN, special.ndtr(draws.normal(0)), uniform(draws.first))
+    assert np.array_equal(draws.poisson(means), stats.poisson.ppf(share, means))
 
 
 def test_the_bound_of_the_expansion_holds_wherever_it_is_trusted() -> None:
@@ -122,8 +114,7 @@ def test_the_bound_of_the_expansion_holds_wherever_it_is_trusted() -> None:
 
 
 def test_no_light_makes_no_electrons_and_much_light_stays_exact() -> None:
-    numbers, _ = poisson_numbers(np.zeros(PIXELS), "dark")
-    assert not numbers.any()
-    numbers, _ = poisson_numbers(np.full(PIXELS, 1e11), "bright")
+    assert not drawn("dark").poisson(np.zeros(SHAPE)).any()
+    numbers = drawn("bright").poisson(np.full(SHAPE, 1e11))
     assert numbers.mean() == pytest.approx(1e11, abs=4 * math.sqrt(1e11 / PIXELS))
     assert numbers.std() == pytest.approx(math.sqrt(1e11), rel=4 / math.sqrt(2 * PIXELS))
