@@ -1,98 +1,135 @@
-"""The slow reference of ``render``: rays traced one by one from points of a pixel through the thin lenses to the target.
+"""The slow reference of ``render``: rays refracted one by one, summed along straight lines whose breaks are found exactly.
 
-It shares no formula with the fast path: each ray is refracted at the microlens and at the main lens, asked whether both stops let
-it through, and takes the target's own radiance where it lands. Points are a low-discrepancy sequence in four dimensions.
+It shares no formula with the fast path. The light of a pixel through a microlens is an integral over four coordinates, two on the
+pixel and two on the microlens. Slices of it are summed line by line, between the places where stops, cards and borders on the targets
+cut the lines; the slices themselves, and the motion's moments, lie at scrambled Sobol points, which converge fast because a slice's
+sum is smooth, and repeated scrambling tells how far their mean can be off.
 """
+
+import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import qmc
 
-from flflab.optics.camera import Camera, microlens_centres, microlens_types, pixel_positions
-from flflab.targets import Target
+from flflab.errors import InputError
+from flflab.image.effects.motion import Motion
+from flflab.image.scene import Scene
+from flflab.image.traced_rays import Path
+from flflab.image.traced_slices import Bundle, bundle_of, slices_of, sum_of
+from flflab.optics.camera import microlens_centres, microlens_types, pixel_positions
 
 Array = npt.NDArray[np.float64]
 
-GOLDEN = 1.1673039782614187  # the root of x^5 = x + 1: its powers give the additive sequence in four dimensions
+REPEATS = 8  # scramblings of the Sobol points
+FEWEST_SLICES, MOST_SLICES = 256, 16384  # of one scrambling
+BLOCK = 512  # slices traced at once
 
 
 def trace_pixels(
-    camera: Camera,
-    target: Target,
-    distance: float,
+    scene: Scene,
     pixels: npt.NDArray[np.int64],
     *,
-    rays: int = 65536,
-    target_offset: tuple[float, float] = (0.0, 0.0),
-) -> Array:
-    """Trace single pixels of the image.
+    wanted: float = 1e-6,
+    mean_light: float | None = None,
+) -> tuple[Array, Array]:
+    """Trace single pixels of the picture of a scene, without diffraction and noise.
 
     Args:
-        camera: the camera, with round apertures.
-        target: what stands in front of it.
-        distance: main lens to target, mm; finite.
+        scene: what is pictured.
         pixels: (column, row) of each, shape (K, 2).
-        rays: rays a pixel and microlens; the error falls about as their power -0.7.
-        target_offset: where the target's centre stands, mm.
+        wanted: the uncertainty at which a pixel is done; one that needs too many lines for it stays above.
+        mean_light: mean of the picture before stray light and filters, for a scene that has stray light.
 
     Returns:
-        Irradiance in units of the white level, shape (K,).
+        Irradiance in units of the white level and its standard uncertainty, both of shape (K,).
+
+    Raises:
+        InputError: the scene has diffraction, apertures that are not round, or stray light without ``mean_light``.
     """
-    points = (0.5 + np.arange(rays)[:, None] * GOLDEN ** -np.arange(1.0, 5.0)) % 1.0
-    radius, angle = np.sqrt(points[:, 2]), 2 * np.pi * points[:, 3]
-    disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    centres, types = microlens_centres(camera.array), microlens_types(camera.array)
-    xs, ys = pixel_positions(camera.sensor)
-    nearest = int(np.argmin(np.round(np.hypot(centres[:, 0], centres[:, 1]), 9)))
-    middle = np.broadcast_to(_behind(camera, centres[nearest]), (rays, 2))
-    white = _light(camera, centres[nearest], types[nearest], disc, middle, None, distance, (0.0, 0.0))
-    reach = np.array([_reach(camera, centre) for centre in centres])
-    behind = np.array([_behind(camera, centre) for centre in centres])
-    image = np.zeros(len(pixels))
-    for index, (column, row) in enumerate(pixels):
-        place = np.array([xs[column], ys[row]])
-        sensor_points = place + (points[:, :2] - 0.5) * camera.sensor.pixel
-        for lens in np.flatnonzero(np.hypot(*(behind - place).T) < reach):
-            image[index] += _light(camera, centres[lens], types[lens], disc, sensor_points, target, distance, target_offset) / white
-    return image
+    if scene.diffraction is not None or scene.camera.aperture_shape != "round":
+        raise InputError(
+            "reference: the scene has diffraction or square apertures; only rays through round ones are traced, leave them out"
+        )
+    if scene.stray_light is not None and mean_light is None:
+        raise InputError("reference: stray light spreads the mean of the whole picture; give mean_light")
+    xs, ys = pixel_positions(scene.camera.sensor)
+    white = _white(scene)
+    paths = _paths(scene)
+    found = [_pixel(scene, paths, np.array([xs[column], ys[row]]), wanted * white) for column, row in pixels]
+    values, uncertainties = np.array(found).reshape(-1, 2).T / white
+    if scene.stray_light is not None and mean_light is not None:
+        share = scene.stray_light.share
+        values, uncertainties = (1 - share) * values + share * mean_light, (1 - share) * uncertainties
+    if scene.colour_filter is not None:
+        mosaic = scene.colour_filter
+        passed = {"r": mosaic.red, "g": mosaic.green, "b": mosaic.blue}
+        through = np.array([passed[mosaic.pattern[2 * (row % 2) + column % 2]] for column, row in pixels])
+        values, uncertainties = through * values, through * uncertainties
+    return values, uncertainties
 
 
-def _depth_and_gap(camera: Camera, centre: Array) -> tuple[float, float]:
-    """Main lens to this microlens of a perhaps tilted array, and from there to the sensor, mm."""
-    rise = float(centre @ np.asarray(camera.array.tilt))
-    return camera.optical_distance + rise, camera.optical_gap - rise
+def _paths(scene: Scene) -> Path:
+    """The paths through all microlenses, with the errors that a scatter draws for them: Philox keyed by its seed."""
+    camera = scene.camera
+    centres = microlens_centres(camera.array)
+    focal_lengths = np.asarray(camera.array.focal_lengths)[microlens_types(camera.array)]
+    rise = centres @ np.asarray(camera.array.tilt)
+    if scene.scatter is not None:
+        draws = np.random.Generator(np.random.Philox(key=scene.scatter.seed)).standard_normal((len(centres), 3))
+        focal_lengths = focal_lengths * (1 + scene.scatter.focal_length * draws[:, 0])
+        centres = centres + scene.scatter.position * draws[:, 1:]
+    gaps, depths = camera.optical_gap - rise, camera.optical_distance + rise
+    return Path(centres, focal_lengths[:, None], gaps[:, None], depths[:, None], camera.main_lens.focal_length)
 
 
-def _behind(camera: Camera, centre: Array) -> Array:
-    """Where the ray through the centres of main lens and microlens meets the sensor."""
-    depth, gap = _depth_and_gap(camera, centre)
-    return centre * (depth + gap) / depth
+def _white(scene: Scene) -> float:
+    """Area of the microlens nearest the axis that lights the centre of its micro-image, over the gap squared, in the ideal array."""
+    paths = _paths(replace(scene, scatter=None))
+    path = paths.of(int(np.argmin(np.round(np.hypot(*paths.centre.T), 9))))
+    middle = path.centre * (path.depth + path.gap) / path.depth
+    return math.pi * (bundle_of(scene, path, middle).pupil / path.gap[0]) ** 2
 
 
-def _reach(camera: Camera, centre: Array) -> float:
-    """A radius round that place beyond which no ray through the microlens and the main lens's stop lands."""
-    depth, gap = _depth_and_gap(camera, centre)
-    bend = camera.array.aperture / 2 / min(abs(f) for f in camera.array.focal_lengths)
-    return camera.array.aperture + gap * ((camera.main_lens.aperture + camera.array.aperture) / 2 / depth + bend)
+def _pixel(scene: Scene, paths: Path, place: Array, wanted: float) -> tuple[float, float]:
+    """Light of a pixel and its uncertainty, as areas on a microlens over the gap squared."""
+    bundles = [bundle_of(scene, paths.of(int(index)), place) for index in np.flatnonzero(_lit(scene, paths, place))]
+    if not bundles:
+        return 0.0, 0.0
+    count = FEWEST_SLICES
+    while True:
+        means = np.array([_repeat(scene, bundles, count, repeat) for repeat in range(REPEATS)])
+        uncertainty = float(np.std(means, ddof=1)) / math.sqrt(REPEATS)
+        if uncertainty <= wanted or count >= MOST_SLICES:
+            return float(means.mean()), uncertainty
+        count *= 4
 
 
-def _light(
-    camera: Camera,
-    centre: Array,
-    kind: int,
-    disc: Array,
-    sensor_points: Array,
-    target: Target | None,
-    distance: float,
-    target_offset: tuple[float, float],
-) -> float:
-    """Mean radiance over rays from the sensor points through all of the microlens, over the gap squared; no target means white."""
-    depth, gap = _depth_and_gap(camera, centre)
-    on_lens = centre + camera.array.aperture / 2 * disc
-    after = (sensor_points - on_lens) / gap
-    before = after + (on_lens - centre) / camera.array.focal_lengths[kind]
-    on_main = on_lens - depth * before
-    passes = np.hypot(on_main[:, 0], on_main[:, 1]) <= camera.main_lens.aperture / 2
-    slope = before + on_main / camera.main_lens.focal_length
-    on_target = on_main - distance * slope - np.asarray(target_offset)
-    seen = 1.0 if target is None else target.radiance(on_target[:, 0], on_target[:, 1])
-    return float(np.mean(passes * seen)) / gap**2
+def _lit(scene: Scene, paths: Path, place: Array) -> npt.NDArray[np.bool_]:
+    """Through which microlenses a ray from a pixel can pass the main lens's stop."""
+    camera, aside = scene.camera, np.array([1.0, 0.0])
+    crossing = paths.on_main_lens(place, paths.centre)
+    by_sensor = np.abs(paths.on_main_lens(place + aside, paths.centre) - crossing)[:, 0]
+    by_lens = np.abs(paths.on_main_lens(place, paths.centre + aside) - crossing)[:, 0]
+    reach = by_sensor * camera.sensor.pixel + by_lens * camera.array.aperture / 2
+    return np.hypot(*crossing.T) <= camera.main_lens.aperture / 2 + reach
+
+
+def _repeat(scene: Scene, bundles: list[Bundle], count: int, seed: int) -> float:
+    """One estimate of the light of a pixel."""
+    points = qmc.Sobol(4, rng=seed).random(count)
+    total = 0.0
+    for first in range(0, count, BLOCK):
+        block = points[first : first + BLOCK]
+        for bundle in bundles:
+            total += sum_of(scene, slices_of(bundle, block[:, :2], _moved(scene.motion, block[:, 2:]))) / bundle.path.gap[0] ** 2
+    return total / (count * scene.camera.sensor.pixel**2)
+
+
+def _moved(motion: Motion | None, points: Array) -> Array:
+    """How far the targets have moved at moments of the exposure and phases of the vibration, both from 0 to 1; shape (N, 2)."""
+    if motion is None:
+        return np.zeros((len(points), 2))
+    sway = np.cos(np.pi * points[:, 1:])
+    return (points[:, :1] - 0.5) * np.asarray(motion.drift) + sway * np.asarray(motion.vibration)

@@ -7,9 +7,8 @@ import pytest
 
 from flflab.image.reference import trace_pixels
 from flflab.image.render import render
-from flflab.image.scene import one_plane
+from flflab.image.scene import Scene
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
-from flflab.targets import Target
 
 Array = npt.NDArray[np.float64]
 Difference = Callable[..., float]
@@ -29,22 +28,20 @@ def with_f_number(camera: Camera) -> Callable[[float], Camera]:
 
 @pytest.fixture(scope="session")
 def largest_difference() -> Difference:
-    """Largest difference between the image and traced rays over some lit pixels, half of them where the image is steepest."""
+    """Largest difference between the picture and traced rays over some lit pixels, half of them where the picture is steepest.
 
-    def compare(
-        camera: Camera,
-        target: Target,
-        distance: float,
-        count: int = 16,
-        rays: int = 65536,
-        offset: tuple[float, float] = (0.0, 0.0),
-    ) -> float:
-        image = render(one_plane(camera, target, distance, offset))
+    What the reference cannot vouch for is taken off: four of its own uncertainties.
+    """
+
+    def compare(scene: Scene, count: int = 6, tolerance: float = 0.002, wanted: float = 2e-4) -> float:
+        image = render(scene, tolerance=tolerance)
+        assert image.any(), "nothing of the scene is lit"
         rng = np.random.default_rng(7)
         steepness = np.abs(np.gradient(image)).sum(axis=0)
         places = [np.argwhere(image > 0), np.argwhere(steepness > 0.5 * steepness.max())]
         chosen = np.concatenate([place[rng.integers(0, len(place), count // 2)] for place in places])
-        traced = trace_pixels(camera, target, distance, chosen[:, ::-1], rays=rays, target_offset=offset)
-        return float(np.abs(image[chosen[:, 0], chosen[:, 1]] - traced).max())
+        mean = None if scene.stray_light is None else float(render(replace(scene, stray_light=None, colour_filter=None)).mean())
+        traced, uncertainty = trace_pixels(scene, chosen[:, ::-1], wanted=wanted, mean_light=mean)
+        return float((np.abs(image[chosen[:, 0], chosen[:, 1]] - traced) - 4 * uncertainty).max())
 
     return compare

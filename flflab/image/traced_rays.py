@@ -1,0 +1,94 @@
+"""Rays of the slow reference, by the definitions alone: two thin lenses refract them, stops and cards stop them, targets shine.
+
+Every array of positions or slopes has shape (..., 2); a slope is the change of (x, y) per mm along the axis.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.effects.distortion import Distortion
+from flflab.image.scene import Plane
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Path:
+    """What a ray meets on its way from the sensor through a microlens to the object side; mm. One microlens, or N.
+
+    Attributes:
+        centre: of the microlens, shape (2,) or (N, 2).
+        focal_length: of the microlens, shape (1,) or (N, 1).
+        gap: microlens to sensor, the same.
+        depth: main lens to microlens, the same.
+        main_focal_length: of the main lens.
+    """
+
+    centre: Array
+    focal_length: Array
+    gap: Array
+    depth: Array
+    main_focal_length: float
+
+    def of(self, index: int) -> "Path":
+        """The path through one of N microlenses."""
+        return Path(self.centre[index], self.focal_length[index], self.gap[index], self.depth[index], self.main_focal_length)
+
+    def slope_at_sensor(self, on_sensor: Array, on_lens: Array) -> Array:
+        """Slope between microlens and sensor."""
+        return (on_sensor - on_lens) / self.gap
+
+    def on_main_lens(self, on_sensor: Array, on_lens: Array) -> Array:
+        """Where the ray crosses the main lens."""
+        return on_lens - self.depth * self._between(on_sensor, on_lens)
+
+    def object_slope(self, on_sensor: Array, on_lens: Array) -> Array:
+        """Slope before the main lens."""
+        return self._between(on_sensor, on_lens) + self.on_main_lens(on_sensor, on_lens) / self.main_focal_length
+
+    def _between(self, on_sensor: Array, on_lens: Array) -> Array:
+        return self.slope_at_sensor(on_sensor, on_lens) + (on_lens - self.centre) / self.focal_length
+
+
+def landing(plane: Plane, distortion: Distortion | None, on_main: Array, slope: Array, moved: Array) -> Array:
+    """Where rays meet a target's plane, in the target's own coordinates: mm along the card, rad where it is at infinity.
+
+    Args:
+        plane: the target; it may be tilted.
+        distortion: of the main lens; the ray from its crossing of the main lens heads for the distorted point at the plane's distance.
+        on_main: where the rays cross the main lens.
+        slope: their slopes before it.
+        moved: how far the target has moved, world mm; without meaning at infinity.
+    """
+    coefficient = 0.0 if distortion is None else distortion.coefficient
+    if math.isinf(plane.distance):
+        return _rolled(-slope * (1 + coefficient * _squared(slope)), plane.roll)
+    if coefficient:
+        paraxial = on_main - plane.distance * slope
+        slope = (on_main - paraxial * (1 + coefficient * _squared(paraxial / plane.distance))) / plane.distance
+    centre, tilt = np.asarray(plane.offset) + moved, np.asarray(plane.tilt)
+    distance = (plane.distance + (on_main - centre) @ tilt) / (1 + slope @ tilt)
+    aside = on_main - distance[..., None] * slope - centre
+    if tilt.any():
+        downhill = tilt / np.hypot(*tilt)
+        aside = aside + (math.sqrt(1 + tilt @ tilt) - 1) * (aside @ downhill)[..., None] * downhill
+    return _rolled(aside, plane.roll)
+
+
+def covers(plane: Plane, place: Array) -> npt.NDArray[np.bool_]:
+    """Whether the opaque card of a plane is at places given in its own coordinates."""
+    if plane.size is None:
+        return np.ones(place.shape[:-1], dtype=bool)
+    return (np.abs(place[..., 0]) <= plane.size[0] / 2) & (np.abs(place[..., 1]) <= plane.size[1] / 2)
+
+
+def _squared(place: Array) -> Array:
+    return np.sum(place**2, axis=-1, keepdims=True)
+
+
+def _rolled(place: Array, roll: float) -> Array:
+    cos, sin = math.cos(roll), math.sin(roll)
+    return np.stack([cos * place[..., 0] + sin * place[..., 1], cos * place[..., 1] - sin * place[..., 0]], axis=-1)
