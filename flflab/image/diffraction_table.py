@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Whole = npt.NDArray[np.int64]
 
+BLURRED_OUT = 1e6  # pixels; no matter which: the target's image lies on the array
 OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
 
 
@@ -62,8 +63,10 @@ def find_kinds(setup: Setup, wavelength: float) -> list[Kind]:
     """
     pixel, pupils = setup.sensor.pixel, setup.pupils
     by_sensor = setup.by_sensor * pixel
-    inverse = np.linalg.inv(by_sensor)
-    blur = np.trace(inverse @ setup.by_pupil, axis1=1, axis2=2) / 2
+    along_pupil = np.linalg.norm(setup.by_pupil, axis=(1, 2))
+    on_array = np.linalg.norm(by_sensor, axis=(1, 2)) * BLURRED_OUT <= along_pupil
+    inverse = np.linalg.inv(np.where(on_array[:, None, None], np.eye(2), by_sensor))
+    blur = np.where(on_array, BLURRED_OUT, np.trace(inverse @ setup.by_pupil, axis1=1, axis2=2) / 2)
     cutoff = 2 * np.abs(pupils.slant_spread) * pixel / wavelength
     numbers = np.column_stack(
         [np.abs(pupils.slope) / pixel, pupils.reach / pixel, blur * np.sign(pupils.slope + (pupils.slope == 0)), cutoff]

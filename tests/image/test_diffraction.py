@@ -1,0 +1,214 @@
+"""Diffracted pictures against the scalar Fresnel integral summed from path lengths, against closed forms, and against rays."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.special import j1
+
+from flflab.image.diffraction import add_plane_with_diffraction
+from flflab.image.effects.falloff import Falloff
+from flflab.image.render import render
+from flflab.image.scene import Scene, one_plane
+from flflab.image.setup import make_setup
+from flflab.optics.camera import Camera, MainLens, Sensor, pixel_positions
+from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
+
+Array = npt.NDArray[np.float64]
+Nodes = tuple[Array, Array]
+
+FOCUS = 506.7016
+GREEN = 550e-6
+CUTOFF = 2 * 0.168 / 1.15 * 1.66e-3 / GREEN  # cycles/pixel of the worked example's microlens: its aperture over the gap
+
+
+MORE_PIXELS = [(FOCUS, (100, 100)), (FOCUS, (130, 120)), (FOCUS, (110, 158)), (495.0, (160, 110))]
+
+
+def diffracted(scene: Scene, wavelength: float = GREEN, tolerance: float = 0.002, wanted: npt.NDArray[np.bool_] | None = None) -> Array:
+    columns, rows = scene.camera.sensor.resolution
+    image = np.zeros((rows, columns))
+    plane = scene.planes[0]
+    add_plane_with_diffraction(image, make_setup(scene, plane, tolerance), plane.target, wavelength, wanted)
+    return image
+
+
+@pytest.fixture(scope="module")
+def lone(camera: Camera) -> Camera:
+    """One microlens on the axis."""
+    return replace(camera, array=replace(camera.array, count=(1, 1)), sensor=Sensor((200, 200), 0.00166, 61.15))
+
+
+def gauss(intervals: Array, detail: float) -> Nodes:
+    """Quadrature nodes and weights over the intervals, pieces no longer than ``detail``."""
+    places, weights = np.polynomial.legendre.leggauss(5)
+    found: list[Array] = []
+    for low, high in intervals:
+        ends = np.linspace(low, high, max(2, math.ceil((high - low) / detail) + 1))
+        half = np.diff(ends)[:, None] / 2
+        found.append(np.stack([(ends[:-1, None] + half * (1 + places)).ravel(), (half * weights).ravel()]))
+    return tuple(np.concatenate(found, axis=1))
+
+
+def fresnel(camera: Camera, distance: float, column: int, row: int, x: Nodes, y: Nodes, lit: Array | None = None) -> float:
+    """A pixel of the lone microlens, by a sum over points of the microlens of exp(i k path) for points of the target, squared.
+
+    The path from the sensor through a point q of the microlens to the target is stationary over the main lens; whether q counts is
+    asked of the ray. The pupil sum repeats itself over the target: nodes must stay within one period.
+    """
+    L, b, D = camera.array.distance, camera.sensor.distance - camera.array.distance, distance
+    F, A, f, d = camera.main_lens.focal_length, camera.main_lens.aperture, camera.array.focal_lengths[0], camera.array.aperture
+    W = 1 / L - 1 / F + 1 / D
+    count = 220
+    step = d / count
+    q = (np.arange(count) + 0.5) * step - d / 2
+    k = 2 * math.pi / GREEN
+    fine = q[:, None] + step * (np.arange(4) - 1.5) / 4
+    across, up = (np.exp(-1j * k / (L * D * W) * np.outer(nodes[0], q)) for nodes in (x, y))
+    positions = pixel_positions(camera.sensor)
+    places, weights = np.polynomial.legendre.leggauss(3)
+    total = 0.0
+    for i in range(9):
+        s = [
+            float(positions[axis][at]) + places[part] * camera.sensor.pixel / 2 for axis, at, part in ((0, column, i % 3), (1, row, i // 3))
+        ]
+        main = [fine - L * ((part - fine) / b + fine / f) for part in s]
+        inside = (fine[:, None, :, None] ** 2 + fine[None, :, None, :] ** 2 <= d * d / 4) & (
+            main[1][:, None, :, None] ** 2 + main[0][None, :, None, :] ** 2 <= A * A / 4
+        )
+        pupil = inside.mean(axis=(2, 3))
+        path = [(q - part) ** 2 / (2 * b) - q**2 / (2 * f) + q**2 / (2 * L) - (q / L) ** 2 / (2 * W) for part in s]
+        field = up @ (pupil * np.exp(1j * k * (path[1][:, None] + path[0]))) @ across.T
+        seen = np.abs(field) ** 2 * (1.0 if lit is None else lit)
+        light = float(y[1] @ seen @ x[1]) * (step / (GREEN * L * D * abs(W))) ** 2  # over the light of all periods: the pupil's area
+        total += weights[i % 3] * weights[i // 3] / 4 * light * step**2
+    return total / (math.pi * d * d / 4)
+
+
+def bar_nodes(target: Bars, detail: float) -> Nodes:
+    edges = target.position(np.minimum(np.arange(0, 2 * target.cycles + 1) / 2, target.cycles))
+    return gauss(np.stack([edges[0::2][: len(edges) // 2], edges[1::2]], axis=1), detail)
+
+
+@pytest.mark.parametrize(
+    ("distance", "pixel"),
+    [(FOCUS, (50, 60)), (495.0, (100, 160)), *(pytest.param(*case, marks=pytest.mark.ci) for case in MORE_PIXELS)],
+)
+def test_bars_are_the_fresnel_integral_over_the_clipped_pupil(lone: Camera, distance: float, pixel: tuple[int, int]) -> None:
+    """In the bright field, on the rim and at the upper border, in and out of focus."""
+    target = Bars((1.0, 8.0), 8.0, 7.0)
+    wanted = np.zeros((200, 200), dtype=np.bool_)
+    wanted[pixel[1], pixel[0]] = True
+    image = diffracted(one_plane(lone, target, distance), wanted=wanted)
+    expected = fresnel(lone, distance, *pixel, bar_nodes(target, 0.1), gauss(np.array([[-3.5, 3.5]]), 0.1))
+    assert abs(image[pixel[1], pixel[0]] - expected) < 0.001
+    assert image.sum() == image[pixel[1], pixel[0]]
+
+
+@pytest.mark.parametrize(
+    ("distance", "pixel"),
+    [(FOCUS, (57, 70)), pytest.param(FOCUS, (66, 66), marks=pytest.mark.ci), pytest.param(495.0, (62, 72), marks=pytest.mark.ci)],
+)
+def test_a_dot_is_the_fresnel_integral_over_the_clipped_pupil(lone: Camera, distance: float, pixel: tuple[int, int]) -> None:
+    target = FourDot(diameter=1.0, spacing=4.0)
+    image = diffracted(one_plane(lone, target, distance))
+    x = y = gauss(np.array([[-2.6, -1.4], [1.4, 2.6]]), 0.02)
+    lit = target.radiance(x[0][None, :], y[0][:, None])
+    assert abs(image[pixel[1], pixel[0]] - fresnel(lone, distance, *pixel, x, y, lit)) < 0.002
+
+
+@pytest.mark.parametrize("frequency", [6.0, pytest.param(1.0, marks=pytest.mark.ci), pytest.param(3.0, marks=pytest.mark.ci)])
+def test_a_sine_in_focus_keeps_what_airy_and_pixel_leave_of_it(lone: Camera, frequency: float) -> None:
+    image = diffracted(one_plane(lone, Chirp((frequency, frequency), 30.0, 30.0), FOCUS), tolerance=1e-3)
+    row = image[90:110, 70:130]
+    cycles = frequency * 0.00166 / 0.0278179  # a pixel
+    places = np.arange(70, 130)
+    basis = np.stack([np.ones(60), np.cos(2 * np.pi * cycles * places), np.sin(2 * np.pi * cycles * places)], axis=1)
+    mean, *wave = np.linalg.lstsq(basis, row.mean(axis=0), rcond=None)[0]
+    u = cycles / CUTOFF
+    airy = 2 / math.pi * (math.acos(u) - u * math.sqrt(1 - u * u))
+    assert math.hypot(*wave) / mean == pytest.approx(airy * np.sinc(cycles), abs=1e-3)
+
+
+def test_a_small_dot_is_the_airy_pattern(lone: Camera) -> None:
+    """Through the pixel, whose sides are a third of the pattern's diameter."""
+    image = diffracted(one_plane(lone, FourDot(0.01, 0.06), FOCUS))
+    places, weights = np.polynomial.legendre.leggauss(6)
+    u = np.arange(95, 105)[:, None] - 99.5 + places / 2
+    radius = 0.005 * 0.0278179 / 0.00166
+    centres = 0.03 * 0.0278179 / 0.00166 * np.array([[i, j] for i in (-1, 1) for j in (-1, 1)])
+    expected = np.zeros((10, 10))
+    for x, y in centres:
+        z = math.pi * CUTOFF * np.hypot((u - x)[None, :, None, :], (u - y)[:, None, :, None])
+        airy = math.pi * CUTOFF**2 / 4 * (2 * j1(z) / z) ** 2
+        expected += math.pi * radius**2 * np.einsum("abij,i,j->ab", airy, weights, weights) / 4
+    assert np.abs(image[95:105, 95:105] / expected.max() - expected / expected.max()).max() < 0.01
+
+
+def test_white_stays_white(camera: Camera) -> None:
+    assert np.array_equal(diffracted(one_plane(camera, White(), 490.0)), render(one_plane(camera, White(), 490.0)))
+
+
+@pytest.mark.parametrize("distance", [FOCUS, 490.0])
+def test_complementary_edges_add_up_to_white(lone: Camera, distance: float) -> None:
+    both = diffracted(one_plane(lone, Edge(0.3), distance)) + diffracted(one_plane(lone, Edge(0.3 + math.pi), distance))
+    assert np.abs(both - render(one_plane(lone, White(), distance))).max() < 0.001
+
+
+@pytest.mark.ci
+def test_no_light_of_a_target_in_the_bright_field_is_lost(lone: Camera) -> None:
+    target = Bars((2.0, 2.0), 0.5, 0.5)
+    image, rays = diffracted(one_plane(lone, target, FOCUS), tolerance=1e-3), render(one_plane(lone, target, FOCUS))
+    assert image[60:140, 60:140].sum() == pytest.approx(rays.sum(), rel=0.04)  # the rest lies far out
+    assert image.max() < rays.max()
+
+
+@pytest.mark.parametrize("target", [Edge(0.2), Bars((1.0, 2.0), 200.0, 200.0)])
+def test_short_waves_leave_the_picture_of_rays(lone: Camera, target: Target) -> None:
+    scene = one_plane(lone, target, 480.0)
+    rays = render(scene, tolerance=5e-4)
+    errors = [float(np.abs(diffracted(scene, wavelength, tolerance=2e-3) - rays).max()) for wavelength in (GREEN, GREEN / 8)]
+    assert errors[1] < 0.25 * errors[0]
+    assert errors[1] < 0.03
+
+
+@pytest.mark.ci
+def test_a_picture_of_bars_is_the_bars(lone: Camera) -> None:
+    bars = Bars((0.5, 0.5), width=8.0, height=8.0)
+    column = (np.arange(400) + 0.5) / 50 - 4
+    picture = Picture(np.tile(bars.radiance(column, 0.0), (400, 1)), 8.0)
+    small = replace(lone, sensor=Sensor((120, 80), 0.00166, 61.15))
+    difference = diffracted(one_plane(small, picture, 500.0), tolerance=4e-3) - diffracted(one_plane(small, bars, 500.0), tolerance=4e-3)
+    assert np.abs(difference).max() < 0.004
+
+
+def test_where_the_image_lies_on_the_array_rays_alone_count(camera: Camera) -> None:
+    on_array = one_plane(camera, Edge(0.1), 300.0)  # 1/50 = 1/60 + 1/300
+    assert np.array_equal(diffracted(on_array), render(on_array))
+
+
+def test_fall_off_counts_by_the_mean_over_the_clipped_pupil(lone: Camera) -> None:
+    plain = one_plane(lone, Edge(0.1), FOCUS)
+    with_falloff = replace(plain, falloff=Falloff())
+    lit = render(plain) > 0.5
+    by_rays = render(with_falloff)[lit] / render(plain)[lit]
+    assert np.abs(diffracted(with_falloff)[lit] / diffracted(plain)[lit] - by_rays).max() < 0.003
+
+
+@pytest.mark.ci
+def test_a_stopped_down_camera_is_softer(with_f_number: Callable[[float], Camera]) -> None:
+    """At F/16 the main lens limits: the cutoff falls to the cone that it lets pass."""
+    camera: Camera = replace(with_f_number(16.0), main_lens=MainLens(50.0, 32.0))
+    sine = Chirp((2.0, 2.0), 30.0, 30.0)
+    scene = one_plane(replace(camera, sensor=Sensor((31, 31), 0.00166, 61.15)), sine, FOCUS)
+    row = diffracted(scene)[15, 5:26]
+    cycles = 2.0 * 0.00166 / 0.0278179
+    basis = np.stack([np.ones(21), *(turn(2 * np.pi * cycles * np.arange(5, 26)) for turn in (np.cos, np.sin))], axis=1)
+    mean, *wave = np.linalg.lstsq(basis, row, rcond=None)[0]
+    half_angle = (50 / 32) / 2 / (60 * 0.234923)
+    u = cycles / (2 * half_angle * 1.66e-3 / GREEN)
+    airy = 2 / math.pi * (math.acos(u) - u * math.sqrt(1 - u * u))
+    assert math.hypot(*wave) / mean == pytest.approx(airy * np.sinc(cycles), abs=0.02)
