@@ -10,12 +10,13 @@ from flflab.accuracy.chords import integrate_pixels
 from flflab.accuracy.ray_sums import grid_rays, random_rays
 from flflab.accuracy.scenes import RESOLUTION, bench_scenes
 from flflab.accuracy.work_precision import Answer, Method, Problem, Row, work_precision
+from flflab.image.estimate import estimate_error
 from flflab.image.render import render
-from flflab.image.scene import Scene
+from flflab.image.scene import ALL, Scene
 
 PIXELS = 200  # of each scene, that the methods are judged by
 NEAR = 3  # pixels round what is lit from which they are drawn
-TOLERANCES = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5)
+TOLERANCES = (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
 RANDOM_RAYS = tuple(float(4**power) for power in range(2, 8))
 GRID_RAYS = tuple(float(places**4) for places in (2, 3, 4, 6, 8, 11))
 REPEATS = 3
@@ -31,7 +32,7 @@ def image_rows(tell: Callable[[str], None]) -> tuple[Row, ...]:
     """
     rng = np.random.default_rng(SEED)
     methods = (
-        Method(RENDER, "tolerance", TOLERANCES, _render),
+        Method(RENDER, "tolerance", TOLERANCES, _render, _estimate),
         Method(RANDOM, "rays", RANDOM_RAYS, lambda problem, rays: _answer(random_rays(problem.scene, problem.pixels, int(rays), rng))),
         Method(GRID, "rays", GRID_RAYS, lambda problem, rays: _answer(grid_rays(problem.scene, problem.pixels, round(rays**0.25)))),
     )
@@ -49,6 +50,11 @@ def make_problem(name: str, scene: Scene, rng: np.random.Generator) -> Problem:
 def _render(problem: Problem, tolerance: float) -> Answer:
     picture = render(problem.scene, tolerance=tolerance)
     return Answer(picture[problem.pixels[:, 1], problem.pixels[:, 0]], int(np.count_nonzero(picture)))
+
+
+def _estimate(problem: Problem, tolerance: float) -> float:
+    """What ``flflab image`` prints as its error estimate."""
+    return estimate_error(problem.scene, render(problem.scene, tolerance=tolerance), tolerance, ALL)
 
 
 def _answer(values: npt.NDArray[np.float64]) -> Answer:

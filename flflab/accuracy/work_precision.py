@@ -45,21 +45,29 @@ class Problem:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a method finds: values at the problem's pixels, how many pixels its time went into, its own error estimate if it has one."""
+    """What a method finds: values at the problem's pixels, and how many pixels its time went into."""
 
     values: Array
     pixels: int
-    estimate: float | None = None
 
 
 @dataclass(frozen=True)
 class Method:
-    """One way to form pictures, with the settings to try: tolerances where it takes one, else counts of work."""
+    """One way to form pictures.
+
+    Attributes:
+        name: for tables and plots.
+        setting: what it takes: a ``tolerance``, or a count of work.
+        settings: those to try.
+        run: forms a picture at a setting; this is timed.
+        estimate: what the method itself says of its largest error at a setting; not timed. None where it says nothing.
+    """
 
     name: str
     setting: str
     settings: tuple[float, ...]
     run: Callable[[Problem, float], Answer]
+    estimate: Callable[[Problem, float], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -142,7 +150,7 @@ def _measure(problem: Problem, method: Method, setting: float, repeats: int) -> 
         work=None if tolerance else setting,
         largest_error=float(np.abs(error).max()),
         rms_error=float(np.sqrt(np.mean(error**2))),
-        estimate=answer.estimate,
+        estimate=None if method.estimate is None else method.estimate(problem, setting),
         reference_uncertainty=float(np.sqrt(np.mean(problem.uncertainty**2))),
         processor_s=statistics.median(spent),
         wall_s=wall,

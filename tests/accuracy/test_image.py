@@ -81,7 +81,9 @@ def test_a_table_holds_what_the_methods_answered(tmp_path: Path) -> None:
     scene = bench_scene(4.0, FOCUS, (8, 8))
     known = Problem("flat", scene, np.zeros((4, 2), dtype=np.int64), np.full(4, 0.5), np.full(4, 1e-6))
     methods = (
-        Method("half", "tolerance", (0.1, 0.01), lambda problem, asked: Answer(problem.values + asked / 2, 1000, asked)),
+        Method(
+            "half", "tolerance", (0.1, 0.01), lambda problem, asked: Answer(problem.values + asked / 2, 1000), lambda problem, asked: asked
+        ),
         Method("root", "rays", (100.0, 10000.0), lambda problem, rays: Answer(problem.values + rays**-0.5 * np.eye(4)[0], 4)),
     )
     told: list[str] = []
