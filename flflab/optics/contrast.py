@@ -1,13 +1,14 @@
 """The three contrast curves of a view: the paper's, the pixel's, and what a picture should show.
 
-Frequencies are cycles/mm on the target; u = nu pixel / M is the same in cycles per pixel. Diffraction is left out: these are
-the curves of first-order geometric optics.
+Frequencies are cycles/mm on the target; u = nu pixel / M is the same in cycles per pixel. The curves are those of first-order
+geometric optics; ``transfer`` adds diffraction where it is given a wavelength.
 """
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.optics.focus import blur, magnification
+from flflab.optics.diffraction import pupil_transfer
+from flflab.optics.focus import blur, magnification, microlens_limits
 from flflab.optics.smms import Smms
 
 Array = npt.NDArray[np.float64]
@@ -55,7 +56,7 @@ def disc_transfer(diameter: Array | float, cycles_per_mm: Array) -> Array:
     return np.where(z <= _HANKEL_FROM, total, 2 * bessel / far)
 
 
-def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: Array) -> Array:
+def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: Array, *, wavelength: float | None = None) -> Array:
     """What a picture shows of a sine on the target in the bright field: pixel times blur, signed.
 
     Args:
@@ -63,9 +64,19 @@ def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: A
         vergence: 1/D of the target, 1/mm.
         pixel: pixel size, mm.
         cycles_per_mm: frequencies on the target.
+        wavelength: of the light, mm: blur with diffraction at the limiting stop, which fills a cone of half angle d/(2 b) or
+            A/(2 L |kappa|) on the sensor. None for rays alone.
 
     Returns:
         Contrast of the image's fundamental over the target's; the MTF is its absolute value.
     """
     on_sensor = cycles_per_mm / magnification(smms, vergence)
-    return np.sinc(on_sensor * pixel) * disc_transfer(blur(smms, vergence), on_sensor)
+    if wavelength is None:
+        return np.sinc(on_sensor * pixel) * disc_transfer(blur(smms, vergence), on_sensor)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_lens = smms.lens_aperture / (2 * smms.distance * np.abs(smms.kappa))
+        half_angle = np.where(microlens_limits(smms, vergence), smms.aperture / (2 * smms.gap), by_lens)
+        shift, waves = np.abs(on_sensor) * wavelength / half_angle, np.abs(on_sensor) * blur(smms, vergence) / 2
+    passes = np.isfinite(shift) & np.isfinite(waves)  # an image without size holds no frequency
+    left = pupil_transfer(np.where(passes, shift, 2.0), np.where(passes, waves, 0.0)).real
+    return np.sinc(np.where(passes, on_sensor, 0.0) * pixel) * left

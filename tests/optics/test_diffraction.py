@@ -9,8 +9,11 @@ import numpy.typing as npt
 import pytest
 
 from flflab.errors import InputError
-from flflab.optics.contrast import disc_transfer
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
+from flflab.optics.contrast import disc_transfer, transfer
 from flflab.optics.diffraction import pupil_transfer
+from flflab.optics.focus import magnification
+from flflab.optics.smms import camera_smms
 
 Array = npt.NDArray[np.float64]
 
@@ -98,3 +101,26 @@ def test_turning_the_pupil_about_reverses_the_phase() -> None:
 def test_impossible_numbers_are_refused(bad: tuple[float, float, float]) -> None:
     with pytest.raises(InputError, match="pupil_transfer"):
         pupil_transfer(bad[0], bad[1], 0.0, 0.0, bad[2])
+
+
+def osinski(f_number: float) -> Camera:
+    array = MicrolensArray(layout="square", count=(1, 1), pitch=(0.4, 0.4), aperture=0.336, focal_lengths=(0.917,), distance=60.0)
+    return Camera(MainLens(50.0, f_number), array, Sensor((3664, 2748), 0.00166, 61.15))
+
+
+@pytest.mark.parametrize(("f_number", "half_angle"), [(4.0, 0.168 / 1.15), (32.0, 50 / 32 / 2 / (60 * 0.234923))])
+def test_contrast_in_focus_is_airys_times_the_pixels(f_number: float, half_angle: float) -> None:
+    smms, vergence = camera_smms(osinski(f_number)), 1 / 506.7016
+    frequency = np.linspace(0, 6, 25)
+    on_sensor = frequency / magnification(smms, vergence)
+    half = np.minimum(on_sensor * 550e-6 / (2 * half_angle), 1.0)
+    airy = 2 / math.pi * (np.arccos(half) - half * np.sqrt(1 - half**2))
+    found = transfer(smms, vergence, 0.00166, frequency, wavelength=550e-6)
+    assert np.abs(found - np.sinc(on_sensor * 0.00166) * airy).max() < 1e-5
+
+
+def test_contrast_with_short_waves_is_that_of_rays() -> None:
+    smms, frequency = camera_smms(osinski(4.0)), np.linspace(0, 6, 25)
+    rays = transfer(smms, 1 / 490.0, 0.00166, frequency)
+    errors = [np.abs(transfer(smms, 1 / 490.0, 0.00166, frequency, wavelength=length) - rays).max() for length in (550e-6, 550e-8)]
+    assert errors[1] < 0.02 * errors[0]
