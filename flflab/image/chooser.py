@@ -1,8 +1,8 @@
 """Which effects a picture needs to be right to a tolerance, and what they leave of the tolerance to the orders of quadrature.
 
 An effect's bound holds whichever of the others are left out, so the picture without some of them is off by at most the sum of
-their bounds. The smallest bounds are left out as long as their sum stays below half the tolerance; the rest of the tolerance goes
-to the quadrature of what is kept.
+their bounds. The smallest bounds are left out as long as their sum stays below half the tolerance; most of the rest goes to the
+quadrature of what is kept.
 """
 
 import math
@@ -24,6 +24,7 @@ from flflab.image.survey import survey
 LEVELS = ("auto", "fast", "reference")
 FAST = 5.0  # what ``fast`` makes of the tolerance
 SHARE = 0.5  # of the tolerance, for effects left out
+KEPT = 0.7  # of the rest, for the quadrature: measured errors are up to 1.2 times its tolerance
 LIGHT = (
     "defocus",
     "vignetting",
@@ -110,7 +111,7 @@ def choose(scene: Scene, tolerance: float, asked: str = "auto") -> Choice:
     if asked in LEVELS:
         allowed = LEAST_TOLERANCE if asked == "reference" else min(tolerance * (FAST if asked == "fast" else 1.0), 0.5)
         left_out = _left_out({name: bounds[name] for name in present.keys() & ALL}, 0.0 if asked == "reference" else SHARE * allowed)
-        rest = max(allowed - sum(bounds[name] for name in left_out), LEAST_TOLERANCE)
+        rest = max(KEPT * (allowed - sum(bounds[name] for name in left_out)), LEAST_TOLERANCE)
         on = present.keys() - left_out
     else:
         on, rest = present.keys() & named(asked), tolerance

@@ -46,7 +46,7 @@ def test_what_is_left_out_and_the_quadrature_share_the_tolerance(scene: Scene) -
         choice = choose(scene, tolerance)
         left_out = sum(one.bound for one in choice.decisions if not one.on and one.size is not None)
         assert left_out <= tolerance / 2
-        assert left_out + choice.tolerance == pytest.approx(tolerance)
+        assert 0.7 * tolerance - 1e-12 <= left_out + choice.tolerance <= tolerance
 
 
 def test_levels_keep_less_or_more(scene: Scene) -> None:
