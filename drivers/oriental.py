@@ -19,6 +19,7 @@ as ``home_input``. On close the motor stays excited and holds.
 
 import contextlib
 import math
+import select
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -103,7 +104,7 @@ class OrientalKeys(Description):
     moving_output: Bit = 13
     baud: Annotated[int, Field(ge=9600)] = 115200
     parity: Literal["E", "N", "O"] = "E"
-    timeout: Annotated[float, Field(gt=0)] = 0.3
+    timeout: Annotated[float, Field(gt=0)] = 0.5
 
 
 def to_words(values: Sequence[int]) -> list[int]:
@@ -120,8 +121,8 @@ def from_words(upper: int, lower: int) -> int:
 class ModbusLine:
     """An RS-485 line that several drives share: one exchange at a time; a stop goes before all others that wait.
 
-    After a failed exchange the line is closed, kept quiet for a while and opened anew: an answer carries no number, and a late one
-    must not pass for the next.
+    After a failed exchange the line is opened anew and kept quiet for a while: an answer carries no number, and a late one must not
+    pass for the next.
 
     Args:
         make_client: makes a pymodbus client, not yet connected.
@@ -139,7 +140,7 @@ class ModbusLine:
         self._changed = threading.Condition()
         self._busy, self._urgent = False, 0
         self._client: Client | None = None
-        self._not_before = 0.0
+        self._failed = False
         self._connected()
 
     def read(self, name: str, device: int, register: int) -> int:
@@ -188,11 +189,13 @@ class ModbusLine:
 
     def _connected(self) -> Client:
         if self._client is None:
-            time.sleep(max(0.0, self._not_before - time.monotonic()))
             client = self._make_client()
             if not client.connect():
                 raise CommunicationError(f"{self._address}: cannot be opened; check the address, the parity, and who else holds it")
             self._client = client
+            if self._failed:
+                time.sleep(self._quiet)
+                self._failed = False
         return self._client
 
     def _pair(self, name: str, device: int, register: int) -> int:
@@ -205,10 +208,11 @@ class ModbusLine:
     def _exchange(self, asked: str, ask: Callable[[Client], Any]) -> Any:
         try:
             client = self._connected()
+            _pass_over_what_waits(client)
             reply = ask(client)
         except (ModbusException, OSError) as error:
             self.close()
-            self._not_before = time.monotonic() + self._quiet
+            self._failed = True
             raise CommunicationError(
                 f"{asked}no right answer ({_first_line(error)}); check cable, parity, slave number and power"
             ) from error
@@ -216,6 +220,18 @@ class ModbusLine:
             code = reply.exception_code
             raise DeviceError(f"{asked}the drive refuses: {EXCEPTIONS.get(code, f'exception {code}')}; check model and settings")
         return reply
+
+
+def _pass_over_what_waits(client: Client) -> None:
+    """Throw away what came after the last answer, such as that answer a second time; on serial lines pymodbus does so itself.
+
+    Raises:
+        OSError: the connection is closed.
+    """
+    if isinstance(client, ModbusTcpClient) and client.socket is not None:
+        while select.select([client.socket], [], [], 0)[0]:
+            if not client.socket.recv(4096):
+                raise ConnectionError("closed by the other side")
 
 
 def _first_line(error: BaseException) -> str:

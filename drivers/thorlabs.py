@@ -6,6 +6,8 @@ What this file relies on, from Thorlabs' "Host-Controller Communications Protoco
   are the length of data that follow. Host 0x01, a controller on USB 0x50; 115200 baud, RTS/CTS.
 - Nothing acknowledges a move: it is over when a status says so (bits 4 to 7 moving, 9 homing, 10 homed, 31 enabled), beside
   messages that come unasked when it ends. So a command that got lost is found by asking for the state until the motion shows.
+- Answers come in order and carry no number. So every question is followed by a second one, for the enable state, and what was
+  answered last before the answer to that counts: what comes late or twice is passed over.
 - Positions are whole encoder counts. Speeds are counts/s * T * 65536, accelerations counts/s^2 * T^2 * 65536, T = 2048 / 6e6 s.
 - Messages carry no checksum: what guards the bytes is USB's own.
 
@@ -31,7 +33,7 @@ from flflab.errors import CommunicationError, DeviceError, InputError
 
 HOST, CONTROLLER, WITH_DATA = 0x01, 0x50, 0x80
 REQUEST_INFO, INFO = 0x0005, 0x0006
-SET_ENABLED = 0x0210
+SET_ENABLED, REQUEST_ENABLED, ENABLE_STATE = 0x0210, 0x0211, 0x0212
 SET_SPEED, REQUEST_SPEED, SPEED = 0x0413, 0x0414, 0x0415
 SET_BACKLASH = 0x043A
 HOME, HOMED = 0x0443, 0x0444
@@ -158,7 +160,7 @@ class AptLink:
         Args:
             name: the axis that asks, for messages.
             message: the request; never one that moves.
-            answer: id of the answer; what else comes is unasked, and its id is kept in ``heard``.
+            answer: id of the answer; the ids of all that comes are kept in ``heard``.
             size: how many bytes of data the answer has.
 
         Raises:
@@ -191,13 +193,15 @@ class AptLink:
         wire = self._line()
         try:
             if not self._in_step:
-                # Answers come in order and carry no number: what was late comes before the answer to another question.
                 wire.drain()
                 wire.write(encode(REQUEST_INFO))
-                self._until(wire, INFO, 84)
+                self._until(wire, INFO)
             self._in_step = False
-            wire.write(message)
-            data = self._until(wire, answer, size)
+            wire.write(message + encode(REQUEST_ENABLED, 1))
+            data = self._until(wire, ENABLE_STATE).get(answer)
+            if data is None or len(data) != size:
+                came = "no answer to it" if data is None else f"{len(data)} bytes of data instead of {size}"
+                raise CommunicationError(f"{wire.address}: got {came}; check cable, model and firmware")
         except LostError as error:
             self._in_step = False
             self._lose(wire)
@@ -207,15 +211,16 @@ class AptLink:
         self._in_step = True
         return data
 
-    def _until(self, wire: Wire, answer: int, size: int) -> bytes:
+    def _until(self, wire: Wire, last: int) -> dict[int, bytes]:
+        """Data by id of all messages up to one; of several with the same id the last counts."""
+        came: dict[int, bytes] = {}
         deadline = time.monotonic() + self._timeout
         while time.monotonic() < deadline:
             message = read_message(lambda count: wire.read_exactly(count, self._timeout))
-            if message.id == answer:
-                if len(message.data) != size:
-                    raise CommunicationError(f"got {len(message.data)} bytes of data instead of {size}; check model and firmware")
-                return message.data
+            came[message.id] = message.data
             self.heard.add(message.id)
+            if message.id == last:
+                return came
         raise CommunicationError(f"{wire.address}: other messages only within {self._timeout:g} s; close other programs on this port")
 
 

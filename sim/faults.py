@@ -1,6 +1,7 @@
 """Faults that an instrument shows on purpose, by name, from a given command on."""
 
 import threading
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,6 +14,9 @@ KINDS = {
     "drop": "loses one answer",
     "garbage": "answers bytes that mean nothing",
     "cut": "answers half a line without its end",
+    "double": "gives one answer twice",
+    "late": "gives one answer LATE_S after it was due",
+    "flip": "flips one bit of one answer",
     "wrong-checksum": "answers with a checksum that is one off",
     "deaf": "acknowledges one motion and does not make it",
     "hang-up": "closes the line",
@@ -20,6 +24,7 @@ KINDS = {
     "stall": "does not get further than JAM from where it is",
     "lost-frame": "loses one frame",
 }
+LATE_S = 0.7  # real seconds
 JAM = 0.5  # mm or degrees of travel (f-numbers of an iris, places of a wheel) that a stalling drive still makes
 
 
@@ -54,6 +59,7 @@ class Faults:
         """
         self._faults = list(faults)
         self._heard = 0
+        self._late: tuple[float, bytes] | None = None
         self._shown: set[Fault] = set()
         self._lock = threading.Lock()
         for fault in self._faults:
@@ -83,12 +89,28 @@ class Faults:
             raise HangUpError
         if self._due("silence") or self._first("drop"):
             return None
+        if self._first("late"):
+            self._late = (time.monotonic() + LATE_S, answer)
+            return None
+        if self._first("double"):
+            return answer + answer
+        if self._first("flip"):
+            place = len(answer) // 2
+            return answer[:place] + bytes((answer[place] ^ 0x04,)) + answer[place + 1 :]
         if self._due("garbage"):
             return b"\x7fK#?\xfe@@!\r\n"
         if self._due("cut"):
             return answer[: len(answer) // 2]
         if self._due("wrong-checksum"):
             return (one_off or one_off_hex)(answer)
+        return answer
+
+    def late_answer(self) -> bytes:
+        """The answer that was held back, once its time has come."""
+        with self._lock:
+            if self._late is None or time.monotonic() < self._late[0]:
+                return b""
+            answer, self._late = self._late[1], None
         return answer
 
     def ignores_motion(self) -> bool:

@@ -326,8 +326,9 @@ class LineSession:
         return b"".join(answers)
 
     def unasked(self) -> bytes:
-        """Nothing: slaves speak when spoken to."""
-        return b""
+        """Answers that come late; else slaves speak when spoken to."""
+        with self._line.lock:
+            return b"".join(drive.faults.late_answer() for drive in self._line.drives.values())
 
 
 def _length(heard: bytes) -> int:

@@ -19,6 +19,7 @@ MICROSTEP = "0.49609375 um"  # 200 full steps of 64 a turn, lead 6.35 mm
 ACCELERATION = 400.0  # mm/s^2 at start-up
 TURNS = 43 * math.tau  # rad that a counter takes either way of a stage without ends
 ANGULAR_ACCELERATION = math.radians(50)  # rad/s^2
+LINE_FAULTS = ("double", "late")
 MOTOR_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "stall")
 
 
@@ -129,7 +130,7 @@ def _travel(axis: AxisDescription, start: float) -> tuple[float, float]:
 
 
 AXES: Mapping[str, SimulatedAxes] = {
-    "zaber": SimulatedAxes(_zaber, (*MOTOR_FAULTS, "wrong-checksum")),
-    "thorlabs": SimulatedAxes(_thorlabs, MOTOR_FAULTS, share_a_line=False),
-    "oriental": SimulatedAxes(_oriental, (*MOTOR_FAULTS, "wrong-checksum", "deaf")),
+    "zaber": SimulatedAxes(_zaber, (*MOTOR_FAULTS, *LINE_FAULTS, "flip", "wrong-checksum")),
+    "thorlabs": SimulatedAxes(_thorlabs, (*MOTOR_FAULTS, *LINE_FAULTS), share_a_line=False),
+    "oriental": SimulatedAxes(_oriental, (*MOTOR_FAULTS, *LINE_FAULTS, "flip", "wrong-checksum", "deaf")),
 }

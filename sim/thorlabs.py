@@ -235,6 +235,6 @@ class ControllerSession:
         return b"".join(answers)
 
     def unasked(self) -> bytes:
-        """Ends of motions."""
+        """Ends of motions, and answers that come late."""
         with self._controller.lock:
-            return self._controller.unasked()
+            return self._controller.faults.late_answer() + self._controller.unasked()

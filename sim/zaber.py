@@ -263,6 +263,6 @@ class ChainSession:
         return b"".join(answers)
 
     def unasked(self) -> bytes:
-        """Alerts of motions that have ended."""
+        """Alerts of motions that have ended, and answers that come late."""
         with self._chain.lock:
-            return b"".join(device.alert() for device in self._chain.devices)
+            return b"".join(device.faults.late_answer() + device.alert() for device in self._chain.devices)

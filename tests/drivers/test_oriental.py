@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -267,6 +268,36 @@ def test_an_answer_that_is_not_right_is_never_a_position(answer: str, dialogue: 
     axis = OrientalAxis("tilt", line(address), OrientalKeys(device=1, steps_per_degree=STEPS, timeout=0.3), DEGREE)
     with pytest.raises(CommunicationError, match=r"tilt \(slave 1\)"):
         axis.position()
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.4], ids=["twice", "late"])
+def test_an_answer_that_comes_again_or_late_is_not_taken_for_the_next(delay: float, line: Open) -> None:
+    """The second answer to the limits' question comes when the position is asked for; late: the first one comes too late."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            link, _ = server.accept()
+            assert link.recv(8) == request(0x0386)
+            if delay < 0.3:
+                link.sendall(read_reply(0xFFFFFFFF))
+            time.sleep(delay)
+            link.sendall(read_reply(0xFFFFFFFF))
+            if delay > 0.3:
+                link.close()
+                link, _ = server.accept()
+                link.sendall(read_reply(0xFFFFFFFF))
+                assert link.recv(8) == request(0x0386)
+                link.sendall(read_reply(0xFFFFFFFF))
+            assert link.recv(8) == request(0x00CC)
+            link.sendall(read_reply(1234))
+            link.close()
+
+        peer = threading.Thread(target=answer)
+        peer.start()
+        axis = OrientalAxis("tilt", line("{}:{}".format(*server.getsockname())), OrientalKeys(device=1, steps_per_degree=STEPS), DEGREE)
+        time.sleep(0.1)
+        assert axis.position() == pytest.approx(12.34 * DEGREE)
+        peer.join()
 
 
 def crc(body: bytes) -> bytes:

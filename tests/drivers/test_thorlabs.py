@@ -19,11 +19,18 @@ Pairs = list[tuple[bytes, bytes | Callable[[], bytes] | None]]
 Start = Callable[[Pairs], str]
 PER_DEGREE = 1919.6418578623391
 TO = {"dest": 0x50, "source": 1}
-STATUS = apt.mot_req_dcstatusupdate(**TO, chan_ident=1)
+MARK = apt.mod_req_chanenablestate(**TO, chan_ident=1)
+MARKED = bytes.fromhex("120201010150")
+STATUS = apt.mot_req_dcstatusupdate(**TO, chan_ident=1) + MARK
 ENABLED, HOMED, HOMING, FORWARD, FOLLOWING_ERROR = 1 << 31, 1 << 10, 1 << 9, 1 << 4, 1 << 14
 
 
 def state(counts: int, bits: int, channel: int = 1) -> bytes:
+    """A status, and the answer to the question that follows every other."""
+    return bare_state(counts, bits, channel) + MARKED
+
+
+def bare_state(counts: int, bits: int, channel: int = 1) -> bytes:
     return bytes.fromhex("91040e008150") + struct.pack("<HlHHL", channel, counts, 0, 0, bits)
 
 
@@ -31,7 +38,7 @@ INFO = bytes.fromhex("060054008150") + struct.pack("<L8sH4B60sHHH", 27123456, b"
 VELOCITY = bytes.fromhex("15040e008150") + struct.pack("<Hlll", 1, 0, 147, 429417)
 WAKING: Pairs = [
     (apt.hw_req_info(**TO), INFO),
-    (apt.mot_req_velparams(**TO, chan_ident=1), VELOCITY),
+    (apt.mot_req_velparams(**TO, chan_ident=1) + MARK, VELOCITY + MARKED),
     (apt.mot_set_genmoveparams(**TO, chan_ident=1, backlash_distance=0), b""),
     (apt.mod_set_chanenablestate(**TO, chan_ident=1, enable_state=1), b""),
 ]
@@ -84,9 +91,9 @@ def test_connecting_sets_the_speed_that_was_asked_for(dialogue: Start, linked: C
         [
             *WAKING[:2],
             (apt.mot_set_velparams(**TO, chan_ident=1, min_velocity=0, acceleration=147, max_velocity=half), b""),
-            (apt.mot_req_velparams(**TO, chan_ident=1), set_to),
+            (apt.mot_req_velparams(**TO, chan_ident=1) + MARK, set_to + MARKED),
             *WAKING[2:],
-            (apt.hw_req_info(**TO), INFO),
+            (apt.hw_req_info(**TO) + MARK, INFO + MARKED),
         ]
     )
     axis = ThorlabsAxis("tilt", linked(address), ThorlabsKeys(timeout=0.3), math.radians(5))
@@ -123,7 +130,7 @@ def test_a_motor_that_is_off_is_not_told_to_move(stage: Callable[..., ThorlabsAx
 
 
 def test_ends_told_unasked_do_not_pass_for_answers(stage: Callable[..., ThorlabsAxis]) -> None:
-    completed = bytes.fromhex("64040e008150") + state(777, 0)[6:]
+    completed = bytes.fromhex("64040e008150") + bare_state(777, 0)[6:]
     axis = stage((STATUS, completed + state(5, ENABLED | HOMED | FOLLOWING_ERROR)))
     assert axis.faults() == ("position error too large",)
 
@@ -134,6 +141,13 @@ def test_after_a_lost_answer_a_late_one_is_not_taken_for_the_next(stage: Callabl
         (apt.hw_req_info(**TO), state(111, ENABLED) + INFO),
         (STATUS, state(222, ENABLED)),
     )
+    assert axis.position() == pytest.approx(math.radians(222 / PER_DEGREE))
+
+
+def test_an_answer_given_twice_is_not_taken_for_the_next(stage: Callable[..., ThorlabsAxis]) -> None:
+    stray = bare_state(111, ENABLED)
+    axis = stage((STATUS, state(111, ENABLED)), (STATUS, stray + state(222, ENABLED)))
+    assert axis.position() == pytest.approx(math.radians(111 / PER_DEGREE))
     assert axis.position() == pytest.approx(math.radians(222 / PER_DEGREE))
 
 

@@ -1,0 +1,47 @@
+"""Lost, doubled, late and flipped answers of each maker's instruments: a recovery or one sentence, and never a wrong position."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.base import Axis
+from drivers.bench import connect
+from flflab.bench import Bench
+from flflab.errors import DeviceError
+from sim.serve import serve, write_bench
+from sim.world import World
+
+WriteBench = Callable[..., Bench]
+STEPS = {"array_stage": 0.0005, "rotation_stage": 1e-5, "goniometer": 4e-5}  # mm or rad
+FAULTS = [(name, fault) for name in STEPS for fault in ("drop", "double", "late", "flip", "wrong-checksum", "garbage", "cut")]
+NO_CHECKSUM = ("rotation_stage", {"flip", "wrong-checksum"})  # the protocol has none: nothing on the wire could tell
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("name", "fault"), [(name, fault) for name, fault in FAULTS if name != NO_CHECKSUM[0] or fault not in NO_CHECKSUM[1]]
+)
+@pytest.mark.parametrize("after", [25, 60])
+def test_no_position_is_told_that_the_axis_is_not_at(
+    name: str, fault: str, after: int, write_bench_file: WriteBench, tmp_path: Path
+) -> None:
+    bench = write_bench_file("full", faults=[{"device": name, "fault": fault, "after": after}], clock=200)
+    with serve(bench) as served:
+        write_bench(bench, served, tmp_path / "served.yaml")
+        told: list[str] = []
+        try:
+            with connect(tmp_path / "served.yaml") as connected:
+                go_to_and_fro(connected.axes[name], served.world)
+        except DeviceError as error:
+            told.append(str(error).partition("; and then not every axis took the stop")[0])
+        assert all(name in sentence and "\n" not in sentence for sentence in told)
+
+
+def go_to_and_fro(axis: Axis, world: World) -> None:
+    axis.home().wait(10)
+    for share in (0.2, 0.1, 0.3, 0.15):
+        axis.move_to(share * axis.limits[1]).wait(10)
+        told = [axis.position() for _ in range(4)]
+        true = world.carriages[axis.name].at(world.clock.now())
+        assert told == pytest.approx([true] * 4, abs=STEPS[axis.name])
