@@ -18,6 +18,7 @@ from flflab.image.orders import strip_counts
 from flflab.image.reference import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.image.scene_file import read_scene
 from flflab.image.setup import make_setup
 from flflab.targets import Bars
 
@@ -52,7 +53,7 @@ def test_the_reference_states_an_uncertainty_far_below_what_it_judges(problem: P
 @pytest.mark.parametrize("name", SCENES)
 def test_the_reference_is_what_rays_traced_one_by_one_sum_up_to(name: str) -> None:
     problem = make_problem(name, SCENES[name], np.random.default_rng(SEED))
-    rim = np.argsort(np.abs(problem.values - 0.5))[:2]
+    rim = np.argsort(np.abs(problem.values - 0.5))[:6]
     traced, uncertainty = trace_pixels(problem.scene, problem.pixels[rim], wanted=1e-4)
     assert np.all(np.abs(traced - problem.values[rim]) < 4 * uncertainty + 1e-5)
 
@@ -117,3 +118,14 @@ def test_a_table_holds_what_the_methods_answered(tmp_path: Path) -> None:
 def test_ray_sums_refuse_what_they_do_not_know(scene: object) -> None:
     with pytest.raises(InputError, match="leave the rest out"):
         random_rays(scene, np.zeros((1, 2), dtype=np.int64), 4, np.random.default_rng(0))  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(("name", "file"), [("F/4, in focus", "in-focus-f4"), ("F/4, defocused", "defocused-f4")])
+def test_the_scenes_are_the_named_ones_of_the_speed_trials(name: str, file: str, root: Path) -> None:
+    named, scene = read_scene(root / "examples" / "scenes" / f"{file}.yaml").scene, SCENES[name]
+    assert named.planes == scene.planes
+    assert named.camera.main_lens == scene.camera.main_lens
+    for one, other in ((named.camera.array, scene.camera.array), (named.camera.sensor, scene.camera.sensor)):
+        assert one.distance == pytest.approx(other.distance, abs=1e-6)
+    array = scene.camera.array
+    assert replace(named.camera.array, count=array.count, distance=array.distance) == array

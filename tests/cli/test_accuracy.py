@@ -14,7 +14,7 @@ Run = Callable[..., Any]
 @pytest.mark.parametrize(
     ("what", "columns", "pictures", "says"),
     [
-        ("image", {"scene", "method", "requested", "largest_error", "rms_error", "processor_s", "first_s"}, 5, "tolerances asked of it"),
+        ("image", {"scene", "method", "requested", "largest_error", "rms_error", "processor_s", "first_s"}, 6, "tolerances asked of it"),
         ("model", {"lens", "f_number", "field_mm", "quantity", "model", "exact", "limit", "holds"}, 10, "Virtual depth to 1 %"),
     ],
 )
