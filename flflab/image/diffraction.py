@@ -6,7 +6,7 @@ light of the rays, so that white stays white. Paraxial, incoherent, first stop c
 """
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numba
 import numpy as np
@@ -16,11 +16,10 @@ from flflab.image.diffraction_border import Border, border_reach, from_beyond, m
 from flflab.image.diffraction_falloff import mean_falloff, pupil_moments, slant_rows
 from flflab.image.diffraction_fields import Field, Grid, add_field, dot_spectrum, kept_frequencies, make_fields, make_grid, picture_spectrum
 from flflab.image.diffraction_ruled import make_curves, make_line, seen_through
-from flflab.image.diffraction_table import Kind, find_kinds, find_modes, transfer_table
+from flflab.image.diffraction_table import BLURRED, Kind, find_kinds, find_modes, transfer_table
 from flflab.image.form import add_plane
 from flflab.image.orders import in_bands
-from flflab.image.pupil import Pupils
-from flflab.image.rim import STEEP, disc_nodes, find_rims, lit_middle, steep_share
+from flflab.image.rim import STEEP, disc_nodes, lit_middle, steep_share
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions
 from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
@@ -31,7 +30,6 @@ Whole = npt.NDArray[np.int64]
 
 MOST_PARTS = 8
 LEAST_TERM = 1e-4  # of white; finer terms of the sum over a rim are too many
-LARGEST_BLUR = 300.0  # pixels; beyond, and where the cutoff is so high that no pixel tells, rays alone
 
 
 def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavelength: float, wanted: Chosen | None = None) -> None:
@@ -48,9 +46,13 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
         add_plane(image, setup, target, wanted)
         return
     chosen = np.ones(image.shape, dtype=np.bool_) if wanted is None else wanted
-    for kind in find_kinds(setup, wavelength):
-        if 2 * abs(kind.blur) > LARGEST_BLUR or kind.cutoff * setup.tolerance > 1:
-            add_plane(image, _part_of(setup, kind), target, wanted)
+    windows = lit_windows(setup)
+    seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
+    for kind in find_kinds(setup, wavelength, seen) if len(seen) else []:
+        if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
+            part = setup.of(kind.entries, setup.window[kind.entries])
+            part = replace(part, pupils=replace(part.pupils, level=part.pupils.level * kind.weights))
+            add_plane(image, part, target, wanted)
         elif isinstance(target, Bars | Edge):
             _add_ruled(image, setup, kind, target, chosen)
         elif isinstance(target, Picture):
@@ -73,6 +75,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
     directions = axes @ kind.by_sensor
     scales = np.hypot(*directions.T)
     origins = setup.origin[kind.entries] @ axes.T / scales
+    looks = axes @ setup.by_sensor[kind.entries] * pixel / scales[:, None]
     box = setup.pixel_width / pixel
     reach = scales[0] * (kind.outer + 1)
     seen = (float(origins[:, 0].min()) * scales[0] - reach, float(origins[:, 0].max()) * scales[0] + reach)
@@ -85,7 +88,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
         seen_up = float(np.max(np.abs(origins[:, 1]))) + kind.outer + 1
         if seen_up > half - border_reach(modes, setup.tolerance):
             borders = [make_border(modes, line, inward, box, parts, setup.tolerance) for inward in (directions[1], -directions[1])]
-    windows = lit_windows(setup, kind)
+    windows = lit_windows(setup)[kind.entries]
     xs, ys = pixel_positions(setup.sensor)
 
     def add(rows: tuple[int, int]) -> None:
@@ -95,9 +98,9 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
             windows,
             centres,
             origins,
-            directions / scales[:, None],
-            setup.pupils.level[kind.entries],
-            np.array([kind.inner, kind.slope, kind.reach, kind.outer]),
+            looks,
+            setup.pupils.level[kind.entries] * kind.weights,
+            kind.rims,
             steep,
             parts,
             box,
@@ -128,7 +131,7 @@ def add_ruled_diffracted(
     origins: Array,
     directions: Array,
     levels: Array,
-    rim: Array,
+    rims: Array,
     steep: bool,
     parts: int,
     box: float,
@@ -154,9 +157,9 @@ def add_ruled_diffracted(
         windows: first column, column after the last, first row, row after the last; shape (N, 4).
         centres: of the micro-images, mm, shape (N, 2).
         origins: position on the target seen from there along x' and y', in pixels of either direction, shape (N, 2).
-        directions: x' and y' as unit vectors on the sensor, rows.
+        directions: change of that position per pixel on the sensor, shape (N, 2, 2).
         levels: light at full pupil.
-        rim: inner edge, slope, reach and outer edge of a micro-image, pixels.
+        rims: see ``Kind``.
         steep: whether its rim is too narrow for curves of its own.
         parts: parts a side of a pixel.
         box: side of the square over which a pixel gathers light, pixels.
@@ -177,6 +180,8 @@ def add_ruled_diffracted(
     core, part, table, place = curves
     count = table.shape[0] - 1
     for entry in range(windows.shape[0]):
+        rim = rims[entry]
+        stretch = math.hypot(directions[entry, 0, 0], directions[entry, 0, 1])
         for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):
             dy = (ys[row] - centres[entry, 1]) / pixel
             for column in range(windows[entry, 0], windows[entry, 1]):
@@ -203,13 +208,13 @@ def add_ruled_diffracted(
                             radial = math.acos(max(-1.0, 1.0 - (distance - rim[0]) / rim[1])) / math.pi * count
                         if share <= 0.0:
                             continue
-                        toward = directions[0, 0] * x + directions[0, 1] * y
-                        angle = math.acos(min(max(toward / distance, -1.0), 1.0)) if radial >= 0.0 else 0.0
+                        toward = directions[entry, 0, 0] * x + directions[entry, 0, 1] * y
+                        angle = math.acos(min(max(toward / (distance * stretch), -1.0), 1.0)) if radial >= 0.0 else 0.0
                         at = origins[entry, 0] + look * toward
                         seen = seen_through(radial, angle, at, core if whole else part, table, place)
                         if half < math.inf:
                             cos, sin = (x / distance, y / distance) if radial >= 0.0 else (1.0, 0.0)
-                            up = origins[entry, 1] + look * (directions[1, 0] * x + directions[1, 1] * y)
+                            up = origins[entry, 1] + look * (directions[entry, 1, 0] * x + directions[entry, 1, 1] * y)
                             sheet = lower[0] if whole else lower[1]
                             seen -= from_beyond(
                                 radial, cos, sin, at, half + up, sheet, lower[2], lower[3], lower[4], lower[5], orders, radial_terms
@@ -257,14 +262,16 @@ def _add_fields(image: Array, setup: Setup, kind: Kind, grid: Grid, spectrum: np
     table = transfer_table(kind, 1 if steep else radii, 1 if steep else angles)
     modes = find_modes(table, box, max(setup.tolerance / 4, LEAST_TERM))
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
-    origins = setup.origin[kind.entries] / np.hypot(*kind.by_sensor.T)
-    seen = _looking_windows(lit_windows(setup, kind), centres, origins, grid, setup)
+    scales = np.hypot(*kind.by_sensor.T)
+    origins = setup.origin[kind.entries] / scales
+    looks = setup.by_sensor[kind.entries] * pixel / scales[:, None]
+    seen = _looking_windows(lit_windows(setup)[kind.entries], centres, origins, grid, setup)
     lit = (seen[:, 0] < seen[:, 1]) & (seen[:, 2] < seen[:, 3])
     if not lit.any():
         return
     xs, ys = pixel_positions(setup.sensor)
-    rim, nodes = np.array([kind.inner, kind.slope, kind.reach, kind.outer]), disc_nodes(8, 8)
-    levels = setup.pupils.level[kind.entries]
+    nodes = disc_nodes(8, 8)
+    levels = setup.pupils.level[kind.entries] * kind.weights
     slants, moments = slant_rows(setup, kind), pupil_moments(kind, table.radii)
     for field in make_fields(modes, grid, spectrum, box, parts):
         term = np.zeros(2) if field.term < 0 else modes.radial[field.term]
@@ -276,9 +283,9 @@ def _add_fields(image: Array, setup: Setup, kind: Kind, grid: Grid, spectrum: np
                 seen[lit],
                 centres[lit],
                 origins[lit],
-                grid.axes,
+                looks[lit],
                 levels[lit],
-                rim,
+                kind.rims[lit],
                 steep,
                 parts,
                 box,
@@ -336,37 +343,15 @@ def node_counts(kind: Kind, tolerance: float) -> tuple[int, int]:
     return math.ceil(10 * finer), math.ceil(32 * finer) + 1
 
 
-def lit_windows(setup: Setup, kind: Kind) -> Whole:
-    """The part of the sensor under each micro-image of a kind: first column, column after the last, first row, row after the last."""
+def lit_windows(setup: Setup) -> Whole:
+    """The part of the sensor under each micro-image: first column, column after the last, first row, row after the last."""
     pixel, pupils = setup.sensor.pixel, setup.pupils
+    outside = pupils.outside / pixel + 1
     limits: list[Array] = []
     for centre, positions in zip((pupils.centre_x, pupils.centre_y), pixel_positions(setup.sensor), strict=True):
-        middle = (centre[kind.entries] - positions[0]) / pixel
-        limits += [np.ceil(middle - kind.outer - 1), np.floor(middle + kind.outer + 1) + 1]
-    own = setup.window[kind.entries]
+        middle = (centre - positions[0]) / pixel
+        limits += [np.ceil(middle - outside), np.floor(middle + outside) + 1]
     windows = np.clip(np.stack(limits, axis=1), -1e9, 1e9).astype(np.int64)
-    return np.stack(
-        [
-            np.maximum(windows[:, 0], own[:, 0]),
-            np.minimum(windows[:, 1], own[:, 1]),
-            np.maximum(windows[:, 2], own[:, 2]),
-            np.minimum(windows[:, 3], own[:, 3]),
-        ],
-        axis=1,
-    )
-
-
-def _part_of(setup: Setup, kind: Kind) -> Setup:
-    """The entries of a kind alone."""
-    pupils = Pupils(**{field.name: getattr(setup.pupils, field.name)[kind.entries] for field in fields(Pupils)})
-    rims = find_rims(pupils, setup.sensor.pixel)
-    return replace(
-        setup,
-        pupils=pupils,
-        origin=setup.origin[kind.entries],
-        by_pupil=setup.by_pupil[kind.entries],
-        by_sensor=setup.by_sensor[kind.entries],
-        window=setup.window[kind.entries],
-        rims=rims,
-        blur=setup.blur[kind.entries],
-    )
+    for side, narrower in ((0, np.maximum), (1, np.minimum), (2, np.maximum), (3, np.minimum)):
+        windows[:, side] = narrower(windows[:, side], setup.window[:, side])
+    return windows

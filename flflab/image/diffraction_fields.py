@@ -131,9 +131,9 @@ def add_field(
     windows: Whole,
     centres: Array,
     origins: Array,
-    axes: Array,
+    looks: Array,
     levels: Array,
-    rim: Array,
+    rims: Array,
     steep: bool,
     parts: int,
     box: float,
@@ -160,9 +160,9 @@ def add_field(
         windows: first column, column after the last, first row, row after the last; shape (N, 4).
         centres: of the micro-images, mm, shape (N, 2).
         origins: position on the target seen from there along x' and y', in pixels of either direction, shape (N, 2).
-        axes: see ``Grid``.
+        looks: change of that position per pixel on the sensor, shape (N, 2, 2).
         levels: light at full pupil.
-        rim: inner edge, slope, reach and outer edge of a micro-image, pixels.
+        rims: see ``Kind``.
         steep: whether its rim is too narrow for terms of its own.
         parts: parts a side of a pixel.
         box: side of the square over which a pixel gathers light, pixels.
@@ -183,6 +183,7 @@ def add_field(
     """
     count = radial_term.size - 1
     for entry in range(windows.shape[0]):
+        rim = rims[entry]
         for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):
             dy = (ys[row] - centres[entry, 1]) / pixel
             for column in range(windows[entry, 0], windows[entry, 1]):
@@ -205,8 +206,8 @@ def add_field(
                             look = lit_middle(distance, side, rim[2])
                         elif distance >= rim[3]:
                             continue
-                        across = (origins[entry, 0] + look * (axes[0, 0] * x + axes[0, 1] * y) - first[0]) * samples
-                        along = (origins[entry, 1] + look * (axes[1, 0] * x + axes[1, 1] * y) - first[1]) * samples
+                        across = (origins[entry, 0] + look * (looks[entry, 0, 0] * x + looks[entry, 0, 1] * y) - first[0]) * samples
+                        along = (origins[entry, 1] + look * (looks[entry, 1, 0] * x + looks[entry, 1, 1] * y) - first[1]) * samples
                         if share <= 0.0 or not (1.0 <= across < even.shape[1] - 2.0 and 1.0 <= along < even.shape[0] - 2.0):
                             continue
                         base_column, base_row = int(across), int(along)

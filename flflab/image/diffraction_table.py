@@ -21,29 +21,34 @@ Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 Whole = npt.NDArray[np.int64]
 
+BLURRED = 300.0  # pixels; a blur beyond is left to rays
 BLURRED_OUT = 1e6  # pixels; no matter which: the target's image lies on the array
 OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
 
 
 @dataclass(frozen=True)
 class Kind:
-    """Microlenses with one kind of pupil and one map to the target; lengths in pixels on the sensor.
+    """Microlenses with nearly one kind of pupil and nearly one map to the target; lengths in pixels on the sensor.
 
     Attributes:
         entries: which entries of the setup, shape (n,).
+        weights: part of each entry's light that this kind forms; another kind of larger or smaller blur forms the rest.
         slope: shift of the clipping disc, |slope| of ``Pupils``.
         reach: its radius on the sensor.
         blur: radius of the geometric blur, signed.
         cutoff: where the whole pupil's transfer ends, cycles/pixel.
         by_sensor: target mm per pixel on the sensor, shape (2, 2).
+        rims: of each entry's micro-image: distance from the centre up to which nothing is clipped, slope, reach, radius; (n, 4).
     """
 
     entries: Whole
+    weights: Array
     slope: float
     reach: float
     blur: float
     cutoff: float
     by_sensor: Array
+    rims: Array
 
     @property
     def inner(self) -> float:
@@ -52,33 +57,65 @@ class Kind:
 
     @property
     def outer(self) -> float:
-        """Radius of the micro-image."""
-        return self.reach + self.slope
+        """Radius of the largest micro-image."""
+        return float(self.rims[:, 3].max())
 
 
-def find_kinds(setup: Setup, wavelength: float) -> list[Kind]:
-    """Sort the entries into kinds; numbers that agree to ten digits count as equal.
+def find_kinds(setup: Setup, wavelength: float, seen: Whole) -> list[Kind]:
+    """Sort the entries ``seen`` into kinds whose pictures differ by less than the tolerance.
 
     The geometric blur is by_pupil over by_sensor: a number, but for what a target's tilt does to it, of which the mean is taken.
+    Where it varies between the entries of a kind, their light is interpolated between two blurs. What else varies only changes the
+    size of the pattern: positions are always an entry's own.
     """
-    pixel, pupils = setup.sensor.pixel, setup.pupils
-    by_sensor = setup.by_sensor * pixel
-    along_pupil = np.linalg.norm(setup.by_pupil, axis=(1, 2))
-    on_array = np.linalg.norm(by_sensor, axis=(1, 2)) * BLURRED_OUT <= along_pupil
+    pixel, pupils, tolerance = setup.sensor.pixel, setup.pupils, setup.tolerance
+    by_sensor, by_pupil = setup.by_sensor[seen] * pixel, setup.by_pupil[seen]
+    along_pupil = np.linalg.norm(by_pupil, axis=(1, 2))
+    size = np.linalg.norm(by_sensor, axis=(1, 2))
+    on_array = size * BLURRED_OUT <= along_pupil
     inverse = np.linalg.inv(np.where(on_array[:, None, None], np.eye(2), by_sensor))
-    blur = np.where(on_array, BLURRED_OUT, np.trace(inverse @ setup.by_pupil, axis1=1, axis2=2) / 2)
-    cutoff = 2 * np.abs(pupils.slant_spread) * pixel / wavelength
-    numbers = np.column_stack(
-        [np.abs(pupils.slope) / pixel, pupils.reach / pixel, blur * np.sign(pupils.slope + (pupils.slope == 0)), cutoff]
-    )
-    numbers = np.column_stack([numbers, by_sensor.reshape(-1, 4)])
-    scale = np.max(np.abs(numbers), axis=0)
-    _, first, kind = np.unique(np.round(numbers / np.where(scale > 0, scale, 1), 10), axis=0, return_index=True, return_inverse=True)
-    kind = kind.reshape(-1)
-    return [
-        Kind(np.flatnonzero(kind == number), *(float(part) for part in numbers[row, :4]), by_sensor=by_sensor[row])
-        for number, row in enumerate(first)
+    blur = np.where(on_array, BLURRED_OUT, np.trace(inverse @ by_pupil, axis1=1, axis2=2) / 2)
+    blur = np.where(pupils.slope[seen] < 0, -blur, blur)
+    cutoff = 2 * np.abs(pupils.slant_spread[seen]) * pixel / wavelength
+    slope, reach = np.abs(pupils.slope[seen]) / pixel, pupils.reach[seen] / pixel
+    rims = np.column_stack([np.maximum(reach - slope, 0.0), slope, reach, reach + slope])
+    step = 2 * tolerance
+    steps = [
+        np.log(np.maximum(cutoff, 1e-300)) / step,
+        np.log(np.maximum(size, 1e-300)) / step,
+        np.log(np.maximum(slope, 1e-300) / np.maximum(reach, 1e-300)) / (10 * step),
     ]
+    turns = [by_sensor[:, i, j] / np.maximum(size, 1e-300) / step for i in (0, 1) for j in (0, 1)]
+    far = np.abs(blur) > BLURRED / 2
+    keys = np.where(far[:, None], 0.0, np.column_stack([_even_steps(part) for part in (*steps, *turns)]))
+    _, group = np.unique(np.column_stack([keys, far]), axis=0, return_inverse=True)
+    kinds: list[Kind] = []
+    for number in range(int(group.max(initial=-1)) + 1):
+        members = np.flatnonzero(group.reshape(-1) == number)
+        for value, weights in _blur_nodes(blur[members], 2 * math.sqrt(tolerance), bool(far[members[0]])):
+            some = members[weights > 0]
+            if len(some):
+                sizes = float(slope[some].mean()), float(reach[some].mean()), value, float(cutoff[some].mean())
+                kinds.append(Kind(seen[some], weights[weights > 0], *sizes, by_sensor[some].mean(axis=0), rims[some]))
+    return kinds
+
+
+def _even_steps(part: Array) -> Array:
+    """Whole steps counted from the smallest, so that what is equal but for rounding stays together."""
+    return np.round(part - part.min() - 0.25)
+
+
+def _blur_nodes(blur: Array, spacing: float, far: bool) -> list[tuple[float, Array]]:
+    """Blurs, evenly spaced in the inverse hyperbolic sine, and each entry's weights for them."""
+    place = np.arcsinh(blur)
+    low, high = float(place.min()), float(place.max())
+    if far or high - low < spacing / 10:
+        return [(float(blur.mean()), np.ones(len(blur)))]
+    nodes = np.linspace(low, high, math.ceil((high - low) / spacing) + 1)
+    apart = np.abs(place[:, None] - nodes) / (nodes[1] - nodes[0])
+    weights = np.maximum(1 - apart, 0.0)
+    weights[weights < 1e-9] = 0.0
+    return [(float(np.sinh(node)), weights[:, index]) for index, node in enumerate(nodes)]
 
 
 @dataclass(frozen=True)
@@ -119,7 +156,7 @@ def transfer_table(kind: Kind, radii: int, angles: int) -> TransferTable:
     in the cosine's argument. Frequencies are spaced alike, dense at 0 and at the cutoff.
     """
     turn = np.linspace(0, np.pi, radii) if radii > 1 else np.zeros(1)
-    distance = np.minimum(kind.inner + kind.slope * (1 - np.cos(turn)), kind.outer * OUTERMOST) if radii > 1 else np.zeros(1)
+    distance = np.minimum(kind.inner + kind.slope * (1 - np.cos(turn)), (kind.reach + kind.slope) * OUTERMOST) if radii > 1 else np.zeros(1)
     clip = distance / kind.slope if radii > 1 else np.zeros(1)
     clip_radius = kind.reach / kind.slope if radii > 1 else 2.0
     beta = np.linspace(0, np.pi, angles)
