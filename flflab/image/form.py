@@ -24,9 +24,10 @@ from flflab.image.orders import (
 from flflab.image.profile import half_plane, profile_table
 from flflab.image.rim import STEEP, disc_nodes
 from flflab.image.ruled import add_ruled
-from flflab.image.sampled import add_sampled, chord_nodes
+from flflab.image.sampled import add_dots, chord_nodes
 from flflab.image.setup import Setup
 from flflab.image.strips import strip_nodes
+from flflab.image.texels import add_texels
 from flflab.optics.camera import pixel_positions
 from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
 
@@ -34,6 +35,7 @@ Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
 
 FINE = 0.05  # of the tolerance goes to the tables of antiderivatives
+PICTURE = 2.5  # how much rougher than bars a picture is: it has edges along the strips, too
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
@@ -50,9 +52,9 @@ def add_plane(image: Array, setup: Setup, target: Target, wanted: Chosen | None 
     match target:
         case FourDot():
             for x, y in target.centres:
-                _add_sampled(image, setup.seen_from(x, y), target.diameter / 2, target.diameter / 2, target.diameter / 2, None, chosen)
+                _add_dot(image, setup.seen_from(x, y), target.diameter / 2, chosen)
         case Picture():
-            _add_sampled(image, setup, 0.0, target.width / 2, target.height / 2, target, chosen)
+            _add_texels(image, setup, target, chosen)
         case _:
             _add_ruled(image, setup, target, chosen)
 
@@ -114,18 +116,44 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
     in_bands(lambda rows: add_ruled(image, rows, windows, *arguments), windows)
 
 
-def _add_sampled(image: Array, setup: Setup, radius: float, half_x: float, half_y: float, picture: Picture | None, chosen: Chosen) -> None:
-    """Add a disc of this radius round the origin of the target's coordinates, or a picture where the radius is 0."""
-    texel, sums = 1.0, np.zeros((2, 2))
-    if picture is not None:
-        texel, sums = picture.texel, np.pad(picture.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) -> None:
+    pupils, sharp = setup.pupils, is_sharp(setup)
+    counts = strip_counts(setup, PICTURE)[:, 0]
+    parts, steep = pixel_parts(setup, sharp)
+    arguments = (
+        setup.rims.kind,
+        np.column_stack([pupils.centre_x, pupils.centre_y]),
+        np.column_stack([pupils.slope, pupils.reach]),
+        _maps(setup),
+        np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread]),
+        pupils.level,
+        sharp,
+        parts,
+        1 if is_even(setup.by_sensor, setup.tolerance) else turned_parts(setup.tolerance),
+        counts,
+        strip_nodes(counts),
+        falloff_chunks(setup),
+        rim_rows(setup, parts, steep),
+        disc_nodes(8, 8),
+        *pixel_positions(setup.sensor),
+        setup.pixel_width,
+        picture.texel,
+        np.ascontiguousarray(picture.values, dtype=np.float64),
+        chosen,
+    )
+    windows = lit_windows(setup, picture.width / 2, picture.height / 2)
+    in_bands(lambda rows: add_texels(image, rows, windows, *arguments), windows)
+
+
+def _add_dot(image: Array, setup: Setup, radius: float, chosen: Chosen) -> None:
+    """Add a disc of this radius round the origin of the target's coordinates."""
     blur, pupils = setup.kind_blur(largest=True), setup.pupils
-    counts = grid_counts(blur, setup.tolerance / setup.overlap / (1 if picture is None else 2.5))  # a picture has more edges than a dot
+    counts = grid_counts(blur, setup.tolerance / setup.overlap)
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
     even = is_even(setup.by_sensor, setup.tolerance)
     if not even:
         parts = np.maximum(parts, turned_parts(setup.tolerance))
-    if picture is None and not setup.falloff and is_turn(setup.by_pupil, setup.tolerance):
+    if not setup.falloff and is_turn(setup.by_pupil, setup.tolerance):
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))
         parts = np.where(counts == 0, finer, parts)
@@ -146,10 +174,8 @@ def _add_sampled(image: Array, setup: Setup, radius: float, half_x: float, half_
         *pixel_positions(setup.sensor),
         setup.pixel_width,
         radius,
-        texel,
-        sums,
         chosen,
         even,
     )
-    windows = lit_windows(setup, half_x, half_y)
-    in_bands(lambda rows: add_sampled(image, rows, windows, *arguments), windows)
+    windows = lit_windows(setup, radius, radius)
+    in_bands(lambda rows: add_dots(image, rows, windows, *arguments), windows)

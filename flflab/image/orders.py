@@ -86,16 +86,16 @@ def rim_rows(setup: Setup, parts: Whole, steep: Flags) -> Array:
     return rim_tables(setup.rims, setup.pixel_width / parts, steep, steps)
 
 
-def strip_counts(setup: Setup) -> Whole:
+def strip_counts(setup: Setup, roughness: float = 1.0) -> Whole:
     """How many strips across the pupil each kind of rim needs, (K, 2): in most pixels, and where the target's height ends.
 
-    Measured on square bars, 8 strips leave 0.001 + 0.00045 blur of white, at most 0.03, and the error falls as their power -2.2. The
-    kernels take strips by eights.
+    Measured on square bars, 8 strips leave 0.001 + 0.00045 blur of white, at most 0.03, and the error falls as their power -2.2; a
+    target with ``roughness`` leaves that times more. The kernels take strips by eights.
     """
     blur = setup.kind_blur(largest=True)
     allowed = 0.5 * setup.tolerance / setup.overlap
     eight = np.minimum(0.001 + 0.00045 * np.minimum(blur, 1e4), 0.03)
-    counts = EIGHT * np.clip(np.ceil((eight / allowed) ** (1 / 2.2)), 1, MOST_STRIPS // EIGHT)
+    counts = EIGHT * np.clip(np.ceil((roughness * eight / allowed) ** (1 / 2.2)), 1, MOST_STRIPS // EIGHT)
     return np.stack([counts, np.where(blur > 0, 4 * counts, EIGHT)], axis=1).astype(np.int64)
 
 

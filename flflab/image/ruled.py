@@ -52,6 +52,36 @@ def clip(ex: float, ey: float, along_x: float, along_y: float, slope: float, rea
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def mean_weight(
+    x: float,
+    y: float,
+    radius: float,
+    low: float,
+    high: float,
+    strips: Array,
+    count: int,
+    slant: tuple[float, float, float],
+) -> float:
+    """Mean of cos^4 of the slope at the sensor over the pupil from ``low`` to ``high`` inside the disc at (x, y).
+
+    ``slant`` is the slope of the ray through the pupil's centre along the strips and across them, and its change over the radius.
+    """
+    light, area = 0.0, 0.0
+    for strip in range(count):
+        at = 0.5 * (low + high) + 0.5 * (high - low) * strips[0, strip]
+        start, end = lens_chord(x, y, radius, at)
+        if end <= start:
+            continue
+        weight = strips[1, strip] * (end - start)
+        across = slant[1] + slant[2] * at
+        area += weight
+        for node, share in GAUSS:
+            along = slant[0] + 0.5 * slant[2] * ((end + start) + (end - start) * node)
+            light += weight * share / (1.0 + along * along + across * across) ** 2
+    return light / area if area > 0.0 else 1.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def mean_weights(
     left: float,
     bottom: float,
@@ -63,26 +93,14 @@ def mean_weights(
     strips: Array,
     count: int,
 ) -> None:
-    """Mean of cos^4 of the slope over the clipped pupil, at sensor points ``step`` mm apart from (left, bottom) on, [row, column]."""
+    """The same at sensor points ``step`` mm apart from (left, bottom) on, into ``weights`` [row, column]."""
     radius = reach / abs(slope) if slope != 0.0 else 2.0
     for row in range(weights.shape[0]):
         for column in range(weights.shape[1]):
             ex, ey = left + column * step, bottom + row * step
             x, y, low, high = clip(ex, ey, 1.0, 0.0, slope, reach)
-            slant_x, slant_y = slants[0] + slants[2] * ex, slants[1] + slants[2] * ey
-            light, area = 0.0, 0.0
-            for strip in range(count):
-                at = 0.5 * (low + high) + 0.5 * (high - low) * strips[0, strip]
-                start, end = lens_chord(x, y, radius, at)
-                if end <= start:
-                    continue
-                weight = strips[1, strip] * (end - start)
-                across = slant_y + slants[3] * at
-                area += weight
-                for node, share in GAUSS:
-                    along = slant_x + 0.5 * slants[3] * ((end + start) + (end - start) * node)
-                    light += weight * share / (1.0 + along * along + across * across) ** 2
-            weights[row, column] = light / area if area > 0.0 else 1.0
+            slant = (slants[0] + slants[2] * ex, slants[1] + slants[2] * ey, slants[3])
+            weights[row, column] = mean_weight(x, y, radius, low, high, strips, count, slant)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""Images of dots and pictures: over the pupil a grid of points is summed, at each the mean radiance over the pixel is exact."""
+"""Images of dots: the area common to three discs, or a grid of pupil points at each of which the mean over the pixel is exact."""
 
 import math
 
@@ -35,20 +35,6 @@ def summed_value(sums: Array, column: float, row: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def box_mean(x: float, y: float, side: float, radius: float, texel: float, sums: Array) -> float:
-    """Mean radiance in a square round (x, y) from the target's centre: of a disc of this radius, or of a picture where radius is 0."""
-    half = side / 2
-    if radius > 0.0:
-        return max(0.0, disc_rectangle_area(radius, x - half, x + half, y - half, y + half)) / (side * side)
-    left = (x - half) / texel + (sums.shape[1] - 1) / 2
-    bottom = (y - half) / texel + (sums.shape[0] - 1) / 2
-    right = left + side / texel
-    top = bottom + side / texel
-    total = summed_value(sums, right, top) - summed_value(sums, left, top) - summed_value(sums, right, bottom)
-    return max(0.0, total + summed_value(sums, left, bottom)) * texel * texel / (side * side)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def sampled_mean(
     ex: float,
     ey: float,
@@ -59,14 +45,12 @@ def sampled_mean(
     count: int,
     part: float,
     radius: float,
-    texel: float,
-    sums: Array,
     slants: Array,
 ) -> float:
     """Mean radiance over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm."""
     slope, reach = cone[0], cone[1]
     size = math.sqrt(abs(to[6] * to[9] - to[7] * to[8])) * part
-    side = max(size, 1e-3 * (radius if radius > 0.0 else texel))
+    half = 0.5 * max(size, 1e-3 * radius)
     origin_x = to[0] + to[6] * ex + to[7] * ey
     origin_y = to[1] + to[8] * ex + to[9] * ey
     slant_x, slant_y = slants[0] + slants[2] * ex, slants[1] + slants[2] * ey
@@ -90,7 +74,9 @@ def sampled_mean(
         for step in range(count):
             along = 0.5 * (left + right) + 0.5 * (right - left) * chord[0, step]
             tilted = slant_x + slants[3] * along
-            seen = box_mean(origin_x + to[2] * along + to[3] * at, origin_y + to[4] * along + to[5] * at, side, radius, texel, sums)
+            x_there, y_there = origin_x + to[2] * along + to[3] * at, origin_y + to[4] * along + to[5] * at
+            inside = disc_rectangle_area(radius, x_there - half, x_there + half, y_there - half, y_there + half)
+            seen = max(0.0, inside) / (4.0 * half * half)
             light += 0.5 * weight * chord[1, step] * seen / (1.0 + tilted * tilted + steep * steep) ** 2
     return light / area
 
@@ -125,7 +111,7 @@ def full_share(ex: float, ey: float, cone: Array) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def add_sampled(
+def add_dots(
     image: Array,
     rows: tuple[int, int],
     windows: Whole,
@@ -145,15 +131,13 @@ def add_sampled(
     ys: Array,
     width: float,
     radius: float,
-    texel: float,
-    sums: Array,
     wanted: npt.NDArray[np.bool_],
     even: bool,
 ) -> None:
     """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; arguments as in ``add_ruled``.
 
     ``counts`` of 0 asks for the three-disc formula at the sub-pixels' centres instead of pupil points; ``chords`` are
-    Gauss-Legendre nodes and weights; ``radius`` is a dot's, 0 for a picture with ``texel`` mm and ``sums``; ``slants`` of 0 leave the
+    Gauss-Legendre nodes and weights; ``radius`` is the dot's, mm; ``slants`` of 0 leave the
     fall-off out; ``even``: a pixel is a square along the target's axes, and needs parts only in the rim.
     """
     for entry in range(windows.shape[0]):
@@ -196,5 +180,5 @@ def add_sampled(
                             spot = spot_share(at_x, at_y, cone, to, radius)
                             light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
                         else:
-                            light += share * sampled_mean(at_x, at_y, cone, to, strip, chord, count, side, radius, texel, sums, slant)
+                            light += share * sampled_mean(at_x, at_y, cone, to, strip, chord, count, side, radius, slant)
                 image[row, column] += levels[entry] * light / (divide * divide)

@@ -194,7 +194,7 @@ def test_pictures_add_up(distance: float, seed: int, share: float) -> None:
     setup = setup_of(Picture(one, 9.0), distance, tolerance=0.01)
     sum_of = formed(setup, Picture(share * one + (1 - share) * two, 9.0))
     parts = share * formed(setup, Picture(one, 9.0)) + (1 - share) * formed(setup, Picture(two, 9.0))
-    assert np.abs(sum_of - parts).max() < 1e-9
+    assert np.abs(sum_of - parts).max() < 0.01 * setup.tolerance  # what rounds to below black is cut off
 
 
 @pytest.mark.parametrize("target", [SINE, White(), FourDot(1.0, 1.2), Picture(np.eye(3), 3.0)])
