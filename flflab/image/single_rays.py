@@ -33,7 +33,7 @@ STEEP = 6.0  # a rim narrower than this many parts of a pixel is averaged over t
 MOST_PARTS = 8
 MOST_ROWS = 96
 MOST_CROSSED = 3  # cards whose edges are told apart within one neighbourhood
-SKEW = 0.2  # roll, in rad, from which on edges of cards do not count as parallel to the columns
+SKEW = 0.2  # angle, in rad, above which edges of cards and targets do not count as parallel
 TURNED_ERROR = 0.1  # error, of white, times the square of the number of parts, where the edges of two surfaces cross under an angle
 ROWS_ERROR = 0.6  # twice the error, of white, times the square of the number of rows; measured on dots, pictures, edges and bars
 
@@ -70,19 +70,21 @@ def add_single_rays(
         blurs[:, index] = blur_of(landing.by_pupil, landing.by_sensor, pixel)
     width = np.maximum(2 * np.abs(pupils.slope) / pixel, 1e-9)
     tolerance, blur = setup.tolerance / setup.overlap, blurs.max(axis=1)
-    rows = np.where(blur == 0, 1, np.clip(np.ceil(np.sqrt(ROWS_ERROR * np.minimum(blur / 3, 1.0) / tolerance)), 2, MOST_ROWS))
+    rows = ROWS_ERROR * np.minimum(blur / 3, 1.0) / tolerance
+    if setup.falloff:  # rays count by a square of their slope
+        rows = np.maximum(rows, 8 * pupils.slant_spread**2 / tolerance)
+    rows = np.clip(np.ceil(np.sqrt(rows)), np.where(blur == 0, 1, 2), MOST_ROWS)
     change = 0.34 / width + 0.25 * (1 / np.maximum(blurs[:, 1:], 1.0)).sum(axis=1)  # of rim and cards within a pixel, against a step
     parts = np.clip(np.ceil(np.sqrt(change / (tolerance * np.sqrt(np.maximum(blurs[:, 0], 1.0))))), 1, MOST_PARTS)
     parts = np.where(width * parts < STEEP, MOST_PARTS, parts)
-    turned = _turned(maps)
-    sharp = np.abs(maps[:, :, [4, 7]]).max(axis=2) >= np.abs(maps[:, :, [0, 3]]).max(axis=2)
-    parts = np.where(
-        (turned & sharp).any(axis=1), np.maximum(parts, np.minimum(np.ceil(np.sqrt(TURNED_ERROR / tolerance)), MOST_PARTS)), parts
-    )
+    by_pupil, by_sensor = np.linalg.norm(maps[:, :, :4], axis=2), np.linalg.norm(maps[:, :, 4:], axis=2)
+    turned = _turned(np.where((by_sensor >= by_pupil)[:, :, None], maps[:, :, 4:], maps[:, :, :4]))
+    crossing = (turned & (by_sensor >= by_pupil)).any(axis=1)
+    parts = np.where(crossing, np.maximum(parts, np.minimum(np.ceil(np.sqrt(TURNED_ERROR / tolerance)), MOST_PARTS)), parts)
     if setup.pixel_width == 0:
         parts = np.ones_like(parts)
-    leads = np.abs(maps[:, :, [4, 7]]) / parts[:, None, None] >= np.abs(maps[:, :, [0, 3]]) * (2 / rows)[:, None, None]
-    aligned: Chosen = (leads == leads[:, :1]).all(axis=2) & ~turned & ~turned[:, :1]
+    leads = by_sensor / parts[:, None] >= by_pupil * (2 / rows)[:, None]
+    aligned: Chosen = (leads == leads[:, :1]) & ~turned
     known = np.column_stack(
         [
             pupils.centre_x,
@@ -138,11 +140,12 @@ def add_single_rays(
 
 
 def _turned(maps: Array) -> Chosen:
-    """Whether the axes of each surface do not count as parallel to columns and rows, from its maps (T, K, 8); (T, K)."""
-    size = np.abs(maps)
-    along = np.maximum(size[:, :, [0, 4]], size[:, :, [3, 7]])
-    aside = np.maximum(size[:, :, [1, 5]], size[:, :, [2, 6]])
-    return np.any(aside > SKEW * along, axis=2, keepdims=False)
+    """Whether the axes of each surface do not count as parallel to the target's, the first one's; maps (T, K, 4), answer (T, K)."""
+    rows = maps.reshape(*maps.shape[:2], 2, 2)
+    rows = rows / np.maximum(np.linalg.norm(rows, axis=3, keepdims=True), 1e-300)
+    first = rows[:, :1]
+    aside = np.maximum(np.abs((rows[:, :, 0] * first[:, :, 1]).sum(axis=2)), np.abs((rows[:, :, 1] * first[:, :, 0]).sum(axis=2)))
+    return np.any(aside[:, :, None] > SKEW, axis=2, keepdims=False)
 
 
 def _surface(card: Card) -> Array:
@@ -224,11 +227,15 @@ def _card_share(x: float, y: float, surface: Array, box_x: tuple[float, float], 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _signed_box(by_sensor: float, by_pupil: float, pixel_leads: bool) -> float:
-    """One box for two, with the sign of the one that leads."""
-    size = math.sqrt(by_sensor * by_sensor + by_pupil * by_pupil)
-    size = max(size, 1e-300)
-    return -size if (by_sensor if pixel_leads else by_pupil) < 0.0 else size
+def _common_box(by: Array, target: Array, axis: int, part: float, width: float, height: float) -> float:
+    """One box for all that smooths a surface along an axis, negative where the surface runs against the target."""
+    k = 2 * axis
+    along, across, cell_x, cell_y = by[4 + k] * part, by[5 + k] * part, by[k] * width, by[k + 1] * height
+    size = max(math.sqrt(along * along + across * across + cell_x * cell_x + cell_y * cell_y), 1e-300)
+    pixel = (target[4 + k] ** 2 + target[5 + k] ** 2) * part * part
+    leads = pixel >= (target[k] * width) ** 2 + (target[k + 1] * height) ** 2
+    way = by[4 + k] * target[4 + k] + by[5 + k] * target[5 + k] if leads else by[k] * target[k] + by[k + 1] * target[k + 1]
+    return -size if way < 0.0 else size
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -292,9 +299,8 @@ def _jointly(
     A place of the neighbourhood is (u, v), both from -1/2 to 1/2, the same for all surfaces. What a card leaves visible is all less
     what it covers, so that the mean is a sum of means over rectangles, one for each choice among the cards.
     """
-    by = maps[0]
-    leads_x, leads_y = abs(by[4]) >= parts * abs(by[0]) * width, abs(by[7]) >= parts * abs(by[3]) * height
-    wide, high = _signed_box(by[4] / parts, by[0] * width, leads_x), _signed_box(by[7] / parts, by[3] * height, leads_y)
+    part = 1.0 / parts
+    wide, high = _common_box(maps[0], maps[0], 0, part, width, height), _common_box(maps[0], maps[0], 1, part, width, height)
     total = 0.0
     for choice in range(1 << crossed):
         left, right, bottom, top, sign = -0.5, 0.5, -0.5, 0.5, 1.0
@@ -308,18 +314,17 @@ def _jointly(
                 continue
             if not own:
                 sign = -sign
-            by = maps[index]
-            box_x = _signed_box(by[4] / parts, by[0] * width, leads_x)
-            box_y = _signed_box(by[7] / parts, by[3] * height, leads_y)
+            box_x = _common_box(maps[index], maps[0], 0, part, width, height)
+            box_y = _common_box(maps[index], maps[0], 1, part, width, height)
             middle, reach = -places[card, 0] / box_x, surfaces[index, 10] / abs(box_x)
             left, right = max(left, middle - reach), min(right, middle + reach)
             middle, reach = -places[card, 1] / box_y, surfaces[index, 11] / abs(box_y)
             bottom, top = max(bottom, middle - reach), min(top, middle + reach)
         if sign == 0.0 or left >= right or bottom >= top:
             continue
-        box_x, box_y = (abs(wide) * (right - left), 0.0), (abs(high) * (top - bottom), 0.0)
+        seen_x, seen_y = (wide * (right - left), 0.0), (high * (top - bottom), 0.0)
         at_x, at_y = x + wide * 0.5 * (left + right), y + high * 0.5 * (bottom + top)
-        total += sign * (right - left) * (top - bottom) * _radiance(at_x, at_y, box_x, box_y, kind, numbers, table, law, sums)
+        total += sign * (right - left) * (top - bottom) * _radiance(at_x, at_y, seen_x, seen_y, kind, numbers, table, law, sums)
     return max(0.0, total)
 
 
