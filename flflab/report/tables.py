@@ -147,14 +147,25 @@ def axes_table(bench: Bench, run: Run) -> Table:
 
 
 def _axis(name: str, axis: AxisDescription, run: Run) -> tuple[str, ...]:
-    readings = [frame.readings[name] for frame in run.frames if name in frame.readings]
+    """An axis's column; one that turns the array says degrees where the headings say lengths."""
+    unit, turns = axis.coordinate.per_unit, axis.coordinate.unit == "rad"
+    readings = [unit * frame.readings[name] for frame in run.frames if name in frame.readings]
     used = f"{min(readings):.4f} to {max(readings):.4f}" if readings else "-"
     own = ", ".join(f"{key} {value}" for key, value in (axis.model_extra or {}).items())
-    return (
-        axis.moves, axis.driver, axis.address or "none", own or "none", f"{axis.zero:g} {'+' if axis.sign > 0 else '-'} reading",
-        number(1e3 * axis.zero_uncertainty, 3), number(1e6 * axis.scale_uncertainty, 3), f"{axis.limits[0]:g} to {axis.limits[1]:g}", used,
-        number(axis.speed, 4), axis.home_towards,
-    )  # fmt: skip
+    low, high = (unit * limit for limit in axis.limits)
+    zero = number((unit if turns else 1e3) * axis.zero_uncertainty, 3)
+    cells = (
+        f"{unit * axis.zero:g} {'+' if axis.sign > 0 else '-'} reading",
+        zero,
+        f"{low:g} to {high:g}",
+        used,
+        number(unit * axis.speed, 4),
+    )
+    place, zero, limits, used, speed = (
+        f"{cell} ({said})" if turns else cell for cell, said in zip(cells, (*["deg"] * 4, "deg/s"), strict=True)
+    )
+    scale = number(1e6 * axis.scale_uncertainty, 3)
+    return (axis.moves, axis.driver, axis.address or "none", own or "none", place, zero, scale, limits, used, speed, axis.home_towards)
 
 
 def parts_table(bench: Bench, study: Study) -> Table:
