@@ -1,0 +1,52 @@
+"""``flflab bench`` on a served bench with every axis of the paper's Fig. 10: what an operator types and reads."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flflab.bench import read_bench
+from sim.serve import serve, write_bench
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def bench_file(root: Path, tmp_path: Path) -> Iterator[Path]:
+    """The bench served a hundred times faster than real, and a file that leads to it."""
+    source = root / "examples" / "benches" / "full.yaml"
+    copy = tmp_path / "full.yaml"
+    text = source.read_text(encoding="utf-8").replace("clock: 20 ", "clock: 100 ")
+    copy.write_text(text.replace("../cameras", str(root / "examples" / "cameras")), encoding="utf-8")
+    bench = read_bench(copy)
+    with serve(bench) as served:
+        write_bench(bench, served, tmp_path / "served.yaml")
+        yield tmp_path / "served.yaml"
+
+
+def test_an_operator_checks_homes_moves_and_stops_every_axis(flflab: Run, bench_file: Path) -> None:
+    checked = flflab("bench", "check", "--bench", bench_file)
+    assert checked.code == 0, checked.err
+    for words in ("Zaber device 50000", "Thorlabs KDC101", "Oriental Motor AZ drive, slave 2", "-170 deg to 170 deg", "not homed"):
+        assert words in " ".join(checked.out.split())
+    refused = flflab("bench", "move", "goniometer", "2 deg", "--bench", bench_file)
+    assert refused.code == 1
+    assert "goniometer: asked to go to 2.000000 deg, but it has no reference; home it first" in refused.err
+    homed = flflab("bench", "home", "--bench", bench_file)
+    assert homed.code == 0, homed.err
+    assert "ring is at 0.0000 deg" in homed.out
+    moved = flflab("bench", "move", "goniometer", "2.5 deg", "--bench", bench_file)
+    assert (moved.code, moved.out) == (0, "goniometer is at 2.5000 deg\n")
+    jogged = flflab("bench", "jog", "ring", "--bench", bench_file, "--", "-0.5 deg")
+    assert (jogged.code, jogged.out) == (0, "ring is at -0.5000 deg\n")
+    stood = flflab("bench", "where", "--bench", bench_file)
+    assert "array.pitch 2.5000 deg" in " ".join(stood.out.split())
+    stopped = flflab("bench", "stop", "--bench", bench_file)
+    assert (stopped.code, stopped.out) == (0, "every axis took the stop\n")
+
+
+def test_a_length_for_an_axis_that_turns_is_refused(flflab: Run, bench_file: Path) -> None:
+    refused = flflab("bench", "move", "ring", "5 mm", "--bench", bench_file)
+    assert refused.code in (1, 2)
+    assert "'mm' is a unit of length; an angle is a number and a unit of rad" in refused.err
