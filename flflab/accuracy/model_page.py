@@ -138,24 +138,29 @@ def _height(excess: Array) -> str:
 def _answers(maps: Sequence[Sweep], sweeps: Sequence[Sweep]) -> tuple[str, ...]:
     places = " and ".join(f"{name.name}s on {_shares(maps, name)}" for name in QUANTITIES if name.name in PLACES)
     widths = ", ".join(f"{name.name} {_shares(maps, name)}" for name in QUANTITIES if name.name in WIDTHS)
+    along = [sweep for sweep in sweeps if sweep.varied == ("aperture",)]
     stopped = ", ".join(
-        f"{quantity.name} {1e3 * min(held):.0f} um"
+        f"{quantity.name} {' / '.join(_micrometres(_widest(sweep, quantity)) for sweep in along)} um"
         for quantity in QUANTITIES
-        if quantity.name in WIDTHS and min(held := [_widest(sweep, quantity) for sweep in sweeps if sweep.varied == ("aperture",)]) > 0
+        if quantity.name in WIDTHS
     )
     depth = next(quantity for quantity in QUANTITIES if quantity.name == "virtual depth")
     lenses, last = ", ".join(sweep.lens for sweep in maps), f"{FIELDS[-1]:g} mm off the axis"
     return (
         f"Where things lie, first order tells to 1 % of the micro-images' pitch over much of the range: {places} of it "
         f"({lenses}; f-numbers {F_NUMBERS[0]:g} to {F_NUMBERS[-1]:g}, up to {last}).",
-        f"How wide things are, it does not, whatever the main lens: {widths}. The microlenses' own spherical aberration is behind it: "
-        f"at F/4 and 3 mm off the axis the limit is met for microlenses up to so wide: {stopped}.",
+        f"How wide things are, it does not, whatever the main lens: {widths}. The microlenses' own spherical aberration is behind most of "
+        f"it: at F/4 and 3 mm off the axis the limit is met for microlenses up to so wide: {stopped}.",
         f"Virtual depth to 1 % needs a main lens with a flat field: {_shares(maps, depth)}.",
     )
 
 
 def _shares(maps: Sequence[Sweep], quantity: Quantity) -> str:
     return " / ".join(f"{100 * _share(sweep, quantity):.0f}" for sweep in maps) + " %"
+
+
+def _micrometres(width: float) -> str:
+    return f"{1e3 * width:.0f}" if width > 0 else "none"
 
 
 def _widest(sweep: Sweep, quantity: Quantity) -> float:

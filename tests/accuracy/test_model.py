@@ -88,3 +88,9 @@ def test_places_hold_and_widths_do_not() -> None:
     """What the page says in its first sentences, for the camera of the paper with a good main lens."""
     excess = {name: float(one.excess) for name, one in compare(Setting(scaled(MAIN_LENSES["double Gauss"], 50.0), 4.0, 2.0)).items()}
     assert {name for name, value in excess.items() if value <= 1} == {"micro-image centre", "view position", "virtual depth"}
+
+
+def test_the_blur_in_focus_falls_with_the_cube_of_the_microlens_aperture_as_spherical_aberration_does() -> None:
+    apertures = np.array([0.1, 0.14, 0.2])
+    blur = compare(Setting(scaled(MAIN_LENSES["double Gauss"], 50.0), 4.0, 0.0, aperture=apertures))["blur"].exact
+    assert np.polyfit(np.log(apertures), np.log(blur), 1)[0] == pytest.approx(3.0, abs=0.15)
