@@ -227,15 +227,20 @@ def _card_share(x: float, y: float, surface: Array, box_x: tuple[float, float], 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _common_box(by: Array, target: Array, axis: int, part: float, width: float, height: float) -> float:
-    """One box for all that smooths a surface along an axis, negative where the surface runs against the target."""
+def _common_boxes(by: Array, target: Array, axis: int, part: float, width: float, height: float) -> tuple[float, float]:
+    """The two boxes that smooth a surface along an axis, pixel and pupil cell, the one that is wider on the target first.
+
+    The first holds half of the second, whose halves are looked at one by one. Negative where the surface runs against the target.
+    """
     k = 2 * axis
-    along, across, cell_x, cell_y = by[4 + k] * part, by[5 + k] * part, by[k] * width, by[k + 1] * height
-    size = max(math.sqrt(along * along + across * across + cell_x * cell_x + cell_y * cell_y), 1e-300)
-    pixel = (target[4 + k] ** 2 + target[5 + k] ** 2) * part * part
-    leads = pixel >= (target[k] * width) ** 2 + (target[k + 1] * height) ** 2
-    way = by[4 + k] * target[4 + k] + by[5 + k] * target[5 + k] if leads else by[k] * target[k] + by[k + 1] * target[k + 1]
-    return -size if way < 0.0 else size
+    pixel, cell = math.hypot(by[4 + k], by[5 + k]) * part, math.hypot(by[k] * width, by[k + 1] * height)
+    if by[4 + k] * target[4 + k] + by[5 + k] * target[5 + k] < 0.0:
+        pixel = -pixel
+    if by[k] * target[k] + by[k + 1] * target[k + 1] < 0.0:
+        cell = -cell
+    if math.hypot(target[4 + k], target[5 + k]) * part < math.hypot(target[k] * width, target[k + 1] * height):
+        pixel, cell = cell, pixel
+    return math.copysign(max(math.hypot(pixel, 0.5 * cell), 1e-300), pixel), cell
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -300,30 +305,30 @@ def _jointly(
     what it covers, so that the mean is a sum of means over rectangles, one for each choice among the cards.
     """
     part = 1.0 / parts
-    wide, high = _common_box(maps[0], maps[0], 0, part, width, height), _common_box(maps[0], maps[0], 1, part, width, height)
+    wide, slip_x = _common_boxes(maps[0], maps[0], 0, part, width, height)
+    high, slip_y = _common_boxes(maps[0], maps[0], 1, part, width, height)
     total = 0.0
-    for choice in range(1 << crossed):
-        left, right, bottom, top, sign = -0.5, 0.5, -0.5, 0.5, 1.0
+    for choice in range(4 << crossed):
+        left, right, bottom, top, sign = -0.5, 0.5, -0.5, 0.5, 0.25
+        shift_x, shift_y = 0.25 - 0.5 * (choice & 1), 0.25 - 0.25 * (choice & 2)
         for card in range(crossed):
             index = int(places[card, 2])
             own = surfaces[index, 12] > 0.0
-            taken = (choice >> card) & 1 == 1
-            if own and not taken:
-                sign = 0.0
-            if not taken:
+            if (choice >> (card + 2)) & 1 == 0:
+                sign = 0.0 if own else sign
                 continue
-            if not own:
-                sign = -sign
-            box_x = _common_box(maps[index], maps[0], 0, part, width, height)
-            box_y = _common_box(maps[index], maps[0], 1, part, width, height)
-            middle, reach = -places[card, 0] / box_x, surfaces[index, 10] / abs(box_x)
+            sign = sign if own else -sign
+            box, slip = _common_boxes(maps[index], maps[0], 0, part, width, height)
+            middle, reach = -(places[card, 0] + shift_x * slip) / box, surfaces[index, 10] / abs(box)
             left, right = max(left, middle - reach), min(right, middle + reach)
-            middle, reach = -places[card, 1] / box_y, surfaces[index, 11] / abs(box_y)
+            box, slip = _common_boxes(maps[index], maps[0], 1, part, width, height)
+            middle, reach = -(places[card, 1] + shift_y * slip) / box, surfaces[index, 11] / abs(box)
             bottom, top = max(bottom, middle - reach), min(top, middle + reach)
         if sign == 0.0 or left >= right or bottom >= top:
             continue
-        seen_x, seen_y = (wide * (right - left), 0.0), (high * (top - bottom), 0.0)
-        at_x, at_y = x + wide * 0.5 * (left + right), y + high * 0.5 * (bottom + top)
+        at_x = x + shift_x * slip_x + wide * 0.5 * (left + right)
+        at_y = y + shift_y * slip_y + high * 0.5 * (bottom + top)
+        seen_x, seen_y = (abs(wide) * (right - left), 0.0), (abs(high) * (top - bottom), 0.0)
         total += sign * (right - left) * (top - bottom) * _radiance(at_x, at_y, seen_x, seen_y, kind, numbers, table, law, sums)
     return max(0.0, total)
 
