@@ -19,6 +19,7 @@ from flflab.errors import DeviceError, FlflabError
 
 RELEASED, WATCHING = "released", "watching\n"
 PATIENCE_S = 5.0
+START_S = 20.0
 
 
 class Sentinel:
@@ -43,10 +44,17 @@ class Sentinel:
         ]
         # A session of its own: what ends the owner's process group must not end its sentinel.
         self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True)
-        assert self._child.stdout is not None  # noqa: S101 - a pipe was asked for
-        if self._child.stdout.readline() != WATCHING:
+        said: list[str] = []
+        listener = threading.Thread(target=lambda: said.append(self._stdout().readline()), name="sentinel", daemon=True)
+        listener.start()
+        listener.join(START_S)
+        if said != [WATCHING]:
             self.close()
+            listener.join()
             raise DeviceError(f"{bench_file}: the sentinel that stops the axes when this program dies did not start; nothing moved")
+
+    def _stdout(self) -> Any:
+        return self._child.stdout
 
     def close(self) -> None:
         """Let go: nothing is stopped."""

@@ -189,7 +189,8 @@ def main(bench_file: Path, port: int = 0, *, pty: bool = False, json_line: bool 
 
 
 def _for_people(served: Served) -> str:
-    devices = [(f"axis {name}, device {where['device']}", where) for name, where in served.addresses["axes"].items()]
+    numbers = {name: f", device {where['device']}" if "device" in where else "" for name, where in served.addresses["axes"].items()}
+    devices = [(f"axis {name}{numbers[name]}", where) for name, where in served.addresses["axes"].items()]
     devices += [(name, served.addresses[name]) for name in ("camera", "iris", "target") if name in served.addresses]
     return "\n".join([*(f"{where['address']}  {where['driver']}  {what}" for what, where in devices), "Ctrl-C ends the simulation."])
 

@@ -54,6 +54,25 @@ def test_stages_on_pseudo_terminals(write_bench_file: WriteBench) -> None:
         os.close(line)
 
 
+def test_every_axis_of_the_full_bench_is_served_those_of_one_line_together(write_bench_file: WriteBench) -> None:
+    with serve(write_bench_file("full")) as running:
+        axes = running.addresses["axes"]
+        assert [axes[name]["driver"] for name in axes] == ["zaber"] * 4 + ["thorlabs"] + ["oriental"] * 2
+        assert axes["goniometer"]["address"] == axes["ring"]["address"]
+        assert len({axes[name]["address"] for name in axes}) == 3
+
+
+def test_people_are_told_where_each_axis_answers(root: Path) -> None:
+    code = "import sys; from pathlib import Path; from sim.serve import main; main(Path(sys.argv[1]))"
+    command = [sys.executable, "-P", "-c", code, str(root / "examples/benches/full.yaml")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        lines = [child.stdout.readline() for _ in range(11)]
+    assert [line.split("  ")[1:] for line in lines[4:7]] == [
+        ["thorlabs", "axis rotation_stage\n"], ["oriental", "axis goniometer, device 1\n"], ["oriental", "axis ring, device 2\n"],
+    ]  # fmt: skip
+
+
 def test_a_written_bench_leads_to_what_is_served(write_bench_file: WriteBench, tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     bench = write_bench_file()
