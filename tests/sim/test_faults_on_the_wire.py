@@ -14,15 +14,14 @@ from sim.world import World
 
 WriteBench = Callable[..., Bench]
 STEPS = {"array_stage": 0.0005, "rotation_stage": 1e-5, "goniometer": 4e-5}  # mm or rad
-FAULTS = [(name, fault) for name in STEPS for fault in ("drop", "double", "late", "flip", "wrong-checksum", "garbage", "cut")]
-NO_CHECKSUM = ("rotation_stage", {"flip", "wrong-checksum"})  # the protocol has none: nothing on the wire could tell
+EARLY = ("drop", "double", "late", "flip", "wrong-checksum", "garbage", "cut")
+LATER = ("double", "late", "hang-up", "stall", "reset")
+UNKNOWN = {("rotation_stage", "flip"), ("rotation_stage", "wrong-checksum")}  # its protocol has no checksum: nothing could tell
+CASES = [(name, fault, after) for after, faults in ((25, EARLY), (60, LATER)) for name in STEPS for fault in faults]
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(
-    ("name", "fault"), [(name, fault) for name, fault in FAULTS if name != NO_CHECKSUM[0] or fault not in NO_CHECKSUM[1]]
-)
-@pytest.mark.parametrize("after", [25, 60])
+@pytest.mark.parametrize(("name", "fault", "after"), [case for case in CASES if case[:2] not in UNKNOWN])
 def test_no_position_is_told_that_the_axis_is_not_at(
     name: str, fault: str, after: int, write_bench_file: WriteBench, tmp_path: Path
 ) -> None:
