@@ -51,7 +51,10 @@ def nowhere() -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"axes.array_stage.driver": "zabre"}, r"axes\.array_stage\.driver: there is no driver 'zabre' here; there are zaber, thorlabs, oriental, manual"),
+        (
+            {"axes.array_stage.driver": "zabre"},
+            r"axes\.array_stage\.driver: there is no driver 'zabre' here; there are zaber, thorlabs, oriental, manual",
+        ),
         ({"camera.driver": "kodak"}, r"camera\.driver: there is no driver 'kodak' here; there are scpi"),
         ({"axes.array_stage.device": None}, r"axes\.array_stage\.device: this field is missing"),
         ({"axes.array_stage.device": 100}, r"axes\.array_stage\.device: .*not 100"),
