@@ -58,10 +58,11 @@ class Decision:
 
 @dataclass(frozen=True)
 class Choice:
-    """What a picture is formed of: every effect of the light, and the tolerance of the quadrature."""
+    """What a picture is formed of: every effect of the light, the tolerance of the quadrature, and the largest error promised."""
 
     decisions: tuple[Decision, ...]
     tolerance: float
+    promised: float
     regime: Regime
 
     @property
@@ -114,11 +115,11 @@ def choose(scene: Scene, tolerance: float, asked: str = "auto") -> Choice:
         rest = max(KEPT * (allowed - sum(bounds[name] for name in left_out)), LEAST_TOLERANCE)
         on = present.keys() - left_out
     else:
-        on, rest = present.keys() & named(asked), tolerance
+        on, rest, allowed = present.keys() & named(asked), tolerance, math.inf
         for name in sorted(present.keys() - ALL - on):
             raise InputError(f"effects: '{name}' cannot be left out of this scene; add it to the list")
     decisions = [_decide(name, present.get(name), name in on, bounds.get(name, 0.0), asked, regime) for name in LIGHT]
-    return Choice(tuple(decisions), rest, regime)
+    return Choice(tuple(decisions), rest, allowed, regime)
 
 
 def check_tolerance(tolerance: float) -> None:

