@@ -5,12 +5,14 @@ pupil that lights the pixel. Source: physics.md, "Exact image of a flat target".
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
 from flflab.image.cards import cards_of, split
+from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.form import add_plane
 from flflab.image.moments import moments
@@ -36,7 +38,8 @@ def render(
     """Form the picture of a scene without noise.
 
     Args:
-        scene: camera and targets; what has a size in mm is a point and black at infinity.
+        scene: camera and targets; what has a size in mm is a point and black at infinity. Diffraction is left out of the pixels that
+            the edge of a card crosses.
         tolerance: largest error asked for, in units of the white level.
         effects: what is formed; an effect that the scene does not have changes nothing.
         wanted: the pixels that matter, [row, column]; the others may hold anything. None for all. Stray light comes from all pixels:
@@ -76,10 +79,14 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
         return
     setup = make_setup(scene, plane, tolerance, effects)
     cards = cards_of(scene, index)
+    if scene.diffraction is not None:  # which spreads light by more than crooked rays go astray
+        setup = replace(setup, crooked=np.zeros_like(setup.crooked))
     if cards or setup.crooked.any():
         setup, singly = split(setup, 1 / plane.distance, scene.distortion, cards)
         add_single_rays(image, singly, plane, scene.distortion, cards, wanted)
-    if len(setup.blur):
+    if len(setup.blur) and scene.diffraction is not None:
+        add_plane_with_diffraction(image, setup, plane.target, scene.diffraction.wavelength, wanted)
+    elif len(setup.blur):
         add_plane(image, setup, plane.target, wanted)
 
 
