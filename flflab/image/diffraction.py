@@ -29,6 +29,7 @@ Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
 MOST_PARTS = 8
+SHARE = 0.7  # of the tolerance; the errors of nodes, parts and terms are each kept below it
 LEAST_TERM = 1e-4  # of white; finer terms of the sum over a rim are too many
 
 
@@ -46,20 +47,21 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
         add_plane(image, setup, target, wanted)
         return
     chosen = np.ones(image.shape, dtype=np.bool_) if wanted is None else wanted
+    finer = replace(setup, tolerance=SHARE * setup.tolerance / math.sqrt(setup.overlap))
     windows = lit_windows(setup)
     seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
-    for kind in find_kinds(setup, wavelength, seen) if len(seen) else []:
+    for kind in find_kinds(finer, wavelength, seen) if len(seen) else []:
         if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
             part = setup.of(kind.entries, setup.window[kind.entries])
             part = replace(part, pupils=replace(part.pupils, level=part.pupils.level * kind.weights))
             add_plane(image, part, target, wanted)
         elif isinstance(target, Bars | Edge):
-            _add_ruled(image, setup, kind, target, chosen)
+            _add_ruled(image, finer, kind, target, chosen)
         elif isinstance(target, Picture):
-            _add_picture(image, setup, kind, target, chosen)
+            _add_picture(image, finer, kind, target, chosen)
         elif isinstance(target, FourDot):
             for x, y in target.centres:
-                _add_dot(image, setup.seen_from(x, y), kind, target.diameter / 2, chosen)
+                _add_dot(image, finer.seen_from(x, y), kind, target.diameter / 2, chosen)
 
 
 def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chosen: Chosen) -> None:
@@ -81,7 +83,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
     seen = (float(origins[:, 0].min()) * scales[0] - reach, float(origins[:, 0].max()) * scales[0] + reach)
     line = make_line(table, target, seen, directions[0], setup.tolerance)
     curves = make_curves(table, line, box, parts)
-    modes = find_modes(table, box, max(setup.tolerance / 4, LEAST_TERM))
+    modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
     half, borders = math.inf, [_no_border(), _no_border()]
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
@@ -260,7 +262,7 @@ def _add_fields(image: Array, setup: Setup, kind: Kind, grid: Grid, spectrum: np
     radii, angles = node_counts(kind, setup.tolerance)
     box = setup.pixel_width / pixel
     table = transfer_table(kind, 1 if steep else radii, 1 if steep else angles)
-    modes = find_modes(table, box, max(setup.tolerance / 4, LEAST_TERM))
+    modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     scales = np.hypot(*kind.by_sensor.T)
     origins = setup.origin[kind.entries] / scales

@@ -71,7 +71,9 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
     count = modes.spectra.shape[1]
     turn = np.linspace(0, np.pi, count)
     coarse = cutoff * (1 - np.cos(turn)) / 2
-    kernel = _step_weights(coarse, distance)
+    weights = _step_weights(coarse, distance)
+    filtered = [ndimage.spline_filter1d(part, axis=1, mode="mirror") for part in (weights.real, weights.imag)]
+    kernel = filtered[0] + 1j * filtered[1]  # the prefilter over the rows is linear: done here, once
     axes = np.stack([line.direction / np.hypot(*line.direction), inward / np.hypot(*inward)])
     f = np.stack(np.broadcast_arrays(coarse[:, None], np.concatenate([coarse, -coarse])), axis=-1) @ axes
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
@@ -84,7 +86,7 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
         beyond = np.stack([(pattern * boxed) @ kernel for pattern in patterns], axis=1)
         found = (finer @ beyond.reshape(count, -1)).T * spectrum
         lines = np.asarray(fft.irfft(found, line.length, axis=-1), dtype=np.float64)[:, : line.count]
-        return ndimage.spline_filter1d(lines.reshape(len(patterns), len(distance), line.count), axis=1, mode="mirror")
+        return lines.reshape(len(patterns), len(distance), line.count)
 
     def reach(term: int) -> float:
         seen = np.abs(evens[term]).max(axis=1)
@@ -96,7 +98,7 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
     patterns = [modes.spectrum(term, size) * (1j if order % 2 else 1.0) for term, order in enumerate(modes.orders)]
     even = [pattern * np.cos(order * alpha) for pattern, order in zip(patterns, modes.orders, strict=True)]
     odd = [pattern * np.sin(order * alpha) for pattern, order in zip(patterns, modes.orders, strict=True) if order]
-    evens, odds = sheets(even, box / parts), sheets(odd, box / parts) if odd else np.zeros((0, 1, 1))
+    evens, odds = (sheets(some, box / parts) if some else np.zeros((0, 1, 1)) for some in (even, odd))
     return Border(
         sheets([whole], box)[0],
         sheets([whole], box / parts)[0],

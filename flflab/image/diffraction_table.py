@@ -216,6 +216,9 @@ class Modes:
 def find_modes(table: TransferTable, box: float, least: float) -> Modes:
     """Turn a table into a sum, leaving out what changes no sine of half the full contrast by ``least`` behind a pixel of ``box`` pixels."""
     count = table.values.shape[1] - 1
+    core = table.values[0, 0].real
+    if count == 0:
+        return Modes(table.kind, np.zeros(0, dtype=np.int64), np.zeros((0, 1)), np.zeros((0, len(core))), core)
     parts = np.asarray(fft.dct(np.stack([table.values.real, table.values.imag]), type=1, axis=2), dtype=np.float64)
     waves = parts[0] + 1j * parts[1]
     waves[:, 1:-1] *= 2
@@ -233,4 +236,4 @@ def find_modes(table: TransferTable, box: float, least: float) -> Modes:
                 orders.append(order)
                 radial.append(ndimage.spline_filter1d(size * left[:, term], mode="mirror"))
                 spectra.append(right[term] / weight)
-    return Modes(table.kind, np.array(orders), np.array(radial), np.array(spectra), table.values[0, 0].real)
+    return Modes(table.kind, np.array(orders), np.array(radial), np.array(spectra), core)

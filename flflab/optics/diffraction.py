@@ -134,7 +134,7 @@ def pupil_transfer(
             raise InputError(
                 f"pupil_transfer: {name} holds a negative or not finite number; finite ones are due, shift and radius from 0 up"
             )
-    x, y, radius, shifts, defocus = (part.ravel() for part in given)
+    x, y, radius, shifts, defocus = (np.array(part).ravel() for part in given)
     real, imaginary = np.empty(x.size), np.empty(x.size)
     _transfers(x, y, radius, shifts, defocus, row_nodes(float(np.max(np.abs(defocus), initial=0.0))), real, imaginary)
     return (real + 1j * imaginary).reshape(given[0].shape)
