@@ -58,6 +58,7 @@ def test_what_an_ideal_scene_has_not_is_not_among_its_effects(camera: Camera) ->
 @pytest.mark.parametrize(
     ("name", "scene"),
     [
+        ("diffraction", {"diffraction": Diffraction(550e-6)}),
         ("falloff", {"falloff": Falloff()}),
         ("stray-light", {"stray_light": StrayLight(0.01)}),
         ("distortion", {"distortion": Distortion(2.0)}),
