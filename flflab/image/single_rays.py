@@ -22,13 +22,13 @@ from flflab.image.setup import Setup
 from flflab.image.tiles import blur_of, middles
 from flflab.optics.camera import pixel_positions
 from flflab.optics.discs import disc_rectangle_area, lens_chord, lens_rows, two_disc_area
-from flflab.targets import Bars, Edge, FourDot, Picture, Target
+from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
-WHITE, DOTS, RULED, EDGE, PICTURE = range(5)
+PLAIN, DOTS, RULED, EDGE, PICTURE = range(5)
 STEEP = 6.0  # a rim narrower than this many parts of a pixel is averaged over them
 MOST_PARTS = 8
 MOST_ROWS = 96
@@ -70,17 +70,18 @@ def add_single_rays(
         blurs[:, index] = blur_of(landing.by_pupil, landing.by_sensor, pixel)
     width = np.maximum(2 * np.abs(pupils.slope) / pixel, 1e-9)
     tolerance, blur = setup.tolerance / setup.overlap, blurs.max(axis=1)
-    rows = ROWS_ERROR * np.minimum(blur / 3, 1.0) / tolerance
-    if setup.falloff:  # rays count by a square of their slope
-        rows = np.maximum(rows, 8 * pupils.slant_spread**2 / tolerance)
-    rows = np.clip(np.ceil(np.sqrt(rows)), np.where(blur == 0, 1, 2), MOST_ROWS)
-    change = 0.34 / width + 0.25 * (1 / np.maximum(blurs[:, 1:], 1.0)).sum(axis=1)  # of rim and cards within a pixel, against a step
+    steps = np.array([not (isinstance(plane.target, White) and card.own) for card in cards], dtype=np.float64)
+    change = 0.34 / width + 0.25 * (steps / np.maximum(blurs[:, 1:], 1.0)).sum(axis=1)  # of rim and cards within a pixel, against a step
     parts = np.clip(np.ceil(np.sqrt(change / (tolerance * np.sqrt(np.maximum(blurs[:, 0], 1.0))))), 1, MOST_PARTS)
     parts = np.where(width * parts < STEEP, MOST_PARTS, parts)
     by_pupil, by_sensor = np.linalg.norm(maps[:, :, :4], axis=2), np.linalg.norm(maps[:, :, 4:], axis=2)
     turned = _turned(np.where((by_sensor >= by_pupil)[:, :, None], maps[:, :, 4:], maps[:, :, :4]))
     crossing = (turned & (by_sensor >= by_pupil)).any(axis=1)
     parts = np.where(crossing, np.maximum(parts, np.minimum(np.ceil(np.sqrt(TURNED_ERROR / tolerance)), MOST_PARTS)), parts)
+    rows = ROWS_ERROR * np.minimum(blur / 3, 1.0) / tolerance
+    if setup.falloff:  # rays count by a square of their slope
+        rows = np.maximum(rows, 8 * pupils.slant_spread**2 / tolerance)
+    rows = np.clip(np.ceil(np.sqrt(rows)), np.where(blur == 0, 1, 2), MOST_ROWS)
     if setup.pixel_width == 0:
         parts = np.ones_like(parts)
     leads = by_sensor / parts[:, None] >= by_pupil * (2 / rows)[:, None]
@@ -184,7 +185,7 @@ def _described(target: Target) -> tuple[int, Array, Array, Array, Array]:
             numbers[0] = target.texel
             return PICTURE, numbers, table, law, np.pad(target.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         case _:
-            return WHITE, numbers, table, law, sums
+            return PLAIN, numbers, table, law, sums
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -256,7 +257,7 @@ def _radiance(
     sums: Array,
 ) -> float:
     """Mean radiance of a target in a neighbourhood at (x, y)."""
-    if kind == WHITE:
+    if kind == PLAIN:
         return 1.0
     if kind == RULED:
         seen = step_mean(y + numbers[0], box_y[0], box_y[1]) - step_mean(y - numbers[0], box_y[0], box_y[1])
