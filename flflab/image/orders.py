@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-BAND_ROWS = 176
+BAND_ROWS = 232
 MOST_PARTS = 32
 STEEP_PARTS = 8
 MOST_STEPS = 16384
