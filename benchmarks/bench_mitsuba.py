@@ -88,10 +88,8 @@ def main() -> None:
         tolerance, error, seconds = ours(distance, allowed)
         print(f"{name}: rms {allowed:g} allowed; render at tolerance {tolerance:g}: rms {error:.5f}, {seconds:.3f} s", flush=True)
         samples, slope, mitsuba_seconds = theirs(distance, allowed)
-        print(
-            print(f"  extrapolated with slope -{slope:.2f}: {samples:.0f} samples, {mitsuba_seconds:.0f} s")
-            print(f"  {mitsuba_seconds / seconds:,.0f} times the time of render")
-        )
+        print(f"  extrapolated with slope -{slope:.2f}: {samples:.0f} samples, {mitsuba_seconds:.0f} s")
+        print(f"  {mitsuba_seconds / seconds:,.0f} times the time of render", flush=True)
 
 
 if __name__ == "__main__":
