@@ -145,12 +145,12 @@ NAMES = (
     "turned array",
     "substrate",
     "scatter",
-    "card",
+    pytest.param("card", marks=pytest.mark.ci),
     "card through the axis",
     "card just in front",
     "card before infinity",
-    "tilted card",
-    "two cards",
+    pytest.param("tilted card", marks=pytest.mark.ci),
+    pytest.param("two cards", marks=pytest.mark.ci),
 )
 
 
