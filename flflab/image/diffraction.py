@@ -335,7 +335,7 @@ def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:
     Across a pixel share and radiance vary together: on a rim w pixels wide n parts leave up to 0.12 / (w n^2), found on bars.
     """
     width = max(2 * kind.slope, 1e-9)
-    parts = min(max(math.ceil(math.sqrt(0.3 / (width * tolerance))), math.ceil(STEEP / width), 1), MOST_PARTS)
+    parts = min(max(math.ceil(math.sqrt(0.25 / (width * tolerance))), math.ceil(STEEP / width), 1), MOST_PARTS)
     return parts, width * parts < STEEP
 
 
