@@ -1,0 +1,162 @@
+"""What a ray's neighbourhood sees: mean radiance of a target, share of a card, and both together where edges cross it.
+
+A neighbourhood is what a part of the pixel and a cell of the pupil cover on a surface: two boxes along each of the surface's axes.
+"""
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.profile import profile_mean, profile_table, step_mean
+from flflab.image.sampled import summed_value
+from flflab.optics.discs import disc_rectangle_area
+from flflab.targets import Bars, Edge, FourDot, Picture, Target
+
+Array = npt.NDArray[np.float64]
+
+PLAIN, DOTS, RULED, EDGE, PICTURE = range(5)
+
+
+def described(target: Target) -> tuple[int, Array, Array, Array, Array]:
+    """A target for the kernel: its kind, three numbers, the table and law of a profile, and the sums of a picture."""
+    numbers, table, law, sums = np.zeros(3), np.zeros((0, 8)), np.zeros(5), np.zeros((2, 2))
+    match target:
+        case FourDot():
+            numbers[:2] = target.diameter / 2, target.spacing / 2
+            return DOTS, numbers, table, law, sums
+        case Bars():
+            table, law = profile_table(target)
+            numbers[0] = target.height / 2
+            return RULED, numbers, table, law, sums
+        case Edge():
+            numbers[:2] = math.cos(target.angle), math.sin(target.angle)
+            return EDGE, numbers, table, law, sums
+        case Picture():
+            numbers[0] = target.texel
+            return PICTURE, numbers, table, law, np.pad(target.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        case _:
+            return PLAIN, numbers, table, law, sums
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def two_boxes(a: float, b: float, c: float, d: float) -> tuple[float, float]:
+    """Two boxes that smooth about as four (signed) do: the widest, and one as wide as the others' root of summed squares."""
+    widest = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
+    return widest, math.sqrt(max(0.0, a * a + b * b + c * c + d * d - widest * widest))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def card_share(x: float, y: float, surface: Array, box_x: tuple[float, float], box_y: tuple[float, float]) -> float:
+    """Share of a neighbourhood at (x, y) that lies on a card."""
+    half_x, half_y = surface[10], surface[11]
+    across = step_mean(x + half_x, box_x[0], box_x[1]) - step_mean(x - half_x, box_x[0], box_x[1])
+    return across * (step_mean(y + half_y, box_y[0], box_y[1]) - step_mean(y - half_y, box_y[0], box_y[1]))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _common_boxes(by: Array, target: Array, axis: int, part: float, width: float, height: float) -> tuple[float, float]:
+    """The two boxes that smooth a surface along an axis, pixel and pupil cell, the one that is wider on the target first.
+
+    The first holds half of the second, whose halves are looked at one by one. Negative where the surface runs against the target.
+    """
+    k = 2 * axis
+    pixel, cell = math.hypot(by[4 + k], by[5 + k]) * part, math.hypot(by[k] * width, by[k + 1] * height)
+    if by[4 + k] * target[4 + k] + by[5 + k] * target[5 + k] < 0.0:
+        pixel = -pixel
+    if by[k] * target[k] + by[k + 1] * target[k + 1] < 0.0:
+        cell = -cell
+    if math.hypot(target[4 + k], target[5 + k]) * part < math.hypot(target[k] * width, target[k + 1] * height):
+        pixel, cell = cell, pixel
+    return math.copysign(max(math.hypot(pixel, 0.5 * cell), 1e-300), pixel), cell
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def radiance_round(
+    x: float,
+    y: float,
+    box_x: tuple[float, float],
+    box_y: tuple[float, float],
+    kind: int,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
+) -> float:
+    """Mean radiance of a target in a neighbourhood at (x, y)."""
+    if kind == PLAIN:
+        return 1.0
+    if kind == RULED:
+        seen = step_mean(y + numbers[0], box_y[0], box_y[1]) - step_mean(y - numbers[0], box_y[0], box_y[1])
+        return seen * profile_mean(x, box_x[0], box_x[1], table, law) if seen > 0.0 else 0.0
+    if kind == EDGE:
+        cos, sin = numbers[0], numbers[1]
+        along = two_boxes(abs(cos) * box_x[0], abs(cos) * box_x[1], abs(sin) * box_y[0], abs(sin) * box_y[1])
+        return step_mean(x * cos + y * sin, along[0], along[1])
+    size = numbers[0]
+    width = max(math.sqrt(box_x[0] * box_x[0] + box_x[1] * box_x[1]), 1e-3 * size)
+    height = max(math.sqrt(box_y[0] * box_y[0] + box_y[1] * box_y[1]), 1e-3 * size)
+    if kind == DOTS:
+        x, y = abs(x) - numbers[1], abs(y) - numbers[1]
+        if abs(x) > size + width or abs(y) > size + height:
+            return 0.0
+        area = disc_rectangle_area(size, x - 0.5 * width, x + 0.5 * width, y - 0.5 * height, y + 0.5 * height)
+        return max(0.0, area) / (width * height)
+    left = (x - 0.5 * width) / size + 0.5 * (sums.shape[1] - 1)
+    bottom = (y - 0.5 * height) / size + 0.5 * (sums.shape[0] - 1)
+    right = left + width / size
+    top = bottom + height / size
+    total = summed_value(sums, right, top) - summed_value(sums, left, top) - summed_value(sums, right, bottom)
+    return max(0.0, total + summed_value(sums, left, bottom)) * size * size / (width * height)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def seen_jointly(
+    x: float,
+    y: float,
+    surfaces: Array,
+    maps: Array,
+    places: Array,
+    crossed: int,
+    parts: int,
+    width: float,
+    height: float,
+    kind: int,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
+) -> float:
+    """Mean of radiance times visibility in a neighbourhood that the edges of cards cross, all of them along its sides.
+
+    A place of the neighbourhood is (u, v), both from -1/2 to 1/2, the same for all surfaces. What a card leaves visible is all less
+    what it covers, so that the mean is a sum of means over rectangles, one for each choice among the cards.
+    """
+    part = 1.0 / parts
+    wide, slip_x = _common_boxes(maps[0], maps[0], 0, part, width, height)
+    high, slip_y = _common_boxes(maps[0], maps[0], 1, part, width, height)
+    total = 0.0
+    for choice in range(4 << crossed):
+        left, right, bottom, top, sign = -0.5, 0.5, -0.5, 0.5, 0.25
+        shift_x, shift_y = 0.25 - 0.5 * (choice & 1), 0.25 - 0.25 * (choice & 2)
+        for card in range(crossed):
+            index = int(places[card, 2])
+            own = surfaces[index, 12] > 0.0
+            if (choice >> (card + 2)) & 1 == 0:
+                sign = 0.0 if own else sign
+                continue
+            sign = sign if own else -sign
+            box, slip = _common_boxes(maps[index], maps[0], 0, part, width, height)
+            middle, reach = -(places[card, 0] + shift_x * slip) / box, surfaces[index, 10] / abs(box)
+            left, right = max(left, middle - reach), min(right, middle + reach)
+            box, slip = _common_boxes(maps[index], maps[0], 1, part, width, height)
+            middle, reach = -(places[card, 1] + shift_y * slip) / box, surfaces[index, 11] / abs(box)
+            bottom, top = max(bottom, middle - reach), min(top, middle + reach)
+        if sign == 0.0 or left >= right or bottom >= top:
+            continue
+        at_x = x + shift_x * slip_x + wide * 0.5 * (left + right)
+        at_y = y + shift_y * slip_y + high * 0.5 * (bottom + top)
+        seen_x, seen_y = (abs(wide) * (right - left), 0.0), (abs(high) * (top - bottom), 0.0)
+        total += sign * (right - left) * (top - bottom) * radiance_round(at_x, at_y, seen_x, seen_y, kind, numbers, table, law, sums)
+    return max(0.0, total)
