@@ -25,7 +25,7 @@ from flflab.targets import Bars
 
 FOCUS_DEPTH = 1 / (1 / 50 - 1 / 1000)  # mm behind the main lens; the array lies 3.6 mm further
 CYCLES, WIDTH = 1.0, 400.0  # of the bars, cycles/mm and mm
-TOLERANCES = (0.064, 0.032, 0.016, 0.008, 0.004, 0.002, 0.001)
+TOLERANCES = tuple(0.064 * 2 ** (-step / 2) for step in range(13))
 SAMPLES = (64, 256, 1024, 4096)
 
 
