@@ -13,7 +13,7 @@ Flags = npt.NDArray[np.bool_]
 
 BLOCKS = 12  # a side: of each block of the picture, its steepest pixel
 SPREAD = 160  # more pixels, evenly spread over those with light
-FINER = 4.0  # how much finer than asked for the reference is formed here
+FINER = 8.0  # how much finer than asked for the reference is formed here
 SAFETY = 4.0  # the largest difference anywhere is up to 2.7 times the largest one found in trials
 
 
