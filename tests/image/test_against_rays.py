@@ -33,6 +33,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "stray light and filters": {"stray_light": StrayLight(0.1), "colour_filter": ColourFilter("gbrg")},
     "drift and vibration": {"motion": Motion((0.1, 0.05), (0.0, 0.08))},
 }
+SLOWER = pytest.mark.ci
 Difference = Callable[..., float]
 
 
@@ -45,7 +46,7 @@ def name_of(part: object) -> str:
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=name_of)
-@pytest.mark.parametrize(("f_number", "distance"), [(4.0, FOCUS), (2.8, 490.0)])
+@pytest.mark.parametrize(("f_number", "distance"), [(4.0, FOCUS), pytest.param(2.8, 490.0, marks=SLOWER)])
 def test_every_target_is_imaged_as_rays_draw_it(
     with_f_number: Callable[[float], Camera],
     largest_difference: Difference,
@@ -74,7 +75,7 @@ def test_overlapping_micro_images(with_f_number: Callable[[float], Camera], larg
     assert largest_difference(one_plane(with_f_number(1.6), Bars(), 525.0), 4) < TOLERANCE
 
 
-@pytest.mark.parametrize("distance", [299.9, 320.0])
+@pytest.mark.parametrize("distance", [299.9, pytest.param(320.0, marks=SLOWER)])
 def test_a_galilean_camera(camera: Camera, largest_difference: Difference, distance: float) -> None:
     galilean = replace(camera, array=replace(camera.array, distance=55.0), sensor=replace(camera.sensor, distance=55.775))
     assert largest_difference(one_plane(galilean, Bars(), distance), 4) < TOLERANCE
@@ -97,17 +98,20 @@ def test_a_tilted_rolled_array_seen_off_the_axis_with_the_target_moved(camera: C
     assert largest_difference(one_plane(moved, Bars(), 495.0, (-15.0, -12.0)), 4) < TOLERANCE
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.parametrize(
+    "effect", ["fall-off", "scatter", *(pytest.param(name, marks=SLOWER) for name in list(EFFECTS) if name not in ("fall-off", "scatter"))]
+)
 def test_every_effect_of_the_light(camera: Camera, largest_difference: Difference, effect: str) -> None:
     scene = replace(one_plane(cropped(camera), Bars(), 500.0, (1.0, 0.0)), **EFFECTS[effect])
     assert largest_difference(scene, 4) < TOLERANCE
 
 
-@pytest.mark.parametrize("target", [FourDot(1.0, 2.0), Bars((0.5, 2.0)), Edge(0.3)], ids=name_of)
+@pytest.mark.parametrize("target", [*(pytest.param(target, marks=SLOWER) for target in (FourDot(1.0, 2.0), Bars((0.5, 2.0)))), Edge(0.3)])
 def test_a_target_rolled_and_tilted(camera: Camera, largest_difference: Difference, target: Target) -> None:
     assert largest_difference(Scene(cropped(camera), (Plane(target, FOCUS, (-0.5, -0.5), roll=0.4, tilt=(0.3, -0.2)),)), 4) < TOLERANCE
 
 
+@SLOWER
 def test_a_card_hides_what_stands_behind_it(camera: Camera, largest_difference: Difference) -> None:
     near = Plane(FourDot(1.0, 2.0), 480.0, (0.5, 0.0), roll=0.2, size=(4.0, 3.0))
     assert largest_difference(Scene(cropped(camera), (near, Plane(Edge(), 530.0))), 4) < TOLERANCE
@@ -151,6 +155,7 @@ def thrown(scene: Scene, place: tuple[float, float], rays: int) -> tuple[float, 
 
 
 @pytest.mark.parametrize("place", [(0, 30), (20, -20), (-20, -40)])
+@SLOWER
 def test_the_reference_is_what_single_rays_at_random_give(camera: Camera, place: tuple[int, int]) -> None:
     one = replace(camera, array=replace(camera.array, count=(1, 1)), sensor=replace(camera.sensor, resolution=(271, 231)))
     near = Plane(FourDot(1.0, 2.0), 480.0, (0.5, 0.3), tilt=(0.4, 0.0), size=(3.5, 3.0))
@@ -162,6 +167,7 @@ def test_the_reference_is_what_single_rays_at_random_give(camera: Camera, place:
     assert abs(traced - expected) < 4 * math.hypot(error, uncertainty)
 
 
+@SLOWER
 def test_the_references_uncertainty_is_honest(camera: Camera) -> None:
     pixels = np.stack([np.arange(60, 200, 12), np.full(12, 93)], axis=1)
     scene = one_plane(camera, FourDot(1.0, 1.2), 500.0)
