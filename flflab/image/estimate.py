@@ -13,7 +13,7 @@ Flags = npt.NDArray[np.bool_]
 
 BLOCKS = 12  # a side: of each block of the picture, its steepest pixel
 SPREAD = 160  # more pixels, evenly spread over those with light
-FINER = 8.0  # how much finer than asked for the reference is formed here
+FINER, FINER_WAVES = 8.0, 2.0  # how much finer the reference is formed here; waves cost so much that less must do
 SAFETY = 4.0  # the largest difference anywhere is up to 2.7 times the largest one found in trials
 
 
@@ -28,7 +28,7 @@ def estimate_error(scene: Scene, image: Array, tolerance: float, effects: frozen
     """
     if tolerance <= LEAST_TOLERANCE:
         return LEAST_TOLERANCE  # nothing finer is there to compare with
-    finer = max(tolerance / FINER, LEAST_TOLERANCE)
+    finer = max(tolerance / (FINER if scene.diffraction is None else FINER_WAVES), LEAST_TOLERANCE)
     wanted = telling_pixels(image)
     truth = render(replace(scene, stray_light=None, colour_filter=None), tolerance=finer, wanted=wanted)
     passed = np.ones(image.shape) if scene.colour_filter is None else transmissions(scene.colour_filter, image.shape)
