@@ -15,6 +15,7 @@ from flflab.cli.targets import read_target
 from flflab.errors import InputError
 from flflab.image.ground_truth import ground_truth
 from flflab.image.picture import Report, Told, take_picture
+from flflab.image.raw_picture import neutral
 from flflab.image.render import TOLERANCE
 from flflab.image.scene import Plane
 from flflab.image.scene_file import PicturedScene, read_scene, short_scene
@@ -32,6 +33,7 @@ def image(
     scene: Annotated[Path | None, typer.Option(help="scene file (YAML), instead of --target and --distance")] = None,
     distance: Annotated[str | None, typer.Option(help="main lens to target, with its unit, or infinity")] = None,
     target: Annotated[str, typer.Option(help="kind of target, or a YAML target file, or a picture file")] = "four-dot",
+    wavelength: Annotated[str | None, typer.Option(help="of the light, with its unit; without it light is rays, and nothing bends")] = None,
     effects: Annotated[str, typer.Option(help="auto, fast, reference, or a list of effects joined by commas")] = "auto",
     tolerance: Annotated[float, typer.Option(help="largest error asked for, as a share of white level")] = TOLERANCE,
     time_budget: Annotated[str | None, typer.Option(help="time with its unit: the best accuracy that fits, instead of --tolerance")] = None,
@@ -42,7 +44,9 @@ def image(
     """Form the picture of a scene and write it; columns rise with the world's x, rows with its y."""
     if (scene is None) == (distance is None) or (camera is None and scene is None):
         context.fail("give a camera and --distance, or --scene with a scene that names its camera or a camera beside it")
-    pictured = read_scene(scene, camera) if scene is not None else _short(camera or Path(), target, distance or "")
+    if scene is not None and wavelength is not None:
+        context.fail("--wavelength belongs to --target and --distance; a scene file has a field of that name")
+    pictured = read_scene(scene, camera) if scene is not None else _short(camera or Path(), target, distance or "", wavelength)
     report = take_picture(
         pictured.scene,
         tolerance=tolerance,
@@ -52,7 +56,11 @@ def image(
         electrons_at_white=pictured.electrons_at_white,
         budget=None if time_budget is None else parse_quantity(time_budget, "time"),
     )
-    write_picture(out, report.image)
+    mosaic = pictured.scene.colour_filter
+    if mosaic is None:
+        write_picture(out, report.image)
+    else:
+        write_picture(out, report.image, pattern=mosaic.pattern, neutral=neutral(mosaic))
     told = {"effects": [_keys(effect) for effect in report.effects], "error_estimate": report.error_estimate, "time_ms": report.time_ms}
     _write_truth(out.with_suffix(".json"), {**ground_truth(pictured.scene), **told})
     if json:
@@ -67,12 +75,13 @@ def image(
     console.print(f"{out}: error below {report.error_estimate:.2g} of white level, {report.time_ms:.0f} ms", highlight=False)
 
 
-def _short(camera: Path, target: str, distance: str) -> PicturedScene:
+def _short(camera: Path, target: str, distance: str, wavelength: str | None) -> PicturedScene:
     """One target on the axis, the short way."""
     away = parse_quantity(distance, "length")
     if not away > 0:
         raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm, or infinity")
-    return PicturedScene(short_scene(read_camera(camera), Plane(read_target(target), away)), SensorResponse(), None)
+    bent = None if wavelength is None else parse_quantity(wavelength, "length")
+    return PicturedScene(short_scene(read_camera(camera), Plane(read_target(target), away), bent), SensorResponse(), None)
 
 
 def _keys(effect: Told) -> dict[str, Any]:

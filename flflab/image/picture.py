@@ -122,7 +122,7 @@ def _read(image: Array, electrons: float, sensor: SensorResponse, noise: frozens
     response = replace(sensor, **kept)
     numbers = response.quantisation
     read = digitise if "quantisation" in noise else read_out
-    read_numbers = read(image, electrons, response, noise_key("picture", seed))
+    read_numbers = read(np.maximum(image, 0.0), electrons, response, noise_key("picture", seed))
     return (read_numbers.astype(np.float64) - numbers.offset_dn) / (numbers.dn_per_electron * electrons)
 
 

@@ -128,11 +128,11 @@ class SensorDescription(Description):
 
 
 class SceneDescription(Description):
-    """A scene file; ``wavelength: none`` is light without diffraction, ``camera`` a camera file relative to this one."""
+    """A scene file; without a ``wavelength`` light is rays and nothing bends, ``camera`` is a camera file relative to this one."""
 
     camera: Path | None = None
     planes: list[PlaneDescription]
-    wavelength: Annotated[float | None, BeforeValidator(_wavelength)] = Diffraction.wavelength
+    wavelength: Annotated[float | None, BeforeValidator(_wavelength)] = None
     falloff: bool = True
     distortion: float = 0.0
     scatter: ScatterDescription | None = None
@@ -175,9 +175,9 @@ def read_scene(file: Path, camera: Path | None = None) -> PicturedScene:
     return PicturedScene(scene, made["sensor"], told.sensor.white)
 
 
-def short_scene(camera: Camera, plane: Plane) -> Scene:
-    """The scene of one target and nothing out of order: light of 550 nm that bends, and falls off towards the border."""
-    return Scene(camera, (plane,), diffraction=Diffraction(), falloff=Falloff())
+def short_scene(camera: Camera, plane: Plane, wavelength: float | None = None) -> Scene:
+    """One target and nothing out of order: light falls off towards the border, and bends where it has a wavelength (mm)."""
+    return Scene(camera, (plane,), diffraction=None if wavelength is None else Diffraction(wavelength), falloff=Falloff())
 
 
 def _makers(told: SceneDescription) -> dict[str, Callable[[], object]]:

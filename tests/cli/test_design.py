@@ -26,6 +26,7 @@ def asked(root: Path, tmp_path: Path) -> Callable[..., Path]:
     return make
 
 
+@pytest.mark.ci
 def test_it_leaves_a_page_a_table_and_camera_files(asked: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     design(asked(maximise=["elr", "light"]), out, json=True)

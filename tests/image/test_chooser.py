@@ -25,7 +25,7 @@ LEAST = 1e-5
 @pytest.fixture(scope="module")
 def scene(camera: Camera) -> Scene:
     small = replace(camera, sensor=replace(camera.sensor, resolution=(96, 64)))
-    return short_scene(small, Plane(Edge(), 500.0))
+    return short_scene(small, Plane(Edge(), 500.0), 550e-6)
 
 
 def on(report: Report) -> set[str]:
