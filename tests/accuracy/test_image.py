@@ -22,6 +22,8 @@ from flflab.image.scene_file import read_scene
 from flflab.image.setup import make_setup
 from flflab.targets import Bars
 
+pytestmark = pytest.mark.ci
+
 SCENES = bench_scenes(RESOLUTION)
 
 

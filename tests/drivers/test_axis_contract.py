@@ -55,7 +55,7 @@ def served(root: Path, folder: Path, clock: float, *options: str, faults: tuple[
 
 def options() -> list[Any]:
     no_pty = pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals here")
-    return [pytest.param((), id="tcp"), pytest.param(("--pty",), id="pty", marks=no_pty)]
+    return [pytest.param((), id="tcp"), pytest.param(("--pty",), id="pty", marks=[no_pty, pytest.mark.ci])]
 
 
 @pytest.fixture(scope="module", params=options())

@@ -17,6 +17,8 @@ from flflab.image.setup import make_setup
 from flflab.optics.camera import Camera, MainLens, Sensor, pixel_positions
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 
+pytestmark = pytest.mark.ci
+
 Array = npt.NDArray[np.float64]
 Nodes = tuple[Array, Array]
 

@@ -17,6 +17,8 @@ from flflab.image.sensor_response import SensorResponse, digitise
 from flflab.optics.camera import Camera, MainLens, Sensor
 from flflab.targets import Bars, Black, Edge, FourDot, Target, White
 
+pytestmark = pytest.mark.ci
+
 FOCUS = 506.7016
 TOLERANCE = 0.002
 SLOWER = pytest.mark.ci

@@ -204,7 +204,10 @@ def three_discs_in_50_digits(discs: list[tuple[float, float, float]]) -> tuple[A
     return area, condition_sum
 
 
-@pytest.mark.parametrize("number", [20_000, pytest.param(1_000_000, marks=[pytest.mark.full, pytest.mark.timeout(7200)])])
+@pytest.mark.parametrize(
+    "number",
+    [4_000, pytest.param(20_000, marks=pytest.mark.ci), pytest.param(1_000_000, marks=[pytest.mark.full, pytest.mark.timeout(7200)])],
+)
 def test_three_discs_are_good_to_eight_units_of_their_condition(number: int) -> None:
     rng = np.random.Generator(np.random.Philox(key=9))
     worst = 0.0
