@@ -16,6 +16,8 @@ from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, Sensor, Substrate, microlens_centres, pixel_positions
 from flflab.targets import Bars, Black, Edge, FourDot, Picture, White
 
+pytestmark = pytest.mark.ci
+
 Array = npt.NDArray[np.float64]
 
 ALLOWED = 0.002 + 0.0012  # the tolerance, and the scatter of the rays
