@@ -7,7 +7,6 @@ geometric optics; ``transfer`` adds diffraction where it is given a wavelength.
 import numpy as np
 import numpy.typing as npt
 
-from flflab.optics.diffraction import pupil_transfer
 from flflab.optics.focus import blur, magnification, microlens_limits
 from flflab.optics.smms import Smms
 
@@ -78,5 +77,7 @@ def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: A
         half_angle = np.where(microlens_limits(smms, vergence), smms.aperture / (2 * smms.gap), by_lens)
         shift, waves = np.abs(on_sensor) * wavelength / half_angle, np.abs(on_sensor) * blur(smms, vergence) / 2
     passes = np.isfinite(shift) & np.isfinite(waves)  # an image without size holds no frequency
+    from flflab.optics.diffraction import pupil_transfer  # numba is loaded by those who ask for waves
+
     left = pupil_transfer(np.where(passes, shift, 2.0), np.where(passes, waves, 0.0)).real
     return np.sinc(np.where(passes, on_sensor, 0.0) * pixel) * left

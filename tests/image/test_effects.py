@@ -87,7 +87,7 @@ def test_a_turned_target_differs_by_no_more_than_its_bound(camera: Camera) -> No
     assert bound < 0.1
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.parametrize("seed", range(40))
 def test_no_effect_of_a_random_scene_changes_more_than_its_bound(seed: int) -> None:
     scene = random_scene(np.random.default_rng([seed, 4]), (64, 48))
