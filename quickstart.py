@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+SPREAD = ("-n", "auto", "--maxprocesses", "4", "--dist", "loadfile")  # a test file to a core
 USAGE = """usage: python quickstart.py validate  (or any other command of flflab, with its arguments)
        python quickstart.py tests  (with any arguments of pytest)"""
 
@@ -38,7 +39,7 @@ def main(words: list[str]) -> None:
     programs = environment()
     run(programs / "python", "-m", "pip", "install", "--disable-pip-version-check", f"{HERE}[test]" if tests else HERE)
     if tests:
-        run(programs / "pytest", "--rootdir", HERE, *words[1:])
+        run(programs / "pytest", "--rootdir", HERE, *SPREAD, *words[1:])
     else:
         run(programs / "flflab", *words)
 
