@@ -1,5 +1,6 @@
 """What every test gets: compiled kernels that match the sources, the published measurements, and a look at what was left running."""
 
+import contextlib
 import getpass
 import hashlib
 import multiprocessing
@@ -74,7 +75,10 @@ def root() -> Path:
 def _children() -> set[str]:
     """Process numbers of this process's children, ended ones included until they are waited for."""
     lists = Path("/proc/self/task").glob("*/children")  # Linux only; elsewhere what multiprocessing started
-    found = {child for file in lists for child in file.read_text().split()}
+    found: set[str] = set()
+    for file in lists:
+        with contextlib.suppress(OSError):  # of a thread that ended meanwhile
+            found |= set(file.read_text().split())
     return found | {str(child.pid) for child in multiprocessing.active_children()}
 
 
