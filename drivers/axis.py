@@ -185,6 +185,11 @@ class Axis:
         return self._commands.warnings()
 
     @property
+    def resolution(self) -> float:
+        """How near to where it is sent it comes to rest, mm or rad."""
+        return self._commands.resolution
+
+    @property
     def travel(self) -> tuple[float, float]:
         """The device's own limits, readings."""
         return self._commands.travel

@@ -69,13 +69,13 @@ def claim_folder(folder: Path) -> Path:
     return folder
 
 
-def keep_descriptions(folder: Path, bench: Bench, study_file: Path) -> None:
+def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> None:
     """Write bench.yaml, camera.yaml and study.yaml as used, and versions.json.
 
     Args:
         folder: the run's.
         bench: the bench as read; its copy names ``camera.yaml`` as its optics.
-        study_file: the study's YAML file.
+        study_file: the study's YAML file; None where a procedure has none.
 
     Raises:
         RecordError: the folder cannot be written.
@@ -88,7 +88,8 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path) -> None:
     try:
         (folder / "bench.yaml").write_text(copied, encoding="utf-8")
         shutil.copyfile(bench.file.parent / bench.description.optics, folder / "camera.yaml")
-        shutil.copyfile(study_file, folder / "study.yaml")
+        if study_file is not None:
+            shutil.copyfile(study_file, folder / "study.yaml")
         (folder / "versions.json").write_text(json.dumps(versions(), indent=1) + "\n", encoding="utf-8")
     except OSError as error:
         raise RecordError(f"{folder}: cannot be written ({error}); give a folder you may write in") from error

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from drivers.interlocks import gap_rule, order_moves
-from flflab.bench import AxisDescription, Bench, Element
+from flflab.bench import ANGLE, LENGTH, AxisDescription, Bench, Element, Turn
 from flflab.errors import InputError, InterlockError, LimitError
 from flflab.study import Configuration, Study
 
@@ -51,13 +51,17 @@ class ShowTarget:
 
 @dataclass(frozen=True)
 class Move:
-    """Axes go to readings in mm, one group after the other, those of a group at once."""
+    """Axes go to readings in mm, rad for those that turn, one group after the other, those of a group at once."""
 
     configuration: int
     groups: tuple[Mapping[str, float], ...]
+    turning: frozenset[str] = frozenset()
 
     def __str__(self) -> str:
-        places = ", then ".join(", ".join(f"{axis} to {mm:.4f} mm" for axis, mm in group.items()) for group in self.groups)
+        def show(axis: str, reading: float) -> str:
+            return f"{axis} to {(ANGLE if axis in self.turning else LENGTH).show(reading, '.4f')}"
+
+        places = ", then ".join(", ".join(show(*item) for item in group.items()) for group in self.groups)
         return f"configuration {self.configuration}: {places}"
 
 
@@ -148,7 +152,7 @@ def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]
         for target in (WHITE, study.dots.kind, study.bars.kind):
             steps.append(ShowTarget(target))
             for configuration in configurations:
-                move = _move(configuration, bench, now)
+                move = move_step(configuration, bench, now)
                 if move.groups:
                     steps.append(move)
                     now.update(item for together in move.groups for item in together.items())
@@ -205,12 +209,19 @@ def _frames(configuration: Configuration, target: str, frames: int) -> Iterator[
     yield from (Capture(configuration, target, repeat) for repeat in range(1 if target == WHITE else 0, frames))
 
 
-def _move(configuration: Configuration, bench: Bench, now: Readings) -> Move:
-    """The axes that have to move for a configuration, in an order in which the gap holds on the way."""
+def move_step(configuration: Configuration, bench: Bench, now: Readings) -> Move:
+    """The axes that have to move for a configuration from these readings, in an order in which the gap holds; errors as ``sweep_steps``."""
     worlds: dict[Element, float] = {
         "main_lens.z": 0.0, "array.z": configuration.array, "sensor.z": configuration.sensor, "target.z": -configuration.distance,
     }  # fmt: skip
     wanted: dict[str, float] = {}
+    for turn, angle in _angles(bench).items():
+        if (turning := bench.description.axis_of(turn)) is not None:
+            name, axis = turning
+            reading = axis.reading(angle)
+            _require_within(configuration, name, axis, reading)
+            if abs(reading - now[name]) > NOT_MOVED:
+                wanted[name] = reading
     for element, world in worlds.items():
         found = bench.description.axis_of(element)
         if found is None:
@@ -228,7 +239,14 @@ def _move(configuration: Configuration, bench: Bench, now: Readings) -> Move:
         order = order_moves(rule, {name: (mm, mm) for name, mm in now.items()}, bound)
     except InterlockError as error:
         raise InterlockError(f"configuration {configuration.index}: {error}") from error
-    return Move(configuration.index, tuple(group for group in (free, *({name: bound[name]} for name in order)) if group))
+    groups = tuple(group for group in (free, *({name: bound[name]} for name in order)) if group)
+    return Move(configuration.index, groups, frozenset(name for name in wanted if bench.description.axes[name].coordinate is ANGLE))
+
+
+def _angles(bench: Bench) -> dict[Turn, float]:
+    """How the array is to be turned, rad: as the camera file has it."""
+    array = bench.optics.array
+    return {"array.pitch": math.atan(array.tilt[1]), "array.yaw": math.atan(array.tilt[0]), "array.roll": array.roll}
 
 
 def standing(bench: Bench) -> dict[Element, float]:
@@ -251,6 +269,6 @@ def _require_within(configuration: Configuration, name: str, axis: AxisDescripti
     low, high = axis.limits
     if not low <= reading <= high:
         raise LimitError(
-            f"configuration {configuration.index}: {name} would have to go to {reading:.4f} mm, outside its limits, "
-            f"{low:g} mm to {high:g} mm; nothing moved, change the study or the bench"
+            f"configuration {configuration.index}: {name} would have to go to {axis.coordinate.show(reading, '.4f')}, outside its limits, "
+            f"{axis.coordinate.show(low, 'g')} to {axis.coordinate.show(high, 'g')}; nothing moved, change the study or the bench"
         )
