@@ -1,9 +1,12 @@
 """The door to the devices: what an axis, a camera, an iris and a target holder promise, whoever made them."""
 
 from drivers.axis import Axis, Guard
-from drivers.camera import CameraDevice, Detector, Frame
+from drivers.camera import Camera, CameraCommands, CameraDevice, Detector, Frame
 from drivers.commands import AxisCommands, SettingCommands
 from drivers.setting import Setting
 from drivers.status import Status, wait_all
 
-__all__ = ["Axis", "AxisCommands", "CameraDevice", "Detector", "Frame", "Guard", "Setting", "SettingCommands", "Status", "wait_all"]
+__all__ = [
+    "Axis", "AxisCommands", "Camera", "CameraCommands", "CameraDevice", "Detector", "Frame", "Guard", "Setting", "SettingCommands",
+    "Status", "wait_all",
+]  # fmt: skip

@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import Any, NamedTuple, TypeVar
 
 from drivers.axis import Axis
-from drivers.camera import CameraDevice, Detector
+from drivers.camera import Camera, CameraDevice, Detector
 from drivers.interlocks import check_motion, gap_rule, least_gap, order_moves, retreats
 from drivers.owner import Owner
 from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
@@ -268,7 +268,7 @@ class _Connection:
             commands = driver.open(name, device, keys, self._share)
             return Axis(name, commands, device.limits, device.speed, coordinate=device.coordinate, patience=driver.patience)
         opened = driver.open(device.address, keys, self._share)
-        return opened if drivers is CAMERAS else Setting[Any](name, opened, timeout=driver.timeout)
+        return Camera(name, opened) if drivers is CAMERAS else Setting[Any](name, opened, timeout=driver.timeout)
 
     def _share(self, address: str, opener: Callable[[], Opened], /) -> Opened:
         if address not in self._shared:

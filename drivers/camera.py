@@ -1,14 +1,19 @@
-"""What a camera promises: a frame with what it was taken with, and the facts of its noise."""
+"""What a camera promises: armed, triggered, one frame or one error for every exposure, and the facts of its noise."""
 
+import math
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 
 from drivers.status import Status
+from flflab.description import Description
+from flflab.errors import CommunicationError, DeviceError, LimitError
 
 
 @dataclass(frozen=True)
@@ -16,7 +21,8 @@ class Frame:
     """One picture as the sensor gave it.
 
     ``picture`` is [row, column] in DN: columns rise with world x, rows with world y. ``timestamp`` is the camera's own clock,
-    s since 1970. ``number`` rises by one with every exposure; ``dropped`` counts the frames lost since the camera was opened.
+    s since 1970. ``number`` rises by one with every exposure; ``dropped`` counts the exposures since the camera was opened that gave no
+    frame. ``pixel_format`` is a name of GenICam's Pixel Format Naming Convention: ``Mono12``, ``BayerRG12``.
     """
 
     picture: npt.NDArray[np.uint16]
@@ -25,17 +31,118 @@ class Frame:
     timestamp: float
     number: int
     dropped: int
+    pixel_format: str = "Mono16"
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a camera is set to, and what its numbers then mean; ``pixel_format`` is empty where only a frame tells."""
+
+    exposure_s: float
+    gain: float
+    pixel_format: str
+    full_scale: int
+    offset_dn: float
+    dn_per_electron: float
+    read_noise_dn: float
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A picture as a driver delivers it; see ``Frame``."""
+
+    picture: npt.NDArray[np.uint16]
+    exposure_s: float
+    gain: float
+    timestamp: float
+    pixel_format: str
+
+
+class CameraCommands(Protocol):
+    """One camera as its protocol has it; every method may raise CommunicationError, or DeviceError where the camera refuses."""
+
+    @property
+    def exposure_limits(self) -> tuple[float, float]:
+        """Shortest and longest exposure, s."""
+        ...
+
+    @property
+    def gain_limits(self) -> tuple[float, float]:
+        """Least and largest gain, as a factor."""
+        ...
+
+    @property
+    def setup(self) -> Setup:
+        """What it is set to now, as it said itself where it can be asked."""
+        ...
+
+    def prepare(self, exposure_s: float, gain: float) -> None:
+        """Set both, within the limits, and read back.
+
+        Raises:
+            LimitError: the camera offers only certain values, and this is none of them.
+            DeviceError: it did not become what was asked.
+        """
+        ...
+
+    def arm(self) -> None:
+        """Make ready, so that the next frame is the one triggered next; what came unasked since then is not taken for it."""
+        ...
+
+    def trigger(self) -> None:
+        """Start one exposure."""
+        ...
+
+    def fetch(self) -> Taken:
+        """Wait for the picture of the last trigger.
+
+        Raises:
+            CommunicationError: it came late, torn, not at all, or is not the one asked for.
+        """
+        ...
+
+    def reset(self) -> None:
+        """After a fault: give up what is under way, so that ``arm`` begins anew; raises nothing."""
+        ...
+
+    def identity(self) -> str:
+        """Maker, model, serial number and firmware as far as the camera tells."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the camera; raises nothing."""
+        ...
 
 
 class CameraDevice(Protocol):
-    """A camera. The facts in DN are those at the gain last prepared."""
+    """What a procedure asks of a camera. The facts in DN are those at the gain last prepared."""
 
     name: str
-    full_scale: int
-    dn_per_electron: float
-    read_noise_dn: float
-    offset_dn: float
-    exposure_limits: tuple[float, float]
+
+    @property
+    def full_scale(self) -> int:
+        """What a saturated pixel reads, DN."""
+        ...
+
+    @property
+    def dn_per_electron(self) -> float:
+        """DN that an electron makes."""
+        ...
+
+    @property
+    def read_noise_dn(self) -> float:
+        """Standard deviation of a pixel in the dark, DN."""
+        ...
+
+    @property
+    def offset_dn(self) -> float:
+        """Mean of a pixel in the dark, DN."""
+        ...
+
+    @property
+    def exposure_limits(self) -> tuple[float, float]:
+        """Shortest and longest exposure, s."""
+        ...
 
     def prepare(self, exposure_s: float, gain: float = 1.0) -> None:
         """Set exposure time in s and gain.
@@ -61,6 +168,180 @@ class CameraDevice(Protocol):
     def close(self) -> None:
         """Let go of the camera; raises nothing."""
         ...
+
+
+class Camera:
+    """A camera on the bench, whatever its protocol; satisfies ``CameraDevice``. One exposure at a time, from any thread.
+
+    Args:
+        name: the name on the bench.
+        commands: what speaks to it.
+    """
+
+    def __init__(self, name: str, commands: CameraCommands) -> None:
+        self.name = name
+        self._commands = commands
+        self._turn = threading.RLock()
+        self._number = self._dropped = 0
+        self._armed = self._exposing = False
+        self._shape: tuple[int, ...] | None = None
+
+    @property
+    def exposure_limits(self) -> tuple[float, float]:
+        """Shortest and longest exposure, s."""
+        return self._commands.exposure_limits
+
+    @property
+    def gain_limits(self) -> tuple[float, float]:
+        """Least and largest gain, as a factor."""
+        return self._commands.gain_limits
+
+    @property
+    def pixel_format(self) -> str:
+        """By GenICam's naming convention; empty where only a frame tells."""
+        return self._commands.setup.pixel_format
+
+    @property
+    def full_scale(self) -> int:
+        """What a saturated pixel reads, DN."""
+        return self._commands.setup.full_scale
+
+    @property
+    def dn_per_electron(self) -> float:
+        """DN that an electron makes, at the gain prepared."""
+        return self._commands.setup.dn_per_electron
+
+    @property
+    def read_noise_dn(self) -> float:
+        """Standard deviation of a pixel in the dark, DN."""
+        return self._commands.setup.read_noise_dn
+
+    @property
+    def offset_dn(self) -> float:
+        """Mean of a pixel in the dark, DN."""
+        return self._commands.setup.offset_dn
+
+    @property
+    def dropped(self) -> int:
+        """How many exposures since it was opened gave no frame; each was told as an error."""
+        return self._dropped
+
+    def prepare(self, exposure_s: float, gain: float = 1.0) -> None:
+        """Set exposure time in s and gain.
+
+        Raises:
+            LimitError: outside what the camera can do, or between what it offers; nothing is set.
+            DeviceError: it did not become what was asked, an exposure is under way, or the camera does not answer.
+        """
+        for what, value, (least, most), unit in (
+            ("exposure", exposure_s, self.exposure_limits, " s"),
+            ("gain", gain, self.gain_limits, ""),
+        ):
+            if not math.isfinite(value) or not least <= value <= most:
+                allowed = f"{least:g}{unit} to {most:g}{unit}" if least < most else f"{least:g}{unit} only"
+                raise LimitError(f"{self.name}: asked for {what} {value:g}{unit}; allowed is {allowed}")
+        with self._turn:
+            if self._exposing:
+                raise DeviceError(f"{self.name}: asked for exposure {exposure_s:g} s while a picture is under way; fetch that one first")
+            self._commands.prepare(float(exposure_s), float(gain))
+
+    def arm(self) -> None:
+        """Make ready for a trigger.
+
+        Raises:
+            DeviceError: an exposure is under way, something came unasked, or the camera does not answer.
+        """
+        with self._turn:
+            if self._exposing:
+                raise DeviceError(f"{self.name}: asked to arm while a picture is under way; fetch that one first")
+            self._guarded(self._commands.arm)
+            self._armed = True
+
+    def trigger(self) -> None:
+        """Start one exposure.
+
+        Raises:
+            DeviceError: it is not armed, or does not take the trigger; no frame is due then.
+        """
+        with self._turn:
+            if not self._armed:
+                raise DeviceError(f"{self.name}: asked to expose before it was armed; arm it first")
+            self._armed = False
+            self._guarded(self._commands.trigger)
+            self._number += 1
+            self._exposing = True
+
+    def fetch(self) -> Frame:
+        """Wait for the frame of the last trigger.
+
+        Raises:
+            DeviceError: nothing was triggered.
+            CommunicationError: the frame came late, torn, lost, or is not the one asked for; it counts as dropped.
+        """
+        with self._turn:
+            if not self._exposing:
+                raise DeviceError(f"{self.name}: asked for a frame with no exposure under way; arm and trigger first")
+            self._exposing = False
+            try:
+                taken = self._guarded(self._commands.fetch)
+                self._check(taken)
+            except BaseException:
+                self._dropped += 1
+                raise
+            return Frame(taken.picture, taken.exposure_s, taken.gain, taken.timestamp, self._number, self._dropped, taken.pixel_format)
+
+    def grab(self) -> Frame:
+        """Take one picture now: arm, trigger, fetch."""
+        with self._turn:
+            self.arm()
+            self.trigger()
+            return self.fetch()
+
+    def identity(self) -> str:
+        """Maker, model, serial number and firmware as far as the camera tells."""
+        with self._turn:
+            return self._commands.identity()
+
+    def close(self) -> None:
+        """Let go of the camera; raises nothing."""
+        self._commands.close()
+
+    def _guarded(self, command: Callable[[], Any]) -> Any:
+        try:
+            return command()
+        except BaseException:  # Ctrl-C too: nobody fetches what is under way then
+            self._commands.reset()
+            raise
+
+    def _check(self, taken: Taken) -> None:
+        """A picture of another size or beyond full scale means that somebody else has set the camera up.
+
+        Raises:
+            CommunicationError: it is such a one.
+        """
+        shape, most = taken.picture.shape, int(taken.picture.max(initial=0))
+        if self._shape not in (None, shape) or len(shape) != 2 or most > self.full_scale:
+            self._commands.reset()
+            before = self._shape and f"{self._shape[1]} x {self._shape[0]} pixels"
+            raise CommunicationError(
+                f"{self.name}: the frame has {' x '.join(map(str, reversed(shape)))} pixels up to {most} DN where "
+                f"{before or 'rows and columns'} up to {self.full_scale} DN are due; see who else sets the camera up, then take it again"
+            )
+        self._shape = shape
+
+
+class SensorKeys(Description):
+    """What a camera does not tell of its sensor, for the bench file; numbers at gain 1, from its data sheet or a photon transfer curve."""
+
+    black_level: Annotated[float, Field(ge=0)]
+    electrons_per_dn: Annotated[float, Field(gt=0)]
+    read_noise_electrons: Annotated[float, Field(ge=0)]
+
+    def setup(self, exposure_s: float, gain: float, pixel_format: str, full_scale: int) -> Setup:
+        """What a camera set so makes of light."""
+        per_electron = gain / self.electrons_per_dn
+        noise = self.read_noise_electrons * per_electron
+        return Setup(exposure_s, gain, pixel_format, full_scale, self.black_level, per_electron, noise)
 
 
 class Detector:

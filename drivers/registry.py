@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 from drivers import manual, oriental, scpi_settings, thorlabs, zaber
-from drivers.camera import CameraDevice
+from drivers.camera import CameraCommands
 from drivers.cameras import scpi
 from drivers.commands import AxisCommands, SettingCommands
 from flflab.bench import AxisDescription
@@ -46,7 +46,7 @@ class CameraDriver:
     """A driver of cameras: the model of its own keys and how a camera is opened."""
 
     keys: type[Description]
-    open: Callable[[str, Any, Share], CameraDevice]
+    open: Callable[[str, Any, Share], CameraCommands]
 
 
 AXES: Mapping[str, AxisDriver] = {

@@ -31,6 +31,9 @@ class ScpiLink:
         self._turn = threading.RLock()
         self._wire: Wire | None = None
 
+    def __str__(self) -> str:
+        return f"{self._name} at {self._address}"
+
     def query(self, *queries: str, timeout: float | None = None) -> list[str]:
         """The answers to queries asked in one line; errors kept from before are forgotten.
 
@@ -146,10 +149,10 @@ class ScpiLink:
 
     def _refuse_error(self, answer: str, asked: str) -> None:
         if fault := self._read_error(answer):
-            raise DeviceError(f"{self._name} at {self._address}: the instrument refuses {asked!r}: {fault}")
+            raise DeviceError(f"{self}: the instrument refuses {asked!r}: {fault}")
 
     def _says(self, queries: tuple[str, ...]) -> str:
-        return f"{self._name} at {self._address}: asked {'; '.join(queries)!r}"
+        return f"{self}: asked {'; '.join(queries)!r}"
 
 
 def on_link(link: ScpiLink, device: Callable[[ScpiLink], Device]) -> Device:

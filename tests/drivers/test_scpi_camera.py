@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bluesky import protocols
 
-from drivers.base import Detector
+from drivers.base import Camera, Detector
 from drivers.cameras.scpi import ScpiCamera
 from drivers.scpi_link import ScpiLink, on_link, split
 from drivers.scpi_settings import ScpiIris, ScpiTarget
@@ -21,7 +21,7 @@ BEGIN: list[tuple[bytes, object]] = [
         b"*CLS;SENS:FULL?;SENS:OFFS?;SENS:READ?;EXP? MIN;EXP? MAX;GAIN? MIN;GAIN? MAX;SYST:ERR?\n",
         b"4095;64;0.05;1e-05;10;1;16;" + NONE,
     ),
-    (b"*CLS;SENS:SIZE?;SYST:ERR?\n", b"3,2;" + NONE),
+    (b"*CLS;SENS:SIZE?;FORM?;SYST:ERR?\n", b'3,2;"MONO12";' + NONE),
     (b"*CLS;EXP?;GAIN?;SENS:CONV?;SENS:NOIS?;SYST:ERR?\n", b"0.01;1;4;3;" + NONE),
 ]
 PIXELS = np.array([[0, 1, 2], [256, 4094, 4095]], dtype=np.uint16)
@@ -34,8 +34,8 @@ def frame(number: int = 1, dropped: int = 0, exposure: str = "0.01", size: str =
     return f"{number},1700000000.25,{exposure},1,{size},{dropped},{head}".encode() + BLOCK + end
 
 
-def camera_at(address: str) -> ScpiCamera:
-    return on_link(ScpiLink("camera", address, timeout=0.3), lambda link: ScpiCamera("camera", link, slack=0.3))
+def camera_at(address: str) -> Camera:
+    return Camera("camera", on_link(ScpiLink("camera", address, timeout=0.3), lambda link: ScpiCamera(link, slack=0.3)))
 
 
 def test_a_frame_arrives_bit_by_bit_with_what_it_was_taken_with(dialogue: Play) -> None:
@@ -44,6 +44,7 @@ def test_a_frame_arrives_bit_by_bit_with_what_it_was_taken_with(dialogue: Play) 
     assert taken.picture.dtype == np.uint16
     assert np.array_equal(taken.picture, PIXELS)
     assert (taken.number, taken.dropped, taken.exposure_s, taken.gain, taken.timestamp) == (1, 0, 0.01, 1.0, 1700000000.25)
+    assert taken.pixel_format == camera.pixel_format == "Mono12"
     assert (camera.full_scale, camera.offset_dn, camera.dn_per_electron, camera.read_noise_dn) == (4095, 64.0, 0.25, 0.75)
     camera.close()
 
@@ -85,7 +86,7 @@ FAULTS: dict[str, tuple[object, str]] = {
     "an indefinite block": (frame(head="#0"), "not one of at most 12 bytes"),
     "a length that is not a number": (frame(head="#2x2"), "not one of at most 12 bytes"),
     "a field too few": (frame().replace(b"1,1700000000.25,", b"1,"), "where 7 fields are due"),
-    "a field that is no number": (frame().replace(b"0.01", b"oops"), "where seven numbers are due"),
+    "a field that is no number": (frame().replace(b"0.01", b"oops"), "seven numbers are due"),
     "a frame lost before it": (frame(number=2, dropped=1), "frame number 2 instead of 1, dropped frames 1 instead of 0"),
     "the frame before once more": (frame(number=0), "frame number 0 instead of 1"),
     "another exposure": (frame(exposure="0.02"), "exposure 0.02 instead of 0.01"),
@@ -100,7 +101,9 @@ def test_a_frame_that_is_not_the_one_asked_for_is_an_error_and_the_next_one_is_g
     camera = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", came), *anew]))
     with pytest.raises(CommunicationError, match=says):
         camera.grab()
-    assert np.array_equal(camera.grab().picture, PIXELS)
+    taken = camera.grab()
+    assert np.array_equal(taken.picture, PIXELS)
+    assert (taken.number, taken.dropped) == (2, 1)
     camera.close()
 
 
@@ -113,7 +116,7 @@ def test_a_frame_the_camera_lost_is_an_error_with_the_cameras_reason(dialogue: P
 
 
 def test_a_large_frame_that_comes_in_pieces_is_whole(dialogue: Play) -> None:
-    block = np.arange(1200 * 900, dtype="<u2").tobytes()
+    block = (np.arange(1200 * 900) % 4096).astype("<u2").tobytes()
     size = [(question, answer.replace(b"3,2;", b"1200,900;") if isinstance(answer, bytes) else answer) for question, answer in BEGIN]
     answer = b"1,1700000000.25,0.01,1,1200,900,0,#72160000" + block + b"\n"
     camera = camera_at(dialogue([*size, *INIT, (b"FETC?\n", answer)]))
