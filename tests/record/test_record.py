@@ -77,8 +77,9 @@ def test_what_was_recorded_is_read_back(tmp_path: Path) -> None:
 
 def test_a_run_being_written_can_be_read(tmp_path: Path) -> None:
     recording = write_two(tmp_path)
+    program = "import sys; from pathlib import Path; from flflab.record import read_run; print(len(read_run(Path(sys.argv[1])).frames))"
     finished = subprocess.run(
-        [sys.executable, "-c", "import sys; from flflab.record import *; print(len(read_run(Path(sys.argv[1])).frames))", str(tmp_path)],
+        [sys.executable, "-c", program, str(tmp_path)],
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     recording.close()

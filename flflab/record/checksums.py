@@ -1,0 +1,55 @@
+"""SHA-256 of every frame, kept in its event, and of the folder's files, kept in ``SHA256SUMS`` as ``sha256sum -c`` reads it."""
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.errors import RecordError
+
+SUMS = "SHA256SUMS"
+
+
+def checksum(picture: npt.NDArray[np.uint16]) -> str:
+    """SHA-256 of a picture's pixels, row by row, 16 bits little-endian, as 64 hexadecimal digits."""
+    pixels: Any = np.ascontiguousarray(picture, dtype="<u2")
+    return hashlib.sha256(pixels).hexdigest()
+
+
+def write_sums(folder: Path, names: Iterable[str]) -> None:
+    """Write the sums of those files that are there.
+
+    Raises:
+        RecordError: the folder cannot be written.
+    """
+    lines = [f"{_of_file(folder / name)}  {name}\n" for name in names if (folder / name).is_file()]
+    try:
+        (folder / SUMS).write_text("".join(lines), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise RecordError(f"{folder / SUMS}: cannot be written ({error}); make room and start again") from error
+
+
+def verify_sums(folder: Path) -> None:
+    """Compare the files of a folder with their sums; nothing where there are none, as in a run that never ended.
+
+    Raises:
+        RecordError: a file is not what was recorded, or is missing; it is named.
+    """
+    file = folder / SUMS
+    if not file.is_file():
+        return
+    for line in file.read_text(encoding="utf-8").splitlines():
+        digest, _, name = line.partition("  ")
+        if not (folder / name).is_file() or _of_file(folder / name) != digest:
+            raise RecordError(
+                f"{folder / name}: not as it was when the run ended (its SHA-256 is not the one in {SUMS}); take it from a copy, "
+                f"or delete {SUMS} where the change is meant"
+            )
+
+
+def _of_file(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

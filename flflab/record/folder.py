@@ -1,0 +1,105 @@
+"""A run's folder: made once, never overwritten, with the descriptions as used and what ran."""
+
+import json
+import platform
+import re
+import shutil
+import subprocess
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import yaml
+
+from flflab.bench import Bench
+from flflab.description import read_yaml
+from flflab.errors import RecordError
+
+DOCUMENTS, FRAMES, DATASET = "documents.jsonl", "frames.h5", "frames"
+PACKAGES = ("flflab", "bluesky", "event-model", "h5py", "numba", "numpy", "opencv-contrib-python-headless", "pydantic", "pyserial", "scipy")
+
+
+def new_folder(study: str, parent: Path = Path("runs")) -> Path:
+    """Make ``runs/<UTC>-<study>``, a folder that did not exist before.
+
+    Raises:
+        RecordError: it cannot be made.
+    """
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    for again in ("", *(f"-{count}" for count in range(2, 100))):
+        folder = parent / f"{stamp}-{study}{again}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise RecordError(f"{folder}: cannot be made ({error}); give a folder you may write in") from error
+        return folder
+    raise RecordError(f"{parent}: a hundred runs of {study} began in this second; wait a second")
+
+
+def claim_folder(folder: Path) -> Path:
+    """Make a folder for one run, or take one that holds no run yet.
+
+    Raises:
+        RecordError: it holds a run already, or cannot be made.
+    """
+    held = [name for name in (DOCUMENTS, FRAMES) if (folder / name).exists()]
+    if held:
+        raise RecordError(f"{folder}: holds a run already ({', '.join(held)}) and runs are never overwritten; give another folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordError(f"{folder}: cannot be made ({error}); give a folder you may write in") from error
+    return folder
+
+
+def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> None:
+    """Write bench.yaml, camera.yaml and study.yaml as used, and versions.json.
+
+    Args:
+        folder: the run's.
+        bench: the bench as read; its copy names ``camera.yaml`` as its optics.
+        study_file: the study's YAML file; None where a procedure has none.
+
+    Raises:
+        RecordError: the folder cannot be written.
+    """
+    text = bench.file.read_text(encoding="utf-8")
+    copied, found = re.subn(r"(?m)^optics:.*$", "optics: camera.yaml", text)
+    if found != 1:  # written in another style: without the comments, but right
+        data, _ = read_yaml(bench.file)
+        copied = yaml.safe_dump(data | {"optics": "camera.yaml"}, sort_keys=False, allow_unicode=True)
+    try:
+        (folder / "bench.yaml").write_text(copied, encoding="utf-8")
+        shutil.copyfile(bench.file.parent / bench.description.optics, folder / "camera.yaml")
+        if study_file is not None:
+            shutil.copyfile(study_file, folder / "study.yaml")
+        (folder / "versions.json").write_text(json.dumps(versions(), indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RecordError(f"{folder}: cannot be written ({error}); give a folder you may write in") from error
+
+
+def versions() -> dict[str, str]:
+    """What ran: Python, platform, the packages that matter, and of a checkout of flflab its commit; absent ones are left out."""
+    found = {"python": sys.version.split()[0], "platform": platform.platform()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found | git_state(Path(__file__).parents[2])
+
+
+def git_state(checkout: Path) -> dict[str, str]:
+    """``git``: the commit of a checkout, and whether its files are changed since; empty where it is none or there is no git."""
+    program = shutil.which("git")
+    if program is None or not (checkout / ".git").exists():
+        return {}
+    asked = ("rev-parse", "HEAD"), ("status", "--porcelain", "--untracked-files=no")
+    said = [subprocess.run([program, "-C", str(checkout), *words], capture_output=True, text=True, check=False) for words in asked]
+    if any(one.returncode for one in said):
+        return {}
+    commit, changed = (one.stdout.strip() for one in said)
+    return {"git": f"{commit}, with changed files" if changed else commit}

@@ -1,0 +1,223 @@
+"""Reads a run back, finished or not, with json and h5py alone; every frame is checked against the sum recorded with it."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast, get_args
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from flflab.bench import ANGLE, LENGTH, Element
+from flflab.errors import RecordError
+from flflab.record.checksums import checksum, verify_sums
+from flflab.record.folder import DATASET, DOCUMENTS, FRAMES
+
+ELEMENTS: tuple[Element, ...] = get_args(Element)
+ACCURACY = "mtf_standard_uncertainty"  # the column that tells an event of accuracy from one of a frame
+Picture = npt.NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One recorded frame and the bench when it was taken.
+
+    Attributes:
+        key: the point's, each once in a run: ``c3/bars/0`` is the first bars frame of configuration 3, ``dark/0.01s/0`` a dark one.
+        configuration: index of the study's configuration; None for a dark frame.
+        target: name of the target in place.
+        repeat: counts the frames of one target in one configuration.
+        f_number: by the iris's reading.
+        readings: of all axes, mm or rad.
+        worlds: world z in mm of main lens, array, sensor and target, by those readings.
+        exposure_s: as the camera says.
+        gain: factor.
+        saturated: number of pixels at full scale.
+        number: the camera's own count of exposures.
+        index: place in frames.h5.
+        time: s since 1970, this computer's clock.
+        sha256: of its pixels (see ``checksum``); empty in records without.
+    """
+
+    key: str
+    configuration: int | None
+    target: str
+    repeat: int
+    f_number: float
+    readings: dict[str, float]
+    worlds: dict[Element, float]
+    exposure_s: float
+    gain: float
+    saturated: int
+    number: int
+    index: int
+    time: float
+    sha256: str = ""
+
+    @property
+    def distance(self) -> float:
+        """Main lens to target, mm, positive in front."""
+        return self.worlds["main_lens.z"] - self.worlds["target.z"]
+
+    @property
+    def array(self) -> float:
+        """Main lens to array, mm."""
+        return self.worlds["array.z"] - self.worlds["main_lens.z"]
+
+    @property
+    def sensor(self) -> float:
+        """Main lens to sensor, mm."""
+        return self.worlds["sensor.z"] - self.worlds["main_lens.z"]
+
+
+@dataclass(frozen=True)
+class AccuracyRecord:
+    """What the frames of a point gave so far, where a study asks for an accuracy.
+
+    Attributes:
+        configuration: index of the study's configuration.
+        frames: how many frames of the bars there were.
+        mtf_standard_uncertainty: of the MTF measured in their mean, the largest over its frequencies.
+        enough: whether that is what the study asks for.
+        time: s since 1970, this computer's clock.
+    """
+
+    configuration: int
+    frames: int
+    mtf_standard_uncertainty: float
+    enough: bool
+    time: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run as recorded, in one go or in several.
+
+    Attributes:
+        folder: where it lies.
+        start: its first start document.
+        frames: in the order taken.
+        stop: its last stop document; None where it never ended.
+        resumed: the start documents of its later parts.
+        accuracy: how the uncertainty fell with the frames taken.
+    """
+
+    folder: Path
+    start: Mapping[str, Any]
+    frames: tuple[FrameRecord, ...]
+    stop: Mapping[str, Any] | None
+    resumed: tuple[Mapping[str, Any], ...] = ()
+    accuracy: tuple[AccuracyRecord, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether it was taken to its end."""
+        return self.stop is not None and self.stop["exit_status"] == "success"
+
+    @property
+    def sensor_noise(self) -> dict[str, float]:
+        """What the camera said of its noise at gain 1: dn_per_electron, read_noise_dn, offset_dn, full_scale_dn."""
+        return dict(self.start["sensor_noise"])
+
+    def dark(self, exposure_s: float) -> FrameRecord | None:
+        """The first dark frame of an exposure."""
+        return next((frame for frame in self.frames if frame.configuration is None and frame.exposure_s == exposure_s), None)
+
+    def picture(self, record: FrameRecord) -> Picture:
+        """The picture of a frame, shape (rows, columns), DN.
+
+        Raises:
+            RecordError: frames.h5 is missing, does not hold it, or holds other pixels than were recorded.
+        """
+        try:
+            with h5py.File(self.folder / FRAMES, "r") as file:
+                picture = np.asarray(cast(Any, file[DATASET])[record.index], dtype=np.uint16)
+        except (OSError, KeyError, ValueError, IndexError) as error:
+            raise RecordError(f"{self.folder / FRAMES}: frame {record.key} cannot be read ({error})") from error
+        if record.sha256 and checksum(picture) != record.sha256:
+            raise RecordError(
+                f"{self.folder / FRAMES}: frame {record.key} (number {record.index} of the file) is not as it was recorded: its SHA-256 "
+                "is another; take the file from a copy, see to the disk"
+            )
+        return picture
+
+
+def read_documents(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The documents of a run in their order; a last line that a crash cut short is left out.
+
+    Raises:
+        RecordError: there are none, or a line before the last is no document.
+    """
+    file = folder / DOCUMENTS
+    try:
+        lines = file.read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError as error:
+        raise RecordError(f"{file}: cannot be read ({error}); give the folder of a run") from error
+    for number, line in enumerate(lines[:-1], start=1):  # what stands after the last line end is empty or cut short
+        try:
+            pair = json.loads(line)
+            yield pair["name"], pair["doc"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise RecordError(f"{file}:{number}: not a document ({error}); the file was changed after it was written") from error
+
+
+def read_run(folder: Path) -> Run:
+    """Read a run back, finished or not.
+
+    Raises:
+        RecordError: the folder holds no run, or one that was changed after it was written.
+    """
+    folder = Path(folder)
+    starts: list[dict[str, Any]] = []
+    stop: dict[str, Any] | None = None
+    frames: dict[str, FrameRecord] = {}
+    accuracy: list[AccuracyRecord] = []
+    place = -1
+    for name, doc in read_documents(folder):
+        try:
+            if name == "start":
+                starts.append(doc)
+                stop = None
+            elif name == "stop":
+                stop = doc
+            elif name == "stream_datum":
+                place = int(doc["indices"]["start"])
+            elif name == "event" and ACCURACY in doc["data"]:
+                accuracy.append(_accuracy_of(doc["data"], doc["time"]))
+            elif name == "event" and "point" in doc["data"]:
+                frame = _frame_of(doc["data"], doc["time"], place, starts[0].get("axes", ()) if starts else ())
+                frames[frame.key] = frame
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordError(f"{folder / DOCUMENTS}: a {name} document lacks {error}; it is not a run of flflab") from error
+    if not starts:
+        raise RecordError(f"{folder / DOCUMENTS}: holds no start of a run")
+    verify_sums(folder)
+    return Run(folder, starts[0], tuple(frames.values()), stop, tuple(starts[1:]), tuple(accuracy))
+
+
+def world_key(element: Element) -> str:
+    """The column of an element's world z: ``world_array_z_mm``."""
+    return f"world_{element.replace('.', '_')}_mm"
+
+
+def _reading(data: Mapping[str, Any], axis: str) -> float:
+    """An axis's reading: a column in rad where it turns, else one in mm."""
+    return float(data[column if (column := ANGLE.column(axis)) in data else LENGTH.column(axis)])
+
+
+def _frame_of(data: Mapping[str, Any], time: float, place: int, axes: Iterable[str]) -> FrameRecord:
+    configuration = int(data["configuration"])
+    return FrameRecord(
+        key=data["point"], configuration=None if configuration < 0 else configuration, target=data["target"], repeat=int(data["repeat"]),
+        f_number=float(data["iris"]), readings={axis: _reading(data, axis) for axis in axes},
+        worlds={element: float(data[world_key(element)]) for element in ELEMENTS}, exposure_s=float(data["exposure_s"]),
+        gain=float(data["gain"]), saturated=int(data["saturated"]), number=int(data["number"]), index=place, time=time,
+        sha256=data.get("sha256", ""),
+    )  # fmt: skip
+
+
+def _accuracy_of(data: Mapping[str, Any], time: float) -> AccuracyRecord:
+    enough = bool(data["enough"])
+    return AccuracyRecord(int(data["accuracy_of"]), int(data["frames"]), float(data[ACCURACY]), enough, time)

@@ -1,0 +1,154 @@
+"""A record that is gone on with after a cut, whose every byte is watched, and that is packed when it is done."""
+
+import hashlib
+import json
+import subprocess
+from pathlib import Path
+from typing import Any, cast
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from flflab.errors import RecordError
+from flflab.record import ContinuedRecording, Recording, checksum, pack, read_documents, read_run, versions
+from flflab.record.folder import git_state
+
+SHAPE = (40, 60)
+ROOM = 9
+
+
+def picture(number: int) -> npt.NDArray[np.uint16]:
+    return np.random.default_rng(number).poisson(100, SHAPE).astype(np.uint16)
+
+
+def add(recording: Recording, number: int) -> None:
+    place = recording.frame(picture(number))
+    recording.document("stream_datum", {"indices": {"start": place, "stop": place + 1}})
+    worlds = {f"world_{element}_z_mm": 0.0 for element in ("main_lens", "array", "sensor", "target")}
+    data = {
+        "point": f"c0/bars/{number}", "configuration": 0, "target": "bars", "repeat": number, "iris": 4.0, "exposure_s": 0.01, "gain": 1.0,
+        "saturated": 0, "number": number, "sha256": checksum(picture(number)), **worlds,
+    }  # fmt: skip
+    recording.document("event", {"time": float(number), "data": data})
+
+
+@pytest.fixture
+def cut(tmp_path: Path) -> Path:
+    """A record cut in the middle of writing the event of its third frame."""
+    recording = Recording(tmp_path, ROOM, SHAPE)
+    recording.document("start", {"uid": "first", "axes": []})
+    for number in range(3):
+        add(recording, number)
+    recording.close()
+    file = tmp_path / "documents.jsonl"
+    file.write_bytes(file.read_bytes()[:-7])
+    return tmp_path
+
+
+@pytest.fixture
+def whole(cut: Path) -> Path:
+    """The same record gone on with to its end."""
+    recording = ContinuedRecording(cut)
+    recording.document("start", {"uid": "second", "resumes": "first"})
+    for number in (2, 3):
+        add(recording, number)
+    recording.document("stop", {"exit_status": "success"})
+    recording.close()
+    return cut
+
+
+def test_a_record_that_was_cut_is_gone_on_with_and_has_each_point_once(whole: Path) -> None:
+    run = read_run(whole)
+    assert [frame.key for frame in run.frames] == [f"c0/bars/{number}" for number in range(4)]
+    assert (run.start["uid"], [start["resumes"] for start in run.resumed], run.complete) == ("first", ["first"], True)
+    assert [frame.index for frame in run.frames] == [0, 1, 2, 3]  # the frame without an event was written over
+    for number, frame in enumerate(run.frames):
+        np.testing.assert_array_equal(run.picture(frame), picture(number))
+    assert all(json.loads(line) for line in (whole / "documents.jsonl").read_text().splitlines())
+
+
+def test_a_part_that_has_not_ended_makes_the_run_unfinished_again(whole: Path) -> None:
+    recording = ContinuedRecording(whole)
+    recording.document("start", {"uid": "third", "resumes": "second"})
+    recording.close()
+    assert not read_run(whole).complete
+
+
+def test_a_flipped_byte_in_a_frame_is_named_when_the_frame_is_read(whole: Path) -> None:
+    with h5py.File(whole / "frames.h5") as file:
+        offset = cast(h5py.Dataset, file["frames"]).id.get_offset()
+    content = bytearray((whole / "frames.h5").read_bytes())
+    content[offset + 2 * (SHAPE[0] * SHAPE[1] * 2) + 17] ^= 0x04
+    (whole / "frames.h5").write_bytes(content)
+    run = read_run(whole)
+    for frame in run.frames[:2]:
+        run.picture(frame)
+    with pytest.raises(RecordError, match=r"frames\.h5: frame c0/bars/2 \(number 2 of the file\) is not as it was recorded"):
+        run.picture(run.frames[2])
+
+
+def test_a_changed_document_or_description_is_named(whole: Path) -> None:
+    file = whole / "documents.jsonl"
+    content = file.read_bytes()
+    file.write_bytes(content.replace(b'"iris": 4.0', b'"iris": 5.0', 1))
+    with pytest.raises(RecordError, match=r"documents\.jsonl: not as it was when the run ended"):
+        read_run(whole)
+    file.write_bytes(content)
+    assert len(read_run(whole).frames) == 4
+
+
+def test_the_sums_are_those_that_other_programs_compute(whole: Path) -> None:
+    lines = (whole / "SHA256SUMS").read_text().splitlines()
+    assert lines == [f"{hashlib.sha256((whole / 'documents.jsonl').read_bytes()).hexdigest()}  documents.jsonl"]
+    events = [doc["data"] for name, doc in read_documents(whole) if name == "event"]
+    with h5py.File(whole / "frames.h5") as file:
+        dataset = cast(Any, file["frames"])
+        for place, event in enumerate(events):
+            assert hashlib.sha256(dataset[place].astype("<u2").tobytes()).hexdigest() == event["sha256"]
+
+
+def test_a_packed_run_is_smaller_and_the_same_to_plain_h5py(whole: Path) -> None:
+    before = (whole / "frames.h5").stat().st_size
+    pack(read_run(whole))
+    assert (whole / "frames.h5").stat().st_size < 0.5 * before * 4 / ROOM + 5000
+    with h5py.File(whole / "frames.h5") as file:
+        dataset = cast(Any, file["frames"])
+        assert (dataset.shape, dataset.dtype, dataset.compression, dataset.shuffle) == ((4, *SHAPE), np.dtype("<u2"), "gzip", True)
+        for number in range(4):
+            np.testing.assert_array_equal(dataset[number], picture(number))
+    content = (whole / "frames.h5").read_bytes()
+    pack(read_run(whole))
+    assert (whole / "frames.h5").read_bytes() == content
+    assert not (whole / "frames.h5.packed").exists()
+
+
+def test_a_run_that_has_not_ended_is_not_packed_since_it_may_be_gone_on_with(cut: Path) -> None:
+    content = (cut / "frames.h5").read_bytes()
+    pack(read_run(cut))
+    assert (cut / "frames.h5").read_bytes() == content
+
+
+def test_where_packing_fails_the_raw_frames_are_left(whole: Path) -> None:
+    content = bytearray((whole / "frames.h5").read_bytes())
+    place = bytes(content).find(picture(1).tobytes())
+    content[place] ^= 1
+    (whole / "frames.h5").write_bytes(content)
+    with pytest.raises(RecordError, match=r"cannot be packed \(.*frame c0/bars/1 .* is not as it was recorded"):
+        pack(read_run(whole))
+    assert (whole / "frames.h5").read_bytes() == bytes(content)
+    assert not (whole / "frames.h5.packed").exists()
+
+
+def test_the_commit_that_ran_is_recorded_and_whether_files_were_changed(tmp_path: Path, root: Path) -> None:
+    assert git_state(tmp_path) == {}
+    commands = ("init -q", "config user.name a", "config user.email a@b.c", "add x", "commit -q -m one")
+    (tmp_path / "x").write_text("1")
+    for words in commands:
+        subprocess.run(["git", "-C", str(tmp_path), *words.split()], check=True)
+    commit = git_state(tmp_path)["git"]
+    assert len(commit) == 40
+    (tmp_path / "x").write_text("2")
+    assert git_state(tmp_path)["git"] == f"{commit}, with changed files"
+    assert ("git" in versions()) == (root / ".git").exists()
