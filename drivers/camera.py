@@ -15,6 +15,12 @@ from drivers.status import Status
 from flflab.description import Description
 from flflab.errors import CommunicationError, DeviceError, LimitError
 
+LOOK_S = 0.005
+
+
+def nothing() -> None:
+    """Nobody waits for the end of an exposure."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -93,6 +99,10 @@ class CameraCommands(Protocol):
         """Start one exposure."""
         ...
 
+    def exposing(self) -> bool | None:
+        """Whether the light of the last trigger is still being collected; None where only its picture can tell."""
+        ...
+
     def fetch(self) -> Taken:
         """Wait for the picture of the last trigger.
 
@@ -153,8 +163,8 @@ class CameraDevice(Protocol):
         """
         ...
 
-    def grab(self) -> Frame:
-        """Take one picture now.
+    def grab(self, exposed: Callable[[], None] = nothing) -> Frame:
+        """Take one picture now; ``exposed`` is called as soon as its light is in, if that is known before it is there.
 
         Raises:
             CommunicationError: the frame came late, torn, lost or out of turn.
@@ -290,11 +300,16 @@ class Camera:
                 raise
             return Frame(taken.picture, taken.exposure_s, taken.gain, taken.timestamp, self._number, self._dropped, taken.pixel_format)
 
-    def grab(self) -> Frame:
-        """Take one picture now: arm, trigger, fetch."""
+    def grab(self, exposed: Callable[[], None] = nothing) -> Frame:
+        """Take one picture now: arm, trigger, fetch; ``exposed`` is called once its light is in, where the camera can tell."""
         with self._turn:
             self.arm()
             self.trigger()
+            if exposed is not nothing:
+                while exposing := self._guarded(self._commands.exposing):
+                    time.sleep(LOOK_S)
+                if exposing is False:
+                    exposed()
             return self.fetch()
 
     def identity(self) -> str:

@@ -49,6 +49,13 @@ class ScpiCamera:
         """Start one exposure."""
         self._link.command("INIT")
 
+    def exposing(self) -> bool:
+        """Whether its light is still being collected."""
+        answer = self._link.poll("EXP:BUSY?")
+        if answer not in ("0", "1"):
+            raise CommunicationError(f"{self._link}: asked whether it exposes, got {answer[:80]!r}, neither 0 nor 1; check its firmware")
+        return answer == "1"
+
     def fetch(self) -> Taken:
         """Wait for its frame.
 
@@ -60,9 +67,7 @@ class ScpiCamera:
         try:
             number, timestamp, exposure, gain, columns, rows, dropped = (float(field) for field in fields)
         except ValueError as error:
-            raise CommunicationError(
-                f"{self._link}: {fields} before a frame, seven numbers are due; take the picture again"
-            ) from error
+            raise CommunicationError(f"{self._link}: {fields} before a frame, seven numbers are due; take the picture again") from error
         if not block:
             reason = self._link.error()
             raise CommunicationError(f"{self._link}: the camera gave no frame ({reason or 'it does not say why'}); take the picture again")

@@ -68,6 +68,16 @@ def test_preparing_sets_exposure_and_gain_and_reads_back_what_became_of_them(dia
     camera.close()
 
 
+def test_who_waits_for_the_light_is_told_when_it_is_in_before_the_frame_is_asked_for(dialogue: Play) -> None:
+    busy: list[tuple[bytes, object]] = [(b"EXP:BUSY?\n", b"1\n"), (b"EXP:BUSY?\n", b"0\n")]
+    camera = camera_at(dialogue([*BEGIN, *INIT, *busy, (b"FETC?\n", frame())]))
+    told: list[bool] = []
+    taken = camera.grab(lambda: told.append(True))
+    assert told == [True]
+    assert np.array_equal(taken.picture, PIXELS)
+    camera.close()
+
+
 @pytest.mark.parametrize(("exposure", "gain"), [(0.0, 1.0), (11.0, 1.0), (float("nan"), 1.0), (0.01, 0.5), (0.01, 17.0)])
 def test_an_exposure_outside_the_limits_is_refused_and_not_sent(exposure: float, gain: float, dialogue: Play) -> None:
     camera = camera_at(dialogue(BEGIN))

@@ -120,8 +120,9 @@ class MemoryCamera:
             raise LimitError(f"camera: {exposure_s} s")
         self.exposures.append(exposure_s)
 
-    def grab(self) -> Frame:
+    def grab(self, exposed: Callable[[], None] = lambda: None) -> Frame:
         self.number += 1
+        exposed()
         level = np.where(np.arange(self.shape[1]) % 3 == 0, self.rate * self.exposures[-1], 0.0)
         noisy = self._rng.normal(self.offset_dn + level, np.sqrt(1 + self.dn_per_electron * level), self.shape)
         picture = np.clip(np.rint(noisy), 0, self.full_scale).astype(np.uint16)

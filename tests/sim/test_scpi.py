@@ -93,6 +93,16 @@ def test_a_frame_comes_as_a_block_with_its_facts(client: Client) -> None:
     assert client.fetch()[0][0] == 2
 
 
+def test_what_moves_after_the_exposure_is_not_in_the_picture(client: Client) -> None:
+    at_rest = take(client, 0.05)
+    client.tell("*RST;EXP 0.05;INIT")
+    assert client.ask("EXP:BUSY?") == "1"
+    while client.ask("EXP:BUSY?") == "1":
+        pass
+    client.tell('TARG:KIND "black"')
+    assert np.array_equal(client.fetch()[1], at_rest)
+
+
 def test_the_white_picture_shows_round_micro_images(client: Client) -> None:
     picture = take(client)
     # Pitch 0.407667 mm at 6 um: 68 px; on the axis bright, a half pitch away in both directions dark.
