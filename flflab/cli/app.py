@@ -6,7 +6,7 @@ from typing import Any, cast
 import typer
 from typer.core import TyperGroup
 
-COMMANDS = ("validate", "compare", "model", "image", "measure", "accuracy", "plan", "design", "bench", "sim", "report", "new")
+COMMANDS = ("validate", "compare", "model", "image", "measure", "accuracy", "plan", "design", "align", "bench", "sim", "report", "new")
 ELSEWHERE = {"report": "validate"}  # a command that shares another one's file
 
 

@@ -1,0 +1,101 @@
+"""``flflab align``: the array straight to the sensor, the sensor to its place, by white pictures."""
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from flflab.bench import ANGLE, LENGTH, Bench, read_bench
+from flflab.cli.new import Kind, built_in
+from flflab.cli.run import seeded
+from flflab.errors import FlflabError, InputError
+from flflab.record import Recording, claim_folder, keep_descriptions, new_folder
+from flflab.units import parse_quantity
+
+if TYPE_CHECKING:
+    from procedures.align import Outcome
+
+INTERRUPTED = 130
+
+
+def align(
+    bench: Annotated[Path | None, typer.Option(help="bench file (YAML); the built-in simulated bench without one")] = None,
+    exit_pupil: Annotated[bool, typer.Option("--exit-pupil", help="move the sensor into the exit pupil: no vignetting")] = False,
+    overlap: Annotated[str | None, typer.Option(help="move the sensor until neighbours overlap so far: '20 um', '-50 um' is a gap")] = None,
+    f_number: Annotated[float | None, typer.Option(min=0.5, help="while white pictures are taken; the camera file's without one")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder of the run, which holds no run yet; runs/<UTC>-align without one")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
+) -> None:
+    """Turn the array straight to the sensor's rows and parallel to it, and move the sensor where it is wanted, by white pictures."""
+    from drivers.bench import connect  # the engine and the drivers are loaded by those who use them
+    from procedures.align import Request, most_frames, require_reachable
+    from procedures.align import align as run
+    from procedures.engine import RunInterruptedError
+
+    if exit_pupil and overlap is not None:
+        raise InputError("align: --exit-pupil and --overlap are two places of the one sensor; give one of them")
+    with seeded(bench or built_in(Kind.BENCH), seed) as file:
+        described = read_bench(file)
+        wanted = None if overlap is None else parse_quantity(overlap, "length")
+        request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
+        require_reachable(request, described)
+        if out is not None:
+            claim_folder(out)
+        failure: FlflabError | None = None
+        outcomes: tuple[Outcome, ...] = ()
+        with connect(file) as connected:
+            folder = out or new_folder("align")
+            keep_descriptions(folder, described, None)
+            columns, rows = described.optics.sensor.resolution
+            try:
+                outcomes = run(connected, request, Recording(folder, most_frames(request), (rows, columns)), _tell)
+            except FlflabError as error:
+                failure = error  # raised below: every axis was told to stop, and what goes wrong in leaving must not hide why
+    if isinstance(failure, RunInterruptedError):
+        sys.stderr.write(f"flflab: {failure}\n")
+        raise typer.Exit(INTERRUPTED)
+    if failure is not None:
+        raise failure
+    (folder / "alignment.json").write_text(json.dumps([asdict(one) for one in outcomes], indent=1) + "\n", encoding="utf-8")
+    (folder / "alignment.yaml").write_text(zeros_as_text(outcomes, described), encoding="utf-8")
+    console = Console(width=None if Console().is_terminal else 140)
+    console.print(table_of(outcomes))
+    console.print(f"Zeros of the axes by this alignment, for the bench file: {folder / 'alignment.yaml'}", highlight=False, soft_wrap=True)
+
+
+def _tell(sentence: str) -> None:
+    sys.stderr.write(f"{sentence}\n")
+
+
+def table_of(outcomes: "tuple[Outcome, ...]") -> Table:
+    """One line a thing aligned: before, after, uncertainty, pictures and why it stopped."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for head in ("", "axis", "before", "after", "u", "reading", "pictures", "stopped because"):
+        table.add_column(head, justify="left" if head in ("", "axis", "stopped because") else "right", overflow="fold")
+    for one in outcomes:
+        show = (ANGLE if one.unit == "rad" else LENGTH).show
+        reading = show(one.reading, ".4f") if one.axis else ""
+        numbers = (show(one.before, "+.5f"), show(one.after, "+.5f"), show(one.uncertainty, ".5f"), reading)
+        table.add_row(one.what, one.axis, *numbers, str(one.pictures), one.why)
+    return table
+
+
+def zeros_as_text(outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:
+    """Zeros with which a reading of every turned axis says how the array truly stands to the sensor: lines of a bench file."""
+    lines = ["# Zeros by `flflab align`, to put into the bench file: with them a reading says how the array stands to the sensor.", "axes:"]
+    for one in outcomes:
+        if one.axis and one.unit == "rad":
+            axis = bench.description.axes[one.axis]
+            zero = one.after - axis.sign * one.reading
+            lines += [
+                f"  {one.axis}:  # {axis.moves}; {one.why}; before {ANGLE.show(axis.zero, 'g')}",
+                f"    zero: {ANGLE.show(zero, '.5f')}",
+                f"    zero_uncertainty: {ANGLE.show(one.uncertainty, '.2g')}",
+            ]
+    return "\n".join(lines if len(lines) > 2 else [*lines[:1], "axes: {}  # nothing turns the array"]) + "\n"

@@ -1,0 +1,121 @@
+"""Alignment's estimators against rays drawn with a ruler: a straight line through a microlens, one thin lens, no code of the package."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from flflab.alignment import find_crossing, measure_attitude, nominal_slopes, sensitivity
+from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.measure import nominal_lattice
+from flflab.analysis.micro_images import MicroImages, measure_micro_images
+from flflab.analysis.noise import SensorNoise
+from flflab.errors import MeasurementError
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
+
+Array = npt.NDArray[np.float64]
+F, A, L, B, f, D, P, PIXEL = 50.0, 12.5, 60.0, 1.15, 0.917, 0.336, 0.4, 0.0166
+CAMERA = Camera(MainLens(F, F / A), MicrolensArray("square", (25, 25), (P, P), D, (f,), L), Sensor((366, 275), PIXEL, L + B))
+
+
+def drawn(y: Array, rise: Array) -> tuple[Array, Array, Array]:
+    """Where the micro-images of microlenses at ``y`` lie, and the radii of both shadows: rays through three pairs of points, mm."""
+    away, gap = L + rise, B - rise
+
+    def land(m: Array | float, q: Array) -> Array:
+        slope_before = (q - m) / away
+        return q + gap * (slope_before - (q - y) / f)
+
+    return land(0.0, y), np.abs(land(A / 2, y) - land(0.0, y)), np.abs(land(0.0, y + D / 2) - land(0.0, y))
+
+
+def images(roll: float, yaw: float, pitch: float) -> tuple[MicroImages, Lattice]:
+    """Exact centres and radii behind a turned array, and the straight lattice that fits the centres best."""
+    j, i = (part.ravel() for part in np.mgrid[-5:6, -7:8])
+    cos, sin = math.cos(roll), math.sin(roll)
+    x, y = P * (cos * i - sin * j), P * (sin * i + cos * j)
+    rise = math.tan(yaw) * x + math.tan(pitch) * y
+    (cx, lens, microlens), (cy, _, _) = drawn(x, rise), drawn(y, rise)
+    centres = np.stack([cx, cy], axis=1) / PIXEL + [182.5, 137.0]
+    indices = np.stack([i, j], axis=1)
+    fit = np.linalg.lstsq(np.column_stack([np.ones(len(i)), indices]), centres, rcond=None)[0]
+    lattice = replace(nominal_lattice(CAMERA, 1.0), origin_px=fit[0], vectors_px=fit[1:].T)
+    covariance = np.broadcast_to(np.eye(4) * 1e-4**2, (len(i), 4, 4)).copy()
+    return MicroImages(indices.astype(np.int64), centres, np.stack([lens, microlens], axis=1) / PIXEL, covariance), lattice
+
+
+@pytest.mark.parametrize("degrees", [(3.0, 1.0, -1.0), (-1.0, 0.1, 0.0), (0.0, 0.0, 0.3), (0.0, 0.0, 0.0)])
+def test_roll_and_tilt_come_back_from_drawn_rays(degrees: tuple[float, float, float]) -> None:
+    seen, lattice = images(*np.radians(degrees))
+    found = measure_attitude(seen, lattice, CAMERA)
+    np.testing.assert_allclose([found.roll, found.yaw, found.pitch], np.radians(degrees), atol=2e-7)
+    np.testing.assert_allclose(found.by_centres[0], np.radians(degrees[1:]), atol=2e-6)
+    np.testing.assert_allclose(found.by_radii[0], np.radians(degrees[1:]), atol=2e-7)
+
+
+def test_the_radii_see_a_tilt_six_times_better_than_the_centres() -> None:
+    seen, lattice = images(0.0, 0.002, 0.0)
+    found = measure_attitude(seen, lattice, CAMERA)
+    assert 5 < found.by_centres[1][0] / found.by_radii[1][0] < 20
+    assert found.angles["yaw"][1] <= found.by_radii[1][0]
+
+
+def test_sensitivities_are_the_derivatives_of_drawn_rays() -> None:
+    y, tilt = np.array([3.0]), 1e-6
+    at, zero = drawn(y, tilt * y), drawn(y, 0 * y)
+    expected = [float((after - before)[0]) / tilt for after, before in zip(at, zero, strict=True)]
+    found = sensitivity(CAMERA, 3.0)
+    np.testing.assert_allclose([found.centre, found.lens_radius, found.microlens_radius], expected, rtol=1e-4)
+
+
+def test_uncertainties_of_a_noisy_attitude_cover_the_truth() -> None:
+    exact, lattice = images(0.01, 0.003, -0.002)
+    rng = np.random.default_rng(1)
+    scores: list[list[float]] = []
+    for _ in range(60):
+        noise = rng.normal(0, 0.01, (len(exact.indices), 4))
+        covariance = np.broadcast_to(np.eye(4) * 1e-4, (len(noise), 4, 4)).copy()
+        noisy = MicroImages(exact.indices, exact.centres_px + noise[:, :2], exact.radii_px + noise[:, 2:], covariance)
+        found = measure_attitude(noisy, lattice, CAMERA)
+        scores.append([(found.angles[n][0] - t) / found.angles[n][1] for n, t in zip(found.angles, (0.01, 0.003, -0.002), strict=True)])
+    rms = np.sqrt(np.mean(np.square(scores), axis=0))
+    assert np.all((rms > 0.75) & (rms < 1.25)), rms
+
+
+def test_micro_images_in_one_row_do_not_tell_the_tilt() -> None:
+    seen, lattice = images(0.0, 0.0, 0.0)
+    row = seen.indices[:, 1] == 0
+    few = MicroImages(seen.indices[row], seen.centres_px[row], seen.radii_px[row], seen.covariance_px[row])
+    with pytest.raises(MeasurementError, match="do not tell the array's tilt"):
+        measure_attitude(few, lattice, CAMERA)
+
+
+def test_each_micro_image_of_a_drawn_white_picture_is_found_where_it_was_drawn(brute: type) -> None:
+    image = brute.white_picture((120, 160), "square", 24.5, 0.02, (80.3, 59.8), 7.2, 2.4)
+    noise = SensorNoise(0.33, 1.0, 64.0, 4095.0)
+    picture = brute.expose(image, noise, 2500.0, np.random.default_rng(2))
+    lattice = find_lattice(picture, "square", 24.0, noise)
+    found = measure_micro_images(picture, lattice, noise)
+    points = lattice.origin_px + found.indices @ brute.vectors_of("square", 24.5, 0.02).T
+    expected = points + np.array([80.3, 59.8]) - points[int(np.argmin(np.hypot(*(points - [80.3, 59.8]).T)))]
+    score = (found.centres_px - expected) / np.sqrt(found.covariance_px[:, [0, 1], [0, 1]])
+    assert len(score) > 20
+    assert 0.7 < float(np.sqrt(np.mean(score**2))) < 1.4
+    np.testing.assert_allclose(np.median(found.radii_px, axis=0), [7.2, 2.4], atol=0.03)
+
+
+def test_the_exit_pupil_is_found_from_sizes_alone() -> None:
+    slope = nominal_slopes(CAMERA)[0]
+    pupil = L + 1 / (1 / f - 1 / L)
+    places = np.array([61.15, pupil + 0.09, pupil - 0.09])
+    values = np.abs(1.02 * slope * (places - pupil)) * [-1, 1, 1]  # the slope is 2 % off; of the first the sign is known
+    found = find_crossing(places, values, np.full(3, 1e-4), slope, signed=False)
+    assert found.place == pytest.approx(pupil, abs=1e-6)
+    assert found.slope == pytest.approx(1.02 * slope, rel=1e-3)
+
+
+def test_one_place_is_extrapolated_with_the_uncertainty_of_the_slope() -> None:
+    found = find_crossing(np.array([61.0]), np.array([0.02]), np.array([1e-5]), 0.2)
+    assert [found.place, found.uncertainty, found.slope] == pytest.approx([60.9, 0.01, 0.2], rel=1e-2)
