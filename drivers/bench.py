@@ -238,6 +238,11 @@ class _Connection:
             if driver is None:
                 where = f"{self._described.file}:{self._described.lines.get((*path, 'driver'), 1)}: {'.'.join((*path, 'driver'))}"
                 raise InputError(f"{where}: there is no driver {device.driver!r} here; there are {', '.join(drivers)}")
+            if drivers is AXES and driver.counts not in (None, device.coordinate):
+                raise InputError(
+                    f"{path[-1]}: driver {device.driver} counts {driver.counts.dimension}s, but this axis moves {device.moves}; "
+                    "give what it moves, or another driver"
+                )
             keys = self._described.own_keys(driver.keys, *path)
             if device.address == "simulated":
                 device = device.model_copy(update={"address": self._simulator().address(*path)})

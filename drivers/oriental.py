@@ -29,9 +29,10 @@ from pydantic import Field
 from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
+from drivers.line import Line
 from flflab.bench import AxisDescription
 from flflab.description import Description, Ratio, Time
-from flflab.errors import CommunicationError, DeviceError, InputError, LimitError
+from flflab.errors import CommunicationError, DeviceError, LimitError
 
 OPERATION = 0x0058
 INPUTS, OUTPUTS = 0x007C, 0x007E
@@ -139,9 +140,8 @@ class ModbusLine:
         self._quiet = quiet
         self._changed = threading.Condition()
         self._busy, self._urgent = False, 0
-        self._client: Client | None = None
         self._failed = False
-        self._connected()
+        self._line = Line(self._connect)
 
     def read(self, name: str, device: int, register: int) -> int:
         """The signed 32-bit value at a register and the next; asked a second time when the first answer does not come.
@@ -169,9 +169,7 @@ class ModbusLine:
 
     def close(self) -> None:
         """Let go of the line."""
-        if self._client is not None:
-            self._client.close()
-            self._client = None
+        self._line.close()
 
     @contextlib.contextmanager
     def _turn(self, urgent: bool = False) -> Generator[None]:
@@ -187,16 +185,14 @@ class ModbusLine:
                 self._busy = False
                 self._changed.notify_all()
 
-    def _connected(self) -> Client:
-        if self._client is None:
-            client = self._make_client()
-            if not client.connect():
-                raise CommunicationError(f"{self._address}: cannot be opened; check the address, the parity, and who else holds it")
-            self._client = client
-            if self._failed:
-                time.sleep(self._quiet)
-                self._failed = False
-        return self._client
+    def _connect(self) -> Client:
+        client = self._make_client()
+        if not client.connect():
+            raise CommunicationError(f"{self._address}: cannot be opened; check the address, the parity, and who else holds it")
+        if self._failed:
+            time.sleep(self._quiet)
+            self._failed = False
+        return client
 
     def _pair(self, name: str, device: int, register: int) -> int:
         asked = f"{name} (slave {device}): asked for register {register:#06x}, "
@@ -206,12 +202,12 @@ class ModbusLine:
         return from_words(*reply.registers)
 
     def _exchange(self, asked: str, ask: Callable[[Client], Any]) -> Any:
+        client = self._line.get()
         try:
-            client = self._connected()
             _pass_over_what_waits(client)
             reply = ask(client)
         except (ModbusException, OSError) as error:
-            self.close()
+            self._line.lose(client)
             self._failed = True
             raise CommunicationError(
                 f"{asked}no right answer ({_first_line(error)}); check cable, parity, slave number and power"
@@ -367,21 +363,7 @@ class OrientalAxis:
 
 
 def open_axis(name: str, axis: AxisDescription, keys: OrientalKeys, share: Share) -> OrientalAxis:
-    """Open one drive; drives at one address share the line.
-
-    Args:
-        name: the axis's name in the bench file.
-        axis: its description.
-        keys: the driver's own keys of it.
-        share: returns what an address was opened as, opening it the first time.
-
-    Raises:
-        InputError: the axis is not one that turns.
-        CommunicationError: the line cannot be opened, or the drive does not answer.
-        DeviceError: the drive refuses.
-    """
-    if axis.coordinate.unit != "rad":
-        raise InputError(f"{name}: driver oriental is for tables that turn, but this axis moves {axis.moves}; let it move array.roll")
+    """Open one drive; drives at one address share the line."""
     line = share(axis.address, lambda: ModbusLine(lambda: make_client(axis.address, keys), axis.address, keys.timeout))
     return OrientalAxis(name, line, keys, axis.speed)
 

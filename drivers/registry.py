@@ -4,11 +4,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from drivers import manual, oriental, scpi_settings, thorlabs, zaber
+from drivers import manual, oriental, scpi_settings, standa, thorlabs, zaber
 from drivers.camera import CameraCommands
 from drivers.cameras import scpi
 from drivers.commands import AxisCommands, SettingCommands
-from flflab.bench import AxisDescription
+from flflab.bench import ANGLE, LENGTH, AxisDescription, Coordinate
 from flflab.description import Description
 
 Opened = TypeVar("Opened")
@@ -25,10 +25,19 @@ class Share(Protocol):
 
 @dataclass(frozen=True)
 class AxisDriver:
-    """A driver of axes: the model of its own keys, how an axis is opened, how long one may be busy without progress, s."""
+    """A driver of axes.
+
+    Args:
+        keys: the model of its own keys in the bench file.
+        open: opens one axis, given its name, description, own keys and what opens or shares the line at its address; raises
+            CommunicationError where nobody answers, DeviceError where the device refuses a setting.
+        counts: lengths or angles; None: either.
+        patience: how long an axis may be busy without progress, s.
+    """
 
     keys: type[Description]
     open: Callable[[str, AxisDescription, Any, Share], AxisCommands]
+    counts: Coordinate | None
     patience: float = 3.0
 
 
@@ -50,10 +59,11 @@ class CameraDriver:
 
 
 AXES: Mapping[str, AxisDriver] = {
-    "zaber": AxisDriver(zaber.ZaberKeys, zaber.open_axis),
-    "thorlabs": AxisDriver(thorlabs.ThorlabsKeys, thorlabs.open_axis),
-    "oriental": AxisDriver(oriental.OrientalKeys, oriental.open_axis),
-    "manual": AxisDriver(manual.ManualAxisKeys, manual.open_axis, patience=FOR_EVER),
+    "zaber": AxisDriver(zaber.ZaberKeys, zaber.open_axis, LENGTH),
+    "thorlabs": AxisDriver(thorlabs.ThorlabsKeys, thorlabs.open_axis, ANGLE),
+    "oriental": AxisDriver(oriental.OrientalKeys, oriental.open_axis, ANGLE),
+    "standa": AxisDriver(standa.StandaKeys, standa.open_axis, LENGTH),
+    "manual": AxisDriver(manual.ManualAxisKeys, manual.open_axis, None, patience=FOR_EVER),
 }
 CAMERAS: Mapping[str, CameraDriver] = {
     "scpi": CameraDriver(scpi.ScpiCameraKeys, scpi.open_camera),

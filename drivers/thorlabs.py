@@ -26,10 +26,11 @@ from typing import Annotated
 
 from pydantic import Field
 
+from drivers.line import Line, tell_surely
 from drivers.transport import LostError, Wire, open_serial
 from flflab.bench import AxisDescription
 from flflab.description import Description
-from flflab.errors import CommunicationError, DeviceError, InputError
+from flflab.errors import CommunicationError, DeviceError
 
 HOST, CONTROLLER, WITH_DATA = 0x01, 0x50, 0x80
 REQUEST_INFO, INFO = 0x0005, 0x0006
@@ -121,8 +122,6 @@ def read_message(take: Callable[[int], bytes]) -> Message:
 class AptLink:
     """The line to one controller: one exchange at a time; a stop is written at once, past whoever waits.
 
-    A line that is lost (a plug pulled) is opened anew for the next command, so that a stop can still arrive.
-
     Args:
         opener: opens the line.
         timeout: how long an answer may take, s.
@@ -133,13 +132,10 @@ class AptLink:
 
     def __init__(self, opener: Callable[[], Wire], timeout: float) -> None:
         self.heard: set[int] = set()
-        self.openings = 0
-        self._opener = opener
+        self.line = Line(opener)
         self._timeout = timeout
-        self._turn, self._opening = threading.RLock(), threading.Lock()
-        self._wire: Wire | None = None
+        self._turn = threading.RLock()
         self._in_step = False
-        self._line()
 
     def tell(self, name: str, message: bytes) -> None:
         """Write a message that nothing answers, at once.
@@ -147,11 +143,11 @@ class AptLink:
         Raises:
             LostError: the line is gone.
         """
-        wire = self._line()
+        wire = self.line.get()
         try:
             wire.write(message)
         except LostError as error:
-            self._lose(wire)
+            self.line.lose(wire)
             raise LostError(f"{name}: {error}") from error
 
     def ask(self, name: str, message: bytes, answer: int, size: int) -> bytes:
@@ -174,23 +170,10 @@ class AptLink:
 
     def close(self) -> None:
         """Let go of the line."""
-        if self._wire is not None:
-            self._lose(self._wire)
-
-    def _line(self) -> Wire:
-        with self._opening:
-            if self._wire is None:
-                self._wire = self._opener()
-                self.openings += 1
-            return self._wire
-
-    def _lose(self, wire: Wire) -> None:
-        with self._opening:
-            wire.close()
-            self._wire = None if self._wire is wire else self._wire
+        self.line.close()
 
     def _exchange(self, name: str, message: bytes, answer: int, size: int) -> bytes:
-        wire = self._line()
+        wire = self.line.get()
         try:
             if not self._in_step:
                 wire.drain()
@@ -204,7 +187,7 @@ class AptLink:
                 raise CommunicationError(f"{wire.address}: got {came}; check cable, model and firmware")
         except LostError as error:
             self._in_step = False
-            self._lose(wire)
+            self.line.lose(wire)
             raise LostError(f"{name}: asked {message.hex(' ')}, {error}") from error
         except CommunicationError as error:
             raise CommunicationError(f"{name}: asked {message.hex(' ')}, {error}") from error
@@ -280,16 +263,7 @@ class ThorlabsAxis:
 
     def stop(self) -> None:
         """Decelerate to rest; written at once, then the controller is asked for its state to know that it listens."""
-        for may_fail in (True, False):
-            try:
-                openings = self._link.openings
-                self._link.tell(self._name, encode(STOP, self._keys.channel, GENTLY))
-                self._state()
-                if self._link.openings == openings:
-                    return
-            except CommunicationError:
-                if not may_fail:
-                    raise
+        tell_surely(self._link.line, encode(STOP, self._keys.channel, GENTLY), self._state)
 
     def faults(self) -> tuple[str, ...]:
         """The status bits that spoil a motion."""
@@ -358,20 +332,6 @@ def _phrases(bits: int, known: dict[int, str]) -> tuple[str, ...]:
 
 
 def open_axis(name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> ThorlabsAxis:
-    """Open the axis of one controller.
-
-    Args:
-        name: the axis's name in the bench file.
-        axis: its description.
-        keys: the driver's own keys of it.
-        share: returns what an address was opened as, opening it the first time.
-
-    Raises:
-        InputError: the axis is not one that turns.
-        CommunicationError: the line cannot be opened, or the controller does not answer.
-        DeviceError: the controller does not take a setting.
-    """
-    if axis.coordinate.unit != "rad":
-        raise InputError(f"{name}: driver thorlabs is for stages that turn, but this axis moves {axis.moves}; let it move array.pitch")
+    """Open the axis of one controller, which has its line for itself."""
     link = share(axis.address, lambda: AptLink(lambda: open_serial(axis.address, keys.baud, handshake=keys.handshake), keys.timeout))
     return ThorlabsAxis(name, link, keys, axis.speed)

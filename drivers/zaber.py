@@ -22,6 +22,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from drivers.line import Line, tell_surely
 from drivers.transport import LostError, Wire, open_serial, show
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
@@ -127,8 +128,6 @@ def parse(line: bytes, with_checksum: bool = True) -> Reply | None:
 class ZaberChain:
     """The one line that the axes of a chain share: one exchange at a time; a stop is written at once, past whoever waits.
 
-    A line that is lost (a plug pulled) is opened anew for the next command, so that a stop can still arrive.
-
     Args:
         opener: opens the line.
         with_checksum: whether replies have to carry a checksum.
@@ -140,16 +139,12 @@ class ZaberChain:
 
     def __init__(self, opener: Callable[[], Wire], with_checksum: bool = True, timeout: float = 0.5) -> None:
         self.unasked: deque[str] = deque(maxlen=100)
-        self.openings = 0
-        self._opener = opener
-        self._opening = threading.Lock()
-        self._wire: Wire | None = None
+        self.line = Line(opener)
         self._with_checksum = with_checksum
         self._timeout = timeout
         self._turn = threading.Lock()
         self._ids = itertools.cycle(range(STOP_ID))
         self._in_step = True
-        self._line()
 
     def ask(self, name: str, device: int, axis: int, text: str, *, repeatable: bool) -> Reply:
         """Send a command and return its reply, accepted or not.
@@ -173,36 +168,14 @@ class ZaberChain:
         with self._turn:
             return self._exchange(name, device, axis, text)
 
-    def write_stop(self, device: int, axis: int) -> None:
-        """Write a stop at once; its reply is skipped by whoever reads."""
-        wire = self._line()
-        try:
-            wire.write(encode(device, axis, STOP_ID, "stop"))
-        except LostError:
-            self._lose(wire)
-            self._line().write(encode(device, axis, STOP_ID, "stop"))
-
     def close(self) -> None:
         """Let go of the line."""
-        if self._wire is not None:
-            self._lose(self._wire)
-
-    def _line(self) -> Wire:
-        with self._opening:
-            if self._wire is None:
-                self._wire = self._opener()
-                self.openings += 1
-            return self._wire
-
-    def _lose(self, wire: Wire) -> None:
-        with self._opening:
-            wire.close()
-            self._wire = None if self._wire is wire else self._wire
+        self.line.close()
 
     def _exchange(self, name: str, device: int, axis: int, text: str) -> Reply:
         message_id = next(self._ids)
         asked = f"{name} (device {device} axis {axis}): asked {text or 'for its state'!r}, "
-        wire = self._line()
+        wire = self.line.get()
         try:
             if not self._in_step:
                 wire.drain()
@@ -215,7 +188,7 @@ class ZaberChain:
                     "check that no two devices share a number and no other program is on the line"
                 )
         except LostError as error:
-            self._lose(wire)
+            self.line.lose(wire)
             raise LostError(asked + str(error)) from error
         except CommunicationError as error:
             raise CommunicationError(asked + str(error)) from error
@@ -284,17 +257,8 @@ class ZaberAxis:
 
     def stop(self) -> None:
         """Decelerate to rest; written at once, then the device is asked once for its state to know that it listens."""
-        for may_fail in (True, False):
-            self._chain.write_stop(self._keys.device, self._keys.axis)
-            openings = self._chain.openings
-            try:
-                self._command("", repeatable=False)
-            except LostError:
-                if not may_fail:
-                    raise
-            else:
-                if openings == self._chain.openings:
-                    return  # else the line was opened anew in between, and the stop may have been lost with the old one
+        stop = encode(self._keys.device, self._keys.axis, STOP_ID, "stop")  # its reply is skipped by whoever reads
+        tell_surely(self._chain.line, stop, lambda: self._command("", repeatable=False))
 
     def faults(self) -> tuple[str, ...]:
         """Flags that spoil a motion: every F, and WL, NI, NC (as the vendor's client judges its own moves)."""
@@ -342,17 +306,6 @@ def _phrase(flag: str) -> str:
 
 
 def open_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberAxis:
-    """Open one axis; axes at one address share the chain.
-
-    Args:
-        name: the axis's name in the bench file.
-        axis: its description.
-        keys: the driver's own keys of it.
-        share: returns what an address was opened as, opening it the first time.
-
-    Raises:
-        CommunicationError: the line cannot be opened, or the device does not answer.
-        DeviceError: the device refuses a setting.
-    """
+    """Open one axis; axes at one address share the chain."""
     chain = share(axis.address, lambda: ZaberChain(lambda: open_serial(axis.address, keys.baud), keys.checksum, keys.timeout))
     return ZaberAxis(name, chain, keys, axis.speed)

@@ -26,7 +26,12 @@ from flflab.errors import DeviceError, InterlockError, LimitError, MotionError, 
 LINEAR = ["main_lens_stage", "array_stage", "sensor_stage", "target_stage"]
 TURNING = ["rotation_stage", "goniometer", "ring"]
 AXES = [*LINEAR, *TURNING]
-STEPS = dict.fromkeys(LINEAR, 0.00049609375) | {"rotation_stage": 1 / 1919.6418578623391, "goniometer": 1 / 500, "ring": 1 / 50}  # mm, deg
+STEPS = dict.fromkeys(LINEAR, 0.00049609375) | {
+    "main_lens_stage": 0.0025 / 256,
+    "rotation_stage": 1 / 1919.6418578623391,
+    "goniometer": 1 / 500,
+    "ring": 1 / 50,
+}  # mm, deg
 STARTS = {"rotation_stage.start": "4 deg", "goniometer.start": "-3 deg", "ring.start": "60 deg"}
 
 
@@ -53,6 +58,16 @@ def served(root: Path, folder: Path, clock: float, *options: str, faults: tuple[
     assert child.returncode == 0
 
 
+def with_a_standa_stage(file: Path) -> Path:
+    """The main lens on a Standa stage instead, emulated by its maker's library."""
+    bench = yaml.safe_load(file.read_text(encoding="utf-8"))
+    stage = bench["axes"]["main_lens_stage"]
+    del stage["device"], stage["microstep"]
+    stage |= {"driver": "standa", "address": f"xi-emu://{file.with_name('standa.bin')}", "step": "2.5 um", "speed": "200 mm/s"}
+    file.write_text(yaml.safe_dump(bench, sort_keys=False), encoding="utf-8")
+    return file
+
+
 def options() -> list[Any]:
     no_pty = pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals here")
     return [pytest.param((), id="tcp"), pytest.param(("--pty",), id="pty", marks=[no_pty, pytest.mark.ci])]
@@ -60,7 +75,8 @@ def options() -> list[Any]:
 
 @pytest.fixture(scope="module", params=options())
 def bench(request: pytest.FixtureRequest, root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedBench]:
-    with served(root, tmp_path_factory.mktemp("bench"), 50.0, *request.param) as file, drivers.connect(file) as connected:
+    folder = tmp_path_factory.mktemp("bench")
+    with served(root, folder, 50.0, *request.param) as file, drivers.connect(with_a_standa_stage(file)) as connected:
         readings = {name: axis.position() for name, axis in connected.axes.items()}
         for axis in connected.axes.values():
             assert not axis.is_moving()
