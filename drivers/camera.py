@@ -305,11 +305,16 @@ class Camera:
         with self._turn:
             self.arm()
             self.trigger()
-            if exposed is not nothing:
-                while exposing := self._guarded(self._commands.exposing):
-                    time.sleep(LOOK_S)
-                if exposing is False:
-                    exposed()
+            try:
+                if exposed is not nothing:
+                    while exposing := self._guarded(self._commands.exposing):
+                        time.sleep(LOOK_S)
+                    if exposing is False:
+                        exposed()
+            except BaseException:  # nobody fetches this one any more
+                self._exposing = False
+                self._dropped += 1
+                raise
             return self.fetch()
 
     def identity(self) -> str:

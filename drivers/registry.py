@@ -6,7 +6,7 @@ from typing import Any, Protocol, TypeVar
 
 from drivers import manual, oriental, scpi_settings, standa, thorlabs, zaber
 from drivers.camera import CameraCommands
-from drivers.cameras import scpi
+from drivers.cameras import folder, genicam, gphoto2, opencv, pylon, scpi
 from drivers.commands import AxisCommands, SettingCommands
 from flflab.bench import ANGLE, LENGTH, AxisDescription, Coordinate
 from flflab.description import Description
@@ -67,9 +67,15 @@ AXES: Mapping[str, AxisDriver] = {
 }
 CAMERAS: Mapping[str, CameraDriver] = {
     "scpi": CameraDriver(scpi.ScpiCameraKeys, scpi.open_camera),
+    "folder": CameraDriver(folder.FolderKeys, folder.open_camera),
+    "gphoto2": CameraDriver(gphoto2.GphotoKeys, gphoto2.open_camera),
+    "opencv": CameraDriver(opencv.OpencvKeys, opencv.open_camera),
+    "genicam": CameraDriver(genicam.GenicamKeys, genicam.open_camera),
+    "pylon": CameraDriver(pylon.PylonKeys, pylon.open_camera),
 }
 IRISES: Mapping[str, SettingDriver] = {
     "scpi": SettingDriver(scpi_settings.ScpiSettingKeys, scpi_settings.open_iris),
+    "gphoto2": SettingDriver(gphoto2.GphotoIrisKeys, gphoto2.open_iris),
     "manual": SettingDriver(manual.ManualIrisKeys, manual.open_iris, timeout=FOR_EVER),
 }
 TARGETS: Mapping[str, SettingDriver] = {

@@ -19,6 +19,7 @@ READABLE = WRITABLE[:-1] + RAW
 WHITE_DN = 16384  # what 1.0 becomes in 16 bits: room for four times the white level where light overlaps
 FULL_DN = 65535
 MOSAICS = ("rggb", "bggr", "grbg", "gbrg")
+PLACES = (b"strip", b"notes")  # in place of what is known only when everything has its place
 SMALLEST = 22  # rows and columns; LibRaw takes nothing smaller for a raw file
 
 
@@ -32,6 +33,8 @@ class RawPicture:
         black_level: what these four read in the dark, DN.
         white_level: what a saturated pixel reads, DN.
         neutral: what a white target gives in red, green and blue, of the largest of the three.
+        exposure_s: exposure time, s; 0 where the file does not say.
+        iso: speed it was taken at; 0 where the file does not say.
     """
 
     values: npt.NDArray[np.uint16]
@@ -39,6 +42,8 @@ class RawPicture:
     black_level: tuple[int, int, int, int] = (0, 0, 0, 0)
     white_level: int = FULL_DN
     neutral: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    exposure_s: float = 0.0
+    iso: float = 0.0
 
 
 def read_picture(file: Path) -> Picture:
@@ -98,15 +103,16 @@ def read_raw(file: Path) -> RawPicture:
             if raw.raw_type != rawpy.RawType.Flat:
                 raise InputError(f"{file}: it holds several numbers a pixel; one number a pixel is due")
             values, levels, white = np.array(raw.raw_image_visible), raw.black_level_per_channel, int(raw.white_level)
+            exposure_s, iso = (float(f"{told:.7g}") for told in (raw.other.shutter_speed, raw.other.iso_speed))  # single precision
             if raw.num_colors == 1:
                 black = int(levels[0])
-                return RawPicture(values, None, (black, black, black, black), white)
+                return RawPicture(values, None, (black, black, black, black), white, exposure_s=exposure_s, iso=iso)
             if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
                 raise InputError(f"{file}: its mosaic is not one of two by two filters; such a one, or none, is due")
             colours = [int(colour) for colour in raw.raw_colors_visible[:2, :2].ravel()]
             a, b, c, d = (int(levels[colour]) for colour in colours)
             pattern = "".join(chr(raw.color_desc[colour]) for colour in colours).lower()
-            return RawPicture(values, pattern, (a, b, c, d), white, _neutral(raw.camera_whitebalance))
+            return RawPicture(values, pattern, (a, b, c, d), white, _neutral(raw.camera_whitebalance), exposure_s, iso)
     except (OSError, ValueError, rawpy.LibRawError) as error:
         raise InputError(f"{file}: cannot be read as a raw picture ({error})") from error
 
@@ -238,6 +244,9 @@ def _dng(raw: RawPicture) -> bytes:
     ]
     if raw.pattern:
         tags += [(33421, short, 2, struct.pack("<HH", 2, 2)), (33422, byte, 4, bytes("rgb".index(letter) for letter in raw.pattern))]
+    noted = _exif(raw)
+    if noted:
+        tags.append((34665, long, 1, b"notes"))  # where the exposure is told, set below
     tags += [(50706, byte, 4, bytes([1, 4, 0, 0])), (50707, byte, 4, bytes([1, 1, 0, 0])), (50708, ascii_, 7, b"flflab\0")]
     if raw.pattern:
         tags += [(50713, short, 2, struct.pack("<HH", 2, 2)), (50714, short, 4, struct.pack("<4H", *raw.black_level))]
@@ -253,12 +262,13 @@ def _dng(raw: RawPicture) -> bytes:
         (50778, short, 1, struct.pack("<H", 21)),  # D65
     ]
     values_at = 8 + 2 + 12 * len(tags) + 4
-    values = b"".join(value + b"\0" * (len(value) % 2) for _, _, _, value in tags if len(value) > 4 and value != b"strip")
-    pixels_at = (values_at + len(values) + 15) // 16 * 16
+    values = b"".join(value + b"\0" * (len(value) % 2) for _, _, _, value in tags if len(value) > 4 and value not in PLACES)
+    noted_at = values_at + len(values)
+    pixels_at = (noted_at + len(noted) + 15) // 16 * 16
     entries, at = b"", values_at
     for tag, kind, count, value in tags:
-        if value == b"strip":
-            field = struct.pack("<I", pixels_at)
+        if value in PLACES:
+            field = struct.pack("<I", pixels_at if value == b"strip" else noted_at)
         elif len(value) <= 4:
             field = value.ljust(4, b"\0")
         else:
@@ -266,4 +276,24 @@ def _dng(raw: RawPicture) -> bytes:
             at += len(value) + len(value) % 2
         entries += struct.pack("<HHI", tag, kind, count) + field
     head = struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<H", len(tags)) + entries + struct.pack("<I", 0) + values
+    head += _exif(raw, noted_at)
     return head.ljust(pixels_at, b"\0") + raw.values.astype("<u2").tobytes()
+
+
+def _exif(raw: RawPicture, at: int = 0) -> bytes:
+    """The directory that tells exposure time and speed, to stand at a place in the file; empty where neither is known."""
+    entries, values = [], b""
+    if raw.exposure_s > 0:
+        values = (
+            struct.pack("<II", round(raw.exposure_s * 1e8), 10**8) if raw.exposure_s < 40 else struct.pack("<II", round(raw.exposure_s), 1)
+        )
+        entries.append((33434, 5, values))
+    if raw.iso > 0:
+        entries.append((34855, 3, struct.pack("<HH", min(round(raw.iso), FULL_DN), 0)))
+    if not entries:
+        return b""
+    values_at = at + 2 + 12 * len(entries) + 4
+    fields = b"".join(
+        struct.pack("<HHI", tag, kind, 1) + (value if len(value) == 4 else struct.pack("<I", values_at)) for tag, kind, value in entries
+    )
+    return struct.pack("<H", len(entries)) + fields + struct.pack("<I", 0) + values

@@ -2,7 +2,8 @@
 
 The light: ``electrons_per_second`` reach a pixel at white level of the optics as described; another configuration gets them in
 the ratio of the irradiances at white level. At gain 1 a full well is full scale. The noise of a frame depends on the seed, the
-state of the world, exposure, gain and how many frames of just that went before: a point measured again gives the same frames.
+state of the world, exposure, gain and how many frames of just that went before since ``*RST``: a point measured again gives the same
+frames.
 """
 
 import threading
@@ -62,7 +63,6 @@ class SimulatedCamera:
         self._lock = threading.RLock()
         self._drawing = threading.Lock()
         self._pictures: dict[tuple[object, ...], npt.NDArray[np.float64]] = {}
-        self._repeats: dict[tuple[object, ...], int] = {}
         self._reference = white_irradiance(world.optics)
         self.reset()
 
@@ -73,6 +73,7 @@ class SimulatedCamera:
             self._running: Exposure | None = None
             self._buffer: deque[Exposure | None] = deque()
             self._number = self._dropped = 0
+            self._repeats: dict[tuple[object, ...], int] = {}
 
     def power_up(self) -> None:
         """Power was lost."""
@@ -92,7 +93,7 @@ class SimulatedCamera:
         few = replace(camera, sensor=replace(camera.sensor, resolution=(32, 32)))
         for target in self._world.targets.values():
             picture = render(one_plane(few, target, distance), tolerance=TOLERANCE)
-            digitise(picture, 1000.0, self._response(1.0), noise_key("warm-up"))
+            digitise(picture, 1000.0, self.response(1.0), noise_key("warm-up"))
 
     @property
     def commands(self) -> Mapping[str, Handler]:
@@ -115,6 +116,7 @@ class SimulatedCamera:
             "FORMat": self._set_format,
             "EXPosure": self._set_exposure,
             "EXPosure?": lambda words, ended: limits_or(words, self._exposure_time, *EXPOSURE),
+            "EXPosure:BUSY?": self._exposing,
             "GAIN": self._set_gain,
             "GAIN?": lambda words, ended: limits_or(words, self._gain, *GAIN),
             "INITiate": self._start,
@@ -126,13 +128,19 @@ class SimulatedCamera:
 
     def _conversion(self, parameters: Sequence[str], ended: threading.Event) -> str:
         no_parameters(parameters)
-        return decimal(1 / self._response(self._gain).quantisation.dn_per_electron)
+        return decimal(1 / self.response(self._gain).quantisation.dn_per_electron)
 
     def _set_exposure(self, parameters: Sequence[str], ended: threading.Event) -> str:
         with self._lock:
             self._refuse_while_exposing("EXP")
             self._exposure_time = number_within(parameters, "EXP", *EXPOSURE)
         return ""
+
+    def _exposing(self, parameters: Sequence[str], ended: threading.Event) -> str:
+        no_parameters(parameters)
+        with self._lock:
+            now = self._world.clock.now()
+            return str(int(self._running is not None and now < self._running.start + self._running.duration))
 
     def _set_gain(self, parameters: Sequence[str], ended: threading.Event) -> str:
         with self._lock:
@@ -198,6 +206,23 @@ class SimulatedCamera:
 
     def _fetch(self, parameters: Sequence[str], ended: threading.Event) -> bytes:
         no_parameters(parameters)
+        try:
+            exposure, picture, dropped = self.next_frame(ended)
+        except ScpiError as error:
+            with self._lock:
+                raise BlockError(error.number, error.detail, f"0,0,0,0,0,0,{self._dropped},#10".encode()) from error
+        rows, columns = picture.shape
+        pixels = picture.astype("<u2").tobytes()
+        facts = (decimal(number) for number in (exposure.number, exposure.start, exposure.duration, exposure.gain, columns, rows, dropped))
+        size = str(len(pixels))
+        return f"{','.join(facts)},#{len(size)}{size}".encode() + pixels
+
+    def next_frame(self, ended: threading.Event) -> tuple[Exposure, npt.NDArray[np.uint16], int]:
+        """Wait for the oldest frame not yet fetched: its exposure, its numbers in DN, and how many were dropped so far.
+
+        Raises:
+            ScpiError: there is none.
+        """
         with self._lock:
             self._look()
             awaited = self._running if not self._buffer else None
@@ -205,28 +230,22 @@ class SimulatedCamera:
             self._world.clock.wait_until(awaited.ready, ended)
         with self._lock:
             self._look()
-            nothing = f"0,0,0,0,0,0,{self._dropped},#10".encode()
             if not self._buffer:
                 if awaited:
-                    raise BlockError(-230, "the exposure was aborted, INIT starts another", nothing)
-                raise BlockError(-214, "FETC? with no exposure, allowed after INIT", nothing)
+                    raise ScpiError(-230, "the exposure was aborted, INIT starts another")
+                raise ScpiError(-214, "FETC? with no exposure, allowed after INIT")
             exposure = self._buffer.popleft()
             if exposure is None:
-                raise BlockError(-230, "the frame was lost, INIT starts another", nothing)
+                raise ScpiError(-230, "the frame was lost, INIT starts another")
             scene = self._world.scene(exposure.start + exposure.duration / 2)
             key = (*scene.state, exposure.duration, exposure.gain)
             repeat = self._repeats.get(key, -1) + 1
             self._repeats = {key: repeat}
             dropped = self._dropped
         try:
-            picture = self._develop(exposure, scene, repeat)
+            return exposure, self._develop(exposure, scene, repeat), dropped
         except InputError as error:
-            raise BlockError(-200, f"{error}, INIT starts another exposure", nothing) from error
-        rows, columns = picture.shape
-        pixels = picture.astype("<u2").tobytes()
-        facts = (decimal(number) for number in (exposure.number, exposure.start, exposure.duration, exposure.gain, columns, rows, dropped))
-        size = str(len(pixels))
-        return f"{','.join(facts)},#{len(size)}{size}".encode() + pixels
+            raise ScpiError(-200, f"{error}, INIT starts another exposure") from error
 
     def _develop(self, exposure: Exposure, scene: Scene, repeat: int) -> npt.NDArray[np.uint16]:
         """The frame in DN."""
@@ -235,7 +254,7 @@ class SimulatedCamera:
         if scene.camera:
             electrons = self._light.electrons_per_second * exposure.duration * white_irradiance(scene.camera) / self._reference
         key = noise_key(self._world.seed, "frame", scene.state, exposure.duration, exposure.gain, repeat)
-        return digitise(picture, electrons, self._response(exposure.gain), key)
+        return digitise(picture, electrons, self.response(exposure.gain), key)
 
     def _picture(self, scene: Scene) -> npt.NDArray[np.float64]:
         """The scene without noise in units of white level; drawn once for a state of the world."""
@@ -251,7 +270,8 @@ class SimulatedCamera:
                 self._pictures = dict([*kept, (scene.state, picture)])
             return self._pictures[scene.state]
 
-    def _response(self, gain: float) -> SensorResponse:
+    def response(self, gain: float) -> SensorResponse:
+        """The sensor at a gain."""
         light = self._light
         numbers = 2**light.bits - 1 - light.black_level
         return SensorResponse(

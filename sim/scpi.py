@@ -105,6 +105,7 @@ class Conversation:
         self._address = address
         self._heard = b""
         self._errors: deque[str] = deque()
+        self._withheld: list[Instrument] = []
         self._told = [len(instrument.failures) for instrument in address.instruments]
         self._common: dict[str, Handler] = {}
         for pattern, handler in {
@@ -119,8 +120,8 @@ class Conversation:
         return b"".join(self._line(line.removesuffix(b"\r")) for line in lines)
 
     def unasked(self) -> bytes:
-        """Nothing, ever."""
-        return b""
+        """An answer that was held back."""
+        return b"".join(instrument.faults.late_answer() for instrument in self._withheld)
 
     def _line(self, line: bytes) -> bytes:
         if len(line) > LONGEST:
@@ -140,7 +141,9 @@ class Conversation:
         answers = [answer for command in commands if (answer := self._do(command)) is not None]
         whole: bytes | None = b";".join(answers) + b"\n" if answers else b""
         for speaker in speakers:
-            whole = speaker.faults.reply(whole) if whole else whole
+            due, whole = whole, speaker.faults.reply(whole) if whole else whole
+            if due and not whole:
+                self._withheld = [speaker]
         return whole or b""
 
     def _owner(self, command: str) -> Instrument | None:

@@ -19,25 +19,31 @@ from flflab.description import read_yaml
 from flflab.errors import InputError
 from sim.camera import SimulatedCamera
 from sim.clock import Clock, RunningClock
+from sim.faults import Faults
+from sim.folder_camera import FolderLine
 from sim.registry import AXES, MOTOR_FAULTS, faults_of
 from sim.scpi import Address, Instrument
 from sim.server import Open, PtyLine, TcpLine
 from sim.settings import Iris, Wheel
 from sim.world import World
 
-CAMERA_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "lost-frame")
+CAMERA_FAULTS = {
+    "scpi": ("silence", "drop", "late", "garbage", "cut", "hang-up", "reset", "lost-frame"),
+    "folder": ("silence", "drop", "late", "double", "garbage", "cut", "hang-up", "lost-frame"),
+}
 POLL = 0.2  # s between looks for the end
 GRACE = 5.0  # s that a parent has after a Ctrl-C
 
 
 @dataclass(frozen=True)
 class Served:
-    """A bench being served: the world behind it and where each instrument answers."""
+    """A bench being served: the world behind it, where each instrument answers, and what goes wrong with the axes."""
 
     world: World
     addresses: dict[str, Any]
-    lines: tuple[TcpLine | PtyLine, ...]
+    lines: tuple[TcpLine | PtyLine | FolderLine, ...]
     scpi: tuple[Address, ...]
+    faults: Mapping[str, Faults]
 
     def stop(self) -> None:
         """Close every line; no thread is left."""
@@ -69,8 +75,9 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
     world = World(bench, clock or RunningClock(bench.description.simulated.clock))
     devices = {"camera": bench.description.camera, "iris": bench.description.iris, "target": bench.description.target}
     _check_faults(bench)
-    lines: list[TcpLine | PtyLine] = []
+    lines: list[TcpLine | PtyLine | FolderLine] = []
     addresses: dict[str, Any] = {"axes": {}}
+    faults: dict[str, Faults] = {}
 
     def listen(open_session: Open, serial: bool) -> str:
         lines.append(PtyLine(open_session) if pty and serial else TcpLine(open_session, port + len(lines) if port else 0))
@@ -82,16 +89,21 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
         for driver, names in _sharing(bench.description.axes, AXES, alone):
             line = AXES[driver].line(bench, world, names)
             where = listen(line.open_session, serial=True)
+            faults |= line.faults
             addresses["axes"] |= {name: {"driver": driver, "address": where, **place} for name, place in line.places.items()}
-        for _, shared in _sharing(devices, ("scpi",)):
+        for driver, shared in _sharing(devices, ("scpi", "folder")):
+            if driver == "folder":
+                lines.append(_folder(bench, world, shared))
+                addresses["camera"] = {"driver": driver, "address": lines[-1].address}
+                continue
             address = Address([_instrument(bench, world, name) for name in shared], world.clock)
             scpi.append(address)
             where = listen(address.open_session, serial=False)
             addresses |= {name: {"driver": "scpi", "address": where} for name in shared}
     except BaseException:
-        Served(world, addresses, tuple(lines), tuple(scpi)).stop()
+        Served(world, addresses, tuple(lines), tuple(scpi), faults).stop()
         raise
-    return Served(world, addresses, tuple(lines), tuple(scpi))
+    return Served(world, addresses, tuple(lines), tuple(scpi), faults)
 
 
 def _sharing(
@@ -112,6 +124,12 @@ def _sharing(
     return [(driver, names) for (driver, _, _), names in shared.items()]
 
 
+def _folder(bench: Bench, world: World, names: list[str]) -> FolderLine:
+    if names != ["camera"]:
+        raise InputError(f"{bench.file}: {', '.join(names)}: only a camera can stand behind a folder; give the others their own drivers")
+    return FolderLine(SimulatedCamera(world, bench.description.simulated, faults_of(bench, "camera")))
+
+
 def _instrument(bench: Bench, world: World, name: str) -> Instrument:
     faults = faults_of(bench, name)
     if name == "camera":
@@ -122,7 +140,7 @@ def _instrument(bench: Bench, world: World, name: str) -> Instrument:
 def _check_faults(bench: Bench) -> None:
     """Refuse faults of devices that are not there, and faults that a device cannot have."""
     allowed = {name: AXES[axis.driver].faults for name, axis in bench.description.axes.items() if axis.driver in AXES}
-    allowed |= {"camera": CAMERA_FAULTS, "iris": MOTOR_FAULTS, "target": MOTOR_FAULTS}
+    allowed |= {"camera": CAMERA_FAULTS.get(bench.description.camera.driver, ()), "iris": MOTOR_FAULTS, "target": MOTOR_FAULTS}
     for fault in bench.description.simulated.faults:
         if fault.device not in allowed:
             raise InputError(f"{bench.file}: simulated.faults: there is no device '{fault.device}'; allowed: {', '.join(allowed)}")
@@ -134,6 +152,7 @@ def _check_faults(bench: Bench) -> None:
 def warm_up(served: Served) -> threading.Thread:
     """Compile what drawing needs, in a thread of its own, while the client homes the stages."""
     cameras = [instrument for address in served.scpi for instrument in address.instruments if isinstance(instrument, SimulatedCamera)]
+    cameras += [line.camera for line in served.lines if isinstance(line, FolderLine)]
 
     def draw() -> None:
         for camera in cameras:
@@ -164,7 +183,7 @@ def write_bench(bench: Bench, served: Served, file: Path) -> None:
 
 
 def _as_written(address: str) -> str:
-    return address if address.startswith("/") else f"socket://{address}"
+    return f"socket://{address}" if address.startswith("127.0.0.1:") else address
 
 
 def main(bench_file: Path, port: int = 0, *, pty: bool = False, json_line: bool = False, write_bench_file: Path | None = None) -> None:

@@ -8,19 +8,27 @@ from flflab.image.sensor_response import SensorResponse
 from flflab.image_file import RawPicture
 
 
-def raw_picture(numbers: npt.NDArray[np.uint16], response: SensorResponse, colour_filter: ColourFilter | None) -> RawPicture:
+def raw_picture(
+    numbers: npt.NDArray[np.uint16],
+    response: SensorResponse,
+    colour_filter: ColourFilter | None,
+    exposure_s: float = 0.0,
+    iso: float = 0.0,
+) -> RawPicture:
     """What ``write_raw`` takes, of what ``digitise`` gives.
 
     Args:
         numbers: what the sensor reads.
         response: the sensor; its offset, rounded, is the black level, and its saturation or full scale the white level.
         colour_filter: of the scene.
+        exposure_s: exposure time, s; 0 notes none.
+        iso: speed; 0 notes none.
     """
     scale = response.quantisation
     black = round(scale.offset_dn)
     white = min(scale.full_scale, round(scale.offset_dn + scale.dn_per_electron * response.saturation_e))
     pattern = None if colour_filter is None else colour_filter.pattern
-    return RawPicture(numbers, pattern, (black, black, black, black), white, neutral(colour_filter))
+    return RawPicture(numbers, pattern, (black, black, black, black), white, neutral(colour_filter), exposure_s, iso)
 
 
 def neutral(colour_filter: ColourFilter | None) -> tuple[float, float, float]:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import rawpy
+import tifffile
 
 from flflab.errors import InputError
 from flflab.image_file import RawPicture, read_picture, read_raw, write_picture, write_raw
@@ -60,6 +61,19 @@ def test_libraw_reads_numbers_mosaic_and_levels_of_a_dng(tmp_path: Path, pattern
     assert (back.pattern, back.black_level, back.white_level) == (pattern, black, white)
     assert back.neutral == pytest.approx(neutral, rel=1e-5)
     assert np.array_equal(read_picture(file), values)
+
+
+@pytest.mark.parametrize("pattern", [None, "gbrg"])
+def test_exposure_and_speed_are_told_as_others_read_them(tmp_path: Path, pattern: str | None) -> None:
+    values = np.arange(40 * 30, dtype=np.uint16).reshape(30, 40)
+    write_raw(tmp_path / "a.dng", RawPicture(values, pattern, exposure_s=0.02, iso=400.0))
+    with tifffile.TiffFile(tmp_path / "a.dng") as file:
+        (page,) = file.series[0].pages
+        assert isinstance(page, tifffile.TiffPage)
+        assert page.tags[34665].value == {"ExposureTime": (2_000_000, 100_000_000), "ISOSpeedRatings": 400}
+    back = read_raw(tmp_path / "a.dng")
+    assert (back.exposure_s, back.iso) == (0.02, 400.0)
+    assert np.array_equal(back.values, values)
 
 
 @pytest.mark.parametrize(
