@@ -157,6 +157,16 @@ class SimulatedDescription(Description):
     black_level: Annotated[float, Field(ge=0)] = 64.0
 
 
+class OpticsUncertaintyDescription(Description):
+    """How well the sizes in the camera file are known: standard uncertainties as shares, each the same in every configuration."""
+
+    main_lens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    f_number: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    microlens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    microlens_aperture: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    pitch: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+
+
 class BenchDescription(Description):
     """A bench file."""
 
@@ -166,6 +176,8 @@ class BenchDescription(Description):
     target: DeviceDescription
     minimum_gap: Annotated[Length, Field(gt=0)]
     optics: str
+    optics_uncertainty: OpticsUncertaintyDescription = OpticsUncertaintyDescription()
+    light_uncertainty: Annotated[Ratio, Field(ge=0, lt=1)] = 0.005
     simulated: SimulatedDescription = SimulatedDescription()
 
     @model_validator(mode="after")

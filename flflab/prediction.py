@@ -1,7 +1,7 @@
-"""What the model expects a bench to show, and how sure it can be: many draws of the stages' zero and scale errors.
+"""What the model expects a bench to show, and how sure it can be: many draws of the errors of its stages and its optics.
 
 In focus the contrast falls whichever way a stage is off, so straight error bars would be wrong. Every quantity is therefore
-computed for the nominal bench and for draws of its stage errors; mean, spread, covariance between configurations and the null
+computed for the nominal bench and for draws of its errors; mean, spread, covariance between configurations and the null
 distribution of a verdict all follow from the same draws.
 """
 
@@ -23,54 +23,110 @@ ELEMENTS: tuple[Element, ...] = ("main_lens.z", "array.z", "sensor.z", "target.z
 
 
 @dataclass(frozen=True)
+class OpticsFactors:
+    """True over described sizes of the optics, one value a draw, shape (n,)."""
+
+    lens_focal: Array
+    lens_aperture: Array
+    focal: Array
+    aperture: Array
+    pitch: Array
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Draws of everything that a bench file states an uncertainty for, the same in every configuration.
+
+    Attributes:
+        stages: zero error (mm) and scale error of the stage that moves each element, shape (n,) each.
+        optics: of lens and array.
+    """
+
+    stages: dict[Element, tuple[Array, Array]]
+    optics: OpticsFactors
+
+    def of_the_stages_alone(self) -> "Errors":
+        """The same draws with optics exactly as described."""
+        return Errors(self.stages, exact_optics(len(self.optics.pitch)))
+
+
+@dataclass(frozen=True)
 class Placement:
-    """Where the elements stand in one configuration, one value a draw, shape (n,), mm from the main lens.
+    """Where the elements stand in one configuration and how large they are, one value a draw, shape (n,), mm from the main lens.
 
     Attributes:
         distance: main lens to target.
         array: main lens to array.
         gap: array to sensor.
+        optics: sizes over those described.
     """
 
     distance: Array
     array: Array
     gap: Array
+    optics: OpticsFactors
 
 
-def stage_errors(bench: Bench, draws: int, rng: np.random.Generator) -> dict[Element, tuple[Array, Array]]:
-    """Draws of each stage's zero error (mm) and scale error, shape (draws,) each, from the bench file's uncertainties."""
-    errors: dict[Element, tuple[Array, Array]] = {}
+def exact_optics(draws: int) -> OpticsFactors:
+    """Optics as described, in every draw."""
+    return OpticsFactors(*(np.ones(draws) for _ in fields(OpticsFactors)))
+
+
+def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
+    """Draws of the errors of stages and optics from the bench file's standard uncertainties."""
+    stages: dict[Element, tuple[Array, Array]] = {}
     for element in ELEMENTS:
         axis = bench.description.axis_of(element)
         zero, scale = (axis[1].zero_uncertainty, axis[1].scale_uncertainty) if axis else (0.0, 0.0)
-        errors[element] = (rng.normal(0.0, 1.0, draws) * zero, rng.normal(0.0, 1.0, draws) * scale)
-    return errors
+        stages[element] = (rng.normal(0.0, 1.0, draws) * zero, rng.normal(0.0, 1.0, draws) * scale)
+    doubt = bench.description.optics_uncertainty
+    lens, f_number, focal, aperture, pitch = (
+        1 + rng.normal(0.0, 1.0, draws) * share
+        for share in (doubt.main_lens_focal_length, doubt.f_number, doubt.microlens_focal_length, doubt.microlens_aperture, doubt.pitch)
+    )
+    return Errors(stages, OpticsFactors(lens, lens / f_number, focal, aperture, pitch))
 
 
-def placements(bench: Bench, worlds: dict[Element, float], errors: dict[Element, tuple[Array, Array]]) -> Placement:
+def placements(bench: Bench, worlds: dict[Element, float], errors: Errors) -> Placement:
     """Where the elements stand if the stages are off by each draw of their errors.
 
     Args:
         bench: whose axes move the elements.
         worlds: nominal world z of each element, mm.
-        errors: zero and scale errors as from ``stage_errors``.
+        errors: as from ``drawn_errors``.
     """
     z: dict[Element, Array] = {}
     for element in ELEMENTS:
-        zero, scale = errors[element]
+        zero, scale = errors.stages[element]
         axis = bench.description.axis_of(element)
         reading = axis[1].reading(worlds[element]) if axis else 0.0
         sign = axis[1].sign if axis else 1
         z[element] = worlds[element] + zero + sign * scale * reading
-    return Placement(z["main_lens.z"] - z["target.z"], z["array.z"] - z["main_lens.z"], z["sensor.z"] - z["array.z"])
+    lens = z["main_lens.z"]
+    return Placement(lens - z["target.z"], z["array.z"] - lens, z["sensor.z"] - z["array.z"], errors.optics)
+
+
+def drawn_systems(system: Smms, camera: Camera, placement: Placement) -> Smms:
+    """One system of a camera as it is in each draw, fields of shape (draws,); a glass plate keeps its share of the distances."""
+    before, behind = camera.optical_distance - camera.array.distance, camera.optical_gap - camera.gap
+    optics = placement.optics
+    return Smms(
+        lens_focal=system.lens_focal * optics.lens_focal,
+        lens_aperture=system.lens_aperture * optics.lens_aperture,
+        distance=placement.array + before,
+        gap=placement.gap + behind,
+        focal=system.focal * optics.focal,
+        aperture=system.aperture * optics.aperture,
+        centre_x=system.centre_x * optics.pitch,
+        centre_y=system.centre_y * optics.pitch,
+    )
 
 
 def contrast_draws(camera: Camera, placement: Placement, cycles_per_mm: Array) -> Array:
     """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies)."""
-    central = central_smms(camera)
-    before, behind = camera.optical_distance - camera.array.distance, camera.optical_gap - camera.gap  # a glass plate's share
-    moved = replace(central, distance=placement.array[:, None] + before, gap=placement.gap[:, None] + behind)
-    return transfer(moved, 1 / placement.distance[:, None], camera.sensor.pixel, cycles_per_mm[None, :])
+    drawn = drawn_systems(central_smms(camera), camera, placement)
+    columns = Smms(**{field.name: getattr(drawn, field.name)[:, None] for field in fields(Smms)})
+    return transfer(columns, 1 / placement.distance[:, None], camera.sensor.pixel, cycles_per_mm[None, :])
 
 
 def predicted_view_indices(camera: Camera, distance: float, points: Array) -> list[npt.NDArray[np.int64]]:
@@ -101,9 +157,11 @@ def _candidates(smms: Smms, placement: Placement, point: Array) -> npt.NDArray[n
     """Microlenses within reach of the point's light in any draw."""
     vergence = 1 / placement.distance
     first = Smms(**{field.name: getattr(smms, field.name)[:1] for field in fields(Smms)})
-    x = image_offset(replace(first, distance=placement.array), vergence)
-    reach = np.maximum(first.lens_aperture * np.abs(x), first.aperture).max() / 2
-    away = placement.array / placement.distance
+    optics = placement.optics
+    x = image_offset(replace(first, distance=placement.array, lens_focal=first.lens_focal * optics.lens_focal), vergence)
+    stops = np.maximum(first.lens_aperture * optics.lens_aperture * np.abs(x), first.aperture * optics.aperture)
+    reach = stops.max() / 2
+    away = placement.array / placement.distance / optics.pitch
     low, high = np.min(-point[:, None] * away, axis=1) - reach, np.max(-point[:, None] * away, axis=1) + reach
     centres = np.stack([smms.centre_x, smms.centre_y], axis=1)
     return np.flatnonzero(np.all((centres >= low) & (centres <= high), axis=1))
@@ -120,9 +178,21 @@ def _count(camera: Camera, smms: Smms, neighbours: npt.NDArray[np.int64], placem
     draws, systems = len(placement.distance), len(smms.focal)
     if systems == 0:
         return np.zeros(draws, dtype=np.int64)
-    tiled = Smms(**{field.name: np.tile(getattr(smms, field.name), draws) for field in fields(Smms)})
-    before, behind = np.tile(smms.distance - camera.array.distance, draws), np.tile(smms.gap - camera.gap, draws)
-    tiled = replace(tiled, distance=np.repeat(placement.array, systems) + before, gap=np.repeat(placement.gap, systems) + behind)
+    optics = placement.optics
+
+    def each(described: Array, factor: Array) -> Array:
+        return np.tile(described, draws) * np.repeat(factor, systems)
+
+    tiled = Smms(
+        lens_focal=each(smms.lens_focal, optics.lens_focal),
+        lens_aperture=each(smms.lens_aperture, optics.lens_aperture),
+        distance=np.repeat(placement.array, systems) + np.tile(smms.distance - camera.array.distance, draws),
+        gap=np.repeat(placement.gap, systems) + np.tile(smms.gap - camera.gap, draws),
+        focal=each(smms.focal, optics.focal),
+        aperture=each(smms.aperture, optics.aperture),
+        centre_x=each(smms.centre_x, optics.pitch),
+        centre_y=each(smms.centre_y, optics.pitch),
+    )
     offsets = np.repeat(np.arange(draws) * systems, systems)[:, None]
     repeated = np.tile(neighbours, (draws, 1))
     seen = fields_of(tiled, np.where(repeated >= 0, repeated + offsets, -1), camera)

@@ -117,7 +117,7 @@ class World:
         self.clock = clock
         self.seed = simulated.seed
         check_truths(simulated.truths, bench.description.axes)
-        self.optics = true_optics(bench.optics, simulated.truths)
+        self.optics = true_optics(bench, simulated.truths)
         self._fixed = {
             "main_lens.z": 0.0,
             "array.z": bench.optics.array.distance,
@@ -134,7 +134,8 @@ class World:
         self.carriages = {name: Carriage(clock, axis.start) for name, axis in self.axes.items()}
         self.iris = Carriage(clock, bench.optics.main_lens.f_number)
         self.wheel = Carriage(clock, WHEEL.index("white"))
-        self._iris_scale = _planted(simulated.truths, "iris.scale", "ratio", 0.0)
+        drawn = keyed(self.seed, "optics", "f_number").normal() * bench.description.optics_uncertainty.f_number
+        self._iris_scale = _planted(simulated.truths, "iris.scale", "ratio", float(drawn))
         self.targets = wheel_targets(bench)
 
     def elements(self, instant: float) -> dict[str, float]:
@@ -222,17 +223,26 @@ def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truth
     )
 
 
-def true_optics(optics: Camera, truths: Truths) -> Camera:
-    """The camera file's optics with the planted truths about them."""
-    lens, array = optics.main_lens, optics.array
-    focal = _planted(truths, "microlens_array.focal_length", "length", array.focal_lengths[0])
+def true_optics(bench: Bench, truths: Truths) -> Camera:
+    """The camera file's optics with hidden errors drawn from the bench file's uncertainties, and the planted truths about them."""
+    lens, array, doubt = bench.optics.main_lens, bench.optics.array, bench.description.optics_uncertainty
+    seed = bench.description.simulated.seed
+
+    def factor(name: str, share: float) -> float:
+        return 1 + float(keyed(seed, "optics", name).normal()) * share
+
+    focal, pitch = factor("focal", doubt.microlens_focal_length), factor("pitch", doubt.pitch)
+    first = _planted(truths, "microlens_array.focal_length", "length", array.focal_lengths[0] * focal)
+    lens_focal = lens.focal_length * factor("lens", doubt.main_lens_focal_length)
+    aperture = array.aperture * factor("aperture", doubt.microlens_aperture)
     return replace(
-        optics,
-        main_lens=replace(lens, focal_length=_planted(truths, "main_lens.focal_length", "length", lens.focal_length)),
+        bench.optics,
+        main_lens=replace(lens, focal_length=_planted(truths, "main_lens.focal_length", "length", lens_focal)),
         array=replace(
             array,
-            focal_lengths=(focal, *array.focal_lengths[1:]),
-            aperture=_planted(truths, "microlens_array.aperture", "length", array.aperture),
+            focal_lengths=(first, *(one * focal for one in array.focal_lengths[1:])),
+            pitch=(array.pitch[0] * pitch, array.pitch[1] * pitch),
+            aperture=_planted(truths, "microlens_array.aperture", "length", aperture),
             roll=_planted(truths, "microlens_array.roll", "angle", array.roll),
         ),
     )

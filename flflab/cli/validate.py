@@ -12,8 +12,9 @@ from flflab.bench import read_bench
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import progress_shown, run_study
 from flflab.comparison import write_rows
+from flflab.diagnosis import not_told_apart
 from flflab.evaluation import Evaluation, evaluate
-from flflab.record import Run, read_run
+from flflab.record import Run
 from flflab.study import read_study
 
 REJECTED = 3
@@ -27,13 +28,8 @@ def validate(
 ) -> None:
     """Run a study on a bench and say whether the camera does what its model says (exit 0), or not (exit 3)."""
     with progress_shown() as tell:
-        run = run_study(study or built_in(Kind.STUDY), bench or built_in(Kind.BENCH), out, seed, tell)
+        run = run_study(study or built_in(Kind.STUDY), bench or built_in(Kind.BENCH), out, seed, tell, "validate")
     conclude(run)
-
-
-def report(run: Annotated[Path, typer.Argument(help="folder of a run")]) -> None:
-    """Measure and compare a recorded run again and rewrite its report."""
-    conclude(read_run(run))
 
 
 def conclude(run: Run) -> None:
@@ -52,6 +48,8 @@ def conclude(run: Run) -> None:
         console.print(verdict.sentence, highlight=False)
     accepted = evaluation.comparison.accepted
     console.print("The camera does what its model says." if accepted else "The camera does not do what its model says.", style="bold")
+    for suspect in not_told_apart(evaluation.suspects):
+        console.print(f"Would explain it: {suspect.sentence}.", highlight=False)
     console.print(f"Report: {run.folder / 'report.html'}", highlight=False, soft_wrap=True)
     if not accepted:
         raise typer.Exit(REJECTED)

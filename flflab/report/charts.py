@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from flflab.analysis.contrast import ContrastCurve
 from flflab.comparison import Row
-from flflab.evaluation import Evaluation, Measured, Predicted
+from flflab.evaluation import Evaluation
+from flflab.properties.predicted import Predicted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,9 +56,9 @@ def _columns(rows: list[Row], *names: str) -> Array:
     return np.array([[float(getattr(row, name)) for row in rows] for name in names])
 
 
-def mtf_chart(one: Measured, model: Predicted, rows: tuple[Row, ...], title: str) -> str:
+def mtf_chart(index: int, curve: ContrastCurve, model: Predicted, rows: tuple[Row, ...], title: str) -> str:
     """Contrast measured with its own uncertainty, against mean and central 95 % of the predicted draws, over frequency."""
-    curve, frequency = one.curve, one.curve.cycles_per_mm
+    frequency = curve.cycles_per_mm
     with _style():
         figure = _new(3.9, 2.9)
         axes = figure.add_subplot()
@@ -66,7 +68,7 @@ def mtf_chart(one: Measured, model: Predicted, rows: tuple[Row, ...], title: str
         axes.plot(frequency, model.contrast_draws.mean(axis=0), color=PREDICTED, label="predicted, mean")
         sigma = np.sqrt(np.diag(curve.covariance))
         axes.errorbar(frequency, curve.contrast, 2 * sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5, label="measured, ± 2σ")
-        paper = _rows(rows, "contrast_paper", one.configuration.index)
+        paper = _rows(rows, "contrast_paper", index)
         if paper:
             nu, claimed, read = _columns(paper, "cycles_per_mm", "predicted", "measured")
             axes.plot(nu, claimed, ":", color=PAPER, label="eq. (2) of the paper")
@@ -77,6 +79,50 @@ def mtf_chart(one: Measured, model: Predicted, rows: tuple[Row, ...], title: str
         upper = axes.secondary_xaxis("top", functions=(lambda nu: np.asarray(nu) * per_px, lambda u: np.asarray(u) / per_px))
         upper.set_xlabel("cycles/pixel", fontsize=7)
         upper.tick_params(labelsize=7)
+        return _as_svg(figure)
+
+
+SMALL = {  # what is drawn small, one panel each: title, unit and how many of it the quantity's unit holds
+    "bright_field_mm": ("bright field", "\u00b5m", 1e3),
+    "total_field_mm": ("total field", "\u00b5m", 1e3),
+    "image_pitch_mm": ("pitch of the micro-images", "\u00b5m", 1e3),
+    "overlap_mm": ("overlap", "\u00b5m", 1e3),
+    "dot_distance_mm": ("distance of the dots", "mm", 1.0),
+    "elr_row_px": ("effective lateral resolution", "px", 1.0),
+    "light": ("marginal light", "%", 100.0),
+    "depth_of_field_near_mm": ("depth of field, near end", "mm", 1.0),
+    "depth_of_field_far_mm": ("depth of field, far end", "mm", 1.0),
+    "array_roll_mrad": ("roll of the array", "mrad", 1.0),
+    "array_tilt_x_mrad": ("tilt along x", "mrad", 1.0),
+    "array_tilt_y_mrad": ("tilt along y", "mrad", 1.0),
+}
+
+
+def properties_chart(evaluation: Evaluation) -> str:
+    """Measured less predicted of every property beside views and contrast, a panel each.
+
+    Black dots with 2 uncertainties of the pictures, on the band of 95 % of the benches that the stated errors of stages and optics allow.
+    """
+    panels = {name: [one for one in evaluation.values if one.quantity == name] for name in SMALL}
+    panels = {name: members for name, members in panels.items() if members}
+    columns = 3
+    with _style():
+        figure = _new(7.8, 1.75 * max(1, -(-len(panels) // columns)))
+        for place, (name, members) in enumerate(panels.items()):
+            title, unit, many = SMALL[name]
+            axes = figure.add_subplot(-(-len(panels) // columns), columns, place + 1)
+            axes.axhline(0, color=PREDICTED, linewidth=0.8)
+            for one in members:
+                low, high = np.percentile(one.draws - one.expected, [2.5, 97.5], axis=0) * many
+                difference = (one.measured - one.expected) * many
+                at = one.configuration + 0.5 * (np.arange(len(difference)) / max(len(difference) - 1, 1) - 0.5) * (len(difference) > 1)
+                axes.bar(at, high - low, bottom=low, width=0.7 / len(difference), color=PREDICTED, alpha=0.3, linewidth=0)
+                sigma = 2 * np.sqrt(np.diag(one.noise)) * many
+                axes.errorbar(at, difference, sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5)
+            axes.set_title(f"{title}, {unit}", fontsize=8)
+            axes.set_xticks(sorted({one.configuration for one in members}))
+            axes.margins(x=0.08)
+            axes.grid(visible=False, axis="x")
         return _as_svg(figure)
 
 

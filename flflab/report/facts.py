@@ -8,11 +8,12 @@ import numpy.typing as npt
 
 from flflab.bench import Bench
 from flflab.comparison import Row
-from flflab.evaluation import Evaluation, Measured
+from flflab.evaluation import Evaluation
 from flflab.optics.camera import Camera
 from flflab.optics.focus import limiting_aperture
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import image_offset
+from flflab.properties.measured import Measured
 from flflab.record import Run
 
 WAVELENGTH = 550e-6  # mm: green, where no other is stated
@@ -118,8 +119,10 @@ def _saturation(measured: tuple[Measured, ...]) -> list[str]:
 
 
 def _notes_on(one: Measured) -> list[str]:
-    where, found = f"Configuration {one.configuration.index}", list[str]()
-    for what, chi2 in (("lattice", one.lattice.chi2_per_pixel), ("contrast", one.curve.chi2_per_pixel)):
+    where = f"Configuration {one.configuration.index}"
+    found = [f"{where}: {failure}." for failure in one.failures]
+    fits = [("lattice", one.lattice.chi2_per_pixel), *([("contrast", one.curve.chi2_per_pixel)] if one.curve else [])]
+    for what, chi2 in fits:
         if chi2 > WORST_CHI2:
             found.append(f"{where}: the {what} fit leaves {chi2:.2g} times the noise's variance; its uncertainties were enlarged to match.")
     uncertain = sum(dot.views_uncertain for dot in one.dots)

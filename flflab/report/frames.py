@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from flflab.analysis.dots import DotViews
 from flflab.analysis.lattice import Lattice
-from flflab.evaluation import Measured, Predicted
 from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import camera_smms
 from flflab.optics.useful import illumination_radius, select
 from flflab.optics.views import chief_crossings
+from flflab.properties.measured import Measured
+from flflab.properties.predicted import Predicted
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]

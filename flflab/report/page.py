@@ -8,14 +8,21 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined, Template
 
 from flflab.bench import Bench
+from flflab.diagnosis import not_told_apart
 from flflab.errors import RecordError
-from flflab.evaluation import Evaluation, Measured, Predicted
+from flflab.evaluation import Evaluation
+from flflab.properties.measured import Measured
+from flflab.properties.predicted import Predicted
 from flflab.record import Run
 from flflab.report import charts, facts, frames, tables
 from flflab.study import Study
 
 ELSEWHERE = ("time", "devices", "software", "configurations")  # what the start document holds that the page shows in its place
-NAMES = {"views": "number of views", "mtf": "contrast (MTF)"}
+NAMES = {
+    "views": "number of views", "mtf": "contrast (MTF)", "micro_images_mm": "micro-images: bright field, total field, pitch",
+    "overlap_mm": "overlap", "depth_of_field_mm": "depth of field", "light": "marginal light", "elr_row_px": "effective lateral resolution",
+    "dot_distance_mm": "depth of the dots", "array_attitude_mrad": "tilt and roll of the array",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -26,7 +33,7 @@ class Panel:
     title: str
     dots: frames.MarkedFrame | None
     bars: frames.MarkedFrame | None
-    mtf: str
+    mtf: str | None
     ratio: str | None
     counts: str
     missed: int
@@ -62,6 +69,10 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         statistics=tables.statistics_table(evaluation),
         diffraction=diffraction_sentence(evaluation),
         panels=[_panel(evaluation, one, model, run, study) for one, model in zip(evaluation.measured, evaluation.predicted, strict=True)],
+        suspects=[suspect.sentence for suspect in not_told_apart(evaluation.suspects)],
+        next_suspects=[suspect.sentence for suspect in evaluation.suspects[len(not_told_apart(evaluation.suspects)) :][:2]],
+        budget=tables.budget_table(evaluation),
+        properties_chart=charts.properties_chart(evaluation),
         views_chart=charts.views_chart(evaluation),
         difference_chart=charts.difference_chart(evaluation) if len(evaluation.measured) > 1 else None,
         residual_chart=charts.residual_chart(evaluation),
@@ -74,6 +85,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         truth=tables.simulated_table(bench) if "simulated" in bench.description.model_fields_set else None,
         provenance=_provenance(run, study, bench),
         draws=study.description.draws,
+        light=bench.description.light_uncertainty,
         significance=study.description.significance,
     )
     try:
@@ -92,7 +104,8 @@ def headline(evaluation: Evaluation) -> str:
     rejected = [NAMES.get(one.quantity, one.quantity) for one in evaluation.comparison.verdicts if not one.accepted]
     if not rejected:
         return "The camera does what its model says."
-    return f"The camera does not do what its model says: {' and '.join(rejected)} disagree{'s' if len(rejected) == 1 else ''}."
+    named = " and ".join([", ".join(rejected[:-1]), rejected[-1]] if len(rejected) > 1 else rejected)
+    return f"The camera does not do what its model says: {named} disagree{'s' if len(rejected) == 1 else ''}."
 
 
 def diffraction_sentence(evaluation: Evaluation) -> str:
@@ -100,14 +113,15 @@ def diffraction_sentence(evaluation: Evaluation) -> str:
     diameters, left = list[float](), list[float]()
     for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
         diameters.append(facts.airy_diameter(model.camera, model.distance) / model.camera.sensor.pixel)
-        left.append(float(facts.diffraction_contrast(model.camera, model.distance, one.curve.cycles_per_px.max())))
+        if one.curve:
+            left.append(float(facts.diffraction_contrast(model.camera, model.distance, one.curve.cycles_per_px.max())))
     low, high = min(diameters), max(diameters)
     span = f"{low:.2f}" if math.isclose(low, high, rel_tol=5e-3) else f"{low:.2f} to {high:.2f}"
     sentence = f"At {1e6 * facts.WAVELENGTH:g} nm the Airy diameter on the sensor is {span} pixels"
     verb = "more than the one pixel of blur that the depth of field allows" if high > 1 else "within one pixel"
     return (
         f"{sentence}, {verb}; at the highest frequency compared a lens limited by diffraction alone keeps "
-        f"{100 * min(left):.0f} % of the contrast."
+        f"{100 * min(left, default=0.0):.0f} % of the contrast."
     )
 
 
@@ -124,8 +138,8 @@ def _panel(evaluation: Evaluation, one: Measured, model: Predicted, run: Run, st
         index=index,
         title=title,
         dots=dots,
-        bars=frames.bars_frame(run.picture(ruled), one, model) if ruled else None,
-        mtf=charts.mtf_chart(one, model, rows, title),
+        bars=frames.bars_frame(run.picture(ruled), one, model) if ruled and one.curve else None,
+        mtf=charts.mtf_chart(one.configuration.index, one.curve, model, rows, title) if one.curve else None,
         ratio=charts.ratio_chart(rows, index, f"{index} over {study.description.reference}") if ratio else None,
         counts=", ".join(f"dot {dot.dot}: {dot.views} ({model.views[dot.dot]})" for dot in one.dots),
         missed=agreements.count("missed"),

@@ -11,9 +11,11 @@ import numpy as np
 
 from flflab.bench import AxisDescription, Bench
 from flflab.comparison import Row
-from flflab.evaluation import Evaluation, Measured, Predicted
+from flflab.evaluation import Evaluation
 from flflab.optics.focus import magnification, virtual_depth
 from flflab.optics.resolution import central_smms
+from flflab.properties.measured import Measured
+from flflab.properties.predicted import Predicted
 from flflab.record import Run
 from flflab.report.facts import airy_diameter, z_statistics
 from flflab.study import Study
@@ -66,6 +68,19 @@ def statistics_table(evaluation: Evaluation) -> Table:
     return Table("Standardised differences, pooled over all configurations", headings, tuple(rows))
 
 
+def budget_table(evaluation: Evaluation) -> Table:
+    """Where the uncertainty of every quantity comes from: the largest part of any configuration's, in the quantity's unit."""
+    found: dict[str, list[tuple[float, float, float, float]]] = {}
+    for whole, stages in zip(evaluation.values, evaluation.of_the_stages, strict=True):
+        pixels = np.sqrt(np.diag(whole.noise))
+        by_optics = np.sqrt(np.maximum(whole.spread**2 - stages.spread**2, 0.0))
+        parts = zip(whole.uncertainty, pixels, stages.spread, by_optics, strict=True)
+        found.setdefault(whole.quantity, []).extend((float(a), float(b), float(c), float(d)) for a, b, c, d in parts)
+    rows = tuple((quantity, *(number(float(part), 2) for part in np.median(np.array(parts), axis=0))) for quantity, parts in found.items())
+    headings = ("quantity", "standard uncertainty", "of the pictures", "of the stages", "of the optics' sizes")
+    return Table("Where the uncertainties come from (medians; each part's own standard uncertainty)", headings, rows)
+
+
 def settings_table(study: Study, evaluation: Evaluation) -> Table:
     """What was set and what follows from it by the model."""
     pairs = zip(evaluation.measured, evaluation.predicted, strict=True)
@@ -103,7 +118,7 @@ def micro_image_table(evaluation: Evaluation, run: Run) -> Table:
                 f"{measured_number(lattice.inside_radius_px, lattice.inside_uncertainty_px)} / {float(smms.inside_radius) / pixel:.2f}",
                 f"{measured_number(lattice.outside_radius_px, lattice.outside_uncertainty_px)} / {float(smms.outside_radius) / pixel:.2f}",
                 ", ".join(f"{dot.views}/{model.views[dot.dot]}" for dot in one.dots),
-                str(len(one.curve.cycles_per_mm)), number(1e3 * one.exposure_s, 4),
+                str(len(one.curve.cycles_per_mm)) if one.curve else "none", number(1e3 * one.exposure_s, 4),
                 number(frames[0].gain, 3) if frames else "-", str(one.saturated),
             )
         )  # fmt: skip
@@ -123,16 +138,25 @@ def comparison_tables(rows: tuple[Row, ...]) -> tuple[Table, ...]:
 
 def _comparison(rows: list[Row], quantity: str) -> Table:
     referred, dots = any(row.reference_configuration is not None for row in rows), any(row.dot is not None for row in rows)
-    headings = ["configuration", *(["against"] if referred else []), "dot" if dots else "frequency, cycles/mm"]
+    bars = any(row.cycles_per_mm is not None for row in rows)
+    place_heading = ["dot"] if dots else ["frequency, cycles/mm"] if bars else []
+    headings = ["configuration", *(["against"] if referred else []), *place_heading]
     cells: list[tuple[str, ...]] = []
     for row in rows:
-        place = str(row.dot) if dots else number(row.cycles_per_mm or 0.0, 4)
+        place = [str(row.dot)] if dots else [number(row.cycles_per_mm or 0.0, 4)] if bars else []
         against = [str(row.reference_configuration)] if referred else []
         values = [f"{row.measured:.5g}", f"{row.uncertainty:.2g}", f"{row.predicted:.5g}", f"{row.difference:+.2g}", f"{row.z:+.2f}"]
-        cells.append((str(row.configuration), *against, place, *values))
-    unit = "views" if dots else "contrast (no unit)" if quantity != "ratio_mtf" else "ratio (no unit)"
+        cells.append((str(row.configuration), *against, *place, *values))
+    unit = _unit(quantity)
     headings += ["measured", "uncertainty", "predicted", "difference", "z"]
     return Table(f"{quantity}: {len(rows)} rows, {unit}", tuple(headings), tuple(cells))
+
+
+def _unit(quantity: str) -> str:
+    for ending, unit in (("_mm", "mm"), ("_px", "pixels"), ("_mrad", "mrad"), ("views", "views"), ("light", "of the mean")):
+        if quantity.endswith(ending):
+            return unit
+    return "ratio (no unit)" if quantity.startswith("ratio") else "contrast (no unit)"
 
 
 def axes_table(bench: Bench, run: Run) -> Table:

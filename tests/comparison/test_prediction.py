@@ -1,4 +1,4 @@
-"""Draws of the stage errors move the predicted camera as the stages would, one camera at a time."""
+"""Draws of the errors of stages and optics change the predicted camera as one would build them, one camera at a time."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,10 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.bench import read_bench
-from flflab.optics.camera import Substrate
-from flflab.prediction import ELEMENTS, contrast_draws, placements, predicted_view_indices, stage_errors, view_draws
+from flflab.bench import OpticsUncertaintyDescription, read_bench
+from flflab.optics.camera import MainLens, Substrate
+from flflab.prediction import ELEMENTS, Errors, contrast_draws, drawn_errors, exact_optics, placements, predicted_view_indices, view_draws
 
+UNCERTAIN = OpticsUncertaintyDescription(
+    main_lens_focal_length=1e-3, f_number=0.02, microlens_focal_length=0.01, microlens_aperture=0.02, pitch=2e-3
+)
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "simulated.yaml"
 POINTS = 4.0 * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1.0]])
 
@@ -19,18 +22,27 @@ POINTS = 4.0 * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1.0]])
 def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: float, substrate: Substrate | None) -> None:
     bench = read_bench(BENCH)
     rng = np.random.Generator(np.random.Philox(key=5))
-    errors = stage_errors(bench, 12, rng)
-    # Ten times the real errors, so that counts do change between draws.
-    errors = {element: (20 * zero, scale) for element, (zero, scale) in errors.items()}
+    drawn = drawn_errors(replace(bench, description=bench.description.model_copy(update={"optics_uncertainty": UNCERTAIN})), 12, rng)
+    # Many times the real errors, so that counts do change between draws.
+    errors = Errors({element: (20 * zero, scale) for element, (zero, scale) in drawn.stages.items()}, drawn.optics)
     worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
     where = placements(bench, worlds, errors)  # pyright: ignore[reportArgumentType]
     camera = replace(bench.optics, main_lens=replace(bench.optics.main_lens, f_number=f_number))
     camera = replace(camera, array=replace(camera.array, tilt=(1e-3, 0.0), substrate=substrate))
     counted = view_draws(camera, where, POINTS)
     for draw in range(12):
+        focal, aperture, pitch = (float(factor[draw]) for factor in (drawn.optics.focal, drawn.optics.aperture, drawn.optics.pitch))
+        lens, wide = float(drawn.optics.lens_focal[draw]), float(drawn.optics.lens_aperture[draw])
         moved = replace(
             camera,
-            array=replace(camera.array, distance=float(where.array[draw])),
+            main_lens=MainLens(lens * camera.main_lens.focal_length, f_number * lens / wide),
+            array=replace(
+                camera.array,
+                distance=float(where.array[draw]),
+                focal_lengths=(camera.array.focal_lengths[0] * focal,),
+                aperture=camera.array.aperture * aperture,
+                pitch=(camera.array.pitch[0] * pitch, camera.array.pitch[1] * pitch),
+            ),
             sensor=replace(camera.sensor, distance=float(where.array[draw] + where.gap[draw])),
         )
         alone = [len(seen) for seen in predicted_view_indices(moved, float(where.distance[draw]), POINTS)]
@@ -40,10 +52,11 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: f
 def test_a_stage_s_errors_move_its_element_along_the_axis() -> None:
     bench = read_bench(BENCH)
     none = {element: (np.zeros(1), np.zeros(1)) for element in ELEMENTS}
+    as_described = exact_optics(1)
     worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
     moved = {**none, "sensor.z": (np.array([0.002]), np.array([1e-4]))}
-    before = placements(bench, worlds, none)  # pyright: ignore[reportArgumentType]
-    after = placements(bench, worlds, moved)  # pyright: ignore[reportArgumentType]
+    before = placements(bench, worlds, Errors(none, as_described))  # pyright: ignore[reportArgumentType]
+    after = placements(bench, worlds, Errors(moved, as_described))  # pyright: ignore[reportArgumentType]
     # The sensor's stage reads 18.85 mm there and counts against z.
     assert (after.gap - before.gap)[0] == pytest.approx(0.002 - 1e-4 * 18.85)
     assert before.distance[0] == pytest.approx(507.0)
@@ -54,6 +67,6 @@ def test_in_focus_the_contrast_falls_whichever_way_the_sensor_is_off() -> None:
     none = {element: (np.zeros(3), np.zeros(3)) for element in ELEMENTS}
     off = {**none, "sensor.z": (np.array([-0.003, 0.0, 0.003]), np.zeros(3))}
     sharp = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -506.701556}
-    contrast = contrast_draws(bench.optics, placements(bench, sharp, off), np.array([5.0]))[:, 0]  # pyright: ignore[reportArgumentType]
+    contrast = contrast_draws(bench.optics, placements(bench, sharp, Errors(off, exact_optics(3))), np.array([5.0]))[:, 0]  # pyright: ignore[reportArgumentType]
     assert contrast[0] < contrast[1]
     assert contrast[2] < contrast[1]

@@ -9,11 +9,13 @@ import pytest
 from flflab.analysis.contrast import ContrastCurve
 from flflab.analysis.dots import DotViews
 from flflab.analysis.lattice import Lattice
-from flflab.bench import Bench, read_bench
+from flflab.bench import Bench, Element, read_bench
 from flflab.comparison import Comparison, Row, Verdict
-from flflab.evaluation import Evaluation, Measured, Predicted
+from flflab.evaluation import Evaluation, properties
 from flflab.optics.resolution import central_smms
-from flflab.prediction import predicted_view_indices
+from flflab.prediction import drawn_errors, drawn_systems, placements, predicted_view_indices
+from flflab.properties.measured import Measured
+from flflab.properties.predicted import Predicted
 from flflab.record import FrameRecord, Recording, Run
 from flflab.report.frames import predicted_view_places
 from flflab.study import Configuration, Study, read_study
@@ -50,8 +52,12 @@ def lattice_of(configuration: Configuration, bench: Bench) -> Lattice:
         centres_px=origin + pitch * indices.astype(np.float64), inside_radius_px=float(smms.inside_radius) / PIXEL,
         outside_radius_px=float(smms.outside_radius) / PIXEL, pitch_uncertainty_px=2e-4, angle_uncertainty=1e-6,
         origin_uncertainty_px=np.full(2, 1e-3), inside_uncertainty_px=2e-3, outside_uncertainty_px=1e-3,
-        covariance_px=np.eye(6) * 1e-6, chi2_per_pixel=1.0, background_dn=64.0, light=np.zeros(6),
+        covariance_px=np.eye(6) * 1e-6, chi2_per_pixel=1.0, background_dn=64.0, light=np.eye(6)[0] * 2000,
     )  # fmt: skip
+
+
+def worlds_of(configuration: Configuration) -> dict[Element, float]:
+    return {"main_lens.z": 0.0, "array.z": configuration.array, "sensor.z": configuration.sensor, "target.z": -configuration.distance}
 
 
 def predict(configuration: Configuration, bench: Bench, study: Study) -> Predicted:
@@ -60,7 +66,13 @@ def predict(configuration: Configuration, bench: Bench, study: Study) -> Predict
     views = np.array([len(seen) for seen in indices])
     falling = 1 - FREQUENCIES / 10
     draws = falling + 0.01 * np.linspace(-1, 1, 101)[:, None]
-    return Predicted(camera, configuration.distance, views, np.tile(views, (101, 1)), indices, draws, 0.3)
+    errors = drawn_errors(bench, 101, np.random.default_rng(0))
+    placement = placements(bench, worlds_of(configuration), errors)
+    systems = drawn_systems(central_smms(camera), camera, placement)
+    pitches = np.full(101, camera.array.pitch[0])
+    vergences = 1 / placement.distance
+    tiled = np.tile(views, (101, 1))
+    return Predicted(camera, configuration.distance, views, tiled, indices, draws, 0.3, systems, vergences, pitches)
 
 
 def measure(configuration: Configuration, model: Predicted, lattice: Lattice, study: Study) -> Measured:
@@ -68,7 +80,8 @@ def measure(configuration: Configuration, model: Predicted, lattice: Lattice, st
     for dot, centre in enumerate(study.dots.centres):
         indices, places = predicted_view_places(model, lattice, dot, centre)
         count = len(indices)
-        dots.append(DotViews(dot, count, 0, indices, places, np.full(count, 0.05), np.zeros(3), np.ones(3)))
+        position = np.array([*centre, -configuration.distance])
+        dots.append(DotViews(dot, count, 0, indices, places, np.full(count, 0.05), position, np.full(3, 0.1)))
     zeros = np.zeros(len(FREQUENCIES))
     curve = ContrastCurve(
         cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
@@ -76,8 +89,7 @@ def measure(configuration: Configuration, model: Predicted, lattice: Lattice, st
         classic=zeros + 0.9, classic_uncertainty=zeros + 0.01, geometry=np.zeros(5),
         geometry_uncertainty=np.zeros(5), chi2_per_pixel=1.0, pixels=1000,
     )  # fmt: skip
-    worlds = {"main_lens.z": 0.0, "array.z": configuration.array, "sensor.z": configuration.sensor, "target.z": -configuration.distance}
-    return Measured(configuration, worlds, lattice, tuple(dots), curve, 0.0125, 0)  # pyright: ignore[reportArgumentType]
+    return Measured(configuration, worlds_of(configuration), lattice, tuple(dots), curve, 0.0125, 0)
 
 
 def rows_of(one: Measured, reference: int) -> list[Row]:
@@ -114,14 +126,17 @@ def evaluation(bench: Bench, study: Study) -> Evaluation:
         Verdict("mtf", 12, 0.41, 0.025, True, "mtf: 12 values agree with the model"),
         Verdict("views", 12, 0.97, 0.025, True, "views: 12 values agree with the model"),
     )
-    return Evaluation(measured, predicted, Comparison(rows, verdicts))
+    values = properties(measured, predicted, bench)
+    return Evaluation(measured, predicted, Comparison(rows, verdicts), values, values, ())
 
 
 @pytest.fixture(scope="session")
 def single(evaluation: Evaluation) -> Evaluation:
     """The first configuration alone."""
     rows = tuple(row for row in evaluation.comparison.rows if row.configuration == 0 and row.reference_configuration is None)
-    return Evaluation(evaluation.measured[:1], evaluation.predicted[:1], Comparison(rows, evaluation.comparison.verdicts))
+    values = tuple(one for one in evaluation.values if one.configuration == 0)
+    comparison = Comparison(rows, evaluation.comparison.verdicts)
+    return Evaluation(evaluation.measured[:1], evaluation.predicted[:1], comparison, values, values, ())
 
 
 @pytest.fixture(scope="session")

@@ -15,16 +15,19 @@ import pytest
 from flflab.analysis.noise import SensorNoise
 from flflab.bench import Bench, Element, read_bench
 from flflab.comparison import Comparison
-from flflab.evaluation import compare, measure_pictures, predict
+from flflab.evaluation import Evaluation, evaluate_measured
+from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
 from flflab.image.scene import one_plane
-from flflab.prediction import stage_errors
+from flflab.optics.camera import Camera
+from flflab.properties.measured import measure_pictures
 from flflab.study import Configuration, ConfigurationsDescription, Study, StudyDescription, expand
 from flflab.targets import Bars, FourDot, Target, White
 
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "simulated.yaml"
 GAIN, READ_NOISE_E, OFFSET, FULL_SCALE, WHITE_E = 4095 / 12000, 3.0, 64.0, 4095.0, 8000.0
 NOISE = SensorNoise(GAIN, READ_NOISE_E * GAIN, OFFSET, FULL_SCALE)
+Change = Callable[[Camera], Camera]
 ELEMENTS: tuple[Element, ...] = ("main_lens.z", "array.z", "sensor.z", "target.z")
 
 
@@ -38,12 +41,12 @@ def small_bench() -> Bench:
 
 
 def small_study(bench: Bench) -> Study:
-    """In focus at two f-numbers, and one point through focus."""
+    """In focus at two f-numbers, and two points through focus."""
     description = StudyDescription(
         name="small",
         configurations=[
             ConfigurationsDescription.model_validate({"f_number": [2.8, 4], "distance": "507 mm"}),
-            ConfigurationsDescription.model_validate({"f_number": 4, "distance": "500 mm", "focused_at": "507 mm"}),
+            ConfigurationsDescription.model_validate({"f_number": 4, "distance": ["500 mm", "515 mm"], "focused_at": "507 mm"}),
         ],
         draws=1000,
     )
@@ -51,23 +54,28 @@ def small_study(bench: Bench) -> Study:
 
 
 def picture(
-    bench: Bench, configuration: Configuration, errors: dict[Element, float], target: Target, rng: np.random.Generator
+    bench: Bench, configuration: Configuration, errors: dict[Element, float], target: Target, rng: np.random.Generator, change: Change
 ) -> npt.NDArray[np.float64]:
-    """What the camera of a bench whose elements stand off by these errors (mm) records."""
+    """What the camera of a bench whose elements stand off by these errors (mm), and whose optics are changed, records."""
     lens, array, sensor, away = (errors[element] for element in ELEMENTS)
-    camera = configuration.camera(bench.optics)
+    camera = change(configuration.camera(bench.optics))
     true = replace(
         camera,
         array=replace(camera.array, distance=configuration.array + array - lens),
         sensor=replace(camera.sensor, distance=configuration.sensor + sensor - lens),
     )
     light = np.maximum(render(one_plane(true, target, configuration.distance - away + lens), tolerance=2e-4), 0.0)
-    electrons = rng.poisson(light * WHITE_E) + rng.normal(0.0, READ_NOISE_E, light.shape)
+    white = WHITE_E * white_irradiance(true) / white_irradiance(bench.optics)
+    electrons = rng.poisson(light * white) + rng.normal(0.0, READ_NOISE_E, light.shape)
     return np.clip(np.rint(electrons * GAIN + OFFSET), 0, FULL_SCALE)
 
 
-def one_run(seed: int) -> Comparison:
-    """Hidden errors, pictures, measurement, prediction, comparison of one bench."""
+def as_described(camera: Camera) -> Camera:
+    return camera
+
+
+def one_run(seed: int, change: Change = as_described) -> Evaluation:
+    """Hidden errors, pictures, measurement, prediction, comparison of one bench whose optics are changed."""
     bench = small_bench()
     study = small_study(bench)
     hidden = np.random.default_rng(10_000 + seed)
@@ -84,19 +92,16 @@ def one_run(seed: int) -> Comparison:
         }
         targets: dict[str, Target] = {"white": White(), "four-dot": study.dots, "bars": study.bars}
         errors: dict[Element, float] = {e: zeros[e] + axes[e].sign * scales[e] * axes[e].reading(z) for e, z in worlds.items()}
-        pictures = {name: picture(bench, configuration, errors, target, hidden) for name, target in targets.items()}
+        pictures = {name: picture(bench, configuration, errors, target, hidden, change) for name, target in targets.items()}
         measured.append(measure_pictures(pictures, dict.fromkeys(targets, NOISE), configuration, worlds, study, bench.optics))
-    rng = np.random.Generator(np.random.Philox(key=seed))
-    draws = stage_errors(bench, study.description.draws, rng)
-    predicted = tuple(predict(one, study, bench, draws) for one in measured)
-    return compare(tuple(measured), predicted, study, rng)
+    return evaluate_measured(tuple(measured), study, bench, seed)
 
 
 @pytest.fixture(scope="module")
 def runs() -> Callable[[int], list[Comparison]]:
     def take(count: int) -> list[Comparison]:
         with ThreadPoolExecutor(2) as pool:
-            return list(pool.map(one_run, range(count)))
+            return [run.comparison for run in pool.map(one_run, range(count))]
 
     return take
 
@@ -115,6 +120,35 @@ def test_a_few_honest_benches_are_measured_within_their_uncertainties(runs: Call
     assert np.mean(np.abs(z) < 3) > 0.8
     views = [row for comparison in comparisons for row in comparison.rows if row.quantity == "views"]
     assert np.mean([row.measured == row.predicted for row in views]) >= 0.95
+
+
+def longer_microlenses(camera: Camera) -> Camera:
+    return replace(camera, array=replace(camera.array, focal_lengths=(1.02 * camera.array.focal_lengths[0],)))
+
+
+def narrower_iris(camera: Camera) -> Camera:
+    return replace(camera, main_lens=replace(camera.main_lens, f_number=1.03 * camera.main_lens.f_number))
+
+
+def longer_main_lens(camera: Camera) -> Camera:
+    return replace(camera, main_lens=replace(camera.main_lens, focal_length=1.004 * camera.main_lens.focal_length))
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    ("change", "named", "size"),
+    [
+        pytest.param(longer_microlenses, "focal length of the microlenses", 0.02, marks=pytest.mark.ci),
+        pytest.param(narrower_iris, "aperture of the main lens (the f-number the other way)", 1 / 1.03 - 1, marks=pytest.mark.ci),
+        pytest.param(longer_main_lens, "focal length of the main lens", 0.004, marks=pytest.mark.full),
+    ],
+)
+def test_a_planted_error_is_found_and_named(change: Change, named: str, size: float) -> None:
+    run = one_run(3, change)
+    assert not run.comparison.accepted
+    assert run.suspects[0].what == named
+    assert run.suspects[0].size == pytest.approx(size, rel=0.02)
+    assert run.suspects[1].chi2 > 100 * run.suspects[0].chi2
 
 
 @pytest.mark.full

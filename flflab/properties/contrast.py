@@ -1,0 +1,60 @@
+"""Contrast of bars against frequency: the picture's own curve, and the paper's reading of it."""
+
+import numpy as np
+
+from flflab.analysis.contrast import ContrastCurve
+from flflab.optics.contrast import contrast_paper, disc_transfer
+from flflab.optics.focus import magnification
+from flflab.optics.resolution import central_smms
+from flflab.properties.measured import Measured
+from flflab.properties.predicted import Predicted
+from flflab.properties.values import Values
+
+
+def contrasts(one: Measured, model: Predicted) -> list[Values]:
+    """Both, or none where the bars could not be measured."""
+    if one.curve is None:
+        return []
+    index = one.configuration.index
+    return [mtf(index, one.curve, model), paper_contrast(index, one.curve, model)]
+
+
+def mtf(index: int, curve: ContrastCurve, model: Predicted) -> Values:
+    """Contrast of the image's fundamental over the target's, signed."""
+    return Values(
+        index,
+        "mtf",
+        "bars",
+        curve.contrast,
+        curve.covariance,
+        model.contrast_draws.mean(axis=0),
+        model.contrast_draws,
+        (None,) * len(curve.contrast),
+        tuple(curve.cycles_per_mm.tolist()),
+    )
+
+
+def paper_contrast(index: int, curve: ContrastCurve, model: Predicted) -> Values:
+    """Eq. (2) of the paper, which knows no blur and is claimed inside the depth of field only: nowhere else are there values.
+
+    What a blur of up to one pixel takes away there is the model's own slack: a rectangular distribution from none to all of it.
+    """
+    camera = model.camera
+    count = len(curve.cycles_per_mm) if model.blur_px <= 1 else 0
+    scale = camera.sensor.pixel / float(magnification(central_smms(camera), 1 / model.distance))
+    cycles_per_px = curve.cycles_per_mm[:count] * scale
+    claimed = contrast_paper(cycles_per_px)
+    slack = claimed * (1 - disc_transfer(1.0, cycles_per_px)) / 3**0.5
+    noise = np.diag(curve.extremes_uncertainty[:count] ** 2 + slack**2)
+    draws = np.tile(claimed, (len(model.contrast_draws), 1))
+    return Values(
+        index,
+        "contrast_paper",
+        "bars",
+        curve.extremes[:count],
+        noise,
+        claimed,
+        draws,
+        (None,) * count,
+        tuple(curve.cycles_per_mm[:count].tolist()),
+    )

@@ -1,0 +1,88 @@
+"""Depth: where the dots stand along the axis, from the parallax between their views, against where the stage put them."""
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.optics.camera import Camera
+from flflab.optics.focus import microlens_limits
+from flflab.optics.resolution import central_smms
+from flflab.optics.smms import image_offset
+from flflab.properties.fields import RADIUS_ERROR_PX, useful_row
+from flflab.properties.measured import Measured
+from flflab.properties.predicted import Predicted
+from flflab.properties.values import Values, single
+
+Array = npt.NDArray[np.float64]
+
+
+def offset_read(model: Predicted) -> Array:
+    """The x = L W that a triangulation with the nominal camera reads when the true camera is each draw's, shape (n,).
+
+    The parallax a micro-image's distance apart is -b/((L + b) x). With the nominal L, b that is read as
+    x' = x (L_d + b_d)/b_d b/(L + b) of the draw's L_d, b_d.
+    """
+    nominal, true = central_smms(model.camera), model.systems
+    x = image_offset(true, model.vergences)
+    return x * (true.distance + true.gap) / true.gap * float(nominal.gap / (nominal.distance + nominal.gap))
+
+
+def distance_of(x: Array, camera: Camera) -> Array:
+    """Main lens to target, mm, from x = L V + 1 - L/F with the nominal camera."""
+    smms = central_smms(camera)
+    return float(smms.distance) / (x - 1 + float(smms.distance / smms.lens_focal))
+
+
+def dot_distances(one: Measured, model: Predicted) -> Values:
+    """Distance of each dot from the main lens by triangulation over its views, mm; dots that it leaves open are left out."""
+    seen = [dot for dot in one.dots if np.isfinite(dot.uncertainty_mm[2]) and dot.uncertainty_mm[2] > 0]
+    if not bool(microlens_limits(central_smms(model.camera), 1 / model.distance)):
+        seen = []
+    read = distance_of(offset_read(model), model.camera)
+    return Values(
+        one.configuration.index,
+        "dot_distance_mm",
+        "four-dot",
+        np.array([-dot.position_mm[2] for dot in seen], dtype=np.float64),
+        np.diag(np.array([dot.uncertainty_mm[2] ** 2 for dot in seen], dtype=np.float64)),
+        np.full(len(seen), read.mean()),
+        np.tile(read[:, None], (1, len(seen))),
+        tuple(dot.dot for dot in seen),
+        (None,) * len(seen),
+    )
+
+
+def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
+    """Effective lateral resolution along the row, eq. (3): useful pixels over the virtual depth |x/(1 - x)| L/b that the dots show.
+
+    Returns:
+        One number, or none where the dots show no depth or the micro-images have nothing useful.
+    """
+    distances = dot_distances(one, model)
+    camera, smms = model.camera, central_smms(model.camera)
+    if len(distances.measured) == 0:
+        return []
+    weights = 1 / np.diag(distances.noise)
+    distance = float(weights @ distances.measured / weights.sum())
+    doubt = float(weights.sum() ** -0.5)
+
+    def depth(x: Array) -> Array:
+        return np.abs(x / (1 - x)) * float(smms.distance / smms.gap)
+
+    def read(away: float) -> Array:
+        return depth(np.array([float(image_offset(smms, 1 / away))]))
+
+    lattice, pixel = one.lattice, camera.sensor.pixel
+    i, h, p = (np.array([value * pixel]) for value in (lattice.inside_radius_px, lattice.outside_radius_px, lattice.pitch_px))
+    useful = float(useful_row(camera, i, h, p)[0]) / pixel
+    virtual = float(read(distance)[0])
+    if useful <= 0 or virtual <= 0:
+        return []
+    slope = abs(float(read(distance + doubt)[0]) - float(read(distance - doubt)[0])) / 2
+    count = np.ceil(camera.sensor.resolution[0] / lattice.pitch_px)
+    edges = 2 * count * np.hypot(max(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px), RADIUS_ERROR_PX)
+    measured = useful / virtual
+    uncertainty = measured * float(np.hypot(slope / virtual, edges / useful))
+    systems = model.systems
+    drawn = useful_row(camera, systems.inside_radius, systems.outside_radius, model.pitches * systems.image_scale) / pixel
+    draws = drawn / depth(offset_read(model))
+    return [single(one.configuration.index, "elr_row_px", "four-dot", measured, uncertainty, draws)]

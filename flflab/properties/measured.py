@@ -1,0 +1,144 @@
+"""What the frames of one configuration of a run show."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.analysis.contrast import ContrastCurve, fit_contrast
+from flflab.analysis.dots import DotViews, count_views
+from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.bench import Bench, Element
+from flflab.errors import MeasurementError
+from flflab.optics.camera import Camera
+from flflab.optics.resolution import central_smms
+from flflab.record import FrameRecord, Run
+from flflab.study import Configuration, Study
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What the frames of one configuration show, and what else was recorded with them.
+
+    Attributes:
+        configuration: what was asked for.
+        worlds: where the stages said the elements stood, mm.
+        lattice: of the micro-images.
+        dots: empty where they could not be measured.
+        curve: None where the bars could not be measured.
+        exposure_s: s.
+        saturated: most saturated pixels in one frame.
+        failures: what could not be measured and why, a sentence each.
+    """
+
+    configuration: Configuration
+    worlds: dict[Element, float]
+    lattice: Lattice
+    dots: tuple[DotViews, ...]
+    curve: ContrastCurve | None
+    exposure_s: float
+    saturated: int
+    failures: tuple[MeasurementError, ...] = ()
+
+
+def measure_configuration(run: Run, configuration: Configuration, study: Study, bench: Bench) -> Measured:
+    """Lattice, views and contrast of one configuration of a run, from the means of its frames.
+
+    Raises:
+        MeasurementError: its frames are missing or do not show what they should.
+    """
+    pictures, frames = {}, {}
+    for target in ("white", "four-dot", "bars"):
+        pictures[target], frames[target] = _mean_picture(run, configuration, target)
+    first = frames["four-dot"][0]
+    return measure_pictures(
+        pictures,
+        {target: averaged(sensor_noise(run, taken[0].exposure_s), len(taken)) for target, taken in frames.items()},
+        configuration,
+        first.worlds,
+        study,
+        bench.optics,
+        first.exposure_s,
+        max(frame.saturated for taken in frames.values() for frame in taken),
+    )
+
+
+def measure_pictures(
+    pictures: Mapping[str, Array],
+    noises: Mapping[str, SensorNoise],
+    configuration: Configuration,
+    worlds: dict[Element, float],
+    study: Study,
+    optics: Camera,
+    exposure_s: float = 1.0,
+    saturated: int = 0,
+) -> Measured:
+    """Lattice from the white picture, views from the dots, contrast from the bars.
+
+    A camera far from its model may show no dots or bars that can be measured; the rest is measured all the same.
+
+    Args:
+        pictures: DN, [row, col], by target: white, four-dot, bars.
+        noises: the noise of each.
+        configuration: what was asked for.
+        worlds: where the stages said the elements stood, mm.
+        study: whose targets were shown.
+        optics: the bench's camera.
+        exposure_s: of all the pictures, s.
+        saturated: most saturated pixels in one frame.
+
+    Raises:
+        MeasurementError: the white picture shows no such lattice.
+    """
+    camera, distance = as_placed(configuration, optics, worlds)
+    rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
+    white = pictures["white"]
+    lattice = find_lattice(white, camera.array.layout, rough, noises["white"])
+    measured = Measured(configuration, worlds, lattice, (), None, exposure_s, saturated)
+    try:
+        dots = count_views(pictures["four-dot"], white, lattice, camera, study.dots, distance, noises["four-dot"])
+        measured = replace(measured, dots=dots)
+    except MeasurementError as error:
+        measured = replace(measured, failures=(*measured.failures, error))
+    try:
+        curve = fit_contrast(pictures["bars"], lattice, camera, study.bars, distance, noises["bars"])
+        measured = replace(measured, curve=curve)
+    except MeasurementError as error:
+        measured = replace(measured, failures=(*measured.failures, error))
+    return measured
+
+
+def as_placed(configuration: Configuration, optics: Camera, worlds: dict[Element, float]) -> tuple[Camera, float]:
+    """The nominal camera with the elements where the stages said they stood, and the target's distance, mm."""
+    lens = worlds["main_lens.z"]
+    placed = replace(configuration, array=worlds["array.z"] - lens, sensor=worlds["sensor.z"] - lens)
+    return placed.camera(optics), lens - worlds["target.z"]
+
+
+def sensor_noise(run: Run, exposure_s: float) -> SensorNoise:
+    """What the camera says of its noise, with the black level of the dark frame where one was taken at that exposure."""
+    noise = SensorNoise(**run.sensor_noise)
+    dark = run.dark(exposure_s)
+    return replace(noise, offset_dn=float(np.mean(run.picture(dark)))) if dark else noise
+
+
+def averaged(noise: SensorNoise, frames: int) -> SensorNoise:
+    """The noise of a mean of several frames."""
+    return replace(noise, dn_per_electron=noise.dn_per_electron / frames, read_noise_dn=noise.read_noise_dn / frames**0.5)
+
+
+def _mean_picture(run: Run, configuration: Configuration, target: str) -> tuple[Array, tuple[FrameRecord, ...]]:
+    """Mean of a configuration's frames of one target, DN, and the frames."""
+    frames = tuple(frame for frame in run.frames if frame.configuration == configuration.index and frame.target == target)
+    if not frames:
+        raise MeasurementError(
+            f"run {run.folder}: configuration {configuration.index} has no {target} frame; the run stopped before it was taken"
+        )
+    total = run.picture(frames[0]).astype(np.float64)
+    for frame in frames[1:]:
+        total += run.picture(frame)
+    return total / len(frames), frames

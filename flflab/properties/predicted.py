@@ -1,0 +1,66 @@
+"""What the model says of one configuration where the stages stood, nominally and for benches built as uncertainly as stated."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.bench import Bench
+from flflab.optics.camera import Camera
+from flflab.optics.focus import blur
+from flflab.optics.resolution import central_smms
+from flflab.optics.smms import Smms
+from flflab.prediction import Errors, contrast_draws, drawn_systems, placements, predicted_view_indices, view_draws
+from flflab.properties.measured import Measured, as_placed
+from flflab.study import Study
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What the model says of one configuration where the stages stood.
+
+    Attributes:
+        camera: the camera with the distances that the stages read.
+        distance: main lens to target, mm.
+        views: nominal number of views of each dot, shape (4,).
+        view_draws: the same for each draw of the errors, shape (draws, 4).
+        view_indices: positions of the microlenses that see each dot.
+        contrast_draws: contrast at the measured frequencies for each draw, shape (draws, K).
+        blur_px: diameter of the geometric blur, pixels.
+        systems: the system nearest the axis for each draw, fields of shape (draws,).
+        vergences: of the target for each draw, 1/mm, shape (draws,).
+        pitches: of the microlenses for each draw, mm, shape (draws,).
+    """
+
+    camera: Camera
+    distance: float
+    views: npt.NDArray[np.int64]
+    view_draws: npt.NDArray[np.int64]
+    view_indices: tuple[npt.NDArray[np.int64], ...]
+    contrast_draws: Array
+    blur_px: float
+    systems: Smms
+    vergences: Array
+    pitches: Array
+
+
+def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> Predicted:
+    """What the model expects of a configuration, nominally and over draws of the errors of stages and optics."""
+    camera, distance = as_placed(measured.configuration, bench.optics, measured.worlds)
+    placement = placements(bench, measured.worlds, errors)
+    points = study.dots.centres
+    indices = tuple(predicted_view_indices(camera, distance, points))
+    return Predicted(
+        camera=camera,
+        distance=distance,
+        views=np.array([len(seen) for seen in indices]),
+        view_draws=view_draws(camera, placement, points),
+        view_indices=indices,
+        contrast_draws=contrast_draws(camera, placement, measured.curve.cycles_per_mm if measured.curve else np.zeros(0)),
+        blur_px=float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel,
+        systems=drawn_systems(central_smms(camera), camera, placement),
+        vergences=1 / placement.distance,
+        pitches=camera.array.pitch[0] * placement.optics.pitch,
+    )

@@ -1,0 +1,176 @@
+"""The numbers of a property, measured and predicted, in the one shape that rows and verdicts are made from."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.comparison import Row, Verdict, count_spread, judge, z_score
+from flflab.errors import InputError
+from flflab.properties.measured import Measured
+from flflab.properties.predicted import Predicted
+
+Array = npt.NDArray[np.float64]
+SURE = 5.0  # uncertainties by which a number must differ from 0 to be divided by
+
+
+@dataclass(frozen=True)
+class Values:
+    """K numbers of one property in one configuration.
+
+    Attributes:
+        configuration: which.
+        quantity: the property, with its unit where it has one: ``total_field_mm``.
+        target: what was shown.
+        measured: shape (K,).
+        noise: covariance of ``measured``, shape (K, K).
+        expected: what the model says, shape (K,).
+        draws: the same for benches with drawn errors, shape (n, K); whole numbers for counts.
+        dots: the dot each number belongs to, or None.
+        cycles_per_mm: the frequency on the target each number belongs to, or None.
+    """
+
+    configuration: int
+    quantity: str
+    target: str
+    measured: Array
+    noise: Array
+    expected: Array
+    draws: npt.NDArray[np.float64] | npt.NDArray[np.int64]
+    dots: tuple[int | None, ...]
+    cycles_per_mm: tuple[float | None, ...]
+
+    @property
+    def spread(self) -> Array:
+        """Standard uncertainties of what the model says, shape (K,)."""
+        if self.draws.dtype.kind == "i":
+            return count_spread(self.draws.astype(np.int64), self.expected.astype(np.int64))
+        return self.draws.std(axis=0, ddof=1)
+
+    @property
+    def uncertainty(self) -> Array:
+        """Standard uncertainties of measurement and model together, shape (K,)."""
+        return np.sqrt(np.diag(self.noise) + self.spread**2)
+
+
+def single(configuration: int, quantity: str, target: str, measured: float, uncertainty: float, draws: Array) -> Values:
+    """One number of one configuration; the model's is the mean of its draws, shape (n,)."""
+    return Values(
+        configuration, quantity, target, np.array([measured]), np.array([[uncertainty**2]]), np.array([draws.mean()]), draws[:, None],
+        (None,), (None,),
+    )  # fmt: skip
+
+
+def rows(values: Values, one: Measured, model: Predicted, reference: int | None = None) -> list[Row]:
+    """The lines of ``comparison.csv``.
+
+    Args:
+        values: the numbers.
+        one: the configuration they belong to.
+        model: what the model says of it.
+        reference: the configuration they are differences or ratios against.
+    """
+    return [
+        Row(
+            configuration=values.configuration,
+            reference_configuration=reference,
+            distance_mm=model.distance,
+            array_mm=model.camera.array.distance,
+            sensor_mm=model.camera.sensor.distance,
+            f_number=one.configuration.f_number,
+            target=values.target,
+            dot=values.dots[k],
+            cycles_per_mm=values.cycles_per_mm[k],
+            quantity=values.quantity,
+            measured=measured,
+            uncertainty=float(values.uncertainty[k]),
+            predicted=float(values.expected[k]),
+            difference=measured - float(values.expected[k]),
+            z=z_score(measured - float(values.expected[k]), float(values.uncertainty[k])),
+        )
+        for k, measured in enumerate(values.measured.tolist())
+    ]
+
+
+def _shared(one: Values, other: Values) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Positions of the numbers that both have: the same dot, the same frequency."""
+    pairs = [
+        (k, j)
+        for k, (dot, frequency) in enumerate(zip(one.dots, one.cycles_per_mm, strict=True))
+        for j, (its_dot, its_frequency) in enumerate(zip(other.dots, other.cycles_per_mm, strict=True))
+        if dot == its_dot and _same(frequency, its_frequency)
+    ]
+    mine, theirs = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    return mine, theirs
+
+
+def _same(one: float | None, other: float | None) -> bool:
+    return one == other or (one is not None and other is not None and math.isclose(one, other, rel_tol=1e-9))
+
+
+def differences(one: Values, other: Values) -> Values:
+    """One configuration's numbers less another's; errors common to both cancel in the draws they share."""
+    mine, theirs = _shared(one, other)
+    return Values(
+        one.configuration,
+        f"difference_{one.quantity}",
+        one.target,
+        one.measured[mine] - other.measured[theirs],
+        one.noise[np.ix_(mine, mine)] + other.noise[np.ix_(theirs, theirs)],
+        one.expected[mine] - other.expected[theirs],
+        one.draws[:, mine] - other.draws[:, theirs],
+        tuple(one.dots[k] for k in mine),
+        tuple(one.cycles_per_mm[k] for k in mine),
+    )
+
+
+def ratios(one: Values, other: Values) -> Values:
+    """One configuration's numbers over another's, where those are surely not 0: a ratio over nothing has no useful distribution."""
+    mine, theirs = _shared(one, other)
+    doubt = other.uncertainty[theirs]
+    sure = np.minimum(np.abs(other.measured[theirs]), np.abs(other.expected[theirs])) >= SURE * doubt
+    mine, theirs = mine[sure], theirs[sure]
+    below, ratio = other.measured[theirs], one.measured[mine] / other.measured[theirs]
+    noise = one.noise[np.ix_(mine, mine)] + np.outer(ratio, ratio) * other.noise[np.ix_(theirs, theirs)]
+    draws = one.draws[:, mine] / other.draws[:, theirs]
+    return Values(
+        one.configuration,
+        f"ratio_{one.quantity}",
+        one.target,
+        ratio,
+        noise / np.outer(below, below),
+        draws.mean(axis=0),
+        draws,
+        tuple(one.dots[k] for k in mine),
+        tuple(one.cycles_per_mm[k] for k in mine),
+    )
+
+
+def verdict(name: str, values: list[Values], threshold: float, rng: np.random.Generator) -> Verdict:
+    """Whether a property agrees with the model, over all configurations together.
+
+    Args:
+        name: of the property.
+        values: its numbers.
+        threshold: p-value below which the model is rejected.
+        rng: for the measurement noise of the simulated benches.
+
+    Raises:
+        InputError: there is nothing to judge.
+    """
+    measured, noise, draws = joined(values)
+    return judge(name, measured, noise, draws, threshold, rng)
+
+
+def joined(values: list[Values]) -> tuple[Array, Array, Array]:
+    """Measured values (K,), covariance of their noise (K, K) and draws (n, K) of several lists of numbers as one."""
+    if not values:
+        raise InputError("there are no values to join")
+    measured = np.concatenate([one.measured for one in values])
+    noise, start = np.zeros((len(measured), len(measured))), 0
+    for one in values:
+        end = start + len(one.measured)
+        noise[start:end, start:end] = one.noise
+        start = end
+    return measured, noise, np.concatenate([one.draws.astype(np.float64) for one in values], axis=1)

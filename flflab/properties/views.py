@@ -1,0 +1,28 @@
+"""Number of views of each dot."""
+
+import numpy as np
+
+from flflab.analysis.dots import DotViews
+from flflab.properties.measured import Measured
+from flflab.properties.predicted import Predicted
+from flflab.properties.values import Values
+
+
+def views(one: Measured, model: Predicted) -> Values:
+    """How many micro-images see each dot (the paper's number of views; the rule is physics' chief views)."""
+    return Values(
+        one.configuration.index,
+        "views",
+        "four-dot",
+        np.array([dot.views for dot in one.dots], dtype=np.float64),
+        np.diag([count_doubt(dot) ** 2 for dot in one.dots]),
+        model.views.astype(np.float64),
+        model.view_draws,
+        tuple(dot.dot for dot in one.dots),
+        (None,) * len(one.dots),
+    )
+
+
+def count_doubt(dot: DotViews) -> float:
+    """Standard uncertainty of a measured count: each undecided view is one or none, and a sure count is sure to 1 in 400."""
+    return float(np.sqrt(dot.views_uncertain / 4 + 1 / 400))
