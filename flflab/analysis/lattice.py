@@ -1,20 +1,23 @@
 """The lattice of micro-images from a white picture: pitch, angle, origin and the circles of bright and total field."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice_fit import COUNT, GEOMETRY, LatticeModel, Region, micro_images_present, refine
+from flflab.analysis.lattice_fit import GEOMETRY, LatticeModel, Region, finish, micro_images_present, refine
+from flflab.analysis.lattice_kernels import COUNT
 from flflab.analysis.lattice_search import RoughLattice, search_lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import Cone
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Layout
 
 Array = npt.NDArray[np.float64]
 
 MOVE_TOLERANCE_PX = 1e-4
+ROUGHLY, WITHOUT_SLANT, FULLY = np.arange(10), np.arange(15), np.arange(COUNT)  # which of the model's values are free
 
 
 @dataclass(frozen=True)
@@ -62,17 +65,21 @@ class Lattice:
     light: Array
 
 
-def find_lattice(white_picture: npt.NDArray[np.generic], layout: Layout, rough_pitch_px: float, noise: SensorNoise) -> Lattice:
+def find_lattice(
+    white_picture: npt.NDArray[np.generic], layout: Layout, rough_pitch_px: float, noise: SensorNoise, cone: Cone | None = None
+) -> Lattice:
     """Measure the lattice of micro-images in a picture of a white target.
 
-    A first lattice from the spectrum is refined by Gauss-Newton on every unsaturated pixel, from the middle outwards, with one
-    profile for all micro-images: two overlapping discs averaged over the pixel. Overlapping neighbours add.
+    A first lattice from the spectrum is refined by Gauss-Newton, from the middle outwards, in the end on every unsaturated pixel, with
+    one profile for all micro-images: two overlapping discs averaged over the pixel. Overlapping neighbours add.
 
     Args:
         white_picture: DN, [row, col].
         layout: of the microlens array.
         rough_pitch_px: expected distance between nearest micro-images, right within 12 %.
         noise: of the sensor; weights the pixels and makes the uncertainties.
+        cone: how steeply rays land, from the camera's description; how much of that fall-off there is, and round which axis, is fitted.
+            None: light does not fall off within a micro-image, as paraxial pictures have it.
 
     Raises:
         MeasurementError: not a picture of at least 2 x 2 micro-images, not finite, dark or saturated, or no such lattice in it.
@@ -82,14 +89,15 @@ def find_lattice(white_picture: npt.NDArray[np.generic], layout: Layout, rough_p
         raise MeasurementError(f"white picture: a two-dimensional picture of finite numbers is due, not shape {picture.shape}")
     if not (math.isfinite(rough_pitch_px) and rough_pitch_px >= 4):
         raise MeasurementError(f"white picture: the rough pitch must be at least 4 px, not {rough_pitch_px:g}")
-    usable = ~noise.saturated(picture)
-    if usable.mean() < 0.2:
+    if np.count_nonzero(picture >= noise.full_scale_dn) > 0.8 * picture.size:
         raise MeasurementError("white picture: more than four fifths of its pixels are saturated; expose it shorter")
     if float(picture.max()) <= noise.offset_dn + 5 * math.sqrt(noise.dark_variance):
         raise MeasurementError("white picture: no pixel lies above the dark level by five times its noise; expose it longer")
     rough = search_lattice(picture, layout, rough_pitch_px, noise.offset_dn)
-    model, present = _fit(picture, rough, noise)
-    if model.chi2_per_pixel > 0.5 * float(picture[usable].var()) / float(noise.variance(picture[usable].mean())):
+    model, present = _fit(picture, rough, noise, cone)
+    some = picture[:: max(1, picture.shape[0] // 500), :: max(1, picture.shape[1] // 500)]
+    some = some[some < noise.full_scale_dn]
+    if model.chi2_per_pixel > 0.5 * float(some.var()) / float(noise.variance(some.mean())):
         raise MeasurementError(
             f"white picture: a {layout} lattice of about {rough_pitch_px:g} px explains less than half of what varies in it; "
             "check layout, pitch, exposure and that the target was white"
@@ -104,26 +112,35 @@ def _half_counts(vectors: Array, shape: tuple[int, ...], reach: float) -> tuple[
     return int(most[0]) + 2, int(most[1]) + 2
 
 
-def _fit(picture: npt.NDArray[np.float32], rough: RoughLattice, noise: SensorNoise) -> tuple[LatticeModel, npt.NDArray[np.bool_]]:
+def _fit(
+    picture: npt.NDArray[np.float32], rough: RoughLattice, noise: SensorNoise, cone: Cone | None
+) -> tuple[LatticeModel, npt.NDArray[np.bool_]]:
     """From the middle of the picture outwards, so that no step is larger than the profile's own width."""
     pitch = float(np.linalg.norm(rough.vectors[:, 0]))
-    values = np.concatenate([rough.origin, rough.vectors.T.ravel(), rough.radii, [noise.offset_dn, rough.light, 0, 0, 0, 0, 0]])
-    model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf)
+    slants = [0.5, 0.0, 0.0, 0.0]
+    values = np.concatenate([rough.origin, rough.vectors.T.ravel(), rough.radii, [noise.offset_dn, rough.light, 0, 0, 0, 0, 0], slants])
+    model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, None)
     half_counts = _half_counts(rough.vectors, picture.shape, sum(rough.radii) + 2)
     present = np.ones((2 * half_counts[0] + 1, 2 * half_counts[1] + 1), dtype=np.bool_)
     half_size, whole = 2.5 * pitch, max(picture.shape) / 2 + 1
-    simple, full = np.arange(10), np.arange(COUNT)
     while half_size < whole:
-        step = max(1, int(half_size / 150))
-        model = refine(picture, model, present, noise, Region(half_size, step), simple, 12, 0.02)
+        model = refine(picture, model, present, noise, _sparse(half_size, pitch, 80), ROUGHLY, 12, 0.02)
         _require_settled(model, pitch)
         half_size *= 3
     present = micro_images_present(picture, model, half_counts, noise)
-    model = refine(picture, model, present, noise, Region(whole, max(1, int(whole / 150))), full, 8, 5e-3)
+    model, free = (model, WITHOUT_SLANT) if cone is None else (replace(model, cone=cone), FULLY)
+    model = refine(picture, model, present, noise, _sparse(whole, pitch, 150), free, 8, 1e-3)
     present = micro_images_present(picture, model, half_counts, noise)
-    model = refine(picture, model, present, noise, Region(whole, 1), full, 3, MOVE_TOLERANCE_PX)
+    model = finish(picture, model, present, noise, _sparse(whole, pitch, 250), free)
     _require_settled(model, pitch)
     return model, present
+
+
+def _sparse(half_size: float, pitch: float, most: int) -> Region:
+    """About (2 ``most``)^2 pixels of the middle, in steps that share no factor with the pitch for long."""
+    wanted = min(half_size / most, max(2.0, pitch / 12))
+    step = max(prime for prime in (1, 2, 3, 5, 7, 11, 13, 17, 19) if prime <= max(wanted, 1))
+    return Region(half_size, step, step)
 
 
 def _require_settled(model: LatticeModel, pitch: float) -> None:

@@ -7,8 +7,8 @@ ring vanishes near F/1.93 in the worked example), so rings are scored together.
 
 import math
 from dataclasses import dataclass
-from typing import cast
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
@@ -34,10 +34,11 @@ class RoughLattice:
     light: float
 
 
-def lattice_vectors(layout: Layout, pitch: float, angle: float) -> Array:
-    """Vectors a and b of a regular lattice as columns, px; a lies at ``angle`` from the columns' axis."""
-    turn = angle + _TWIST[layout]
-    return pitch * np.array([[math.cos(angle), math.cos(turn)], [math.sin(angle), math.sin(turn)]])
+def lattice_vectors(layout: Layout, pitch: npt.ArrayLike, angle: npt.ArrayLike) -> Array:
+    """Vectors a and b of regular lattices as columns, px, shape (..., 2, 2); a lies at ``angle`` from the columns' axis."""
+    turn = np.asarray(angle) + _TWIST[layout]
+    columns = np.stack([np.cos(angle), np.cos(turn), np.sin(angle), np.sin(turn)], axis=-1)
+    return np.asarray(pitch)[..., None, None] * columns.reshape(*columns.shape[:-1], 2, 2)
 
 
 def _reciprocal_indices(layout: Layout, rings: int) -> npt.NDArray[np.int64]:
@@ -53,9 +54,9 @@ def _reciprocal_indices(layout: Layout, rings: int) -> npt.NDArray[np.int64]:
 
 
 def _binned(picture: npt.NDArray[np.float32], factor: int) -> npt.NDArray[np.float32]:
-    height, width = (size // factor * factor for size in picture.shape)
-    blocks = picture[:height, :width].reshape(height // factor, factor, width // factor, factor)
-    return cast(npt.NDArray[np.float32], blocks.mean(axis=(1, 3), dtype=np.float32))
+    height, width = (size // factor for size in picture.shape)
+    whole = picture[: height * factor, : width * factor]
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def search_lattice(picture: npt.NDArray[np.float32], layout: Layout, rough_pitch: float, offset_dn: float) -> RoughLattice:
@@ -93,8 +94,7 @@ def _score_peaks(windowed: npt.NDArray[np.float32], layout: Layout, pitch: float
 
     def score(pitches: Array, angles: Array, rings: int) -> Array:
         indices = _reciprocal_indices(layout, rings)
-        trial = np.array([[lattice_vectors(layout, float(p), float(t)) for t in angles] for p in pitches])
-        reciprocal = np.linalg.inv(trial)  # rows are the reciprocal vectors
+        reciprocal = np.linalg.inv(lattice_vectors(layout, pitches[:, None], angles))  # rows are the reciprocal vectors
         points = np.einsum("gk,ptkx->ptgx", indices.astype(np.float64), reciprocal)
         at = [points[..., 1] * shape[0] + middle[0], points[..., 0] * shape[1] + middle[1]]
         return map_coordinates(power, at, order=1).sum(axis=-1)

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.lattice import Lattice
-from flflab.analysis.lattice_fit import COUNT, LatticeModel, Region, refine
+from flflab.analysis.lattice_fit import LatticeModel, Region, refine
+from flflab.analysis.lattice_kernels import COUNT
 from flflab.analysis.noise import SensorNoise
 from flflab.errors import MeasurementError
 

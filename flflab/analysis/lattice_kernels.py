@@ -1,0 +1,274 @@
+"""What the fit of a lattice sums over pixels, compiled: normal equations of some, the gradient of all, light about lattice points."""
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.analysis.profile import BY_LARGE, BY_RADIUS, BY_SMALL, FALLOFF, LOPSIDED, SQUARE, VALUE
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+COUNT = 19  # origin 2, vectors 4, radii 2, background 1, polynomial 6, share of the fall-off 1, slant at the origin 2, its rate 1
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def accumulate(
+    picture: npt.NDArray[np.float32],
+    rows: Whole,
+    columns: tuple[int, int, int],
+    values: Array,
+    inverse: Array,
+    table: Array,
+    step: float,
+    offsets: Whole,
+    lights: Array,
+    dark: float,
+    gain: float,
+    ceiling: float,
+    offset_dn: float,
+) -> tuple[Array, Array, float, int]:  # pragma: no cover - compiled
+    """Normal matrix, right side, chi^2 and number of pixels of every so manieth column of some rows.
+
+    ``lights`` holds each micro-image's light and the six terms of the polynomial there; light 0 where there is none.
+    """
+    normal = np.zeros((COUNT, COUNT))
+    right = np.zeros(COUNT)
+    g = np.zeros(COUNT)
+    chi2 = 0.0
+    count = 0
+    half_i = lights.shape[0] // 2
+    half_j = lights.shape[1] // 2
+    reach = step * (table.shape[0] - 2)
+    for row in rows:
+        py = row - values[1]
+        for column in range(columns[0], columns[1], columns[2]):
+            read = picture[row, column]
+            if not read < ceiling:
+                continue
+            px = column - values[0]
+            i0 = int(np.floor(inverse[0, 0] * px + inverse[0, 1] * py + 0.5))
+            j0 = int(np.floor(inverse[1, 0] * px + inverse[1, 1] * py + 0.5))
+            expected = values[8]
+            lit = False
+            for n in range(len(offsets)):
+                i = i0 + offsets[n, 0]
+                j = j0 + offsets[n, 1]
+                vx = i * values[2] + j * values[4]
+                vy = i * values[3] + j * values[5]
+                dx = px - vx
+                dy = py - vy
+                square = dx * dx + dy * dy
+                if square >= reach * reach or abs(i) > half_i or abs(j) > half_j:
+                    continue
+                light = lights[i + half_i, j + half_j, 0]
+                if light == 0.0:
+                    continue
+                if not lit:
+                    g[:] = 0.0
+                    lit = True
+                r = np.sqrt(square)
+                place = r / step
+                k = int(place)
+                t = place - k
+                ux = dx / max(r, 1e-9)
+                uy = dy / max(r, 1e-9)
+                fourfold = 1.0 - 8.0 * (ux * uy) ** 2
+                value = table[k, VALUE] + t * (table[k + 1, VALUE] - table[k, VALUE]) + fourfold * table[k, SQUARE]
+                lop = table[k, LOPSIDED] + t * (table[k + 1, LOPSIDED] - table[k, LOPSIDED])
+                sx = values[16] + values[18] * vx
+                sy = values[17] + values[18] * vy
+                along = sx * ux + sy * uy
+                share = value + lop * along
+                share += (sx * sx + sy * sy) * (table[k, 7] + along * table[k, 9]) + along * along * (table[k, 8] + along * table[k, 10])
+                expected += light * share
+                slope = -light * (table[k, BY_RADIUS] + t * (table[k + 1, BY_RADIUS] - table[k, BY_RADIUS]))
+                ex = slope * ux
+                ey = slope * uy
+                g[0] += ex
+                g[1] += ey
+                g[2] += i * ex
+                g[3] += i * ey
+                g[4] += j * ex
+                g[5] += j * ey
+                g[6] += light * table[k, BY_LARGE]
+                g[7] += light * table[k, BY_SMALL]
+                for m in range(6):
+                    g[9 + m] += share * lights[i + half_i, j + half_j, 1 + m]
+                g[15] += light * table[k, FALLOFF]
+                g[16] += light * lop * ux
+                g[17] += light * lop * uy
+                g[18] += light * lop * (vx * ux + vy * uy)
+            weight = 1.0 / (dark + gain * max(expected - offset_dn, 0.0))
+            rest = read - expected
+            pull = weight * rest
+            chi2 += pull * rest
+            count += 1
+            if not lit:
+                right[8] += pull
+                normal[8, 8] += weight
+                continue
+            g[8] = 1.0
+            for n in range(COUNT):
+                right[n] += pull * g[n]
+                weighted = weight * g[n]
+                for m in range(COUNT):
+                    normal[n, m] += weighted * g[m]
+    return normal, right, chi2, count
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def gradient(
+    picture: npt.NDArray[np.float32],
+    first: int,
+    last: int,
+    values: Array,
+    table: npt.NDArray[np.float32],
+    step: float,
+    centres: Array,
+    lights: Array,
+    dark: float,
+    gain: float,
+    ceiling: float,
+    offset_dn: float,
+) -> tuple[Array, float, int]:  # pragma: no cover - compiled
+    """Right side, chi^2 and number of pixels of whole rows, micro-image by micro-image; they are listed by the rows of their centres.
+
+    ``centres`` holds x, y, i and j of each, ``lights`` its light and the six terms of the polynomial.
+    """
+    right = np.zeros(COUNT)
+    chi2 = 0.0
+    count = 0
+    width = picture.shape[1]
+    reach = step * (table.shape[0] - 2)
+    expected = np.empty(width, dtype=np.float32)
+    pull = np.empty(width, dtype=np.float32)
+    scale = np.float32(1 / step)
+    background = np.float32(values[8])
+    f_dark, f_gain, f_offset = np.float32(dark), np.float32(gain), np.float32(offset_dn)
+    none = np.float32(0)
+    begin = 0
+    for row in range(first, last):
+        while begin < len(centres) and centres[begin, 1] + reach < row:
+            begin += 1
+        expected[:] = background
+        end = begin
+        while end < len(centres) and centres[end, 1] - reach <= row:
+            cx = centres[end, 0]
+            dy = np.float32(row - centres[end, 1])
+            end += 1
+            half = reach * reach - dy * dy
+            if half <= 0.0:
+                continue
+            half = np.sqrt(half) - 1e-3
+            low, high = max(0, int(np.ceil(cx - half))), min(width - 1, int(np.floor(cx + half)))
+            light = np.float32(lights[end - 1, 0])
+            sx = np.float32(values[16] + values[18] * (cx - values[0]))
+            sy = np.float32(values[17] + values[18] * (centres[end - 1, 1] - values[1]))
+            steep = sx * sx + sy * sy
+            for column in range(low, high + 1):
+                dx = np.float32(column - cx)
+                r = np.sqrt(dx * dx + dy * dy) + np.float32(1e-6)
+                place = r * scale
+                k = np.int32(place)
+                t = place - np.float32(k)
+                one = np.float32(1) / r
+                product = dx * dy * one * one
+                value = table[k, VALUE] + t * (table[k + 1, VALUE] - table[k, VALUE])
+                value += (np.float32(1) - np.float32(8) * product * product) * table[k, SQUARE]
+                slant = (sx * dx + sy * dy) * one
+                lop = table[k, LOPSIDED] + t * (table[k + 1, LOPSIDED] - table[k, LOPSIDED])
+                value += slant * (lop + slant * (table[k, 8] + slant * table[k, 10]) + steep * table[k, 9])
+                expected[column] += light * (value + steep * table[k, 7])
+        total, squares, seen = np.float32(0), np.float32(0), 0
+        for column in range(width):
+            read = picture[row, column]
+            due = expected[column]
+            rest = read - due
+            weight = np.float32(1) / (f_dark + f_gain * max(due - f_offset, none))
+            usable = read < ceiling
+            p = weight * rest if usable else none
+            pull[column] = p
+            total += p
+            squares += p * rest
+            seen += usable
+        right[8] += total
+        chi2 += float(squares)
+        count += seen
+        for n in range(begin, end):
+            cx = centres[n, 0]
+            dy = np.float32(row - centres[n, 1])
+            half = reach * reach - dy * dy
+            if half <= 0.0:
+                continue
+            half = np.sqrt(half) - 1e-3
+            low, high = max(0, int(np.ceil(cx - half))), min(width - 1, int(np.floor(cx + half)))
+            along = across = large = small = bright = fall = slant_x = slant_y = np.float32(0)
+            light = lights[n, 0]
+            vx, vy = cx - values[0], centres[n, 1] - values[1]
+            sx, sy = np.float32(values[16] + values[18] * vx), np.float32(values[17] + values[18] * vy)
+            for column in range(low, high + 1):
+                dx = np.float32(column - cx)
+                r = np.sqrt(dx * dx + dy * dy) + np.float32(1e-6)
+                place = r * scale
+                k = np.int32(place)
+                t = place - np.float32(k)
+                one = np.float32(1) / r
+                p = pull[column]
+                slope = p * one * (table[k, BY_RADIUS] + t * (table[k + 1, BY_RADIUS] - table[k, BY_RADIUS]))
+                along -= slope * dx
+                across -= slope * dy
+                large += p * table[k, BY_LARGE]
+                small += p * table[k, BY_SMALL]
+                fall += p * table[k, FALLOFF]
+                lop = p * one * table[k, LOPSIDED]
+                slant_x += lop * dx
+                slant_y += lop * dy
+                bright += p * (table[k, VALUE] + t * (table[k + 1, VALUE] - table[k, VALUE]))
+            bright += sx * slant_x + sy * slant_y
+            i, j = centres[n, 2], centres[n, 3]
+            right[0] += light * along
+            right[1] += light * across
+            right[2] += light * i * along
+            right[3] += light * i * across
+            right[4] += light * j * along
+            right[5] += light * j * across
+            right[6] += light * large
+            right[7] += light * small
+            for m in range(6):
+                right[9 + m] += bright * lights[n, 1 + m]
+            right[15] += light * fall
+            right[16] += light * slant_x
+            right[17] += light * slant_y
+            right[18] += light * (vx * slant_x + vy * slant_y)
+    return right, chi2, count
+
+
+@numba.njit(nogil=True, cache=True)
+def brightness(
+    picture: npt.NDArray[np.float32],
+    values: Array,
+    present: npt.NDArray[np.bool_],
+    table: Array,
+    step: float,
+    ceiling: float,
+) -> Array:  # pragma: no cover - compiled
+    """Sums (read - background) profile and profile^2 about every lattice point, shape (i, j, 2)."""
+    height, width = picture.shape
+    half_i = present.shape[0] // 2
+    half_j = present.shape[1] // 2
+    reach = step * (table.shape[0] - 2)
+    sums = np.zeros((present.shape[0], present.shape[1], 2))
+    for i in range(-half_i, half_i + 1):
+        for j in range(-half_j, half_j + 1):
+            cx = values[0] + i * values[2] + j * values[4]
+            cy = values[1] + i * values[3] + j * values[5]
+            stride = max(1, int(reach / 12.0))
+            for row in range(max(0, int(np.ceil(cy - reach))), min(height - 1, int(cy + reach)) + 1, stride):
+                for column in range(max(0, int(np.ceil(cx - reach))), min(width - 1, int(cx + reach)) + 1, stride):
+                    r = np.hypot(column - cx, row - cy)
+                    if r < reach and picture[row, column] < ceiling:
+                        share = table[int(r / step), 0]
+                        sums[i + half_i, j + half_j, 0] += share * (picture[row, column] - values[8])
+                        sums[i + half_i, j + half_j, 1] += share * share
+    return sums
