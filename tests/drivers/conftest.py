@@ -1,10 +1,14 @@
 """Peers made of bytes: a scripted dialogue, and a chain of toy stages that knows just enough to move."""
 
 import contextlib
+import importlib
+import os
 import socket
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -199,6 +203,23 @@ def toy_chain() -> Iterator[Callable[..., str]]:
     yield start
     for chain in chains:
         chain.end()
+
+
+@pytest.fixture(scope="session")
+def card(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What is on the card of libgphoto2's virtual camera, which looks for the folder once, when it is first imported."""
+    folder = tmp_path_factory.mktemp("card")
+    os.environ["VCAMERADIR"] = str(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def emulated_basler() -> None:
+    """One camera of pylon's own emulation, which is asked for when pypylon is first imported; as an error its warning would end Python."""
+    os.environ["PYLON_CAMEMU"] = "1"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        importlib.import_module("pypylon.pylon")
 
 
 @pytest.fixture(autouse=True)
