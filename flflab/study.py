@@ -1,13 +1,14 @@
 """The study file: which configurations to set, which targets to show, how to expose, and against what to compare."""
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from flflab.description import Description, Length, Lines, Ratio, check, read_yaml
+from flflab.description import Angle, Description, Length, Lines, Ratio, check, read_yaml
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.optics.focus import vergence_of
@@ -21,17 +22,24 @@ def _as_list(given: object) -> object:
 
 Kind = TypeVar("Kind", FourDot, Bars)
 Lengths = Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)]
+Angles = Annotated[list[Angle], BeforeValidator(_as_list), Field(min_length=1)]
 Numbers = Annotated[list[Annotated[float, Field(gt=0)]], BeforeValidator(_as_list), Field(min_length=1)]
 
 
 class ConfigurationsDescription(Description):
-    """A grid of configurations: every f-number with every distance; the sensor refocused unless told otherwise."""
+    """A grid of configurations: every combination of what is listed; the sensor refocused unless told otherwise.
+
+    ``pitch``, ``yaw`` and ``roll`` turn the array; a bench without a stage for it must have it turned so in its camera file.
+    """
 
     f_number: Numbers
     distance: Lengths
-    focused_at: Length | None = None
-    array: Length | None = None
-    sensor: Length | None = None
+    focused_at: Lengths | None = None
+    array: Lengths | None = None
+    sensor: Lengths | None = None
+    pitch: Angles | None = None
+    yaw: Angles | None = None
+    roll: Angles | None = None
 
     @model_validator(mode="after")
     def _one_way_to_place_the_sensor(self) -> "ConfigurationsDescription":
@@ -41,10 +49,17 @@ class ConfigurationsDescription(Description):
 
 
 class ExposureDescription(Description):
-    """Exposure rule: the brightest view at this share of full scale, within these times."""
+    """Exposure rule: the brightest view at this share of full scale; so many frames a point, where an accuracy is asked for up to most."""
 
     level: Annotated[Ratio, Field(gt=0, lt=1)] = 0.7
     frames: Annotated[int, Field(ge=1, le=64)] = 1
+    most_frames: Annotated[int, Field(ge=1, le=1024)] = 64
+
+    @model_validator(mode="after")
+    def _frames_within_most(self) -> "ExposureDescription":
+        if self.frames > self.most_frames:
+            raise ValueError(f"frames is {self.frames}, above most_frames, {self.most_frames}; raise most_frames")
+        return self
 
 
 class StudyDescription(Description):
@@ -56,26 +71,32 @@ class StudyDescription(Description):
     dots: dict[str, Any] = {"kind": "four-dot"}
     bars: dict[str, Any] = {"kind": "bars"}
     exposure: ExposureDescription = ExposureDescription()
+    mtf_standard_uncertainty: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     draws: Annotated[int, Field(ge=100, le=100000)] = 1000
     significance: Annotated[Ratio, Field(gt=0, lt=0.5)] = 0.05
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """One setting of the bench; distances from the main lens in mm."""
+    """One setting of the bench; distances from the main lens in mm, angles of the array in rad, None as in the camera file."""
 
     index: int
     f_number: float
     distance: float
     array: float
     sensor: float
+    pitch: float | None = None
+    yaw: float | None = None
+    roll: float | None = None
 
     def camera(self, optics: Camera) -> Camera:
         """The bench's camera in this configuration."""
+        array = optics.array
+        tilt = (array.tilt[0] if self.yaw is None else math.tan(self.yaw), array.tilt[1] if self.pitch is None else math.tan(self.pitch))
         return replace(
             optics,
             main_lens=replace(optics.main_lens, f_number=self.f_number),
-            array=replace(optics.array, distance=self.array),
+            array=replace(array, distance=self.array, tilt=tilt, roll=array.roll if self.roll is None else self.roll),
             sensor=replace(optics.sensor, distance=self.sensor),
         )
 
@@ -110,15 +131,15 @@ def focused_sensor(optics: Camera, array: float, distance: float) -> float:
 
 
 def expand(description: StudyDescription, optics: Camera) -> tuple[Configuration, ...]:
-    """All configurations of a study in the order of the file, numbered from 0."""
-    settings: list[tuple[float, float, float, float]] = []
+    """All configurations of a study in the order of the file, numbered from 0; of a grid the last thing listed changes fastest."""
+    found: list[Configuration] = []
     for grid in description.configurations:
-        array = optics.array.distance if grid.array is None else grid.array
-        for f_number, distance in itertools.product(grid.f_number, grid.distance):
-            focus = grid.focused_at if grid.focused_at is not None else distance
-            sensor = grid.sensor if grid.sensor is not None else focused_sensor(optics, array, focus)
-            settings.append((f_number, distance, array, sensor))
-    return tuple(Configuration(index, *setting) for index, setting in enumerate(settings))
+        arrays = grid.array or [optics.array.distance]
+        turns = itertools.product(*(angles or [None] for angles in (grid.pitch, grid.yaw, grid.roll)))
+        for f_number, distance, array, turned in itertools.product(grid.f_number, grid.distance, arrays, list(turns)):
+            sensors = grid.sensor or [focused_sensor(optics, array, focus) for focus in grid.focused_at or [distance]]
+            found += [Configuration(len(found) + k, f_number, distance, array, sensor, *turned) for k, sensor in enumerate(sensors)]
+    return tuple(found)
 
 
 def read_study(file: Path, optics: Camera) -> Study:

@@ -100,7 +100,26 @@ def take(frames: Frames, shot: Shot) -> Plan:
 
 def keep(frames: Frames, stages: Stages, *settings: Setting[Any]) -> Plan:
     """Record the latest picture with everything the bench reads now."""
+    yield from open_event(stages, *settings)
+    yield from close_event(frames)
+
+
+def shoot(frames: Frames, stages: Stages, shot: Shot, *settings: Setting[Any]) -> Plan:
+    """Expose, and note what the bench reads; things may move then, while the picture is read out. ``close_event`` records it."""
+    yield from bps.prepare(frames, shot, wait=True)
+    yield from bps.trigger(frames.light, wait=True)
+    yield from open_event(stages, *settings)
+
+
+def open_event(stages: Stages, *settings: Setting[Any]) -> Plan:
+    """Note everything the bench reads now for the frame to be recorded next."""
     yield from bps.create("primary")
-    for device in (frames, stages, *settings):
+    for device in (stages, *settings):
         yield from bps.read(device)
+
+
+def close_event(frames: Frames) -> Plan:
+    """Wait for the picture and record it with what was noted."""
+    yield from bps.trigger(frames.arrival, wait=True)
+    yield from bps.read(frames)
     yield from bps.save()

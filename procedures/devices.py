@@ -1,20 +1,40 @@
 """What a procedure reads at every point beside the devices themselves: the stages with world positions, and the recorded frames."""
 
+import threading
 import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from drivers.base import Axis, CameraDevice, Detector, Frame, Status
+from drivers.base import Axis, CameraDevice, Frame, Status
 from flflab.bench import Bench, Element
 from flflab.errors import DeviceError
-from flflab.record import ELEMENTS, Recording, world_key
+from flflab.record import ELEMENTS, Recording, checksum, world_key
 from procedures.steps import standing
 
 NO_CONFIGURATION = -1
+
+
+class Triggered:
+    """Anything that takes time as something to trigger in a plan.
+
+    Args:
+        name: what it is.
+        start: starts it.
+    """
+
+    parent = None
+
+    def __init__(self, name: str, start: Callable[[], Status]) -> None:
+        self.name = name
+        self._start = start
+
+    def trigger(self) -> Status:
+        """Start it."""
+        return self._start()
 
 
 class Stages:
@@ -72,31 +92,43 @@ class Shot:
     exposure_s: float
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A frame with what is computed of it as soon as it is there: its checksum, and how many pixels are saturated."""
+
+    frame: Frame
+    sha256: str
+    saturated: int
+
+
 class Frames:
     """The camera of a procedure: prepared for a shot, triggered, and, where its picture is good, read into the record.
 
-    A picture enters the record when it is read: it is written and flushed before the event that names it.
+    A picture enters the record when it is read: it is written and flushed before the event that names it. ``light`` and ``arrival`` are
+    what can be triggered instead of the whole: the one is done when the light is in and things may move, the other when the picture is
+    there.
 
     Args:
         camera: any camera.
         recording: where pictures go.
+        places: of the frames recorded before, by their keys.
     """
 
     name = "camera"
     parent = None
 
-    def __init__(self, camera: CameraDevice, recording: Recording) -> None:
+    def __init__(self, camera: CameraDevice, recording: Recording, places: Mapping[str, int] | None = None) -> None:
         self.camera = camera
-        self._detector = Detector(camera)
+        self.places = dict(places or {})
         self._recording = recording
         self.shot: Shot | None = None
+        self.latest: Frame | None = None
+        self.light = Triggered("light", self._expose)
+        self.arrival = Triggered("arrival", lambda: self._arriving)
+        self._arriving = Status("nothing was asked for")
+        self._picture: Picture | None = None
         self._resource = str(uuid.uuid4())
         self._told = False
-
-    @property
-    def latest(self) -> Frame | None:
-        """The last picture taken, None before the first."""
-        return self._detector.latest
 
     def prepare(self, value: Shot) -> Status:
         """Set the exposure for a shot."""
@@ -108,7 +140,27 @@ class Frames:
 
     def trigger(self) -> Status:
         """Take one picture in a thread."""
-        return self._detector.trigger()
+        self._expose()
+        return self._arriving
+
+    def _expose(self) -> Status:
+        exposed, arriving = Status(f"{self.name}: expose"), Status(f"{self.name}: take a picture")
+        self._arriving = arriving
+
+        def take() -> None:
+            try:
+                self.latest = frame = self.camera.grab(exposed.complete)
+                saturated = int(np.count_nonzero(frame.picture >= self.camera.full_scale))
+                self._picture = Picture(frame, checksum(frame.picture), saturated)
+            except Exception as error:
+                exposed.complete(error)
+                arriving.complete(error)
+            else:
+                exposed.complete()
+                arriving.complete()
+
+        threading.Thread(target=take, name=f"grab {self.name}", daemon=True).start()
+        return exposed
 
     def read(self) -> dict[str, Any]:
         """What the last picture is and was taken with.
@@ -116,13 +168,13 @@ class Frames:
         Raises:
             DeviceError: there is none.
         """
-        shot, frame = self.shot, self.latest
-        if shot is None or frame is None:
+        shot, picture = self.shot, self._picture
+        if shot is None or picture is None:
             raise DeviceError(f"{self.name}: asked for a picture before one was taken; prepare and trigger first")
-        saturated = int(np.count_nonzero(frame.picture >= self.camera.full_scale))
+        frame = picture.frame
         values = (
             shot.key, shot.configuration, shot.repeat, frame.exposure_s, frame.gain,
-            frame.number, frame.timestamp, frame.dropped, saturated,
+            frame.number, frame.timestamp, frame.dropped, picture.saturated, picture.sha256,
         )  # fmt: skip
         now = time.time()
         return {key: {"value": value, "timestamp": now} for key, value in zip(self._describe_facts(), values, strict=True)}
@@ -136,7 +188,7 @@ class Frames:
     def _describe_facts(self) -> dict[str, Any]:
         kinds = {
             "point": "string", "configuration": "integer", "repeat": "integer", "exposure_s": "number", "gain": "number",
-            "number": "integer", "camera_clock_s": "number", "dropped": "integer", "saturated": "integer",
+            "number": "integer", "camera_clock_s": "number", "dropped": "integer", "saturated": "integer", "sha256": "string",
         }  # fmt: skip
         return {key: {"source": f"camera {self.camera.name}", "dtype": kind, "shape": []} for key, kind in kinds.items()}
 
@@ -146,9 +198,10 @@ class Frames:
 
     def collect_asset_docs(self, index: int | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
         """Write the last picture to the record; the documents that say where it lies."""
-        if self.latest is None:
+        if self._picture is None or self.shot is None:
             return
-        place = self._recording.frame(self.latest.picture)
+        place = self._recording.frame(self._picture.frame.picture)
+        self.places[self.shot.key] = place
         if not self._told:
             self._told = True
             yield "stream_resource", self._recording.stream_resource(self._resource, "frame")

@@ -12,10 +12,6 @@ from flflab.errors import InputError, InterlockError, LimitError
 from flflab.study import Configuration, Study
 
 WHITE, BLACK = "white", "black"
-BY_HAND_S = 30.0  # a person turns an iris or swaps a target
-BY_MOTOR_S = 2.0
-FRAME_S = 0.5  # exposure, readout and transfer, before the exposure is known
-TRIALS_EXPECTED = 2
 NOT_MOVED = 1e-9  # mm
 
 
@@ -98,16 +94,41 @@ class Capture:
 
 
 @dataclass(frozen=True)
+class CaptureUntil:
+    """Frames of a target until the MTF measured in their mean is as sure as was asked for; no fewer than least, no more than most."""
+
+    configuration: Configuration
+    target: str
+    mtf_standard_uncertainty: float
+    least: int
+    most: int
+
+    def key(self, repeat: int) -> str:
+        """The recorded point of a frame."""
+        return f"c{self.configuration.index}/{self.target}/{repeat}"
+
+    def __str__(self) -> str:
+        return (
+            f"c{self.configuration.index}/{self.target}: take frames until the MTF is known to {self.mtf_standard_uncertainty:g}, "
+            f"at most {self.most}"
+        )
+
+
+@dataclass(frozen=True)
 class CaptureDark:
     """Dark frames, so many for every exposure that the run used."""
 
     frames: int
 
+    def key(self, exposure_s: float, repeat: int) -> str:
+        """The recorded point of a frame."""
+        return f"dark/{exposure_s:.6g}s/{repeat}"
+
     def __str__(self) -> str:
         return "take dark frames for every exposure used"
 
 
-Step: TypeAlias = Home | SetIris | ShowTarget | Move | Expose | Capture | CaptureDark
+Step: TypeAlias = Home | SetIris | ShowTarget | Move | Expose | Capture | CaptureUntil | CaptureDark
 Readings = Mapping[str, float]
 
 
@@ -144,11 +165,10 @@ def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]
     """
     steps: list[Step] = []
     now = dict(start)
-    frames = study.description.exposure.frames
     by_iris = itertools.groupby(sorted(study.configurations, key=lambda one: one.f_number), key=lambda one: one.f_number)
     for f_number, group in by_iris:
         steps.append(SetIris(f_number))
-        configurations = sorted(group, key=lambda one: (one.distance, one.sensor))
+        configurations = sorted(group, key=_place)
         for target in (WHITE, study.dots.kind, study.bars.kind):
             steps.append(ShowTarget(target))
             for configuration in configurations:
@@ -156,9 +176,9 @@ def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]
                 if move.groups:
                     steps.append(move)
                     now.update(item for together in move.groups for item in together.items())
-                steps += _frames(configuration, target, frames)
+                steps += _frames(study, configuration, target)
             configurations.reverse()
-    return (*steps, ShowTarget(BLACK), CaptureDark(frames))
+    return (*steps, ShowTarget(BLACK), CaptureDark(study.description.exposure.frames))
 
 
 def steps(study: Study, bench: Bench) -> tuple[Step, ...]:
@@ -169,44 +189,29 @@ def steps(study: Study, bench: Bench) -> tuple[Step, ...]:
 def most_frames(steps: tuple[Step, ...]) -> int:
     """How many frames the steps record at most: every configuration may need an exposure of its own, so a dark frame too."""
     exposures = sum(isinstance(step, Expose) for step in steps)
-    taken = exposures + sum(isinstance(step, Capture) for step in steps)
-    return taken + sum(step.frames * exposures for step in steps if isinstance(step, CaptureDark))
 
-
-def durations(steps: tuple[Step, ...], bench: Bench) -> tuple[float, ...]:
-    """How long each step takes on the real bench, s, as far as speeds and habits tell."""
-    description = bench.description
-    now = {name: axis.limits[0] for name, axis in description.axes.items()}
-    exposures = sum(isinstance(step, Expose) for step in steps)
-
-    def takes(step: Step) -> float:
+    def most(step: Step) -> int:
         match step:
-            case Home(axes):
-                now.update({name: homed_readings(bench)[name] for name in axes})
-                homing = (description.axes[name] for name in axes)
-                return max((axis.limits[1] - axis.limits[0]) / axis.speed for axis in homing)
-            case SetIris():
-                return BY_HAND_S if description.iris.driver == "manual" else BY_MOTOR_S
-            case ShowTarget():
-                return BY_HAND_S if description.target.driver == "manual" else BY_MOTOR_S
-            case Move(_, groups):
-                total = sum(max(abs(mm - now[name]) / description.axes[name].speed for name, mm in group.items()) for group in groups)
-                now.update(item for group in groups for item in group.items())
-                return total
-            case Expose():
-                return TRIALS_EXPECTED * FRAME_S
-            case Capture():
-                return FRAME_S
+            case Expose() | Capture():
+                return 1
+            case CaptureUntil():
+                return step.most
             case CaptureDark(frames):
-                return FRAME_S * frames * exposures
+                return frames * exposures
+            case _:
+                return 0
 
-    return tuple(takes(step) for step in steps)
+    return sum(most(step) for step in steps)
 
 
-def _frames(configuration: Configuration, target: str, frames: int) -> Iterator[Step]:
+def _frames(study: Study, configuration: Configuration, target: str) -> Iterator[Step]:
+    exposure, wanted = study.description.exposure, study.description.mtf_standard_uncertainty
+    if target == study.bars.kind and wanted is not None:
+        yield CaptureUntil(configuration, target, wanted, exposure.frames, exposure.most_frames)
+        return
     if target == WHITE:
         yield Expose(configuration)
-    yield from (Capture(configuration, target, repeat) for repeat in range(1 if target == WHITE else 0, frames))
+    yield from (Capture(configuration, target, repeat) for repeat in range(1 if target == WHITE else 0, exposure.frames))
 
 
 def move_step(configuration: Configuration, bench: Bench, now: Readings) -> Move:
@@ -215,13 +220,18 @@ def move_step(configuration: Configuration, bench: Bench, now: Readings) -> Move
         "main_lens.z": 0.0, "array.z": configuration.array, "sensor.z": configuration.sensor, "target.z": -configuration.distance,
     }  # fmt: skip
     wanted: dict[str, float] = {}
-    for turn, angle in _angles(bench).items():
+    for turn, angle in _angles(configuration, bench).items():
         if (turning := bench.description.axis_of(turn)) is not None:
             name, axis = turning
             reading = axis.reading(angle)
             _require_within(configuration, name, axis, reading)
             if abs(reading - now[name]) > NOT_MOVED:
                 wanted[name] = reading
+        elif not math.isclose(angle, (stands := _angles(None, bench)[turn]), abs_tol=1e-9):
+            raise InputError(
+                f"configuration {configuration.index} needs {turn} at {ANGLE.show(angle, 'g')}, but no axis of {bench.file} turns it and "
+                f"the camera file has {ANGLE.show(stands, 'g')}; give the axis or change the study"
+            )
     for element, world in worlds.items():
         found = bench.description.axis_of(element)
         if found is None:
@@ -243,10 +253,23 @@ def move_step(configuration: Configuration, bench: Bench, now: Readings) -> Move
     return Move(configuration.index, groups, frozenset(name for name in wanted if bench.description.axes[name].coordinate is ANGLE))
 
 
-def _angles(bench: Bench) -> dict[Turn, float]:
-    """How the array is to be turned, rad: as the camera file has it."""
+def _angles(configuration: Configuration | None, bench: Bench) -> dict[Turn, float]:
+    """How the array is to be turned, rad: as the configuration says, else as the camera file has it."""
     array = bench.optics.array
-    return {"array.pitch": math.atan(array.tilt[1]), "array.yaw": math.atan(array.tilt[0]), "array.roll": array.roll}
+    yaw, pitch = (math.atan(slope) for slope in array.tilt)
+    described: dict[Turn, float] = {"array.pitch": pitch, "array.yaw": yaw, "array.roll": array.roll}
+    if configuration is None:
+        return described
+    asked: dict[Turn, float | None] = {
+        "array.pitch": configuration.pitch, "array.yaw": configuration.yaw, "array.roll": configuration.roll,
+    }  # fmt: skip
+    return {turn: angle if (given := asked[turn]) is None else given for turn, angle in described.items()}
+
+
+def _place(configuration: Configuration) -> tuple[float, ...]:
+    """By what configurations are put in order: angles, which are slow to turn, first."""
+    turned = (angle or 0.0 for angle in (configuration.roll, configuration.yaw, configuration.pitch))
+    return (*turned, configuration.array, configuration.distance, configuration.sensor)
 
 
 def standing(bench: Bench) -> dict[Element, float]:

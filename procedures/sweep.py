@@ -1,18 +1,22 @@
 """Do the steps of a study one after the other: home, turn the iris, show the target, move, expose, take frames."""
 
 import time
-from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from bluesky import Msg
 from bluesky import plan_stubs as bps
 
 from drivers.bench import ConnectedBench
-from procedures.capture import FIRST_GUESS_S, expose, keep, take
+from flflab.record import Recording
+from flflab.study import Study
+from procedures.accuracy import Accuracy
+from procedures.capture import FIRST_GUESS_S, close_event, expose, open_event, shoot
 from procedures.devices import NO_CONFIGURATION, Frames, Shot, Stages
+from procedures.durations import durations
 from procedures.home import home
-from procedures.steps import Capture, CaptureDark, Expose, Home, Move, SetIris, ShowTarget, Step, durations
+from procedures.steps import WHITE, Capture, CaptureDark, CaptureUntil, Expose, Home, Move, SetIris, ShowTarget, Step
 
 Plan = Generator[Msg, Any, Any]
 
@@ -31,50 +35,117 @@ class Progress:
 Tell = Callable[[Progress], None]
 
 
-def sweep(bench: ConnectedBench, frames: Frames, stages: Stages, steps: tuple[Step, ...], level: float, tell: Tell) -> Plan:
-    """Do steps in their order.
+@dataclass(frozen=True)
+class Instruments:
+    """What a sweep uses: the bench, its camera recording, its axes, what measures the accuracy; level of the brightest view."""
+
+    bench: ConnectedBench
+    frames: Frames
+    stages: Stages
+    accuracy: Accuracy
+    level: float
+
+
+def instruments(bench: ConnectedBench, study: Study, recording: Recording, places: Mapping[str, int] | None = None) -> Instruments:
+    """The instruments of a study, knowing the places of the frames that were recorded before."""
+    frames = Frames(bench.camera, recording, places)
+    accuracy = Accuracy(study, bench.described, bench.camera, recording, frames.places)
+    return Instruments(bench, frames, Stages(bench.axes, bench.described), accuracy, study.description.exposure.level)
+
+
+@dataclass
+class Course:
+    """What the frames of a sweep are taken with so far: each configuration's exposure, s, and the last one found."""
+
+    exposures: dict[int, float] = field(default_factory=dict[int, float])
+    guess: float = FIRST_GUESS_S
+
+
+def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tell: Tell) -> Plan:
+    """Do steps in their order; what moves next moves while the last frame is read out, recorded and looked at.
 
     Args:
-        bench: the connected bench.
-        frames: its camera, recording.
-        stages: its axes.
-        steps: what to do.
-        level: share of full scale for the brightest view.
+        instruments: of the study on the connected bench.
+        steps: what to do; points recorded before are left out.
+        course: exposures found before.
         tell: called when a step begins, and at the end.
 
     Raises:
         DeviceError: an instrument failed.
         MeasurementError: no exposure fits.
     """
-    exposures: dict[int, float] = {}
-    guess = FIRST_GUESS_S
-    devices = (frames, stages, bench.iris, bench.target)
+    bench, frames, stages, accuracy = instruments.bench, instruments.frames, instruments.stages, instruments.accuracy
+    settings = bench.iris, bench.target
+    asked = any(isinstance(step, CaptureUntil) for step in steps)
+    white: int | None = None  # a configuration whose white frames are all taken
     expected, began = durations(steps, bench.described), time.monotonic()
+    owed: Plan | None = None  # a frame whose light is in and that is not recorded yet
+
+    def recorded() -> Plan:
+        nonlocal owed
+        if owed is not None:
+            first, owed = owed, None
+            yield from first
+
+    def moved(*targets: Any) -> Plan:
+        yield from bps.abs_set(*targets[:2], group="move")
+        for device, value in zip(targets[2::2], targets[3::2], strict=True):
+            yield from bps.abs_set(device, value, group="move")
+        yield from recorded()
+        if white is not None and asked:
+            accuracy.seek_lattice(white)
+        yield from bps.wait("move")
+
+    def taken(shot: Shot) -> Plan:
+        nonlocal owed
+        yield from recorded()
+        if shot.key not in frames.places:
+            yield from shoot(frames, stages, shot, *settings)
+            owed = close_event(frames)
+
     for done, step in enumerate(steps):
         tell(Progress(done, len(steps), str(step), _left(expected, done, time.monotonic() - began), describe_last(frames)))
         match step:
             case Home():
                 yield from home(bench.axes, step)
             case SetIris(f_number):
-                yield from bps.mv(bench.iris, f_number)
+                yield from moved(bench.iris, f_number)
             case ShowTarget(kind):
-                yield from bps.mv(bench.target, kind)
+                yield from moved(bench.target, kind)
             case Move(_, groups):
                 for group in groups:
-                    yield from bps.mv(*(item for name, mm in group.items() for item in (bench.axes[name], mm)))
+                    yield from moved(*(item for name, reading in group.items() for item in (bench.axes[name], reading)))
             case Expose(configuration):
-                guess = yield from expose(frames, level, guess, step.key, configuration.index)
-                exposures[configuration.index] = guess
-                yield from keep(*devices)
-            case Capture(configuration, _, repeat):
-                yield from take(frames, Shot(step.key, configuration.index, repeat, exposures[configuration.index]))
-                yield from keep(*devices)
+                yield from recorded()
+                course.guess = yield from expose(frames, instruments.level, course.guess, step.key, configuration.index)
+                course.exposures[configuration.index] = course.guess
+                yield from open_event(stages, *settings)
+                owed, white = close_event(frames), configuration.index
+            case Capture(configuration, target, repeat):
+                white = configuration.index if target == WHITE else None
+                yield from taken(Shot(step.key, configuration.index, repeat, course.exposures[configuration.index]))
+            case CaptureUntil():
+                yield from _until(step, course.exposures[step.configuration.index], accuracy, taken, recorded)
             case CaptureDark(repeats):
-                for exposure in sorted(set(exposures.values())):
+                for exposure in sorted(set(course.exposures.values())):
                     for repeat in range(repeats):
-                        yield from take(frames, Shot(f"dark/{exposure:.6g}s/{repeat}", NO_CONFIGURATION, repeat, exposure))
-                        yield from keep(*devices)
+                        yield from taken(Shot(step.key(exposure, repeat), NO_CONFIGURATION, repeat, exposure))
+    yield from recorded()
     tell(Progress(len(steps), len(steps), "done", 0.0, describe_last(frames)))
+
+
+def _until(step: CaptureUntil, exposure_s: float, accuracy: Accuracy, taken: Callable[[Shot], Plan], recorded: Callable[[], Plan]) -> Plan:
+    """Take frames, look how sure they are, take as many more as that says; every look is recorded."""
+    have = accuracy.seen(step)
+    while (due := accuracy.due(step)) > have:
+        for repeat in range(have, due):
+            yield from taken(Shot(step.key(repeat), step.configuration.index, repeat, exposure_s))
+        yield from recorded()
+        have = due
+        yield from bps.trigger(accuracy.look_at(step, have), wait=True)
+        yield from bps.create("accuracy")
+        yield from bps.read(accuracy)
+        yield from bps.save()
 
 
 def describe_last(frames: Frames) -> str:

@@ -1,7 +1,7 @@
 """How noisy one pixel of a picture is."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -52,6 +52,10 @@ class SensorNoise:
         """Variance in DN^2 of pixels that read ``dn`` on average: shot, read and quantisation noise."""
         light = np.maximum(np.asarray(dn, dtype=np.float64) - self.offset_dn, 0.0)
         return self.dark_variance + light * self.dn_per_electron
+
+    def of_mean(self, frames: int) -> "SensorNoise":
+        """The noise of a mean of several frames."""
+        return replace(self, dn_per_electron=self.dn_per_electron / frames, read_noise_dn=self.read_noise_dn / frames**0.5)
 
     def saturated(self, dn: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Which pixels read full scale."""

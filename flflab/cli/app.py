@@ -6,8 +6,10 @@ from typing import Any, cast
 import typer
 from typer.core import TyperGroup
 
-COMMANDS = ("validate", "compare", "model", "image", "measure", "accuracy", "plan", "design", "align", "bench", "sim", "report", "new")
-ELSEWHERE = {"report": "validate"}  # a command that shares another one's file
+COMMANDS = (
+    "validate", "compare", "model", "image", "measure", "accuracy", "plan", "design", "align", "sweep", "resume", "report", "export",
+    "bench", "sim", "new",
+)  # fmt: skip
 
 
 class Commands(TyperGroup):
@@ -21,7 +23,7 @@ class Commands(TyperGroup):
         """The command of a name, None where there is none."""
         if cmd_name not in COMMANDS:
             return None
-        module = import_module(f"flflab.cli.{ELSEWHERE.get(cmd_name, cmd_name)}")
+        module = import_module(f"flflab.cli.{cmd_name}")
         group = getattr(module, "app", None)
         if group is None:
             group = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)

@@ -1,39 +1,98 @@
-"""``flflab plan STUDY``: what would be done, in which order and how long it takes; nothing connects, nothing moves."""
+"""``flflab plan STUDY``: what would be done, how long it takes and how sure it will be; nothing connects, nothing moves."""
 
+import csv
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich import box
 from rich.console import Console
+from rich.progress import Progress
 from rich.table import Table
 
-from flflab.bench import read_bench
+from flflab.bench import Bench, read_bench
 from flflab.cli.new import Kind, built_in
-from flflab.study import read_study
+from flflab.errors import InputError
+from flflab.expectation import Expectation, expect_all
+from flflab.study import Study, read_study
 
 
 def plan(
     study: Annotated[Path, typer.Argument(help="study file (YAML)")],
     bench: Annotated[Path | None, typer.Option(help="bench file (YAML); by default the built-in simulated one")] = None,
+    out: Annotated[Path | None, typer.Option(help="table of what each configuration is expected to give (CSV)")] = None,
+    scheduler: Annotated[str | None, typer.Option(help="address of a Dask scheduler whose workers share the simulation")] = None,
 ) -> None:
-    """Print every step with its expected duration; refuse what the bench cannot reach."""
-    from procedures.steps import durations, most_frames, steps  # the engine is loaded by those who use it
+    """Print every step, the duration and the expected uncertainty of each configuration; refuse what the bench cannot reach."""
+    from procedures.durations import Expected, durations  # the engine is loaded by those who use it
+    from procedures.steps import most_frames, steps
 
     described = read_bench(bench or built_in(Kind.BENCH))
-    to_do = steps(read_study(study, described.optics), described)
-    lasting = durations(to_do, described)
+    read = read_study(study, described.optics)
+    to_do = steps(read, described)
+    expected = _expectations(read, described, scheduler)
+    if out is not None:
+        _write(expected, read, out)
+    frames = {one.configuration: one.looks[-1].frames for one in expected if one.looks}
+    lasting = durations(to_do, described, Expected({one.configuration: one.exposure_s for one in expected}, frames))
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("step", justify="right")
     table.add_column("what")
     table.add_column("s", justify="right")
     for number, (step, seconds) in enumerate(zip(to_do, lasting, strict=True), start=1):
         table.add_row(str(number), str(step), f"{seconds:.1f}")
-    frames = most_frames(to_do)
+    most = most_frames(to_do)
     columns, rows = described.optics.sensor.resolution
     console = Console(width=None if Console().is_terminal else 140)
     console.print(table)
+    console.print(_expected_table(expected, read))
     console.print(
-        f"{len(to_do)} steps, at most {frames} frames ({frames * columns * rows * 2 / 1e9:.2f} GB), "
+        f"{len(to_do)} steps, at most {most} frames ({most * columns * rows * 2 / 1e9:.2f} GB), "
         f"about {sum(lasting) / 60:.1f} min at the stages' own speed; within limits, and the gap holds on the way."
     )
+
+
+def _expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Expectation]:
+    with Progress(transient=True, console=Console(stderr=True)) as progress:
+        bar = progress.add_task("draw and measure what is expected", total=len(study.configurations))
+        found: list[Expectation] = []
+        for one in expect_all(study, bench, scheduler):
+            found.append(one)
+            progress.update(bar, advance=1)
+    return sorted(found, key=lambda one: one.configuration)
+
+
+def _expected_table(expected: list[Expectation], study: Study) -> Table:
+    """One line a configuration: exposure, frames of the bars, how sure the MTF will be."""
+    wanted = study.description.mtf_standard_uncertainty
+    asked = "" if wanted is None else f", {wanted:g} asked for"
+    table = Table(box=box.SIMPLE_HEAD, title=f"Expected standard uncertainty of the MTF{asked}")
+    for head in ("", "F/", "target mm", "exposure ms", "frames", "uncertainty"):
+        table.add_column(head, justify="right")
+    for one in expected:
+        setting = study.configurations[one.configuration]
+        last = one.looks[-1] if one.looks else None
+        said = f"not measurable: {one.why}" if last is None else f"{last.uncertainty:.2g}"
+        if last is not None and wanted is not None and last.uncertainty > wanted:
+            said += f", not reached with {last.frames} frames"
+        frames = "" if last is None else str(last.frames)
+        row = str(one.configuration), f"{setting.f_number:g}", f"{setting.distance:g}", f"{1e3 * one.exposure_s:.3g}", frames, said
+        table.add_row(*row)
+    return table
+
+
+def _write(expected: list[Expectation], study: Study, file: Path) -> None:
+    try:
+        with file.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(
+                ["configuration", "f_number", "distance_mm", "array_mm", "sensor_mm", "exposure_s", "frames", "mtf_standard_uncertainty"]
+            )
+            for one in expected:
+                setting = study.configurations[one.configuration]
+                look = one.looks[-1] if one.looks else None
+                place = setting.index, setting.f_number, setting.distance, setting.array, setting.sensor
+                numbers = one.exposure_s, "" if look is None else look.frames, "" if look is None else look.uncertainty
+                writer.writerow([f"{value:.10g}" if isinstance(value, float) else value for value in (*place, *numbers)])
+    except OSError as error:
+        raise InputError(f"--out {file}: cannot be written ({error.strerror}); give a place you may write in") from error

@@ -5,17 +5,17 @@ import sys
 import tempfile
 from collections.abc import Callable, Generator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import typer
 import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from flflab.bench import read_bench
+from flflab.bench import Bench, read_bench
 from flflab.description import read_yaml
-from flflab.errors import FlflabError
-from flflab.record import Run, claim_folder, keep_descriptions, new_folder, read_run
+from flflab.errors import FlflabError, InputError
+from flflab.record import ContinuedRecording, Run, claim_folder, keep_descriptions, new_folder, pack, read_run
 from flflab.study import read_study
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from procedures.sweep import Tell
 
 
-def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int | None, tell: "Tell") -> Run:
+def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int | None, tell: "Tell", name: str) -> Run:
     """Take every frame of a study on a bench and read the record back.
 
     Args:
@@ -32,6 +32,7 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
         folder: the run's folder, which holds no run yet; None makes ``runs/<UTC>-<study>``.
         seed: instead of the bench file's ``simulated.seed``.
         tell: called when a step begins.
+        name: of the procedure: ``sweep`` or ``validate``.
 
     Raises:
         typer.Exit: with code 130, interrupted by the operator, after one sentence.
@@ -42,9 +43,8 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
     """
     # The engine and the drivers are loaded here, so that commands without a bench start fast.
     from drivers.bench import connect
-    from procedures.engine import RunInterruptedError
     from procedures.steps import steps
-    from procedures.validate import begin_recording, validate
+    from procedures.study import begin_recording, take_study
 
     with seeded(bench_file, seed) as file:
         bench = read_bench(file)
@@ -55,17 +55,84 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
         with connect(file) as connected:
             place = folder or new_folder(study.description.name)
             keep_descriptions(place, bench, study_file)
-            failure: FlflabError | None = None
-            try:
-                validate(connected, study, begin_recording(connected, study, place), tell)
-            except FlflabError as error:
-                failure = error  # raised below: every axis was told to stop, and what goes wrong in leaving must not hide why
+            failure = failure_of(lambda: take_study(connected, study, begin_recording(connected, study, place), tell, name))
+    return ended(place, failure)
+
+
+def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:
+    """Go on with a run that was cut short and read the whole record back.
+
+    Args:
+        folder: the run's.
+        bench_file: the same bench at other addresses; None takes the one recorded.
+        tell: called when a step begins.
+
+    Raises:
+        InputError: there is nothing to go on with, or the bench is another one; and as ``run_study``.
+    """
+    from drivers.bench import connect
+    from procedures.resume import rest_of, resume
+
+    recorded = read_bench(folder / "bench.yaml")
+    file = recorded.file if bench_file is None else bench_file
+    require_same_bench(recorded, read_bench(file))
+    study = read_study(folder / "study.yaml", recorded.optics)
+    run = read_run(folder)
+    rest = rest_of(run, study, recorded)
+    with connect(file) as connected:
+        failure = failure_of(lambda: resume(connected, study, run, rest, ContinuedRecording(folder), tell))
+    return ended(folder, failure)
+
+
+def require_same_bench(recorded: Bench, given: Bench) -> None:
+    """Refuse to go on with another bench than the recorded one; addresses may have changed.
+
+    Raises:
+        InputError: a field differs; it is named.
+    """
+    before, now = (_without_addresses(bench.description.model_dump()) for bench in (recorded, given))
+    different = [field for field in before if before[field] != now.get(field) and field not in ("optics", "simulated")]
+    different += [] if recorded.optics == given.optics else ["optics"]
+    if different:
+        raise InputError(
+            f"{given.file}: {' and '.join(different)} are not as in {recorded.file}, with which this run began; only addresses may differ"
+        )
+
+
+def _without_addresses(value: object) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_addresses(inner) for key, inner in cast(dict[str, object], value).items() if key not in ("address", "driver")}
+    return value
+
+
+def failure_of(doing: Callable[[], None]) -> FlflabError | None:
+    """What something failed with; raised after the bench was left, so that what goes wrong in leaving does not hide why."""
+    try:
+        doing()
+    except FlflabError as error:
+        return error
+    return None
+
+
+def ended(folder: Path, failure: FlflabError | None) -> Run:
+    """The record of a run that was taken to its end, packed; else how to go on with it, and why it ended.
+
+    Raises:
+        typer.Exit: with code 130, interrupted by the operator.
+        FlflabError: what it failed with.
+    """
+    from procedures.engine import RunInterruptedError
+
+    if failure is not None and (folder / "documents.jsonl").exists():
+        sys.stderr.write(f"flflab: `flflab resume {folder}` goes on with this run\n")
     if isinstance(failure, RunInterruptedError):
         sys.stderr.write(f"flflab: {failure}\n")
         raise typer.Exit(130)
     if failure is not None:
         raise failure
-    return read_run(place)
+    run = read_run(folder)
+    pack(run)
+    return run
 
 
 @contextlib.contextmanager

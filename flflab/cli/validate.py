@@ -13,7 +13,7 @@ from flflab.cli.new import Kind, built_in
 from flflab.cli.run import progress_shown, run_study
 from flflab.comparison import write_rows
 from flflab.diagnosis import not_told_apart
-from flflab.evaluation import Evaluation, evaluate
+from flflab.evaluation import PROPERTY_NAMES, Evaluation, evaluate
 from flflab.record import Run
 from flflab.study import read_study
 
@@ -44,8 +44,7 @@ def conclude(run: Run) -> None:
         write_rows(evaluation.comparison.rows, run.folder / "comparison.csv")
         write_report(evaluation, run, recorded_study, recorded_bench, run.folder / "report.html")
     console.print(_table(evaluation))
-    for verdict in evaluation.comparison.verdicts:
-        console.print(verdict.sentence, highlight=False)
+    console.print(_verdicts(evaluation))
     accepted = evaluation.comparison.accepted
     console.print("The camera does what its model says." if accepted else "The camera does not do what its model says.", style="bold")
     for suspect in not_told_apart(evaluation.suspects):
@@ -53,6 +52,25 @@ def conclude(run: Run) -> None:
     console.print(f"Report: {run.folder / 'report.html'}", highlight=False, soft_wrap=True)
     if not accepted:
         raise typer.Exit(REJECTED)
+
+
+def _verdicts(evaluation: Evaluation) -> Table:
+    """One line a property: how many benches built and measured as stated disagree at least as much."""
+    table = Table(box=box.SIMPLE, title="Verdicts")
+    for head, justify in (
+        ("", "left"),
+        ("values", "right"),
+        ("honest benches as far off", "right"),
+        ("rejected below", "right"),
+        ("", "left"),
+    ):
+        table.add_column(head, justify=justify)
+    for one in evaluation.comparison.verdicts:
+        shares = (f"{100 * share:.3g} %" for share in (one.p_value, one.threshold))
+        table.add_row(
+            PROPERTY_NAMES.get(one.quantity, one.quantity), str(one.rows), *shares, "agrees" if one.accepted else "[bold]rejected[/bold]"
+        )
+    return table
 
 
 def _table(evaluation: Evaluation) -> Table:

@@ -102,6 +102,7 @@ class Run:
         stop: its last stop document; None where it never ended.
         resumed: the start documents of its later parts.
         accuracy: how the uncertainty fell with the frames taken.
+        turning: names of the axes whose readings are in rad; those of the others are in mm.
     """
 
     folder: Path
@@ -110,6 +111,7 @@ class Run:
     stop: Mapping[str, Any] | None
     resumed: tuple[Mapping[str, Any], ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
+    turning: frozenset[str] = frozenset()
 
     @property
     def complete(self) -> bool:
@@ -174,6 +176,7 @@ def read_run(folder: Path) -> Run:
     stop: dict[str, Any] | None = None
     frames: dict[str, FrameRecord] = {}
     accuracy: list[AccuracyRecord] = []
+    turning = frozenset[str]()
     place = -1
     for name, doc in read_documents(folder):
         try:
@@ -189,12 +192,13 @@ def read_run(folder: Path) -> Run:
             elif name == "event" and "point" in doc["data"]:
                 frame = _frame_of(doc["data"], doc["time"], place, starts[0].get("axes", ()) if starts else ())
                 frames[frame.key] = frame
+                turning = frozenset(axis for axis in frame.readings if ANGLE.column(axis) in doc["data"])
         except (KeyError, TypeError, ValueError) as error:
             raise RecordError(f"{folder / DOCUMENTS}: a {name} document lacks {error}; it is not a run of flflab") from error
     if not starts:
         raise RecordError(f"{folder / DOCUMENTS}: holds no start of a run")
     verify_sums(folder)
-    return Run(folder, starts[0], tuple(frames.values()), stop, tuple(starts[1:]), tuple(accuracy))
+    return Run(folder, starts[0], tuple(frames.values()), stop, tuple(starts[1:]), tuple(accuracy), turning)
 
 
 def world_key(element: Element) -> str:

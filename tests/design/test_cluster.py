@@ -45,7 +45,7 @@ def test_a_killed_worker_costs_only_its_chunk(wanted: Wanted, cluster: Any, tmp_
 
 
 def test_a_scheduler_that_is_not_there_is_one_sentence(wanted: Wanted, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("flflab.design.cluster.PATIENCE", "1s")
+    monkeypatch.setattr("flflab.workers.PATIENCE", "1s")
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
         search_on_cluster(wanted(), "tcp://127.0.0.1:1")
     with pytest.raises(InputError, match="no Dask scheduler answers there"):

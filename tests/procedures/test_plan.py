@@ -14,11 +14,10 @@ from flflab.bench import Bench
 from flflab.errors import LimitError, MotionError
 from flflab.record import Recording, read_documents, read_run
 from flflab.study import Study
-from procedures.devices import Frames, Stages
 from procedures.engine import as_run, perform, running_engine
 from procedures.steps import Move, Step, steps
-from procedures.sweep import Progress, sweep
-from procedures.validate import begin_recording, tell_nobody, validate
+from procedures.study import begin_recording, take_study, tell_nobody
+from procedures.sweep import Course, Progress, instruments, sweep
 
 Described = Callable[..., tuple[Study, Bench]]
 Connect = Callable[..., ConnectedBench]
@@ -40,7 +39,7 @@ def test_bluesky_finds_a_position_out_of_limits_before_anything_moves(study: Stu
     wrong: tuple[Step, ...] = (*steps(study, bench.described), Move(0, ({"target_stage": 151.0},)))
 
     def plan() -> Any:
-        return sweep(bench, Frames(bench.camera, recording), Stages(bench.axes, bench.described), wrong, 0.7, tell_nobody)
+        return sweep(instruments(bench, study, recording), wrong, Course(), tell_nobody)
 
     with pytest.raises(LimitError, match=r"target_stage: asked to go to 151\.0+ mm"):
         perform(plan(), plan(), {}, bench, recording)
@@ -50,9 +49,7 @@ def test_bluesky_finds_a_position_out_of_limits_before_anything_moves(study: Stu
 
 def test_bluesky_reads_the_plan_aloud(study: Study, bench: ConnectedBench, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = begin_recording(bench, study, tmp_path)
-    plan = sweep(
-        bench, Frames(bench.camera, recording), Stages(bench.axes, bench.described), steps(study, bench.described), 0.7, tell_nobody
-    )
+    plan = sweep(instruments(bench, study, recording), steps(study, bench.described), Course(), tell_nobody)
     summarize_plan(as_run(plan, {}, threading.Event()))
     recording.close()
     said = capsys.readouterr().out
@@ -64,16 +61,15 @@ def test_bluesky_reads_the_plan_aloud(study: Study, bench: ConnectedBench, tmp_p
 def test_the_engine_leaves_no_thread_and_looks_through_a_plan_without_it(study: Study, bench: ConnectedBench, tmp_path: Path) -> None:
     before = {thread.name for thread in threading.enumerate()}
     recording = begin_recording(bench, study, tmp_path)
-    frames, stages = Frames(bench.camera, recording), Stages(bench.axes, bench.described)
     with running_engine():
-        check_limits(sweep(bench, frames, stages, steps(study, bench.described), 0.7, tell_nobody))
+        check_limits(sweep(instruments(bench, study, recording), steps(study, bench.described), Course(), tell_nobody))
     recording.close()
     assert {thread.name for thread in threading.enumerate()} == before
 
 
 def test_a_study_is_recorded_point_by_point(study: Study, bench: ConnectedBench, tmp_path: Path) -> None:
     told: list[Progress] = []
-    validate(bench, study, begin_recording(bench, study, tmp_path), told.append)
+    take_study(bench, study, begin_recording(bench, study, tmp_path), told.append, "sweep")
     run = read_run(tmp_path)
     keys = [f"{c}/{kind}/0" for kind, order in (("white", "c0 c1"), ("four-dot", "c1 c0"), ("bars", "c0 c1")) for c in order.split()]
     assert [frame.key for frame in run.frames[:-1]] == keys
@@ -92,7 +88,7 @@ def test_a_study_is_recorded_point_by_point(study: Study, bench: ConnectedBench,
 
 
 def test_every_document_passes_event_models_schemas(study: Study, bench: ConnectedBench, tmp_path: Path) -> None:
-    validate(bench, study, begin_recording(bench, study, tmp_path), tell_nobody)
+    take_study(bench, study, begin_recording(bench, study, tmp_path), tell_nobody, "sweep")
     documents = list(read_documents(tmp_path))
     for name, document in documents:
         event_model.schema_validators[event_model.DocumentNames[name]].validate(document)
@@ -112,15 +108,15 @@ def test_what_fails_ends_the_run_in_a_sentence_with_every_axis_stopped(
     frames_before_the_fault = 3
     grab = bench.camera.grab
 
-    def failing() -> Any:
-        frame = grab()
+    def failing(*exposed: Any) -> Any:
+        frame = grab(*exposed)
         if frame.number > frames_before_the_fault:
             raise MotionError("the shutter is stuck; look what holds it")
         return frame
 
     monkeypatch.setattr(bench.camera, "grab", failing)
     with pytest.raises(MotionError, match=r"^the shutter is stuck; look what holds it$"):
-        validate(bench, study, begin_recording(bench, study, tmp_path), tell_nobody)
+        take_study(bench, study, begin_recording(bench, study, tmp_path), tell_nobody, "sweep")
     run = read_run(tmp_path)
     assert run.stop is not None
     assert (run.stop["exit_status"], run.stop["reason"]) == ("fail", "the shutter is stuck; look what holds it")
@@ -133,5 +129,5 @@ def test_what_fails_ends_the_run_in_a_sentence_with_every_axis_stopped(
 
 def test_a_recording_that_is_full_ends_the_run(study: Study, bench: ConnectedBench, tmp_path: Path) -> None:
     with pytest.raises(Exception, match="has room for 2 frames"):
-        validate(bench, study, Recording(tmp_path, 2, (90, 120)), tell_nobody)
+        take_study(bench, study, Recording(tmp_path, 2, (90, 120)), tell_nobody, "sweep")
     assert len(read_run(tmp_path).frames) == 2

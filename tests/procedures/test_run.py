@@ -18,8 +18,8 @@ import pytest
 from flflab.cli.run import run_study
 from flflab.errors import CommunicationError, DeviceError, MotionError
 from flflab.record import read_documents, read_run
+from procedures.study import tell_nobody
 from procedures.sweep import Progress
-from procedures.validate import tell_nobody
 
 Until = Callable[..., None]
 Write = Callable[..., tuple[Path, Path]]
@@ -45,7 +45,7 @@ def events(out: Path) -> int:
 def test_a_study_over_the_wire(served: Callable[..., Any], tmp_path: Path) -> None:
     told: list[Progress] = []
     with served() as (running, study, bench):
-        run = run_study(study, bench, tmp_path / "run", None, told.append)
+        run = run_study(study, bench, tmp_path / "run", None, told.append, "sweep")
         elements = running.world.elements(running.world.clock.now())
     assert [frame.key for frame in run.frames[:2]] == ["c0/white/0", "c1/white/0"]
     assert len(run.frames) == 7
@@ -67,7 +67,7 @@ def test_the_seed_given_replaces_the_bench_files(
     served: Callable[..., Any], write: Callable[..., tuple[Path, Path]], tmp_path: Path
 ) -> None:
     study, bench = write(study=ONE)
-    runs = [run_study(study, bench, tmp_path / name, seed, tell_nobody) for name, seed in (("a", 7), ("b", 7), ("c", 8))]
+    runs = [run_study(study, bench, tmp_path / name, seed, tell_nobody, "sweep") for name, seed in (("a", 7), ("b", 7), ("c", 8))]
     assert [run.start["seed"] for run in runs] == [7, 7, 8]
     first, again, other = (run.picture(run.frames[0]) for run in runs)
     np.testing.assert_array_equal(first, again)
@@ -130,7 +130,7 @@ def test_a_faulty_stage_ends_the_run_in_a_sentence(
     faults = [{"device": "target_stage", "fault": fault, "after": after}]
     with served(study=places, faults=faults) as (running, study, bench):
         with pytest.raises(kind, match=sentence) as caught:
-            run_study(study, bench, tmp_path / "run", None, tell_nobody)
+            run_study(study, bench, tmp_path / "run", None, tell_nobody, "sweep")
         now = running.world.clock.now() + 2 * running.world.clock.rate  # 2 s later nothing has moved
         assert not any(carriage.moving(now) for carriage in running.world.carriages.values())
     run = read_run(tmp_path / "run")

@@ -10,6 +10,7 @@ import pytest
 from flflab.bench import Bench
 from flflab.errors import InputError, InterlockError, LimitError
 from flflab.study import Study
+from procedures.durations import SETTLE_S, durations
 from procedures.steps import (
     Capture,
     CaptureDark,
@@ -18,7 +19,6 @@ from procedures.steps import (
     Move,
     SetIris,
     ShowTarget,
-    durations,
     homed_readings,
     most_frames,
     steps,
@@ -123,4 +123,4 @@ def test_a_step_lasts_as_long_as_its_longest_axis(described: Described) -> None:
     first, seconds = moves[0]
     # target 100 mm at 25 mm/s beside the main lens, 10 mm at 10 mm/s; then array and sensor at 10 mm/s, one after the other
     sensor = first.groups[2]["sensor_stage"]
-    assert seconds == pytest.approx(100 / 25 + 20 / 10 + sensor / 10)
+    assert seconds == pytest.approx(100 / 25 + 20 / 10 + sensor / 10 + 3 * SETTLE_S)

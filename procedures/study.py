@@ -1,4 +1,4 @@
-"""The main job on the bench: home, then sweep a study, as one recorded run."""
+"""A study taken on a bench as one recorded run: home, then sweep; rehearsed before anything moves."""
 
 from collections.abc import Generator
 from dataclasses import asdict
@@ -10,13 +10,12 @@ from bluesky import Msg
 from drivers.bench import ConnectedBench
 from flflab.record import Recording, versions
 from flflab.study import Study
-from procedures.devices import Frames, Stages
 from procedures.engine import perform
 from procedures.steps import most_frames, steps
-from procedures.sweep import Progress, Tell, sweep
+from procedures.sweep import Course, Progress, Tell, instruments, sweep
 
 
-def validate(bench: ConnectedBench, study: Study, recording: Recording, tell: Tell) -> None:
+def take_study(bench: ConnectedBench, study: Study, recording: Recording, tell: Tell, name: str) -> None:
     """Home every axis and take every frame of a study; the record is complete when this returns, and intact when it raises.
 
     Args:
@@ -24,6 +23,7 @@ def validate(bench: ConnectedBench, study: Study, recording: Recording, tell: Te
         study: what to take.
         recording: where it goes, from ``begin_recording``.
         tell: called when a step begins.
+        name: of the procedure, recorded: ``sweep`` or ``validate``.
 
     Raises:
         RunInterruptedError: the operator asked for the end; every axis stands.
@@ -35,10 +35,9 @@ def validate(bench: ConnectedBench, study: Study, recording: Recording, tell: Te
     to_do = steps(study, bench.described)
 
     def plan(tell: Tell) -> Generator[Msg, Any, Any]:
-        frames, stages = Frames(bench.camera, recording), Stages(bench.axes, bench.described)
-        return sweep(bench, frames, stages, to_do, study.description.exposure.level, tell)
+        return sweep(instruments(bench, study, recording), to_do, Course(), tell)
 
-    perform(plan(tell), plan(tell_nobody), _metadata(bench, study, len(to_do)), bench, recording)
+    perform(plan(tell), plan(tell_nobody), {"plan_name": name} | metadata(bench, study, len(to_do)), bench, recording)
 
 
 def tell_nobody(progress: Progress) -> None:
@@ -51,10 +50,10 @@ def begin_recording(bench: ConnectedBench, study: Study, folder: Path) -> Record
     return Recording(folder, most_frames(steps(study, bench.described)), (rows, columns))
 
 
-def _metadata(bench: ConnectedBench, study: Study, count: int) -> dict[str, Any]:
+def metadata(bench: ConnectedBench, study: Study, count: int) -> dict[str, Any]:
+    """What the start document of a study's run says beside the procedure's name."""
     camera = bench.camera
     return {
-        "plan_name": "validate",
         "study": study.description.name,
         "steps": count,
         "axes": list(bench.axes),

@@ -1,0 +1,68 @@
+"""``flflab report RUN...``: measure and compare recorded runs again; many of them on all cores or on a Dask cluster."""
+
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from flflab.bench import read_bench
+from flflab.cli.validate import REJECTED, conclude
+from flflab.comparison import write_rows
+from flflab.errors import FlflabError
+from flflab.evaluation import evaluate
+from flflab.record import read_run
+from flflab.study import read_study
+from flflab.workers import results
+
+
+class Analysed(NamedTuple):
+    """What became of a run: its place among those asked for, folder, sentences of its verdicts, whether the model was accepted."""
+
+    number: int
+    folder: Path
+    sentences: tuple[str, ...]
+    accepted: bool
+
+
+def report(
+    runs: Annotated[list[Path], typer.Argument(help="folder of a run, or of several")],
+    scheduler: Annotated[str | None, typer.Option(help="address of a Dask scheduler whose workers share several runs")] = None,
+) -> None:
+    """Measure and compare recorded runs again and rewrite their tables and reports."""
+    if len(runs) == 1 and scheduler is None:
+        conclude(read_run(runs[0]))
+        return
+    with Progress(transient=True, console=Console(stderr=True)) as progress:
+        bar = progress.add_task("runs", total=len(runs))
+        found: list[Analysed] = []
+        for one in results(analyse, [(number, folder.resolve()) for number, folder in enumerate(runs)], scheduler):
+            found.append(one)
+            progress.update(bar, advance=1)
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column("run", overflow="fold")
+    table.add_column("verdict", overflow="fold")
+    for one in sorted(found):
+        table.add_row(str(one.folder), "; ".join(one.sentences))
+    Console(width=None if Console().is_terminal else 140).print(table)
+    if not all(one.accepted for one in found):
+        raise typer.Exit(REJECTED)
+
+
+def analyse(number: int, folder: Path) -> Analysed:
+    """Evaluate a recorded run and write its table and page; a run that cannot be evaluated says why and counts as not accepted."""
+    from flflab.report import write_report  # draws; loaded by those who draw
+
+    try:
+        run, bench = read_run(folder), read_bench(folder / "bench.yaml")
+        study = read_study(folder / "study.yaml", bench.optics)
+        evaluation = evaluate(run, study, bench)
+        write_rows(evaluation.comparison.rows, folder / "comparison.csv")
+        write_report(evaluation, run, study, bench, folder / "report.html")
+    except FlflabError as error:
+        return Analysed(number, folder, (str(error),), False)
+    comparison = evaluation.comparison
+    return Analysed(number, folder, tuple(verdict.sentence for verdict in comparison.verdicts), comparison.accepted)

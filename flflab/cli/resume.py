@@ -1,0 +1,23 @@
+"""``flflab resume RUN``: go on with a run that was interrupted, failed or was cut off."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flflab.cli.run import progress_shown, resume_run
+from flflab.cli.sweep import tell_of
+from flflab.cli.validate import conclude
+
+
+def resume(
+    run: Annotated[Path, typer.Argument(help="folder of the run")],
+    bench: Annotated[Path | None, typer.Option(help="the same bench at other addresses (YAML); the recorded one without it")] = None,
+) -> None:
+    """Home what lost its reference, check that the bench shows what it showed, take what is missing; then as the command that began it."""
+    with progress_shown() as tell:
+        found = resume_run(run, bench, tell)
+    if found.start["plan_name"] == "validate":
+        conclude(found)
+    else:
+        tell_of(found)

@@ -1,0 +1,90 @@
+"""What a study's frames will give before one is taken: exposure, uncertainty of the MTF, and how many frames an accuracy takes.
+
+The frames of each configuration's bars are drawn with the light and noise of the bench file's ``simulated`` block, as if every stage stood
+where it was sent, and measured like real ones.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from flflab.analysis.contrast import fit_contrast
+from flflab.analysis.measure import nominal_lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sequential import Look, frames_due
+from flflab.bench import Bench
+from flflab.errors import MeasurementError
+from flflab.image.exposure import white_irradiance
+from flflab.image.render import render
+from flflab.image.scene import one_plane
+from flflab.study import Configuration, Study
+from flflab.workers import results
+
+TOLERANCE = 0.002  # of the drawn picture, in units of white level
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What one configuration will give.
+
+    Attributes:
+        configuration: its index.
+        exposure_s: by the exposure rule.
+        looks: frames of the bars and the largest standard uncertainty of the MTF in their mean: the study's number of frames first,
+            then those that the accuracy asked for takes. Empty where the bars cannot be measured.
+        why: why they cannot be; else empty.
+    """
+
+    configuration: int
+    exposure_s: float
+    looks: tuple[Look, ...]
+    why: str = ""
+
+
+def expected_noise(bench: Bench) -> SensorNoise:
+    """The noise of the bench file's simulated sensor at gain 1, where a full well is full scale."""
+    sensor = bench.description.simulated
+    full_scale = 2.0**sensor.bits - 1
+    per_electron = (full_scale - sensor.black_level) / sensor.full_well_electrons
+    return SensorNoise(per_electron, sensor.read_noise_electrons * per_electron, sensor.black_level, full_scale)
+
+
+def expected_exposure(configuration: Configuration, study: Study, bench: Bench) -> float:
+    """Exposure in s that brings the brightest view to the study's share of full scale, not rounded to the camera's steps."""
+    sensor = bench.description.simulated
+    light = white_irradiance(configuration.camera(bench.optics)) / white_irradiance(bench.optics)
+    return study.description.exposure.level * sensor.full_well_electrons / (sensor.electrons_per_second * light)
+
+
+def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectation:
+    """Draw and measure one configuration's bars until they are as sure as the study asks for, else once."""
+    camera, description = configuration.camera(bench.optics), study.description
+    noise = expected_noise(bench)
+    electrons = description.exposure.level * bench.description.simulated.full_well_electrons
+    exposure = expected_exposure(configuration, study, bench)
+    picture = np.maximum(render(one_plane(camera, study.bars, configuration.distance), tolerance=TOLERANCE), 0.0)
+    mean = noise.offset_dn + noise.dn_per_electron * electrons * picture
+    lattice = nominal_lattice(camera, float(noise.dn_per_electron * electrons))
+    rng = np.random.Generator(np.random.Philox(key=configuration.index))
+    looks: tuple[Look, ...] = ()
+    due = description.exposure.frames
+    try:
+        while not looks or due > looks[-1].frames:
+            noisy = mean + np.sqrt(noise.variance(mean) / due) * rng.standard_normal(mean.shape)
+            curve = fit_contrast(noisy, lattice, camera, study.bars, configuration.distance, noise.of_mean(due))
+            looks = (*looks, Look(due, float(curve.uncertainty.max())))
+            if description.mtf_standard_uncertainty is not None:
+                due = frames_due(looks, description.mtf_standard_uncertainty, description.exposure.most_frames)
+    except MeasurementError as error:
+        return Expectation(configuration.index, exposure, looks, str(error))
+    return Expectation(configuration.index, exposure, looks)
+
+
+def expect_all(study: Study, bench: Bench, scheduler: str | None = None) -> Iterator[Expectation]:
+    """What every configuration will give, as they are ready, from this machine's cores or a Dask scheduler's workers: the same numbers.
+
+    Raises:
+        InputError: no scheduler answers at the address.
+    """
+    return results(expect, [(configuration, study, bench) for configuration in study.configurations], scheduler)
