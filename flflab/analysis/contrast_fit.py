@@ -1,11 +1,12 @@
 """Least squares fit of a chirp seen through many micro-images: geometry, brightness and transfer curve together.
 
-A pixel that looks at the target's x reads offset + light (1 + sum over odd h of w_h C(h nu) sin(2 pi h phase(x))), with
-w_h = 4/(pi h) for square bars and w_1 = 1 for a sine. Evaluated at the true positions of the pixels, so frequencies beyond half a
-cycle a pixel need no special case. The transfer is C(nu) = g T(nu) + D(nu): T that of a template (the pixel and the nominal
-disc of blur), D a free cubic B-spline up to three times the highest frequency. The template in closed form carries the harmonics
-beyond those; below them D takes up whatever differs from it. light is a polynomial of second degree over the picture, x linear in
-the pixel's place in its micro-image and in the micro-image's centre.
+A pixel that looks at the target's x reads offset + light (1 + g bars(x) + sum over odd h of w_h D(h nu) sin(2 pi h phase(x))), with
+bars(x) the target seen through a template of pixel and disc, w_h = 4/(pi h), or w_1 = 1 alone for a sine, which needs no template.
+Evaluated at the true places of the pixels, so frequencies beyond half a cycle a pixel need no special case. The transfer is
+C(nu) = g T(nu) + D(nu): T the template's, D a free cubic B-spline up to three times the highest frequency, which takes up whatever
+differs from the template; beyond it the template alone carries the harmonics. As the frequency changes by r a mm across the blur
+itself, each sine comes with -h r D''(h nu)/(4 pi) of its cosine, the next term of the same integral. light is a polynomial of second
+degree over the picture, x linear in the pixel's place in its micro-image and in the micro-image's centre.
 """
 
 from dataclasses import dataclass
@@ -14,45 +15,16 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from flflab.analysis.contrast_data import ChirpData
+from flflab.analysis.contrast_template import Template, bars_at
+
 Array = npt.NDArray[np.float64]
 
 GEOMETRY = 5  # shift, across x and y, along x and y
 LIGHT = 6
-STRIPS = 24
 MOST_CYCLES_A_STEP = 0.1
-MODEL_ERROR = 1e-3  # of the light: what the template leaves; keeps nearly dark pixels from outweighing all others
+MODEL_ERROR = 1e-3  # of the light; keeps the mean of many dark pixels, almost without noise, from outweighing all others
 CURVE = GEOMETRY + LIGHT  # first of the curve's parameters: g, then the spline's coefficients
-
-
-@dataclass(frozen=True)
-class Template:
-    """A pixel and a disc of blur, both in mm on the target."""
-
-    pixel: float
-    blur: float
-
-    @property
-    def strips(self) -> Array:
-        """The disc cut into strips: offset (mm) and weight of each, shape (STRIPS, 2)."""
-        angle = np.pi * np.arange(1, STRIPS + 1) / (STRIPS + 1)
-        return np.stack([self.blur / 2 * np.cos(angle), 2 / (STRIPS + 1) * np.sin(angle) ** 2], axis=1)
-
-    def transfer(self, frequency: Array) -> Array:
-        """Transfer at frequencies in cycles/mm."""
-        nu = np.asarray(frequency, dtype=np.float64)
-        offset, weight = self.strips.T
-        return np.sinc(nu * self.pixel) * (np.cos(2 * np.pi * np.outer(nu, offset)) @ weight)
-
-    def bars(self, phase: Array, frequency: float) -> Array:
-        """Square wave of amplitude 1 seen through the template, at phases in cycles."""
-
-        def triangle(cycles: Array) -> Array:
-            part = cycles - np.floor(cycles)
-            return np.minimum(part, 1 - part)
-
-        u = frequency * self.pixel
-        places = phase[:, None] + frequency * self.strips[:, 0]
-        return (triangle(places + u / 2) - triangle(places - u / 2)) / u @ self.strips[:, 1]
 
 
 @dataclass(frozen=True)
@@ -72,141 +44,34 @@ class Knots:
 
 
 @dataclass(frozen=True)
-class ChirpData:
-    """What is fitted, one entry a pixel: reading, place in the micro-image and its centre (mm), polynomial of the light.
+class ChirpModel:
+    """What is known of the target and kept while fitting.
 
     Attributes:
-        read: DN above the offset, shape (n,).
-        places: (1, s - c x, s - c y, c x, c y), mm, shape (n, 5).
-        light: (1, u, v, u^2, u v, v^2) over the picture, shape (n, 6).
+        law: frequency at the target's left edge, cycles/mm; its growth, cycles/mm^2; that edge, mm.
+        span: lowest and highest frequency that pixels look at, cycles/mm.
+        top: harmonics above this frequency are left to the template, cycles/mm.
+        edges: places of the bars' edges, mm; empty for a sine.
+        template: what the harmonics above the ceiling are seen through.
+        table: the template's edge and line spread.
+        knots: of the transfer curve.
     """
 
-    read: Array
-    places: Array
-    light: Array
+    law: tuple[float, float, float]
+    span: tuple[float, float]
+    top: float
+    edges: Array
+    template: Template
+    table: Array
+    knots: Knots
 
+    def frequency(self, x: Array) -> Array:
+        """Cycles/mm at x mm."""
+        return self.law[0] + self.law[1] * (x - self.law[2])
 
-@numba.njit(nogil=True, cache=True)
-def _triangle(phase: float) -> float:  # pragma: no cover - compiled
-    """Integral over the phase of the square wave that is 1 in the first half of a cycle and -1 in the second."""
-    part = phase - np.floor(phase)
-    return part if part < 0.5 else 1.0 - part
-
-
-@numba.njit(nogil=True, cache=True)
-def _square(phase: float) -> float:  # pragma: no cover - compiled
-    return 1.0 if phase - np.floor(phase) < 0.5 else -1.0
-
-
-@numba.njit(nogil=True, cache=True)
-def _accumulate(
-    read: Array,
-    places: Array,
-    light: Array,
-    phase: Array,
-    frequency: Array,
-    pixel: float,
-    strips: Array,
-    brightness: Array,
-    curve: Array,
-    first: float,
-    step: float,
-    ceiling: float,
-    bars: bool,
-    dark: float,
-    gain: float,
-) -> tuple[Array, Array, float]:  # pragma: no cover - compiled
-    knots = len(curve) - 1
-    base = GEOMETRY + LIGHT + 1
-    size = base + knots
-    normal = np.zeros((size, size))
-    right = np.zeros(size)
-    g = np.zeros(size)
-    touched = np.zeros(size, dtype=np.int64)
-    chi2 = 0.0
-    for n in range(len(read)):
-        level = 0.0
-        for k in range(LIGHT):
-            level += brightness[k] * light[n, k]
-        wave = 0.0
-        slope = 0.0
-        low, high = knots, -1
-        for k in range(knots):
-            g[base + k] = 0.0
-        g[base - 1] = 0.0
-        if bars:
-            u = frequency[n] * pixel
-            sharp = 0.0
-            sharp_slope = 0.0
-            for k in range(len(strips)):
-                ahead = phase[n] + frequency[n] * strips[k, 0] + u / 2
-                sharp += strips[k, 1] * (_triangle(ahead) - _triangle(ahead - u)) / u
-                sharp_slope += strips[k, 1] * (_square(ahead) - _square(ahead - u)) / u
-            wave = curve[0] * sharp
-            slope = curve[0] * sharp_slope
-            g[base - 1] = level * sharp
-        turn = 2.0 * np.pi * (phase[n] - np.floor(phase[n]))
-        h = 1
-        while h * frequency[n] <= ceiling:
-            share = 4.0 / (np.pi * h) if bars else 1.0
-            place = (h * frequency[n] - first) / step
-            cell = int(np.floor(place))
-            t = place - cell
-            s = np.sin(h * turn) * share
-            c = np.cos(h * turn) * share * 2.0 * np.pi * h
-            for m in range(4):
-                k = cell + m
-                if k < 0 or k >= knots:
-                    continue
-                if m == 0:
-                    b = (1.0 - t) ** 3 / 6.0
-                elif m == 1:
-                    b = 2.0 / 3.0 - t * t + t**3 / 2.0
-                elif m == 2:
-                    b = 2.0 / 3.0 - (1.0 - t) ** 2 + (1.0 - t) ** 3 / 2.0
-                else:
-                    b = t**3 / 6.0
-                wave += curve[1 + k] * b * s
-                slope += curve[1 + k] * b * c
-                g[base + k] += level * b * s
-                low = min(low, k)
-                high = max(high, k)
-            if not bars:
-                break
-            h += 2
-        for k in range(GEOMETRY):
-            g[k] = level * slope * frequency[n] * places[n, k]
-        for k in range(LIGHT):
-            g[GEOMETRY + k] = light[n, k] * (1.0 + wave)
-        expected = level * (1.0 + wave)
-        weight = 1.0 / (dark + gain * max(expected, 0.0) + (MODEL_ERROR * level) ** 2)
-        rest = read[n] - expected
-        chi2 += weight * rest * rest
-        count = base
-        for k in range(base):
-            touched[k] = k
-        for k in range(low, high + 1):
-            if g[base + k] != 0.0:
-                touched[count] = base + k
-                count += 1
-        for p in range(count):
-            k = touched[p]
-            weighted = weight * g[k]
-            right[k] += weighted * rest
-            for q in range(p, count):
-                normal[k, touched[q]] += weighted * g[touched[q]]
-    return normal, right, chi2
-
-
-@dataclass(frozen=True)
-class ChirpFit:
-    """Parameters of the fit and their covariance, in the order geometry, light, curve (g and the spline's coefficients)."""
-
-    geometry: Array
-    brightness: Array
-    curve: Array
-    covariance: Array
-    chi2: float
+    def phase(self, x: Array) -> Array:
+        """Cycles from the left edge to x mm."""
+        return (x - self.law[2]) * (self.law[0] + self.law[1] * (x - self.law[2]) / 2)
 
 
 @dataclass(frozen=True)
@@ -217,58 +82,232 @@ class Prior:
     spread: Array
 
 
-def gauss_newton_step(
-    data: ChirpData,
-    phase: Array,
-    frequency: Array,
-    fit: ChirpFit,
-    knots: Knots,
-    template: Template,
+@dataclass(frozen=True)
+class ChirpFit:
+    """Parameters of the fit: geometry, light, curve (g and the spline's coefficients).
+
+    ``misfit``, the weighted squares that the fit makes least, is that of where the last step began.
+    """
+
+    geometry: Array
+    brightness: Array
+    curve: Array
+    misfit: float
+
+
+@numba.njit(nogil=True, cache=True)
+def _wave(
+    x: float,
+    law: tuple[float, float, float],
+    edges: Array,
+    table: Array,
+    reach: float,
+    curve: Array,
+    first: float,
+    step: float,
     ceiling: float,
-    bars: bool,
-    variance: tuple[float, float],
-    prior: Prior,
-    move: bool,
-) -> ChirpFit:
+    shares: Array,
+) -> tuple[float, float, int, int]:  # pragma: no cover - compiled
+    """The wave, its slope by x and, in ``shares``, its derivatives by the curve's parameters; the first and last spline that count."""
+    along = x - law[2]
+    phase, frequency = along * (law[0] + law[1] * along / 2), law[0] + law[1] * along
+    shares[:] = 0.0
+    wave, slope = 0.0, 0.0
+    low, high = len(shares), -1
+    bars = len(edges) > 0
+    if bars:
+        shares[0], edge_slope = bars_at(x, phase, edges, table, reach)
+        wave, slope = curve[0] * shares[0], curve[0] * edge_slope
+    turn = 2.0 * np.pi * (phase - np.floor(phase))
+    s, c, twice = np.sin(turn), np.cos(turn), 2.0 * np.cos(2.0 * turn)
+    s_before, c_before = -s, c
+    h = 1
+    while h == 1 or h * frequency <= ceiling:
+        weight = 4.0 / (np.pi * h) if bars else 1.0
+        place = (h * frequency - first) / step
+        cell = int(np.floor(place))
+        t = place - cell
+        r = 1.0 - t
+        splines = (r**3 / 6.0, 2.0 / 3.0 - t * t + t**3 / 2.0, 2.0 / 3.0 - r * r + r**3 / 2.0, t**3 / 6.0)
+        bends = (r, 1.0 - 3.0 * r, 1.0 - 3.0 * t, t)
+        swept = h * law[1] / (4.0 * np.pi * step * step)
+        for m in range(4):
+            k = 1 + cell + m
+            if 1 <= k < len(shares):
+                share = weight * (splines[m] * s - swept * bends[m] * c)
+                shares[k] += share
+                wave += curve[k] * share
+                slope += curve[k] * splines[m] * weight * c * 2.0 * np.pi * h * frequency
+                low, high = min(low, k), max(high, k)
+        if not bars:
+            break
+        s, s_before = twice * s - s_before, s
+        c, c_before = twice * c - c_before, c
+        h += 2
+    return wave, slope, low, high
+
+
+@numba.njit(nogil=True, cache=True)
+def _accumulate(
+    read: Array,
+    places: Array,
+    light: Array,
+    dark: Array,
+    shot: Array,
+    law: tuple[float, float, float],
+    edges: Array,
+    table: Array,
+    reach: float,
+    geometry: Array,
+    brightness: Array,
+    curve: Array,
+    first: float,
+    step: float,
+    ceiling: float,
+    noise_only: bool,
+) -> tuple[Array, Array, float, float]:  # pragma: no cover - compiled
+    """Normal matrix (or, ``noise_only``, the noise's scatter of the right side), right side, misfit and what of it the noise makes."""
+    base = GEOMETRY + LIGHT
+    size = base + len(curve)
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    g, shares = np.zeros(size), np.zeros(len(curve))
+    touched = np.zeros(size, dtype=np.int64)
+    misfit, due = 0.0, 0.0
+    for k in range(base + 1):
+        touched[k] = k
+    for n in range(len(read)):
+        level, x = 0.0, 0.0
+        for k in range(LIGHT):
+            level += brightness[k] * light[n, k]
+        for k in range(GEOMETRY):
+            x += geometry[k] * places[n, k]
+        wave, slope, low, high = _wave(x, law, edges, table, reach, curve, first, step, ceiling, shares)
+        for k in range(GEOMETRY):
+            g[k] = level * slope * places[n, k]
+        for k in range(LIGHT):
+            g[GEOMETRY + k] = light[n, k] * (1.0 + wave)
+        g[base] = level * shares[0]
+        count = base + 1
+        for k in range(low, high + 1):
+            if shares[k] != 0.0:
+                g[base + k] = level * shares[k]
+                touched[count] = base + k
+                count += 1
+        expected = level * (1.0 + wave)
+        variance = dark[n] + shot[n] * max(expected, 0.0)
+        weight = 1.0 / (variance + (MODEL_ERROR * level) ** 2)
+        rest = read[n] - expected
+        misfit += weight * rest * rest
+        due += weight * variance
+        if noise_only:
+            weight *= weight * variance
+        for p in range(count):
+            k = touched[p]
+            weighted = weight * g[k]
+            right[k] += weighted * rest
+            for q in range(p, count):
+                normal[k, touched[q]] += weighted * g[touched[q]]
+    return normal, right, misfit, due
+
+
+@numba.njit(nogil=True, cache=True)
+def _waves(
+    places: Array,
+    law: tuple[float, float, float],
+    edges: Array,
+    table: Array,
+    reach: float,
+    geometry: Array,
+    curve: Array,
+    first: float,
+    step: float,
+    ceiling: float,
+) -> Array:  # pragma: no cover - compiled
+    wave, shares = np.zeros(len(places)), np.zeros(len(curve))
+    for n in range(len(places)):
+        x = 0.0
+        for k in range(GEOMETRY):
+            x += geometry[k] * places[n, k]
+        wave[n], _, _, _ = _wave(x, law, edges, table, reach, curve, first, step, ceiling, shares)
+    return wave
+
+
+def waves(data: ChirpData, model: ChirpModel, geometry: Array, curve: Array, ceiling: float) -> Array:
+    """The wave at every run of pixels, 0 on average."""
+    return _waves(
+        data.places,
+        model.law,
+        model.edges,
+        model.table,
+        model.template.reach,
+        geometry,
+        curve,
+        model.knots.first,
+        model.knots.step,
+        ceiling,
+    )
+
+
+def gauss_newton_step(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float, prior: Prior, move: bool) -> ChirpFit:
     """One step of Gauss-Newton from ``fit``; no pixel's place moves by more than a tenth of a cycle.
 
     Args:
-        data: the pixels.
-        phase: cycles at the target's x of each pixel under ``fit``.
-        frequency: cycles/mm there.
+        data: the runs of pixels.
+        model: of the target.
         fit: where to start.
-        knots: of the transfer curve.
-        template: what the harmonics above the ceiling are seen through.
         ceiling: harmonics above this frequency are left to the template, cycles/mm.
-        bars: square bars (all odd harmonics) or a sine.
-        variance: of a dark pixel, DN^2, and its growth per DN.
         prior: keeps directions that the pixels hardly see.
         move: False keeps the geometry and solves for light and curve only.
     """
-    normal, right, chi2 = _accumulate(
+    normal, right, misfit, _ = _sums(data, model, fit, ceiling, False)
+    tied = prior.spread**-2
+    normal = normal + np.diag(tied)
+    right = right + (prior.mean - np.concatenate([fit.geometry, fit.brightness, fit.curve])) * tied
+    step = np.zeros(len(normal))
+    free = slice(0 if move else GEOMETRY, None)
+    step[free] = _inverse(normal[free, free]) @ right[free]
+    frequency = np.abs(model.frequency(data.places @ fit.geometry))
+    furthest = float(np.abs(data.places @ step[:GEOMETRY] * frequency).max())
+    step *= min(1.0, MOST_CYCLES_A_STEP / max(furthest, 1e-300))
+    return ChirpFit(fit.geometry + step[:GEOMETRY], fit.brightness + step[GEOMETRY:CURVE], fit.curve + step[CURVE:], misfit)
+
+
+def noise_covariance(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior) -> tuple[Array, float]:
+    """What the noise makes of the parameters, order geometry, light, curve, and the fit's misfit over what noise alone would make it.
+
+    The weights allow for a model error besides the noise, so the covariance is N^-1 M N^-1, M the scatter that noise alone gives to the
+    right side (White, Econometrica 48 (1980) 817, with the variance known).
+    """
+    normal, _, misfit, due = _sums(data, model, fit, model.top, False)
+    scatter = _sums(data, model, fit, model.top, True)[0]
+    tied = np.diag(prior.spread**-2)
+    inverse = _inverse(normal + tied)
+    return inverse @ (scatter + tied) @ inverse, misfit / max(due - float(np.trace(inverse @ scatter)), 0.1 * due)
+
+
+def _sums(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float, noise_only: bool) -> tuple[Array, Array, float, float]:
+    normal, right, misfit, due = _accumulate(
         data.read,
         data.places,
         data.light,
-        phase,
-        frequency,
-        template.pixel,
-        template.strips,
+        data.dark,
+        data.shot,
+        model.law,
+        model.edges,
+        model.table,
+        model.template.reach,
+        fit.geometry,
         fit.brightness,
         fit.curve,
-        knots.first,
-        knots.step,
+        model.knots.first,
+        model.knots.step,
         ceiling,
-        bars,
-        *variance,
+        noise_only,
     )
-    normal = np.triu(normal) + np.triu(normal, 1).T + np.diag(prior.spread**-2)
-    right += (prior.mean - np.concatenate([fit.geometry, fit.brightness, fit.curve])) * prior.spread**-2
-    free = np.arange(0 if move else GEOMETRY, len(normal))
-    scale = np.sqrt(np.maximum(np.diag(normal)[free], 1e-30))
-    inverse = np.linalg.inv(normal[np.ix_(free, free)] / np.outer(scale, scale) + 1e-12 * np.eye(len(free)))
-    step, covariance = np.zeros(len(normal)), np.zeros_like(normal)
-    step[free] = inverse @ (right[free] / scale) / scale
-    covariance[np.ix_(free, free)] = inverse / np.outer(scale, scale)
-    furthest = float(np.abs(data.places @ step[:GEOMETRY] * frequency).max())
-    step *= min(1.0, MOST_CYCLES_A_STEP / max(furthest, 1e-300))
-    return ChirpFit(fit.geometry + step[:GEOMETRY], fit.brightness + step[GEOMETRY:CURVE], fit.curve + step[CURVE:], covariance, chi2)
+    return np.triu(normal) + np.triu(normal, 1).T, right, misfit, due
+
+
+def _inverse(normal: Array) -> Array:
+    """Of a normal matrix whose parameters have very different units."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    return np.linalg.inv(normal / np.outer(scale, scale) + 1e-12 * np.eye(len(normal))) / np.outer(scale, scale)

@@ -1,43 +1,86 @@
-"""Two readings of eq. (2), (max - min)/(max + min): off the fitted wave over all phases, and off the noisy pixels as a baseline."""
+"""Further readings of a fitted chirp: eq. (2)'s (max - min)/(max + min) without noise, and every view's own contrast."""
 
 import math
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast_fit import ChirpData, Knots, Template
+from flflab.analysis.contrast_data import ChirpData
+from flflab.analysis.contrast_fit import MODEL_ERROR, ChirpFit, ChirpModel, waves
 
 Array = npt.NDArray[np.float64]
 
+FEWEST_RUNS = 8  # of a view near a frequency
+LEAST_APART = 0.2  # determinant of the correlations of light, sine and cosine: a cycle or more is in the view
 
-def fitted_extremes(curve: Array, covariance: Array, knots: Knots, frequency: Array, template: Template, bars: bool) -> tuple[Array, Array]:
+
+def fitted_extremes(model: ChirpModel, curve: Array, covariance: Array, frequency: Array) -> tuple[Array, Array]:
     """Largest excursion of the fitted wave at each frequency and its uncertainty."""
+    knots, template, bars = model.knots, model.template, len(model.edges) > 0
     top = knots.first + knots.step * (knots.count - 3)
     phase = (np.arange(256) + 0.5) / 512
     largest, spread = np.zeros(len(frequency)), np.zeros(len(frequency))
     for n, nu in enumerate(frequency):
         orders = np.arange(1, max(2.0, top / nu + 1e-9), 2) if bars else np.array([1.0])
-        waves = np.sin(2 * np.pi * np.outer(phase, orders)) * (4 / (np.pi * orders) if bars else 1.0)
-        rows = waves @ knots.design(orders * nu, template)
+        waves_seen = np.sin(2 * np.pi * np.outer(phase, orders)) * (4 / (np.pi * orders) if bars else 1.0)
+        rows = waves_seen @ knots.design(orders * nu, template)
         rows[:, 0] = template.bars(phase, nu) if bars else 0.0
         at = int(np.argmax(np.abs(rows @ curve)))
         largest[n], spread[n] = abs(float(rows[at] @ curve)), math.sqrt(max(0.0, float(rows[at] @ covariance @ rows[at])))
     return largest, spread
 
 
-def read_extremes(data: ChirpData, lens: npt.NDArray[np.int64], frequency: Array, knots: Array, step: float) -> tuple[Array, Array]:
-    """(max - min)/(max + min) of each view's pixels near each frequency: mean over the views and its scatter."""
-    mean, spread = np.full(len(knots), np.nan), np.full(len(knots), np.nan)
-    for n, nu in enumerate(knots):
-        near = np.abs(frequency - nu) <= step / 2
-        views = lens[near]
-        counts = np.bincount(views)
-        high, low = np.full(len(counts), -np.inf), np.full(len(counts), np.inf)
-        np.maximum.at(high, views, data.read[near])
-        np.minimum.at(low, views, data.read[near])
-        held = counts >= max(4, counts.max(initial=0) / 2)
-        if held.any():
-            readings = (high[held] - low[held]) / np.maximum(high[held] + low[held], 1e-300)
-            mean[n] = readings.mean()
-            spread[n] = readings.std(ddof=1) / math.sqrt(held.sum()) if held.sum() > 1 else np.nan
-    return mean, spread
+def views_contrast(data: ChirpData, model: ChirpModel, fit: ChirpFit, frequency: Array) -> tuple[npt.NDArray[np.int64], Array, Array]:
+    """Every view's own contrast near each frequency: its light and its fundamental free, in height and phase, its harmonics the template's.
+
+    The fundamental is compared with the template's too, which has no noise and bends as the view's own does.
+
+    Args:
+        data: the runs of pixels.
+        model: of the target.
+        fit: of all views together.
+        frequency: evenly spaced, cycles/mm, shape (K,).
+
+    Returns:
+        Positions of the views in the lattice, shape (V,); contrast and its standard uncertainty, shape (V, K), nan where a view does not
+        see that frequency.
+    """
+    lenses, view = np.unique(data.lens, return_inverse=True)
+    step = frequency[1] - frequency[0] if len(frequency) > 1 else math.inf
+    x = data.places @ fit.geometry
+    cell = np.rint((model.frequency(x) - frequency[0]) / step).astype(np.int64)
+    inside = (cell >= 0) & (cell < len(frequency))
+    key = (view * len(frequency) + cell)[inside]
+    turn = 2 * np.pi * model.phase(x[inside])
+    if len(model.edges):
+        unit = np.zeros_like(fit.curve)
+        unit[0] = 1.0
+        share, wave = 4 / np.pi, waves(data, model, fit.geometry, unit, model.top)[inside]
+    else:
+        share, wave = 1.0, model.template.transfer(model.frequency(x[inside])) * np.sin(turn)
+    level = data.light[inside] @ fit.brightness
+    rest = data.read[inside] - level * (1 + wave)
+    variance = data.dark[inside] + data.shot[inside] * np.maximum(level * (1 + wave), 0.0)
+    weight = 1 / (variance + (MODEL_ERROR * level) ** 2)
+    columns = [level * share * np.sin(turn), level * share * np.cos(turn), level * (1 + wave)]
+    size = len(lenses) * len(frequency)
+
+    def total(values: Array) -> Array:
+        return np.asarray(np.bincount(key, weights=values, minlength=size), dtype=np.float64)
+
+    normal, scatter = np.zeros((size, 3, 3)), np.zeros((size, 3, 3))
+    for i in range(3):
+        for j in range(i, 3):
+            product = weight * columns[i] * columns[j]
+            normal[:, i, j] = normal[:, j, i] = total(product)
+            scatter[:, i, j] = scatter[:, j, i] = total(product * weight * variance)
+    right = np.stack([total(weight * column * rest) for column in columns], axis=1)
+    diagonal = np.maximum(np.sqrt(np.einsum("nii->ni", normal)), 1e-150)
+    scaled = normal / diagonal[:, :, None] / diagonal[:, None, :]
+    held = (total(np.ones(len(key))) >= FEWEST_RUNS) & (np.linalg.det(scaled) > LEAST_APART)
+    inverse = np.linalg.inv(scaled[held]) / diagonal[held][:, :, None] / diagonal[held][:, None, :]
+    found, doubt = np.full(size, np.nan), np.full(size, np.nan)
+    found[held] = (inverse @ right[held][:, :, None])[:, 0, 0]
+    doubt[held] = np.sqrt((inverse @ scatter[held] @ inverse)[:, 0, 0])
+    shape = (len(lenses), len(frequency))
+    return lenses, model.template.transfer(frequency) + found.reshape(shape), doubt.reshape(shape)

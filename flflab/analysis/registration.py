@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
 
 from flflab.analysis.lattice import Lattice
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera, Sensor, microlens_centres, microlens_types
 from flflab.optics.resolution import central_smms
-from flflab.optics.smms import image_offset
+from flflab.optics.smms import Smms, image_offset
 
 Array = npt.NDArray[np.float64]
 
@@ -57,22 +58,35 @@ def require_picture(picture: npt.NDArray[np.generic], camera: Camera, what: str)
     Raises:
         MeasurementError: wrong shape, or not finite.
     """
+    require_shape(picture, camera, what)
     values = np.asarray(picture, dtype=np.float64)
-    columns, rows = camera.sensor.resolution
-    if values.shape != (rows, columns):
-        raise MeasurementError(f"{what} picture: shape {values.shape} does not fit the camera's sensor of {rows} rows x {columns} columns")
     if not np.isfinite(values).all():
         raise MeasurementError(f"{what} picture: every pixel must be a finite number")
     return values
 
 
+def require_shape(picture: npt.NDArray[np.generic], camera: Camera, what: str) -> None:
+    """Check that the picture has the camera's pixels.
+
+    Raises:
+        MeasurementError: it has not.
+    """
+    columns, rows = camera.sensor.resolution
+    if picture.shape != (rows, columns):
+        raise MeasurementError(f"{what} picture: shape {picture.shape} does not fit the camera's sensor of {rows} rows x {columns} columns")
+
+
 def target_scales(camera: Camera, distance: float) -> tuple[float, float]:
+    """``scales_of`` the central microlens."""
+    return scales_of(central_smms(camera), distance)
+
+
+def scales_of(smms: Smms, distance: float) -> tuple[float, float]:
     """(across, along): mm on the target per mm on the sensor, within a micro-image and from one to the next.
 
     Raises:
         MeasurementError: the target is at infinity, or on the array's conjugate, where a micro-image is a view of one point.
     """
-    smms = central_smms(camera)
     if not (np.isfinite(distance) and distance > 0):
         raise MeasurementError(f"the target's distance is {distance} mm; measuring on a target needs a finite distance above 0")
     vergence = 1 / distance
@@ -83,15 +97,20 @@ def target_scales(camera: Camera, distance: float) -> tuple[float, float]:
     return across, -distance / float(smms.distance + smms.gap)
 
 
+def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:
+    """Focal length of the microlens behind each micro-image, mm: the nominally nearest one's."""
+    smms = central_smms(camera)
+    nominal = sensor_pixel(camera.sensor, microlens_centres(camera.array) * float(smms.image_scale))
+    focal = np.asarray(camera.array.focal_lengths)[microlens_types(camera.array)]
+    _, nearest = KDTree(nominal).query(lattice.centres_px)
+    return focal[nearest]
+
+
 def same_type_as_central(lattice: Lattice, camera: Camera) -> npt.NDArray[np.bool_]:
     """Which micro-images belong to microlenses of the central one's focal length; all of them where there is only one."""
     if len(camera.array.focal_lengths) == 1:
         return np.ones(len(lattice.centres_px), dtype=np.bool_)
-    smms = central_smms(camera)
-    nominal = sensor_pixel(camera.sensor, microlens_centres(camera.array) * float(smms.image_scale))
-    focal = np.asarray(camera.array.focal_lengths)[microlens_types(camera.array)]
-    nearest = np.array([int(np.argmin(np.hypot(*(nominal - centre).T))) for centre in lattice.centres_px])
-    return focal[nearest] == float(smms.focal)
+    return microlens_type_of(lattice, camera) == float(central_smms(camera).focal)
 
 
 def bright_pixels(lattice: Lattice, shape: tuple[int, int], margin_px: float, chosen: npt.NDArray[np.bool_]) -> PixelSet:

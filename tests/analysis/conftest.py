@@ -163,7 +163,7 @@ def bars_picture(
     x: Array = ((np.arange(columns) - middle[0]) * pixel).astype(np.float64)
     y: Array = ((np.arange(rows) - middle[1]) * pixel).astype(np.float64)
     edges, integral = bars_edges(cycles_per_mm, width, sine)
-    nodes, weights = np.polynomial.legendre.leggauss(40)
+    nodes, weights = np.polynomial.legendre.leggauss(300)
     strips, shares = np.sin(nodes * np.pi / 2), weights * np.cos(nodes * np.pi / 2) ** 2
     shares /= shares.sum()
     for qx in 0.4 * np.arange(-12, 13):

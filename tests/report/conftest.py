@@ -84,7 +84,8 @@ def measure(configuration: Configuration, model: Predicted, lattice: Lattice, st
         dots.append(DotViews(dot, count, 0, indices, places, np.full(count, 0.05), position, np.full(3, 0.1)))
     zeros = np.zeros(len(FREQUENCIES))
     curve = ContrastCurve(
-        cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
+        focal_length=0.917, views=np.zeros(0, dtype=np.int64), views_contrast=np.zeros((0, len(FREQUENCIES))),
+        views_uncertainty=np.zeros((0, len(FREQUENCIES))), cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
         covariance=1e-6 * np.eye(len(FREQUENCIES)), extremes=zeros, extremes_uncertainty=zeros,
         classic=zeros + 0.9, classic_uncertainty=zeros + 0.01, geometry=np.zeros(5),
         geometry_uncertainty=np.zeros(5), chi2_per_pixel=1.0, pixels=1000,

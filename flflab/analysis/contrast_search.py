@@ -1,0 +1,168 @@
+"""Finding a chirp in a picture: its place by the lowest frequencies, then all of it, then the blur that it shows."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize_scalar
+
+from flflab.analysis.contrast_data import ChirpData, Field
+from flflab.analysis.contrast_fit import CURVE, LIGHT, ChirpFit, ChirpModel, Knots, Prior, gauss_newton_step, waves
+from flflab.analysis.contrast_template import Template, edges_of
+from flflab.analysis.lattice import Lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.errors import MeasurementError
+from flflab.optics.camera import Camera
+from flflab.optics.focus import blur
+from flflab.optics.smms import Smms
+from flflab.targets import Bars
+
+Array = npt.NDArray[np.float64]
+
+KNOTS = 16
+WIDEST_SHIFT = 0.06  # of the target's width: how far the target may be off sideways
+WIDEST_BLUR = 6.0  # pixels
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A picture and what is known before it is measured.
+
+    Attributes:
+        values: DN, [row, col].
+        lattice: of the micro-images.
+        field: which pixels count.
+        camera: nominal.
+        smms: the kind of microlens that is measured.
+        target: what stood there.
+        distance: main lens to target, mm, nominal.
+        noise: of the sensor.
+        gains: of a colour filter's four sub-lattices, None without filters.
+        start: shift mm, across x and y, along x and y, nominal, shape (5,).
+    """
+
+    values: npt.NDArray[np.generic]
+    lattice: Lattice
+    field: Field
+    camera: Camera
+    smms: Smms
+    target: Bars
+    distance: float
+    noise: SensorNoise
+    gains: Array | None
+    start: Array
+
+
+def model_of(frame: Frame, data: ChirpData) -> ChirpModel:
+    """The target as seen nominally, with knots over the frequencies that the pixels look at."""
+    target, start, pixel = frame.target, frame.start, frame.camera.sensor.pixel
+    frequency = target.frequency(data.places @ start)
+    low, high = float(frequency.min()), float(frequency.max())
+    step = max((high - low) / (KNOTS - 1), 1e-3 * high)
+    bars = target.kind == "bars"
+    top = 3 * high if bars else high
+    template = Template(abs(float(start[1])) * pixel, abs(float(start[1])) * float(blur(frame.smms, 1 / frame.distance)))
+    left, right = target.cycles_per_mm
+    return ChirpModel(
+        law=(left, (right - left) / target.width, -target.width / 2),
+        span=(low, high),
+        top=top,
+        edges=edges_of(target) if bars else np.zeros(0),
+        template=template,
+        table=template.edge(),
+        knots=Knots(low, step, math.ceil((top - low) / step) + 3),
+    )
+
+
+def scattered(data: ChirpData, most: int) -> ChirpData:
+    """At most so many runs, scattered so that no phase of the bars is preferred."""
+    count = len(data.read)
+    if count <= most:
+        return data
+    scattered = np.arange(count, dtype=np.uint64) * np.uint64(2654435761) % np.uint64(2**32)
+    return data.part(scattered < np.uint64(2**32 * most // count))
+
+
+def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
+    """From the low frequencies, where no cycle can be mistaken for its neighbour, up to the highest."""
+    target, start = frame.target, frame.start
+    low, high = model.span
+    low = min(high, max(low + 0.12 * (high - low), 1.5 * low))
+    frequency = target.frequency(data.places @ start)
+    part = data.part(frequency <= low)
+    size = 1 + model.knots.count
+    mean = float(np.mean(data.read))
+    if not mean > 0:
+        raise MeasurementError(f"{target.kind} picture: no light in it above the dark level; expose it longer")
+    unit, prior = np.zeros(size), prior_of(frame, data, model.knots)
+    unit[0] = 1.0
+    if target.kind == "chirp":
+        unit[:] = 1.0  # the splines add up to 1
+    reach = WIDEST_SHIFT * target.width
+    best, shift = 0.0, math.nan
+    for trial in np.arange(-1, 1.001, 1 / max(1, math.ceil(reach * low / 0.12))) * reach:
+        # contrast never rises far above 1, nor do bars turn black for white at low frequency
+        wave = waves(part, model, start + np.array([trial, 0, 0, 0, 0]), unit, low)
+        wave = wave - wave.mean()
+        likeness = float(part.read @ wave) / math.sqrt(float(wave @ wave) + 1e-300)
+        if likeness > best:
+            best, shift = likeness, float(trial)
+    if math.isnan(shift):
+        raise MeasurementError(f"{target.kind} picture: no bars of the target's law were found; check target and distance")
+    brightness = np.zeros(LIGHT)
+    brightness[0] = mean
+    fit = ChirpFit(start + np.array([shift, 0, 0, 0, 0]), brightness, np.zeros(size), math.inf)
+    ceiling = low
+    while True:
+        part = data.part(target.frequency(data.places @ fit.geometry) <= ceiling)
+        for step in range(4):
+            fit = gauss_newton_step(part, model, fit, ceiling, prior, step > 0)
+        if ceiling >= high:
+            return fit
+        ceiling = min(1.6 * ceiling, high)
+
+
+def settle(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> ChirpFit:
+    """All harmonics, until no pixel's place on the target moves any more."""
+    prior = prior_of(frame, data, model.knots)
+    if not fit.curve.any():  # says nothing of the geometry yet
+        fit = gauss_newton_step(data, model, fit, model.top, prior, False)
+    for step in range(6):
+        before = data.places @ fit.geometry
+        fit = gauss_newton_step(data, model, fit, model.top, prior, True)
+        # the first step's misfit is that of where it started
+        if step > 0 and float(np.abs(data.places @ fit.geometry - before).max()) * model.span[1] < 1e-4:
+            break
+    return fit
+
+
+def with_measured_blur(model: ChirpModel, fit: ChirpFit, covariance: Array) -> ChirpModel:
+    """The model whose disc of blur comes nearest to the measured transfer, up to one factor, each frequency as far as it is known."""
+    template = model.template
+    nu = np.linspace(*model.span, 2 * KNOTS)
+    design = model.knots.design(nu, template)
+    spread = design @ covariance[CURVE:, CURVE:] @ design.T + 1e-8 * np.eye(len(nu))
+    whiten = np.linalg.inv(np.linalg.cholesky(spread))
+    measured = whiten @ design @ fit.curve
+
+    def misfit(disc: float) -> float:
+        shape = whiten @ replace(template, blur=disc).transfer(nu)
+        return float(np.sum((measured - shape * (shape @ measured) / (shape @ shape)) ** 2))
+
+    widest = max(WIDEST_BLUR * template.pixel, 2 * template.blur)
+    steps = np.linspace(0.0, widest, 25)
+    best = steps[int(np.argmin([misfit(disc) for disc in steps]))]
+    found: Any = minimize_scalar(misfit, bounds=(max(0.0, best - steps[1]), best + steps[1]), method="bounded")
+    other = replace(template, blur=float(found.x))
+    return replace(model, template=other, table=other.edge())
+
+
+def prior_of(frame: Frame, data: ChirpData, knots: Knots) -> Prior:
+    """The nominal geometry to a few per cent, light even to a tenth, contrast of order 1: nothing the pixels see is bound by it."""
+    target, start, light = frame.target, frame.start, float(np.mean(data.read))
+    geometry = [WIDEST_SHIFT * target.width, 0.05 * abs(start[1]), 0.03 * abs(start[1]), 0.01 * abs(start[3]), 0.03 * abs(start[3])]
+    sharp = 1.0 if target.kind == "bars" else 1e-9  # a sine has no harmonics for the template to carry
+    spread = np.concatenate([geometry, [math.inf], np.full(LIGHT - 1, 0.1 * light), [sharp], np.full(knots.count, 1.0)])
+    return Prior(np.concatenate([start, [light], np.zeros(len(spread) - len(start) - 1)]), spread)
