@@ -144,8 +144,16 @@ class Axis:
     # State
 
     def position(self) -> float:
-        """The reading, mm or rad; where the axis is not homed the number means nothing."""
-        return self._commands.position()
+        """The reading, mm or rad.
+
+        Raises:
+            NotHomedError: it has no reference, so its counter means nothing.
+            CommunicationError: it does not answer.
+        """
+        position = self._commands.position()
+        if not self._commands.is_homed():  # asked afterwards: a device that was reset in between counts from anywhere
+            raise NotHomedError(f"{self.name}: asked where it is, but it has no reference; home it first")
+        return position
 
     def is_homed(self) -> bool:
         """Whether the reading means anything."""
@@ -174,7 +182,7 @@ class Axis:
         if not self._commands.is_homed() or self._commands.is_busy():
             return None
         position = self._commands.position()
-        return position, position
+        return (position, position) if self._commands.is_homed() else None
 
     def identity(self) -> str:
         """Maker, model, serial number and firmware as far as the device tells."""
@@ -246,7 +254,7 @@ class Axis:
     # How a motion starts and ends
 
     def _begin(self, end: float | None) -> Status:
-        task = f"{self.name}: " + ("look for the reference" if end is None else f"move to {self.coordinate.show(end)}")
+        task = f"{self.name}: " + ("look for its reference" if end is None else f"move to {self.coordinate.show(end)}")
         with self._starting:
             stops = self._stops
             if self._closed:
@@ -328,8 +336,8 @@ class Axis:
             )
         faults = "; ".join(self._commands.faults())
         if not homed:
-            lost = "lost its reference on the way (a reset?)" if motion.start is not None else "did not find its reference"
-            return MotionError(f"{task}: {lost}{f' ({faults})' if faults else ''}; home it again")
+            lost = "did not find it" if motion.end is None else "lost its reference on the way"
+            return MotionError(f"{task}: {lost} ({faults or 'was it switched off?'}); look what holds it, then home it again")
         if faults:
             return MotionError(f"{task}: ended at {self.coordinate.show(position)} ({faults}); look what holds it, then home it again")
         if motion.end is not None and abs(position - motion.end) > 1.01 * self._commands.resolution:

@@ -172,7 +172,11 @@ class ConnectedBench:
         self._have_sentinel()
         rule = self.gap_rule
         if rule is not None and name in rule.movers and not retreats(rule, name, start, end):
-            check_motion(rule, name, start, end, self._reaches(besides=name))
+            try:
+                others = self._reaches(besides=name)
+            except CommunicationError as error:
+                raise DeviceError(f"{name}: asked to move, nothing moved, its neighbour does not answer: {error}") from error
+            check_motion(rule, name, start, end, others)
 
     def _have_sentinel(self) -> None:
         """Before the first motion a sentinel begins to watch over the axes that could outlive this process."""

@@ -37,6 +37,7 @@ from flflab.errors import CommunicationError, DeviceError, LimitError
 OPERATION = 0x0058
 INPUTS, OUTPUTS = 0x007C, 0x007E
 ALARM, COMMANDED, MEASURED, INTERNAL = 0x0080, 0x00C6, 0x00CC, 0x0178
+ALARM_RESET = 0x0180  # on the edge from 0 to 1
 OVERTRAVEL, UPPER_LIMIT, LOWER_LIMIT = 0x0386, 0x0388, 0x038A
 ABSOLUTE, WITHIN_WRAP, ALL_AT_ONCE = 1, 8, 1
 HAS_REFERENCE = 1 << 17  # ABSPEN, bit 1 of the upper word
@@ -259,11 +260,14 @@ class OrientalAxis:
         self.travel = (self._read(LOWER_LIMIT) * self._step, self._read(UPPER_LIMIT) * self._step) if limited else (-math.inf, math.inf)
 
     def start_home(self) -> None:
-        """Start to look for the reference.
+        """Start to look for the reference; an alarm that can be reset is.
 
         Raises:
             DeviceError: the drive is not ready, or takes the command and does nothing.
         """
+        if self.faults():
+            for level in (1, 0):
+                self._line.write(self._name, self._keys.device, ALARM_RESET, (level,))
         self._require_ready("look for its reference")
         had_reference = self.is_homed()
         self._pulse(self._keys.home_input)

@@ -231,11 +231,13 @@ class ThorlabsAxis:
         self._keys = keys
         self._count = math.pi / 180 / keys.counts_per_degree
         self.resolution = keys.deadband * self._count
-        self._set_up(speed / self._count)
+        self._speed = round(speed / self._count * SERVO_S * 65536)
+        self._set_up()
 
     def start_home(self) -> None:
-        """Start to look for the reference."""
-        before = self._state()
+        """Start to look for the reference; a controller without one was off, and has forgotten what it was told."""
+        if not (before := self._state()).bits & REFERENCE:
+            self._set_up()
         self._start(encode(HOME, self._keys.channel), HOMED, lambda now: not before.bits & REFERENCE and bool(now.bits & REFERENCE))
 
     def start_move(self, position: float) -> None:
@@ -286,18 +288,17 @@ class ThorlabsAxis:
     def close(self) -> None:
         """Nothing: the line is closed by who opened it; the motor holds."""
 
-    def _set_up(self, counts_per_second: float) -> None:
-        channel = self._keys.channel
-        wanted = round(counts_per_second * SERVO_S * 65536)
-        _, least, acceleration, most = self._speed()
+    def _set_up(self) -> None:
+        channel, wanted = self._keys.channel, self._speed
+        _, least, acceleration, most = self._speeds()
         if most != wanted:
             self._link.tell(self._name, encode(SET_SPEED, data=struct.pack("<Hlll", channel, least, acceleration, wanted)))
-            if (set_to := self._speed()[3]) != wanted:
+            if (set_to := self._speeds()[3]) != wanted:
                 raise DeviceError(f"{self._name}: asked for the speed {wanted}, it keeps {set_to}; give a speed the stage can reach")
         self._link.tell(self._name, encode(SET_BACKLASH, data=struct.pack("<Hl", channel, 0)))
         self._link.tell(self._name, encode(SET_ENABLED, channel, 1))
 
-    def _speed(self) -> tuple[int, int, int, int]:
+    def _speeds(self) -> tuple[int, int, int, int]:
         data = self._link.ask(self._name, encode(REQUEST_SPEED, self._keys.channel), SPEED, 14)
         channel, least, acceleration, most = struct.unpack("<Hlll", data)
         return channel, least, acceleration, most

@@ -79,9 +79,6 @@ class SimulatedCamera:
         """Power was lost."""
         self.reset()
 
-    def jam(self, after_travel: float) -> None:
-        """Nothing here can jam."""
-
     def idle_at(self) -> float:
         """When the exposure under way has been read out."""
         with self._lock:

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from sim.faults import Faults
+from sim.faults import JAM, Faults
 from sim.stage import Stage
 
 SILENCE = 0.05  # s after which what has come is no beginning of a message any more
@@ -24,7 +24,7 @@ ALARM_RESET = 0x0180
 PARAMETERS = range(0x0380, 0x03A0, 2)
 OVERTRAVEL, UPPER, LOWER, WRAP = 0x0386, 0x0388, 0x038A, 0x038E
 ABSOLUTE, BY_COMMAND, BY_FEEDBACK, WRAP_TYPES = 1, 2, 3, (8, 9)
-POSITION_DEVIATION, NO_REFERENCE, SOFTWARE_LIMIT, BAD_DATA = 0x10, 0x4A, 0x67, 0x70
+POSITION_DEVIATION, NO_REFERENCE, HARDWARE_LIMIT, SOFTWARE_LIMIT, BAD_DATA = 0x10, 0x4A, 0x66, 0x67, 0x70
 
 
 def crc(body: bytes) -> bytes:
@@ -67,6 +67,7 @@ class Drive:
             wrap: whether positions count within the range only.
         """
         self.stage, self.faults, self.wiring = stage, faults, wiring
+        stage.obstruct(faults.obstacle, math.radians(JAM))
         self._turn = turn
         self._parameters = dict.fromkeys(PARAMETERS, 0) | {
             OVERTRAVEL: -1 if wrap else 1,
@@ -92,10 +93,6 @@ class Drive:
         if self._valid:
             self.stage.set_position(position)
         self._alarm = self._inputs = 0
-
-    def jam(self, after_travel: float) -> None:
-        """Fault: what moves next stalls after so many degrees."""
-        self.stage.jam(math.radians(after_travel))
 
     def read(self, register: int) -> int:
         """One register.
@@ -206,7 +203,9 @@ class Drive:
         raised, here = self.stage.flags(), self.stage.position()
         if "FS" in raised:
             self._alarm = POSITION_DEVIATION
-        if raised & {"FS", "NI"}:
+        if "WL" in raised:
+            self._alarm = HARDWARE_LIMIT
+        if raised & {"FS", "NI", "WL"}:
             self._commanded = here
             self.stage.raised.clear()
         if self._homing:
@@ -256,8 +255,9 @@ class Line:
         drive = self.drives.get(message[0])
         if drive is None:
             return b""
-        drive.faults.before(drive)
-        return drive.faults.reply(_reply(drive, message), _wrong_crc) or b""
+        if not drive.faults.before(drive):
+            return b""
+        return drive.faults.reply(_reply(drive, message), _wrong_crc, _strangers) or b""
 
 
 def _reply(drive: Drive, message: bytes) -> bytes:
@@ -302,6 +302,11 @@ def _write_block(drive: Drive, register: int, count: int, length: int, values: b
 
 def _wrong_crc(answer: bytes) -> bytes:
     return answer[:-1] + bytes((answer[-1] ^ 0x01,))
+
+
+def _strangers(answer: bytes) -> bytes:
+    """The answer in the name of slave 77."""
+    return bytes((77,)) + answer[1:-2] + crc(bytes((77,)) + answer[1:-2])
 
 
 class LineSession:

@@ -19,16 +19,17 @@ MICROSTEP = "0.49609375 um"  # 200 full steps of 64 a turn, lead 6.35 mm
 ACCELERATION = 400.0  # mm/s^2 at start-up
 TURNS = 43 * math.tau  # rad that a counter takes either way of a stage without ends
 ANGULAR_ACCELERATION = math.radians(50)  # rad/s^2
-LINE_FAULTS = ("double", "late")
+LINE_FAULTS = ("double", "late", "unheard", "lost-byte", "doubled-byte", "stranger", "unplug", "limit-switch")
 MOTOR_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "stall")
 
 
 @dataclass(frozen=True)
 class Line:
-    """What answers at one address: how a client's conversation begins, and what each axis's address says beside it."""
+    """What answers at one address: how a client's conversation begins, what each axis's address says beside it, what goes wrong."""
 
     open_session: Open
     places: Mapping[str, Mapping[str, int]]
+    faults: Mapping[str, Faults]
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,8 @@ def _zaber(bench: Bench, world: World, names: Sequence[str]) -> Line:
     numbers = {name: own_number(bench, name, "device", 1, 99) for name in names}
     _require_numbers_of_their_own(bench, numbers, "device")
     devices = [Device(number, _linear_stage(bench, world, name), faults_of(bench, name)) for name, number in numbers.items()]
-    return Line(Chain(devices, world.lock).open_session, {name: {"device": number, "axis": 1} for name, number in numbers.items()})
+    places = {name: {"device": number, "axis": 1} for name, number in numbers.items()}
+    return Line(Chain(devices, world.lock).open_session, places, {name: device.faults for name, device in zip(names, devices, strict=True)})
 
 
 def _thorlabs(bench: Bench, world: World, names: Sequence[str]) -> Line:
@@ -71,7 +73,7 @@ def _thorlabs(bench: Bench, world: World, names: Sequence[str]) -> Line:
         world.carriages[name], (-TURNS, TURNS), count, min(axis.speed, math.radians(10)) / count, ANGULAR_ACCELERATION / count, home=0.0
     )
     controller = thorlabs.Controller(stage, faults_of(bench, name), 27_000_001, world.lock)
-    return Line(lambda: thorlabs.ControllerSession(controller), {name: {}})
+    return Line(lambda: thorlabs.ControllerSession(controller), {name: {}}, {name: controller.faults})
 
 
 def _oriental(bench: Bench, world: World, names: Sequence[str]) -> Line:
@@ -79,7 +81,8 @@ def _oriental(bench: Bench, world: World, names: Sequence[str]) -> Line:
     _require_numbers_of_their_own(bench, numbers, "device")
     drives = {number: _drive(bench, world, name) for name, number in numbers.items()}
     line = oriental.Line(drives, world.lock)
-    return Line(lambda: oriental.LineSession(line), {name: {"device": number} for name, number in numbers.items()})
+    places = {name: {"device": number} for name, number in numbers.items()}
+    return Line(lambda: oriental.LineSession(line), places, {name: drives[number].faults for name, number in numbers.items()})
 
 
 def _drive(bench: Bench, world: World, name: str) -> oriental.Drive:

@@ -70,10 +70,6 @@ class Instrument(Protocol):
         """Power was lost."""
         ...
 
-    def jam(self, after_travel: float) -> None:
-        """Fault: stall what moves next."""
-        ...
-
 
 class Address:
     """Instruments that share an address; every client has its own error queue."""

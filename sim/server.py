@@ -5,6 +5,7 @@ import os
 import select
 import socket
 import threading
+import time
 from collections.abc import Callable
 from typing import Protocol
 
@@ -12,7 +13,12 @@ POLL = 0.02  # s between looks for something to say unasked, and for the end
 
 
 class HangUpError(Exception):
-    """Raised by a session to close its line (a cable pulled out)."""
+    """Raised by a session to close its line (a cable pulled out); nobody can connect for so many seconds."""
+
+    def __init__(self, away: float = 0.0) -> None:
+        """Pull it out."""
+        super().__init__(away)
+        self.away = away
 
 
 class Session(Protocol):
@@ -50,6 +56,7 @@ class TcpLine:
         self._open = open_session
         self._ended = threading.Event()
         self._clients: list[threading.Thread] = []
+        self._back = 0.0  # when the cable is put back
         self._listener = socket.create_server(("127.0.0.1", port))
         self._listener.settimeout(POLL * 5)
         host, taken = self._listener.getsockname()[:2]
@@ -65,6 +72,9 @@ class TcpLine:
                 continue
             except OSError:
                 return
+            if time.monotonic() < self._back:
+                client.close()
+                continue
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             thread = threading.Thread(target=self._serve, args=(client,), name=f"client of {self.address}", daemon=True)
             self._clients = [known for known in self._clients if known.is_alive()] + [thread]
@@ -72,15 +82,19 @@ class TcpLine:
 
     def _serve(self, client: socket.socket) -> None:
         session = self._open()
-        with client, contextlib.suppress(OSError, HangUpError):
+        with client, contextlib.suppress(OSError):
             client.settimeout(POLL)
-            while not self._ended.is_set():
-                with contextlib.suppress(TimeoutError):
-                    data = client.recv(65536)
-                    if not data:
-                        return
-                    _send(client, session.receive(data), self._ended)
-                _send(client, session.unasked(), self._ended)
+            while not self._ended.is_set() and time.monotonic() >= self._back:
+                try:
+                    with contextlib.suppress(TimeoutError):
+                        data = client.recv(65536)
+                        if not data:
+                            return
+                        _send(client, session.receive(data), self._ended)
+                    _send(client, session.unasked(), self._ended)
+                except HangUpError as pulled:
+                    self._back = time.monotonic() + pulled.away
+                    return
 
     def stop(self) -> None:
         """Close everything and wait for the threads."""
@@ -124,12 +138,19 @@ class PtyLine:
 
     def _serve(self) -> None:
         # The slave stays open here: without it a read fails as soon as a client hangs up.
-        with contextlib.suppress(OSError, HangUpError):
+        with contextlib.suppress(OSError):
             while not self._ended.is_set():
-                ready, _, _ = select.select([self._master], [], [], POLL)
-                if ready:
-                    self._write(self._session.receive(os.read(self._master, 65536)))
-                self._write(self._session.unasked())
+                try:
+                    if data := self._read(POLL):
+                        self._write(self._session.receive(data))
+                    self._write(self._session.unasked())
+                except HangUpError as pulled:
+                    self._ended.wait(pulled.away)
+                    self._read(0)  # what was sent meanwhile went nowhere
+
+    def _read(self, patience: float) -> bytes:
+        ready, _, _ = select.select([self._master], [], [], patience)
+        return os.read(self._master, 65536) if ready else b""
 
     def _write(self, data: bytes) -> None:
         rest = data

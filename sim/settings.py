@@ -4,7 +4,7 @@ import math
 import threading
 from collections.abc import Mapping, Sequence
 
-from sim.faults import Faults
+from sim.faults import JAM, Faults
 from sim.motion import move, rest
 from sim.scpi import Handler, limits_or, name_among, no_parameters, number_within
 from sim.world import WHEEL, Carriage, World
@@ -16,7 +16,6 @@ class Drive:
     def __init__(self, carriage: Carriage, speed: float, name: str, faults: Faults) -> None:
         """Stand where the world has it."""
         self._carriage, self._speed, self._name = carriage, speed, name
-        self._jam: float | None = None
         self._missed: float | None = None
         self.faults = faults
         self._failures: list[str] = []
@@ -32,9 +31,9 @@ class Drive:
     def go(self, place: float) -> None:
         """Leave for a place."""
         now, here = self._carriage.clock.now(), self.place()
-        jammed = self._jam is not None and abs(place - here) > self._jam
-        self._missed = place if jammed else None
-        end = here + math.copysign(self._jam or 0.0, place - here) if jammed else place
+        stuck = abs(place - here) > JAM and self.faults.obstacle() != ""
+        self._missed = place if stuck else None
+        end = here + math.copysign(JAM, place - here) if stuck else place
         self._carriage.motion = move(self._carriage.motion, now, end, self._speed, math.inf)
 
     def place(self) -> float:
@@ -55,10 +54,6 @@ class Drive:
     def power_up(self) -> None:
         """Stop where it is."""
         self._carriage.motion = rest(self.place())
-
-    def jam(self, after_travel: float) -> None:
-        """Fault: whatever moves next stalls."""
-        self._jam = after_travel
 
 
 class Iris(Drive):

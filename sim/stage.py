@@ -1,6 +1,7 @@
 """A motor behind a controller: where its carriage is, what its counter says, what it warns of. No grammar here."""
 
 import math
+from collections.abc import Callable
 from typing import Literal, Protocol
 
 from sim.clock import Clock
@@ -52,7 +53,8 @@ class Stage:
         self._carriage, self._travel, self.microstep = carriage, travel, microstep
         self._start_up = (speed, acceleration)
         self._home = travel[0] if home is None else home
-        self._jam: float | None = None
+        self._obstacle: Callable[[], str] = str
+        self._before_it = math.inf
         self.power_up()
 
     def power_up(self) -> None:
@@ -65,7 +67,8 @@ class Stage:
         self.parked, self.enabled = False, True
         self.raised: set[str] = set()
         self._zero = round(where / self.microstep)
-        self._homing = self._stopping = self._will_stall = False
+        self._homing = self._stopping = False
+        self._flag_at_end = ""
 
     @property
     def _now(self) -> float:
@@ -143,9 +146,14 @@ class Stage:
         self._zero = round(self._carriage.motion.at(self._now)[0] / self.microstep) - counter
         self.reference = "set"
 
-    def jam(self, after_travel: float) -> None:
-        """Fault: whatever moves next stalls after so much travel."""
-        self._jam = after_travel
+    def obstruct(self, obstacle: Callable[[], str], after_travel: float) -> None:
+        """What may stand in the way of motions.
+
+        Args:
+            obstacle: asked when a longer motion starts; the flag it will end with, FS stalled or WL on a limit switch; empty for none.
+            after_travel: how far it then gets, mm or rad.
+        """
+        self._obstacle, self._before_it = obstacle, after_travel
 
     def _start_allowed(self) -> None:
         if self.parked:
@@ -160,9 +168,9 @@ class Stage:
         now, here = self._now, self._carriage.motion.at(self._now)[0]
         reachable = min(max(target, self._travel[0]), self._travel[1])
         # A target that rounds to the end of travel is on it, not beyond it.
-        self._will_stall = abs(target - reachable) > self.microstep
-        if self._jam is not None and abs(reachable - here) > self._jam:
-            reachable, self._will_stall = here + math.copysign(self._jam, reachable - here), True
+        self._flag_at_end = "FS" if abs(target - reachable) > self.microstep else ""
+        if abs(reachable - here) > self._before_it and (flag := self._obstacle()):
+            reachable, self._flag_at_end = here + math.copysign(self._before_it, reachable - here), flag
         self._carriage.motion = move(self._carriage.motion, now, reachable, speed * self.microstep, self._mm(acceleration))
         self._stopping = False
 
@@ -171,16 +179,17 @@ class Stage:
 
     def _interrupted(self) -> None:
         self.raised.add("NI")
-        self._homing = self._will_stall = False
+        self._homing, self._flag_at_end = False, ""
 
     def _settle(self) -> None:
         """Draw the consequences of a motion that has ended since."""
         if self._carriage.motion.moving(self._now):
             return
-        if self._will_stall:
-            self.raised.add("FS")
-            self.reference = "none"
+        if self._flag_at_end:
+            self.raised.add(self._flag_at_end)
+            self.reference = "none" if self._flag_at_end == "FS" or self._homing else self.reference
         elif self._homing:
             self._zero, self.reference = 0, "homed"
             self._carriage.motion = rest(self._home)
-        self._homing = self._stopping = self._will_stall = False
+        self._homing = self._stopping = False
+        self._flag_at_end = ""

@@ -11,7 +11,7 @@ import struct
 import threading
 from collections.abc import Callable
 
-from sim.faults import Faults
+from sim.faults import JAM, Faults
 from sim.stage import Stage
 
 HOST, CONTROLLER, WITH_DATA = 0x01, 0x50, 0x80
@@ -40,6 +40,7 @@ class Controller:
         """Power up; ``lock`` is the world's."""
         self.stage, self.faults, self.lock = stage, faults, lock
         self.serial = serial
+        stage.obstruct(faults.obstacle, math.radians(JAM))
         self._doing: dict[int, Callable[[bytes], bytes]] = {
             0x0005: self._info, 0x0210: self._enable, 0x0211: self._enabled, 0x0410: self._set_counter, 0x0411: self._counter,
             0x040A: self._encoder, 0x0413: self._set_speed, 0x0414: self._speed, 0x0429: self._bits, 0x0443: self._home,
@@ -62,16 +63,13 @@ class Controller:
         self._tells_ends = True
         self._ending = 0
 
-    def jam(self, after_travel: float) -> None:
-        """Fault: what moves next stalls after so many degrees."""
-        self.stage.jam(math.radians(after_travel))
-
     def answer(self, message: bytes) -> bytes | None:
         """Do a command; None where nothing is answered."""
-        self.faults.before(self)
+        if not self.faults.before(self):
+            return None
         doing = self._doing.get(int.from_bytes(message[:2], "little"))
         answer = doing(message) if doing and len(message) >= 6 else b""
-        return self.faults.reply(answer) if answer else None
+        return self.faults.reply(answer, stranger=_strangers) if answer else None
 
     def unasked(self) -> bytes:
         """The end of a motion since the last look."""
@@ -130,6 +128,7 @@ class Controller:
 
     def _home(self, message: bytes) -> bytes:
         if self.stage.enabled:
+            self.stage.raised.clear()
             self.stage.home()
             self._ending = 0x0444
         return b""
@@ -187,14 +186,20 @@ class Controller:
         return struct.pack("<HlhHL", 1, self.stage.position(), velocity, 0, self._status_bits())
 
     def _status_bits(self) -> int:
-        """Bits 4 and 5 moving one way and the other, 8 connected, 9 homing, 10 homed, 13 settled, 14 motion error, 31 enabled."""
+        """Bits 0 on a switch, 4 and 5 moving to and fro, 8 connected, 9 homing, 10 homed, 13 settled, 14 motion error, 31 enabled."""
         flags, velocity = self.stage.flags(), self.stage.velocity()
         busy = self.stage.busy()
         bits = {
+            0: "WL" in flags,
             4: busy and velocity >= 0, 5: busy and velocity < 0, 8: True, 9: self.stage.homing(), 10: self.stage.reference == "homed",
             13: not busy, 14: "FS" in flags, 31: self.stage.enabled,
         }  # fmt: skip
         return sum(1 << bit for bit, on in bits.items() if on)
+
+
+def _strangers(answer: bytes) -> bytes:
+    """The answer to another computer."""
+    return answer[:4] + bytes((answer[4] ^ 0x02,)) + answer[5:]
 
 
 def _counts(degrees: float) -> int:

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sim.faults import Faults
+from sim.faults import JAM, Faults
 from sim.stage import RefusedError, Stage
 from sim.zaber_settings import ACCELERATION, SETTINGS, SPEED, TOP_SPEED, Communication, whole
 
@@ -64,11 +64,13 @@ class Device:
         self.line = Communication(number, serial=100000 + number)
         self.stage = stage
         self.faults = faults
+        stage.obstruct(faults.obstacle, JAM)
         self._was_busy = False
 
     def answer(self, message: Message) -> bytes | None:
         """Do a command and answer it; None where a fault keeps the device silent."""
-        self.faults.before(self.stage)
+        if not self.faults.before(self.stage):
+            return None
         verdict, data = "OK", "0"
         try:
             data = self._do(message)
@@ -80,7 +82,7 @@ class Device:
         if message.words[:2] == ("system", "reset") and verdict == "OK":
             self.stage.power_up()
         silent = message.number == "--"
-        return None if silent else self.faults.reply(self._sealed(b"@", reply, message.signed))
+        return None if silent else self.faults.reply(self._sealed(b"@", reply, message.signed), stranger=_strangers)
 
     def alert(self) -> bytes:
         """The alert for a motion that has ended since the last look, where alerts are on."""
@@ -202,6 +204,12 @@ class Device:
         self.stage.halt()
         self.stage.enabled = words[0] == "enable"
         return "0"
+
+
+def _strangers(reply: bytes) -> bytes:
+    """The reply in the name of device 77."""
+    body = b"77" + reply[3:].rstrip(b"\r\n").partition(b":")[0]
+    return b"@" + body + (b":" + checksum(body) if b":" in reply else b"") + b"\r\n"
 
 
 def _nothing_after(words: Sequence[str]) -> None:

@@ -77,12 +77,15 @@ def options() -> list[Any]:
 def bench(request: pytest.FixtureRequest, root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedBench]:
     folder = tmp_path_factory.mktemp("bench")
     with served(root, folder, 50.0, *request.param) as file, drivers.connect(with_a_standa_stage(file)) as connected:
-        readings = {name: axis.position() for name, axis in connected.axes.items()}
+        counters = [axis._commands.position() for axis in connected.axes.values()]  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
         for axis in connected.axes.values():
             assert not axis.is_moving()
             with pytest.raises(NotHomedError):
                 axis.move_to(sum(axis.limits) / 2)
-        assert readings == {name: axis.position() for name, axis in connected.axes.items()}, "connecting and refusing moved something"
+            with pytest.raises(NotHomedError, match="asked where it is"):
+                axis.position()
+        unmoved = [axis._commands.position() for axis in connected.axes.values()]  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+        assert unmoved == counters, "connecting and refusing moved something"
         home_all(connected)  # the first motion calls the sentinel, which stays as long as the bench
         yield connected
 
