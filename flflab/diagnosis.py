@@ -22,6 +22,7 @@ STEPS = np.geomspace(2e-3, 1.0, 40)
 FIRST = np.concatenate([-STEPS[::-1], [0.0], STEPS])
 FINER, ROUNDS = np.linspace(-1.0, 1.0, 21), 3
 ALIKE = 6.0  # of chi squared: 2 suspects closer than this are not told apart (4 to 1 odds at least by noise alone)
+CLEAR = 25.0  # of chi squared that a change must explain to be named at all
 KINDS = {
     "lens_focal": "focal length of the main lens", "lens_aperture": "aperture of the main lens (the f-number the other way)",
     "focal": "focal length of the microlenses", "aperture": "aperture of the microlenses", "pitch": "pitch of the microlenses",
@@ -94,7 +95,9 @@ def diagnose(found: list[Values], numbers: Callable[[Errors], list[Values]], ben
 
 
 def not_told_apart(suspects: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
-    """The best suspect and those that explain as well."""
+    """The best suspect and those that explain as well; none where no single change explains much."""
+    if not suspects or suspects[0].chi2_before - suspects[0].chi2 < CLEAR:
+        return ()
     return tuple(suspect for suspect in suspects if suspect.chi2 <= suspects[0].chi2 + ALIKE)
 
 

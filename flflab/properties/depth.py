@@ -63,7 +63,7 @@ def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
         return []
     weights = 1 / np.diag(distances.noise)
     distance = float(weights @ distances.measured / weights.sum())
-    doubt = float(weights.sum() ** -0.5)
+    doubt = float(np.sqrt(np.diag(distances.noise)).mean())  # what is amiss with one dot's depth is amiss with all
 
     def depth(x: Array) -> Array:
         return np.abs(x / (1 - x)) * float(smms.distance / smms.gap)

@@ -10,7 +10,7 @@ from jinja2 import Environment, StrictUndefined, Template
 from flflab.bench import Bench
 from flflab.diagnosis import not_told_apart
 from flflab.errors import RecordError
-from flflab.evaluation import Evaluation
+from flflab.evaluation import PROPERTY_NAMES, Evaluation
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run
@@ -18,11 +18,6 @@ from flflab.report import charts, facts, frames, tables
 from flflab.study import Study
 
 ELSEWHERE = ("time", "devices", "software", "configurations")  # what the start document holds that the page shows in its place
-NAMES = {
-    "views": "number of views", "mtf": "contrast (MTF)", "micro_images_mm": "micro-images: bright field, total field, pitch",
-    "overlap_mm": "overlap", "depth_of_field_mm": "depth of field", "light": "marginal light", "elr_row_px": "effective lateral resolution",
-    "dot_distance_mm": "depth of the dots", "array_attitude_mrad": "tilt and roll of the array",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -61,7 +56,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         began=tables.moment(run.start.get("time")),
         comparison=evaluation.comparison,
         headline=headline(evaluation),
-        names=NAMES,
+        names=PROPERTY_NAMES,
         exact=exact,
         dots=dots,
         simulated=f"{len(local)} of {devices} devices" if local else "",
@@ -70,7 +65,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         diffraction=diffraction_sentence(evaluation),
         panels=[_panel(evaluation, one, model, run, study) for one, model in zip(evaluation.measured, evaluation.predicted, strict=True)],
         suspects=[suspect.sentence for suspect in not_told_apart(evaluation.suspects)],
-        next_suspects=[suspect.sentence for suspect in evaluation.suspects[len(not_told_apart(evaluation.suspects)) :][:2]],
+        next_suspects=[suspect.sentence for suspect in evaluation.suspects if suspect not in not_told_apart(evaluation.suspects)][:2],
         budget=tables.budget_table(evaluation),
         properties_chart=charts.properties_chart(evaluation),
         views_chart=charts.views_chart(evaluation),
@@ -101,7 +96,7 @@ def _template() -> Template:
 
 def headline(evaluation: Evaluation) -> str:
     """The verdict in one sentence."""
-    rejected = [NAMES.get(one.quantity, one.quantity) for one in evaluation.comparison.verdicts if not one.accepted]
+    rejected = [PROPERTY_NAMES.get(one.quantity, one.quantity) for one in evaluation.comparison.verdicts if not one.accepted]
     if not rejected:
         return "The camera does what its model says."
     named = " and ".join([", ".join(rejected[:-1]), rejected[-1]] if len(rejected) > 1 else rejected)
