@@ -13,6 +13,7 @@ Array = npt.NDArray[np.float64]
 CELLS_PER_CYCLE = {"bars": 2, "chirp": 32}  # bars are constant in a cell, a sine is a cubic to 5e-7
 LARGE = 1e3  # mm; a target's width as far as rounding goes
 BOUNDLESS = 1e9  # mm; here a white half plane ends
+MOST_STEPS = 4e6  # of a table of antiderivatives
 NODES = np.polynomial.legendre.leggauss(4)[0]
 
 
@@ -147,6 +148,62 @@ def fill_antiderivative(
         total = sums[right] - sums[left] + rest * (plain[right] + plain[left])
         total += 0.5 * rest * rest * (plain[right + 1] - plain[right] + plain[left - 1] - plain[left])
         out[first + index] = total / (2.0 * reach)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def prepare(
+    low: float,
+    high: float,
+    spread: float,
+    boxes: Array,
+    fine: float,
+    table: Array,
+    law: Array,
+    places: Array,
+) -> Array:
+    """Antiderivatives of the profile from ``low`` to ``high`` (x' at the pupil's centre), one behind the other for each pair of boxes.
+
+    The straight lines between their steps change a mean over the pupil by up to ``fine``.
+
+    Args:
+        low: lowest x' of a ray through the pupil's centre, mm.
+        high: highest.
+        spread: change of x' over the pupil's radius, mm; above 0.
+        boxes: widths of the two boxes, shape (3, 2).
+        fine: largest error.
+        table: see ``profile_table``.
+        law: its law.
+        places: filled with first position, 1 / step, first and last index of each, shape (3, 4).
+    """
+    counts = np.zeros(3, dtype=np.int64)
+    steps = np.empty(3)
+    total = 0
+    for kind in range(3):
+        same = -1
+        for earlier in range(kind):
+            if boxes[earlier, 0] == boxes[kind, 0] and boxes[earlier, 1] == boxes[kind, 1]:
+                same = earlier
+        if same >= 0:
+            places[kind] = places[same]
+            continue
+        wide = max(boxes[kind, 0], boxes[kind, 1])
+        steps[kind] = max(math.sqrt(fine * wide * spread / 0.16), fine * spread / 0.3, 2.0 * fine * wide, (high - low) / MOST_STEPS)
+        if steps[kind] < wide:
+            steps[kind] = wide / math.ceil(wide / steps[kind])  # then the box's ends fall on steps
+        first = max(low - spread, law[0] - 2.0 * wide)
+        last = max(min(high + spread, law[1] + 2.0 * wide), first)
+        counts[kind] = int((last - first) / steps[kind]) + 3
+        places[kind, 0] = first - 0.5 * steps[kind]
+        places[kind, 1] = 1.0 / steps[kind]
+        places[kind, 2] = total
+        places[kind, 3] = total + counts[kind] - 2
+        total += counts[kind]
+    sums = np.empty(total)
+    for kind in range(3):
+        if counts[kind] > 0:
+            start, step = int(places[kind, 2]), steps[kind]
+            fill_antiderivative(sums, start, counts[kind], places[kind, 0], step, boxes[kind, 0], boxes[kind, 1], table, law)
+    return sums
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

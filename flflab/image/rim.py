@@ -81,12 +81,9 @@ def _fill(tables: Array, slope: Array, reach: Array, sides: Array, steep: npt.ND
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def rim_share(distance: float, table: Array) -> float:
     """Share of the full cone at a distance (mm) from the centre, from one row of ``rim_tables``."""
-    place = (distance - table[0]) * table[1]
-    if place <= 0.0:
-        return table[2]
-    index = int(place)
-    if index >= table.shape[0] - 3:
-        return 0.0
+    steps = table.shape[0] - 3
+    place = min(max((distance - table[0]) * table[1], 0.0), float(steps))  # there the table is 0
+    index = min(int(place), steps - 1)
     part = place - index
     return table[index + 2] * (1.0 - part) + table[index + 3] * part
 
@@ -117,3 +114,22 @@ def lit_middle(distance: float, part: float, reach: float) -> float:
     if distance + 0.5 * part <= reach or distance <= part:
         return 1.0
     return max(0.5 * (distance - 0.5 * part + reach), distance - 0.5 * part) / distance
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def part_share(x: float, y: float, side: float, slope: float, reach: float, table: Array, nodes: Array) -> tuple[float, float]:
+    """Share of the full cone in a part of a pixel on the rim, and where to look in it as a share of its distance from the centre.
+
+    Args:
+        x: its middle from the micro-image's centre, mm.
+        y: the same along y.
+        side: its side, mm.
+        slope: of the micro-image, mm.
+        reach: the same.
+        table: its row of ``rim_tables``.
+        nodes: pupil points for steep rims.
+    """
+    distance = math.sqrt(x * x + y * y)
+    if table[0] >= 0.0:
+        return rim_share(distance, table), 1.0
+    return steep_share(x, y, side, slope, reach, nodes), lit_middle(distance, side, reach)

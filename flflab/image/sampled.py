@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.rim import lit_middle, rim_share, steep_share
+from flflab.image.rim import part_share
 from flflab.optics.discs import disc_rectangle_area, lens_chord, lens_rows, three_disc_area, two_disc_area
 
 Array = npt.NDArray[np.float64]
@@ -146,7 +146,6 @@ def add_dots(
         kind = kinds[entry]
         cone, to, slant = cones[entry], maps[entry], slants[entry]
         parts = int(subs[kind])
-        part = width / parts
         strip, chord, rim, count = strips[kind], chords[kind], rims[kind], int(counts[kind])
         steep = rim[0] < 0.0
         deep, outside = cone[1] - abs(cone[0]) - 0.75 * width, cone[1] + abs(cone[0]) + 0.75 * width
@@ -167,12 +166,8 @@ def add_dots(
                     y = dy + ((j + 0.5) / divide - 0.5) * width
                     for i in range(divide):
                         x = dx + ((i + 0.5) / divide - 0.5) * width
-                        share, look = 1.0, 1.0
-                        if steep and not full:
-                            share = steep_share(x, y, part, cone[0], cone[1], nodes)
-                            look = lit_middle(math.sqrt(x * x + y * y), part, cone[1])
-                        elif not full and count > 0:
-                            share = rim_share(math.sqrt(x * x + y * y), rim)
+                        clips = not full and (steep or count > 0)
+                        share, look = part_share(x, y, side, cone[0], cone[1], rim, nodes) if clips else (1.0, 1.0)
                         if share <= 0.0:
                             continue
                         at_x, at_y = look * x, look * y

@@ -1,4 +1,7 @@
-"""Strips across a clipped pupil: along each the mean of a profile is a difference of its antiderivative, read from a table."""
+"""Strips across a clipped pupil: along each the mean of a profile is a difference of its antiderivative, read from a table.
+
+Many sensor points are worked out side by side, so that the processor's vectors are full whatever the number of strips.
+"""
 
 import math
 
@@ -6,15 +9,19 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.profile import fill_antiderivative, step_mean
+from flflab.image.clipping import clip, lens_span
+from flflab.image.profile import step_mean
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-MOST_STEPS = 4e6  # of a table
-
 # Sums may be taken in any order; nothing here is infinite or not a number.
 LOOSE = {"contract", "nsz", "nnan", "ninf", "reassoc", "arcp"}
+
+BLOCK = 256  # sensor points side by side
+# Where their numbers begin in one array of ROWS times BLOCK: its parts lie fixed steps apart, or the compiler makes no use of vectors.
+EX, EY, MEAN, BASE, CLIP_X, CLIP_Y, MIDDLE, REACH, AREA, RIGHT, LEFT, WEIGHT = range(0, 12 * BLOCK, BLOCK)
+ROWS = 12
 
 
 def strip_nodes(counts: Whole) -> Array:
@@ -29,162 +36,95 @@ def strip_nodes(counts: Whole) -> Array:
     return nodes
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def lens_span(x: float, y: float, radius: float) -> tuple[float, float]:
-    """Lowest and highest y common to the unit disc and a disc at (x, y) of a radius of at least 1 that cuts it."""
-    squared = x * x + y * y
-    low, high = -1.0, 1.0
-    cut_top = squared - 2.0 * y + 1.0 > radius * radius
-    cut_bottom = squared + 2.0 * y + 1.0 > radius * radius
-    if cut_top or cut_bottom:
-        inverse = 1.0 / squared
-        along = 0.5 * (1.0 + squared - radius * radius) * inverse
-        across = abs(x) * math.sqrt(max(0.0, inverse - along * along))
-        if cut_top:
-            high = y + radius if x * x + (y + radius) ** 2 < 1.0 else along * y + across
-        if cut_bottom:
-            low = y - radius if x * x + (y - radius) ** 2 < 1.0 else along * y - across
-    return low, high
-
-
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def full_mean(base: float, spread: float, strips: Array, count: int, sums: Array, place: Array) -> float:
-    """Mean of a profile over the whole pupil.
-
-    Args:
-        base: x' at the pupil's centre, mm.
-        spread: change of x' over the pupil's radius, mm.
-        strips: see ``strip_nodes``.
-        count: how many there are.
-        sums: antiderivatives at even steps of x'.
-        place: where in ``sums`` to look: first position, 1 / step, first index, last index.
-    """
-    start = (base - place[0]) * place[1] + place[2]
-    slope = spread * place[1]
-    low, high = place[2], place[3]
-    total = 0.0
-    for strip in range(count):
-        right = min(max(start + slope * strips[2, strip], low), high)
-        left = min(max(start - slope * strips[2, strip], low), high)
-        i, j = np.int64(right), np.int64(left)
-        at, to = np.uint64(i), np.uint64(j)
-        above = sums[at] + (right - i) * (sums[at + np.uint64(1)] - sums[at])
-        total += strips[1, strip] * (above - sums[to] - (left - j) * (sums[to + np.uint64(1)] - sums[to]))
-    return total / (math.pi * spread)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def clipped_mean(
-    base: float,
-    spread: float,
-    x: float,
-    y: float,
-    radius: float,
-    low: float,
-    high: float,
+def strip_means(
+    points: Array,
+    number: int,
+    landing: tuple[float, float, float, float, float, float],
+    cone: tuple[float, float],
     strips: Array,
     count: int,
     sums: Array,
-    place: Array,
-    clipped: Array,
-) -> float:
-    """The same over the part of the pupil from ``low`` to ``high`` inside the disc at (x, y); ``clipped`` is the place for its ends."""
-    middle = 0.5 * (low + high)
-    reach = 0.5 * (high - low)
-    squared = radius * radius
-    light = 0.0
-    area = 0.0
-    start1, slope1, low1, high1 = (base - place[0]) * place[1] + place[2], spread * place[1], place[2], place[3]
-    start2, slope2, low2, high2 = (base - clipped[0]) * clipped[1] + clipped[2], spread * clipped[1], clipped[2], clipped[3]
-    for strip in range(count):
-        at = middle + reach * strips[0, strip]
-        off = at - y
-        own = math.sqrt(max(0.0, 1.0 - at * at))
-        other = math.sqrt(max(0.0, squared - off * off))
-        cut_right = x + other < own
-        cut_left = x - other > -own
-        right = x + other if cut_right else own
-        left = x - other if cut_left else -own
-        right = max(left, right)
-        up = min(max(start2 + slope2 * right, low2), high2) if cut_right else min(max(start1 + slope1 * right, low1), high1)
-        down = min(max(start2 + slope2 * left, low2), high2) if cut_left else min(max(start1 + slope1 * left, low1), high1)
-        i, j = np.int64(up), np.int64(down)
-        upper, lower = np.uint64(i), np.uint64(j)
-        above = sums[upper] + (up - i) * (sums[upper + np.uint64(1)] - sums[upper])
-        light += strips[1, strip] * (above - sums[lower] - (down - j) * (sums[lower + np.uint64(1)] - sums[lower]))
-        area += strips[1, strip] * (right - left)
-    return light / (spread * area) if area > 0.0 else 0.0
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def slanted_mean(
-    base: float,
-    spread: float,
-    x: float,
-    y: float,
-    radius: float,
-    low: float,
-    high: float,
-    strips: Array,
-    count: int,
-    sums: Array,
-    place: Array,
-    clipped: Array,
+    whole: Array,
+    cut: Array,
     chunks: int,
-    slant: tuple[float, float, float],
-) -> float:
-    """The mean of ``clipped_mean`` where rays count by cos^4 of their slope.
+    slant: tuple[float, float, float, float],
+) -> None:
+    """Mean of a profile over the part of the pupil that lights each of some sensor points.
 
     Args:
-        base: x' at the pupil's centre, mm.
-        spread: change of x' over the pupil's radius, mm.
-        x: centre of the clipping disc, in units of the pupil.
-        y: the same across the strips.
-        radius: of the clipping disc.
-        low: where the strips begin.
-        high: where they end.
+        points: numbers of BLOCK sensor points each, shape (ROWS * BLOCK,): from EX and EY on their places from the micro-image's centre,
+            mm; from MEAN on they are filled; the rest is scratch.
+        number: how many points there are, up to BLOCK.
+        landing: x' of the ray through the pupil's centre from the micro-image's centre (mm on the target), its change per mm on the
+            sensor along x and y, its change over the pupil's radius, and the direction in the pupil in which it changes.
+        cone: slope and reach of the micro-image, mm.
         strips: see ``strip_nodes``.
         count: how many there are.
         sums: antiderivatives at even steps of x'.
-        place: where in ``sums`` to look.
-        clipped: the same for ends at the clipping disc.
-        chunks: into how many pieces a strip is cut, each of one weight.
-        slant: slope at the sensor of the ray through the pupil's centre along the strips and across them, its change over the radius.
+        whole: where in ``sums`` to look: first position, 1 / step, first index, last index.
+        cut: the same for ends of strips at the clipping disc.
+        chunks: into how many pieces a strip is cut, each of one weight by cos^4 of its slope; 0 where all rays count alike.
+        slant: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per unit of pupil.
     """
-    middle = 0.5 * (low + high)
-    reach = 0.5 * (high - low)
+    origin, by_x, by_y, spread, along_x, along_y = landing
+    slope, reach = cone
+    radius = reach / abs(slope) if slope != 0.0 else 2.0
     squared = radius * radius
-    light = 0.0
-    area = 0.0
-    start1, slope1, low1, high1 = (base - place[0]) * place[1] + place[2], spread * place[1], place[2], place[3]
-    start2, slope2, low2, high2 = (base - clipped[0]) * clipped[1] + clipped[2], spread * clipped[1], clipped[2], clipped[3]
-    slant_x, slant_y, slant_spread = slant
-    for chunk in range(chunks):
-        begin, end = chunk / chunks, (chunk + 1) / chunks
-        first, last = chunk == 0, chunk == chunks - 1
+    for p in range(number):
+        ex, ey = points[EX + p], points[EY + p]
+        x, y = clip(ex, ey, along_x, along_y, slope, reach)
+        low, high = lens_span(x, y, radius)
+        points[BASE + p] = origin + by_x * ex + by_y * ey
+        points[CLIP_X + p] = x
+        points[CLIP_Y + p] = y
+        points[MIDDLE + p] = 0.5 * (low + high)
+        points[REACH + p] = 0.5 * (high - low)
+        points[MEAN + p] = 0.0
+        points[AREA + p] = 0.0
+    falls = chunks > 0
+    pieces = max(chunks, 1)
+    start1, step1, low1, high1 = whole[0], whole[1], whole[2], whole[3]
+    start2, step2, low2, high2 = cut[0], cut[1], cut[2], cut[3]
+    for piece in range(pieces):
+        begin, end = piece / pieces, (piece + 1) / pieces
+        first, last = piece == 0, piece == pieces - 1
         for strip in range(count):
-            at = middle + reach * strips[0, strip]
-            off = at - y
-            own = math.sqrt(max(0.0, 1.0 - at * at))
-            other = math.sqrt(max(0.0, squared - off * off))
-            cut_right = x + other < own
-            cut_left = x - other > -own
-            left = x - other if cut_left else -own
-            right = max(left, x + other if cut_right else own)
-            to = left + end * (right - left)
-            left += begin * (right - left)
-            up = min(max(start2 + slope2 * to, low2), high2) if cut_right & last else min(max(start1 + slope1 * to, low1), high1)
-            down = min(max(start2 + slope2 * left, low2), high2) if cut_left & first else min(max(start1 + slope1 * left, low1), high1)
-            i, j = np.int64(up), np.int64(down)
-            upper, lower = np.uint64(i), np.uint64(j)
-            above = sums[upper] + (up - i) * (sums[upper + np.uint64(1)] - sums[upper])
-            along = slant_x + slant_spread * 0.5 * (left + to)
-            across = slant_y + slant_spread * at
-            falling = 1.0 + along * along + across * across
-            piece = above - sums[lower] - (down - j) * (sums[lower + np.uint64(1)] - sums[lower])
-            light += strips[1, strip] * piece / (falling * falling)
-            area += strips[1, strip] * (to - left)
-    return light / (spread * area) if area > 0.0 else 0.0
+            node, weight = strips[0, strip], strips[1, strip]
+            for p in range(number):
+                shift = points[CLIP_X + p]
+                at = points[MIDDLE + p] + points[REACH + p] * node
+                off = at - points[CLIP_Y + p]
+                own = math.sqrt(max(0.0, 1.0 - at * at))
+                other = math.sqrt(max(0.0, squared - off * off))
+                cut_right = (shift + other < own) & last
+                cut_left = (shift - other > -own) & first
+                left = max(shift - other, -own)
+                length = max(0.0, min(shift + other, own) - left)
+                right = left + end * length
+                left += begin * length
+                to, came = points[BASE + p] + spread * right, points[BASE + p] + spread * left
+                to1 = min(max((to - start1) * step1 + low1, low1), high1)
+                to2 = min(max((to - start2) * step2 + low2, low2), high2)
+                came1 = min(max((came - start1) * step1 + low1, low1), high1)
+                came2 = min(max((came - start2) * step2 + low2, low2), high2)
+                up, down = to2 if cut_right else to1, came2 if cut_left else came1
+                points[RIGHT + p], points[LEFT + p] = up, down
+                points[AREA + p] += weight * (right - left)
+                middle = 0.5 * (left + right)
+                slant_x = slant[0] + slant[2] * points[EX + p] + slant[3] * (along_x * middle - along_y * at)
+                slant_y = slant[1] + slant[2] * points[EY + p] + slant[3] * (along_y * middle + along_x * at)
+                falling = 1.0 + slant_x * slant_x + slant_y * slant_y
+                points[WEIGHT + p] = weight / (falling * falling) if falls else weight
+            for p in range(number):  # apart from the above: reading here and there is faster without vectors
+                up, down = points[RIGHT + p], points[LEFT + p]
+                i, j = np.int64(up), np.int64(down)
+                upper, lower = np.uint64(i), np.uint64(j)
+                light = sums[upper] + (up - i) * (sums[upper + np.uint64(1)] - sums[upper])
+                light -= sums[lower] + (down - j) * (sums[lower + np.uint64(1)] - sums[lower])
+                points[MEAN + p] += points[WEIGHT + p] * light
+    for p in range(number):
+        points[MEAN + p] = points[MEAN + p] / max(spread * points[AREA + p], 1e-300)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -197,77 +137,73 @@ def antiderivative(at: float, sums: Array, place: Array) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def weighted_mean(
-    base: float,
-    spread: float,
-    x: float,
-    y: float,
-    radius: float,
-    low: float,
-    high: float,
+    ex: float,
+    ey: float,
+    landing: tuple[float, float, float, float, float, float],
+    cone: tuple[float, float],
     strips: Array,
     count: int,
     sums: Array,
-    place: Array,
-    clipped: Array,
+    whole: Array,
+    cut: Array,
     chunks: int,
-    slant: tuple[float, float, float],
+    slant: tuple[float, float, float, float],
     across: tuple[float, float, float],
     window: Array,
 ) -> float:
-    """The mean of ``slanted_mean`` where rays count by a window in y', too.
+    """The mean of ``strip_means`` for one sensor point where rays count by a window in y', too.
 
     Args:
-        base: x' at the pupil's centre, mm.
-        spread: change of x' over the pupil's radius, mm.
-        x: centre of the clipping disc, in units of the pupil.
-        y: the same across the strips.
-        radius: of the clipping disc.
-        low: where the strips begin.
-        high: where they end.
-        strips: see ``strip_nodes``.
-        count: how many there are.
-        sums: antiderivatives at even steps of x'.
-        place: where in ``sums`` to look.
-        clipped: the same for ends at the clipping disc.
-        chunks: into how many pieces a strip is cut, each of one weight.
-        slant: see ``slanted_mean``.
+        ex: place of the sensor point, mm from the micro-image's centre.
+        ey: the same along y.
+        landing: see ``strip_means``.
+        cone: the same.
+        strips: the same.
+        count: the same.
+        sums: the same.
+        whole: the same.
+        cut: the same.
+        chunks: the same.
+        slant: the same.
         across: y' at the pupil's centre, its change over the radius along the strips and across them, mm.
         window: lower and upper end, and the widths of the two boxes that smooth it.
     """
-    middle = 0.5 * (low + high)
-    reach = 0.5 * (high - low)
-    light = 0.0
-    area = 0.0
+    origin, by_x, by_y, spread, along_x, along_y = landing
+    slope, reach = cone
+    radius = reach / abs(slope) if slope != 0.0 else 2.0
+    x, y = clip(ex, ey, along_x, along_y, slope, reach)
+    low, high = lens_span(x, y, radius)
+    base = origin + by_x * ex + by_y * ey
+    pieces = max(chunks, 1)
+    light, area = 0.0, 0.0
     for strip in range(count):
-        at = middle + reach * strips[0, strip]
-        off = at - y
+        at = 0.5 * (low + high) + 0.5 * (high - low) * strips[0, strip]
         own = math.sqrt(max(0.0, 1.0 - at * at))
-        other = math.sqrt(max(0.0, radius * radius - off * off))
-        right = min(own, x + other)
-        left = max(-own, x - other)
+        other = math.sqrt(max(0.0, radius * radius - (at - y) * (at - y)))
+        right, left = min(own, x + other), max(-own, x - other)
         if right <= left:
             continue
         area += strips[1, strip] * (right - left)
-        thick = abs(across[2]) * reach * strips[1, strip]
-        second = (
-            math.sqrt(window[3] * window[3] + thick * thick)
-            if window[2] > thick
-            else math.sqrt(window[3] * window[3] + window[2] * window[2])
-        )
+        thick = abs(across[2]) * 0.5 * (high - low) * strips[1, strip]
+        second = math.sqrt(window[3] * window[3] + min(window[2], thick) ** 2)
         height = across[0] + across[1] * 0.5 * (left + right) + across[2] * at
         seen = window_mean(height, window[0], window[1], max(window[2], thick), second)
         if seen == 0.0:
             continue
-        steep = slant[1] + slant[2] * at
-        before = antiderivative(base + spread * left, sums, clipped if x - other > -own else place)
-        part = (right - left) / chunks
+        before = antiderivative(base + spread * left, sums, cut if x - other > -own else whole)
+        part = (right - left) / pieces
         total = 0.0
-        for chunk in range(chunks):
-            end = left + part * (chunk + 1)
-            last = chunk == chunks - 1 and x + other < own
-            after = antiderivative(base + spread * end, sums, clipped if last else place)
-            along = slant[0] + slant[2] * (end - 0.5 * part)
-            total += (after - before) / (1.0 + along * along + steep * steep) ** 2
+        for piece in range(pieces):
+            end = left + part * (piece + 1)
+            clipped = piece == pieces - 1 and x + other < own
+            after = antiderivative(base + spread * end, sums, cut if clipped else whole)
+            falling = 1.0
+            if chunks > 0:
+                middle = end - 0.5 * part
+                slant_x = slant[0] + slant[2] * ex + slant[3] * (along_x * middle - along_y * at)
+                slant_y = slant[1] + slant[2] * ey + slant[3] * (along_y * middle + along_x * at)
+                falling += slant_x * slant_x + slant_y * slant_y
+            total += (after - before) / (falling * falling)
             before = after
         light += strips[1, strip] * seen * total / spread
     return light / area if area > 0.0 else 0.0
@@ -277,59 +213,3 @@ def weighted_mean(
 def window_mean(y: float, lower: float, upper: float, box: float, other: float) -> float:
     """A window from ``lower`` to ``upper`` at y, smoothed by boxes of two widths."""
     return step_mean(y - lower, box, other) - step_mean(y - upper, box, other)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def prepare(
-    low: float,
-    high: float,
-    spread: float,
-    boxes: Array,
-    fine: float,
-    table: Array,
-    law: Array,
-    places: Array,
-) -> Array:
-    """Antiderivatives of the profile from ``low`` to ``high`` (x' at the pupil's centre), one behind the other for each pair of boxes.
-
-    The straight lines between their steps change a mean over the pupil by up to ``fine``.
-
-    Args:
-        low: lowest x' of a ray through the pupil's centre, mm.
-        high: highest.
-        spread: change of x' over the pupil's radius, mm; above 0.
-        boxes: widths of the two boxes, shape (3, 2).
-        fine: largest error.
-        table: see ``profile_table``.
-        law: its law.
-        places: filled with first position, 1 / step, first and last index of each, shape (3, 4).
-    """
-    counts = np.zeros(3, dtype=np.int64)
-    steps = np.empty(3)
-    total = 0
-    for kind in range(3):
-        same = -1
-        for earlier in range(kind):
-            if boxes[earlier, 0] == boxes[kind, 0] and boxes[earlier, 1] == boxes[kind, 1]:
-                same = earlier
-        if same >= 0:
-            places[kind] = places[same]
-            continue
-        wide = max(boxes[kind, 0], boxes[kind, 1])
-        steps[kind] = max(math.sqrt(fine * wide * spread / 0.16), fine * spread / 0.3, 2.0 * fine * wide, (high - low) / MOST_STEPS)
-        if steps[kind] < wide:
-            steps[kind] = wide / math.ceil(wide / steps[kind])  # then the box's ends fall on steps
-        first = max(low - spread, law[0] - 2.0 * wide)
-        last = max(min(high + spread, law[1] + 2.0 * wide), first)
-        counts[kind] = int((last - first) / steps[kind]) + 3
-        places[kind, 0] = first - 0.5 * steps[kind]
-        places[kind, 1] = 1.0 / steps[kind]
-        places[kind, 2] = total
-        places[kind, 3] = total + counts[kind] - 2
-        total += counts[kind]
-    sums = np.empty(total)
-    for kind in range(3):
-        if counts[kind] > 0:
-            start, step = int(places[kind, 2]), steps[kind]
-            fill_antiderivative(sums, start, counts[kind], places[kind, 0], step, boxes[kind, 0], boxes[kind, 1], table, law)
-    return sums

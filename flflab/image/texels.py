@@ -10,8 +10,10 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.rim import lit_middle, rim_share, steep_share
-from flflab.image.ruled import clip, mean_weight, shrink
+from flflab.image.clipping import clip, lens_span
+from flflab.image.falloff_means import mean_weight
+from flflab.image.rim import part_share
+from flflab.image.tiles import shrink
 from flflab.optics.discs import lens_chord
 
 Array = npt.NDArray[np.float64]
@@ -238,19 +240,13 @@ def add_texels(
                     y = dy + ((j + 0.5) / divide - 0.5) * width
                     for i in range(divide):
                         x = dx + ((i + 0.5) / divide - 0.5) * width
-                        share, look = 1.0, 1.0
-                        if not full:
-                            distance = math.sqrt(x * x + y * y)
-                            if steep:
-                                share = steep_share(x, y, side, slope, reach, nodes)
-                                look = lit_middle(distance, side, reach)
-                            else:
-                                share = rim_share(distance, rim)
-                            if share <= 0.0:
-                                continue
+                        share, look = (1.0, 1.0) if full else part_share(x, y, side, slope, reach, rim, nodes)
+                        if share <= 0.0:
+                            continue
                         ex, ey = look * x, look * y
                         at_x, at_y = corner_x + cxx * ex + cxy * ey, corner_y + cyx * ex + cyy * ey
-                        clip_x, clip_y, low, high = clip(ex, ey, along_x, along_y, slope, reach)
+                        clip_x, clip_y = clip(ex, ey, along_x, along_y, slope, reach)
+                        low, high = lens_span(clip_x, clip_y, radius)
                         slant_x, slant_y = slants[entry, 0] + slants[entry, 2] * ex, slants[entry, 1] + slants[entry, 2] * ey
                         slant = (slant_x * along_x + slant_y * along_y, slant_y * along_x - slant_x * along_y, slants[entry, 3])
                         if blurred:

@@ -2,6 +2,7 @@
 
 import math
 
+import numba
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
@@ -61,6 +62,18 @@ def cut(windows: Whole, counts: Whole) -> tuple[Whole, Whole]:
         parts[:, 2 * axis + 1] = low + (high - low) * (place + 1) // count
     lit = (parts[:, 0] < parts[:, 1]) & (parts[:, 2] < parts[:, 3])
     return entries[lit], parts[lit]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def shrink(wanted: npt.NDArray[np.bool_], start: int, end: int, first: int, last: int) -> tuple[int, int, int, int]:
+    """The smallest part of a window of columns and rows that holds all its wanted pixels."""
+    left, right, bottom, top = end, start, last, first
+    for row in range(first, last):
+        for column in range(start, end):
+            if wanted[row, column]:
+                left, right = min(left, column), max(right, column + 1)
+                bottom, top = min(bottom, row), max(top, row + 1)
+    return left, right, bottom, top
 
 
 def counts_needed(

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flflab.image.form import add_plane
-from flflab.image.profile import profile_table
+from flflab.image.profile import prepare, profile_table
 from flflab.image.scene import one_plane
 from flflab.image.setup import Setup, make_setup
-from flflab.image.strips import clipped_mean, lens_span, prepare, strip_nodes
+from flflab.image.strips import BLOCK, MEAN, ROWS, strip_means, strip_nodes
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, pixel_positions
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 
@@ -131,15 +131,13 @@ def test_more_strips_come_nearer_by_the_power_they_promise(target: Bars) -> None
     boxes = np.array([[0.06, 0.0]] * 3)
     sums = prepare(-1.0, 1.0, spread, boxes, 1e-9, *profile_table(target), places)
     counts = np.array([8, 16, 32, 64, 2048])
-    clips = [(0.3 * step - 2.2, 0.17 * step - 0.9) for step in range(12)]
+    points = np.zeros((ROWS, BLOCK))
+    points[0, :12], points[1, :12] = 0.3 * np.arange(12) - 2.2, 0.17 * np.arange(12) - 0.9
 
     def means(strips: Array, count: int) -> Array:
-        return np.array(
-            [
-                clipped_mean(0.02 * step, spread, x, y, radius, *lens_span(x, y, radius), strips, count, sums, places[0], places[0])
-                for step, (x, y) in enumerate(clips)
-            ]
-        )
+        landing, place = (0.44 / 3, 0.2 / 3, 0.0, spread, 1.0, 0.0), places[0]
+        strip_means(points.ravel(), 12, landing, (1.0, radius), strips, count, sums, place, place, 0, (0.0, 0.0, 0.0, 0.0))
+        return points.ravel()[MEAN : MEAN + 12].copy()
 
     found = [means(strips, int(count)) for strips, count in zip(strip_nodes(counts), counts, strict=True)]
     errors = [math.sqrt(np.mean((some - found[-1]) ** 2)) for some in found[:-1]]
