@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.camera import Setup, Taken
 from flflab.errors import CommunicationError
-from flflab.image_file import RawPicture
+from flflab.raw_file import RawPicture
 
 CLOSENESS = 0.03  # of an exposure or gain as a file tells it: cameras note 1/60 s for the 0.0166 s they were set to
 MOSAICS = {"rggb": "BayerRG", "bggr": "BayerBG", "grbg": "BayerGR", "gbrg": "BayerGB", None: "Mono"}

@@ -1,7 +1,5 @@
-"""Pictures in files: .npy, .png, .tiff (LZW too), raw and .dng in; .npy, .png, .tiff, .dng out. Always one plane, [row, col]."""
+"""Pictures in files: .npy, .png, .tiff (LZW too), .h5, raw and .dng in; .npy, .png, .tiff, .dng out. Always one plane, [row, col]."""
 
-import struct
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,111 +8,60 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.raw_file import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
+from flflab.tiff_pages import CMYK, read_pages
 
 Picture = npt.NDArray[Any]
 
-RAW = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef")
 WRITABLE = (".npy", ".png", ".tif", ".tiff", ".dng")
-READABLE = WRITABLE[:-1] + RAW
+HDF5 = (".h5", ".hdf5")
+READABLE = WRITABLE[:-1] + HDF5 + RAW
 WHITE_DN = 16384  # what 1.0 becomes in 16 bits: room for four times the white level where light overlaps
-FULL_DN = 65535
-MOSAICS = ("rggb", "bggr", "grbg", "gbrg")
-PLACES = (b"strip", b"notes")  # in place of what is known only when everything has its place
-SMALLEST = 22  # rows and columns; LibRaw takes nothing smaller for a raw file
+PNG_END = b"IEND\xaeB`\x82"
 
 
-@dataclass(frozen=True)
-class RawPicture:
-    """The sensor's own numbers, and what a raw file says of them.
-
-    Attributes:
-        values: shape (rows, columns), uint16, black level not subtracted, every filter's pixels at their places.
-        pattern: the filters of the pixels [0, 0], [0, 1], [1, 0], [1, 1], a letter each; None for a sensor without filters.
-        black_level: what these four read in the dark, DN.
-        white_level: what a saturated pixel reads, DN.
-        neutral: what a white target gives in red, green and blue, of the largest of the three.
-        exposure_s: exposure time, s; 0 where the file does not say.
-        iso: speed it was taken at; 0 where the file does not say.
-    """
-
-    values: npt.NDArray[np.uint16]
-    pattern: str | None = None
-    black_level: tuple[int, int, int, int] = (0, 0, 0, 0)
-    white_level: int = FULL_DN
-    neutral: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    exposure_s: float = 0.0
-    iso: float = 0.0
-
-
-def read_picture(file: Path) -> Picture:
+def read_picture(file: Path, number: int | None = None) -> Picture:
     """Read one grey or raw picture.
 
     Raw files give the sensor's own numbers, black level not subtracted, no demosaicing.
 
     Args:
         file: its ending says what it is.
+        number: which one of a file of several pictures, from 0; None where there is only one.
 
     Returns:
         The numbers as stored, shape (rows, columns): uint8, uint16 or floating point.
 
     Raises:
-        InputError: no such file, unknown ending, damaged, or a colour picture.
+        InputError: no such file, unknown ending, damaged or cut short, a colour picture, one of several without its number, or 8 bits
+            stretched to 16.
     """
     file = Path(file)
     ending = file.suffix.lower()
     if ending not in READABLE:
         raise InputError(f"{file}: pictures are read from files ending in {', '.join(READABLE)}")
     if ending in RAW:
+        _choose(file, 1, number)
         return read_raw(file).values
-    _require(file)
+    require_file(file)
     try:
-        picture = _read(file, ending)
-    except (OSError, ValueError, EOFError, cv2.error) as error:
-        raise InputError(f"{file}: cannot be read as a {ending} picture ({error})") from error
-    if (
-        picture.ndim == 3
-        and picture.shape[2] >= 3
-        and np.array_equal(picture[..., 0], picture[..., 1])
-        and np.array_equal(picture[..., 0], picture[..., 2])
-    ):
+        picture = _read(file, ending, number)
+    except (OSError, ValueError, EOFError, KeyError, cv2.error) as error:
+        raise InputError(f"{file}: cannot be read as a {ending} picture ({error}); is it whole?") from error
+    if picture.ndim == 3 and picture.shape[2] >= 3:
+        if not (np.array_equal(picture[..., 0], picture[..., 1]) and np.array_equal(picture[..., 0], picture[..., 2])):
+            raise InputError(
+                f"{file}: it holds a picture of {picture.shape[2]} colours; the sensor's own numbers are due, "
+                "as a grey picture or as a raw file with its mosaic"
+            )
         picture = picture[..., 0]
     if picture.ndim != 2 or picture.size == 0 or picture.dtype.kind not in "uif":
         raise InputError(f"{file}: a grey picture of rows and columns is due, not shape {picture.shape} of {picture.dtype}")
+    if picture.dtype == np.uint16 and picture.max() > 255 and any(not (picture % step).any() for step in (256, 257)):
+        raise InputError(
+            f"{file}: its 16 bits hold numbers of 8 bits, stretched; the sensor's own numbers are due, linear in light, as they were read"
+        )
     return picture
-
-
-def read_raw(file: Path) -> RawPicture:
-    """Read a raw file with its facts, without demosaicing.
-
-    Args:
-        file: a raw file of one number a pixel, with a mosaic of two by two filters or none.
-
-    Raises:
-        InputError: no such file, not a raw file, damaged, or of another kind.
-    """
-    import rawpy  # only raw files pay for its start-up
-
-    file = Path(file)
-    if file.suffix.lower() not in RAW:
-        raise InputError(f"{file}: raw pictures are read from files ending in {', '.join(RAW)}")
-    _require(file)
-    try:
-        with rawpy.imread(str(file)) as raw:
-            if raw.raw_type != rawpy.RawType.Flat:
-                raise InputError(f"{file}: it holds several numbers a pixel; one number a pixel is due")
-            values, levels, white = np.array(raw.raw_image_visible), raw.black_level_per_channel, int(raw.white_level)
-            exposure_s, iso = (float(f"{told:.7g}") for told in (raw.other.shutter_speed, raw.other.iso_speed))  # single precision
-            if raw.num_colors == 1:
-                black = int(levels[0])
-                return RawPicture(values, None, (black, black, black, black), white, exposure_s=exposure_s, iso=iso)
-            if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
-                raise InputError(f"{file}: its mosaic is not one of two by two filters; such a one, or none, is due")
-            colours = [int(colour) for colour in raw.raw_colors_visible[:2, :2].ravel()]
-            a, b, c, d = (int(levels[colour]) for colour in colours)
-            pattern = "".join(chr(raw.color_desc[colour]) for colour in colours).lower()
-            return RawPicture(values, pattern, (a, b, c, d), white, _neutral(raw.camera_whitebalance), exposure_s, iso)
-    except (OSError, ValueError, rawpy.LibRawError) as error:
-        raise InputError(f"{file}: cannot be read as a raw picture ({error})") from error
 
 
 def write_picture(
@@ -161,57 +108,55 @@ def write_picture(
         raise InputError(f"{file}: cannot be written ({error.strerror}); check the folder") from error
 
 
-def write_raw(file: Path, raw: RawPicture) -> None:
-    """Write a .dng that LibRaw reads back bit for bit, with its facts.
-
-    Args:
-        file: ends in .dng.
-        raw: numbers of any bits up to 16; each takes 16 in the file.
-
-    Raises:
-        InputError: another ending, too small a picture, an impossible fact, or the folder cannot be written.
-    """
-    file = Path(file)
-    rows, columns = raw.values.shape
-    if file.suffix.lower() != ".dng":
-        raise InputError(f"{file}: raw pictures are written to files ending in .dng")
-    if min(rows, columns) < SMALLEST:
-        raise InputError(f"{file}: the picture has {columns} x {rows} pixels; a raw file takes {SMALLEST} x {SMALLEST} or more")
-    if raw.pattern not in (None, *MOSAICS):
-        raise InputError(f"{file}: there is no pattern {raw.pattern!r}; allowed: {', '.join(MOSAICS)}, or None")
-    if not 0 <= min(raw.black_level) <= max(raw.black_level) < raw.white_level <= FULL_DN:
-        raise InputError(f"{file}: black {raw.black_level} and white {raw.white_level} DN; 0 <= black < white <= {FULL_DN} is due")
-    if raw.pattern is None and len(set(raw.black_level)) > 1:
-        raise InputError(f"{file}: black levels are {raw.black_level} DN; without filters they are all the same")
-    if not all(0 < share <= 1 for share in raw.neutral):
-        raise InputError(f"{file}: neutral is {raw.neutral}; numbers above 0 up to 1 are due")
-    try:
-        file.write_bytes(_dng(raw))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror}); check the folder") from error
-
-
-def _require(file: Path) -> None:
-    if not file.is_file():
-        raise InputError(f"{file}: there is no such file")
-
-
-def _read(file: Path, ending: str) -> Picture:
+def _read(file: Path, ending: str, number: int | None) -> Picture:
+    if ending in HDF5:
+        return _read_hdf5(file, number)
     if ending == ".npy":
+        _choose(file, 1, number)
         return np.asarray(np.load(file, allow_pickle=False))
     # cv2.imread takes no path outside the locale's encoding; the bytes always work
-    picture = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if picture is None:
+    content = file.read_bytes()
+    if ending == ".png":
+        _choose(file, 1, number)
+        if PNG_END not in content[-64:]:
+            raise ValueError("it ends before the picture does")
+        page = 0
+    else:
+        pages = read_pages(content)
+        page = _choose(file, len(pages), number)
+        if pages[page].photometric == CMYK:
+            raise InputError(f"{file}: it holds a picture in printing colours (CMYK); the sensor's own numbers in grey are due")
+    done, pictures = cv2.imdecodemulti(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED, range=(page, page + 1))
+    if not done:
         raise ValueError("not decodable")
-    return np.asarray(picture)
+    return np.asarray(pictures[0])
 
 
-def _neutral(balance: list[float]) -> tuple[float, float, float]:
-    """What white gives in red, green and blue, from the factors that even them out; all alike where a file has none."""
-    if not all(factor > 0 for factor in balance[:3]):
-        return 1.0, 1.0, 1.0
-    red, green, blue = (min(balance[:3]) / factor for factor in balance[:3])
-    return red, green, blue
+def _read_hdf5(file: Path, number: int | None) -> Picture:
+    """A picture of the file's only set of pictures, as in a run's frames.h5."""
+    import h5py  # only those who read such files pay for its start-up
+
+    with h5py.File(file, "r") as content:
+        found: list[Any] = []
+        content.visititems(lambda _, item: found.append(item) if isinstance(item, h5py.Dataset) and item.ndim in (2, 3) else None)
+        if len(found) != 1:
+            names = ", ".join(str(item.name) for item in found) or "none"
+            raise InputError(f"{file}: one set of pictures is due, of two or three dimensions; found: {names}")
+        if found[0].ndim == 2:
+            _choose(file, 1, number)
+            return np.asarray(found[0])
+        return np.asarray(found[0][_choose(file, len(found[0]), number)])
+
+
+def _choose(file: Path, count: int, number: int | None) -> int:
+    """Which of ``count`` pictures."""
+    if number is None and count == 1:
+        return 0
+    if number is None:
+        raise InputError(f"{file}: it holds {count} pictures; say which, from 0 to {count - 1}")
+    if not 0 <= number < count:
+        raise InputError(f"{file}: picture {number} was asked for; it holds {count}, counted from 0")
+    return number
 
 
 def _sixteen_bits(file: Path, picture: Picture, white_dn: int) -> npt.NDArray[np.uint16]:
@@ -220,80 +165,3 @@ def _sixteen_bits(file: Path, picture: Picture, white_dn: int) -> npt.NDArray[np
         span = f"{picture.min():g} to {picture.max():g}"
         raise InputError(f"{file}: 16 bits hold 0 to {FULL_DN}, the picture runs from {span}; write .npy")
     return numbers.astype(np.uint16)
-
-
-def _dng(raw: RawPicture) -> bytes:
-    """A little-endian DNG 1.4 of one uncompressed strip: a colour filter array, or linear raw of one sample."""
-    rows, columns = raw.values.shape
-    short, long, byte, ascii_, rational, srational = 3, 4, 1, 2, 5, 10
-    tags: list[tuple[int, int, int, bytes]] = [
-        (254, long, 1, struct.pack("<I", 0)),  # a full picture
-        (256, long, 1, struct.pack("<I", columns)),
-        (257, long, 1, struct.pack("<I", rows)),
-        (258, short, 1, struct.pack("<H", 16)),
-        (259, short, 1, struct.pack("<H", 1)),  # uncompressed
-        (262, short, 1, struct.pack("<H", 32803 if raw.pattern else 34892)),  # colour filter array, or linear raw
-        (271, ascii_, 7, b"flflab\0"),
-        (272, ascii_, 7, b"flflab\0"),
-        (273, long, 1, b"strip"),  # where the pixels begin, set below
-        (274, short, 1, struct.pack("<H", 1)),
-        (277, short, 1, struct.pack("<H", 1)),
-        (278, long, 1, struct.pack("<I", rows)),
-        (279, long, 1, struct.pack("<I", raw.values.nbytes)),
-        (284, short, 1, struct.pack("<H", 1)),
-    ]
-    if raw.pattern:
-        tags += [(33421, short, 2, struct.pack("<HH", 2, 2)), (33422, byte, 4, bytes("rgb".index(letter) for letter in raw.pattern))]
-    noted = _exif(raw)
-    if noted:
-        tags.append((34665, long, 1, b"notes"))  # where the exposure is told, set below
-    tags += [(50706, byte, 4, bytes([1, 4, 0, 0])), (50707, byte, 4, bytes([1, 1, 0, 0])), (50708, ascii_, 7, b"flflab\0")]
-    if raw.pattern:
-        tags += [(50713, short, 2, struct.pack("<HH", 2, 2)), (50714, short, 4, struct.pack("<4H", *raw.black_level))]
-    else:
-        tags += [(50714, short, 1, struct.pack("<H", raw.black_level[0]))]
-    planes = 3 if raw.pattern else 1
-    identity = [number for at in range(planes**2) for number in (int(at % (planes + 1) == 0), 1)]
-    neutral = [number for share in raw.neutral[:planes] for number in (round(share * 1e6), 10**6)]
-    tags += [
-        (50717, long, 1, struct.pack("<I", raw.white_level)),
-        (50721, srational, planes**2, struct.pack(f"<{len(identity)}i", *identity)),  # no colours are claimed
-        (50728, rational, planes, struct.pack(f"<{len(neutral)}I", *neutral)),
-        (50778, short, 1, struct.pack("<H", 21)),  # D65
-    ]
-    values_at = 8 + 2 + 12 * len(tags) + 4
-    values = b"".join(value + b"\0" * (len(value) % 2) for _, _, _, value in tags if len(value) > 4 and value not in PLACES)
-    noted_at = values_at + len(values)
-    pixels_at = (noted_at + len(noted) + 15) // 16 * 16
-    entries, at = b"", values_at
-    for tag, kind, count, value in tags:
-        if value in PLACES:
-            field = struct.pack("<I", pixels_at if value == b"strip" else noted_at)
-        elif len(value) <= 4:
-            field = value.ljust(4, b"\0")
-        else:
-            field = struct.pack("<I", at)
-            at += len(value) + len(value) % 2
-        entries += struct.pack("<HHI", tag, kind, count) + field
-    head = struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<H", len(tags)) + entries + struct.pack("<I", 0) + values
-    head += _exif(raw, noted_at)
-    return head.ljust(pixels_at, b"\0") + raw.values.astype("<u2").tobytes()
-
-
-def _exif(raw: RawPicture, at: int = 0) -> bytes:
-    """The directory that tells exposure time and speed, to stand at a place in the file; empty where neither is known."""
-    entries, values = [], b""
-    if raw.exposure_s > 0:
-        values = (
-            struct.pack("<II", round(raw.exposure_s * 1e8), 10**8) if raw.exposure_s < 40 else struct.pack("<II", round(raw.exposure_s), 1)
-        )
-        entries.append((33434, 5, values))
-    if raw.iso > 0:
-        entries.append((34855, 3, struct.pack("<HH", min(round(raw.iso), FULL_DN), 0)))
-    if not entries:
-        return b""
-    values_at = at + 2 + 12 * len(entries) + 4
-    fields = b"".join(
-        struct.pack("<HHI", tag, kind, 1) + (value if len(value) == 4 else struct.pack("<I", values_at)) for tag, kind, value in entries
-    )
-    return struct.pack("<H", len(entries)) + fields + struct.pack("<I", 0) + values

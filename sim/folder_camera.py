@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flflab.image.raw_picture import raw_picture
-from flflab.image_file import write_raw
+from flflab.raw_file import write_raw
 from sim.camera import SimulatedCamera
 from sim.scpi import ScpiError, decimal
 from sim.server import HangUpError

@@ -15,7 +15,8 @@ from drivers.camera import SensorKeys, Setup, Taken
 from drivers.raw_file import taken_from
 from flflab.description import Time
 from flflab.errors import CommunicationError, DeviceError, InputError
-from flflab.image_file import RAW, RawPicture, read_picture, read_raw
+from flflab.image_file import read_picture
+from flflab.raw_file import RAW, RawPicture, read_raw
 
 ENDINGS = (*RAW, ".tif", ".tiff", ".png")
 REQUEST = "request.json"
@@ -133,11 +134,9 @@ class FolderCamera:
         self._known.update(came)
         if not came:
             self._given_up += 1
-            waits = (self._folder / REQUEST).exists()
-            reason = (
-                f"; {REQUEST} still lies there, so see that the program beside the camera runs" if waits else "; see that it is released"
-            )
-            raise CommunicationError(f"{self._who}: no file came within {patience:g} s{reason}, then take the picture again")
+            waits = f"{REQUEST} still lies there, so see that the program beside the camera runs"
+            advice = waits if (self._folder / REQUEST).exists() else "see that the shutter is released"
+            raise CommunicationError(f"{self._who}: no file came within {patience:g} s; {advice}, then take the picture again")
         raise CommunicationError(f"{self._who}: {', '.join(came)} is no whole picture after {patience:g} s{reason}; take the picture again")
 
     def reset(self) -> None:

@@ -20,7 +20,7 @@ from drivers.camera import SensorKeys, Setup, Taken
 from drivers.raw_file import taken_from
 from flflab.description import Description, Time
 from flflab.errors import CommunicationError, DeviceError, InputError, LimitError
-from flflab.image_file import RAW, read_raw
+from flflab.raw_file import RAW, read_raw
 
 Answer = TypeVar("Answer")
 SHUTTER, SPEED, F_NUMBER = "shutterspeed", ("iso", "isospeed"), ("f-number", "aperture")  # names of settings in libgphoto2

@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.sensor_response import SensorResponse
-from flflab.image_file import RawPicture
+from flflab.raw_file import RawPicture
 
 
 def raw_picture(

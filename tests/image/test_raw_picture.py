@@ -15,8 +15,9 @@ from flflab.image.raw_picture import neutral, raw_picture
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
-from flflab.image_file import read_raw, write_picture, write_raw
+from flflab.image_file import write_picture
 from flflab.optics.camera import Camera
+from flflab.raw_file import read_raw, write_raw
 from flflab.targets import White
 
 
