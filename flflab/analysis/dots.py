@@ -2,17 +2,19 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
-import cv2
+import numba
 import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.clipping import clipping_shift
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import profile_table
-from flflab.analysis.registration import require_picture, sensor_pixel, sensor_position, target_scales
-from flflab.analysis.spots import Spots, cut_windows, fit_spots, flat_centroids, illumination
+from flflab.analysis.profile import ProfileTable
+from flflab.analysis.registration import require_shape, sensor_pixel, sensor_position, target_scales
+from flflab.analysis.spot_profile import defocused_dot
+from flflab.analysis.spots import Spots, fit_spots, flat_centroids, illumination, illumination_table, lit
 from flflab.analysis.triangulation import triangulate
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
@@ -93,15 +95,17 @@ def count_views(
     Raises:
         MeasurementError: wrong shape, target at infinity, or no dot found where the camera puts some.
     """
-    values = require_picture(picture, camera, target.kind)
-    if white is not None:
-        values = np.where(noise.saturated(require_picture(white, camera, "white")), noise.full_scale_dn, values)
+    values = _usable(picture, white, camera, target.kind, noise)
     across, along = target_scales(camera, distance)
     law = np.array([[0.0, 0.0], [1 / across, 0.0], [0.0, 1 / across], [-along / across, 0.0], [0.0, -along / across]])
     spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
-    law, radius = _register(values, lattice, camera, target, law, spread, noise)
+    table = illumination_table(lattice)
+    law, radius = _register(values, lattice, camera, target, law, spread, table, noise)
     candidates = _candidates(lattice, camera, target, law, radius + spread / 2 + 3)
-    spots = _fit(values, lattice, camera, target, candidates, law, radius, spread, noise)
+    places, _ = _places(lattice, camera, target, law, candidates)
+    half = math.ceil(radius + spread / 2 + 3)
+    own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table)
+    spots = fit_spots(values, places, half, own, defocused_dot(radius, spread), noise)
     shift = clipping_shift(spots.centres - lattice.centres_px[candidates.lens], lattice, camera, distance)
     spots = replace(spots, centres=spots.centres - shift)
     # the brightest half of the well lit spots are whole: they say what a dot's full light is
@@ -110,6 +114,26 @@ def count_views(
     agreed, agreed_doubts = _agreed_centres(spots, doubts, candidates, lattice, camera, target, law)
     decided = Decided(spots, doubts, np.where((agreed_doubts < doubts)[:, None], agreed, spots.centres), np.minimum(agreed_doubts, doubts))
     return tuple(_views(dot, decided, candidates, lattice, camera, level, distance) for dot in range(len(target.centres)))
+
+
+def _usable(
+    picture: npt.NDArray[np.generic], white: npt.NDArray[np.generic] | None, camera: Camera, kind: str, noise: SensorNoise
+) -> npt.NDArray[Any]:
+    """The picture as it is, or, where the white one is saturated, a copy that is saturated there too.
+
+    Raises:
+        MeasurementError: wrong shape, or not finite.
+    """
+    require_shape(picture, camera, kind)
+    values = np.ascontiguousarray(picture)
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        raise MeasurementError(f"{kind} picture: every pixel must be a finite number")
+    if white is not None:
+        require_shape(white, camera, "white")
+        blind = np.asarray(white, dtype=np.float32) >= noise.full_scale_dn
+        if blind.any():
+            return np.where(blind, noise.full_scale_dn, values.astype(np.float32))
+    return values
 
 
 def _places(lattice: Lattice, camera: Camera, target: FourDot, law: Array, candidates: Candidates) -> tuple[Array, Array]:
@@ -134,12 +158,13 @@ def _candidates(lattice: Lattice, camera: Camera, target: FourDot, law: Array, r
 
 
 def _register(
-    values: Array,
+    values: npt.NDArray[Any],
     lattice: Lattice,
     camera: Camera,
     target: FourDot,
     law: Array,
     spread: float,
+    table: ProfileTable,
     noise: SensorNoise,
 ) -> tuple[Array, float]:
     """The law that the spots themselves follow, and a spot's radius in px: centroids in shrinking windows, robustly regressed."""
@@ -149,8 +174,8 @@ def _register(
         candidates = _candidates(lattice, camera, target, law, 0.0)
         places, regressors = _places(lattice, camera, target, law, candidates)
         half = math.ceil(radius + spread / 2 + search)
-        windows = cut_windows(values, lattice, candidates.lens, places, half, noise)
-        centroids, total = flat_centroids(windows, places, half)
+        own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table)
+        centroids, total = flat_centroids(values, places, half, radius, own, noise)
         whole = _well_lit(places, centroids, total, lattice, candidates, radius)
         if not whole.any():
             return law, radius
@@ -160,10 +185,27 @@ def _register(
     return law, radius
 
 
-def _shift(values: Array, lattice: Lattice, camera: Camera, target: FourDot, law: Array, radius: float, noise: SensorNoise) -> Array:
+@numba.njit(cache=True, nogil=True)
+def _box_means(
+    picture: npt.NDArray[np.generic], places: npt.NDArray[np.int64], half: int
+) -> npt.NDArray[np.float64]:  # pragma: no cover - compiled
+    """Means of squares of (2 half + 1)^2 px round places, cut at the picture's border; 0 where there is nothing."""
+    means = np.zeros(len(places))
+    for n in range(len(places)):
+        total, count = 0.0, 0
+        for row in range(max(0, places[n, 1] - half), min(picture.shape[0], places[n, 1] + half + 1)):
+            for column in range(max(0, places[n, 0] - half), min(picture.shape[1], places[n, 0] + half + 1)):
+                total += picture[row, column]
+                count += 1
+        means[n] = total / max(count, 1)
+    return means
+
+
+def _shift(
+    values: npt.NDArray[Any], lattice: Lattice, camera: Camera, target: FourDot, law: Array, radius: float, noise: SensorNoise
+) -> Array:
     """The common shift, in steps of half a radius, that puts most well lit places of dots on light; as a change of the law."""
     columns, rows = camera.sensor.resolution
-    smooth = cv2.blur(values - noise.offset_dn, (2 * int(radius / 2) + 1,) * 2)
     step = max(1.0, radius / 2)
     # beyond half a parallax from one micro-image to the next, one dot would be taken for another view of it
     parallax = float(np.hypot(*(law[3] + [1.0, 0.0]))) * lattice.pitch_px
@@ -171,16 +213,18 @@ def _shift(values: Array, lattice: Lattice, camera: Camera, target: FourDot, law
     every = _candidates(lattice, camera, target, law, most * step)
     places, _ = _places(lattice, camera, target, law, every)
     centres = lattice.centres_px[every.lens]
-    dark = float(np.quantile(smooth, 0.5))
-    bright = max(float(np.quantile(smooth, 0.999)) - dark, 1e-9)
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(-most, most + 1), np.arange(-most, most + 1), indexing="ij"))
     moved = places[None] + step * np.stack([i, j], axis=1)[:, None]
     at = np.rint(moved).astype(np.int64)
     seen = np.all((at >= 0) & (at < [columns, rows]), axis=2)
+    light = np.zeros(seen.shape)
+    light[seen] = _box_means(values, at[seen], int(radius / 2))
+    light[seen] -= noise.offset_dn
+    dark = float(np.median(np.asarray(values[:: max(1, rows // 300), :: max(1, columns // 300)], dtype=np.float64))) - noise.offset_dn
+    bright = max(float(np.quantile(light[seen], 0.98)) - dark, 1e-9) if seen.any() else 1.0
     share = illumination(lattice, np.hypot(*np.moveaxis(moved - centres[None], 2, 0))) * seen
-    light = smooth[np.clip(at[..., 1], 0, rows - 1), np.clip(at[..., 0], 0, columns - 1)] - dark
     # light where the dots should be counts for, its absence against; the nearest of equals wins
-    score = np.where(share > HALF, np.clip(light / bright, 0, share) - 0.5 * share, 0.0).sum(axis=1) - 1e-3 * np.hypot(i, j)
+    score = np.where(share > HALF, np.clip((light - dark) / bright, 0, share) - 0.5 * share, 0.0).sum(axis=1) - 1e-3 * np.hypot(i, j)
     best = int(np.argmax(score))
     change = np.zeros((5, 2))
     change[0] = step * np.array([i[best], j[best]]) * camera.sensor.pixel
@@ -222,29 +266,6 @@ def _regress(law: Array, regressors: Array, offsets: Array, pixel: float) -> Arr
     shift, dots, centres = step
     change = np.array([[part.real, part.imag] for part in (shift, dots, 1j * dots, centres, 1j * centres)])
     return law + change
-
-
-def _fit(
-    values: Array,
-    lattice: Lattice,
-    camera: Camera,
-    target: FourDot,
-    candidates: Candidates,
-    law: Array,
-    radius: float,
-    spread: float,
-    noise: SensorNoise,
-) -> Spots:
-    places, _ = _places(lattice, camera, target, law, candidates)
-    windows = cut_windows(values, lattice, candidates.lens, places, math.ceil(radius + spread / 2 + 3), noise)
-    wide = max(radius, spread / 2)
-    table = profile_table(wide, max(0.05, min(radius, spread / 2)))
-    if radius < spread / 2:
-        # the table is normalised to the disc of blur; a plateau of 1 belongs to the dot
-        table = replace(table, values=table.values * (radius / wide) ** 2 / max((min(radius, spread / 2) / wide) ** 2, 1e-12))
-    start = np.full(len(places), 1.0)
-    first = fit_spots(windows, places, start, table, noise, iterations=2)
-    return fit_spots(windows, first.centres, np.maximum(first.brightness, 0.05), table, noise)
 
 
 def _full_light(spots: Spots, candidates: Candidates, lattice: Lattice) -> float:

@@ -1,19 +1,24 @@
 """Images of one round dot in many micro-images: least squares fit of centre and brightness, all at once.
 
 A spot is a disc blurred by a disc, averaged over the pixel, times the light that the micro-image has there:
-expected = background + brightness * light * illumination(|p - micro-image|) * profile(|p - centre|).
+expected = offset + brightness * light * illumination(|p - micro-image|) * profile(p - centre).
 """
 
+import math
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable, profile_table
+from flflab.analysis.spot_profile import SpotProfile
 
 Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+Picture = npt.NDArray[np.generic]
 
 WEAKEST_ILLUMINATION = 0.05  # pixels with less light say nothing of a spot
 
@@ -36,22 +41,18 @@ class Spots:
 
 
 @dataclass(frozen=True)
-class Windows:
-    """Square windows cut out of a picture round each spot, shape (n, w, w) each.
+class Lit:
+    """Micro-images in which spots are looked for, one entry a spot.
 
     Attributes:
-        columns: x of the pixels.
-        rows: y of the pixels.
-        read: DN above the offset.
-        light: DN above the offset that a white target would give there through this spot's own micro-image.
-        valid: on the picture, unsaturated and lit enough.
+        centres: of the micro-image, px, shape (n, 2).
+        light: of a white target in its bright field, DN above the background, shape (n,).
+        table: how light falls off towards its rim.
     """
 
-    columns: Array
-    rows: Array
-    read: Array
+    centres: Array
     light: Array
-    valid: npt.NDArray[np.bool_]
+    table: ProfileTable
 
 
 def illumination(lattice: Lattice, distance: Array) -> Array:
@@ -62,87 +63,169 @@ def illumination(lattice: Lattice, distance: Array) -> Array:
 
 def illumination_table(lattice: Lattice) -> ProfileTable:
     """The lattice's measured profile."""
-    return profile_table((lattice.outside_radius_px + lattice.inside_radius_px) / 2, max(0.05, _smaller(lattice)))
+    large, small = (lattice.outside_radius_px + lattice.inside_radius_px) / 2, (lattice.outside_radius_px - lattice.inside_radius_px) / 2
+    return profile_table(large, max(0.05, small))
 
 
-def _smaller(lattice: Lattice) -> float:
-    return (lattice.outside_radius_px - lattice.inside_radius_px) / 2
+def light_level(lattice: Lattice, centres: Array, shape: tuple[int, int]) -> Array:
+    """Light of a white target in the bright fields of micro-images at these centres, DN above the background, shape (n,)."""
+    x, y = ((centres - (np.array([shape[1], shape[0]]) - 1) / 2) * 2 / max(shape)).T
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ lattice.light
 
 
-def light_level(lattice: Lattice, x: Array, y: Array, shape: tuple[int, int]) -> Array:
-    """Light of a white target in the bright field at pixels (x, y), DN above the background."""
-    scale = 2 / max(shape)
-    u, v = (x - (shape[1] - 1) / 2) * scale, (y - (shape[0] - 1) / 2) * scale
-    k = lattice.light
-    return k[0] + k[1] * u + k[2] * v + k[3] * u * u + k[4] * u * v + k[5] * v * v
+def lit(lattice: Lattice, lens: Whole, shape: tuple[int, int], table: ProfileTable) -> Lit:
+    """The micro-images at positions ``lens`` of the lattice."""
+    centres = np.ascontiguousarray(lattice.centres_px[lens])
+    return Lit(centres, light_level(lattice, centres, shape), table)
 
 
-def cut_windows(picture: Array, lattice: Lattice, lens: npt.NDArray[np.int64], places: Array, half: int, noise: SensorNoise) -> Windows:
-    """Windows of (2 half + 1)^2 px round ``places`` (px), each seen through the micro-image at ``lens`` of the lattice."""
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _flat(
+    picture: Picture, places: Array, half: int, centres: Array, light: Array, table: Array, step: float, offset: float, ceiling: float
+) -> npt.NDArray[np.float32]:  # pragma: no cover - compiled
+    """Windows round places of what the picture reads over the light there; 0 where nothing is known."""
+    flat = np.zeros((len(places), 2 * half + 1, 2 * half + 1), dtype=np.float32)
+    for n in range(len(places)):
+        left, top = int(np.rint(places[n, 0])) - half, int(np.rint(places[n, 1])) - half
+        for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
+            for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
+                place = math.hypot(column - centres[n, 0], row - centres[n, 1]) / step
+                near = math.hypot(column - places[n, 0], row - places[n, 1]) <= half
+                if place >= len(table) - 2 or not near or picture[row, column] >= ceiling:
+                    continue
+                share = table[int(place), 0]
+                if share > WEAKEST_ILLUMINATION:
+                    flat[n, row - top, column - left] = (picture[row, column] - offset) / (light[n] * share)
+    return flat
+
+
+def flat_centroids(picture: Picture, places: Array, half: int, radius: float, own: Lit, noise: SensorNoise) -> tuple[Array, Array]:
+    """Centroid of the flat-fielded light within ``half`` px of each place, and the light's sum, in white pixels.
+
+    What is darker than a quarter of a dot's light is left out: it is mostly noise and the light of elsewhere.
+    """
+    flat = _flat(picture, places, half, own.centres, own.light, own.table.values, own.table.step, noise.offset_dn, noise.full_scale_dn)
+    if flat.size == 0:
+        return places.copy(), np.zeros(len(places))
+    bright = float(np.quantile(flat, max(0.5, 1 - 0.3 * math.pi * radius**2 / flat[0].size)))
+    flat = np.where(flat > 0.25 * bright, flat, np.float32(0))
+    total = flat.sum(axis=(1, 2), dtype=np.float64)
     window = np.arange(-half, half + 1)
-    whole = np.rint(places).astype(np.int64)
-    columns = np.broadcast_to(whole[:, 0, None, None] + window[None, None, :], (len(places), len(window), len(window)))
-    rows = np.broadcast_to(whole[:, 1, None, None] + window[None, :, None], columns.shape)
-    on_picture = (columns >= 0) & (columns < picture.shape[1]) & (rows >= 0) & (rows < picture.shape[0])
-    read = picture[np.clip(rows, 0, picture.shape[0] - 1), np.clip(columns, 0, picture.shape[1] - 1)]
-    x, y = columns.astype(np.float64), rows.astype(np.float64)
-    centre = lattice.centres_px[lens]
-    share = illumination(lattice, np.hypot(x - centre[:, 0, None, None], y - centre[:, 1, None, None]))
-    light = share * light_level(lattice, x, y, (picture.shape[0], picture.shape[1]))
-    valid = on_picture & (read < noise.full_scale_dn) & (share > WEAKEST_ILLUMINATION)
-    return Windows(x, y, read - noise.offset_dn, light, valid)
+    offsets = np.stack([flat.sum(axis=1) @ window, flat.sum(axis=2) @ window], axis=1)
+    return np.rint(places) + offsets / np.maximum(total, 1e-12)[:, None], total
 
 
-def flat_centroids(windows: Windows, places: Array, radius: float) -> tuple[Array, Array]:
-    """Centroid of the flat-fielded light within ``radius`` px of each place, and the light's sum over that of a full disc of 1 px^2."""
-    near = windows.valid & (np.hypot(windows.columns - places[:, 0, None, None], windows.rows - places[:, 1, None, None]) <= radius)
-    flat = np.where(near, windows.read / np.maximum(windows.light, 1e-9), 0.0)
-    # half of the brightest: what is darker is mostly noise and light of elsewhere
-    flat = np.where(flat > 0.25 * np.quantile(flat, 0.98, axis=(1, 2), keepdims=True), np.maximum(flat, 0.0), 0.0)
-    total = flat.sum(axis=(1, 2))
-    safe = np.maximum(total, 1e-12)
-    x = (flat * windows.columns).sum(axis=(1, 2)) / safe
-    y = (flat * windows.rows).sum(axis=(1, 2)) / safe
-    return np.stack([x, y], axis=1), total
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _sums(
+    picture: Picture,
+    at: Array,
+    half: int,
+    spots: Array,
+    centres: Array,
+    light: Array,
+    table: Array,
+    step: float,
+    profile: Array,
+    profile_step: float,
+    dark: float,
+    gain: float,
+    offset: float,
+    ceiling: float,
+) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
+    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness) in windows round ``at``."""
+    normal, right = np.zeros((len(at), 3, 3)), np.zeros((len(at), 3))
+    chi2, count = np.zeros(len(at)), np.zeros(len(at))
+    turns = profile.shape[0] - 1
+    for n in range(len(at)):
+        left, top = int(np.rint(at[n, 0])) - half, int(np.rint(at[n, 1])) - half
+        for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
+            for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
+                place = math.hypot(column - centres[n, 0], row - centres[n, 1]) / step
+                if place >= len(table) - 2 or picture[row, column] >= ceiling:
+                    continue
+                k = int(place)
+                share = table[k, 0] + (place - k) * (table[k + 1, 0] - table[k, 0])
+                if share <= WEAKEST_ILLUMINATION:
+                    continue
+                dx, dy = column - spots[n, 0], row - spots[n, 1]
+                r = math.hypot(dx, dy)
+                value = slope = 0.0
+                place = r / profile_step
+                if place < profile.shape[1] - 1:
+                    # the direction within an eighth of a turn: a square pixel looks the same in the others
+                    turn = math.atan2(min(abs(dx), abs(dy)), max(abs(dx), abs(dy))) * (4 / math.pi) * turns
+                    m = min(int(turn), turns - 1)
+                    k = int(place)
+                    u, t = turn - m, place - k
+                    near = (1 - u) * profile[m, k] + u * profile[m + 1, k]
+                    far = (1 - u) * profile[m, k + 1] + u * profile[m + 1, k + 1]
+                    value = near + t * (far - near)
+                    slope = (far - near) / (profile_step * max(r, 1e-9))
+                level = light[n] * share * spots[n, 2]
+                weight = 1 / (dark + gain * max(level * value, 0.0))
+                rest = picture[row, column] - offset - level * value
+                gx, gy, gb = -level * slope * dx, -level * slope * dy, light[n] * share * value
+                normal[n, 0, 0] += weight * gx * gx
+                normal[n, 0, 1] += weight * gx * gy
+                normal[n, 0, 2] += weight * gx * gb
+                normal[n, 1, 1] += weight * gy * gy
+                normal[n, 1, 2] += weight * gy * gb
+                normal[n, 2, 2] += weight * gb * gb
+                right[n, 0] += weight * rest * gx
+                right[n, 1] += weight * rest * gy
+                right[n, 2] += weight * rest * gb
+                chi2[n] += weight * rest * rest
+                count[n] += 1
+        normal[n, 1, 0], normal[n, 2, 0], normal[n, 2, 1] = normal[n, 0, 1], normal[n, 0, 2], normal[n, 1, 2]
+    return normal, right, chi2, count
 
 
-def fit_spots(windows: Windows, centres: Array, brightness: Array, table: ProfileTable, noise: SensorNoise, iterations: int = 6) -> Spots:
+def fit_spots(picture: Picture, places: Array, half: int, own: Lit, profile: SpotProfile, noise: SensorNoise) -> Spots:
     """Gauss-Newton for (x, y, brightness) of every spot with one profile for all.
 
     Args:
-        windows: the pixels.
-        centres: where to start, px, shape (n, 2).
-        brightness: where to start, shape (n,).
-        table: profile of a spot.
+        picture: DN, [row, col].
+        places: where to start, px, shape (n, 2).
+        half: half width of the windows round them, px.
+        own: the micro-image of each.
+        profile: of a spot.
         noise: of the sensor.
-        iterations: number of steps.
     """
-    start, place = centres, np.arange(len(table.values), dtype=np.float64)
-    centres, brightness = centres.copy(), brightness.copy()
-    inverse, chi2 = np.full((len(centres), 3, 3), np.inf), np.zeros(len(centres))
-    for _ in range(iterations):
-        dx, dy = windows.columns - centres[:, 0, None, None], windows.rows - centres[:, 1, None, None]
-        r = np.hypot(dx, dy)
-        fourfold = 1 - 8 * (dx * dy / np.maximum(r * r, 1e-12)) ** 2
-        value = np.interp(r / table.step, place, table.values[:, 0]) + fourfold * np.interp(r / table.step, place, table.values[:, 4])
-        slope = np.interp(r / table.step, place, table.values[:, 1]) / np.maximum(r, 1e-9)
-        level = windows.light * brightness[:, None, None]
-        weight = np.where(windows.valid, 1 / noise.variance(noise.offset_dn + np.maximum(level * value, 0.0)), 0.0)
-        rest = windows.read - level * value
-        columns = np.stack([-level * slope * dx, -level * slope * dy, windows.light * value], axis=-1)
-        normal = np.einsum("nij,nijk,nijm->nkm", weight, columns, columns)
-        right = np.einsum("nij,nijk->nk", weight * rest, columns)
-        chi2 = (weight * rest**2).sum(axis=(1, 2)) / np.maximum(windows.valid.sum(axis=(1, 2)) - 3, 1)
+    spots = np.concatenate([places, np.ones((len(places), 1))], axis=1)
+    inverse, chi2 = np.full((len(places), 3, 3), np.inf), np.zeros(len(places))
+    at = places
+    for n in range(10):
+        if n == 2:
+            at = spots[:, :2].copy()
+        normal, right, chi2, count = _sums(
+            picture,
+            at,
+            half,
+            spots,
+            own.centres,
+            own.light,
+            own.table.values,
+            own.table.step,
+            profile.values,
+            profile.step,
+            noise.dark_variance,
+            noise.dn_per_electron,
+            noise.offset_dn,
+            noise.full_scale_dn,
+        )
+        chi2 = chi2 / np.maximum(count - 3, 1)
         scale = np.sqrt(np.maximum(np.einsum("nkk->nk", normal), 1e-300))
         scaled = normal / (scale[:, :, None] * scale[:, None, :])
-        good = (np.linalg.det(scaled) > 1e-9) & (brightness > 1e-3)
-        inverse = np.full((len(centres), 3, 3), np.inf)
+        good = (np.linalg.det(scaled) > 1e-9) & (spots[:, 2] > 1e-3)
+        inverse = np.full((len(places), 3, 3), np.inf)
         inverse[good] = np.linalg.inv(scaled[good]) / (scale[good][:, :, None] * scale[good][:, None, :])
-        step = np.zeros((len(centres), 3))
+        step = np.zeros((len(places), 3))
         step[good] = np.einsum("nkm,nm->nk", inverse[good], right[good])
         step[:, :2] = np.clip(step[:, :2], -2.0, 2.0)
-        centres += step[:, :2]
-        brightness = np.clip(brightness + step[:, 2], 1e-3, 10.0)
-    lost = np.hypot(*(centres - start).T) > windows.columns.shape[1] / 3
+        spots += step
+        spots[:, 2] = np.clip(spots[:, 2], 1e-3, 10.0)
+        if n > 2 and np.abs(step[:, :2]).max(initial=0.0) < 1e-4:
+            break
+    lost = np.hypot(*(spots[:, :2] - places).T) > (2 * half + 1) / 3
     inverse[lost] = np.inf
-    return Spots(np.where(lost[:, None], start, centres), np.where(lost, 0.0, brightness), inverse, chi2)
+    return Spots(np.where(lost[:, None], places, spots[:, :2]), np.where(lost, 0.0, spots[:, 2]), inverse, chi2)
