@@ -1,0 +1,77 @@
+"""The light across the image of a round dot, averaged over a square pixel: tabulated by distance and direction."""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+from scipy.special import chndtr
+
+from flflab.analysis.profile import overlap_share
+
+Array = npt.NDArray[np.float64]
+
+_STEP, _FINER = 1 / 16, 1 / 256  # px
+_TURNS = 8  # directions in an eighth of a turn
+_PARTS = 20  # of a pixel's side
+
+
+@dataclass(frozen=True)
+class SpotProfile:
+    """A spot's light, 1 where the whole pixel is lit.
+
+    Attributes:
+        step: distance between columns, px.
+        values: by direction, from along a pixel's side to along its diagonal, and by distance; shape (directions, n).
+    """
+
+    step: float
+    values: Array
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _pixel_averages(fine: Array, finer: float, step: float, count: int, turns: int, parts: int) -> Array:  # pragma: no cover - compiled
+    values = np.zeros((turns + 1, count))
+    for k in range(count):
+        r = k * step
+        first, last = max(0, int((r - 0.71) / finer)), int((r + 0.71) / finer) + 1
+        if np.abs(fine[first : last + 1] - fine[first]).max() == 0.0:
+            values[:, k] = fine[first]
+            continue
+        for m in range(turns + 1):
+            angle = m * math.pi / 4 / turns
+            x, y = r * math.cos(angle), r * math.sin(angle)
+            total = 0.0
+            for i in range(parts):
+                for j in range(parts):
+                    place = math.hypot(x + (i + 0.5) / parts - 0.5, y + (j + 0.5) / parts - 0.5) / finer
+                    n = int(place)
+                    total += fine[n] + (place - n) * (fine[n + 1] - fine[n])
+            values[m, k] = total / (parts * parts)
+    return values
+
+
+def _averaged(radial: Array, reach: float) -> SpotProfile:
+    count = math.ceil((reach + 1) / _STEP) + 1
+    return SpotProfile(_STEP, _pixel_averages(radial, _FINER, _STEP, count, _TURNS, _PARTS))
+
+
+def _distances(reach: float) -> Array:
+    return np.arange(0.0, reach + 3, _FINER)
+
+
+def defocused_dot(radius: float, blur: float) -> SpotProfile:
+    """A disc of ``radius`` px blurred by a disc of diameter ``blur`` px."""
+    half = max(blur / 2, 0.03)  # an edge softer than the parts a pixel is averaged in
+    return _averaged(overlap_share(_distances(radius + half), radius, half), radius + half)
+
+
+def softened_dot(radius: float, sigma: float) -> SpotProfile:
+    """A disc of ``radius`` px blurred by a normal distribution of ``sigma`` px in each coordinate.
+
+    The share of a two-dimensional normal distribution at r from the disc's centre that falls on the disc: the noncentral chi-square
+    distribution of two degrees of freedom.
+    """
+    reach = radius + 7 * sigma
+    return _averaged(np.asarray(chndtr((radius / sigma) ** 2, 2, (_distances(reach) / sigma) ** 2), dtype=np.float64), reach)
