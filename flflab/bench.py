@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from flflab.camera_file import read_camera
-from flflab.description import Description, Length, Ratio, check, read_yaml
+from flflab.description import Angle, Description, Length, Ratio, check, read_yaml
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.units import Dimension, parse_quantity
@@ -158,13 +158,19 @@ class SimulatedDescription(Description):
 
 
 class OpticsUncertaintyDescription(Description):
-    """How well the sizes in the camera file are known: standard uncertainties as shares, each the same in every configuration."""
+    """How well the sizes in the camera file are known: standard uncertainties, each the same in every configuration.
+
+    Sizes as shares. Angles of the array, where no axis turns it or beside what its axis states, are those of an array set by eye against
+    the micro-images' rows.
+    """
 
     main_lens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
     f_number: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
     microlens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
     microlens_aperture: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
     pitch: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    array_roll: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
+    array_tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
 
 
 class BenchDescription(Description):

@@ -1,10 +1,11 @@
 """What may be wrong with a bench whose model is rejected: which single change would explain what was measured.
 
-Every suspect, a size of the optics or the zero of a stage, is varied alone over a range of values, first coarsely and then about the
-best; the model's numbers are compared with the measured ones in their full covariance. What explains as well as the best cannot be told
-from it, and that is said.
+Every suspect, a size of the optics, a turn of the array or the zero of a stage, is varied alone over a range of values, first coarsely
+and then about the best; the model's numbers are compared with the measured ones in their full covariance. What explains as well as the
+best cannot be told from it, and that is said.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
@@ -16,6 +17,7 @@ from flflab.prediction import ELEMENTS, Errors, OpticsFactors, exact_optics
 from flflab.properties.values import Values, joined
 
 Array = npt.NDArray[np.float64]
+LARGEST_TURN = 0.05  # rad
 LARGEST_SHARE, LARGEST_NEAR_MM = 0.06, 0.25  # where the gap is about a millimetre; FAR times that for the target
 FAR = 100.0
 STEPS = np.geomspace(2e-3, 1.0, 40)
@@ -27,6 +29,7 @@ KINDS = {
     "lens_focal": "focal length of the main lens", "lens_aperture": "aperture of the main lens (the f-number the other way)",
     "focal": "focal length of the microlenses", "aperture": "aperture of the microlenses", "pitch": "pitch of the microlenses",
 }  # fmt: skip
+TURNS = {"roll": "roll of the array", "yaw": "yaw of the array (its tilt along x)", "pitch": "pitch of the array (its tilt along y)"}
 MOVED = {"main_lens.z": "main lens", "array.z": "array", "sensor.z": "sensor", "target.z": "target"}
 
 
@@ -36,7 +39,7 @@ class Suspect:
 
     Attributes:
         what: what would be different.
-        size: of the change, a share or mm.
+        size: of the change, a share, mm or rad.
         change: the same in words with a unit.
         chi2: disagreement left, in the full covariance.
         chi2_before: without the change.
@@ -107,8 +110,8 @@ class Suspicion:
 
     Attributes:
         what: its name.
-        field: the field of the optics' factors, or the element whose place it is.
-        largest: change that is tried at most, as a share or in mm.
+        field: the field of the optics' factors, the element whose place it is, or how the array is turned.
+        largest: change that is tried at most, as a share, in mm or rad.
         unit: of the change.
     """
 
@@ -120,6 +123,7 @@ class Suspicion:
 
 def _suspicions(bench: Bench) -> list[Suspicion]:
     found = [Suspicion(KINDS[field.name], field.name, LARGEST_SHARE, "%") for field in fields(OpticsFactors)]
+    found += [Suspicion(what, turn, LARGEST_TURN, "rad") for turn, what in TURNS.items()]
     for element in ELEMENTS:
         axis = bench.description.axis_of(element)
         name = f"zero of {axis[0]}" if axis else f"place of the {MOVED[element]}"
@@ -131,14 +135,17 @@ def _errors(suspect: Suspicion, changes: Array) -> Errors:
     """Benches with just that change, one for each."""
     still, exact = np.zeros(len(changes)), exact_optics(len(changes))
     stages: dict[Element, tuple[Array, Array]] = {element: (changes if element == suspect.field else still, still) for element in ELEMENTS}
-    if suspect.unit == "mm":
-        return Errors(stages, exact)
+    attitude = np.stack([changes if turn == suspect.field else still for turn in TURNS], axis=1)
+    if suspect.unit != "%":
+        return Errors(stages, exact, attitude)
     changed = {suspect.field: 1 + changes}
     # the f-number stays: a longer lens has a wider aperture
-    return Errors(stages, replace(exact, **(changed | ({"lens_aperture": 1 + changes} if suspect.field == "lens_focal" else {}))))
+    return Errors(stages, replace(exact, **(changed | ({"lens_aperture": 1 + changes} if suspect.field == "lens_focal" else {}))), attitude)
 
 
 def _words(change: float, unit: str) -> str:
     if unit == "%":
         return f"{abs(100 * change):.3g} % {'larger' if change > 0 else 'smaller'}"
+    if unit == "rad":
+        return f"{abs(math.degrees(change)):.3g} deg {'more' if change > 0 else 'less'}"
     return f"{abs(change):.3g} mm {'farther' if change > 0 else 'less far'} along z"

@@ -13,6 +13,7 @@ from flflab.bench import Bench
 from flflab.comparison import Comparison, Row
 from flflab.diagnosis import Suspect, diagnose
 from flflab.prediction import Errors, drawn_errors
+from flflab.properties.attitude import attitude
 from flflab.properties.contrast import contrasts
 from flflab.properties.depth import dot_distances, lateral_resolution
 from flflab.properties.fields import fields, overlap
@@ -34,6 +35,7 @@ JUDGED = {  # the verdicts, and the quantities that each is about
     "light": ("light",),
     "elr_row_px": ("elr_row_px",),
     "dot_distance_mm": ("dot_distance_mm",),
+    "array_attitude_mrad": ("array_roll_mrad", "array_yaw_mrad", "array_pitch_mrad"),
 }
 PROPERTY_NAMES = {
     "mtf": "contrast (MTF)", "views": "number of views", "micro_images_mm": "micro-images: bright field, total field, pitch",
@@ -115,7 +117,7 @@ def properties(measured: tuple[Measured, ...], predicted: tuple[Predicted, ...],
     """Every property of every configuration, measured and predicted."""
     found: list[Values] = []
     for one, model in zip(measured, predicted, strict=True):
-        found += [views(one, model), *contrasts(one, model), *fields(one, model), overlap(one, model)]
+        found += [views(one, model), *contrasts(one, model), *fields(one, model), overlap(one, model), *attitude(one, model)]
         found += [dot_distances(one, model), *lateral_resolution(one, model)]
     found += depth_of_field(measured, predicted) + light(measured, predicted, bench.description.light_uncertainty)
     return tuple(values for values in found if len(values.measured))

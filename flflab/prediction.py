@@ -5,12 +5,13 @@ computed for the nominal bench and for draws of its errors; mean, spread, covari
 distribution of a verdict all follow from the same draws.
 """
 
+import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.bench import Bench, Element
+from flflab.bench import Bench, Element, Turn
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import transfer
 from flflab.optics.resolution import central_smms
@@ -40,14 +41,16 @@ class Errors:
     Attributes:
         stages: zero error (mm) and scale error of the stage that moves each element, shape (n,) each.
         optics: of lens and array.
+        attitude: roll, yaw and pitch of the array beyond those described, shape (n, 3), rad.
     """
 
     stages: dict[Element, tuple[Array, Array]]
     optics: OpticsFactors
+    attitude: Array
 
     def of_the_stages_alone(self) -> "Errors":
-        """The same draws with optics exactly as described."""
-        return Errors(self.stages, exact_optics(len(self.optics.pitch)))
+        """The same draws with optics exactly as described and turned."""
+        return Errors(self.stages, exact_optics(len(self.optics.pitch)), np.zeros_like(self.attitude))
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,18 @@ def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
         1 + rng.normal(0.0, 1.0, draws) * share
         for share in (doubt.main_lens_focal_length, doubt.f_number, doubt.microlens_focal_length, doubt.microlens_aperture, doubt.pitch)
     )
-    return Errors(stages, OpticsFactors(lens, lens / f_number, focal, aperture, pitch))
+    attitude = rng.normal(0.0, 1.0, (draws, 3)) * attitude_uncertainty(bench)
+    return Errors(stages, OpticsFactors(lens, lens / f_number, focal, aperture, pitch), attitude)
+
+
+def attitude_uncertainty(bench: Bench) -> Array:
+    """Standard uncertainties of the array's roll, yaw and pitch, rad, shape (3,): how it was set, and of the axes that turn it."""
+    doubt = bench.description.optics_uncertainty
+    turns: tuple[tuple[Turn, float], ...] = (
+        ("array.roll", doubt.array_roll), ("array.yaw", doubt.array_tilt), ("array.pitch", doubt.array_tilt),
+    )  # fmt: skip
+    axes = [(bench.description.axis_of(turn), set_by) for turn, set_by in turns]
+    return np.array([math.hypot(axis[1].zero_uncertainty, set_by) if axis else set_by for axis, set_by in axes])
 
 
 def placements(bench: Bench, worlds: dict[Element, float], errors: Errors) -> Placement:

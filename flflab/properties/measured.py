@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from flflab.alignment import Attitude, measure_attitude
 from flflab.analysis.contrast import ContrastCurve, fit_contrast
 from flflab.analysis.dots import DotViews, count_views
 from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.micro_images import measure_micro_images
 from flflab.analysis.noise import SensorNoise
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
@@ -29,6 +31,7 @@ class Measured:
         worlds: where the stages said the elements stood, mm.
         lattice: of the micro-images.
         dots: empty where they could not be measured.
+        attitude: how the array is turned; None where too few micro-images are seen.
         curve: None where the bars could not be measured.
         exposure_s: s.
         saturated: most saturated pixels in one frame.
@@ -38,6 +41,7 @@ class Measured:
     configuration: Configuration
     worlds: dict[Element, float]
     lattice: Lattice
+    attitude: Attitude | None
     dots: tuple[DotViews, ...]
     curve: ContrastCurve | None
     exposure_s: float
@@ -98,7 +102,11 @@ def measure_pictures(
     rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
     white = pictures["white"]
     lattice = find_lattice(white, camera.array.layout, rough, noises["white"])
-    measured = Measured(configuration, worlds, lattice, (), None, exposure_s, saturated)
+    try:
+        attitude = measure_attitude(measure_micro_images(white, lattice, noises["white"]), lattice, camera)
+    except MeasurementError:
+        attitude = None  # a sensor of so few micro-images says nothing of it
+    measured = Measured(configuration, worlds, lattice, attitude, (), None, exposure_s, saturated)
     try:
         dots = count_views(pictures["four-dot"], white, lattice, camera, study.dots, distance, noises["four-dot"])
         measured = replace(measured, dots=dots)

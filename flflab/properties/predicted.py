@@ -32,6 +32,7 @@ class Predicted:
         systems: the system nearest the axis for each draw, fields of shape (draws,).
         vergences: of the target for each draw, 1/mm, shape (draws,).
         pitches: of the microlenses for each draw, mm, shape (draws,).
+        attitude_draws: roll, yaw and pitch of the array for each draw, rad, shape (draws, 3).
     """
 
     camera: Camera
@@ -44,6 +45,7 @@ class Predicted:
     systems: Smms
     vergences: Array
     pitches: Array
+    attitude_draws: Array
 
 
 def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> Predicted:
@@ -63,4 +65,5 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
         systems=drawn_systems(central_smms(camera), camera, placement),
         vergences=1 / placement.distance,
         pitches=camera.array.pitch[0] * placement.optics.pitch,
+        attitude_draws=np.array([camera.array.roll, *np.arctan(camera.array.tilt)]) + errors.attitude,
     )

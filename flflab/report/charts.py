@@ -93,8 +93,8 @@ SMALL = {  # what is drawn small, one panel each: title, unit and how many of it
     "depth_of_field_near_mm": ("depth of field, near end", "mm", 1.0),
     "depth_of_field_far_mm": ("depth of field, far end", "mm", 1.0),
     "array_roll_mrad": ("roll of the array", "mrad", 1.0),
-    "array_tilt_x_mrad": ("tilt along x", "mrad", 1.0),
-    "array_tilt_y_mrad": ("tilt along y", "mrad", 1.0),
+    "array_yaw_mrad": ("yaw of the array (tilt along x)", "mrad", 1.0),
+    "array_pitch_mrad": ("pitch of the array (tilt along y)", "mrad", 1.0),
 }
 
 
@@ -121,7 +121,9 @@ def properties_chart(evaluation: Evaluation) -> str:
                 axes.errorbar(at, difference, sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5)
             axes.set_title(f"{title}, {unit}", fontsize=8)
             axes.set_xticks(sorted({one.configuration for one in members}))
-            axes.margins(x=0.08)
+            middle = sum({one.configuration for one in members}) / len({one.configuration for one in members})
+            half = max(1.5, 0.7 + max(abs(one.configuration - middle) for one in members))
+            axes.set_xlim(middle - half, middle + half)
             axes.grid(visible=False, axis="x")
         return _as_svg(figure)
 

@@ -72,7 +72,7 @@ def predict(configuration: Configuration, bench: Bench, study: Study) -> Predict
     pitches = np.full(101, camera.array.pitch[0])
     vergences = 1 / placement.distance
     tiled = np.tile(views, (101, 1))
-    return Predicted(camera, configuration.distance, views, tiled, indices, draws, 0.3, systems, vergences, pitches)
+    return Predicted(camera, configuration.distance, views, tiled, indices, draws, 0.3, systems, vergences, pitches, np.zeros((101, 3)))
 
 
 def measure(configuration: Configuration, model: Predicted, lattice: Lattice, study: Study) -> Measured:
@@ -85,12 +85,13 @@ def measure(configuration: Configuration, model: Predicted, lattice: Lattice, st
     zeros = np.zeros(len(FREQUENCIES))
     curve = ContrastCurve(
         focal_length=0.917, views=np.zeros(0, dtype=np.int64), views_contrast=np.zeros((0, len(FREQUENCIES))),
-        views_uncertainty=np.zeros((0, len(FREQUENCIES))), cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
+        views_uncertainty=np.zeros((0, len(FREQUENCIES))),
+        cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
         covariance=1e-6 * np.eye(len(FREQUENCIES)), extremes=zeros, extremes_uncertainty=zeros,
         classic=zeros + 0.9, classic_uncertainty=zeros + 0.01, geometry=np.zeros(5),
         geometry_uncertainty=np.zeros(5), chi2_per_pixel=1.0, pixels=1000,
     )  # fmt: skip
-    return Measured(configuration, worlds_of(configuration), lattice, tuple(dots), curve, 0.0125, 0)
+    return Measured(configuration, worlds_of(configuration), lattice, None, tuple(dots), curve, 0.0125, 0)
 
 
 def rows_of(one: Measured, reference: int) -> list[Row]:
