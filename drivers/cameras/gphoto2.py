@@ -33,13 +33,15 @@ class GphotoKeys(SensorKeys):
     """The keys of a tethered camera.
 
     ``full_scale``: white level of its raw files, DN. ``iso_at_gain_1``: the speed that counts as gain 1. ``settings``: what else is set
-    on opening, by libgphoto2's names, such as ``imagequality: NEF (Raw)``. ``timeout``: how long a file may come after the exposure.
+    on opening, by libgphoto2's names, such as ``imagequality: NEF (Raw)``. ``timeout``: how long a file may come after the exposure;
+    ``quiet``: how long after a file a second one would show that somebody else released the shutter too.
     """
 
     full_scale: Annotated[int, Field(gt=0, le=65535)]
     iso_at_gain_1: Annotated[float, Field(gt=0)] = 100.0
     settings: dict[str, str] = {}
     timeout: Annotated[Time, Field(gt=0)] = 15.0
+    quiet: Annotated[Time, Field(ge=0)] = 0.2
 
 
 class GphotoIrisKeys(Description):
@@ -228,17 +230,26 @@ class GphotoCamera:
             CommunicationError: none came, it is torn, or it was taken otherwise than asked.
         """
         patience = self.setup.exposure_s + self._keys.timeout
-        deadline, jpeg = time.monotonic() + patience, ""
+        deadline = time.monotonic() + patience
+        frame, jpeg = None, ""
         while (left := deadline - time.monotonic()) > 0:
             file = self._file(self._event(math.ceil(1000 * min(left, 0.5))))
             if file is None or file == self._last:
                 continue
+            if Path(file[1]).stem != Path(self._last[1]).stem and (frame or jpeg):
+                raise CommunicationError(
+                    f"{self._link}: took {self._last[1]} and {file[1]} for one exposure, and nobody knows which is its frame; "
+                    "see who else releases the shutter, then take it again"
+                )
             content, taken_at = self._download(*file)
             self._last = file
-            if not content.startswith(JPEG):
+            if content.startswith(JPEG):
+                jpeg, deadline = file[1], min(deadline, time.monotonic() + SIBLING_S)
+            else:
                 self._given_up = False
-                return self._developed(file[1], content, taken_at)
-            jpeg, deadline = file[1], min(deadline, time.monotonic() + SIBLING_S)
+                frame, deadline = (file[1], content, taken_at), time.monotonic() + self._keys.quiet
+        if frame:
+            return self._developed(*frame)
         if jpeg:
             raise CommunicationError(f"{self._link}: delivered {jpeg} and no raw file; set its picture quality to raw")
         raise CommunicationError(

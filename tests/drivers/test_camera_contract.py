@@ -69,7 +69,7 @@ def on_the_virtual_camera(folder: Path, root: Path, stack: ExitStack, request: p
     card: Path = request.getfixturevalue("card")
     write_raw(card / "frame.dng", RawPicture(RAMP, "rggb", (64, 64, 64, 64), 4095))
     (card / "frame.dng").replace(card / "frame.jpg")  # the virtual camera takes pictures called .jpg, whatever is in them
-    return Peer("gphoto2", "usb:001,001", NOISE | {"full_scale": 4095}, 0.02)
+    return Peer("gphoto2", "usb:001,001", NOISE | {"full_scale": 4095, "quiet": "20 ms"}, 0.02)
 
 
 def on_numbered_pictures(folder: Path, root: Path, stack: ExitStack, request: pytest.FixtureRequest) -> Peer:
