@@ -42,6 +42,7 @@ from procedures.sweep import Course, Instruments, Tell, instruments, sweep
 
 Plan = Generator[Msg, Any, Any]
 RESUMABLE = ("sweep", "validate")
+LIT, FEWEST_LIT = 5.0, 100  # standard deviations of a dark pixel above it; pixels
 MOST_DIFFERENCE = 1.2  # rms over the noise's; 1 % less light where views are brightest makes it
 
 
@@ -206,8 +207,13 @@ def require_same(key: str, recorded: npt.NDArray[np.uint16], again: npt.NDArray[
 
 
 def difference_over_noise(recorded: npt.NDArray[np.uint16], again: npt.NDArray[np.uint16], noise: SensorNoise) -> float:
-    """Root mean square difference of two pictures, unsaturated pixels only, over that of two with the same light; 1 for noise alone."""
+    """Root mean square difference of two pictures over that of two with the same light; 1 for noise alone.
+
+    Of unsaturated pixels, and of those only the lit ones where there are a hundred: what changes changes there.
+    """
     first, second = recorded.astype(np.float64), again.astype(np.float64)
-    good = ~(noise.saturated(first) | noise.saturated(second))
-    spread = 2 * noise.variance((first[good] + second[good]) / 2)
-    return float(np.sqrt(np.mean((first[good] - second[good]) ** 2 / spread))) if good.any() else 0.0
+    mean, good = (first + second) / 2, ~(noise.saturated(first) | noise.saturated(second))
+    lit = good & (mean > noise.offset_dn + LIT * noise.dark_variance**0.5)
+    chosen = lit if np.count_nonzero(lit) >= FEWEST_LIT else good
+    differences = (first[chosen] - second[chosen]) ** 2 / (2 * noise.variance(mean[chosen]))
+    return float(np.sqrt(np.mean(differences))) if chosen.any() else 0.0

@@ -1,0 +1,185 @@
+"""A run that was cut short, at any point and in any way, is gone on with and is then the run it would have been."""
+
+import random
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import event_model
+import numpy as np
+import pytest
+import yaml
+
+from drivers.bench import ConnectedBench
+from flflab.analysis.noise import SensorNoise
+from flflab.bench import Bench
+from flflab.cli.run import resume_run, run_study
+from flflab.errors import DeviceError, InputError, MeasurementError, MotionError
+from flflab.record import ContinuedRecording, Run, read_documents, read_run
+from flflab.study import Study
+from procedures.resume import difference_over_noise, require_same, rest_of, resume
+from procedures.study import begin_recording, take_study, tell_nobody
+
+Described = Callable[..., tuple[Study, Bench]]
+Connect = Callable[..., ConnectedBench]
+Write = Callable[..., tuple[Path, Path]]
+Until = Callable[..., None]
+Camera = Callable[..., Any]
+TWO = {"exposure": {"frames": 2}}
+
+
+def cut_after(bench: ConnectedBench, frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The shutter sticks after so many pictures."""
+    grab = bench.camera.grab
+
+    def failing(*exposed: Any) -> Any:
+        if bench.camera.number >= frames:  # pyright: ignore[reportAttributeAccessIssue, reportUnknownMemberType]
+            raise MotionError("the shutter is stuck")
+        return grab(*exposed)
+
+    monkeypatch.setattr(bench.camera, "grab", failing)
+
+
+@pytest.mark.parametrize("frames", [0, 5, 14, *(pytest.param(frames, marks=pytest.mark.ci) for frames in (1, 2, 9, 12, 13))])
+def test_wherever_a_run_is_cut_it_is_taken_to_its_end_with_each_point_once(
+    frames: int,
+    described: Described,
+    in_memory: Connect,
+    memory_camera: Callable[..., Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    study, described_bench = described(study=TWO)
+    bench = in_memory(described_bench, memory_camera(shape=(90, 120)))
+    cut_after(bench, frames, monkeypatch)
+    with pytest.raises(MotionError):
+        take_study(bench, study, begin_recording(bench, study, tmp_path), tell_nobody, "sweep")
+    cut = read_run(tmp_path)
+    another = in_memory(described_bench, memory_camera(shape=(90, 120)))
+    resume(another, study, cut, rest_of(cut, study, described_bench), ContinuedRecording(tmp_path), tell_nobody)
+    run = read_run(tmp_path)
+    points = [f"c{c}/{kind}/{repeat}" for kind in ("white", "four-dot", "bars") for c in (0, 1) for repeat in (0, 1)]
+    keys = [frame.key for frame in run.frames]
+    assert sorted(key for key in keys if not key.startswith("dark/")) == sorted(points)
+    assert len(keys) == len(set(keys)) == 14
+    assert (run.complete, [one["resumes"] for one in run.resumed]) == (True, [cut.start["uid"]])
+    for frame in run.frames:
+        assert frame.index < 14
+        run.picture(frame)
+        if frame.configuration is not None:
+            wanted = study.configurations[frame.configuration]
+            assert (frame.distance, frame.array, frame.sensor) == pytest.approx((wanted.distance, wanted.array, wanted.sensor), abs=1e-9)
+            assert frame.target == frame.key.split("/")[1]
+    for name, document in read_documents(tmp_path):
+        event_model.schema_validators[event_model.DocumentNames[name]].validate(document)
+
+
+def pictures_of(run: Run) -> dict[str, tuple[str, dict[Any, float], float]]:
+    return {frame.key: (frame.sha256, frame.worlds, frame.exposure_s) for frame in run.frames}
+
+
+@pytest.mark.ci
+@pytest.mark.timeout(300)
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no kill -9")
+def test_a_run_killed_twice_is_frame_by_frame_the_one_that_was_never_interrupted(write: Write, until: Until, tmp_path: Path) -> None:
+    study, bench = write(study=TWO)  # the simulated bench dies with the run: to the next one power was cut
+    whole = run_study(study, bench, tmp_path / "whole", None, tell_nobody, "sweep")
+    cut, chance = tmp_path / "cut", random.Random(7)  # noqa: S311
+    command = [sys.executable, "-P", "-m", "flflab", "sweep", str(study), "--bench", str(bench), "--out", str(cut)]
+    for attempt in range(2):
+        had = len(read_run(cut).frames) if attempt else 0
+        with subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
+            goal = had + chance.randint(1, 5)
+            until(lambda goal=goal: _recorded(cut) >= goal)
+            process.kill()
+        assert not read_run(cut).complete
+        command = [sys.executable, "-P", "-m", "flflab", "resume", str(cut)]
+    resumed = resume_run(cut, None, tell_nobody)
+    assert len(resumed.resumed) == 2
+    assert pictures_of(resumed) == pictures_of(whole)
+
+
+def _recorded(folder: Path) -> int:
+    return (folder / "documents.jsonl").read_text().count('"event"') if (folder / "documents.jsonl").exists() else 0
+
+
+@pytest.mark.ci
+def test_after_a_device_error_a_run_goes_on_at_other_addresses_of_the_same_bench(served: Callable[..., Any], tmp_path: Path) -> None:
+    faults = [{"device": "target_stage", "fault": "silence", "after": 150}]
+    places = {"configurations": [{"f_number": 4, "distance": [f"{490 + 5 * k} mm" for k in range(4)]}]}
+    with served(study=places, faults=faults) as (_, study, bench), pytest.raises(DeviceError):
+        run_study(study, bench, tmp_path / "cut", None, tell_nobody, "sweep")
+    had = len(read_run(tmp_path / "cut").frames)
+    with served(study=places) as (_, study, bench):
+        run = resume_run(tmp_path / "cut", bench, tell_nobody)
+        whole = run_study(study, bench, tmp_path / "whole", None, tell_nobody, "sweep")
+    assert 0 < had < len(run.frames)
+    assert pictures_of(run) == pictures_of(whole)
+
+
+@pytest.mark.ci
+def test_a_bench_that_shows_something_else_is_refused_in_a_sentence(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study, bench = write()
+    run_study(study, bench, tmp_path / "run", None, tell_nobody, "sweep")
+    folder = shorten(tmp_path / "run", 3)
+    described = yaml.safe_load((folder / "bench.yaml").read_text())
+    described["simulated"]["truths"] = {"iris.scale": 0.05}
+    (folder / "bench.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
+    with pytest.raises(MeasurementError, match=r"c1/four-dot/0: taken again it differs .* put it back and resume"):
+        resume_run(folder, None, tell_nobody)
+    assert len(read_run(folder).frames) == 3
+
+
+def shorten(folder: Path, frames: int) -> Path:
+    """The record of a run as it was after so many frames, unpacked."""
+    import h5py
+
+    run = read_run(folder)
+    with h5py.File(folder / "frames.h5") as file:
+        dataset: Any = file["frames"]
+        content, room = dataset[:], len(run.frames) + 5
+    with h5py.File(folder / "frames.h5", "w") as file:
+        file.create_dataset("frames", data=np.concatenate([content, np.zeros((room, *content.shape[1:]), np.uint16)]))
+    lines = (folder / "documents.jsonl").read_text().splitlines(keepends=True)
+    events = [number for number, line in enumerate(lines) if line.startswith('{"name": "event"')]
+    (folder / "documents.jsonl").write_text("".join(lines[: events[frames - 1] + 1]))
+    (folder / "SHA256SUMS").unlink()
+    return folder
+
+
+def test_what_cannot_be_gone_on_with_is_refused(
+    described: Described, in_memory: Connect, memory_camera: Callable[..., Any], tmp_path: Path
+) -> None:
+    study, bench = described()
+    connected = in_memory(bench, memory_camera(shape=(90, 120)))
+    take_study(connected, study, begin_recording(connected, study, tmp_path), tell_nobody, "sweep")
+    with pytest.raises(InputError, match="taken to its end, there is nothing to go on with"):
+        rest_of(read_run(tmp_path), study, bench)
+    lines = (tmp_path / "documents.jsonl").read_text().splitlines(keepends=True)
+    (tmp_path / "documents.jsonl").write_text("".join(lines[:-1]).replace('"plan_name": "sweep"', '"plan_name": "align"'))
+    (tmp_path / "SHA256SUMS").unlink()
+    with pytest.raises(InputError, match="a run of align cannot be gone on with"):
+        rest_of(read_run(tmp_path), study, bench)
+
+
+NOISE = SensorNoise(0.34, 1.0, 64.0, 4095.0)
+
+
+def exposed(level: float, rng: np.random.Generator, rows: int = 300) -> Any:
+    light = np.where(np.arange(400) % 3 == 0, level, 0.0)
+    return np.rint(rng.normal(64 + light, np.sqrt(NOISE.variance(64 + light)), (rows, 400))).clip(0, 4095).astype(np.uint16)
+
+
+@pytest.mark.parametrize("level", [0.0, 3.0, 300.0, 3900.0])
+def test_two_pictures_of_one_light_differ_by_their_noise(level: float) -> None:
+    rng = np.random.default_rng(3)
+    assert difference_over_noise(exposed(level, rng), exposed(level, rng), NOISE) == pytest.approx(1, abs=0.02)
+
+
+def test_three_per_cent_less_light_is_another_bench() -> None:
+    rng = np.random.default_rng(1)
+    require_same("c0/bars/0", exposed(2800, rng), exposed(2800, rng), NOISE)
+    with pytest.raises(MeasurementError, match=r"c0/bars/0: taken again it differs .* allowed is 1\.2"):
+        require_same("c0/bars/0", exposed(2800, rng), exposed(2716, rng), NOISE)
