@@ -27,9 +27,9 @@ Whole = npt.NDArray[np.int64]
 
 WIDEST_SHIFT_PX = 30.0  # how far all dots together may be from where the nominal camera puts them
 SEARCH_PX = 8.0  # how far each may then still be
-FIT_ERROR_PX = 0.005  # of a spot's centre, in focus
-CUT_ERROR_PX = 0.05  # where the micro-image cuts its cone: a blur that is not quite nominal
-BLUR_ERROR = 0.02  # there for each px of nominal blur; these found with exact pictures
+FIT_ERROR_PX = 0.001  # of a spot's centre
+CUT_ERROR_PX = 0.002  # more where the micro-image cuts its cone
+BLUR_ERROR = 0.005  # and there for each px of nominal blur; these found with exact pictures
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
 
@@ -105,8 +105,10 @@ def count_views(
     places, _ = _places(lattice, camera, target, law, candidates)
     half = math.ceil(radius + spread / 2 + 3)
     own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table)
-    spots = fit_spots(values, places, half, own, defocused_dot(radius, spread), noise)
-    shift = clipping_shift(spots.centres - lattice.centres_px[candidates.lens], lattice, camera, distance)
+    profile = defocused_dot(radius, spread)
+    spots = fit_spots(values, places, half, own, profile, noise)
+    away = spots.centres - lattice.centres_px[candidates.lens]
+    shift = clipping_shift(away, lattice, camera, distance, radius, table, profile, noise)
     spots = replace(spots, centres=spots.centres - shift)
     # the brightest half of the well lit spots are whole: they say what a dot's full light is
     level = _full_light(spots, candidates, lattice)
@@ -324,7 +326,7 @@ class Decided:
 def _centre_doubts(spots: Spots, candidates: Candidates, lattice: Lattice, radius: float, spread: float) -> Array:
     noise = np.sqrt(np.maximum(spots.covariance[:, 0, 0], spots.covariance[:, 1, 1]) * np.maximum(spots.chi2_per_pixel, 1.0))
     away = np.hypot(*(spots.centres - lattice.centres_px[candidates.lens]).T)
-    cut = np.where(away + radius + spread / 2 > lattice.inside_radius_px, CUT_ERROR_PX + BLUR_ERROR * spread, 0.0)
+    cut = np.where(away + radius + spread / 2 > lattice.inside_radius_px, np.hypot(CUT_ERROR_PX, BLUR_ERROR * spread), 0.0)
     return np.sqrt(np.where(np.isfinite(noise), noise, 100.0) ** 2 + FIT_ERROR_PX**2 + cut**2)
 
 
