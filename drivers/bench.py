@@ -1,37 +1,24 @@
 """A bench as connected: every device of a bench file behind its promise, all faults at once, one stop for all."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, TypeVar
 
 from drivers.axis import Axis
-from drivers.camera import Camera, CameraDevice, Detector
+from drivers.camera import CameraDevice, Detector
+from drivers.connection import Connection, can_outlive, device_of
 from drivers.interlocks import check_motion, gap_rule, least_gap, order_moves, retreats
 from drivers.owner import Owner
-from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
 from drivers.sentinel import Sentinel
 from drivers.setting import Setting
-from drivers.simulated import SimulatedBench
-from flflab.bench import AxisDescription, Bench, DeviceDescription, Moved, read_bench
-from flflab.errors import CommunicationError, DeviceError, FlflabError, InputError
+from drivers.simulated import SimulatedOnDemand
+from drivers.survey import Identity, look
+from flflab.bench import Bench, Moved, read_bench
+from flflab.errors import CommunicationError, DeviceError, InputError
 
-Opened = TypeVar("Opened")
-Driver = TypeVar("Driver")
 STOP_TIMEOUT_S = 5.0
-
-
-class Identity(NamedTuple):
-    """One line of the table of devices: texts; position in mm is None or rad is None where there is none or its reference is missing."""
-
-    name: str
-    driver: str
-    address: str
-    identity: str
-    position: float | None
-    state: str
 
 
 class ConnectedBench:
@@ -61,7 +48,7 @@ class ConnectedBench:
         self._resources = resources
         self._watching = threading.Lock()
         self._sentinel: Sentinel | None = None
-        self._outliving = {name: addresses[name] for name, axis in described.description.axes.items() if _can_outlive(axis)}
+        self._outliving = {name: addresses[name] for name, axis in described.description.axes.items() if can_outlive(axis)}
         for axis in self.axes.values():
             axis.guard = self._guard
 
@@ -150,23 +137,8 @@ class ConnectedBench:
 
     def identities(self) -> list[Identity]:
         """What stands on the bench, one line a device; a device that fails says so in its line."""
-        rows = [self._row(name, device, axis) for name, axis in self.axes.items() if (device := self.described.description.axes[name])]
-        for name, instrument in (("camera", self.camera), ("iris", self.iris), ("target", self.target)):
-            rows.append(self._row(name, getattr(self.described.description, name), instrument))
-        return rows
-
-    def _row(self, name: str, device: DeviceDescription, instrument: Any) -> Identity:
-        position, state = None, ""
-        try:
-            identity = instrument.identity()
-            if isinstance(instrument, Axis):
-                position = instrument.position() if instrument.is_homed() else None
-                state = "; ".join(("moving",) * instrument.is_moving() + instrument.warnings())
-            elif isinstance(instrument, Setting):
-                state = str(instrument.value())
-        except FlflabError as error:
-            identity, state = "does not answer", str(error)
-        return Identity(name, device.driver, self._addresses[name], identity, position, state)
+        instruments = {**self.axes, "camera": self.camera, "iris": self.iris, "target": self.target}
+        return [look(name, device_of(self.described, name), instrument, self._addresses[name]) for name, instrument in instruments.items()]
 
     def _guard(self, name: str, start: float | None, end: float | None) -> None:
         self._have_sentinel()
@@ -201,102 +173,14 @@ def connect(bench_file: str | Path) -> ConnectedBench:
     described = read_bench(Path(bench_file))
     description = described.description
     with ExitStack() as resources:
-        owner = Owner(described.file) if any(_can_outlive(axis) for axis in description.axes.values()) else None
+        owner = Owner(described.file) if any(can_outlive(axis) for axis in description.axes.values()) else None
         if owner is not None:
             resources.callback(owner.close)
-        connection = _Connection(described, resources)
-        axes: dict[str, Axis] = {}
-        for name, axis in description.axes.items():
-            if (device := connection.open(AXES, axis, "axes", name)) is not None:
-                axes[name] = device
-        camera = connection.open(CAMERAS, description.camera, "camera")
-        iris = connection.open(IRISES, description.iris, "iris")
-        target = connection.open(TARGETS, description.target, "target")
+        connection = Connection(described, resources, SimulatedOnDemand(described.file, resources))
+        axes: dict[str, Axis] = {name: device for name in description.axes if (device := connection.open(name)) is not None}
+        camera, iris, target = (connection.open(name) for name in ("camera", "iris", "target"))
         connection.raise_faults()
         bench = ConnectedBench(described, axes, camera, iris, target, connection.addresses, resources.pop_all())
     if owner is not None:
         owner.stops_with(bench.stop)
     return bench
-
-
-def _can_outlive(axis: AxisDescription) -> bool:
-    """Whether an axis could go on moving after this process: what it simulates dies with it, a person knows to stop."""
-    return axis.address != "simulated" and axis.driver != "manual"
-
-
-class _Connection:
-    """Opening one device after another: what was opened, at which addresses, and every fault so far."""
-
-    def __init__(self, described: Bench, resources: ExitStack) -> None:
-        self.addresses: dict[str, str] = {}
-        self._described = described
-        self._resources = resources
-        self._shared: dict[str, Any] = {}
-        self._faults: list[FlflabError] = []
-        self._simulated: SimulatedBench | CommunicationError | None = None
-
-    def open(self, drivers: Mapping[str, Any], device: Any, *path: str) -> Any:
-        """Open one device of the bench file, None where that failed."""
-        try:
-            driver = drivers.get(device.driver)
-            if driver is None:
-                where = f"{self._described.file}:{self._described.lines.get((*path, 'driver'), 1)}: {'.'.join((*path, 'driver'))}"
-                raise InputError(f"{where}: there is no driver {device.driver!r} here; there are {', '.join(drivers)}")
-            if drivers is AXES and driver.counts not in (None, device.coordinate):
-                raise InputError(
-                    f"{path[-1]}: driver {device.driver} counts {driver.counts.dimension}s, but this axis moves {device.moves}; "
-                    "give what it moves, or another driver"
-                )
-            keys = self._described.own_keys(driver.keys, *path)
-            if device.address == "simulated":
-                device = device.model_copy(update={"address": self._simulator().address(*path)})
-            opened = self._open(drivers, driver, path[-1], device, keys)
-            self._resources.callback(opened.close)
-            self.addresses[path[-1]] = device.address
-            return opened
-        except FlflabError as fault:
-            name = path[-1]
-            self._faults.append(fault if name in str(fault) else type(fault)(f"{name}: {fault}"))
-            return None
-
-    def raise_faults(self) -> None:
-        """Raise all faults as one error.
-
-        Raises:
-            InputError: only the bench file is wrong.
-            CommunicationError: at least one device does not answer.
-            DeviceError: the other cases.
-        """
-        if self._faults:
-            kinds = {type(fault) for fault in self._faults}
-            kind = InputError if kinds == {InputError} else CommunicationError if CommunicationError in kinds else DeviceError
-            raise kind("\n".join(dict.fromkeys(str(fault) for fault in self._faults)))
-
-    def _open(self, drivers: Mapping[str, Any], driver: Any, name: str, device: Any, keys: Any) -> Any:
-        if drivers is AXES:
-            commands = driver.open(name, device, keys, self._share)
-            return Axis(name, commands, device.limits, device.speed, coordinate=device.coordinate, patience=driver.patience)
-        opened = driver.open(device.address, keys, self._share)
-        return Camera(name, opened) if drivers is CAMERAS else Setting[Any](name, opened, timeout=driver.timeout)
-
-    def _share(self, address: str, opener: Callable[[], Opened], /) -> Opened:
-        if address not in self._shared:
-            self._shared[address] = opener()
-            self._resources.callback(self._shared[address].close)
-        return self._shared[address]
-
-    def _simulator(self) -> SimulatedBench:
-        """The child process, started for the first device that needs it and tried once only.
-
-        Raises:
-            CommunicationError: it does not start.
-        """
-        if self._simulated is None:
-            try:
-                self._simulated = SimulatedBench(self._described.file)
-                self._resources.callback(self._simulated.close)
-            except CommunicationError as fault:
-                self._simulated = fault
-        if isinstance(self._simulated, CommunicationError):
-            raise self._simulated
-        return self._simulated

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -86,3 +87,31 @@ class SimulatedBench:
         self._complaints.seek(0)
         lines = self._complaints.read().decode(errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip()), "none")
+
+
+class SimulatedOnDemand:
+    """The simulated bench, started for the first device that needs it and tried once only; any thread may ask.
+
+    Args:
+        bench_file: the bench file.
+        resources: ends it.
+    """
+
+    def __init__(self, bench_file: Path, resources: ExitStack) -> None:
+        self._file = bench_file
+        self._resources = resources
+        self._starting = threading.Lock()
+        self._started: SimulatedBench | CommunicationError | None = None
+
+    def address(self, *path: str) -> str:
+        """Where an instrument is served; errors as ``SimulatedBench`` and its ``address``."""
+        with self._starting:
+            if self._started is None:
+                try:
+                    self._started = SimulatedBench(self._file)
+                    self._resources.callback(self._started.close)
+                except CommunicationError as fault:
+                    self._started = fault
+        if isinstance(self._started, CommunicationError):
+            raise self._started
+        return self._started.address(*path)

@@ -30,7 +30,7 @@ from drivers.line import Line, tell_surely
 from drivers.transport import LostError, Wire, open_serial
 from flflab.bench import AxisDescription
 from flflab.description import Description
-from flflab.errors import CommunicationError, DeviceError
+from flflab.errors import CommunicationError, DeviceError, NotHomedError
 
 HOST, CONTROLLER, WITH_DATA = 0x01, 0x50, 0x80
 REQUEST_INFO, INFO = 0x0005, 0x0006
@@ -245,6 +245,7 @@ class ThorlabsAxis:
 
         Raises:
             DeviceError: the motor is off.
+            NotHomedError: it has just lost its reference.
             CommunicationError: the motion does not show.
         """
         counts = round(position / self._count)
@@ -319,6 +320,9 @@ class ThorlabsAxis:
         deadline = time.monotonic() + START_S
         while True:
             state = self._state()
+            if ended == COMPLETED and not state.bits & REFERENCE:
+                self.stop()
+                raise NotHomedError(f"{self._name}: lost its reference as it was told to move (a reset?); told to stop, home it")
             if state.busy or arrived(state) or ended in self._link.heard:
                 return
             if time.monotonic() > deadline:

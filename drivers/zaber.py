@@ -26,7 +26,7 @@ from drivers.line import Line, tell_surely
 from drivers.transport import LostError, Wire, open_serial, show
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
-from flflab.errors import CommunicationError, DeviceError, LimitError
+from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedError
 
 SPEED_UNIT = 1.6384
 STOP_ID = 99
@@ -45,7 +45,7 @@ FLAGS = {
 SPOILS_A_MOTION = ("WL", "NI", "NC")
 REASONS = {
     "AGAIN": "it was busy with another command; try again", "BADAXIS": "there is no such axis; correct `axis` in the bench file",
-    "BADCOMMAND": "it does not know this command; check model and firmware", "BADDATA": "the value is out of its range",
+    "BADCOMMAND": "it does not know this command; check model and firmware", "BADDATA": "out of its range; give another value, or home it",
     "DEVICEONLY": "this command is for the whole device", "DRIVERDISABLED": "its driver is off; clear the cause and enable it",
     "FULL": "its memory is full", "INACTIVE": "no stage is connected to this axis; plug it in",
     "LOCKSTEP": "the axis is locked to another", "NOACCESS": "this needs a higher access level",
@@ -237,11 +237,17 @@ class ZaberAxis:
     def start_move(self, position: float) -> None:
         """Start towards a reading in mm, rounded to the microstep.
 
+        It is told how far to go, not where to: a device that lost its counter in between (a reset) stays on the way that was found free.
+
         Raises:
             LimitError: outside the device's own limits.
+            NotHomedError: it has just lost its reference.
         """
         self._command("warnings clear", repeatable=True)
-        self._command(f"move abs {round(position / self.resolution)}", repeatable=False)
+        here = self._setting("pos")
+        if not self.is_homed():
+            raise NotHomedError(f"{self._name}: asked to move, but it has just lost its reference (a reset?); home it, nothing moved")
+        self._command(f"move rel {round(position / self.resolution) - here}", repeatable=False)
 
     def position(self) -> float:
         """The reading in mm."""
@@ -296,7 +302,7 @@ class ZaberAxis:
         reply = self._chain.ask(self._name, self._keys.device, self._keys.axis if axis is None else axis, text, repeatable=repeatable)
         if not reply.accepted:
             raise (LimitError if reply.data == "BADDATA" and text.startswith("move") else DeviceError)(
-                f"{self._name}: the device refuses {text!r} ({reply.data}: {REASONS.get(reply.data, 'a reason not known here')})"
+                f"{self._name}: asked {text!r}, the device refuses ({reply.data}: {REASONS.get(reply.data, 'a reason not known here')})"
             )
         return reply
 

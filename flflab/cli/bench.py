@@ -11,8 +11,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from flflab.bench import LENGTH
-from flflab.errors import InputError, RecordError
+from flflab.bench import LENGTH, read_bench
+from flflab.errors import CommunicationError, InputError, RecordError
 from flflab.units import parse_quantity
 
 if TYPE_CHECKING:
@@ -31,18 +31,24 @@ AxisName = Annotated[str, typer.Argument(help="name of an axis in the bench file
 
 @app.command()
 def check(bench: BenchFile) -> None:
-    """Connect to every device and say who answers, where it stands and what it warns of; all faults in one run."""
-    with _connected(bench) as connected:
-        table = Table(box=box.SIMPLE_HEAD)
-        for heading in ("device", "driver", "address", "identity", "position", "limits", "state"):
-            table.add_column(heading, justify="right" if heading == "position" else "left")
-        for row in connected.identities():
-            axis = connected.axes.get(row.name)
-            show = LENGTH.show if axis is None else axis.coordinate.show
-            position = "" if axis is None else "not homed" if row.position is None else show(row.position, ".4f")
-            limits = "" if axis is None else f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}"
-            table.add_row(row.name, row.driver, row.address, row.identity, position, limits, row.state)
-        _print(table)
+    """Ask every device, all lines at once, who it is, where it stands and what it warns of; all faults in one run."""
+    from drivers.survey import SILENT, survey
+
+    described = read_bench(bench)
+    rows = survey(described)
+    table = Table(box=box.SIMPLE_HEAD)
+    for heading in ("device", "driver", "address", "identity", "position", "limits", "state"):
+        table.add_column(heading, justify="right" if heading == "position" else "left")
+    for row in rows:
+        axis = described.description.axes.get(row.name)
+        show = LENGTH.show if axis is None else axis.coordinate.show
+        answers = row.identity != SILENT
+        position = "" if axis is None or not answers else "not homed" if row.position is None else show(row.position, ".4f")
+        limits = "" if axis is None else f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}"
+        table.add_row(row.name, row.driver, row.address, row.identity, position, limits, row.state if answers else "")
+    _print(table)
+    if silent := [row.state for row in rows if row.identity == SILENT]:
+        raise CommunicationError("\n".join(dict.fromkeys(silent)))
 
 
 @app.command()

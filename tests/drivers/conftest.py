@@ -115,8 +115,8 @@ class ToyStage:
         if text == "home":
             self.go(0)
             self.homed = True
-        elif text.startswith("move abs "):
-            target = int(text.split()[2])
+        elif text.startswith("move rel "):
+            target = round(self.position) + int(text.split()[2])
             if not 0 <= target <= self.limit:
                 return "RJ", "BADDATA"
             self.go(target)

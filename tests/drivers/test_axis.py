@@ -235,9 +235,9 @@ def test_a_stage_that_falls_silent_on_the_way_is_an_error_and_is_sent_a_stop(axi
 def test_a_move_whose_reply_is_lost_is_stopped_and_not_repeated(axis: Build) -> None:
     device, stage = axis()
     stage.fault = lambda text, reply: b"" if text.startswith("move") else reply
-    with pytest.raises(CommunicationError, match="asked 'move abs 60000'"):
+    with pytest.raises(CommunicationError, match="asked 'move rel 60000'"):
         device.move_to(30.0)
-    assert motions(stage) == ["move abs 60000"]
+    assert motions(stage) == ["move rel 60000"]
     assert stage.heard[-2:] == ["stop", ""]
     assert not stage.busy
     stage.fault = None

@@ -53,7 +53,7 @@ def nowhere() -> dict[str, Any]:
     [
         (
             {"axes.array_stage.driver": "zabre"},
-            r"axes\.array_stage\.driver: there is no driver 'zabre' here; there are zaber, thorlabs, oriental, manual",
+            r"axes\.array_stage\.driver: there is no driver 'zabre' here; there are zaber, thorlabs, oriental, standa, manual",
         ),
         ({"camera.driver": "kodak"}, r"camera\.driver: there is no driver 'kodak' here; there are scpi"),
         ({"axes.array_stage.device": None}, r"axes\.array_stage\.device: this field is missing"),
@@ -103,7 +103,7 @@ class Silent:
             b"*CLS;SENS:FULL?;SENS:OFFS?;SENS:READ?;EXP? MIN;EXP? MAX;GAIN? MIN;GAIN? MAX;SYST:ERR?\n",
             b'4095;64;0.05;1e-05;10;1;16;0,"No error"\n',
         ),
-        (b"*CLS;SENS:SIZE?;SYST:ERR?\n", b'3,2;0,"No error"\n'),
+        (b"*CLS;SENS:SIZE?;FORM?;SYST:ERR?\n", b'3,2;"MONO12";0,"No error"\n'),
         (b"*CLS;EXP?;GAIN?;SENS:CONV?;SENS:NOIS?;SYST:ERR?\n", b'0.01;1;4;3;0,"No error"\n'),
     )
 

@@ -28,7 +28,7 @@ from sim import faults
 from sim.registry import AXES
 from sim.serve import Served, serve, write_bench
 
-RATE, TIMEOUT_S, LATE_S, AWAY_S = 20, 0.15, 0.2, 0.1
+RATE, TIMEOUT_S, LATE_S, AWAY_S = 10, 0.15, 0.2, 0.1
 ROUNDS_A_CONNECTION = 200
 RANGES = {
     "main_lens_stage": (1.0, 9.0), "array_stage": (16.0, 21.5), "sensor_stage": (16.0, 21.5), "target_stage": (1.0, 20.0),
@@ -62,6 +62,7 @@ class Soak:
         self.outcomes: collections.Counter[tuple[str, str, str]] = collections.Counter()
         self.sentences: dict[tuple[str, str], str] = {}
         self.readings = self.refusals = 0
+        self.last: dict[str, str] = {}
         self.least_gap = np.inf
         self._chance = random.Random(seed)  # noqa: S311 - not a secret
         self._described = read_bench(bench_file)
@@ -82,7 +83,11 @@ class Soak:
         """Go on until so many faults have been shown."""
         rounds = 0
         while self.outcomes.total() < count:
-            self._round()
+            try:
+                self._round()
+            except BaseException as failure:
+                failure.add_note(f"after {self.last}")
+                raise
             rounds += 1
             if rounds % ROUNDS_A_CONNECTION == 0:
                 self._connect_again()
@@ -95,6 +100,7 @@ class Soak:
             name = self._chance.choice(names)
             planted[name] = self._chance.choice(AXES[self._drivers[name]].faults)
             self._served.faults[name].plant(planted[name], after=self._chance.randrange(16))
+        self.last = planted
         told = self._act([*planted, *self._chance.sample([name for name in RANGES if name not in planted], 2)])
         for name, kind in planted.items():
             for _ in range(20):

@@ -1,0 +1,99 @@
+"""How the devices of a bench file are opened: each by its driver, lines shared, every fault kept."""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import Any, TypeVar
+
+from drivers.axis import Axis
+from drivers.camera import Camera
+from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
+from drivers.setting import Setting
+from drivers.simulated import SimulatedOnDemand
+from flflab.bench import AxisDescription, Bench, DeviceDescription
+from flflab.errors import CommunicationError, DeviceError, FlflabError, InputError
+
+Opened = TypeVar("Opened")
+_DRIVERS: Mapping[str, Mapping[str, Any]] = {"camera": CAMERAS, "iris": IRISES, "target": TARGETS}
+
+
+def path_of(name: str) -> tuple[str, ...]:
+    """Where a device stands in the bench file."""
+    return (name,) if name in _DRIVERS else ("axes", name)
+
+
+def device_of(bench: Bench, name: str) -> DeviceDescription:
+    """An axis, the camera, iris or target as the bench file has it."""
+    return getattr(bench.description, name) if name in _DRIVERS else bench.description.axes[name]
+
+
+def can_outlive(axis: AxisDescription) -> bool:
+    """Whether an axis could go on moving after this process: what it simulates dies with it, a person knows to stop."""
+    return axis.address != "simulated" and axis.driver != "manual"
+
+
+class Connection:
+    """Opening the devices of a bench, those of one line one after the other: at which addresses, and every fault so far.
+
+    Args:
+        described: the bench file.
+        resources: closes what was opened.
+        simulated: serves what the bench file has simulated.
+    """
+
+    def __init__(self, described: Bench, resources: ExitStack, simulated: SimulatedOnDemand) -> None:
+        self.addresses: dict[str, str] = {}
+        self._described = described
+        self._resources = resources
+        self._shared: dict[str, Any] = {}
+        self.faults: dict[str, FlflabError] = {}
+        self._simulated = simulated
+
+    def open(self, name: str) -> Any:
+        """Open a device of the bench file, None where that failed."""
+        drivers, device, path = _DRIVERS.get(name, AXES), device_of(self._described, name), path_of(name)
+        try:
+            driver = drivers.get(device.driver)
+            if driver is None:
+                where = f"{self._described.file}:{self._described.lines.get((*path, 'driver'), 1)}: {'.'.join((*path, 'driver'))}"
+                raise InputError(f"{where}: there is no driver {device.driver!r} here; there are {', '.join(drivers)}")
+            if isinstance(device, AxisDescription) and driver.counts not in (None, device.coordinate):
+                raise InputError(
+                    f"{name}: driver {device.driver} counts {driver.counts.dimension}s, but this axis moves {device.moves}; "
+                    "give what it moves, or another driver"
+                )
+            keys = self._described.own_keys(driver.keys, *path)
+            if device.address == "simulated":
+                device = device.model_copy(update={"address": self._simulated.address(*path)})
+            self.addresses[name] = device.address
+            opened = self._open(driver, name, device, keys)
+            self._resources.callback(opened.close)
+            return opened
+        except FlflabError as fault:
+            self.faults[name] = fault if name in str(fault) else type(fault)(f"{name}: {fault}")
+            return None
+
+    def raise_faults(self) -> None:
+        """Raise all faults as one error.
+
+        Raises:
+            InputError: only the bench file is wrong.
+            CommunicationError: at least one device does not answer.
+            DeviceError: the other cases.
+        """
+        if self.faults:
+            kinds = {type(fault) for fault in self.faults.values()}
+            kind = InputError if kinds == {InputError} else CommunicationError if CommunicationError in kinds else DeviceError
+            raise kind("\n".join(dict.fromkeys(str(fault) for fault in self.faults.values())))
+
+    def _open(self, driver: Any, name: str, device: Any, keys: Any) -> Any:
+        if isinstance(device, AxisDescription):
+            commands = driver.open(name, device, keys, self._share)
+            return Axis(name, commands, device.limits, device.speed, coordinate=device.coordinate, patience=driver.patience)
+        opened = driver.open(device.address, keys, self._share)
+        return Camera(name, opened) if name == "camera" else Setting[Any](name, opened, timeout=driver.timeout)
+
+    def _share(self, address: str, opener: Callable[[], Opened], /) -> Opened:
+        if address not in self._shared:
+            self._shared[address] = opener()
+            self._resources.callback(self._shared[address].close)
+        return self._shared[address]

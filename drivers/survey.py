@@ -1,0 +1,87 @@
+"""A look at every device of a bench at once: who answers, who it is, where it stands, what it warns of; nothing moves."""
+
+import threading
+import time
+from contextlib import ExitStack
+from typing import Any, NamedTuple
+
+from drivers.axis import Axis
+from drivers.connection import Connection, can_outlive, device_of
+from drivers.owner import Owner
+from drivers.setting import Setting
+from drivers.simulated import SimulatedOnDemand
+from flflab.bench import Bench, DeviceDescription
+from flflab.errors import FlflabError
+
+TIMEOUT_S = 10.0
+SILENT = "does not answer"
+
+
+class Identity(NamedTuple):
+    """One line of the table of devices: texts; position in mm or rad is None where there is none or its reference is missing."""
+
+    name: str
+    driver: str
+    address: str
+    identity: str
+    position: float | None
+    state: str
+
+
+def look(name: str, device: DeviceDescription, instrument: Any, address: str) -> Identity:
+    """The line of a device that is open."""
+    position, state = None, ""
+    try:
+        identity = instrument.identity()
+        if isinstance(instrument, Axis):
+            position = instrument.position() if instrument.is_homed() else None
+            state = "; ".join(("moving",) * instrument.is_moving() + instrument.warnings())
+        elif isinstance(instrument, Setting):
+            state = str(instrument.value())
+    except FlflabError as error:
+        identity, state = SILENT, str(error)
+    return Identity(name, device.driver, address, identity, position, state)
+
+
+def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
+    """Every device of a bench, all lines at once; who cannot be opened or says nothing in time has that in its line.
+
+    Args:
+        bench: the bench file as read.
+        timeout: how long it may take in all, s.
+
+    Raises:
+        DeviceError: another program drives the bench.
+    """
+    devices = {name: device_of(bench, name) for name in (*bench.description.axes, "camera", "iris", "target")}
+    lines: dict[tuple[str, str], list[str]] = {}
+    for name, device in devices.items():
+        lines.setdefault((device.driver, device.address), []).append(name)
+    with ExitStack() as resources:
+        if any(can_outlive(axis) for axis in bench.description.axes.values()):
+            resources.callback(Owner(bench.file).close)
+        simulated = SimulatedOnDemand(bench.file, resources)
+        rows: dict[str, Identity] = {}
+
+        def look_along(line: list[str]) -> None:
+            with ExitStack() as opened:
+                connection = Connection(bench, opened, simulated)
+                for name in line:
+                    instrument, device = connection.open(name), devices[name]
+                    address = connection.addresses.get(name, device.address)
+                    fault = connection.faults.get(name)
+                    silent = Identity(name, device.driver, address, SILENT, None, str(fault))
+                    rows[name] = silent if fault else look(name, device, instrument, address)
+
+        threads = [threading.Thread(target=look_along, args=(line,), name=f"look at {line[0]}", daemon=True) for line in lines.values()]
+        deadline = time.monotonic() + timeout
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(max(0.0, deadline - time.monotonic()))
+        found = dict(rows)
+    late = f"no answer within {timeout:g} s; check cable, power and address"
+    return [
+        found.get(name) or Identity(name, device.driver, device.address, SILENT, None, f"{name}: {late}")
+        for name, device in devices.items()
+    ]
