@@ -46,6 +46,10 @@ def find_r12a() -> Path | None:
     return folder if (folder / "camera.json").is_file() else None
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--hardware", metavar="BENCH", help="run tests/hardware on the bench of this file: it will move")
+
+
 def pytest_report_header() -> str:
     return f"r12a: {find_r12a() or 'not here (set FLFLAB_R12A); the tests that need these measurements are deselected'}"
 
