@@ -134,8 +134,10 @@ class ScpiLink:
                 wire = self._connect()
                 wire.write(line.encode("ascii") + b"\n")
                 answer = wire.read_until(b"\n", self._timeout if timeout is None else timeout).rstrip(b"\r")
+                if not answer.isascii():
+                    raise CommunicationError(f"got {show(answer)}, which is no text; check what stands at this address")
                 return answer.decode("ascii")
-            except (CommunicationError, UnicodeDecodeError) as error:
+            except CommunicationError as error:
                 self.drop()
                 raise CommunicationError(f"{self._says((line,))}: {error}") from error
 
