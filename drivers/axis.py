@@ -16,6 +16,7 @@ from flflab.errors import CommunicationError, DeviceError, LimitError, MotionErr
 
 Guard = Callable[[str, float | None, float | None], None]
 POLL_S = 0.02
+CLOSE_S = 0.003  # between looks when it is about to arrive
 LEAST_PROGRESS = 1e-4  # mm or rad
 
 
@@ -321,7 +322,8 @@ class Axis:
             if time.monotonic() - moved > self._patience:
                 where = f"at {self.coordinate.show(position)}" if motion.start is not None else "before it found its reference"
                 raise MotionError(f"{motion.status.task}: no progress for {self._patience:g} s, {where}; stopped, look what holds it")
-            time.sleep(POLL_S)
+            left = POLL_S if motion.end is None else abs(position - motion.end) / self.speed / 2
+            time.sleep(min(max(left, CLOSE_S), POLL_S))
 
     def _judge(self, motion: Motion) -> MotionError | None:
         """What to say of a motion after it ended."""
