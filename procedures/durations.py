@@ -25,6 +25,7 @@ from procedures.steps import (
 BY_HAND_S = 30.0  # a person turns an iris or swaps a target
 F_NUMBERS_PER_S = 8.0
 PLACES_PER_S = 2.0  # of a wheel of targets
+START_S = 0.5  # the process that watches over the axes starts before the first motion
 SETTLE_S = 0.05  # a motor speeds up and slows down, and is asked whether it rests
 READOUT_S = 0.05
 HANDLING_S = (0.03, 0.012)  # of a frame, and of each of its megapixels: over the wire, checksum, disk
@@ -80,7 +81,7 @@ class _Timing:
         self._handling = HANDLING_S[0] + HANDLING_S[1] * megapixels
         self._analysis = ANALYSIS_S[0] + ANALYSIS_S[1] * megapixels
         self._f_number, self._target = bench.optics.main_lens.f_number, "white"
-        self._guess, self._exposures, self._owed = FIRST_GUESS_S, dict[int, float](), 0.0
+        self._guess, self._exposures, self._owed, self._start = FIRST_GUESS_S, dict[int, float](), 0.0, START_S
 
     def of(self, steps: tuple[Step, ...]) -> list[float]:
         return [self._takes(step) for step in steps]
@@ -90,7 +91,8 @@ class _Timing:
             case Home(axes):
                 ends = homed_readings(self._bench)
                 longest = max(self._motion(name, ends[name]) for name in axes)
-                return self._moving(longest)
+                start, self._start = self._start, 0.0
+                return start + self._moving(longest)
             case SetIris(f_number):
                 change = (
                     BY_HAND_S * self._rate

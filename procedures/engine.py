@@ -23,6 +23,7 @@ from flflab.record import Recording
 Plan = Generator[Msg, Any, Any]
 BY_OPERATOR = "interrupted by the operator"
 LOOK_S = 0.05
+HEARD = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))  # the last is Windows' own
 
 
 class RunInterruptedError(FlflabError):
@@ -130,12 +131,12 @@ def interrupting(engine: RunEngine, bench: ConnectedBench, asked: threading.Even
 
 @contextlib.contextmanager
 def signals_heard() -> Generator[threading.Event, None, None]:
-    """An event that SIGINT and SIGTERM set meanwhile; in another thread than the main one nothing does."""
+    """An event that Ctrl-C, Ctrl-Break and SIGTERM set meanwhile; in another thread than the main one nothing does."""
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield asked
         return
-    previous = {number: signal.signal(number, lambda *_: asked.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous = {number: signal.signal(number, lambda *_: asked.set()) for number in HEARD}
     try:
         yield asked
     finally:
