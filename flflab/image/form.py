@@ -36,6 +36,7 @@ Chosen = npt.NDArray[np.bool_]
 
 FINE = 0.05  # of the tolerance goes to the tables of antiderivatives
 PICTURE = 2.5  # how much rougher than bars a picture is: it has edges along the strips, too
+WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim, times the 3/2 power of half its width in pixels
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
@@ -86,7 +87,8 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
     counts, sharp = strip_counts(setup), is_sharp(setup)
     parts, steep = pixel_parts(setup, sharp)
     if isinstance(target, White):
-        parts = np.where(setup.rims.width < STEEP, parts, 1)
+        at_end = WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5 > 0.2 * setup.tolerance
+        parts = np.where((setup.rims.width < STEEP) | at_end, parts, 1)
     nodes = strip_nodes(counts.ravel())
     arguments = (
         setup.rims.kind,

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
-WIDE = 10.0  # half the width in pixels of a rim whose shape within a pixel does not matter
+EDGE = 0.04  # of white: what is left in the last pixels of a rim, times the 3/2 power of half its width, where only its columns are cut
 DARK, FULL, RIM, FULL_END, RIM_END = 0, 1, 2, 3, 4  # pixels: whether the rim clips, whether the window in y' ends there
 
 
@@ -134,7 +134,7 @@ def add_ruled(
         # Where neither pupil nor row matters, the mean of a column is the same all the way down.
         upright = cxy == 0.0 or not varies
         by_column, full_by_column = upright and not blurred, upright and not (blurred and chunks > 0)
-        quick = by_column and not steep and (rim_parts == 1 or abs(slope) > WIDE * width)
+        quick = by_column and not steep and (rim_parts == 1 or EDGE * (width / abs(slope)) ** 1.5 < 4.0 * fine)
         steady = np.ones((1 + rim_parts, end - start if full_by_column else 0))
         if full_by_column and blurred:
             for block in range(start, end, BLOCK):

@@ -17,6 +17,7 @@ from flflab.image.effects.motion import Motion
 from flflab.image.effects.scatter import Scatter
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.reference import trace_pixels
+from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
 from flflab.optics.camera import Camera, Sensor, Substrate
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
@@ -55,6 +56,18 @@ def test_every_target_is_imaged_as_rays_draw_it(
     distance: float,
 ) -> None:
     assert largest_difference(one_plane(with_f_number(f_number), target, distance), 4) < TOLERANCE
+
+
+@pytest.mark.parametrize("target", [White(), Edge(), Chirp((3.0, 3.0), 40.0, 40.0)], ids=name_of)
+def test_the_last_pixels_of_a_wide_rim_are_right_to_the_tolerance(with_f_number: Callable[[float], Camera], target: Target) -> None:
+    """In focus at F/16 the light of the micro-image on the axis falls to nothing as the power 3/2 of the distance from its end."""
+    camera = with_f_number(16.0)
+    scene = one_plane(replace(camera, sensor=replace(camera.sensor, resolution=(101, 101))), target, FOCUS)
+    pixels = np.array([[54, 91], [53, 92], [46, 91], [92, 50], [8, 53]])
+    image = render(scene, tolerance=1e-4)[pixels[:, 1], pixels[:, 0]]
+    traced, _ = trace_pixels(scene, pixels, wanted=5e-6)
+    assert 0 < traced.max() < 0.02
+    assert np.abs(image - traced).max() < 1e-4
 
 
 @pytest.mark.ci
