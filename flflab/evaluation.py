@@ -3,6 +3,7 @@
 Reads a record, never a bench: the same function serves a run that just ended and one from years ago.
 """
 
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from flflab.bench import Bench
 from flflab.comparison import Comparison, Row
 from flflab.diagnosis import Suspect, diagnose
+from flflab.errors import InputError
 from flflab.prediction import Errors, drawn_errors
 from flflab.properties.attitude import attitude
 from flflab.properties.contrast import contrasts
@@ -144,4 +146,10 @@ def compare(
     judged = {name: [values for values in found if values.quantity in quantities] for name, quantities in JUDGED.items()}
     present = {name: members for name, members in judged.items() if members}
     threshold = study.description.significance / len(present)
+    least = 2 * math.ceil(1 / threshold)
+    if study.description.draws < least:
+        raise InputError(
+            f"study: draws: {study.description.draws} simulated benches cannot tell a share of {100 * threshold:.2g} % "
+            f"({len(present)} properties share the significance); at least {least} are needed, 1000 is usual"
+        )
     return Comparison(tuple(lines), tuple(verdict(name, members, threshold, rng) for name, members in present.items()))

@@ -9,13 +9,9 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from flflab.bench import read_bench
-from flflab.cli.validate import REJECTED, conclude
-from flflab.comparison import write_rows
-from flflab.errors import FlflabError
-from flflab.evaluation import evaluate
+from flflab.cli.validate import REJECTED, conclude, judged
+from flflab.errors import FlflabError, InputError
 from flflab.record import read_run
-from flflab.study import read_study
 from flflab.workers import results
 
 
@@ -30,12 +26,15 @@ class Analysed(NamedTuple):
 
 def report(
     runs: Annotated[list[Path], typer.Argument(help="folder of a run, or of several")],
+    bench: Annotated[Path | None, typer.Option(help="hold one run against this bench file instead, into report-NAME.html")] = None,
     scheduler: Annotated[str | None, typer.Option(help="address of a Dask scheduler whose workers share several runs")] = None,
 ) -> None:
     """Measure and compare recorded runs again and rewrite their tables and reports."""
     if len(runs) == 1 and scheduler is None:
-        conclude(read_run(runs[0]))
+        conclude(read_run(runs[0]), bench)
         return
+    if bench is not None:
+        raise InputError("report: --bench holds one run against another bench; give one run, without --scheduler")
     with Progress(transient=True, console=Console(stderr=True)) as progress:
         bar = progress.add_task("runs", total=len(runs))
         found: list[Analysed] = []
@@ -54,15 +53,8 @@ def report(
 
 def analyse(number: int, folder: Path) -> Analysed:
     """Evaluate a recorded run and write its table and page; a run that cannot be evaluated says why and counts as not accepted."""
-    from flflab.report import write_report  # draws; loaded by those who draw
-
     try:
-        run, bench = read_run(folder), read_bench(folder / "bench.yaml")
-        study = read_study(folder / "study.yaml", bench.optics)
-        evaluation = evaluate(run, study, bench)
-        write_rows(evaluation.comparison.rows, folder / "comparison.csv")
-        write_report(evaluation, run, study, bench, folder / "report.html")
+        comparison = judged(read_run(folder))[0].comparison
     except FlflabError as error:
         return Analysed(number, folder, (str(error),), False)
-    comparison = evaluation.comparison
     return Analysed(number, folder, tuple(verdict.sentence for verdict in comparison.verdicts), comparison.accepted)

@@ -32,24 +32,43 @@ def validate(
     conclude(run)
 
 
-def conclude(run: Run) -> None:
-    """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is rejected."""
+def judged(run: Run, bench_file: Path | None = None) -> tuple[Evaluation, Path]:
+    """Evaluate a run and write its table and page beside it.
+
+    Args:
+        run: the record.
+        bench_file: the bench to hold it against, a calibrated one for instance; the recorded one without it.
+
+    Returns:
+        What was found, and the page.
+
+    Raises:
+        FlflabError: a description is wrong, a frame is missing or cannot be measured.
+    """
     from flflab.report import write_report  # draws; loaded by those who draw
 
-    recorded_bench = read_bench(run.folder / "bench.yaml")
-    recorded_study = read_study(run.folder / "study.yaml", recorded_bench.optics)
+    bench = read_bench(bench_file or run.folder / "bench.yaml")
+    study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
+    evaluation = evaluate(run, study, bench)
+    besides = f"-{bench_file.stem}" if bench_file else ""
+    write_rows(evaluation.comparison.rows, run.folder / f"comparison{besides}.csv")
+    page = run.folder / f"report{besides}.html"
+    write_report(evaluation, run, study, bench, page)
+    return evaluation, page
+
+
+def conclude(run: Run, bench_file: Path | None = None) -> None:
+    """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is rejected."""
     console = Console()
     with Console(stderr=True).status("measure and compare"):
-        evaluation = evaluate(run, recorded_study, recorded_bench)
-        write_rows(evaluation.comparison.rows, run.folder / "comparison.csv")
-        write_report(evaluation, run, recorded_study, recorded_bench, run.folder / "report.html")
+        evaluation, page = judged(run, bench_file)
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
     accepted = evaluation.comparison.accepted
     console.print("The camera does what its model says." if accepted else "The camera does not do what its model says.", style="bold")
     for suspect in not_told_apart(evaluation.suspects):
         console.print(f"Would explain it: {suspect.sentence}.", highlight=False)
-    console.print(f"Report: {run.folder / 'report.html'}", highlight=False, soft_wrap=True)
+    console.print(f"Report: {page}", highlight=False, soft_wrap=True)
     if not accepted:
         raise typer.Exit(REJECTED)
 
@@ -57,14 +76,10 @@ def conclude(run: Run) -> None:
 def _verdicts(evaluation: Evaluation) -> Table:
     """One line a property: how many benches built and measured as stated disagree at least as much."""
     table = Table(box=box.SIMPLE, title="Verdicts")
-    for head, justify in (
-        ("", "left"),
-        ("values", "right"),
-        ("honest benches as far off", "right"),
-        ("rejected below", "right"),
-        ("", "left"),
-    ):
-        table.add_column(head, justify=justify)
+    table.add_column("")
+    for head in ("values", "honest benches as far off", "rejected below"):
+        table.add_column(head, justify="right")
+    table.add_column("")
     for one in evaluation.comparison.verdicts:
         shares = (f"{100 * share:.3g} %" for share in (one.p_value, one.threshold))
         table.add_row(

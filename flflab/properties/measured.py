@@ -59,11 +59,13 @@ def measure_configuration(run: Run, configuration: Configuration, study: Study, 
     for target in ("white", "four-dot", "bars"):
         pictures[target], frames[target] = _mean_picture(run, configuration, target)
     first = frames["four-dot"][0]
+    # by this bench's zeros: it need not be the one that the run was recorded with
+    elements = [(name, axis) for name, axis in bench.description.axes.items() if axis.moves in first.worlds and name in first.readings]
     return measure_pictures(
         pictures,
         {target: averaged(sensor_noise(run, taken[0].exposure_s), len(taken)) for target, taken in frames.items()},
         configuration,
-        first.worlds,
+        first.worlds | {axis.moves: axis.world(first.readings[name]) for name, axis in elements},
         study,
         bench.optics,
         first.exposure_s,
