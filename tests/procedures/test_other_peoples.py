@@ -1,0 +1,81 @@
+"""bluesky's own plans on our devices, served by the simulation, and our plans on ophyd's simulated ones."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from bluesky import RunEngine
+from bluesky import plans as bp
+from event_model import DocumentNames, schema_validators
+from ophyd.sim import SynAxis, SynSignal
+
+from drivers.base import wait_all
+from drivers.bench import connect
+from flflab.bench import Bench
+from flflab.study import Study
+from procedures.steps import Move, SetIris, ShowTarget, steps
+from procedures.sweep import Course, Instruments, Progress, sweep
+
+
+@pytest.fixture
+def engine() -> Iterator[RunEngine]:
+    """A RunEngine whose loop ends with the test."""
+    engine = RunEngine({}, context_managers=[])
+    yield engine
+    engine.loop.call_soon_threadsafe(engine.loop.stop)
+    engine._th.join()  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+    engine.loop.close()
+
+
+def test_blueskys_own_plans_run_on_our_axes_iris_and_target(served: Callable[..., Any], engine: RunEngine) -> None:
+    events: list[dict[str, Any]] = []
+
+    def keep(name: str, document: Any) -> None:
+        schema_validators[DocumentNames[name]].validate(document)
+        if name == "event":
+            events.append(document["data"])
+
+    with served() as (_, _, bench_file), connect(bench_file) as bench:
+        array, sensor, lens = bench.array_stage, bench.sensor_stage, bench.main_lens_stage
+        wait_all(*(axis.home() for axis in (array, sensor, lens)), timeout=30)
+        engine(bp.count([array, bench.iris, bench.target], 2), keep)
+        engine(bp.scan([bench.iris], lens, 1.0, 3.0, 3), keep)
+        engine(bp.grid_scan([], array, 5.0, 6.0, 2, sensor, 5.0, 7.0, 3, snake_axes=True), keep)
+        engine(bp.rel_scan([], lens, -0.5, 0.5, 2), keep)
+        stops: list[Any] = [bench.iris, [4.0, 8.0]]
+        engine(bp.list_scan([], *stops), keep)
+        places = (array.position(), sensor.position(), lens.position())
+    assert [event.get("target") is not None for event in events] == [True] * 2 + [False] * (3 + 6 + 2 + 2)
+    assert [event["main_lens_stage_mm"] for event in events[2:5]] == pytest.approx([1.0, 2.0, 3.0], abs=5e-4)
+    grid = [(event["array_stage_mm"], event["sensor_stage_mm"]) for event in events[5:11]]
+    assert grid == [pytest.approx(point, abs=5e-4) for point in ((5, 5), (5, 6), (5, 7), (6, 7), (6, 6), (6, 5))]
+    assert [event["main_lens_stage_mm"] for event in events[11:13]] == pytest.approx([2.5, 3.5], abs=5e-4)
+    assert [event["iris"] for event in events[13:]] == pytest.approx([4.0, 8.0], rel=0.005)
+    assert places == pytest.approx((6.0, 5.0, 3.0), abs=5e-4), "a relative scan goes back to where it began"
+
+
+def test_the_moves_of_a_sweep_run_on_ophyds_simulated_devices(
+    described: Callable[..., tuple[Study, Bench]], engine: RunEngine, tmp_path: Path
+) -> None:
+    """Nothing of ours is below the plan: axes, iris and target are ophyd's."""
+    study, bench = described()
+    moves = tuple(step for step in steps(study, bench) if isinstance(step, Move | SetIris | ShowTarget))
+    axes = {name: SynAxis(name=name) for name in bench.description.axes}
+    iris, target = SynAxis(name="iris"), SynSignal(name="target")
+    went: dict[str, list[float]] = {name: [] for name in axes}
+    for name, axis in axes.items():
+        axis.subscribe(lambda *_, value, name=name, **__: went[name].append(value), run=False)
+    peers: Any = SimpleNamespace(axes=axes, iris=iris, target=target, described=bench)
+    nothing: Any = SimpleNamespace(latest=None, shot=None)
+    told: list[Progress] = []
+    engine(sweep(Instruments(peers, nothing, nothing, nothing, 0.7), moves, Course(), told.append))
+    due: dict[str, list[float]] = {name: [] for name in axes}
+    for step in moves:
+        for group in step.groups if isinstance(step, Move) else ():
+            for name, reading in group.items():
+                due[name].append(reading)
+    assert any(due.values())
+    assert went == due
+    assert len(told) == len(moves) + 1
