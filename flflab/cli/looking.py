@@ -1,0 +1,165 @@
+"""``flflab bench snap`` and ``scan``: look through the camera, once, again and again, or along an axis, with a figure of focus."""
+
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from flflab.analysis.focus import focus_figure, parabola_top
+from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, place
+from flflab.errors import DeviceError, InputError
+from flflab.image_file import write_picture
+from flflab.raw_file import RawPicture, write_raw
+from flflab.units import parse_quantity
+
+if TYPE_CHECKING:
+    from drivers.base import CameraDevice, Frame
+
+ENDINGS = (".png", ".tiff", ".tif", ".dng")
+MOST_FAILED = 3  # frames in a row before a live view gives up
+BAR = 40  # characters
+Exposure = Annotated[str, typer.Option(help="exposure time with its unit")]
+Gain = Annotated[float, typer.Option(help="gain, as a factor")]
+
+
+def snap(
+    bench: BenchFile,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="picture to write: .png, .tiff (16 bits) or .dng")] = None,
+    exposure: Exposure = "10 ms",
+    gain: Gain = 1.0,
+    live: Annotated[bool, typer.Option("--live", help="go on until Ctrl-C; -o then always holds the newest picture")] = False,
+) -> None:
+    """Take one picture of whatever stands before the camera, or one after the other with a figure of focus."""
+    seconds = parse_quantity(exposure, "time")
+    if output is not None and output.suffix.lower() not in ENDINGS:
+        raise InputError(f"{output}: a picture is written as .png, .tiff or .dng; give such a name")
+    if output is None and not live:
+        raise InputError("asked for a picture and no file to write; give one with -o, or look only with --live")
+    with connected_bench(bench) as connected:
+        camera = connected.camera
+        camera.prepare(seconds, gain)
+        if live:
+            _watch(camera, output)
+        frame = camera.grab()
+        saturated = _saturated(frame, camera)
+        if output is not None:
+            _write(output, frame, camera)
+    rows, columns = frame.picture.shape
+    typer.echo(f"{output}: {columns} x {rows} pixels, {frame.exposure_s:g} s, {frame.pixel_format}, {saturated} saturated")
+
+
+def scan(
+    axis: AxisName,
+    first: Annotated[str, typer.Argument(help="first reading with its unit: '10 mm'; a negative one after --")],
+    last: Annotated[str, typer.Argument(help="last reading with its unit")],
+    bench: BenchFile,
+    points: Annotated[int, typer.Option(min=3, max=1000, help="how many readings, both ends included")] = 11,
+    exposure: Exposure = "10 ms",
+    gain: Gain = 1.0,
+    go: Annotated[bool, typer.Option("--go", help="at the end go to the best reading, from the side of the first")] = False,
+) -> None:
+    """Move an axis through a range, take a picture at each reading, and show where it is sharpest."""
+    seconds = parse_quantity(exposure, "time")
+    with connected_bench(bench) as connected:
+        moved, camera = axis_named(connected, axis), connected.camera
+        show, dimension = moved.coordinate.show, moved.coordinate.dimension
+        readings = np.linspace(parse_quantity(first, dimension), parse_quantity(last, dimension), points)
+        if readings[0] == readings[-1]:
+            raise InputError(f"asked to scan {axis} from {first} to {last}; the two must differ")
+        for reading in readings:
+            moved.check_value(float(reading))  # all of them before anything moves
+        camera.prepare(seconds, gain)
+        figures = np.zeros(points)
+        saturated = 0
+        for place_, reading in enumerate(readings):
+            moved.move_to(float(reading)).wait()
+            frame = camera.grab()
+            figures[place_] = _figure(frame, camera)
+            saturated = max(saturated, _saturated(frame, camera))
+            sys.stderr.write(f"{place_ + 1}/{points} {show(float(reading), '.4f')}  focus {figures[place_]:.5f}\n")
+        best = parabola_top(readings, figures)
+        for line in _curve([show(float(reading), ".4f") for reading in readings], figures):
+            typer.echo(line)
+        if saturated:
+            typer.echo(f"up to {saturated} pixels saturated: expose less, else the figure says little")
+        if best is None:
+            end = show(float(readings[int(np.argmax(figures))]), ".4f")
+            typer.echo(f"sharpest at the end of the range, {end}: scan beyond it")
+            return
+        typer.echo(f"sharpest at {show(best, '.4f')}")
+        if go:
+            moved.move_to(float(readings[0])).wait()
+            moved.move_to(best).wait()
+            typer.echo(place(moved))
+
+
+def _watch(camera: "CameraDevice", output: Path | None) -> None:
+    """Show every frame's figure until Ctrl-C.
+
+    Raises:
+        typer.Exit: with code 130, at Ctrl-C.
+        DeviceError: several frames in a row failed; a single one is told and the view goes on.
+    """
+    best, failed = 0.0, 0
+    end = "\r" if sys.stdout.isatty() else "\n"
+    try:
+        while True:
+            begun = time.monotonic()
+            try:
+                frame = camera.grab()
+            except DeviceError as error:
+                failed += 1
+                if failed == MOST_FAILED:
+                    raise
+                sys.stderr.write(f"flflab: {error}\n")
+                continue
+            failed = 0
+            figure = _figure(frame, camera)
+            best = max(best, figure)
+            if output is not None:
+                _write(output, frame, camera)
+            rate = 1 / max(time.monotonic() - begun, 1e-6)
+            facts = f"best {best:.5f}, {_saturated(frame, camera)} saturated, {rate:.1f} frames/s"
+            sys.stdout.write(f"frame {frame.number}  focus {figure:.5f} {_bar(figure / best if best else 0.0)} {facts}  {end}")
+            sys.stdout.flush()
+    except KeyboardInterrupt:
+        sys.stdout.write("\n")
+        raise typer.Exit(130) from None
+
+
+def _figure(frame: "Frame", camera: "CameraDevice") -> float:
+    return focus_figure(frame.picture, camera.offset_dn, camera.dn_per_electron, camera.read_noise_dn)
+
+
+def _saturated(frame: "Frame", camera: "CameraDevice") -> int:
+    return int(np.count_nonzero(frame.picture >= camera.full_scale))
+
+
+def _bar(share: float) -> str:
+    return ("#" * round(BAR * share)).ljust(BAR, ".")
+
+
+def _curve(readings: list[str], figures: "np.ndarray") -> Iterator[str]:
+    """A table with a bar for each reading, scaled between the least and the largest figure."""
+    least, most = float(figures.min()), float(figures.max())
+    width = max(map(len, readings))
+    for reading, figure in zip(readings, figures, strict=True):
+        share = (figure - least) / (most - least) if most > least else 1.0
+        yield f"{reading.rjust(width)}  {figure:.5f}  {'#' * max(1, round(BAR * share))}"
+
+
+def _write(output: Path, frame: "Frame", camera: "CameraDevice") -> None:
+    """Write the picture under another name first, so that who looks at the file never sees half of one."""
+    part = output.with_name(f".{output.stem}.part{output.suffix}")
+    if output.suffix.lower() == ".dng":
+        mosaic = frame.pixel_format.removeprefix("Bayer").rstrip("0123456789") if frame.pixel_format.startswith("Bayer") else ""
+        pattern = {"RG": "rggb", "BG": "bggr", "GR": "grbg", "GB": "gbrg"}.get(mosaic)
+        black = round(camera.offset_dn)
+        write_raw(part, RawPicture(frame.picture, pattern, (black, black, black, black), camera.full_scale, exposure_s=frame.exposure_s))
+    else:
+        write_picture(part, frame.picture)
+    part.replace(output)

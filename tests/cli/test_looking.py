@@ -1,0 +1,100 @@
+"""``flflab bench snap`` and ``scan`` as an operator uses them to adjust by hand, on a served bench."""
+
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from flflab.bench import read_bench
+from flflab.image_file import read_picture
+from flflab.raw_file import read_raw
+from sim.serve import Served, serve, warm_up, write_bench
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def bench(root: Path, tmp_path: Path) -> Iterator[tuple[Served, Path]]:
+    """A served bench with a sensor of 160 x 120 pixels, and a file that leads to it."""
+    camera = yaml.safe_load((root / "examples/cameras/osinski.yaml").read_text(encoding="utf-8"))
+    camera["sensor"] |= {"resolution": [160, 120], "pixel": "6 um"}
+    (tmp_path / "camera.yaml").write_text(yaml.safe_dump(camera), encoding="utf-8")
+    described = yaml.safe_load((root / "examples/benches/simulated.yaml").read_text(encoding="utf-8"))
+    described["optics"] = "camera.yaml"
+    described["simulated"]["clock"] = 100
+    (tmp_path / "bench.yaml").write_text(yaml.safe_dump(described, sort_keys=False), encoding="utf-8")
+    read = read_bench(tmp_path / "bench.yaml")
+    with serve(read) as served:
+        warm_up(served).join()
+        write_bench(read, served, tmp_path / "served.yaml")
+        yield served, tmp_path / "served.yaml"
+
+
+@pytest.mark.ci
+def test_a_scan_shows_where_it_is_sharpest_and_goes_there(flflab: Run, bench: tuple[Served, Path]) -> None:
+    served, file = bench
+    world = served.world
+    home = flflab("bench", "home", "--bench", file)
+    assert home.code == 0, home.err
+    flflab("bench", "move", "main_lens_stage", "10 mm", "--bench", file)
+    flflab("bench", "move", "array_stage", "20 mm", "--bench", file)
+    scanned = flflab("bench", "scan", "sensor_stage", "18.6 mm", "19.1 mm", "--points", "6", "--exposure", "5 ms", "--bench", file, "--go")
+    assert scanned.code == 0, scanned.err
+    assert len(re.findall(r"^\d/6 .* mm  focus \d\.\d+$", scanned.err, re.MULTILINE)) == 6
+    curve = re.findall(r"^(\d+\.\d+) mm  (\d\.\d+)  (#+)$", scanned.out, re.MULTILINE)
+    assert len(curve) == 6
+    figures = np.array([float(figure) for _, figure, _ in curve])
+    assert [len(bar) for _, _, bar in curve] == pytest.approx(
+        [max(1, round(40 * (figure - figures.min()) / np.ptp(figures))) for figure in figures], abs=1
+    )
+    if "at the end of the range" not in scanned.out:
+        best = re.search(r"sharpest at (\d+\.\d+) mm", scanned.out)
+        assert best is not None
+        assert f"sensor_stage is at {best[1]}"[:-1] in scanned.out
+        assert abs(float(best[1]) - float(curve[int(np.argmax(figures))][0])) <= 0.1
+    assert world.gap(world.clock.now()) > 0.3
+
+
+def test_a_scan_beyond_the_limits_moves_nothing(flflab: Run, bench: tuple[Served, Path]) -> None:
+    served, file = bench
+    before = served.world.elements(served.world.clock.now())
+    refused = flflab("bench", "scan", "array_stage", "10 mm", "60 mm", "--bench", file)
+    assert refused.code == 1
+    assert "array_stage: asked to go to" in refused.err
+    same = flflab("bench", "scan", "array_stage", "10 mm", "10 mm", "--bench", file)
+    assert (same.code, "the two must differ" in same.err) == (1, True)
+    assert served.world.elements(served.world.clock.now()) == before
+
+
+def test_a_snap_is_written_as_raw_too_and_needs_somewhere_to_go(flflab: Run, bench: tuple[Served, Path], tmp_path: Path) -> None:
+    _, file = bench
+    taken = flflab("bench", "snap", "--bench", file, "-o", tmp_path / "a.dng", "--exposure", "4 ms")
+    assert taken.code == 0, taken.err
+    assert "160 x 120 pixels, 0.004 s, Mono12" in taken.out
+    raw = read_raw(tmp_path / "a.dng")
+    assert (raw.values.shape, raw.black_level[0], raw.white_level, raw.exposure_s) == ((120, 160), 64, 4095, 0.004)
+    refused = flflab("bench", "snap", "--bench", file)
+    assert (refused.code, "no file to write" in refused.err) == (1, True)
+
+
+@pytest.mark.ci
+@pytest.mark.skipif(sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there")
+def test_a_live_view_goes_on_until_ctrl_c_and_ends_without_a_traceback(bench: tuple[Served, Path], tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "flflab", "bench", "snap", "--bench", bench[1], "--live", "-o", tmp_path / "now.png"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        lines = [child.stdout.readline() for _ in range(3)]
+        child.send_signal(signal.SIGINT)
+        _, complaints = child.communicate(timeout=20)
+    assert child.returncode == 130
+    assert "Traceback" not in complaints
+    for number, line in enumerate(lines, start=1):
+        assert re.match(rf"frame {number}  focus \d\.\d{{5}} [#.]{{40}} best \d\.\d{{5}}, \d+ saturated, \d+\.\d frames/s", line), line
+    assert read_picture(tmp_path / "now.png").shape == (120, 160)
