@@ -94,7 +94,7 @@ def clipping_shift(
     by_chief = 1.0 if bool(microlens_limits(smms, 1 / distance)) else 1 + beta
     size = half + 2
     picture = _pictures(size, spots * by_chief, radius, main, max(microlens, 1e-3), beta, _GAUSS, _WEIGHTS) * _LEVEL_DN + noise.offset_dn
-    middles = np.stack([size + spots - np.rint(spots), size + np.arange(_PLACES) * (2.0 * size + 1)], axis=1)
+    middles: Array = np.stack([size + spots - np.rint(spots), size + np.arange(_PLACES) * (2.0 * size + 1)], axis=1).astype(np.float64)
     own = Lit(middles - np.stack([spots, np.zeros(_PLACES)], axis=1), np.full(_PLACES, _LEVEL_DN), table)
     found = fit_spots(picture, middles, half, own, profile, noise)
     extra = np.interp(r, spots, found.centres[:, 0] - middles[:, 0])

@@ -20,7 +20,7 @@ def triangulate(
     camera: Camera,
     distance: float,
 ) -> tuple[Array, Array]:
-    """World position (x, y, z) in mm of a dot seen at ``centres_px``, and its standard uncertainties from those of the centres.
+    """World position (x, y, z) in mm of a dot seen at ``centres_px``, and its standard uncertainties from those of centres and lattice.
 
     The ray through microlens Q's centre meets the sensor at s = (1 + b/L - b/(L x)) Q - o V b/x. With x = L V + 1 - L/F and
     c = (1 + b/L) Q the micro-image's centre this is linear in the vergence and in the angle o V:
@@ -57,10 +57,34 @@ def triangulate(
     if np.linalg.cond(normal) > 1e12:
         return nowhere, nowhere
     inverse = np.linalg.inv(normal)
-    vergence, angle_x, angle_y = inverse @ ((rows / scale).T @ values) / scale
+    best = inverse @ ((rows / scale).T @ values)
+    inverse = inverse + _from_lattice((rows / scale) @ inverse / spread[:, None], lattice, lens, camera, x)
+    vergence, angle_x, angle_y = best / scale
     covariance = inverse / np.outer(scale, scale)
     far = 1 / vergence
     # world: x = (o V)/V, y likewise, z = -1/V
     jacobian = np.array([[-angle_x * far**2, far, 0.0], [-angle_y * far**2, 0.0, far], [far**2, 0.0, 0.0]])
     position = np.array([angle_x * far, angle_y * far, -far])
     return position, np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+
+
+def _from_lattice(gains: Array, lattice: Lattice, lens: npt.NDArray[np.int64], camera: Camera, x: float) -> Array:
+    """What the uncertainty of the lattice adds to the covariance; all centres move together. 0 where none is known.
+
+    Args:
+        gains: of the solution by the right sides of the equations, shape (2 n, 3).
+        lattice: the micro-images.
+        lens: position of each in the lattice, shape (n,).
+        camera: nominal.
+        x: image offset; the equations (s - c) x + b (o V) + (b/L) c / (1 + b/L) = 0 move by x - (b/L)/(1 + b/L) per c.
+    """
+    if not np.isfinite(lattice.covariance_px).all():
+        return np.zeros((3, 3))
+    smms = central_smms(camera)
+    slope = float(smms.gap / smms.distance)
+    i, j = lattice.indices[lens].T
+    moves = np.zeros((len(lens), 2, 6))
+    for n in range(2):
+        moves[:, n, n], moves[:, n, 2 + n], moves[:, n, 4 + n] = 1.0, i, j
+    by_lattice = gains.T @ moves.reshape(-1, 6) * camera.sensor.pixel * (x - slope / (1 + slope))
+    return by_lattice @ lattice.covariance_px @ by_lattice.T
