@@ -1,5 +1,6 @@
 """Transfer function from the edges in all bright fields of one frame: each view on its own, then pooled."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ MARGIN_PX = 2.0
 FREQUENCIES = np.linspace(0.0, 0.5, 26)  # cycles/px
 LEAST_SIDE = 0.1  # of a bright field's pixels on each side of the edge
 LEAST_STEP = 0.3  # of the brightest field's light
+LEAST_HEIGHT = 0.5  # of the bright side's light: the target is black and white
+WORST_RESIDUAL = 4.0  # of a pixel from its edge, in units of its noise
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,7 @@ def measure_edges(picture: npt.NDArray[np.generic], lattice: Lattice, camera: Ca
     top = float(np.quantile(light, 0.99))
     fits: list[FreeEdge] = []
     lenses: list[int] = []
+    strange = math.inf
     for lens in np.unique(pixels.lens):
         here = pixels.lens == lens
         bright = float(np.mean(light[here] > top / 2))
@@ -73,10 +77,20 @@ def measure_edges(picture: npt.NDArray[np.generic], lattice: Lattice, camera: Ca
         mask[rows - first, columns - left] = True
         patch = values[first : first + mask.shape[0], left : left + mask.shape[1]]
         try:
-            fits.append(fit_free_edge(patch, mask, np.sqrt(noise.variance(patch))))
+            found = fit_free_edge(patch, mask, np.sqrt(noise.variance(patch)))
         except MeasurementError:
             continue  # a field that an edge only brushes
+        bright = found.fit.dark + found.fit.height - noise.offset_dn
+        if found.fit.residual > WORST_RESIDUAL or found.fit.height < LEAST_HEIGHT * bright:
+            strange = min(strange, found.fit.residual)
+            continue
+        fits.append(found)
         lenses.append(int(lens))
+    if not fits and strange < math.inf:
+        raise MeasurementError(
+            "edge: what crosses the bright fields is no straight edge between black and white, the pixels depart from one by "
+            f"{strange:.1f} times their noise or more; check target and focus"
+        )
     if not fits:
         raise MeasurementError("edge: no bright field is crossed by an edge; move the target so that its edge lies before the camera")
     curves = np.array([fit.mtf(FREQUENCIES) for fit in fits])

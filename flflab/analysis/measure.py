@@ -6,16 +6,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast import ContrastCurve, fit_contrast
-from flflab.analysis.dots import DotViews, count_views
+from flflab.analysis.contrast import fit_contrasts
+from flflab.analysis.dots import count_views
 from flflab.analysis.edges import EdgeCurve, measure_edges
 from flflab.analysis.lattice import Lattice, find_lattice, pitch_and_angle
+from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json
+from flflab.analysis.mosaic import Mosaic, from_raw
 from flflab.analysis.noise import SensorNoise, estimate_noise
-from flflab.analysis.registration import require_picture, sensor_pixel
+from flflab.analysis.presence import require_dots, require_light
+from flflab.analysis.registration import require_picture, require_shape, sensor_pixel
 from flflab.errors import InputError
 from flflab.optics.camera import Camera, microlens_centres
-from flflab.optics.focus import magnification, sharp_vergence
+from flflab.optics.focus import sharp_vergence
 from flflab.optics.resolution import central_smms
+from flflab.raw_file import RawPicture
 from flflab.targets import Bars, Chirp, Edge, FourDot, Target, White
 
 Array = npt.NDArray[np.float64]
@@ -26,7 +30,7 @@ SCALED_WHITE_DN = 4000.0
 
 
 def measure(
-    picture: npt.NDArray[np.generic],
+    picture: npt.NDArray[np.generic] | RawPicture,
     camera: Camera,
     target: Target | None = None,
     distance: float | None = None,
@@ -38,7 +42,8 @@ def measure(
     measured on the camera's nominal lattice, and a remark says so.
 
     Args:
-        picture: [row, col]; DN, or any other unit where ``noise`` is None.
+        picture: [row, col]; DN, or any other unit where ``noise`` is None. A raw one is measured above its black level, the filters of its
+            mosaic as four sub-lattices.
         camera: nominal.
         target: what stood there; None means white.
         distance: main lens to target, mm; None means where the camera is sharp.
@@ -53,34 +58,57 @@ def measure(
         MeasurementError: the picture does not hold what was to be measured.
     """
     target = White() if target is None else target
-    values, remarks = require_picture(picture, camera, target.kind), list[str]()
-    if noise is None:
-        floating = np.asarray(picture).dtype.kind == "f"
-        if floating:
-            # in units of the white level the rounding of whole numbers would count as noise
-            values = values * (SCALED_WHITE_DN / max(float(np.quantile(values, 0.999)), 1e-300))
-        noise = estimate_noise(values if floating else picture)
-        remarks.append("the sensor's noise was estimated from the picture itself")
-    result: dict[str, Any] = {"dots": [], "mtf": []}
-    if isinstance(target, White):
-        lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, noise)
-        remarks += _radius_remarks(lattice, camera)
-    elif isinstance(target, FourDot | Bars | Edge):
-        lattice = nominal_lattice(camera, max(float(np.quantile(values, 0.999)) - noise.offset_dn, 1.0))
-        remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
-        away = _sharp_distance(camera) if distance is None else distance
-        if isinstance(target, FourDot):
-            result["dots"] = [_dot(dot) for dot in count_views(values, None, lattice, camera, target, away, noise)]
-        elif isinstance(target, Edge):
-            edges = measure_edges(values, lattice, camera, noise)
-            result["mtf"] = _edge_curve(edges, camera, away)
-            remarks += _edge_remarks(edges)
-        else:
-            result["mtf"] = _curve(fit_contrast(values, lattice, camera, target, away, noise))
-    else:
+    if not isinstance(target, White | FourDot | Bars | Edge):
         kinds = ", ".join(kind.kind for kind in (White, FourDot, Bars, Chirp, Edge))
         raise InputError(f"measure: a {target.kind} target cannot be measured; allowed are {kinds}")
-    return {"lattice": _lattice(lattice), **result, "remarks": remarks}
+    remarks = list[str]()
+    if isinstance(picture, RawPicture):
+        require_shape(picture.values, camera, target.kind)
+        mosaic = from_raw(picture, noise)
+        if mosaic.gains is not None:
+            share = ", ".join(f"{gain:.4f}" for gain in mosaic.gains.ravel())
+            remarks.append(f"the mosaic {picture.pattern} was measured as four sub-lattices of gains {share}")
+    else:
+        mosaic = _grey(require_picture(picture, camera, target.kind), np.asarray(picture), noise, remarks)
+    if noise is None:
+        remarks.append("the sensor's noise was estimated from the picture itself")
+    values, evened = mosaic.even()
+    require_light(values, evened, target)
+    result: dict[str, Any] = {"dots": [], "mtf": []}
+    if isinstance(target, White):
+        lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened)
+        remarks += _radius_remarks(lattice, camera)
+        return {"lattice": lattice_json(lattice), **result, "remarks": remarks}
+    lattice = nominal_lattice(camera, max(float(np.quantile(values, 0.999)) - evened.offset_dn, 1.0))
+    remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
+    away = _sharp_distance(camera) if distance is None else distance
+    if isinstance(target, FourDot):
+        dots = count_views(values, None, lattice, camera, target, away, evened)
+        require_dots(values, dots, camera, target, away, evened)
+        result["dots"] = [dot_json(dot) for dot in dots]
+    elif isinstance(target, Edge):
+        edges = measure_edges(values, lattice, camera, evened)
+        result["mtf"] = edge_json(edges, camera, away)
+        remarks += _edge_remarks(edges)
+    else:
+        curves, reasons = fit_contrasts(mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains)
+        result["mtf"] = [point for curve in curves for point in contrast_json(curve, lattice)]
+        remarks += reasons
+    return {"lattice": lattice_json(lattice), **result, "remarks": remarks}
+
+
+def _grey(values: Array, picture: npt.NDArray[np.generic], noise: SensorNoise | None, remarks: list[str]) -> Mosaic:
+    """A picture without filters, in steps of one."""
+    if noise is None and picture.dtype.kind == "f":
+        # in units of the white level the rounding of whole numbers would count as noise
+        values = values * (SCALED_WHITE_DN / max(float(np.quantile(values, 0.999)), 1e-300))
+    if noise is None and picture.dtype.kind == "u":
+        step = int(np.gcd.reduce(picture.ravel().astype(np.int64))) or 1
+        if step > 1 and step & (step - 1) == 0:
+            values = values / step
+            picture = values.astype(np.uint16)
+            remarks.append(f"every number of the picture is a multiple of {step}: fewer bits, shifted up; they were shifted back")
+    return Mosaic(values, estimate_noise(picture if picture.dtype.kind == "u" else values) if noise is None else noise, None)
 
 
 def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:
@@ -138,55 +166,6 @@ def _radius_remarks(lattice: Lattice, camera: Camera) -> list[str]:
         f"the {name} radius is {found:.2f} px, the camera's description makes it {due:.2f} px; check f-number, apertures and distances"
         for name, found, due, doubt in pairs
         if abs(found - due) > max(RADIUS_TOLERANCE * due, 4 * doubt, 0.5)
-    ]
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _lattice(lattice: Lattice) -> dict[str, Any]:
-    return {
-        "layout": lattice.layout,
-        "pitch_px": lattice.pitch_px,
-        "angle_deg": math.degrees(lattice.angle),
-        "origin_px": lattice.origin_px.tolist(),
-        "centres_px": lattice.centres_px.tolist(),
-        "inside_radius_px": lattice.inside_radius_px,
-        "outside_radius_px": lattice.outside_radius_px,
-        "uncertainty": {
-            "pitch_px": _number(lattice.pitch_uncertainty_px),
-            "angle_deg": _number(math.degrees(lattice.angle_uncertainty)),
-            "origin_px": [_number(value) for value in lattice.origin_uncertainty_px],
-            "inside_radius_px": _number(lattice.inside_uncertainty_px),
-            "outside_radius_px": _number(lattice.outside_uncertainty_px),
-        },
-    }
-
-
-def _dot(dot: DotViews) -> dict[str, Any]:
-    return {
-        "dot": dot.dot,
-        "views": dot.views,
-        "views_uncertain": dot.views_uncertain,
-        "centres_px": dot.centres_px.tolist(),
-        "position_mm": [_number(value) for value in dot.position_mm],
-        "uncertainty_mm": [_number(value) for value in dot.uncertainty_mm],
-    }
-
-
-def _curve(curve: ContrastCurve) -> list[dict[str, float]]:
-    return [
-        {"cycles_per_px": float(u), "cycles_per_mm": float(nu), "contrast": float(contrast), "uncertainty": float(doubt)}
-        for u, nu, contrast, doubt in zip(curve.cycles_per_px, curve.cycles_per_mm, curve.contrast, curve.uncertainty, strict=True)
-    ]
-
-
-def _edge_curve(curve: EdgeCurve, camera: Camera, distance: float) -> list[dict[str, float]]:
-    scale = float(magnification(central_smms(camera), 1 / distance)) / camera.sensor.pixel
-    return [
-        {"cycles_per_px": float(u), "cycles_per_mm": float(u) * scale, "contrast": float(mtf), "uncertainty": float(doubt)}
-        for u, mtf, doubt in zip(curve.cycles_per_px, curve.mtf, curve.uncertainty, strict=True)
     ]
 
 

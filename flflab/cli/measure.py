@@ -14,6 +14,7 @@ from flflab.cli.ending import print_json
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
 from flflab.image_file import read_picture
+from flflab.raw_file import RAW, read_raw
 from flflab.units import parse_quantity
 
 
@@ -22,13 +23,16 @@ def measure(
     camera: Annotated[Path, typer.Option(help="camera file (YAML) of the camera that took it")],
     target: Annotated[str, typer.Option(help="kind of target that stood there, or its YAML file")] = "white",
     distance: Annotated[str | None, typer.Option(help="main lens to target, with its unit; without it where the camera is sharp")] = None,
+    number: Annotated[int | None, typer.Option(help="which picture of a file of several (.h5, .tiff), from 0")] = None,
     json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output (pixels, mm)")] = False,
 ) -> None:
     """Measure one picture; positions are (x, y) in pixels, (0, 0) is the centre of the top-left one."""
     away = None if distance is None else parse_quantity(distance, "length")
     if away is not None and not away > 0:
         raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm")
-    result = measure_picture(read_picture(frame), read_camera(camera), read_target(target), away)
+    raw = frame.suffix.lower() in RAW and number in (None, 0)
+    picture = read_raw(frame) if raw else read_picture(frame, number)
+    result = measure_picture(picture, read_camera(camera), read_target(target), away)
     if json:
         print_json(result)
         return
@@ -67,9 +71,18 @@ def _dots(dots: list[dict[str, Any]]) -> Table:
 
 
 def _contrasts(points: list[dict[str, Any]]) -> Table:
+    """Of several kinds of microlenses a curve each; the classic reading, (max - min)/(max + min), with its bias."""
     table = Table(title="Contrast against frequency", box=box.SIMPLE)
-    for head in ("cycles/px", "contrast"):
+    kinds = dict.fromkeys(point.get("microlens_focal_length_mm") for point in points)
+    classic = any("classic" in point for point in points)
+    heads = ["microlens mm"] * (len(kinds) > 1) + ["cycles/px", "contrast"] + ["views", "max, min", "its bias"] * classic
+    for head in heads:
         table.add_column(head, justify="right")
     for point in points:
-        table.add_row(f"{point['cycles_per_px']:.4f}", f"{point['contrast']:.4f} ± {point['uncertainty']:.4f}")
+        row = [f"{point['microlens_focal_length_mm']:g}"] if len(kinds) > 1 else []
+        row += [f"{point['cycles_per_px']:.4f}", f"{point['contrast']:.5f} ± {point['uncertainty']:.5f}"]
+        if classic:
+            row += [str(len(point["views"]))]
+            row += ["none" if value is None else f"{value:+.3f}" for value in (point["classic"], point["classic_bias"])]
+        table.add_row(*row)
     return table

@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.special import j1
+from scipy.special import fresnel, j1
 
-from flflab.analysis.contrast import ContrastCurve, fit_contrast
+from flflab.analysis.contrast import ContrastCurve, fit_contrast, fit_contrasts
 from flflab.analysis.lattice import find_lattice
+from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.registration import microlens_type_of
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.targets import Bars, Chirp
@@ -72,13 +74,13 @@ def test_bars_give_the_closed_form_contrast_within_their_uncertainty(
     assert curve.geometry[0] == pytest.approx(-shift, abs=2e-3)
 
 
-def test_without_noise_the_bias_is_below_five_in_ten_thousand(brute: Any) -> None:
+def test_without_noise_the_bias_is_below_two_in_a_hundred_thousand(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     white, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
     lattice = find_lattice(white * 3000 + 64, "square", 245.0, NOISE)
     curve = fit_contrast(bars * 3000 + 64, lattice, camera, Bars(), FOCUS, NOISE)
     error = curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)
-    assert np.abs(error).max() < 5e-4
+    assert np.abs(error).max() < 2e-5
     # the extremes of ideal bars are 1 up to half a cycle a pixel (eq. 2), whatever the phases of the pixels
     sharp = curve.cycles_per_px < 0.45
     assert np.abs(curve.extremes[sharp] - 1).max() < 3e-3
@@ -106,17 +108,136 @@ def test_a_sensor_that_stands_off_by_a_hundredth_of_the_gap_is_still_measured(br
     assert np.abs(curve.contrast - closed_form(real, FOCUS, curve.cycles_per_mm)).max() < 5e-3
 
 
+def fresnel_picture(camera: Camera, modulation: float, upright: float = 0.0) -> Array:
+    """A sine chirp of small modulation in focus, integrated over every pixel in closed form by Fresnel's integrals."""
+    columns, rows = camera.sensor.resolution
+    pixel, gap, away, main = camera.sensor.pixel, camera.gap, camera.array.distance, camera.main_lens.focal_length
+    image = 1 / (1 / main - 1 / FOCUS)
+    scale = gap / (away - image) * image / FOCUS
+    across, pitch = 1 / scale, 0.4 * (1 + gap / away)
+    x, y = ((np.arange(size) - (size - 1) / 2) * pixel for size in (columns, rows))
+    rate = 9.5 / 20.0
+
+    def integral(place: Array) -> Array:
+        # sin(2 pi (0.5 u + rate u^2/2)), u from the left edge, by completing the square
+        at = (place + 10.0 + 0.5 / rate) * np.sqrt(2 * rate)
+        turn = 2 * np.pi * 0.5**2 / (2 * rate)
+        sine, cosine = fresnel(at)
+        return (sine * np.cos(turn) - cosine * np.sin(turn)) / np.sqrt(2 * rate)
+
+    picture = np.full((rows, columns), 0.5)
+    for cx in pitch * np.arange(-2, 3):
+        for cy in pitch * np.arange(-2, 3):
+            u, v = np.meshgrid(x - cx, y - cy)
+            # the array stands at a - D' behind the image: one micro-image to the next the target moves by -D/(L + b)
+            place = across * u + upright * across * v - FOCUS / (away + gap) * cx
+            half = across * pixel / 2
+            wave = (integral(place + half) - integral(place - half)) / (2 * half)
+            picture = np.where(np.hypot(u, v) < 0.08, 0.5 * (1 + modulation * wave), picture)
+    return picture
+
+
+@pytest.mark.parametrize(("modulation", "allowed"), [(0.5, 0.0005), (0.02, 0.005)])
+def test_the_bias_is_a_two_thousandth_at_modulation_a_half_and_half_a_per_cent_at_two_per_cent(
+    brute: Any, modulation: float, allowed: float
+) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    clean = fresnel_picture(camera, modulation)
+    lattice, noise = nominal_lattice(camera, 1500.0), SensorNoise(1e-9, 30.0, 64.0, 65535.0)
+    exact = fit_contrast(clean * 3000 + 64, lattice, camera, Chirp(), FOCUS, noise)
+    truth = modulation * np.sinc(exact.cycles_per_px)
+    below = exact.cycles_per_px < 0.49
+    assert np.count_nonzero(below) >= 6
+    assert np.abs(exact.contrast / truth - 1)[below].max() < allowed / 20
+    # and with noise of one per cent of white: the mean of repeats, as far as so many tell
+    repeats = 12
+    ratios, doubts = np.zeros(len(truth)), np.zeros(len(truth))
+    for seed in range(repeats):
+        rng = np.random.default_rng(seed)
+        curve = fit_contrast(clean * 3000 + 64 + rng.normal(0, 30, clean.shape), lattice, camera, Chirp(), FOCUS, noise)
+        ratios += curve.contrast / truth / repeats
+        doubts += (curve.uncertainty / truth / repeats) ** 2
+    assert np.all(np.abs(ratios - 1)[below] < allowed + 3.5 * np.sqrt(doubts[below]))
+
+
+def test_the_classic_reading_is_biased_and_says_so(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    picture = fresnel_picture(camera, 0.02) * 3000 + 64
+    noise = SensorNoise(1e-9, 30.0, 64.0, 65535.0)
+    curve = fit_contrast(
+        picture + np.random.default_rng(1).normal(0, 30, picture.shape), nominal_lattice(camera, 1500.0), camera, Chirp(), FOCUS, noise
+    )
+    assert np.nanmin(curve.classic) > 0.04  # twice what is there
+    assert curve.classic_bias == pytest.approx(curve.classic - curve.extremes)
+
+
 @pytest.mark.ci
-@pytest.mark.parametrize(("f_number", "low", "high"), [(8.0, 0.5, 1.15), (5.6, 0.5, 1.15)])
-def test_the_uncertainty_covers_repeated_noise_without_being_twice_too_wide(brute: Any, f_number: float, low: float, high: float) -> None:
-    camera = brute.camera(f_number, RESOLUTION)  # few pixels: noise rules, and knots in gaps are held by the prior alone
-    pictures = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
-    scores: list[float] = []
-    for seed in range(30):
-        curve = measured(brute, camera, FOCUS, pictures, Bars(), seed, level=1000)
-        scores.extend((curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)) / curve.uncertainty)
-    assert low < np.sqrt(np.mean(np.square(scores))) < high
-    assert np.mean(np.abs(scores) > 2) < 0.07
+@pytest.mark.parametrize("turn", [0.002, 0.01])
+def test_bars_that_lean_are_no_less_contrasted(brute: Any, turn: float) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    noise = SensorNoise(1e-9, 10.0, 64.0, 65535.0)
+    picture = fresnel_picture(camera, 0.5, turn) * 3000 + 64
+    curve = fit_contrast(
+        picture + np.random.default_rng(3).normal(0, 10, picture.shape), nominal_lattice(camera, 1500.0), camera, Chirp(), FOCUS, noise
+    )
+    assert curve.geometry[2] / curve.geometry[1] == pytest.approx(turn, abs=2e-4)
+    assert np.abs((curve.contrast - 0.5 * np.sinc(curve.cycles_per_px)) / curve.uncertainty).max() < 4
+
+
+def test_each_view_by_itself_scatters_about_the_truth_as_it_says(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    curve = measured(brute, camera, FOCUS, brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0), Bars(), 3)
+    seen = np.isfinite(curve.views_contrast)
+    assert np.count_nonzero(seen) > 20
+    score = ((curve.views_contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)) / curve.views_uncertainty)[seen]
+    assert 0.7 < np.sqrt(np.mean(score**2)) < 1.3
+
+
+@pytest.mark.ci
+def test_microlenses_of_several_kinds_give_a_curve_each(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    _, sharp = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
+    other = replace(camera, array=replace(camera.array, focal_lengths=(0.94,)))
+    _, soft = brute.bars_picture(other, FOCUS, (0.5, 10.0), 20.0)
+    both = replace(camera, array=replace(camera.array, focal_lengths=(0.917, 0.94), pattern=((0, 1),)))
+    lattice = nominal_lattice(both, 3000.0)
+    kinds = microlens_type_of(lattice, both)
+    rows, columns = np.mgrid[: RESOLUTION[1], : RESOLUTION[0]]
+    nearest = np.argmin([np.hypot(columns - x, rows - y) for x, y in lattice.centres_px], axis=0)
+    mixed = np.where(kinds[nearest] == 0.917, sharp, soft)
+    exposed = brute.expose(mixed, NOISE, 3000, np.random.default_rng(2))
+    curves, reasons = fit_contrasts(exposed, lattice, both, Bars(), FOCUS, NOISE)
+    assert reasons == ()
+    assert [curve.focal_length for curve in curves] == [0.917, 0.94]
+    for curve, one in zip(curves, (camera, other), strict=True):
+        score = (curve.contrast - closed_form(one, FOCUS, curve.cycles_per_mm)) / curve.uncertainty
+        assert np.sqrt(np.mean(score**2)) < 2.0
+
+
+def coverage(brute: Any, repeats: int) -> float:
+    """Share of 95 % intervals that hold the closed form, over every frequency of so many noisy small frames."""
+    camera = brute.camera(4.0, RESOLUTION)
+    _, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
+    lattice = nominal_lattice(camera, 3000.0)
+    inside, count = 0, 0
+    for seed in range(repeats):
+        curve = fit_contrast(brute.expose(bars, NOISE, 3000, np.random.default_rng(seed)), lattice, camera, Bars(), FOCUS, NOISE)
+        within = np.abs(curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)) < 1.96 * curve.uncertainty
+        inside, count = inside + int(within.sum()), count + len(within)
+    return inside / count
+
+
+@pytest.mark.ci
+def test_95_per_cent_intervals_cover_as_much_in_two_hundred_repeats(brute: Any) -> None:
+    assert 0.93 < coverage(brute, 200) < 0.98
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+def test_95_per_cent_intervals_cover_94_to_96_in_ten_thousand_repeats(brute: Any) -> None:
+    share = coverage(brute, 10_000)
+    print(f"coverage {share:.4f}")
+    assert 0.94 < share < 0.96
 
 
 @pytest.mark.parametrize(
