@@ -1,6 +1,6 @@
 """An independent Modbus client drives the simulated drives over a pseudo terminal; published messages byte for byte."""
 
-import os
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -8,11 +8,12 @@ from typing import Any
 
 import minimalmodbus
 import pytest
+import serial
 
 from sim.clock import Clock, RunningClock, SteppedClock
 from sim.faults import Fault, Faults
 from sim.oriental import Drive, Line, LineSession, Wiring, crc
-from sim.server import PtyLine
+from sim.server import PtyLine, TcpLine
 from sim.stage import Stage
 from sim.world import Carriage
 
@@ -32,17 +33,19 @@ def line_of(clock: Clock, *faults: Fault) -> Line:
     return Line({1: drive(clock, *faults), 2: drive(clock, wrap=True)}, threading.RLock())
 
 
-@pytest.fixture
-def slaves() -> Iterator[list[Any]]:
-    if os.name != "posix":
-        pytest.skip("no pseudo terminals here")
+def lines() -> list[Any]:
+    no_pty = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo terminals")
+    return [pytest.param(PtyLine, id="pty", marks=no_pty), pytest.param(TcpLine, id="tcp", marks=pytest.mark.ci)]
+
+
+@pytest.fixture(params=lines())
+def slaves(request: pytest.FixtureRequest) -> Iterator[list[Any]]:
     line = line_of(RunningClock(50))
-    server = PtyLine(lambda: LineSession(line))
-    clients: list[Any] = [minimalmodbus.Instrument(server.address, number) for number in (1, 2)]
-    for client in clients:
-        client.serial.timeout = 0.3
+    server: PtyLine | TcpLine = request.param(lambda: LineSession(line))
+    port = serial.serial_for_url(server.address if isinstance(server, PtyLine) else f"socket://{server.address}", timeout=0.3)
+    clients: list[Any] = [minimalmodbus.Instrument(port, number) for number in (1, 2)]
     yield clients
-    clients[0].serial.close()
+    port.close()
     server.stop()
 
 
