@@ -85,13 +85,13 @@ class Recording:
         try:
             self._frames[self.recorded] = picture
             self._file.flush()
-        except OSError as error:
-            raise RecordError(f"{self.folder}: a frame could not be written ({error}); make room and start again") from error
+        except (OSError, RuntimeError) as error:  # HDF5 tells of a full disk as either
+            raise RecordError(f"{self.folder}: a frame could not be written ({_in_a_line(error)}); make room and start again") from error
         self.recorded += 1
         return self.recorded - 1
 
     def document(self, name: str, doc: Mapping[str, Any]) -> None:
-        """Write a document, on the disk before this returns.
+        """Write a document; all but where a frame lies, which the event after it names, are on the disk before this returns.
 
         Raises:
             RecordError: the disk does not take it.
@@ -126,8 +126,15 @@ class Recording:
                 write_sums(self.folder, SUMMED)
 
     def _close_files(self) -> None:
-        self._documents.close()
-        self._file.close()
+        try:
+            self._documents.close()
+            self._file.close()
+        except (OSError, RuntimeError) as error:
+            raise RecordError(f"{self.folder}: the record could not be ended ({_in_a_line(error)}); make room, what was recorded is whole") from error
+
+
+def _in_a_line(error: BaseException) -> str:
+    return " ".join(str(error).split())
 
 
 class ContinuedRecording(Recording):
