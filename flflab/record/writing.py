@@ -130,7 +130,9 @@ class Recording:
             self._documents.close()
             self._file.close()
         except (OSError, RuntimeError) as error:
-            raise RecordError(f"{self.folder}: the record could not be ended ({_in_a_line(error)}); make room, what was recorded is whole") from error
+            raise RecordError(
+                f"{self.folder}: its files could not be closed ({_in_a_line(error)}); make room, the record is whole"
+            ) from error
 
 
 def _in_a_line(error: BaseException) -> str:
