@@ -97,7 +97,7 @@ class Picture:
     """A frame with what is computed of it as soon as it is there: its checksum, and how many pixels are saturated."""
 
     frame: Frame
-    sha256: str
+    crc32: str
     saturated: int
 
 
@@ -174,7 +174,7 @@ class Frames:
         frame = picture.frame
         values = (
             shot.key, shot.configuration, shot.repeat, frame.exposure_s, frame.gain,
-            frame.number, frame.timestamp, frame.dropped, picture.saturated, picture.sha256,
+            frame.number, frame.timestamp, frame.dropped, picture.saturated, picture.crc32,
         )  # fmt: skip
         now = time.time()
         return {key: {"value": value, "timestamp": now} for key, value in zip(self._describe_facts(), values, strict=True)}
@@ -188,7 +188,7 @@ class Frames:
     def _describe_facts(self) -> dict[str, Any]:
         kinds = {
             "point": "string", "configuration": "integer", "repeat": "integer", "exposure_s": "number", "gain": "number",
-            "number": "integer", "camera_clock_s": "number", "dropped": "integer", "saturated": "integer", "sha256": "string",
+            "number": "integer", "camera_clock_s": "number", "dropped": "integer", "saturated": "integer", "crc32": "string",
         }  # fmt: skip
         return {key: {"source": f"camera {self.camera.name}", "dtype": kind, "shape": []} for key, kind in kinds.items()}
 

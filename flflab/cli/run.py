@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from flflab.bench import Bench, read_bench
 from flflab.description import read_yaml
 from flflab.errors import FlflabError, InputError
-from flflab.record import ContinuedRecording, Run, claim_folder, keep_descriptions, new_folder, pack, read_run
+from flflab.record import ContinuedRecording, Run, claim_folder, keep_descriptions, new_folder, read_run
 from flflab.study import read_study
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def failure_of(doing: Callable[[], None]) -> FlflabError | None:
 
 
 def ended(folder: Path, failure: FlflabError | None) -> Run:
-    """The record of a run that was taken to its end, packed; else how to go on with it, and why it ended.
+    """The record of a run that was taken to its end; else how to go on with it, and why it ended.
 
     Raises:
         typer.Exit: with code 130, interrupted by the operator.
@@ -130,9 +130,7 @@ def ended(folder: Path, failure: FlflabError | None) -> Run:
         raise typer.Exit(130)
     if failure is not None:
         raise failure
-    run = read_run(folder)
-    pack(run)
-    return run
+    return read_run(folder)
 
 
 @contextlib.contextmanager

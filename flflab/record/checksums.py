@@ -1,6 +1,11 @@
-"""SHA-256 of every frame, kept in its event, and of the folder's files, kept in ``SHA256SUMS`` as ``sha256sum -c`` reads it."""
+"""CRC-32 of every frame, kept in its event, and SHA-256 of the folder's files, kept in ``SHA256SUMS`` as ``sha256sum -c`` reads it.
+
+A frame's sum is to name a disk or memory that failed, thousands of times a run: CRC-32 sees every burst of up to 32 bits and takes 3 ms for
+10 megapixels, SHA-256 11.
+"""
 
 import hashlib
+import zlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -14,9 +19,9 @@ SUMS = "SHA256SUMS"
 
 
 def checksum(picture: npt.NDArray[np.uint16]) -> str:
-    """SHA-256 of a picture's pixels, row by row, 16 bits little-endian, as 64 hexadecimal digits."""
+    """CRC-32 (as zlib's) of a picture's pixels, row by row, 16 bits little-endian, as 8 hexadecimal digits."""
     pixels: Any = np.ascontiguousarray(picture, dtype="<u2")
-    return hashlib.sha256(pixels).hexdigest()
+    return f"{zlib.crc32(pixels):08x}"
 
 
 def write_sums(folder: Path, names: Iterable[str]) -> None:

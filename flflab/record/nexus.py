@@ -94,7 +94,7 @@ def _conditions(group: h5py.Group, frames: tuple[FrameRecord, ...]) -> None:
     columns: dict[str, tuple[list[Any], str]] = {
         "point": ([frame.key for frame in frames], ""),
         "target": ([frame.target for frame in frames], ""),
-        "sha256": ([frame.sha256 for frame in frames], ""),
+        "crc32": ([frame.crc32 for frame in frames], ""),
         "configuration": ([-1 if frame.configuration is None else frame.configuration for frame in frames], ""),
         "f_number": ([frame.f_number for frame in frames], ""),
         "time": ([frame.time for frame in frames], "s"),

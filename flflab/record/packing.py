@@ -1,4 +1,4 @@
-"""Packs the frames of a finished run: the room that was not needed goes, the rest is compressed so that plain h5py reads it.
+"""Packs the frames of a finished run on request: the room not needed goes, the rest is compressed so that plain h5py reads it.
 
 While a run is written its frames lie raw in their places, which survives every crash. Afterwards each is compressed by HDF5's own shuffle
 and deflate filters, in threads of its own; the packed file takes the place of the raw one only when it is whole and on the disk.

@@ -38,7 +38,7 @@ class FrameRecord:
         number: the camera's own count of exposures.
         index: place in frames.h5.
         time: s since 1970, this computer's clock.
-        sha256: of its pixels (see ``checksum``); empty in records without.
+        crc32: of its pixels (see ``checksum``); empty in records without.
     """
 
     key: str
@@ -54,7 +54,7 @@ class FrameRecord:
     number: int
     index: int
     time: float
-    sha256: str = ""
+    crc32: str = ""
 
     @property
     def distance(self) -> float:
@@ -138,9 +138,9 @@ class Run:
                 picture = np.asarray(cast(Any, file[DATASET])[record.index], dtype=np.uint16)
         except (OSError, KeyError, ValueError, IndexError) as error:
             raise RecordError(f"{self.folder / FRAMES}: frame {record.key} cannot be read ({error})") from error
-        if record.sha256 and checksum(picture) != record.sha256:
+        if record.crc32 and checksum(picture) != record.crc32:
             raise RecordError(
-                f"{self.folder / FRAMES}: frame {record.key} (number {record.index} of the file) is not as it was recorded: its SHA-256 "
+                f"{self.folder / FRAMES}: frame {record.key} (number {record.index} of the file) is not as it was recorded: its CRC-32 "
                 "is another; take the file from a copy, see to the disk"
             )
         return picture
@@ -218,7 +218,7 @@ def _frame_of(data: Mapping[str, Any], time: float, place: int, axes: Iterable[s
         f_number=float(data["iris"]), readings={axis: _reading(data, axis) for axis in axes},
         worlds={element: float(data[world_key(element)]) for element in ELEMENTS}, exposure_s=float(data["exposure_s"]),
         gain=float(data["gain"]), saturated=int(data["saturated"]), number=int(data["number"]), index=place, time=time,
-        sha256=data.get("sha256", ""),
+        crc32=data.get("crc32", ""),
     )  # fmt: skip
 
 

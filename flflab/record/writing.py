@@ -101,7 +101,8 @@ class Recording:
         try:
             self._documents.write(line + "\n")
             self._documents.flush()
-            os.fsync(self._documents.fileno())
+            if name != "stream_datum":
+                os.fsync(self._documents.fileno())
         except OSError as error:
             raise RecordError(f"{self.folder}: a document could not be written ({error}); make room and start again") from error
 

@@ -10,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.contrast import ContrastCurve
+from flflab.analysis.sequential import Look, split_up
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation
 from flflab.properties.predicted import Predicted
+from flflab.record import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -204,3 +206,35 @@ def residual_chart(evaluation: Evaluation) -> str:
         histogram.set(xlabel="density", title="all configurations")
         histogram.legend(loc="upper right")
         return _as_svg(figure)
+
+
+def accuracy_chart(run: Run, wanted: float) -> str:
+    """What accuracy costs: the MTF's standard uncertainty against the time its frames took on the bench, each configuration a line.
+
+    Args:
+        run: with its looks at the accuracy.
+        wanted: the standard uncertainty the study asks for.
+    """
+    with _style():
+        figure = _new(7.8, 2.9)
+        axes = figure.add_subplot()
+        configurations = sorted({one.configuration for one in run.accuracy})
+        for place, configuration in enumerate(configurations):
+            looks = [one for one in run.accuracy if one.configuration == configuration]
+            taken, sure = np.array([[one.frames, one.mtf_standard_uncertainty] for one in looks]).T
+            seconds = _bench_seconds(run, configuration)
+            shade = (0.8 * place / max(len(configurations) - 1, 1), 0.35, 1 - 0.8 * place / max(len(configurations) - 1, 1))
+            per_frame, lasting = split_up(tuple(Look(int(n), float(u)) for n, u in zip(taken, sure, strict=True)))
+            count = np.geomspace(1, 2 * taken[-1], 60)
+            axes.plot(count * seconds, np.sqrt(per_frame / count + lasting), color=shade, linewidth=0.7)
+            axes.plot(taken * seconds, sure, "o", color=shade, markersize=4, label=f"{configuration}: {int(taken[-1])} frames")
+        axes.axhline(wanted, color=PREDICTED, linewidth=0.8, label="asked for")
+        axes.set(xscale="log", yscale="log", xlabel="time of the frames on the bench, s", ylabel="standard uncertainty of the MTF")
+        axes.legend(title="configuration", loc="center left", bbox_to_anchor=(1.0, 0.5))
+        return _as_svg(figure)
+
+
+def _bench_seconds(run: Run, configuration: int) -> float:
+    """Seconds a frame of a configuration's bars took: the median from one to the next, so that an interruption does not count."""
+    times = [frame.time for frame in run.frames if frame.configuration == configuration and frame.target == "bars"]
+    return float(np.median(np.diff(times))) if len(times) > 1 else max(frame.exposure_s for frame in run.frames)
