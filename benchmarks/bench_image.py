@@ -85,7 +85,7 @@ def _status(name: str) -> int:
 
 
 def memory(scene: Scene) -> float:
-    """Bytes a pixel beyond the picture's 8, at the most, in a process of its own; below 0 where parts of a dark picture are never touched."""
+    """Bytes a pixel beyond the 8 of the picture, at the most, in a fresh process; below 0 where dark parts are never touched."""
     columns, rows = scene.camera.sensor.resolution
     with ProcessPoolExecutor(1, get_context("spawn")) as fresh:
         return fresh.submit(peak, scene).result() / (columns * rows) - 8
