@@ -4,7 +4,7 @@ import itertools
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -70,6 +70,7 @@ class StudyDescription(Description):
     reference: Annotated[int, Field(ge=0)] = 0
     dots: dict[str, Any] = {"kind": "four-dot"}
     bars: dict[str, Any] = {"kind": "bars"}
+    targets: Annotated[list[Literal["dots", "bars"]], Field(min_length=1)] = ["dots", "bars"]
     exposure: ExposureDescription = ExposureDescription()
     mtf_standard_uncertainty: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     draws: Annotated[int, Field(ge=100, le=100000)] = 1000
@@ -109,6 +110,12 @@ class Study:
     configurations: tuple[Configuration, ...]
     dots: FourDot
     bars: Bars
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """The targets that are shown after the white one, by kind."""
+        kinds = {"dots": self.dots.kind, "bars": self.bars.kind}
+        return tuple(kinds[target] for target in self.description.targets)
 
 
 def focused_sensor(optics: Camera, array: float, distance: float) -> float:

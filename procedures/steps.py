@@ -169,7 +169,7 @@ def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]
     for f_number, group in by_iris:
         steps.append(SetIris(f_number))
         configurations = sorted(group, key=_place)
-        for target in (WHITE, study.dots.kind, study.bars.kind):
+        for target in (WHITE, *study.shown):
             steps.append(ShowTarget(target))
             for configuration in configurations:
                 move = move_step(configuration, bench, now)

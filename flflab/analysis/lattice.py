@@ -122,7 +122,7 @@ def _fit(
     model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, None)
     half_counts = _half_counts(rough.vectors, picture.shape, sum(rough.radii) + 2)
     present = np.ones((2 * half_counts[0] + 1, 2 * half_counts[1] + 1), dtype=np.bool_)
-    half_size, whole = 1.5 * pitch, max(picture.shape) / 2 + 1
+    half_size, whole = 2.5 * pitch, max(picture.shape) / 2 + 1
     while half_size < whole:
         model = refine(picture, model, present, noise, _sparse(half_size, pitch, 80), ROUGHLY, 12, 0.02)
         _require_settled(model, pitch)

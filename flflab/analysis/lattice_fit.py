@@ -192,9 +192,7 @@ def _stepped(model: LatticeModel, normal: Array, right: Array, free: Whole, chi2
     """The model after one step of Gauss-Newton, and the step."""
     precision, pull = _prior(model)
     step, covariance = _solve(normal + np.diag(precision), right + pull, free)
-    # far from the best the profile is not linear: no radius changes by more than half, no centre by more than a seventh of the pitch
-    longest = np.concatenate([np.full(6, 0.15 * np.linalg.norm(model.vectors[:, 0])), 0.5 * model.values[6:8]])
-    shrink = float(np.min(longest / np.maximum(np.abs(step[:8]), 1e-300), initial=1.0))
+    shrink = min(1.0, *(0.5 * model.values[k] / abs(step[k]) for k in (6, 7) if step[k] < 0), 1.0)
     values = model.values + shrink * step
     values[6:8] = np.maximum(values[6:8], 0.05)
     return replace(model, values=values, covariance=covariance, chi2_per_pixel=chi2_per_pixel), step

@@ -14,7 +14,6 @@ from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lat
 from flflab.analysis.mosaic import Mosaic, from_raw
 from flflab.analysis.noise import SensorNoise, estimate_noise
 from flflab.analysis.presence import require_dots, require_light
-from flflab.analysis.profile import cone_of
 from flflab.analysis.registration import require_picture, require_shape, sensor_pixel
 from flflab.errors import InputError
 from flflab.optics.camera import Camera, microlens_centres
@@ -77,7 +76,7 @@ def measure(
     require_light(values, evened, target)
     result: dict[str, Any] = {"dots": [], "mtf": []}
     if isinstance(target, White):
-        lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened, cone_of(camera))
+        lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened)
         remarks += _radius_remarks(lattice, camera)
         return {"lattice": lattice_json(lattice), **result, "remarks": remarks}
     lattice = nominal_lattice(camera, max(float(np.quantile(values, 0.999)) - evened.offset_dn, 1.0))

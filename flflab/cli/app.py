@@ -7,8 +7,8 @@ import typer
 from typer.core import TyperGroup
 
 COMMANDS = (
-    "validate", "compare", "model", "image", "measure", "accuracy", "plan", "design", "align", "sweep", "resume", "report", "export",
-    "bench", "sim", "new",
+    "validate", "compare", "model", "image", "measure", "accuracy", "plan", "design", "align", "calibrate", "sweep", "resume", "report",
+    "export", "bench", "sim", "new",
 )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from flflab.calibration import Refit, refit_distances, state_refit
+from flflab.calibration.refit import Refit, refit_distances, state_refit
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
 from flflab.errors import InputError, MeasurementError

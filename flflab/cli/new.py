@@ -1,4 +1,4 @@
-"""``flflab new camera|bench|study|requirements FILE``: a commented copy of a built-in description to start from."""
+"""``flflab new camera|bench|study|calibration|requirements FILE``: a commented copy of a built-in description to start from."""
 
 from enum import StrEnum
 from importlib.resources import files
@@ -16,6 +16,7 @@ class Kind(StrEnum):
     CAMERA = "camera"
     BENCH = "bench"
     STUDY = "study"
+    CALIBRATION = "calibration"
     REQUIREMENTS = "requirements"
 
 
@@ -23,6 +24,7 @@ BUILT_IN = {
     Kind.CAMERA: "cameras/osinski.yaml",
     Kind.BENCH: "benches/simulated.yaml",
     Kind.STUDY: "studies/first.yaml",
+    Kind.CALIBRATION: "studies/calibration.yaml",
     Kind.REQUIREMENTS: "requirements/osinski.yaml",
 }
 
@@ -33,7 +35,7 @@ def built_in(kind: Kind) -> Path:
 
 
 def new(
-    kind: Annotated[Kind, typer.Argument(help="camera, bench, study or requirements")],
+    kind: Annotated[Kind, typer.Argument(help="camera, bench, study, calibration or requirements")],
     file: Annotated[Path, typer.Argument(help="file to write; an existing one is never overwritten")],
 ) -> None:
     """Write a commented copy of a built-in file; a bench gets its camera file beside it."""

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from flflab.cli.calibrate import conclude as conclude_calibration
 from flflab.cli.run import progress_shown, resume_run
 from flflab.cli.sweep import tell_of
 from flflab.cli.validate import conclude
@@ -19,5 +20,7 @@ def resume(
         found = resume_run(run, bench, tell)
     if found.start["plan_name"] == "validate":
         conclude(found)
+    elif found.start["plan_name"] == "calibrate":
+        conclude_calibration(found)
     else:
         tell_of(found)

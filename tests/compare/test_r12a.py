@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.calibration import refit_distances
+from flflab.calibration.refit import refit_distances
 from flflab.camera_file import read_camera
 from flflab.observations.agreement import FrameAgreement, compare_frames, depth_deviation
 from flflab.observations.points import PredictedPoints, SeenPoints, measure_points, predict_points

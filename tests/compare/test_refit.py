@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.calibration import Refit, parallax_slope, refit_distances, state_refit
+from flflab.calibration.refit import Refit, parallax_slope, refit_distances, state_refit
 from flflab.camera_file import read_camera
 from flflab.errors import MeasurementError
 from flflab.observations.points import measure_points

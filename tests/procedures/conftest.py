@@ -44,9 +44,6 @@ class MemoryAxis:
     def position(self) -> float:
         return self.place
 
-    def reading(self) -> float | None:
-        return self.place if self.homed else None
-
     def is_busy(self) -> bool:
         return False
 

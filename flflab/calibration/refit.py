@@ -1,12 +1,13 @@
 """Fits of the model to measurements: the distances L (main lens to array) and b (array to sensor) from parallax."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from flflab.calibration.least_squares import covariance as covariance_of
+from flflab.calibration.least_squares import jacobian as derivatives
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 
@@ -85,7 +86,7 @@ def refit_distances(camera: Camera, distance: Array, array_position: Array, slop
     start = np.array([camera.array.distance, camera.gap, camera.main_lens.focal_length, 0.0])
     found = least_squares(lambda p: residuals(np.concatenate([p, start[2:]])), start[:2], x_scale=start[1], xtol=1e-14, ftol=1e-14)
     best = np.concatenate([found.x, start[2:]])
-    jacobian = _jacobian(residuals, best, step=1e-5 * start[1])
+    jacobian = derivatives(residuals, best, 1e-5 * start[1])
     scatter = float(np.sum(residuals(best) ** 2) / (len(slope) - 2))
     if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian[:, :2] / np.linalg.norm(jacobian[:, :2], axis=0)) > 1e7:
         raise MeasurementError("refit of L and b: these points leave L and b undetermined; points at different distances are due")
@@ -94,9 +95,9 @@ def refit_distances(camera: Camera, distance: Array, array_position: Array, slop
         array=replace(camera.array, distance=float(best[0])),
         sensor=replace(camera.sensor, distance=float(best[0] + best[1])),
     )
-    covariance = _covariance(jacobian[:, :2]) * scatter
+    covariance = covariance_of(jacobian[:, :2]) * scatter
     loosened = {
-        name: np.sqrt(np.diag(_covariance(jacobian[:, [0, 1, column]]) * scatter))[:2]
+        name: np.sqrt(np.diag(covariance_of(jacobian[:, [0, 1, column]]) * scatter))[:2]
         for column, name in ((2, "focal_length"), (3, "distance_offset"))
     }
     return Refit(fitted, covariance, scatter, len(slope), loosened)
@@ -126,17 +127,3 @@ def _both(uncertainty: Array) -> str:
     if not np.all(np.isfinite(uncertainty)):
         return "neither is determined"
     return f"u(L) = {uncertainty[0]:.2g} mm, u(b) = {uncertainty[1]:.2g} mm"
-
-
-def _jacobian(function: Callable[[Array], Array], place: Array, step: float) -> Array:
-    """Central differences, shape (points, parameters)."""
-    return np.stack([(function(place + move) - function(place - move)) / (2 * step) for move in np.eye(len(place)) * step], axis=1)
-
-
-def _covariance(jacobian: Array) -> Array:
-    """Inverse of J'J, with the columns scaled to length 1 first; infinite where they are not independent."""
-    scale = np.linalg.norm(jacobian, axis=0)
-    if np.linalg.cond(jacobian / scale) > 1e7:
-        return np.full((len(scale), len(scale)), np.inf)
-    unit = jacobian / scale
-    return np.linalg.inv(unit.T @ unit) / np.outer(scale, scale)

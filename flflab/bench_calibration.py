@@ -1,0 +1,194 @@
+"""A recorded run as a calibration: what its pictures make of the bench, in words and as files to go on with.
+
+A calibration's run is a study's, of which white and dot pictures count; bars may be in it.
+"""
+
+import json
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+
+from flflab.analysis.noise import SensorNoise
+from flflab.bench import Bench
+from flflab.calibration.bench_model import BenchModel, Setting, Stage
+from flflab.calibration.fit import Fit
+from flflab.calibration.from_pictures import Pictures, calibrate
+from flflab.calibration.least_squares import Direction
+from flflab.calibration.quantities import Quantities
+from flflab.description import read_yaml
+from flflab.errors import RecordError
+from flflab.record import FrameRecord, Run
+from flflab.study import Study
+
+Array = npt.NDArray[np.float64]
+
+FAR = 3.0  # standard uncertainties from which on a description is called wrong
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What was found, and on what."""
+
+    model: BenchModel
+    fit: Fit
+    quantities: tuple[Quantities, ...]
+
+
+def calibrate_run(run: Run, study: Study, bench: Bench) -> Calibration:
+    """Measure a run's white and dot pictures and fit the bench to them.
+
+    Raises:
+        MeasurementError: a configuration has no white frame, or shows no lattice; or there are fewer than two.
+    """
+    axes = {name: axis for name, axis in bench.description.axes.items() if axis.moves.endswith(".z")}
+    stages = tuple(
+        Stage(name, axis.moves, axis.sign, axis.zero, axis.zero_uncertainty, axis.scale_uncertainty) for name, axis in axes.items()
+    )
+    moved = {axis.moves for axis in axes.values()}
+    settings, pictures = list[Setting](), list[Pictures]()
+    for configuration in study.configurations:
+        white = _mean(run, configuration.index, "white")
+        dots = _mean(run, configuration.index, study.dots.kind)
+        if white is None:
+            continue
+        first = white[2]
+        standing = {element: z for element, z in first.worlds.items() if element not in moved}
+        settings.append(Setting({name: first.readings[name] for name in axes}, standing, first.f_number))
+        pictures.append(Pictures(white[0], white[1], *(dots[:2] if dots else (None, None))))
+    model = BenchModel(bench.optics, stages, tuple(settings))
+    return Calibration(model, *calibrate(model, pictures, study.dots))
+
+
+def _mean(run: Run, configuration: int, target: str) -> tuple[Array, SensorNoise, FrameRecord] | None:
+    """Mean of a configuration's frames of one target, DN, its noise, and the first frame."""
+    frames = [frame for frame in run.frames if frame.configuration == configuration and frame.target == target]
+    if not frames:
+        return None
+    picture = np.asarray(np.mean([run.picture(frame) for frame in frames], axis=0, dtype=np.float64))
+    noise, dark = SensorNoise(**run.sensor_noise), run.dark(frames[0].exposure_s)
+    offset = noise.offset_dn if dark is None else float(np.mean(run.picture(dark)))
+    count = len(frames)
+    noise = replace(noise, offset_dn=offset, dn_per_electron=noise.dn_per_electron / count, read_noise_dn=noise.read_noise_dn / count**0.5)
+    return picture, noise, frames[0]
+
+
+def state_calibration(found: Calibration) -> list[str]:
+    """What was found and what could not be told, in sentences."""
+    fit = found.fit
+    dots = sum(math.isfinite(one.values[5]) for one in found.quantities)
+    said = [
+        f"{fit.count} numbers of {len(found.quantities)} settings, {dots} of them with dots; reduced chi-square {fit.chi2:.2f}"
+        f"{', by which the uncertainties are scaled' if fit.chi2 > 1 else ''}. The array's pitch and the pixel are believed: they are the "
+        "rulers across the axis."
+    ]
+    for name, value, u, nominal, prior in zip(fit.names, fit.values, fit.uncertainty, fit.nominal, fit.prior, strict=True):
+        if not math.isfinite(value):
+            said.append(f"{name} is not determined: neither the pictures nor the description tell it.")
+        elif math.isfinite(prior) and prior > 0 and abs(value - nominal) > FAR * prior:
+            said.append(
+                f"{name} is off by {shown(name, value - nominal)}, u = {shown(name, u)}: {abs(value - nominal) / prior:.1f} of the "
+                "uncertainties that the bench file states; correct it there."
+            )
+    said += [f"The pictures alone cannot tell {_in_words(direction)}." for direction in fit.untold]
+    kept = [name for name, share, u in zip(fit.names, fit.by_pictures, fit.uncertainty, strict=True) if share < 0.1 and u > 0]
+    if kept:
+        said.append(f"Known from the description rather than from the pictures: {', '.join(kept)}.")
+    return said
+
+
+def shown(name: str, value: float) -> str:
+    """A parameter with its unit."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{100 * value:+.4f} %" if name.endswith(".scale") else f"{value:+.5f} mm"
+
+
+def _in_words(direction: Direction) -> str:
+    if direction.words:
+        return direction.words
+    parts = [f"{name} by {shown(name, change)}" for name, change in direction.parts.items()]
+    told = "which changes nothing that was measured" if direction.uncertainty > 1e4 else f"known to {direction.uncertainty:.2g} times that"
+    together = f"{', '.join(parts[:-1])} together with {parts[-1]}" if len(parts) > 1 else parts[0]
+    return f"a change of {together}, {told}"
+
+
+def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[Path, Path, Path]:
+    """Write ``calibration.json``, ``calibrated-camera.yaml`` and ``calibrated-bench.yaml``; an existing file is never overwritten.
+
+    Raises:
+        RecordError: one of them is there already, or cannot be written.
+    """
+    fit = found.fit
+    camera, described = bench_files(found, bench)
+    result = {
+        "parameters": list(fit.names), "described": fit.nominal.tolist(), "described_uncertainty": _plain(fit.prior),
+        "values": _plain(fit.values), "uncertainties": _plain(fit.uncertainty), "covariance": [_plain(row) for row in fit.covariance],
+        "told_by_pictures": fit.by_pictures.tolist(), "reduced_chi_square": fit.chi2, "numbers": fit.count,
+        "untold": [{"changes": direction.parts, "uncertainty": _number(direction.uncertainty)} for direction in fit.untold],
+        "sentences": state_calibration(found),
+    }  # fmt: skip
+    texts = {"calibration.json": json.dumps(result, indent=1) + "\n", "calibrated-camera.yaml": camera, "calibrated-bench.yaml": described}
+    for name in texts:
+        if (folder / name).exists():
+            raise RecordError(f"{folder / name} is there already and is not overwritten; move it away first")
+    try:
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RecordError(f"{folder}: cannot be written ({error}); give a folder you may write in") from error
+    written = [folder / name for name in texts]
+    return written[0], written[1], written[2]
+
+
+def bench_files(found: Calibration, bench: Bench) -> tuple[str, str]:
+    """Camera file and bench file with what was found; what was not determined stays as described, and a comment says so."""
+    fit = found.fit
+    comments = [f"# {name}: {_commented(fit, name)}" for name in fit.names]
+    camera, _ = read_yaml(bench.file.parent / bench.description.optics)
+    data, _ = read_yaml(bench.file)
+
+    def put(where: dict[str, Any], key: str, name: str) -> None:
+        value, _ = fit.value(name)
+        if math.isfinite(value):
+            where[key] = f"{value:.6f} mm"
+
+    lens, array, sensor = camera["main_lens"], camera["microlens_array"], camera["sensor"]
+    put(lens, "focal_length", "main_lens.focal_length")
+    if len(bench.optics.array.focal_lengths) == 1:
+        put(array, "focal_length", "microlens_array.focal_length")
+        for other in ("radius_of_curvature", "refractive_index", "numerical_aperture"):
+            array.pop(other, None)
+    put(array, "aperture", "microlens_array.aperture")
+    for part, owner in ((array, "microlens_array"), (sensor, "sensor")):
+        values = [fit.value(f"{owner}.offset.{axis}")[0] for axis in "xy"]
+        if np.all(np.isfinite(values)):
+            part["offset"] = [f"{value:.6f} mm" for value in values]
+    for stage in found.model.stages:
+        value, u = fit.value(f"{stage.name}.zero")
+        if math.isfinite(value):
+            data["axes"][stage.name] |= {"zero": f"{stage.zero + value:.6f} mm", "zero_uncertainty": f"{u:.3g} mm"}
+    data["optics"] = "calibrated-camera.yaml"
+    head = "# Written by `flflab calibrate`: what was described, what was found, standard uncertainties (of zeros and scales: errors).\n"
+    listed = head + "\n".join(comments) + "\n"
+    return listed + yaml.safe_dump(camera, sort_keys=False), listed + yaml.safe_dump(data, sort_keys=False)
+
+
+def _commented(fit: Fit, name: str) -> str:
+    place = fit.names.index(name)
+    (value, u), prior = fit.value(name), float(fit.prior[place])
+    known = f" (u {shown(name, prior)[1:]})" if math.isfinite(prior) else ""
+    found = f"found {shown(name, value)}, u {shown(name, u)[1:]}" if math.isfinite(value) else "not determined, left as described"
+    return f"described {shown(name, float(fit.nominal[place]))}{known}, {found}, {100 * fit.by_pictures[place]:.0f} % by the pictures"
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _plain(values: Array) -> list[float | None]:
+    return [_number(float(value)) for value in values]

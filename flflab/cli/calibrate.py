@@ -1,0 +1,55 @@
+"""``flflab calibrate``: where the stages' zeros and the optics really are, by white and dot pictures at several settings."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from flflab.bench import read_bench
+from flflab.bench_calibration import Calibration, calibrate_run, shown, state_calibration, write_calibration
+from flflab.cli.new import Kind, built_in
+from flflab.cli.run import progress_shown, run_study
+from flflab.record import Run
+from flflab.study import read_study
+
+
+def calibrate(
+    study: Annotated[Path | None, typer.Argument(help="study file (YAML); the built-in calibration without one")] = None,
+    bench: Annotated[Path | None, typer.Option(help="bench file (YAML); the built-in simulated bench without one")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder of the run, which holds no run yet; runs/<UTC>-<study> without one")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
+) -> None:
+    """Find zeros and scales of the stages, focal lengths, apertures and centre, and say what the pictures cannot tell."""
+    with progress_shown() as tell:
+        run = run_study(study or built_in(Kind.CALIBRATION), bench or built_in(Kind.BENCH), out, seed, tell, "calibrate")
+    conclude(run)
+
+
+def conclude(run: Run) -> None:
+    """Fit a bench to a run, print the table and what could not be told, and leave files to go on with."""
+    bench = read_bench(run.folder / "bench.yaml")
+    with Console(stderr=True).status("measure and fit"):
+        found = calibrate_run(run, read_study(run.folder / "study.yaml", bench.optics), bench)
+    files = write_calibration(found, bench, run.folder)
+    console = Console(width=None if Console().is_terminal else 140)
+    console.print(table_of(found))
+    for sentence in state_calibration(found):
+        console.print(sentence, highlight=False)
+    console.print(f"Written: {', '.join(str(file) for file in files)}", highlight=False, soft_wrap=True)
+
+
+def table_of(found: Calibration) -> Table:
+    """One line a parameter."""
+    fit = found.fit
+    table = Table(box=box.SIMPLE_HEAD, title="What the bench is (of zeros and scales: the error)")
+    for head in ("", "described", "u", "found", "u", "told by the pictures"):
+        table.add_column(head, justify="right" if head else "left", no_wrap=True)
+    for name, nominal, prior, value, u, share in zip(
+        fit.names, fit.nominal, fit.prior, fit.values, fit.uncertainty, fit.by_pictures, strict=True
+    ):
+        doubt, prior_doubt = shown(name, u if value == value else value).removeprefix("+"), shown(name, prior).removeprefix("+")
+        table.add_row(name, shown(name, nominal), prior_doubt, shown(name, value), doubt, f"{100 * share:.0f} %")
+    return table
