@@ -16,6 +16,7 @@ import yaml
 from drivers.bench import ConnectedBench
 from flflab.analysis.noise import SensorNoise
 from flflab.bench import Bench
+from flflab.cli.report import analyse
 from flflab.cli.run import resume_run, run_study
 from flflab.errors import DeviceError, InputError, MeasurementError, MotionError
 from flflab.record import ContinuedRecording, Run, read_documents, read_run
@@ -85,7 +86,14 @@ def pictures_of(run: Run) -> dict[str, tuple[str, dict[Any, float], float]]:
 @pytest.mark.timeout(300)
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no kill -9")
 def test_a_run_killed_twice_is_frame_by_frame_the_one_that_was_never_interrupted(write: Write, until: Until, tmp_path: Path) -> None:
-    study, bench = write(study=TWO)  # the simulated bench dies with the run: to the next one power was cut
+    small = {"dots": {"kind": "four-dot", "spacing": "4 mm"}, "bars": {"kind": "bars", "width": "12 mm", "height": "8 mm"}}
+    shown = {one["kind"]: {key: size for key, size in one.items() if key != "kind"} for one in small.values()}
+    places = {"configurations": [{"f_number": [2.8, 4], "distance": "507 mm"}]}
+    # The simulated bench dies with the run: to the next one power was cut.
+    study, bench = write(study=TWO | small | places | {"draws": 400}, targets=shown)
+    camera = yaml.safe_load((tmp_path / "camera.yaml").read_text())
+    camera["sensor"] |= {"resolution": [760, 560], "pixel": "1.66 um"}
+    (tmp_path / "camera.yaml").write_text(yaml.safe_dump(camera))
     whole = run_study(study, bench, tmp_path / "whole", None, tell_nobody, "sweep")
     cut, chance = tmp_path / "cut", random.Random(7)  # noqa: S311
     command = [sys.executable, "-P", "-m", "flflab", "sweep", str(study), "--bench", str(bench), "--out", str(cut)]
@@ -100,6 +108,12 @@ def test_a_run_killed_twice_is_frame_by_frame_the_one_that_was_never_interrupted
     resumed = resume_run(cut, None, tell_nobody)
     assert len(resumed.resumed) == 2
     assert pictures_of(resumed) == pictures_of(whole)
+    for folder in (whole.folder, cut):
+        assert analyse(0, folder).sentences
+    assert (cut / "comparison.csv").read_bytes() == (whole.folder / "comparison.csv").read_bytes()
+    page = (cut / "report.html").read_bytes()
+    analyse(0, cut)
+    assert (cut / "report.html").read_bytes() == page
 
 
 def _recorded(folder: Path) -> int:
