@@ -13,7 +13,7 @@ from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
 from flflab.analysis.registration import require_shape, sensor_pixel, sensor_position, target_scales
-from flflab.analysis.spot_profile import defocused_dot
+from flflab.analysis.spot_profile import SpotProfile, defocused_dot
 from flflab.analysis.spots import Spots, fit_spots, flat_centroids, illumination, illumination_table, lit
 from flflab.analysis.triangulation import triangulate
 from flflab.errors import MeasurementError
@@ -96,19 +96,10 @@ def count_views(
         MeasurementError: wrong shape, target at infinity, or no dot found where the camera puts some.
     """
     values = _usable(picture, white, camera, target.kind, noise)
-    across, along = target_scales(camera, distance)
-    law = np.array([[0.0, 0.0], [1 / across, 0.0], [0.0, 1 / across], [-along / across, 0.0], [0.0, -along / across]])
-    spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
-    table = illumination_table(lattice)
-    law, radius = _register(values, lattice, camera, target, law, spread, table, noise)
-    candidates = _candidates(lattice, camera, target, law, radius + spread / 2 + 3)
-    places, _ = _places(lattice, camera, target, law, candidates)
-    half = math.ceil(radius + spread / 2 + 3)
-    own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table)
-    profile = defocused_dot(radius, spread)
-    spots = fit_spots(values, places, half, own, profile, noise)
+    seen = find_spots(values, lattice, camera, target, distance, noise)
+    spots, candidates, law, radius, spread = seen.spots, seen.candidates, seen.law, seen.radius, seen.spread
     away = spots.centres - lattice.centres_px[candidates.lens]
-    shift = clipping_shift(away, lattice, camera, distance, radius, table, profile, noise)
+    shift = clipping_shift(away, lattice, camera, distance, radius, seen.table, seen.profile, noise)
     spots = replace(spots, centres=spots.centres - shift)
     # the brightest half of the well lit spots are whole: they say what a dot's full light is
     level = _full_light(spots, candidates, lattice)
@@ -116,6 +107,51 @@ def count_views(
     agreed, agreed_doubts = _agreed_centres(spots, doubts, candidates, lattice, camera, target, law)
     decided = Decided(spots, doubts, np.where((agreed_doubts < doubts)[:, None], agreed, spots.centres), np.minimum(agreed_doubts, doubts))
     return tuple(_views(dot, decided, candidates, lattice, camera, level, distance) for dot in range(len(target.centres)))
+
+
+@dataclass(frozen=True)
+class SeenSpots:
+    """The spots of a picture, one for each candidate, and what they were taken for.
+
+    Attributes:
+        spots: fitted.
+        candidates: dot and micro-image of each.
+        law: where the spots lie, as ``_places`` reads it, shape (5, 2).
+        radius: of a spot in focus, px.
+        spread: diameter of the blur, px.
+        table: illumination of a micro-image.
+        profile: of a spot.
+    """
+
+    spots: Spots
+    candidates: Candidates
+    law: Array
+    radius: float
+    spread: float
+    table: ProfileTable
+    profile: SpotProfile
+
+
+def find_spots(
+    values: npt.NDArray[Any], lattice: Lattice, camera: Camera, target: FourDot, distance: float, noise: SensorNoise
+) -> SeenSpots:
+    """Find the images of the dots round where the nominal camera puts them, to 30 px.
+
+    Raises:
+        MeasurementError: target at infinity, or no dot found where the camera puts some.
+    """
+    across, along = target_scales(camera, distance)
+    law = np.array([[0.0, 0.0], [1 / across, 0.0], [0.0, 1 / across], [-along / across, 0.0], [0.0, -along / across]])
+    spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
+    table = illumination_table(lattice)
+    law, radius = _register(values, lattice, camera, target, law, spread, table, noise)
+    half = math.ceil(radius + spread / 2 + 3)
+    candidates = _candidates(lattice, camera, target, law, half)
+    places, _ = _places(lattice, camera, target, law, candidates)
+    profile = defocused_dot(radius, spread)
+    own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table)
+    spots = fit_spots(values, places, half, own, profile, noise)
+    return SeenSpots(spots, candidates, law, radius, spread, table, profile)
 
 
 def _usable(

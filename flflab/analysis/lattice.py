@@ -102,10 +102,10 @@ def find_lattice(
             f"white picture: a {layout} lattice of about {rough_pitch_px:g} px explains less than half of what varies in it; "
             "check layout, pitch, exposure and that the target was white"
         )
-    return _lattice(model, layout, present, (picture.shape[0], picture.shape[1]))
+    return lattice_of(model, layout, present, (picture.shape[0], picture.shape[1]))
 
 
-def _half_counts(vectors: Array, shape: tuple[int, ...], reach: float) -> tuple[int, int]:
+def half_counts(vectors: Array, shape: tuple[int, ...], reach: float) -> tuple[int, int]:
     """How far lattice indices go on either side of the middle until no part of a micro-image is on the sensor."""
     corners = np.array([[sx * (shape[1] / 2 + reach), sy * (shape[0] / 2 + reach)] for sx in (-1, 1) for sy in (-1, 1)])
     most = np.abs(np.linalg.inv(vectors) @ corners.T).max(axis=1)
@@ -120,17 +120,17 @@ def _fit(
     slants = [0.5, 0.0, 0.0, 0.0]
     values = np.concatenate([rough.origin, rough.vectors.T.ravel(), rough.radii, [noise.offset_dn, rough.light, 0, 0, 0, 0, 0], slants])
     model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, None)
-    half_counts = _half_counts(rough.vectors, picture.shape, sum(rough.radii) + 2)
-    present = np.ones((2 * half_counts[0] + 1, 2 * half_counts[1] + 1), dtype=np.bool_)
-    half_size, whole = 2.5 * pitch, max(picture.shape) / 2 + 1
+    counts = half_counts(rough.vectors, picture.shape, sum(rough.radii) + 2)
+    present = np.ones((2 * counts[0] + 1, 2 * counts[1] + 1), dtype=np.bool_)
+    half_size, whole = 1.5 * pitch, max(picture.shape) / 2 + 1
     while half_size < whole:
         model = refine(picture, model, present, noise, _sparse(half_size, pitch, 80), ROUGHLY, 12, 0.02)
         _require_settled(model, pitch)
         half_size *= 3
-    present = micro_images_present(picture, model, half_counts, noise)
+    present = micro_images_present(picture, model, counts, noise)
     model, free = (model, WITHOUT_SLANT) if cone is None else (replace(model, cone=cone), FULLY)
     model = refine(picture, model, present, noise, _sparse(whole, pitch, 150), free, 8, 1e-3)
-    present = micro_images_present(picture, model, half_counts, noise)
+    present = micro_images_present(picture, model, counts, noise)
     model = finish(picture, model, present, noise, _sparse(whole, pitch, 250), free)
     _require_settled(model, pitch)
     return model, present
@@ -163,7 +163,8 @@ def pitch_and_angle(layout: Layout, vectors: Array) -> tuple[float, float]:
     return math.sqrt(abs(float(np.linalg.det(square)))), (angle + turn / 2) % turn - turn / 2
 
 
-def _lattice(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool_], shape: tuple[int, int]) -> Lattice:
+def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool_], shape: tuple[int, int]) -> Lattice:
+    """What a fitted model says of the micro-images of which any part is seen."""
     vectors = model.vectors
     covariance = model.covariance[GEOMETRY, GEOMETRY] * max(1.0, model.chi2_per_pixel)
     large, small = model.radii

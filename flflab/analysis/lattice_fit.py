@@ -35,12 +35,14 @@ class LatticeModel:
         covariance: of them, shape (COUNT, COUNT).
         chi2_per_pixel: about 1 where model and noise are right.
         cone: how steeply rays land; None where fall-off is left out.
+        expected: values expected beforehand and their standard deviations, shape (2, COUNT); None where only the pixels count.
     """
 
     values: Array
     covariance: Array
     chi2_per_pixel: float
     cone: Cone | None = None
+    expected: Array | None = None
 
     @property
     def vectors(self) -> Array:
@@ -154,6 +156,8 @@ def _prior(model: LatticeModel) -> tuple[Array, Array]:
     precision[SHARE:], middle[SHARE] = 1 / LOOSE**2, 0.5
     if model.cone is not None:
         precision[RATE] /= model.cone.by_place**2
+    if model.expected is not None:
+        middle, precision = model.expected[0], 1 / model.expected[1] ** 2
     return precision, precision * (middle - model.values)
 
 
@@ -192,7 +196,9 @@ def _stepped(model: LatticeModel, normal: Array, right: Array, free: Whole, chi2
     """The model after one step of Gauss-Newton, and the step."""
     precision, pull = _prior(model)
     step, covariance = _solve(normal + np.diag(precision), right + pull, free)
-    shrink = min(1.0, *(0.5 * model.values[k] / abs(step[k]) for k in (6, 7) if step[k] < 0), 1.0)
+    # far from the best the profile is not linear: no radius changes by more than half, no centre by more than a seventh of the pitch
+    longest = np.concatenate([np.full(6, 0.15 * np.linalg.norm(model.vectors[:, 0])), 0.5 * model.values[6:8]])
+    shrink = float(np.min(longest / np.maximum(np.abs(step[:8]), 1e-300), initial=1.0))
     values = model.values + shrink * step
     values[6:8] = np.maximum(values[6:8], 0.05)
     return replace(model, values=values, covariance=covariance, chi2_per_pixel=chi2_per_pixel), step

@@ -10,10 +10,12 @@ from flflab.analysis.contrast import fit_contrasts
 from flflab.analysis.dots import count_views
 from flflab.analysis.edges import EdgeCurve, measure_edges
 from flflab.analysis.lattice import Lattice, find_lattice, pitch_and_angle
+from flflab.analysis.lattice_from_dots import lattice_from_dots
 from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json
 from flflab.analysis.mosaic import Mosaic, from_raw
 from flflab.analysis.noise import SensorNoise, estimate_noise
 from flflab.analysis.presence import require_dots, require_light
+from flflab.analysis.profile import cone_of
 from flflab.analysis.registration import require_picture, require_shape, sensor_pixel
 from flflab.errors import InputError
 from flflab.optics.camera import Camera, microlens_centres
@@ -38,8 +40,8 @@ def measure(
 ) -> dict[str, Any]:
     """Measure one frame.
 
-    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera. A frame of dots, bars or edges is
-    measured on the camera's nominal lattice, and a remark says so.
+    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera. In a frame of dots
+    the lattice is measured within the dots, from the camera's nominal one; bars and edges are measured on that itself. A remark says so.
 
     Args:
         picture: [row, col]; DN, or any other unit where ``noise`` is None. A raw one is measured above its black level, the filters of its
@@ -76,13 +78,15 @@ def measure(
     require_light(values, evened, target)
     result: dict[str, Any] = {"dots": [], "mtf": []}
     if isinstance(target, White):
-        lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened)
+        lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened, cone_of(camera))
         remarks += _radius_remarks(lattice, camera)
         return {"lattice": lattice_json(lattice), **result, "remarks": remarks}
     lattice = nominal_lattice(camera, max(float(np.quantile(values, 0.999)) - evened.offset_dn, 1.0))
     remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
     away = _sharp_distance(camera) if distance is None else distance
     if isinstance(target, FourDot):
+        lattice = lattice_from_dots(values, lattice, camera, target, away, evened)
+        remarks[-1] = "no white picture: the lattice was measured within the dots, from the camera's nominal one"
         dots = count_views(values, None, lattice, camera, target, away, evened)
         require_dots(values, dots, camera, target, away, evened)
         result["dots"] = [dot_json(dot) for dot in dots]

@@ -1,0 +1,155 @@
+"""Times of measuring a full frame of 3664 x 2748 pixels: ``python benchmarks/bench_measure.py [--repeats N]``.
+
+Medians of warm calls, wall and processor seconds of all cores, next to what OpenCV and scikit-image offer for the same. Their detectors
+get the frame as 8 bits; they find blobs or circles, neither a lattice nor which dot is which.
+"""
+
+import argparse
+import os
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from skimage.feature import blob_log, peak_local_max
+from skimage.transform import hough_circle, hough_circle_peaks
+
+from flflab.analysis.dots import count_views
+from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
+from flflab.camera_file import read_camera
+from flflab.image.random_numbers import noise_key
+from flflab.image.render import render
+from flflab.image.scene import one_plane
+from flflab.image.sensor_response import SensorResponse, digitise
+from flflab.optics.camera import Camera
+from flflab.targets import FourDot, Target, White
+
+Frame = npt.NDArray[np.uint16]
+
+CAMERA = Path(__file__).parents[1] / "examples" / "cameras" / "osinski.yaml"
+DISTANCE = 506.7016
+F_NUMBERS = (1.6, 2.8, 4.0, 8.0, 16.0)
+ELECTRONS = 5000.0
+SMALLER = 8  # scikit-image's detectors get the frame binned by this
+
+
+def sensor_noise() -> SensorNoise:
+    """That of the frames below."""
+    numbers = SensorResponse().quantisation
+    read = SensorResponse().read_noise
+    electrons = 0.0 if read is None else read.electrons
+    return SensorNoise(numbers.dn_per_electron, electrons * numbers.dn_per_electron, numbers.offset_dn, numbers.full_scale)
+
+
+def frame(camera: Camera, target: Target, electrons: float = ELECTRONS) -> Frame:
+    """What the sensor reads before a target in focus."""
+    return digitise(render(one_plane(camera, target, DISTANCE)), electrons, SensorResponse(), noise_key("bench", target.kind))
+
+
+def row(name: str, call: Callable[[], str], repeats: int) -> None:
+    """One line of the table; the call says what it found."""
+    found, walls, used = call(), list[float](), list[float]()
+    for _ in range(repeats):
+        started, before = time.perf_counter(), time.process_time()
+        found = call()
+        walls.append(time.perf_counter() - started)
+        used.append(time.process_time() - before)
+    print(f"{name:52} {statistics.median(walls):7.3f} {statistics.median(used):7.3f}  {found}", flush=True)
+
+
+def lattice_rows(camera: Camera, repeats: int) -> Lattice:
+    """Lattices at every f-number; that at F/4 is given back."""
+    kept: list[Lattice] = []
+    for f_number in F_NUMBERS:
+        one = replace(camera, main_lens=replace(camera.main_lens, f_number=f_number))
+        white = frame(one, White(), ELECTRONS / (2.5 if f_number < 2 else 1))
+        for name, cone in (("", None), (", fall-off fitted", cone_of(one))):
+
+            def call(white: Frame = white, cone: Any = cone) -> str:
+                found = find_lattice(white, "square", 241.0, sensor_noise(), cone)
+                kept.append(found)
+                doubt = float(np.max(found.origin_uncertainty_px))
+                pitch = found.pitch_uncertainty_px / found.pitch_px
+                return f"{len(found.centres_px)} micro-images, origin +- {doubt:.5f} px, pitch +- {pitch:.1e}"
+
+            row(f"lattice, F/{f_number:g}{name}", call, repeats)
+        if f_number == 4.0:
+            kept = kept[-1:]
+            peers_on_white(white, repeats)
+            chosen = kept[0]
+    return chosen  # pyright: ignore[reportPossiblyUnboundVariable]
+
+
+def eight_bits(picture: Frame) -> npt.NDArray[np.uint8]:
+    """The frame as OpenCV's detectors want it."""
+    return np.clip(picture * (255.0 / float(np.quantile(picture[::8, ::8], 0.999))), 0, 255).astype(np.uint8)
+
+
+def blob_detector(smallest: float, largest: float) -> Any:
+    """OpenCV's detector of bright blobs."""
+    opencv: Any = cv2
+    wanted = opencv.SimpleBlobDetector_Params()
+    wanted.blobColor, wanted.minArea, wanted.maxArea, wanted.minDistBetweenBlobs = 255, smallest, largest, 5
+    wanted.filterByCircularity = wanted.filterByConvexity = wanted.filterByInertia = False
+    return opencv.SimpleBlobDetector_create(wanted)
+
+
+def peers_on_white(white: Frame, repeats: int) -> None:
+    """OpenCV and scikit-image on the white frame at F/4."""
+    picture = eight_bits(white)
+    small = picture[: 2748 // SMALLER * SMALLER, : 3664 // SMALLER * SMALLER].reshape(2748 // SMALLER, SMALLER, -1, SMALLER).mean((1, 3))
+    small = small / small.max()
+    detector = blob_detector(5e3, 5e4)
+    row("  cv2.SimpleBlobDetector", lambda: f"{len(detector.detect(picture))} blobs", repeats)
+
+    def grid() -> str:
+        opencv: Any = cv2
+        found, _ = cv2.findCirclesGrid(picture, (15, 11), flags=opencv.CALIB_CB_SYMMETRIC_GRID, blobDetector=detector)
+        return "15 x 11 circles" if found else "no grid of 15 x 11"
+
+    row("  cv2.findCirclesGrid", grid, repeats)
+    row(f"  skimage.feature.peak_local_max, 1/{SMALLER}", lambda: f"{len(peak_local_max(small, min_distance=10))} peaks", repeats)
+    row(f"  skimage.feature.blob_log, 1/{SMALLER}", lambda: f"{len(blob_log(small, 5, 9, 3, threshold=0.2))} blobs", max(1, repeats // 3))
+
+    def hough() -> str:
+        edges = (small > 0.5).astype(np.float64)
+        edges = np.abs(np.gradient(edges)[0]) + np.abs(np.gradient(edges)[1]) > 0
+        found = hough_circle_peaks(hough_circle(edges, np.array([9])), np.array([9]), min_xdistance=10, min_ydistance=10)
+        return f"{len(found[0])} circles"
+
+    row(f"  skimage.transform.hough_circle, 1/{SMALLER}", hough, max(1, repeats // 3))
+
+
+def dot_rows(camera: Camera, lattice: Lattice, repeats: int) -> None:
+    """Dots and views at F/4."""
+    target, dots, white = FourDot(), frame(camera, FourDot()), frame(camera, White())
+
+    def call() -> str:
+        found = count_views(dots, white, lattice, camera, target, DISTANCE, sensor_noise())
+        return f"views {[dot.views for dot in found]}, z +- {max(dot.uncertainty_mm[2] for dot in found):.3f} mm"
+
+    row("dots and views, F/4", call, repeats)
+    picture, detector = eight_bits(dots), blob_detector(50, 400)
+    row("  cv2.SimpleBlobDetector", lambda: f"{len(detector.detect(picture))} blobs", repeats)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--repeats", type=int, default=9)
+    repeats = parser.parse_args().repeats
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; wall and processor seconds, medians of {repeats}")
+    camera = read_camera(CAMERA)
+    lattice = lattice_rows(camera, repeats)
+    dot_rows(camera, lattice, repeats)
+
+
+if __name__ == "__main__":
+    main()
