@@ -151,10 +151,10 @@ class Axis:
             NotHomedError: it has no reference, so its counter means nothing.
             CommunicationError: it does not answer.
         """
-        position = self._commands.position()
-        if not self._commands.is_homed():  # asked afterwards: a device that was reset in between counts from anywhere
+        reading = self._commands.reading()
+        if reading is None:
             raise NotHomedError(f"{self.name}: asked where it is, but it has no reference; home it first")
-        return position
+        return reading
 
     def is_homed(self) -> bool:
         """Whether the reading means anything."""
@@ -180,10 +180,10 @@ class Axis:
         motion = self._present_motion()
         if motion is not None:
             return None if motion.start is None or motion.end is None else (min(motion.start, motion.end), max(motion.start, motion.end))
-        if not self._commands.is_homed() or self._commands.is_busy():
+        if self._commands.is_busy():
             return None
-        position = self._commands.position()
-        return (position, position) if self._commands.is_homed() else None
+        reading = self._commands.reading()
+        return None if reading is None else (reading, reading)
 
     def identity(self) -> str:
         """Maker, model, serial number and firmware as far as the device tells."""
@@ -262,12 +262,12 @@ class Axis:
                 raise DeviceError(f"{self.name}: asked to move after the bench was closed; connect again")
             if self.is_moving():
                 raise DeviceError(f"{self.name}: asked to move while it moves; wait for it or stop it first")
-            homed = self._commands.is_homed()
-            if end is not None and not homed:
+            start = self._commands.reading()
+            if end is not None and start is None:
                 raise NotHomedError(
                     f"{self.name}: asked to go to {self.coordinate.show(end)}, but it has no reference; home it first, nothing moved"
                 )
-            motion = Motion(self._commands.position() if homed else None, end, Status(task))
+            motion = Motion(start, end, Status(task))
             # Seen by the neighbours' guards before our own guard looks at them: of two that start at once, one sees the other.
             self._motion = motion
             try:

@@ -30,7 +30,11 @@ class AxisCommands(Protocol):
         ...
 
     def position(self) -> float:
-        """The reading."""
+        """What it counts, reference or not: how a motion is seen to make progress."""
+        ...
+
+    def reading(self) -> float | None:
+        """What it counts where that is counted from its reference, else None; true whatever happens to the device meanwhile."""
         ...
 
     def is_busy(self) -> bool:

@@ -143,6 +143,10 @@ class ManualAxis:
         """The reading last confirmed."""
         return self._position
 
+    def reading(self) -> float | None:
+        """The reading last confirmed, None while one is asked for or none was."""
+        return self._position if self._known else None
+
     def is_busy(self) -> bool:
         """Whether the person has still to do it."""
         if self._question is not None and not self._question.open():

@@ -297,6 +297,10 @@ class OrientalAxis:
         """The measured reading in rad."""
         return self._read(MEASURED) * self._step
 
+    def reading(self) -> float | None:
+        """The measured reading in rad, None without a reference; an absolute encoder that has one keeps it."""
+        return self.position() if self.is_homed() else None
+
     def is_busy(self) -> bool:
         """Whether it moves."""
         return self._output(self._read(OUTPUTS), self._keys.moving_output)

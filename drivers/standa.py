@@ -196,11 +196,14 @@ class StandaAxis:
                 self._referenced = True
         return False
 
+    def reading(self) -> float | None:
+        """The reading in mm, None without a reference; one status tells both."""
+        status = self._status()
+        return self._count(status) * self.resolution if self._has_reference(status) else None
+
     def is_homed(self) -> bool:
         """Whether its position is counted from its sensor."""
-        status = self._status()
-        self._referenced = self._referenced and bool(int(status.MvCmdSts) & COMMAND)  # none since it was switched on: it was off
-        return bool(int(status.Flags) & HOMED) or self._referenced
+        return self._has_reference(self._status())
 
     def stop(self) -> None:
         """Decelerate to rest; a homing that is stopped found nothing."""
@@ -238,6 +241,10 @@ class StandaAxis:
 
     def _status(self) -> Any:
         return self._ask("say its state", lambda axis: axis.get_status())
+
+    def _has_reference(self, status: Any) -> bool:
+        self._referenced = self._referenced and bool(int(status.MvCmdSts) & COMMAND)  # none since it was switched on: it was off
+        return bool(int(status.Flags) & HOMED) or self._referenced
 
     def _steps(self, count: int) -> tuple[int, int]:
         """Whole steps and parts of a step, with one sign."""

@@ -256,6 +256,11 @@ class ThorlabsAxis:
         """The reading in rad."""
         return self._state().counts * self._count
 
+    def reading(self) -> float | None:
+        """The reading in rad, None without a reference; one answer tells both."""
+        state = self._state()
+        return state.counts * self._count if state.bits & REFERENCE else None
+
     def is_busy(self) -> bool:
         """Whether it moves or looks for its reference."""
         return self._state().busy

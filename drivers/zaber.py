@@ -244,14 +244,24 @@ class ZaberAxis:
             NotHomedError: it has just lost its reference.
         """
         self._command("warnings clear", repeatable=True)
-        here = self._setting("pos")
-        if not self.is_homed():
+        here = self.reading()
+        if here is None:
             raise NotHomedError(f"{self._name}: asked to move, but it has just lost its reference (a reset?); home it, nothing moved")
-        self._command(f"move rel {round(position / self.resolution) - here}", repeatable=False)
+        self._command(f"move rel {round(position / self.resolution) - round(here / self.resolution)}", repeatable=False)
 
     def position(self) -> float:
         """The reading in mm."""
         return self._setting("pos") * self.resolution
+
+    def reading(self) -> float | None:
+        """The reading in mm, None without a reference: the reply says so itself, unless a graver flag hides it."""
+        before = self._command("get pos", repeatable=True)
+        if before.flag in NO_REFERENCE or (before.flag != "--" and not self.is_homed()):
+            return None
+        if before.flag == "--":
+            return self._number("pos", before) * self.resolution
+        here = self.position()
+        return here if self.is_homed() else None
 
     def is_busy(self) -> bool:
         """Whether it moves."""
@@ -283,10 +293,12 @@ class ZaberAxis:
         """Nothing: the chain is closed by who opened it."""
 
     def _setting(self, setting: str) -> int:
-        data = self._command(f"get {setting}", repeatable=True).data
-        if not re.fullmatch(r"-?\d+", data):
-            raise CommunicationError(f"{self._name}: asked for {setting}, got {data!r}, not a whole number; check model and firmware")
-        return int(data)
+        return self._number(setting, self._command(f"get {setting}", repeatable=True))
+
+    def _number(self, setting: str, reply: Reply) -> int:
+        if not re.fullmatch(r"-?\d+", reply.data):
+            raise CommunicationError(f"{self._name}: asked for {setting}, got {reply.data!r}, not a whole number; check model and firmware")
+        return int(reply.data)
 
     def _device_setting(self, setting: str) -> str:
         return self._command(f"get {setting}", repeatable=True, axis=0).data

@@ -31,6 +31,7 @@ CAMERA_FAULTS = {
     "scpi": ("silence", "drop", "late", "garbage", "cut", "hang-up", "reset", "lost-frame"),
     "folder": ("silence", "drop", "late", "double", "garbage", "cut", "hang-up", "lost-frame"),
 }
+EMULATED = "xi-emu:"  # an address at which a maker's library emulates its device, which this world does not see
 POLL = 0.2  # s between looks for the end
 GRACE = 5.0  # s that a parent has after a Ctrl-C
 
@@ -118,9 +119,12 @@ def _sharing(
     for name, device in devices.items():
         if device.driver in drivers:
             shared.setdefault((device.driver, device.address, name if device.driver in alone else ""), []).append(name)
-        elif device.driver != "manual":
+        elif device.driver != "manual" and not device.address.startswith(EMULATED):
             known = ", ".join((*drivers, "manual"))
-            raise InputError(f"{name}: there is no simulator for driver '{device.driver}'; drivers with one here: {known}")
+            raise InputError(
+                f"{name}: there is no simulator for driver '{device.driver}'; drivers with one here: {known}, "
+                f"and standa's own library emulates a stage at {EMULATED}///FILE"
+            )
     return [(driver, names) for (driver, _, _), names in shared.items()]
 
 

@@ -8,8 +8,6 @@ from drivers.camera import Setup, Taken
 from drivers.genicam_nodes import GenicamSensorKeys, GenicamSettings, next_frame_number
 from flflab.errors import CommunicationError, DeviceError
 
-READY_MS = 5000  # how long the last frame may keep the camera from the next trigger
-
 
 class PylonKeys(GenicamSensorKeys):
     """The keys of a Basler camera are those of any camera with GenICam features."""
@@ -108,10 +106,11 @@ class PylonCamera:
         if not self._camera.IsGrabbing():
             self._asked("acquisition", lambda: self._camera.StartGrabbing(self._pylon.GrabStrategy_OneByOne))
             self._number = None
-        ready = lambda: self._camera.WaitForFrameTriggerReady(READY_MS, self._pylon.TimeoutHandling_Return)  # noqa: E731
+        wait_ms = int(1000 * self._keys.timeout)
+        ready = lambda: self._camera.WaitForFrameTriggerReady(wait_ms, self._pylon.TimeoutHandling_Return)  # noqa: E731
         if not self._asked("readiness", ready):
             raise CommunicationError(
-                f"{self._who}: takes no trigger within {READY_MS / 1000:g} s; check its cable, then take the picture again"
+                f"{self._who}: takes no trigger within {self._keys.timeout:g} s; check its cable, then take the picture again"
             )
         if self._asked("waiting frames", lambda: self._camera.GetGrabResultWaitObject().Wait(0)):
             raise CommunicationError(f"{self._who}: sent frames unasked; see who else triggers it, then take the picture again")

@@ -147,7 +147,7 @@ def _origin_and_radii(
     pitch = float(np.linalg.norm(vectors[:, 0]))
     cell = abs(float(np.linalg.det(vectors)))
     large = np.geomspace(0.03, 1.3, 90)
-    ratio = np.linspace(0.02, 1.0, 25)
+    ratio = np.linspace(0.02, 0.9, 23)
     a, share = (grid.ravel() for grid in np.meshgrid(large * pitch, ratio, indexing="ij"))
     b = np.maximum(a * share, 0.3)
     shapes = (np.pi * a**2 / cell)[:, None] * _jinc(np.outer(a, size)) * _jinc(np.outer(b, size))

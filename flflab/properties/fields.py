@@ -9,7 +9,7 @@ from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values, single
 
-RADIUS_ERROR_PX = 0.004  # of a fitted radius beside its noise; what exact pictures were off by
+RADIUS_ERROR_PX = 0.002  # of a fitted radius beside its noise; exact pictures were off by half of it
 PITCH_ERROR = 2e-6  # of a fitted pitch, as a share
 
 

@@ -115,6 +115,7 @@ def test_new_writes_a_copy_that_can_be_used_and_never_overwrites(flflab: Run, ki
     assert "not overwritten" in again.err
 
 
+@pytest.mark.ci
 def test_a_new_bench_and_a_new_study_can_be_planned(flflab: Run, tmp_path: Path) -> None:
     flflab("new", "bench", tmp_path / "bench.yaml")
     flflab("new", "study", tmp_path / "study.yaml")

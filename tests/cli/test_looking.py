@@ -85,6 +85,20 @@ def test_a_snap_is_written_as_raw_too_and_needs_somewhere_to_go(flflab: Run, ben
 
 
 @pytest.mark.ci
+def test_a_watched_folder_is_simulated_like_any_camera(flflab: Run, bench: tuple[Served, Path], tmp_path: Path) -> None:
+    described = yaml.safe_load((tmp_path / "bench.yaml").read_text(encoding="utf-8"))
+    described["camera"] = {
+        "driver": "folder", "address": "simulated", "released_by": "program", "exposures": ["10 us", "10 s"], "gains": [1, 16],
+        "full_scale": 4095, "black_level": 64, "electrons_per_dn": 2.977, "read_noise_electrons": 3, "timeout": "100 s",
+    }  # fmt: skip
+    (tmp_path / "folder.yaml").write_text(yaml.safe_dump(described, sort_keys=False), encoding="utf-8")
+    taken = flflab("bench", "snap", "--bench", tmp_path / "folder.yaml", "-o", tmp_path / "a.png", "--exposure", "4 ms", "--gain", "2")
+    assert (taken.code, "160 x 120 pixels, 0.004 s, Mono12" in taken.out) == (0, True), taken.err
+    checked = flflab("bench", "check", "--bench", tmp_path / "folder.yaml")
+    assert (checked.code, "watched folder, program releases" in " ".join(checked.out.split())) == (0, True), checked.err
+
+
+@pytest.mark.ci
 @pytest.mark.skipif(sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there")
 def test_a_live_view_goes_on_until_ctrl_c_and_ends_without_a_traceback(bench: tuple[Served, Path], tmp_path: Path) -> None:
     command = [sys.executable, "-m", "flflab", "bench", "snap", "--bench", bench[1], "--live", "-o", tmp_path / "now.png"]

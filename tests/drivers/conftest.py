@@ -170,7 +170,7 @@ class ToyChain:
                     stage.hang_ups -= 1
                     return
                 flag, data = stage.answer(" ".join(words))
-                worst = min(stage.flags, default="--")
+                worst = min(stage.flags | (set() if stage.homed else {"WR"}), default="--")
                 answer = f"{int(device):02d} {axis} {message} {flag} {'BUSY' if stage.busy else 'IDLE'} {worst} {data}".encode()
                 reply = b"@%s:%02X\r\n" % (answer, -sum(answer) % 256)
                 if stage.fault is not None:

@@ -44,6 +44,9 @@ class MemoryAxis:
     def position(self) -> float:
         return self.place
 
+    def reading(self) -> float | None:
+        return self.place if self.homed else None
+
     def is_busy(self) -> bool:
         return False
 

@@ -71,6 +71,9 @@ class Loose:
     def position(self) -> float:
         return self.place
 
+    def reading(self) -> float | None:
+        return self.place if self.homed else None
+
     def is_busy(self) -> bool:
         return False
 

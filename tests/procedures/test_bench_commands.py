@@ -76,7 +76,7 @@ def test_a_snap_is_a_picture_of_16_bits(told: Told, tmp_path: Path) -> None:
     picture = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED)
     assert picture is not None
     assert (picture.shape, picture.dtype.name) == ((90, 120), "uint16")
-    with pytest.raises(InputError, match=r"\.png or \.tiff"):
+    with pytest.raises(InputError, match=r"\.png, \.tiff or \.dng"):
         told("snap", "-o", str(tmp_path / "a.jpeg"))
 
 
