@@ -1,7 +1,8 @@
 """The door to the devices: what an axis, a camera, an iris and a target holder promise, whoever made them."""
 
 from drivers.axis import Axis, Guard
-from drivers.camera import Camera, CameraCommands, CameraDevice, Detector, Frame
+from drivers.camera import Camera, CameraDevice, Detector, Frame
+from drivers.camera_commands import CameraCommands
 from drivers.commands import AxisCommands, SettingCommands
 from drivers.setting import Setting
 from drivers.status import Status, wait_all

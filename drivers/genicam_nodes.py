@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from drivers.camera import SensorKeys, Setup
+from drivers.camera_commands import SensorKeys, Setup
 from flflab.description import Time
 from flflab.errors import CommunicationError, DeviceError
 

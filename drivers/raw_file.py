@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drivers.camera import Setup, Taken
+from drivers.camera_commands import Setup, Taken
 from flflab.errors import CommunicationError
 from flflab.raw_file import RawPicture
 

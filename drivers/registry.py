@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 from drivers import manual, oriental, scpi_settings, standa, thorlabs, zaber
-from drivers.camera import CameraCommands
+from drivers.camera_commands import CameraCommands
 from drivers.cameras import folder, genicam, gphoto2, opencv, pylon, scpi
 from drivers.commands import AxisCommands, SettingCommands
 from flflab.bench import ANGLE, LENGTH, AxisDescription, Coordinate

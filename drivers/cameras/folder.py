@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from drivers.camera import SensorKeys, Setup, Taken
+from drivers.camera_commands import SensorKeys, Setup, Taken
 from drivers.raw_file import taken_from
 from flflab.description import Time
 from flflab.errors import CommunicationError, DeviceError, InputError

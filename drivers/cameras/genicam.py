@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from drivers.camera import Setup, Taken
+from drivers.camera_commands import Setup, Taken
 from drivers.genicam_nodes import GenicamSensorKeys, GenicamSettings, next_frame_number
 from flflab.errors import CommunicationError, DeviceError
 

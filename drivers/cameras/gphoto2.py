@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import Field
 
-from drivers.camera import SensorKeys, Setup, Taken
+from drivers.camera_commands import SensorKeys, Setup, Taken
 from drivers.raw_file import taken_from
 from flflab.description import Description, Time
 from flflab.errors import CommunicationError, DeviceError, InputError, LimitError

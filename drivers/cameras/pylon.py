@@ -4,7 +4,7 @@ import contextlib
 import time
 from typing import Any
 
-from drivers.camera import Setup, Taken
+from drivers.camera_commands import Setup, Taken
 from drivers.genicam_nodes import GenicamSensorKeys, GenicamSettings, next_frame_number
 from flflab.errors import CommunicationError, DeviceError
 

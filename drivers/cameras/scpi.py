@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from drivers.camera import Setup, Taken
+from drivers.camera_commands import Setup, Taken
 from drivers.scpi_link import ScpiLink, on_link, unquote
 from flflab.description import Description
 from flflab.errors import CommunicationError
