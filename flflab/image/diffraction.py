@@ -8,18 +8,19 @@ light of the rays, so that white stays white. Paraxial, incoherent, first stop c
 import math
 from dataclasses import replace
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.diffraction_border import Border, border_reach, from_beyond, make_border
-from flflab.image.diffraction_falloff import mean_falloff, pupil_moments, slant_rows
+from flflab.image.diffraction_border import NO_BORDER, border_reach, make_border
+from flflab.image.diffraction_falloff import pupil_moments, slant_rows
 from flflab.image.diffraction_fields import Field, Grid, add_field, dot_spectrum, kept_frequencies, make_fields, make_grid, picture_spectrum
-from flflab.image.diffraction_ruled import make_curves, make_line, seen_through
+from flflab.image.diffraction_lines import add_ruled_diffracted
+from flflab.image.diffraction_ruled import make_curves, make_line
 from flflab.image.diffraction_table import BLURRED, Kind, find_kinds, find_modes, transfer_table
 from flflab.image.form import add_plane
-from flflab.image.orders import in_bands
-from flflab.image.rim import STEEP, disc_nodes, lit_middle, steep_share
+from flflab.image.moments import places_of
+from flflab.image.orders import in_bands, is_even
+from flflab.image.rim import STEEP, disc_nodes
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions
 from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
@@ -52,9 +53,7 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
     seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
     for kind in find_kinds(finer, wavelength, seen) if len(seen) else []:
         if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
-            part = setup.of(kind.entries, setup.window[kind.entries])
-            part = replace(part, pupils=replace(part.pupils, level=part.pupils.level * kind.weights))
-            add_plane(image, part, target, wanted)
+            _add_rays(image, setup, kind, target, wanted)
         elif isinstance(target, Bars | Edge):
             _add_ruled(image, finer, kind, target, chosen)
         elif isinstance(target, Picture):
@@ -62,6 +61,19 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
         elif isinstance(target, FourDot):
             for x, y in target.centres:
                 _add_dot(image, finer.seen_from(x, y), kind, target.diameter / 2, chosen)
+
+
+def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Chosen | None) -> None:
+    """Add a kind's light without diffraction, moment by moment where the target moves."""
+    part = setup.of(kind.entries, setup.window[kind.entries])
+    width = max(
+        float(np.linalg.norm(kind.by_sensor)), math.pi / 2 * float(np.linalg.norm(part.by_pupil[0]))
+    )  # of a smoothed edge, target mm
+    places = places_of(setup.motion, float(np.linalg.norm(part.by_motion[0])) / width, setup.tolerance)
+    level = part.pupils.level * kind.weights / len(places)
+    for place in places:
+        moved = replace(part, origin=part.origin + part.by_motion @ place, pupils=replace(part.pupils, level=level))
+        add_plane(image, moved, target, wanted)
 
 
 def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chosen: Chosen) -> None:
@@ -84,12 +96,16 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
     line = make_line(table, target, seen, directions[0], setup.tolerance)
     curves = make_curves(table, line, box, parts)
     modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
-    half, borders = math.inf, [_no_border(), _no_border()]
+    half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
         seen_up = float(np.max(np.abs(origins[:, 1]))) + kind.outer + 1
         if seen_up > half - border_reach(modes, setup.tolerance):
-            borders = [make_border(modes, line, inward, box, parts, setup.tolerance) for inward in (directions[1], -directions[1])]
+            borders = [make_border(modes, line, directions[1], box, parts, setup.tolerance)] * 2
+            mirror = kind.smear.extent == 0 and is_even(directions[None], 0.0)
+            if not mirror:
+                borders[1] = make_border(modes, line, -directions[1], box, parts, setup.tolerance)
+    border_rows = [(some.core, some.part, some.waves, some.terms, some.turns, some.last, some.place) for some in borders]
     windows = lit_windows(setup)[kind.entries]
     xs, ys = pixel_positions(setup.sensor)
 
@@ -111,10 +127,11 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
             pixel,
             half,
             (curves.core, curves.part, curves.rim, curves.place),
-            (borders[0].core, borders[0].part, borders[0].even, borders[0].odd, borders[0].last, borders[0].place),
-            (borders[1].core, borders[1].part, borders[1].even, borders[1].odd, borders[1].last, borders[1].place),
-            modes.orders,
-            modes.radial,
+            border_rows[0],
+            border_rows[1],
+            -1.0 if mirror else 1.0,
+            int(modes.orders.max(initial=0)),
+            np.ascontiguousarray(modes.radial.T),
             slant_rows(setup, kind),
             pupil_moments(kind, table.radii),
             disc_nodes(8, 8),
@@ -124,118 +141,12 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
     in_bands(add, windows)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def add_ruled_diffracted(
-    image: Array,
-    rows: tuple[int, int],
-    windows: Whole,
-    centres: Array,
-    origins: Array,
-    directions: Array,
-    levels: Array,
-    rims: Array,
-    steep: bool,
-    parts: int,
-    box: float,
-    xs: Array,
-    ys: Array,
-    pixel: float,
-    half: float,
-    curves: tuple[Array, Array, Array, tuple[float, float, float, float, float, float]],
-    lower: tuple[Array, Array, Array, Array, Array, tuple[float, float, float, float, float]],
-    upper: tuple[Array, Array, Array, Array, Array, tuple[float, float, float, float, float]],
-    orders: Whole,
-    radial_terms: Array,
-    slants: Array,
-    moments: Array,
-    nodes: Array,
-    chosen: Chosen,
-) -> None:
-    """Add the light of microlenses of one kind to the rows from rows[0] to below rows[1].
-
-    Args:
-        image: picture to add to, [row, column].
-        rows: the band.
-        windows: first column, column after the last, first row, row after the last; shape (N, 4).
-        centres: of the micro-images, mm, shape (N, 2).
-        origins: position on the target seen from there along x' and y', in pixels of either direction, shape (N, 2).
-        directions: change of that position per pixel on the sensor, shape (N, 2, 2).
-        levels: light at full pupil.
-        rims: see ``Kind``.
-        steep: whether its rim is too narrow for curves of its own.
-        parts: parts a side of a pixel.
-        box: side of the square over which a pixel gathers light, pixels.
-        xs: positions of the columns, mm.
-        ys: of the rows.
-        pixel: side of a pixel, mm.
-        half: half the target's extent along y', pixels; infinite where it does not end.
-        curves: see ``Curves``.
-        lower: see ``Border``.
-        upper: the same.
-        orders: see ``Modes``.
-        radial_terms: the same.
-        slants: see ``slant_rows``.
-        moments: see ``pupil_moments``.
-        nodes: pupil points for steep rims.
-        chosen: which pixels to compute.
-    """
-    core, part, table, place = curves
-    count = table.shape[0] - 1
-    for entry in range(windows.shape[0]):
-        rim = rims[entry]
-        stretch = math.hypot(directions[entry, 0, 0], directions[entry, 0, 1])
-        for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):
-            dy = (ys[row] - centres[entry, 1]) / pixel
-            for column in range(windows[entry, 0], windows[entry, 1]):
-                dx = (xs[column] - centres[entry, 0]) / pixel
-                from_centre = math.sqrt(dx * dx + dy * dy)
-                if from_centre > rim[3] + 0.75 or not chosen[row, column]:
-                    continue
-                whole = from_centre < rim[0] - 0.75
-                pieces = 1 if whole else parts
-                side = max(box / pieces, 1e-3)
-                light = 0.0
-                for j in range(pieces):
-                    y = dy + ((j + 0.5) / pieces - 0.5) * box
-                    for i in range(pieces):
-                        x = dx + ((i + 0.5) / pieces - 0.5) * box
-                        distance = math.sqrt(x * x + y * y)
-                        radial, share, look = -1.0, 1.0, 1.0
-                        if steep and not whole:
-                            share = steep_share(x, y, side, rim[1], rim[2], nodes)
-                            look = lit_middle(distance, side, rim[2])
-                        elif distance >= rim[3]:
-                            share = 0.0
-                        elif distance > rim[0]:
-                            radial = math.acos(max(-1.0, 1.0 - (distance - rim[0]) / rim[1])) / math.pi * count
-                        if share <= 0.0:
-                            continue
-                        toward = directions[entry, 0, 0] * x + directions[entry, 0, 1] * y
-                        angle = math.acos(min(max(toward / (distance * stretch), -1.0), 1.0)) if radial >= 0.0 else 0.0
-                        at = origins[entry, 0] + look * toward
-                        seen = seen_through(radial, angle, at, core if whole else part, table, place)
-                        if half < math.inf:
-                            cos, sin = (x / distance, y / distance) if radial >= 0.0 else (1.0, 0.0)
-                            up = origins[entry, 1] + look * (directions[entry, 1, 0] * x + directions[entry, 1, 1] * y)
-                            sheet = lower[0] if whole else lower[1]
-                            seen -= from_beyond(
-                                radial, cos, sin, at, half + up, sheet, lower[2], lower[3], lower[4], lower[5], orders, radial_terms
-                            )
-                            sheet = upper[0] if whole else upper[1]
-                            seen -= from_beyond(
-                                radial, cos, sin, at, half - up, sheet, upper[2], upper[3], upper[4], upper[5], orders, radial_terms
-                            )
-                        light += share * max(seen, 0.0)
-                weight = levels[entry] * mean_falloff(dx, dy, rim, slants[entry], moments)
-                image[row, column] += weight * light / (pieces * pieces)
-
-
 def _add_dot(image: Array, setup: Setup, kind: Kind, radius: float, chosen: Chosen) -> None:
     """Add a dot round the origin of the target's coordinates."""
     scales = np.hypot(*kind.by_sensor.T)
     size = float(radius / scales.min())
     # The pattern falls as its light times 2 / (pi^4 cutoff) over the third power of the distance, once round the circle.
-    reach = size + abs(kind.blur) + 4 + (8 * size**2 / (math.pi**3 * kind.cutoff * setup.tolerance)) ** (1 / 3)
+    reach = size + kind.extent + 4 + (8 * size**2 / (math.pi**3 * kind.cutoff * setup.tolerance)) ** (1 / 3)
     grid = make_grid(kind.by_sensor / scales[:, None], np.full(2, -reach), np.full(2, reach), reach, kind.cutoff, setup.tolerance)
     _, _, x, y = kept_frequencies(grid, kind.cutoff)
     _add_fields(image, setup, kind, grid, dot_spectrum(-np.array(grid.first), radius / scales, x, y), chosen)
@@ -245,7 +156,7 @@ def _add_picture(image: Array, setup: Setup, kind: Kind, picture: Picture, chose
     scales = np.hypot(*kind.by_sensor.T)
     origins = setup.origin[kind.entries] / scales
     edge = np.array([picture.width, picture.height]) / 2 / scales
-    margin = min(max(2 / (math.pi**3 * kind.cutoff) / (0.4 * setup.tolerance), 16.0), 400.0) + abs(kind.blur)
+    margin = min(max(2 / (math.pi**3 * kind.cutoff) / (0.4 * setup.tolerance), 16.0), 400.0) + kind.extent
     low = np.maximum(origins.min(axis=0) - kind.outer - 1, -edge - margin)
     high = np.minimum(origins.max(axis=0) + kind.outer + 1, edge + margin)
     if np.any(low >= high):
@@ -322,11 +233,6 @@ def _looking_windows(windows: Whole, centres: Array, origins: Array, grid: Grid,
         seen[:, 2 * axis] = np.maximum(seen[:, 2 * axis], np.clip(np.ceil(low - 1), -1e9, 1e9).astype(np.int64))
         seen[:, 2 * axis + 1] = np.minimum(seen[:, 2 * axis + 1], np.clip(np.floor(high + 2), -1e9, 1e9).astype(np.int64))
     return seen
-
-
-def _no_border() -> Border:
-    empty = np.zeros((1, 1, 1))
-    return Border(empty[0], empty[0], empty, empty, np.zeros(0), (0.0, 1.0, 1.0, 0.0, 1.0))
 
 
 def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:

@@ -18,6 +18,7 @@ from flflab.image.diffraction_table import Modes
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
+SingleArray = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int64]
 
 PANELS = 400
@@ -31,24 +32,38 @@ class Border:
     Attributes:
         core: through an unclipped pupil over a pixel, shape (Y, X).
         part: the same over a part of a pixel.
-        even: of each term over a part of a pixel, for the cosine of the sensor point's angle, shape (T, Y, X).
-        odd: the same for the sine, but for the first terms, of order 0.
-        last: the row, counted from outside, after which a term no longer matters, shape (T,).
+        waves: the terms' light over a part of a pixel, each for the cosine of the sensor point's angle and, unless of order 0, for the
+            sine: so K waves, those that are felt farthest first; shape (Y, X, K), single precision.
+        terms: the term of each wave, shape (K,).
+        turns: twice its order for the cosine, 1 more for the sine, shape (K,).
+        last: the row, counted from outside, after which a wave no longer matters, shape (K,).
         place: node of the border itself, nodes a unit and scale (pixels) of the distance's inverse hyperbolic sine; first position
             along x', pixels, and coefficients a pixel.
     """
 
     core: Array
     part: Array
-    even: Array
-    odd: Array
+    waves: SingleArray
+    terms: Whole
+    turns: Whole
     last: Array
     place: tuple[float, float, float, float, float]
 
 
+NO_BORDER = Border(
+    np.zeros((1, 1)),
+    np.zeros((1, 1)),
+    np.zeros((1, 1, 0), dtype=np.float32),
+    np.zeros(0, dtype=np.int64),
+    np.zeros(0, dtype=np.int64),
+    np.zeros(0),
+    (0.0, 1.0, 1.0, 0.0, 1.0),
+)
+
+
 def border_reach(modes: Modes, tolerance: float) -> float:
     """How far inside of a border it is felt, pixels."""
-    return min(max(0.3 / (modes.kind.cutoff * tolerance) / 2, 20.0), FARTHEST) + abs(modes.kind.blur)
+    return min(max(0.3 / (modes.kind.cutoff * tolerance) / 2, 20.0), FARTHEST) + modes.kind.extent
 
 
 def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int, tolerance: float) -> Border:
@@ -63,7 +78,7 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
         tolerance: largest error asked for.
     """
     cutoff = modes.kind.cutoff
-    near = 4 + abs(modes.kind.blur)
+    near = 4 + modes.kind.extent
     spacing = 0.5 * min(1.0, (tolerance / 0.002) ** 0.125) / min(max(1.0, cutoff), 3.0)
     farthest = border_reach(modes, tolerance)
     nodes = math.ceil(math.asinh(farthest / near) / (spacing / near))
@@ -77,34 +92,36 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
     axes = np.stack([line.direction / np.hypot(*line.direction), inward / np.hypot(*inward)])
     f = np.stack(np.broadcast_arrays(coarse[:, None], np.concatenate([coarse, -coarse])), axis=-1) @ axes
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
+    smeared = modes.kind.smear.transfer(f)
     kept = line.frequency < cutoff
     finer = make_interp_spline(turn, np.eye(count), k=5)(np.arccos(1 - 2 * line.frequency[kept] / cutoff))
-    spectrum = line_spectrum(line, cutoff)
+    spectrum = line_spectrum(line, cutoff)[:, None]
+    spectra = {np.complex64: spectrum.astype(np.complex64), np.complex128: spectrum}
 
-    def sheets(patterns: list[ComplexArray], side: float) -> Array:
-        boxed = np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side)
-        beyond = np.stack([(pattern * boxed) @ kernel for pattern in patterns], axis=1)
-        found = (finer @ beyond.reshape(count, -1)).T * spectrum
-        lines = np.asarray(fft.irfft(found, line.length, axis=-1), dtype=np.float64)[:, : line.count]
-        return lines.reshape(len(patterns), len(distance), line.count)
-
-    def reach(term: int) -> float:
-        seen = np.abs(evens[term]).max(axis=1)
-        if modes.orders[term]:
-            seen = np.maximum(seen, np.abs(odds[term - len(evens) + len(odds)]).max(axis=1))
-        return float(np.flatnonzero(seen * np.abs(modes.radial[term]).max() > tolerance / 50).max(initial=0))
+    def sheet(pattern: ComplexArray, side: float, precision: type[np.complex64 | np.complex128]) -> Array:
+        boxed = pattern * smeared * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side)
+        real = np.ascontiguousarray(boxed @ kernel, dtype=precision).view(spectra[precision].real.dtype)
+        found = (finer.astype(real.dtype) @ real).view(precision) * spectra[precision]
+        return fft.irfft(found, line.length, axis=0)[: line.count].T
 
     whole = modes.spectrum(-1, size).astype(np.complex128)
-    patterns = [modes.spectrum(term, size) * (1j if order % 2 else 1.0) for term, order in enumerate(modes.orders)]
-    even = [pattern * np.cos(order * alpha) for pattern, order in zip(patterns, modes.orders, strict=True)]
-    odd = [pattern * np.sin(order * alpha) for pattern, order in zip(patterns, modes.orders, strict=True) if order]
-    evens, odds = (sheets(some, box / parts) if some else np.zeros((0, 1, 1)) for some in (even, odd))
+    found: list[tuple[float, int, int, SingleArray]] = []
+    for term, order in enumerate(modes.orders):
+        pattern = modes.spectrum(term, size) * (1j if order % 2 else 1.0)
+        least = tolerance / 50 / np.abs(modes.radial[term]).max()
+        for turn, by_angle in enumerate((np.cos(order * alpha), np.sin(order * alpha))[: 2 if order else 1]):
+            wave = sheet(pattern * by_angle, box / parts, np.complex64)
+            felt = np.flatnonzero(np.abs(wave).max(axis=1) > least)
+            if len(felt):
+                found.append((float(felt[-1]), term, 2 * int(order) + turn, wave))
+    found.sort(key=lambda wave: -wave[0])
     return Border(
-        sheets([whole], box)[0],
-        sheets([whole], box / parts)[0],
-        evens,
-        odds,
-        np.array([reach(term) for term in range(len(evens))]),
+        np.ascontiguousarray(sheet(whole, box, np.complex128)),
+        np.ascontiguousarray(sheet(whole, box / parts, np.complex128)),
+        np.stack([wave[3] for wave in found], axis=-1) if found else NO_BORDER.waves,
+        np.array([wave[1] for wave in found], dtype=np.int64),
+        np.array([wave[2] for wave in found], dtype=np.int64),
+        np.array([wave[0] for wave in found], dtype=np.float64),
         (float(nodes), near / spacing, near, line.first, line.samples),
     )
 
@@ -151,6 +168,46 @@ def radial_value(coefficients: Array, radial: float) -> float:
     return a * low + b * coefficients[base] + c * coefficients[base + 1] + d * high
 
 
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def weigh_waves(
+    radial: float,
+    cos: float,
+    sin: float,
+    terms: Whole,
+    turns: Whole,
+    coefficients: Array,
+    amounts: Array,
+    turned: Array,
+    weights: SingleArray,
+) -> None:
+    """The first waves' weights at a sensor point, as many as ``weights`` holds; ``amounts`` and ``turned`` are scratch.
+
+    See ``from_beyond``; ``coefficients`` has the shape (R, T).
+    """
+    last = coefficients.shape[0]
+    base = min(int(radial), last - 2)
+    a, b, c, d = spline_weights(radial - base)
+    low, high = mirrored(base - 1, last), mirrored(base + 2, last)
+    for term in range(coefficients.shape[1]):
+        amounts[term] = a * coefficients[low, term] + b * coefficients[base, term]
+        amounts[term] += c * coefficients[base + 1, term] + d * coefficients[high, term]
+    turned[0], turned[1] = 1.0, 0.0
+    for order in range(2, turned.size, 2):
+        turned[order] = turned[order - 2] * cos - turned[order - 1] * sin
+        turned[order + 1] = turned[order - 1] * cos + turned[order - 2] * sin
+    for wave in range(weights.size):
+        weights[wave] = amounts[terms[wave]] * turned[turns[wave]]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def read_waves(waves: SingleArray, row: int, column: int, weights: SingleArray) -> float:
+    """The weighted sum of the first waves at a node."""
+    total = np.float32(0.0)
+    for wave in range(weights.size):
+        total += weights[wave] * waves[row, column, wave]
+    return total
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def from_beyond(
     radial: float,
@@ -159,12 +216,13 @@ def from_beyond(
     x: float,
     inside: float,
     sheet: Array,
-    even: Array,
-    odd: Array,
+    waves: SingleArray,
+    terms: Whole,
+    turns: Whole,
     last: Array,
     place: tuple[float, float, float, float, float],
-    orders: Whole,
     coefficients: Array,
+    scratch: tuple[Array, Array, SingleArray],
 ) -> float:
     """The light from beyond a border at ``inside`` pixels from it; infinite where nothing else is seen.
 
@@ -175,12 +233,13 @@ def from_beyond(
         x: position along x', pixels.
         inside: distance from the border, pixels.
         sheet: of the unclipped pupil, see ``Border``.
-        even: the same.
-        odd: the same.
+        waves: the same.
+        terms: the same.
+        turns: the same.
         last: the same.
         place: the same.
-        orders: see ``Modes``.
-        coefficients: the same, ``radial``.
+        coefficients: ``radial`` of ``Modes``, with the terms along the second axis.
+        scratch: room for the terms, for twice the orders from 0 to the highest, and for the waves.
     """
     row = math.asinh(inside / place[2]) * place[1] + place[0]
     if row >= sheet.shape[0] - 1.0:
@@ -194,16 +253,14 @@ def from_beyond(
     by_column = spline_weights(column - base)
     if radial < 0.0:
         return read_sheet(sheet, base_row, base, by_row, by_column)
+    felt = 0
+    while felt < last.size and row <= last[felt] + 2.0:
+        felt += 1
+    weights = scratch[2][:felt]
+    weigh_waves(radial, cos, sin, terms, turns, coefficients, scratch[0], scratch[1], weights)
     total = 0.0
-    now, turned_cos, turned_sin = 0, 1.0, 0.0
-    for term in range(orders.size):
-        if row > last[term] + 2.0:
-            continue
-        while now < orders[term]:
-            turned_cos, turned_sin = turned_cos * cos - turned_sin * sin, turned_sin * cos + turned_cos * sin
-            now += 1
-        seen = turned_cos * read_sheet(even[term], base_row, base, by_row, by_column)
-        if now > 0:
-            seen += turned_sin * read_sheet(odd[term - even.shape[0] + odd.shape[0]], base_row, base, by_row, by_column)
-        total += radial_value(coefficients[term], radial) * seen
+    for m in range(4):
+        line = mirrored(base_row + m - 1, sheet.shape[0])
+        for n in range(4):
+            total += by_row[m] * by_column[n] * read_waves(waves, line, base + n - 1, weights)
     return total

@@ -13,7 +13,7 @@ from flflab.image.diffraction_border import radial_value, read_sheet
 from flflab.image.diffraction_falloff import mean_falloff
 from flflab.image.diffraction_ruled import spline_weights
 from flflab.image.diffraction_table import Modes, fast_length
-from flflab.image.rim import lit_middle, steep_share
+from flflab.image.rim import place_on_rim
 from flflab.optics.contrast import disc_transfer
 from flflab.targets import Picture
 
@@ -108,7 +108,7 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
     f = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1) @ grid.axes
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
     prefilter = [(2 + np.cos(2 * np.pi * frequency / grid.samples)) / 3 for frequency in (x, y)]
-    wanted = spectrum * grid.samples**2 / (prefilter[0] * prefilter[1][:, None])
+    wanted = spectrum * modes.kind.smear.transfer(f) * grid.samples**2 / (prefilter[0] * prefilter[1][:, None])
 
     def field(pattern: ComplexArray, side: float) -> ComplexArray:
         full = np.zeros((grid.length[1], grid.length[0]), dtype=np.complex128)
@@ -200,26 +200,19 @@ def add_field(
                     for i in range(pieces):
                         x = dx + ((i + 0.5) / pieces - 0.5) * box
                         distance = math.sqrt(x * x + y * y)
-                        share, look = 1.0, 1.0
-                        if steep and not whole:
-                            share = steep_share(x, y, side, rim[1], rim[2], nodes)
-                            look = lit_middle(distance, side, rim[2])
-                        elif distance >= rim[3]:
-                            continue
+                        radial, share, look = place_on_rim(x, y, side, rim, steep and not whole, count, nodes)
                         across = (origins[entry, 0] + look * (looks[entry, 0, 0] * x + looks[entry, 0, 1] * y) - first[0]) * samples
                         along = (origins[entry, 1] + look * (looks[entry, 1, 0] * x + looks[entry, 1, 1] * y) - first[1]) * samples
                         if share <= 0.0 or not (1.0 <= across < even.shape[1] - 2.0 and 1.0 <= along < even.shape[0] - 2.0):
                             continue
                         base_column, base_row = int(across), int(along)
                         by_row, by_column = spline_weights(along - base_row), spline_weights(across - base_column)
-                        clipped = distance > rim[0] and not steep
                         if term < 0:
-                            if not clipped:
+                            if radial < 0.0:
                                 light += share * read_sheet(even, base_row, base_column, by_row, by_column)
                             continue
-                        if not clipped:
+                        if radial < 0.0:
                             continue
-                        radial = math.acos(max(-1.0, 1.0 - (distance - rim[0]) / rim[1])) / math.pi * count
                         cos, sin = 1.0, 0.0
                         for _ in range(order):
                             cos, sin = (cos * x - sin * y) / distance, (sin * x + cos * y) / distance

@@ -128,12 +128,12 @@ def make_line(table: TransferTable, target: Bars | Edge, seen: tuple[float, floa
     scale = float(np.hypot(*direction))
     ends = (0.0, np.inf) if isinstance(target, Edge) else (-target.width / (2 * scale), target.width / (2 * scale))
     samples = max(LEAST_SAMPLES, math.ceil(min(4.5 * table.kind.cutoff, 0.1 / tolerance)))
-    margin = min(max(float(table.tails[0, 0]) / (0.4 * tolerance), MARGINS[0]), MARGINS[1]) + abs(table.kind.blur)
+    margin = min(max(float(table.tails[0, 0]) / (0.4 * tolerance), MARGINS[0]), MARGINS[1]) + table.kind.extent
     low = max(seen[0] / scale - 4, ends[0] - margin)
     high = max(min(seen[1] / scale + 4, ends[1] + margin), low + 8)
     first = math.floor(low)
     count = math.ceil((high - first) * samples) + 4
-    beyond = min(max(float(table.tails[0, 0]) / (0.2 * tolerance), BEYOND[0]), BEYOND[1]) + abs(table.kind.blur)
+    beyond = min(max(float(table.tails[0, 0]) / (0.2 * tolerance), BEYOND[0]), BEYOND[1]) + table.kind.extent
     length = fast_length(count + 2 * beyond * samples)
     spare = (length - count) / (4 * samples)
     cut = (max(ends[0], first - spare), min(ends[1], first + count / samples + spare))
@@ -192,7 +192,8 @@ def make_curves(table: TransferTable, line: Line, box: float, parts: int) -> Cur
     spectrum[: len(found)] = found
     transfers = table.at(frequency)
     far = _far_light(line)
-    turned = np.abs(frequency[:, None] * line.direction / np.hypot(*line.direction))
+    turned = frequency[:, None] * line.direction / np.hypot(*line.direction)
+    spectrum *= table.kind.smear.transfer(turned)
 
     def curves(chosen: slice, side: float) -> Array:
         boxed = spectrum * np.sinc(turned[:, 0] * side) * np.sinc(turned[:, 1] * side)

@@ -14,6 +14,7 @@ from scipy import fft, ndimage
 from scipy.interpolate import make_interp_spline
 
 from flflab.image.setup import Setup
+from flflab.image.smear import Smear
 from flflab.optics.diffraction import pupil_transfer
 from flflab.optics.discs import two_disc_areas
 
@@ -39,6 +40,7 @@ class Kind:
         cutoff: where the whole pupil's transfer ends, cycles/pixel.
         by_sensor: target mm per pixel on the sensor, shape (2, 2).
         rims: of each entry's micro-image: distance from the centre up to which nothing is clipped, slope, reach, radius; (n, 4).
+        smear: the target's motion.
     """
 
     entries: Whole
@@ -49,6 +51,12 @@ class Kind:
     cutoff: float
     by_sensor: Array
     rims: Array
+    smear: Smear
+
+    @property
+    def extent(self) -> float:
+        """How far blur and motion carry light."""
+        return abs(self.blur) + self.smear.extent
 
     @property
     def inner(self) -> float:
@@ -96,8 +104,19 @@ def find_kinds(setup: Setup, wavelength: float, seen: Whole) -> list[Kind]:
             some = members[weights > 0]
             if len(some):
                 sizes = float(slope[some].mean()), float(reach[some].mean()), value, float(cutoff[some].mean())
-                kinds.append(Kind(seen[some], weights[weights > 0], *sizes, by_sensor[some].mean(axis=0), rims[some]))
+                place = by_sensor[some].mean(axis=0)
+                smear = _smear(setup, seen[some], place)
+                kinds.append(Kind(seen[some], weights[weights > 0], *sizes, place, rims[some], smear))
     return kinds
+
+
+def _smear(setup: Setup, entries: Whole, by_sensor: Array) -> Smear:
+    """The target's motion on the sensor, pixels; none where the sensor sees one place."""
+    motion = setup.motion
+    if motion is None or abs(np.linalg.det(by_sensor)) < 1e-300:
+        return Smear(np.zeros(2), np.zeros(2))
+    way = np.linalg.solve(by_sensor, setup.by_motion[entries].mean(axis=0))
+    return Smear(way @ np.array(motion.drift), way @ np.array(motion.vibration))
 
 
 def _even_steps(part: Array) -> Array:

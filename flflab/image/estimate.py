@@ -30,19 +30,44 @@ def estimate_error(scene: Scene, image: Array, tolerance: float, effects: frozen
         return LEAST_TOLERANCE  # nothing finer is there to compare with
     finer = max(tolerance / (FINER if scene.diffraction is None else FINER_WAVES), LEAST_TOLERANCE)
     wanted = telling_pixels(image)
-    truth = render(replace(scene, stray_light=None, colour_filter=None), tolerance=finer, wanted=wanted)
+    truth = finer_picture(scene, image, finer, wanted, filtered="colour-filter" in effects)
+    return SAFETY * float(np.abs(truth - image)[wanted].max(initial=0.0)) + finer / 100
+
+
+def finer_picture(scene: Scene, image: Array, tolerance: float, wanted: Flags, filtered: bool = True) -> Array:
+    """The wanted pixels of a scene with every effect, at another tolerance than a picture of it.
+
+    Stray light is that of the picture's own mean, since for the true one all pixels would have to be formed: it is off by its share of
+    the mean of the picture's errors.
+
+    Args:
+        scene: what is pictured.
+        image: a picture of it.
+        tolerance: of the quadrature, of white.
+        wanted: the pixels, [row, column]; the others hold anything.
+        filtered: whether the picture's light came through the scene's colour filter.
+    """
+    light = render(replace(scene, stray_light=None, colour_filter=None), tolerance=tolerance, wanted=wanted)
     passed = np.ones(image.shape) if scene.colour_filter is None else transmissions(scene.colour_filter, image.shape)
     if scene.stray_light is not None:
-        # the mean of all pixels is that of the picture itself: rendering all for it would cost more than the picture
-        seen = passed if "colour-filter" in effects else np.ones(image.shape)
+        seen = passed if filtered else np.ones(image.shape)
         mean = float(image[seen > 0].sum() / seen[seen > 0].sum())
-        truth = (1 - scene.stray_light.share) * truth + scene.stray_light.share * mean
-    return SAFETY * float(np.abs(passed * truth - image)[wanted].max(initial=0.0)) + finer / 100
+        light = (1 - scene.stray_light.share) * light + scene.stray_light.share * mean
+    return passed * light
 
 
 def telling_pixels(image: Array) -> Flags:
     """The steepest pixel of every block of a picture, and others spread evenly over its light."""
-    wanted = np.zeros(image.shape, dtype=np.bool_)
+    steep = steepness(image)
+    wanted = steepest_pixels(steep)
+    lit = np.flatnonzero(image.ravel() + steep.ravel())
+    if len(lit):
+        wanted.ravel()[lit[np.linspace(0, len(lit) - 1, SPREAD).astype(np.int64)]] = True
+    return wanted
+
+
+def steepness(image: Array) -> Array:
+    """The largest step from each pixel to one of its four neighbours."""
     steep = np.zeros(image.shape)
     for axis in (0, 1):
         step = np.abs(np.diff(image, axis=axis))
@@ -50,14 +75,17 @@ def telling_pixels(image: Array) -> Flags:
         before[axis], after[axis] = slice(0, -1), slice(1, None)
         np.maximum(steep[tuple(before)], step, out=steep[tuple(before)])
         np.maximum(steep[tuple(after)], step, out=steep[tuple(after)])
-    rows = np.array_split(np.arange(image.shape[0]), min(BLOCKS, image.shape[0]))
-    columns = np.array_split(np.arange(image.shape[1]), min(BLOCKS, image.shape[1]))
+    return steep
+
+
+def steepest_pixels(steep: Array) -> Flags:
+    """The pixel of the largest value in each of 12 x 12 blocks."""
+    wanted = np.zeros(steep.shape, dtype=np.bool_)
+    rows = np.array_split(np.arange(steep.shape[0]), min(BLOCKS, steep.shape[0]))
+    columns = np.array_split(np.arange(steep.shape[1]), min(BLOCKS, steep.shape[1]))
     for band in rows:
         for strip in columns:
             block = steep[band[0] : band[-1] + 1, strip[0] : strip[-1] + 1]
             row, column = np.unravel_index(int(np.argmax(block)), block.shape)
             wanted[band[0] + row, strip[0] + column] = True
-    lit = np.flatnonzero(image.ravel() + steep.ravel())
-    if len(lit):
-        wanted.ravel()[lit[np.linspace(0, len(lit) - 1, SPREAD).astype(np.int64)]] = True
     return wanted

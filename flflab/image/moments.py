@@ -14,21 +14,35 @@ Array = npt.NDArray[np.float64]
 
 
 def moments(scene: Scene, tolerance: float, effects: frozenset[str]) -> tuple[Scene, ...]:
-    """Scenes of equal weight, one for each place where the targets are looked at.
+    """Scenes of equal weight, one for each of ``places_of`` the motion; the scene itself where diffraction forms the motion with the light.
+
+    Cards uncover what is behind them as they move: with them every moment is formed, with diffraction too.
+    """
+    motion = scene.motion
+    if motion is None or (scene.diffraction is not None and len(scene.planes) == 1 and scene.planes[0].size is None):
+        return (scene,)
+    still = replace(scene, motion=None)
+    return tuple(_moved(still, place) for place in places_of(motion, _smear(scene, effects), tolerance))
+
+
+def places_of(motion: Motion | None, smear: float, tolerance: float) -> Array:
+    """Where the targets are looked at, mm from their middle places, shape (N, 2): the mean over the places is that over the exposure.
 
     The places are midpoints of equal times of the even drift, and of equal phases of the sine (Gauss's rule for its density), so many
     that the mean of their pictures is as near as the tolerance asks: n of them leave about S / (4 n^2) of white where sharp edges
     wander over S times the width to which pixel and blur smooth them (measured on edges and bars boxed by a pixel, where Gauss's rule
     for the drift is worse), a half more for the sine.
+
+    Args:
+        motion: of the targets; None for none.
+        smear: over how many widths of a smoothed edge the picture moves when the target moves by 1 mm.
+        tolerance: largest error asked for, of white.
     """
-    motion = scene.motion
     if motion is None:
-        return (scene,)
-    still = replace(scene, motion=None)
-    smear = _smear(scene, effects)
+        return np.zeros((1, 2))
     drift = _count(math.hypot(*motion.drift) * smear / tolerance)
     vibration = _count(1.6 * 2 * math.hypot(*motion.vibration) * smear / tolerance)
-    return tuple(_moved(still, place) for place in _places(motion, drift, vibration))
+    return _places(motion, drift, vibration)
 
 
 def _count(demand: float) -> int:

@@ -29,11 +29,13 @@ class Landing:
         origin: mm on the target (rad where it is at infinity), shape (N, 2).
         by_pupil: the same per unit of pupil, shape (N, 2, 2).
         by_sensor: the same per mm on the sensor, shape (N, 2, 2).
+        by_motion: the same per mm that the target moves across the axis, along the world's axes, shape (N, 2, 2); 0 at infinity.
     """
 
     origin: Array
     by_pupil: Array
     by_sensor: Array
+    by_motion: Array
 
     def at(self, pupil: Array, sensor: Array) -> Array:
         """Ends of the rays of pupil and sensor points, each of shape (N, S, 2)."""
@@ -94,10 +96,12 @@ def linearised(pupils: Pupils, plane: Plane, distortion: Distortion | None, sens
         return axes @ (at_depth - across[:, :, None] * lean[:, None, :])
 
     by_sensor = derivative(pupils.lens_scale, pupils.scale)
+    nearer = across[:, :, None] * along / (1 + across @ along)[:, None, None]  # a tilted plane that moves aside moves along the rays too
     return Landing(
         origin=place[:, 0] - (by_sensor @ sensor[:, :, None])[:, :, 0],
         by_pupil=derivative(pupils.lens_spread, pupils.spread),
         by_sensor=by_sensor,
+        by_motion=axes @ (nearer - np.eye(2)) if vergence else np.zeros_like(by_sensor),
     )
 
 

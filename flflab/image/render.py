@@ -78,6 +78,8 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
     if isinstance(plane.target, Black) or (math.isinf(plane.distance) and isinstance(plane.target, FourDot | Bars | Picture)):
         return
     setup = make_setup(scene, plane, tolerance, effects)
+    if wanted is not None:
+        setup = setup.reaching(wanted)
     cards = cards_of(scene, index)
     if scene.diffraction is not None:  # which spreads light by more than crooked rays go astray
         setup = replace(setup, crooked=np.zeros_like(setup.crooked))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from flflab.image.effects.motion import Motion
 from flflab.image.pupil import Pupils, camera_pupils
 from flflab.image.rays import is_straight, linearised
 from flflab.image.rim import Rims, find_rims
@@ -32,6 +33,7 @@ class Setup:
         origin: mm on the target (rad where it is at infinity), shape (N, 2).
         by_pupil: the same per unit of pupil, shape (N, 2, 2).
         by_sensor: the same per mm on the sensor, shape (N, 2, 2).
+        by_motion: the same per mm that the target moves across the axis, shape (N, 2, 2).
         window: the part of the sensor an entry may light: first column, column after the last, first row, row after the last; (N, 4).
         rims: the kinds of rims of the micro-images.
         blur: diameter on the sensor of the blur of a point, pixels, shape (N,).
@@ -41,6 +43,7 @@ class Setup:
         overlap: how many micro-images reach a sensor point, at least 1; the errors of their strips add up.
         pixel_width: side of the square over which a pixel gathers light, mm; 0 for its centre alone.
         falloff: whether rays count by cos^4 of their slopes at the sensor.
+        motion: of the target during the exposure, where it is to be formed with the light instead of moment by moment.
     """
 
     sensor: Sensor
@@ -48,6 +51,7 @@ class Setup:
     origin: Array
     by_pupil: Array
     by_sensor: Array
+    by_motion: Array
     window: Whole
     rims: Rims
     blur: Array
@@ -56,6 +60,7 @@ class Setup:
     overlap: float
     pixel_width: float
     falloff: bool = False
+    motion: Motion | None = None
 
     def seen_from(self, x: float, y: float) -> "Setup":
         """The same with the target's coordinates counted from (x, y)."""
@@ -68,6 +73,14 @@ class Setup:
         found[np.bincount(self.rims.kind, minlength=len(found)) == 0] = 0.0
         return found
 
+    def reaching(self, wanted: npt.NDArray[np.bool_]) -> "Setup":
+        """The entries in whose windows there are wanted pixels, [row, column]."""
+        sums = np.pad(wanted.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+        left, right, low, high = self.window.T
+        held = sums[high, right] - sums[low, right] - sums[high, left] + sums[low, left]
+        entries = np.flatnonzero((left < right) & (low < high) & (held > 0))
+        return self.of(entries, self.window[entries])
+
     def of(self, entries: Whole, windows: Whole) -> "Setup":
         """Some of the entries, any number of times each, within these windows."""
         return replace(
@@ -76,6 +89,7 @@ class Setup:
             origin=self.origin[entries],
             by_pupil=self.by_pupil[entries],
             by_sensor=self.by_sensor[entries],
+            by_motion=self.by_motion[entries],
             window=windows,
             rims=replace(self.rims, kind=self.rims.kind[entries]),
             blur=self.blur[entries],
@@ -113,6 +127,7 @@ def make_setup(scene: Scene, plane: Plane, tolerance: float, effects: frozenset[
         origin=landing.origin,
         by_pupil=landing.by_pupil,
         by_sensor=landing.by_sensor,
+        by_motion=landing.by_motion,
         window=windows,
         rims=rims,
         blur=blur_of(landing.by_pupil, landing.by_sensor, sensor.pixel),
@@ -121,6 +136,7 @@ def make_setup(scene: Scene, plane: Plane, tolerance: float, effects: frozenset[
         overlap=overlap,
         pixel_width=sensor.pixel if "pixel" in effects else 0.0,
         falloff=scene.falloff is not None,
+        motion=scene.motion,
     )
 
 

@@ -10,9 +10,11 @@ import pytest
 from scipy.special import j1
 
 from flflab.image.diffraction import add_plane_with_diffraction
+from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.falloff import Falloff
+from flflab.image.effects.motion import Motion
 from flflab.image.render import render
-from flflab.image.scene import Scene, one_plane
+from flflab.image.scene import Plane, Scene, one_plane
 from flflab.image.setup import make_setup
 from flflab.optics.camera import Camera, MainLens, Sensor, pixel_positions
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
@@ -148,6 +150,33 @@ def test_a_small_dot_is_the_airy_pattern(lone: Camera) -> None:
         airy = math.pi * CUTOFF**2 / 4 * (2 * j1(z) / z) ** 2
         expected += math.pi * radius**2 * np.einsum("abij,i,j->ab", airy, weights, weights) / 4
     assert np.abs(image[95:105, 95:105] / expected.max() - expected / expected.max()).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    "plane",
+    [
+        Plane(Edge(0.3), 500.0, offset=(0.2, 0.1), tilt=(0.1, -0.05)),
+        Plane(Bars((0.5, 1.5), 6.0, 4.0), 500.0, roll=0.2),
+        Plane(FourDot(1.0, 3.0), FOCUS),
+    ],
+    ids=["tilted edge", "bars", "dots"],
+)
+def test_a_moving_target_is_the_mean_of_standing_ones(lone: Camera, plane: Plane) -> None:
+    """Over a drift of half a pixel and a vibration of a quarter of one: Gauss's two places of either."""
+    camera = replace(lone, sensor=Sensor((16, 12), 0.00664, 61.15))
+    moving = Scene(camera, (plane,), diffraction=Diffraction(GREEN), motion=Motion((0.12, 0.05), (0.03, -0.06)))
+    ways = [
+        drift * np.array([0.12, 0.05]) + sway * np.array([0.03, -0.06])
+        for drift in (-0.5 / math.sqrt(3), 0.5 / math.sqrt(3))
+        for sway in (-math.sqrt(0.5), math.sqrt(0.5))
+    ]
+    standing = replace(moving, motion=None)
+    mean = np.zeros((12, 16))
+    for way in ways:
+        x, y = np.array(plane.offset) + way
+        mean += render(replace(standing, planes=(replace(plane, offset=(float(x), float(y))),))) / len(ways)
+    assert np.abs(render(moving) - mean).max() < 0.002
+    assert np.abs(render(standing) - mean).max() > 0.01
 
 
 def test_white_stays_white(camera: Camera) -> None:

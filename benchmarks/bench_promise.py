@@ -1,0 +1,95 @@
+"""The promise of ``auto`` over random scenes: ``python benchmarks/bench_promise.py FILE [--first N] [--scenes N] [--late S]``.
+
+Every scene tried adds a line to FILE (CSV), and those in it are not tried again: start it again and it goes on. At the end it says of
+all in the file how many kept the promise. A scene that takes more processor time than ``--late`` is written down as late and not counted.
+"""
+
+import argparse
+import csv
+import math
+import signal
+import time
+from dataclasses import astuple, fields
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from flflab.image.promise import Trial, try_scene
+
+HEADER = [field.name for field in fields(Trial)]
+
+
+class LateError(Exception):
+    """A scene takes too long."""
+
+
+def late(number: int, frame: FrameType | None) -> None:
+    """Stop the scene at hand."""
+    raise LateError
+
+
+def read(file: Path) -> list[Trial]:
+    """The trials in a file; a late one has no figures."""
+    if not file.exists():
+        return []
+    with file.open(newline="", encoding="utf-8") as stream:
+        return [Trial(int(row["seed"]), *(float(row[name]) for name in HEADER[1:])) for row in csv.DictReader(stream)]
+
+
+def told(trials: list[Trial]) -> str:
+    """What became of the promise."""
+    done = [trial for trial in trials if math.isfinite(trial.achieved)]
+    lines = [f"{len(done)} scenes tried, {len(trials) - len(done)} late"]
+    missed = [trial.seed for trial in done if not trial.achieved < trial.asked]
+    short = [trial.seed for trial in done if trial.estimated < trial.achieved]
+    lines.append(f"error not below the tolerance: {len(missed)} {missed}")
+    lines.append(f"estimate below the error: {len(short)} {short}")
+    telling = [trial for trial in done if trial.telling]
+    if telling:
+        ratios = np.array([trial.estimated / trial.achieved for trial in telling])
+        shares = np.percentile([trial.achieved / trial.asked for trial in done], [50, 95, 100])
+        lines.append(
+            f"estimate over error: median {np.median(ratios):.2f}, at most 5 in {100 * np.mean(ratios <= 5):.1f} % of {len(telling)}"
+        )
+        lines.append(f"error over tolerance: median {shares[0]:.3f}, 95 % {shares[1]:.3f}, largest {shares[2]:.3f}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Try scenes, write each down, and tell."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first scene")
+    parser.add_argument("--scenes", type=int, default=1000)
+    parser.add_argument("--late", type=float, default=600, help="processor seconds after which a scene is given up")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="begin no other scene after so long")
+    asked = parser.parse_args()
+    trials = read(asked.file)
+    tried = {trial.seed for trial in trials}
+    end = time.monotonic() + asked.seconds
+    signal.signal(signal.SIGPROF, late)
+    with asked.file.open("a", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        if not trials:
+            writer.writerow(HEADER)
+        for seed in range(asked.first, asked.first + asked.scenes):
+            if seed in tried or time.monotonic() > end:
+                continue
+            signal.setitimer(signal.ITIMER_PROF, asked.late)
+            try:
+                trial = try_scene(seed)
+            except LateError:
+                trial = Trial(seed, math.nan, math.nan, math.nan, math.nan)
+            finally:
+                signal.setitimer(signal.ITIMER_PROF, 0)
+            trials.append(trial)
+            writer.writerow(astuple(trial))
+            stream.flush()
+            figures = f"asked {trial.asked:.1e}  error {trial.achieved:.1e}  estimate {trial.estimated:.1e}  {trial.seconds:7.2f} s"
+            print(f"{seed:4d}  {figures}{'' if trial.kept else '  NOT KEPT' if math.isfinite(trial.achieved) else '  late'}", flush=True)
+    print(told(trials))
+
+
+if __name__ == "__main__":
+    main()
