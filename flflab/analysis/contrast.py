@@ -9,7 +9,17 @@ import numpy.typing as npt
 from flflab.analysis.contrast_data import MOST_ROWS, ChirpData, classic_reading, field_of, gather
 from flflab.analysis.contrast_fit import CURVE, GEOMETRY, ChirpFit, ChirpModel, noise_covariance
 from flflab.analysis.contrast_readings import fitted_extremes, views_contrast
-from flflab.analysis.contrast_search import KNOTS, Frame, model_of, prior_of, scattered, search, settle, with_measured_blur
+from flflab.analysis.contrast_search import (
+    KNOTS,
+    Frame,
+    model_of,
+    prior_of,
+    scattered,
+    search,
+    settle,
+    with_fitted_gains,
+    with_measured_blur,
+)
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import microlens_type_of, require_picture, require_shape, scales_of, sensor_position
@@ -30,6 +40,7 @@ WORST_CHI2 = 50.0
 LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 MOST_SATURATED = 0.2
 MOST_SMEAR = 0.02  # cycles that bars may drift along a run of pixels: it takes 7e-5 of the highest frequency's contrast
+GAIN_ROUNDS = 4
 FIRST_RUN = 16  # pixels of a run while the bars' slant is not known
 
 
@@ -177,6 +188,9 @@ def _fit_type(
     if rows != FIRST_RUN:
         data = _on_target(frame, rows)
     fit = settle(frame, data, fit, model)
+    for _ in range(0 if gains is None else GAIN_ROUNDS):
+        data = with_fitted_gains(data, fit, model)
+        fit = settle(frame, data, fit, model)
     if target.kind == "bars":
         # the stages' errors blur differently from what is nominal, and the highest harmonics are seen through the template alone
         noise_alone, _ = noise_covariance(data, model, fit, prior_of(frame, data, model.knots))

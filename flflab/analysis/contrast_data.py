@@ -50,6 +50,7 @@ class ChirpData:
         dark: variance of ``read`` in the dark, DN^2, shape (n,).
         shot: growth of that variance with ``read``, DN, shape (n,).
         lens: position of its micro-image in the lattice, shape (n,).
+        sublattice: 2 (row % 2) + column % 2, all 0 without filters, shape (n,).
         pixels: how many pixels, shape (n,).
     """
 
@@ -59,19 +60,12 @@ class ChirpData:
     dark: Array
     shot: Array
     lens: Whole
+    sublattice: Whole
     pixels: Array
 
     def part(self, index: npt.NDArray[np.bool_] | Whole) -> "ChirpData":
         """Only the runs of ``index``."""
-        return ChirpData(
-            self.read[index],
-            self.places[index],
-            self.light[index],
-            self.dark[index],
-            self.shot[index],
-            self.lens[index],
-            self.pixels[index],
-        )
+        return ChirpData(**{name: getattr(self, name)[index] for name in ChirpData.__dataclass_fields__})
 
 
 def field_of(lattice: Lattice, radius_px: float, chosen: npt.NDArray[np.bool_]) -> Field:
@@ -136,6 +130,7 @@ def _gather(
                         out[count, 3] = lens
                         out[count, 4] = number[p]
                         out[count, 5] = gain
+                        out[count, 6] = 2 * p + column % 2 if parities == 2 else 0
                         count += 1
                 start = end + 1
     return count, saturated
@@ -166,7 +161,7 @@ def gather(
     """
     parities = 1 if gains is None else 2
     side = 2 * int(field.radius_px) + 3
-    out = np.empty((len(field.lenses) * side * (side // rows_a_run + 2) * parities, 6))
+    out = np.empty((len(field.lenses) * side * (side // rows_a_run + 2) * parities, 7))
     count, saturated = _gather(
         picture,
         lattice.centres_px,
@@ -181,7 +176,7 @@ def gather(
         np.ones((2, 2)) if gains is None else gains,
         out,
     )
-    read, column, row, lens, number, gain = out[:count].T
+    read, column, row, lens, number, gain, sublattice = out[:count].T
     height, width = picture.shape
     lens = lens.astype(np.int64)
     centre = sensor_position(sensor, lattice.centres_px)[lens]
@@ -196,6 +191,7 @@ def gather(
             dark=noise.dark_variance / (number * gain * gain),
             shot=noise.dn_per_electron / (number * gain),
             lens=lens,
+            sublattice=sublattice.astype(np.int64),
             pixels=np.ascontiguousarray(number),
         ),
         saturated,

@@ -138,6 +138,15 @@ def settle(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> C
     return fit
 
 
+def with_fitted_gains(data: ChirpData, fit: ChirpFit, model: ChirpModel) -> ChirpData:
+    """The runs with the gains of their sub-lattices that suit the fit best: bars may lie on one filter's columns more than on another's."""
+    expected = (data.light @ fit.brightness) * (1 + waves(data, model, fit.geometry, fit.curve, model.top))
+    weight = 1 / (data.dark + data.shot * np.maximum(expected, 0.0))
+    seen, due = (np.bincount(data.sublattice, weights=weight * expected * part, minlength=4) for part in (data.read, expected))
+    ratio = (seen / np.maximum(due, 1e-300))[data.sublattice]
+    return replace(data, read=data.read / ratio, dark=data.dark / ratio**2, shot=data.shot / ratio)
+
+
 def with_measured_blur(model: ChirpModel, fit: ChirpFit, covariance: Array) -> ChirpModel:
     """The model whose disc of blur comes nearest to the measured transfer, up to one factor, each frequency as far as it is known."""
     template = model.template

@@ -1,7 +1,8 @@
 """A picture through a mosaic of colour filters as the four sub-lattices that it is: above black, each with its gain, no demosaicing.
 
 Every sub-lattice looks at the same scene, so the sums of their light stand as the filters' transmissions do. Divided by these gains the
-four make one grey picture for fits that weigh all pixels alike; fits with weights take the numbers as read and the gains.
+four make one grey picture for fits that weigh all pixels alike; the fit of bars, whose columns may lie on one filter more than on
+another, takes the numbers as read and these gains to begin with.
 """
 
 from dataclasses import dataclass, replace
@@ -37,7 +38,7 @@ class Mosaic:
         """The picture with its filters' gains divided out, and the noise of its pixels on average."""
         if self.gains is None:
             return self.values, self.noise
-        full = self.noise.full_scale_dn / float(self.gains.min())
+        full = float(np.float32(self.noise.full_scale_dn / self.gains.min()))  # as the picture holds it
         tiled = self.values.copy()
         for row, column in np.ndindex(2, 2):
             tiled[row::2, column::2] /= self.gains[row, column]
@@ -75,6 +76,8 @@ def from_raw(raw: RawPicture, noise: SensorNoise | None = None) -> Mosaic:
     rows, columns = values.shape[0] // 2, values.shape[1] // 2
     quads = np.stack([plane[:rows, :columns] - np.float32(found.offset_dn) for plane in planes.values()])
     lit = (quads.sum(axis=0) > LIT * 2 * found.dark_variance**0.5) & (quads.max(axis=0) < full - found.offset_dn)
+    if not lit.any():
+        raise MeasurementError("raw picture: nowhere are four neighbouring pixels lit and unsaturated; check the exposure")
     light = quads[:, lit].sum(axis=1, dtype=np.float64)
     if not (light > LEAST_GAIN * light.max(initial=0.0)).all():
         share = ", ".join(f"{letter} {part:.3g}" for letter, part in zip(raw.pattern, light / max(float(light.max()), 1e-300), strict=True))
