@@ -133,3 +133,29 @@ def part_share(x: float, y: float, side: float, slope: float, reach: float, tabl
     if table[0] >= 0.0:
         return rim_share(distance, table), 1.0
     return steep_share(x, y, side, slope, reach, nodes), lit_middle(distance, side, reach)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def place_on_rim(x: float, y: float, side: float, rim: Array, steep: bool, count: int, nodes: Array) -> tuple[float, float, float]:
+    """How a part of a pixel looks through a pupil that a table over the rim describes.
+
+    Args:
+        x: its middle from the micro-image's centre, pixels.
+        y: the same along y.
+        side: its side, pixels.
+        rim: inner edge, slope, reach and outer edge of the micro-image, pixels.
+        steep: whether the rim is too narrow for a table.
+        count: steps of the table, even ones of the cosine from the inner edge to the outer.
+        nodes: pupil points for steep rims.
+
+    Returns:
+        Its place in the table, below 0 where the pupil counts as whole; its share of light; where to look, as a share of its distance.
+    """
+    distance = math.sqrt(x * x + y * y)
+    if steep:
+        return -1.0, steep_share(x, y, side, rim[1], rim[2], nodes), lit_middle(distance, side, rim[2])
+    if distance >= rim[3]:
+        return -1.0, 0.0, 1.0
+    if distance <= rim[0]:
+        return -1.0, 1.0, 1.0
+    return math.acos(max(-1.0, 1.0 - (distance - rim[0]) / rim[1])) / math.pi * count, 1.0, 1.0

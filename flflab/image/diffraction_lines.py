@@ -1,0 +1,119 @@
+"""The kernel that adds the diffracted light of lines, pixel by pixel: curves over x', less what comes from beyond their borders."""
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.diffraction_border import from_beyond
+from flflab.image.diffraction_falloff import mean_falloff
+from flflab.image.diffraction_ruled import seen_through
+from flflab.image.rim import place_on_rim
+
+Array = npt.NDArray[np.float64]
+SingleArray = npt.NDArray[np.float32]
+Chosen = npt.NDArray[np.bool_]
+Whole = npt.NDArray[np.int64]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_ruled_diffracted(
+    image: Array,
+    rows: tuple[int, int],
+    windows: Whole,
+    centres: Array,
+    origins: Array,
+    directions: Array,
+    levels: Array,
+    rims: Array,
+    steep: bool,
+    parts: int,
+    box: float,
+    xs: Array,
+    ys: Array,
+    pixel: float,
+    half: float,
+    curves: tuple[Array, Array, Array, tuple[float, float, float, float, float, float]],
+    lower: tuple[Array, Array, SingleArray, Whole, Whole, Array, tuple[float, float, float, float, float]],
+    upper: tuple[Array, Array, SingleArray, Whole, Whole, Array, tuple[float, float, float, float, float]],
+    mirror: float,
+    highest: int,
+    radial_terms: Array,
+    slants: Array,
+    moments: Array,
+    nodes: Array,
+    chosen: Chosen,
+) -> None:
+    """Add the light of microlenses of one kind to the rows from rows[0] to below rows[1].
+
+    Args:
+        image: picture to add to, [row, column].
+        rows: the band.
+        windows: first column, column after the last, first row, row after the last; shape (N, 4).
+        centres: of the micro-images, mm, shape (N, 2).
+        origins: position on the target seen from there along x' and y', in pixels of either direction, shape (N, 2).
+        directions: change of that position per pixel on the sensor, shape (N, 2, 2).
+        levels: light at full pupil.
+        rims: see ``Kind``.
+        steep: whether its rim is too narrow for curves of its own.
+        parts: parts a side of a pixel.
+        box: side of the square over which a pixel gathers light, pixels.
+        xs: positions of the columns, mm.
+        ys: of the rows.
+        pixel: side of a pixel, mm.
+        half: half the target's extent along y', pixels; infinite where it does not end.
+        curves: see ``Curves``.
+        lower: see ``Border``.
+        upper: the same.
+        mirror: -1 where the upper one is the lower one's mirror image, else 1.
+        highest: order of the terms.
+        radial_terms: ``radial`` of ``Modes`` with the terms along the second axis.
+        slants: see ``slant_rows``.
+        moments: see ``pupil_moments``.
+        nodes: pupil points for steep rims.
+        chosen: which pixels to compute.
+    """
+    core, part, table, place = curves
+    count = table.shape[0] - 1
+    most = max(lower[2].shape[2], upper[2].shape[2])
+    scratch = (np.empty(radial_terms.shape[1]), np.empty(2 * highest + 2), np.empty(most, dtype=np.float32))
+    for entry in range(windows.shape[0]):
+        rim = rims[entry]
+        stretch = math.hypot(directions[entry, 0, 0], directions[entry, 0, 1])
+        for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):
+            dy = (ys[row] - centres[entry, 1]) / pixel
+            for column in range(windows[entry, 0], windows[entry, 1]):
+                dx = (xs[column] - centres[entry, 0]) / pixel
+                from_centre = math.sqrt(dx * dx + dy * dy)
+                if from_centre > rim[3] + 0.75 or not chosen[row, column]:
+                    continue
+                whole = from_centre < rim[0] - 0.75
+                pieces = 1 if whole else parts
+                side = max(box / pieces, 1e-3)
+                light = 0.0
+                for j in range(pieces):
+                    y = dy + ((j + 0.5) / pieces - 0.5) * box
+                    for i in range(pieces):
+                        x = dx + ((i + 0.5) / pieces - 0.5) * box
+                        distance = math.sqrt(x * x + y * y)
+                        radial, share, look = place_on_rim(x, y, side, rim, steep and not whole, count, nodes)
+                        if share <= 0.0:
+                            continue
+                        toward = directions[entry, 0, 0] * x + directions[entry, 0, 1] * y
+                        angle = math.acos(min(max(toward / (distance * stretch), -1.0), 1.0)) if radial >= 0.0 else 0.0
+                        at = origins[entry, 0] + look * toward
+                        seen = seen_through(radial, angle, at, core if whole else part, table, place)
+                        if half < math.inf:
+                            cos, sin = (x / distance, y / distance) if radial >= 0.0 else (1.0, 0.0)
+                            up = origins[entry, 1] + look * (directions[entry, 1, 0] * x + directions[entry, 1, 1] * y)
+                            for upwards in range(2):
+                                sheet, part_sheet, waves, terms, turns, last, border = upper if upwards else lower
+                                inside, side_on = (half - up, mirror * sin) if upwards else (half + up, sin)
+                                sheet = sheet if whole else part_sheet
+                                seen -= from_beyond(
+                                    radial, cos, side_on, at, inside, sheet, waves, terms, turns, last, border, radial_terms, scratch
+                                )
+                        light += share * max(seen, 0.0)
+                weight = levels[entry] * mean_falloff(dx, dy, rim, slants[entry], moments)
+                image[row, column] += weight * light / (pieces * pieces)
