@@ -94,23 +94,20 @@ class Drive:
             self.stage.set_position(position)
         self._alarm = self._inputs = 0
 
-    def read(self, register: int) -> int:
-        """One register.
+    def read(self, pair: int) -> int:
+        """The value of two registers at one instant; ``pair`` is the number of the first, an even one.
 
         Raises:
             RefusedError: there is none of this number (2).
         """
         self._settle()
-        pair = register & ~1
         if pair in self._monitors:
-            value = self._monitors[pair]()
-        elif pair in self._operation:
-            value = self._operation[pair]
-        elif pair in self._parameters:
-            value = self._parameters[pair]
-        else:
-            raise RefusedError(2)
-        return (value if register & 1 else value >> 16) & 0xFFFF
+            return self._monitors[pair]()
+        if pair in self._operation:
+            return self._operation[pair]
+        if pair in self._parameters:
+            return self._parameters[pair]
+        raise RefusedError(2)
 
     def write(self, register: int, words: list[int]) -> None:
         """Registers one after the other; a pair that is complete takes effect.
@@ -290,8 +287,9 @@ def _do(drive: Drive, function: int, data: bytes) -> bytes:
 def _registers(drive: Drive, register: int, count: int) -> bytes:
     if not 1 <= count <= MOST_REGISTERS:
         raise RefusedError(3)
-    values = b"".join(drive.read(register + place).to_bytes(2, "big") for place in range(count))
-    return bytes((len(values),)) + values
+    pairs = {pair: drive.read(pair) for pair in range(register & ~1, register + count, 2)}
+    words = [(pairs[place & ~1] >> (0 if place & 1 else 16)) & 0xFFFF for place in range(register, register + count)]
+    return bytes((2 * count,)) + b"".join(word.to_bytes(2, "big") for word in words)
 
 
 def _write_block(drive: Drive, register: int, count: int, length: int, values: bytes) -> None:

@@ -11,8 +11,9 @@ import random
 import re
 import sys
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from drivers.axis import Axis
 from drivers.base import Status, wait_all
 from drivers.bench import ConnectedBench, connect
 from flflab.bench import read_bench
-from flflab.errors import DeviceError, InterlockError, NotHomedError
+from flflab.errors import CommunicationError, DeviceError, InterlockError, NotHomedError
 from sim import faults
 from sim.registry import AXES
 from sim.serve import Served, serve, write_bench
@@ -47,6 +48,8 @@ WHAT_TO_DO = re.compile(
 )
 WHAT_WAS_ASKED = re.compile(r"asked|told|wrote|move to|look for its reference")
 
+Answer = TypeVar("Answer")
+
 
 class Soak:
     """A served bench, connected, and what became of each fault.
@@ -61,7 +64,7 @@ class Soak:
         self.file = bench_file.with_name("served.yaml")
         self.outcomes: collections.Counter[tuple[str, str, str]] = collections.Counter()
         self.sentences: dict[tuple[str, str], str] = {}
-        self.readings = self.refusals = 0
+        self.readings = self.refusals = self.slow_answers = 0
         self.last: dict[str, str] = {}
         self.least_gap = np.inf
         self._chance = random.Random(seed)  # noqa: S311 - not a secret
@@ -188,10 +191,10 @@ class Soak:
             time.sleep(0.002)
         lost: list[str] = []
         for name, axis in self.bench.axes.items():
-            assert not axis.is_moving(), name
-            if axis.is_homed():
-                self._read(axis)
-                faulty = any("alarm" in phrase for phrase in axis.warnings())
+            assert not self._answer(axis.is_moving), name
+            if self._answer(axis.is_homed):
+                self._answer(lambda axis=axis: self._read(axis))
+                faulty = any("alarm" in phrase for phrase in self._answer(axis.warnings))
                 lost += [name] if faulty else []
                 continue
             lost.append(name)
@@ -202,6 +205,17 @@ class Soak:
                 axis.position()
             assert self._served.world.carriages[name].at(self._now()) == place
         self._home(lost)
+
+    def _answer(self, ask: Callable[[], Answer]) -> Answer:
+        """What a device says when nothing is wrong; on a busy machine an answer may take longer than this soak's short limit: counted."""
+        for _ in range(3):
+            try:
+                return ask()
+            except CommunicationError as error:
+                if not re.search("no answer|No response|not to message", str(error)):
+                    raise
+                self.slow_answers += 1
+        return ask()
 
     def _home(self, lost: list[str]) -> None:
         """As a person would: array and sensor away from each other first."""
@@ -264,7 +278,7 @@ def soak(bench_file: Path, count: int, *, pty: bool, seed: int) -> None:
             wall, spent = time.perf_counter() - begin[0], time.process_time() - begin[1]
             sys.stdout.write(
                 f"{running.outcomes.total()} faults, {running.readings} readings, {running.refusals} refused by the rule of the gap, "
-                f"least gap {running.least_gap:.4f} mm, {wall:.0f} s, processor {spent:.0f} s\n"
+                f"least gap {running.least_gap:.4f} mm, {running.slow_answers} slow answers, {wall:.0f} s, processor {spent:.0f} s\n"
             )
 
 
@@ -279,7 +293,7 @@ def test_after_some_faults_the_bench_is_whole(bench_file: Path, pty: bool) -> No
 
 @pytest.mark.full
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize("seed", range(11, 15))
+@pytest.mark.parametrize("seed", range(11, 17))
 @pytest.mark.parametrize("pty", [False, pytest.param(True, marks=no_pty)], ids=["tcp", "pty"])
 def test_after_each_of_ten_thousand_faults_the_bench_is_whole(bench_file: Path, pty: bool, seed: int) -> None:
-    soak(bench_file, 1300, pty=pty, seed=seed + 10 * pty)
+    soak(bench_file, 1000, pty=pty, seed=seed + 10 * pty)
