@@ -16,7 +16,7 @@ from flflab.errors import CommunicationError, DeviceError, LimitError, MotionErr
 
 Guard = Callable[[str, float | None, float | None], None]
 POLL_S = 0.02
-CLOSE_S = 0.003  # between looks when it is about to arrive
+CLOSE_S = 0.004  # between looks when it is about to arrive
 LEAST_PROGRESS = 1e-4  # mm or rad
 
 
