@@ -101,6 +101,27 @@ def test_one_per_cent_of_noise_leaves_little_and_the_stated_uncertainty_says_how
     assert 0.7 < math.sqrt(float(np.mean(np.square(z)))) < 1.35
 
 
+@pytest.mark.ci
+def test_the_fit_of_a_known_blur_is_as_good_as_any_can_be() -> None:
+    """Root mean square over 60 noisy edges against the Cramer-Rao bound for angle, place, blur and both levels unknown."""
+    errors, bounds = list[float](), list[float]()
+    steps = np.array([1e-5, 1e-4, 1e-3])
+    for index in range(60):
+        rng = np.random.default_rng(index)
+        known = np.array([math.radians(rng.uniform(2, 12)), rng.choice([0.35, 0.7, 1.5]), rng.uniform(-0.5, 0.5)])
+        angle, blur, offset = known
+        clean = gaussian_edge_fast(angle, blur, offset)
+        sides = [[gaussian_edge_fast(*(known + sign * one)) for sign in (1, -1)] for one in np.diag(steps[[0, 2, 1]])]
+        slopes = [(up - down).ravel() / (2 * step) for (up, down), step in zip(sides, steps[[0, 2, 1]], strict=True)]
+        jacobian = np.stack([*slopes, clean.ravel(), np.ones(clean.size)], axis=1)
+        spread = 0.01 * math.sqrt(np.linalg.inv(jacobian.T @ jacobian)[1, 1])
+        truth = transfer(angle) * np.exp(-2 * (math.pi * blur * F) ** 2)
+        bounds.append(float(np.mean((4 * math.pi**2 * blur * F**2 * truth * spread) ** 2)))
+        found = fit_edge(clean + 0.01 * rng.standard_normal(clean.shape))
+        errors.append(float(np.mean((found.mtf(F) - truth) ** 2)))
+    assert math.sqrt(np.mean(errors) / np.mean(bounds)) < 1.1
+
+
 def gaussian_edge_fast(angle: float, blur: float, offset: float) -> Array:
     """The same picture from few nodes: a blur of a third of a pixel and more is smooth enough for six."""
     nodes, weights = np.polynomial.legendre.leggauss(6)
