@@ -16,7 +16,7 @@ from flflab.errors import CommunicationError, DeviceError, LimitError, MotionErr
 
 Guard = Callable[[str, float | None, float | None], None]
 POLL_S = 0.02
-CLOSE_S = 0.004  # between looks when it is about to arrive
+CLOSE_S = 0.003  # between looks when it is about to arrive
 LEAST_PROGRESS = 1e-4  # mm or rad
 
 
@@ -308,9 +308,12 @@ class Axis:
         nearest, began = math.inf, time.monotonic()
         whole = self.travel[1] - self.travel[0]
         longest_search = self._patience * (10 + 10 * (min(whole, math.tau) if self.coordinate.unit == "rad" else whole) / self.speed)
-        moved, last = began, None
+        moved, last, look, wait = began, None, began, POLL_S
         while self._commands.is_busy():
-            position = self._commands.position()
+            if time.monotonic() < look:  # about to arrive: only whether it still moves
+                time.sleep(wait)
+                continue
+            look, position = time.monotonic() + 0.8 * POLL_S, self._commands.position()
             if motion.end is None or motion.stopped:
                 progress = last is None or abs(position - last) >= LEAST_PROGRESS
             else:
@@ -323,7 +326,8 @@ class Axis:
                 where = f"at {self.coordinate.show(position)}" if motion.start is not None else "before it found its reference"
                 raise MotionError(f"{motion.status.task}: no progress for {self._patience:g} s, {where}; stopped, look what holds it")
             left = POLL_S if motion.end is None else abs(position - motion.end) / self.speed / 2
-            time.sleep(min(max(left, CLOSE_S), POLL_S))
+            wait = min(max(left, CLOSE_S), POLL_S)
+            time.sleep(wait)
 
     def _judge(self, motion: Motion) -> MotionError | None:
         """What to say of a motion after it ended."""
