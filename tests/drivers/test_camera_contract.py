@@ -28,7 +28,7 @@ from flflab.raw_file import RawPicture, write_raw
 from sim.serve import serve, warm_up
 
 NOISE: dict[str, Any] = {"black_level": 64, "electrons_per_dn": 2.0, "read_noise_electrons": 3.0}
-DRIVERS = [name for name in sorted(CAMERAS) if name != "pylon" or importlib.util.find_spec("pypylon")]
+
 RAMP = (np.arange(48 * 64).reshape(48, 64) % 4000).astype(np.uint16)
 
 
@@ -42,7 +42,17 @@ class Peer:
     exposure: float
 
 
-@pytest.fixture(scope="module", params=DRIVERS)
+EXTRAS = {"gphoto2": "gphoto2", "genicam": "harvesters", "pylon": "pypylon"}  # what each needs beside the core
+
+
+def drivers() -> Iterator[Any]:
+    """Every driver whose peer is on this machine; the slower ones in ci."""
+    for name in sorted(CAMERAS):
+        if importlib.util.find_spec(EXTRAS.get(name, "cv2")) is not None:
+            yield pytest.param(name, marks=[pytest.mark.ci] if name in ("folder", "pylon") else [])
+
+
+@pytest.fixture(scope="module", params=list(drivers()))
 def peer(request: pytest.FixtureRequest, root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Peer]:
     folder = tmp_path_factory.mktemp(request.param)
     with ExitStack() as stack:
