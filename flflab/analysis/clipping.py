@@ -23,6 +23,7 @@ from flflab.optics.smms import image_offset
 
 Array = npt.NDArray[np.float64]
 
+IN_FOCUS_PX = 0.02  # of blur
 _PLACES = 25
 _LEVEL_DN = 1000.0
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -83,8 +84,14 @@ def clipping_shift(
     x, kappa = float(image_offset(smms, 1 / distance)), float(smms.kappa)
     spread = float(blur(smms, 1 / distance)) / camera.sensor.pixel
     r = np.hypot(away_px[:, 0], away_px[:, 1])
-    if spread < 0.02 or x == 0 or kappa == 0 or len(r) == 0:
+    if len(r) == 0:
         return np.zeros_like(away_px)
+    outwards = away_px / np.maximum(r, 1e-9)[:, None]
+    if spread < IN_FOCUS_PX or x == 0 or kappa == 0:
+        # a pixel on the edge of the spot is lit on its inner side, where the micro-image is brighter than in the pixel's middle
+        light = table.values[:, 0]
+        falls = np.interp(r / table.step, np.arange(len(light)), -np.gradient(light, table.step) / np.maximum(light, 0.05))
+        return outwards * (falls / 12)[:, None]
     beta = float(smms.gap / smms.distance) / (x * kappa) - 1
     large, small = (lattice.outside_radius_px + lattice.inside_radius_px) / 2, (lattice.outside_radius_px - lattice.inside_radius_px) / 2
     main, microlens = (large, small) if smms.lens_width >= smms.microlens_width else (small, large)
@@ -98,4 +105,4 @@ def clipping_shift(
     own = Lit(middles - np.stack([spots, np.zeros(_PLACES)], axis=1), np.full(_PLACES, _LEVEL_DN), table)
     found = fit_spots(picture, middles, half, own, profile, noise)
     extra = np.interp(r, spots, found.centres[:, 0] - middles[:, 0])
-    return away_px * (extra / np.maximum(r, 1e-9))[:, None]
+    return outwards * extra[:, None]

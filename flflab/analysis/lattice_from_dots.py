@@ -9,11 +9,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.dots import SeenSpots, find_spots
 from flflab.analysis.lattice import Lattice, half_counts, lattice_of
 from flflab.analysis.lattice_fit import LatticeModel, Region, refine
 from flflab.analysis.lattice_kernels import COUNT
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.spot_search import SeenSpots, find_spots
 from flflab.optics.camera import Camera
 from flflab.targets import FourDot
 
