@@ -19,6 +19,7 @@ import numpy.typing as npt
 from skimage.feature import blob_log, peak_local_max
 from skimage.transform import hough_circle, hough_circle_peaks
 
+from flflab.analysis.contrast import fit_contrast
 from flflab.analysis.dots import count_views
 from flflab.analysis.lattice import Lattice, find_lattice
 from flflab.analysis.noise import SensorNoise
@@ -29,7 +30,7 @@ from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
 from flflab.optics.camera import Camera
-from flflab.targets import FourDot, Target, White
+from flflab.targets import Bars, Chirp, FourDot, Target, White
 
 Frame = npt.NDArray[np.uint16]
 
@@ -140,6 +141,18 @@ def dot_rows(camera: Camera, lattice: Lattice, repeats: int) -> None:
     row("  cv2.SimpleBlobDetector", lambda: f"{len(detector.detect(picture))} blobs", repeats)
 
 
+def contrast_rows(camera: Camera, lattice: Lattice, repeats: int) -> None:
+    """Contrast of all views at F/4."""
+    for target in (Bars(), Chirp()):
+        picture = frame(camera, target)
+
+        def call(picture: Frame = picture, target: Bars = target) -> str:
+            curve = fit_contrast(picture, lattice, camera, target, DISTANCE, sensor_noise())
+            return f"{len(curve.views)} views, {len(curve.contrast)} frequencies, +- {curve.uncertainty.max():.5f}"
+
+        row(f"contrast of {target.kind}, every view, F/4", call, repeats)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser()
@@ -149,6 +162,7 @@ def main() -> None:
     camera = read_camera(CAMERA)
     lattice = lattice_rows(camera, repeats)
     dot_rows(camera, lattice, repeats)
+    contrast_rows(camera, lattice, repeats)
 
 
 if __name__ == "__main__":

@@ -23,11 +23,15 @@ class What(StrEnum):
     """What there is to be measured."""
 
     IMAGE = "image"
+    MEASURE = "measure"
     MODEL = "model"
 
 
 def accuracy(
-    what: Annotated[What, typer.Argument(help="image: error against time of pictures; model: first order against exact rays")],
+    what: Annotated[
+        What,
+        typer.Argument(help="image, measure: error against time of pictures and of measured numbers; model: against exact rays"),
+    ],
     out: Annotated[Path, typer.Option(help="folder for the page and the CSV, made if need be")] = Path(),
 ) -> None:
     """Show what accuracy costs in time, and where the first-order model holds."""
@@ -38,7 +42,7 @@ def accuracy(
     page_file, table_file = (out / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
     console = Console(soft_wrap=True)
     with Console(stderr=True).status(f"accuracy {what}") as status:
-        page, table = _image(table_file, status.update) if what is What.IMAGE else _model(table_file, status.update)
+        page, table = {What.IMAGE: _image, What.MEASURE: _measure, What.MODEL: _model}[what](table_file, status.update)
         write_page(page, page_file)
     console.print(_shown(table))
     for sentence in page.answers:
@@ -61,6 +65,15 @@ def _image(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
     rows = image_rows(tell)
     write_table(rows, file)
     return image_page(rows, _made(What.IMAGE)), image_summary(rows)
+
+
+def _measure(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
+    from flflab.accuracy.measure import measure_rows, write_measure_table
+    from flflab.accuracy.measure_page import measure_page, measure_summary
+
+    rows = measure_rows(tell)
+    write_measure_table(rows, file)
+    return measure_page(rows, _made(What.MEASURE)), measure_summary(rows)
 
 
 def _model(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
