@@ -62,8 +62,8 @@ def test_a_scheduler_that_is_not_there_is_one_sentence(monkeypatch: pytest.Monke
         list(results(doubled, [(1,)], "tcp://127.0.0.1:1"))
 
 
-@pytest.mark.ci
-@pytest.mark.timeout(300)
+@pytest.mark.full
+@pytest.mark.timeout(600)
 @cluster_test
 def test_runs_measured_again_give_the_same_tables_and_pages_here_and_on_a_cluster(write: Write, cluster: str, tmp_path: Path) -> None:
     study, bench = write()
