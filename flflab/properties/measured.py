@@ -12,14 +12,16 @@ from flflab.analysis.dots import DotViews, count_views
 from flflab.analysis.lattice import Lattice, find_lattice
 from flflab.analysis.micro_images import measure_micro_images
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.rough_pitch import mixed_up_units, rough_pitch
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
-from flflab.optics.camera import Camera
+from flflab.optics.camera import Camera, Layout
 from flflab.optics.resolution import central_smms
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study
 
 Array = npt.NDArray[np.float64]
+DESCRIBED = 0.12  # of the pitch: so far a lattice is looked for
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def measure_pictures(
     camera, distance = as_placed(configuration, optics, worlds)
     rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
     white = pictures["white"]
-    lattice = find_lattice(white, camera.array.layout, rough, noises["white"])
+    lattice = _lattice(white, camera.array.layout, rough, noises["white"])
     try:
         attitude = measure_attitude(measure_micro_images(white, lattice, noises["white"]), lattice, camera)
     except MeasurementError:
@@ -120,6 +122,21 @@ def measure_pictures(
     except MeasurementError as error:
         measured = replace(measured, failures=(*measured.failures, error))
     return measured
+
+
+def _lattice(white: Array, layout: Layout, rough: float, noise: SensorNoise) -> Lattice:
+    """The lattice; where there is none as described, what the micro-images' distance says of the description."""
+    try:
+        return find_lattice(white, layout, rough, noise)
+    except MeasurementError as error:
+        found = rough_pitch(white)
+        if found is None or abs(found / rough - 1) < DESCRIBED:
+            raise
+        units = mixed_up_units(found / rough)
+        raise MeasurementError(
+            f"{error}; the micro-images lie about {found:.0f} px apart, {found / rough:.3g} times the {rough:.3g} px of the bench's "
+            f"description: check pitch, pixel and distances{f'; were {units} mixed up?' if units else ''}"
+        ) from error
 
 
 def as_placed(configuration: Configuration, optics: Camera, worlds: dict[Element, float]) -> tuple[Camera, float]:
