@@ -24,7 +24,7 @@ from drivers.axis import Axis
 from drivers.base import Status, wait_all
 from drivers.bench import ConnectedBench, connect
 from flflab.bench import read_bench
-from flflab.errors import CommunicationError, DeviceError, InterlockError, NotHomedError
+from flflab.errors import DeviceError, InterlockError, NotHomedError
 from sim import faults
 from sim.registry import AXES
 from sim.serve import Served, serve, write_bench
@@ -211,7 +211,7 @@ class Soak:
         for _ in range(3):
             try:
                 return ask()
-            except CommunicationError as error:
+            except DeviceError as error:
                 if not re.search("no answer|No response|not to message", str(error)):
                     raise
                 self.slow_answers += 1
@@ -220,11 +220,11 @@ class Soak:
     def _home(self, lost: list[str]) -> None:
         """As a person would: array and sensor away from each other first."""
         axes = self.bench.axes
-        wait_all(*[axes[name].home() for name in lost if name in GAP_AXES], timeout=15)
+        wait_all(*[self._answer(axes[name].home) for name in lost if name in GAP_AXES], timeout=15)
         others = [name for name in lost if name not in GAP_AXES]
         if others:
             wait_all(*[axes[name].move_to(10.0) for name in GAP_AXES], timeout=15)
-            wait_all(*[axes[name].home() for name in others], timeout=15)
+            wait_all(*[self._answer(axes[name].home) for name in others], timeout=15)
         for name in lost:
             self._read(axes[name])
 
