@@ -57,7 +57,7 @@ def read_picture(file: Path, number: int | None = None) -> Picture:
         picture = picture[..., 0]
     if picture.ndim != 2 or picture.size == 0 or picture.dtype.kind not in "uif":
         raise InputError(f"{file}: a grey picture of rows and columns is due, not shape {picture.shape} of {picture.dtype}")
-    if picture.dtype == np.uint16 and picture.max() > 255 and any(not (picture % step).any() for step in (256, 257)):
+    if _stretched(picture):
         raise InputError(
             f"{file}: its 16 bits hold numbers of 8 bits, stretched; the sensor's own numbers are due, linear in light, as they were read"
         )
@@ -106,6 +106,13 @@ def write_picture(
             file.write_bytes(encoded.tobytes())
     except OSError as error:
         raise InputError(f"{file}: cannot be written ({error.strerror}); check the folder") from error
+
+
+def _stretched(picture: Picture) -> bool:
+    """Whether 16 bits hold numbers of 8, times 256 or 257; dark and full alone say nothing of that."""
+    if picture.dtype != np.uint16 or picture.max() < 256:
+        return False
+    return any(not (picture % step).any() for step in (256, 257)) and len(np.unique(picture)) > 2
 
 
 def _read(file: Path, ending: str, number: int | None) -> Picture:

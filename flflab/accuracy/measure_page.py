@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.ticker import NullFormatter
 
 from flflab.accuracy.drawing import BLUE, GREEN, GREY, ORANGE, PINK, as_svg, sheet
 from flflab.accuracy.measure import CLASSIC, EDGE, FIT, FRAMES, FREE, KNOWN, LATTICE, REPEATS, Row
@@ -100,6 +101,7 @@ def _error_time(rows: Sequence[Row], quantity: str) -> str:
             stated = [(row.total_s, row.uncertainty) for row in line if row.uncertainty is not None]
             if stated:
                 axes.loglog(*zip(*stated, strict=True), "o:", color=colour, markersize=size, markerfacecolor="white", linewidth=0.8)
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set(xlabel="time of camera and processor, s", ylabel="error", title=quantity)
         axes.legend(loc="best")
         return as_svg(figure)
@@ -141,5 +143,5 @@ def _reads(rows: Sequence[Row], quantity: str) -> str:
         line[0].method: order([row.frames for row in line], [row.rms_error for row in line]) for line in reversed(_lines(rows, quantity))
     }
     words = ", ".join(f"{method} {slope:.2f}" for method, slope in sorted(slopes.items()))
-    tail = " Assuming a Gaussian where it is one is what free form need not know." if quantity == EDGE else ""
+    tail = " The free form does not assume the Gaussian that is there." if quantity == EDGE else ""
     return f"The error falls as the number of frames to the power: {words} (-0.50 where noise alone decides).{tail}"

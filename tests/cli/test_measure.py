@@ -1,0 +1,59 @@
+"""``flflab measure``: one picture of several, a mosaic, and what is refused, as the operator sees it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from flflab.image_file import read_picture, write_picture
+
+Run = Callable[..., Any]
+SHAPE = (560, 760)
+
+
+@pytest.fixture
+def frames(flflab: Run, small_camera: Path, tmp_path: Path) -> Path:
+    """Two pictures in one file, as a run leaves them: darkness, then bars."""
+    picture = tmp_path / "bars.png"
+    assert flflab("image", small_camera, "--target", "bars", "--distance", "506.7 mm", "--seed", 1, "-o", picture).code == 0
+    with h5py.File(tmp_path / "frames.h5", "w") as content:
+        content["frames"] = np.stack([np.zeros(SHAPE, dtype=np.uint16), read_picture(picture)])
+    return tmp_path / "frames.h5"
+
+
+@pytest.mark.ci
+def test_a_picture_of_a_runs_frames_is_measured_by_its_number(flflab: Run, small_camera: Path, frames: Path) -> None:
+    command = ("measure", frames, "--camera", small_camera, "--target", "bars", "--distance", "506.7 mm")
+    said = flflab(*command, "--number", 1, "--json").json
+    assert len(said["mtf"]) > 5
+    assert set(said["mtf"][0]) >= {"cycles_per_px", "contrast", "uncertainty", "classic", "classic_bias", "views"}
+    shown = flflab(*command, "--number", 1)
+    assert "its bias" in shown.out
+    for more, says in (((), "2 pictures; say which"), (("--number", 0), "it is dark"), (("--number", 2), "it holds 2")):
+        refused = flflab(*command, *more)
+        assert refused.code == 1
+        assert says in " ".join(refused.err.split())
+        assert "Traceback" not in refused.err
+
+
+@pytest.mark.parametrize(
+    ("name", "picture", "says"),
+    [
+        ("small.npy", np.zeros((3, 3)), "does not fit"),
+        ("nan.npy", np.full(SHAPE, np.nan), "finite"),
+        ("full.png", np.full(SHAPE, 65535, dtype=np.uint16), "saturated"),
+        ("dark.dng", np.zeros(SHAPE, dtype=np.uint16), "dark"),
+    ],
+)
+def test_what_cannot_be_measured_ends_with_1_and_a_sentence(
+    flflab: Run, small_camera: Path, tmp_path: Path, name: str, picture: Any, says: str
+) -> None:
+    write_picture(tmp_path / name, picture)
+    refused = flflab("measure", tmp_path / name, "--camera", small_camera)
+    assert refused.code == 1
+    assert refused.out == ""
+    assert refused.err.startswith("flflab: ")
+    assert says in refused.err
