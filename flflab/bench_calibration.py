@@ -173,9 +173,23 @@ def bench_files(found: Calibration, bench: Bench) -> tuple[str, str]:
         if math.isfinite(value):
             data["axes"][stage.name] |= {"zero": f"{stage.zero + value:.6f} mm", "zero_uncertainty": f"{u:.3g} mm"}
     data["optics"] = "calibrated-camera.yaml"
+    data["optics_uncertainty"] = (data.get("optics_uncertainty") or {}) | _shares(fit)
     head = "# Written by `flflab calibrate`: what was described, what was found, standard uncertainties (of zeros and scales: errors).\n"
     listed = head + "\n".join(comments) + "\n"
     return listed + yaml.safe_dump(camera, sort_keys=False), listed + yaml.safe_dump(data, sort_keys=False)
+
+
+def _shares(fit: Fit) -> dict[str, float]:
+    """Standard uncertainties of the optics as shares, where they were found; the iris's error, which nothing corrects, counts as one."""
+    names = {
+        "main_lens_focal_length": "main_lens.focal_length",
+        "microlens_focal_length": "microlens_array.focal_length",
+        "microlens_aperture": "microlens_array.aperture",
+    }
+    found = {key: u / value for key, name in names.items() for value, u in [fit.value(name)] if math.isfinite(value)}
+    iris, u = fit.value("iris.scale")
+    found |= {"f_number": math.hypot(iris, u)} if math.isfinite(iris) else {}
+    return {key: float(f"{share:.3g}") for key, share in found.items()}
 
 
 def _commented(fit: Fit, name: str) -> str:
