@@ -10,6 +10,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from flflab.analysis.contrast import fit_contrast
 from flflab.analysis.dots import count_views
 from flflab.analysis.lattice import Lattice, find_lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.profile import Cone, cone_of
 from flflab.camera_file import read_camera
 from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
@@ -67,30 +68,27 @@ def row(name: str, call: Callable[[], str], repeats: int) -> None:
 
 def lattice_rows(camera: Camera, repeats: int) -> Lattice:
     """Lattices at every f-number; that at F/4 is given back."""
-    kept: list[Lattice] = []
     for f_number in F_NUMBERS:
         one = replace(camera, main_lens=replace(camera.main_lens, f_number=f_number))
         white = frame(one, White(), ELECTRONS / (2.5 if f_number < 2 else 1))
-        for name, cone in (("", None), (", fall-off fitted", cone_of(one))):
-
-            def call(white: Frame = white, cone: Any = cone) -> str:
-                found = find_lattice(white, "square", 241.0, sensor_noise(), cone)
-                kept.append(found)
-                doubt = float(np.max(found.origin_uncertainty_px))
-                pitch = found.pitch_uncertainty_px / found.pitch_px
-                return f"{len(found.centres_px)} micro-images, origin +- {doubt:.5f} px, pitch +- {pitch:.1e}"
-
-            row(f"lattice, F/{f_number:g}{name}", call, repeats)
+        row(f"lattice, F/{f_number:g}", partial(found_lattice, white, None), repeats)
+        row(f"lattice, F/{f_number:g}, fall-off fitted", partial(found_lattice, white, cone_of(one)), repeats)
         if f_number == 4.0:
-            kept = kept[-1:]
             peers_on_white(white, repeats)
-            chosen = kept[0]
-    return chosen  # pyright: ignore[reportPossiblyUnboundVariable]
+    return find_lattice(frame(camera, White()), "square", 241.0, sensor_noise())
+
+
+def found_lattice(white: Frame, cone: Cone | None) -> str:
+    """What there is to say of it."""
+    found = find_lattice(white, "square", 241.0, sensor_noise(), cone)
+    pitch = found.pitch_uncertainty_px / found.pitch_px
+    return f"{len(found.centres_px)} micro-images, origin +- {np.max(found.origin_uncertainty_px):.5f} px, pitch +- {pitch:.1e}"
 
 
 def eight_bits(picture: Frame) -> npt.NDArray[np.uint8]:
-    """The frame as OpenCV's detectors want it."""
-    return np.clip(picture * (255.0 / float(np.quantile(picture[::8, ::8], 0.999))), 0, 255).astype(np.uint8)
+    """The frame as OpenCV's detectors want it, white at 220."""
+    white = ELECTRONS * SensorResponse().quantisation.dn_per_electron
+    return np.clip(picture * (220.0 / white), 0, 255).astype(np.uint8)
 
 
 def blob_detector(smallest: float, largest: float) -> Any:
