@@ -102,7 +102,7 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
         boxed = pattern * smeared * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side)
         real = np.ascontiguousarray(boxed @ kernel, dtype=precision).view(spectra[precision].real.dtype)
         found = (finer.astype(real.dtype) @ real).view(precision) * spectra[precision]
-        return fft.irfft(found, line.length, axis=0)[: line.count].T
+        return np.asarray(fft.irfft(found, line.length, axis=0))[: line.count].T
 
     whole = modes.spectrum(-1, size).astype(np.complex128)
     found: list[tuple[float, int, int, SingleArray]] = []
@@ -113,7 +113,7 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
             wave = sheet(pattern * by_angle, box / parts, np.complex64)
             felt = np.flatnonzero(np.abs(wave).max(axis=1) > least)
             if len(felt):
-                found.append((float(felt[-1]), term, 2 * int(order) + turn, wave))
+                found.append((float(felt[-1]), term, 2 * int(order) + turn, np.asarray(wave, dtype=np.float32)))
     found.sort(key=lambda wave: -wave[0])
     return Border(
         np.ascontiguousarray(sheet(whole, box, np.complex128)),
@@ -205,7 +205,7 @@ def read_waves(waves: SingleArray, row: int, column: int, weights: SingleArray) 
     total = np.float32(0.0)
     for wave in range(weights.size):
         total += weights[wave] * waves[row, column, wave]
-    return total
+    return float(total)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

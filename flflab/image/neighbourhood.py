@@ -48,6 +48,13 @@ def two_boxes(a: float, b: float, c: float, d: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def boxes_round(by: Array, parts: int, width: float, height: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The boxes along x and y of a surface that a part of a pixel and a cell of the pupil cover, from one row of its maps."""
+    box_x = two_boxes(by[4] / parts, by[5] / parts, by[0] * width, by[1] * height)
+    return box_x, two_boxes(by[6] / parts, by[7] / parts, by[2] * width, by[3] * height)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def card_share(x: float, y: float, surface: Array, box_x: tuple[float, float], box_y: tuple[float, float]) -> float:
     """Share of a neighbourhood at (x, y) that lies on a card."""
     half_x, half_y = surface[10], surface[11]

@@ -16,8 +16,8 @@ from scipy.stats import qmc
 from flflab.errors import InputError
 from flflab.image.effects.motion import Motion
 from flflab.image.scene import Scene
-from flflab.image.traced_rays import Path
-from flflab.image.traced_slices import Bundle, bundle_of, slices_of, sum_of
+from flflab.image.traced_rays import Bundle, Path
+from flflab.image.traced_slices import bundle_of, slices_of, sum_of
 from flflab.optics.camera import microlens_centres, microlens_types, pixel_positions
 
 Array = npt.NDArray[np.float64]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from flflab.image.effects.distortion import Distortion
 from flflab.image.scene import Plane
+from flflab.optics.camera import Camera
 
 Array = npt.NDArray[np.float64]
 
@@ -51,6 +52,44 @@ class Path:
 
     def _between(self, on_sensor: Array, on_lens: Array) -> Array:
         return self.slope_at_sensor(on_sensor, on_lens) + (on_lens - self.centre) / self.focal_length
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """All rays from one pixel through one microlens.
+
+    Attributes:
+        camera: whose stops and pixel they pass.
+        path: through the microlens.
+        place: of the pixel's centre, world mm.
+        along: the unit vector u.
+    """
+
+    camera: Camera
+    path: Path
+    place: Array
+    along: Array
+
+    @property
+    def crossing(self) -> Array:
+        """Where the ray through the middles of pixel and microlens crosses the main lens."""
+        return self.path.on_main_lens(self.place, self.path.centre)
+
+    @property
+    def by_sensor(self) -> float:
+        """How far a ray moves on the main lens per mm that it moves on the sensor."""
+        return float((self.path.on_main_lens(self.place + self.along, self.path.centre) - self.crossing) @ self.along)
+
+    @property
+    def by_lens(self) -> float:
+        """The same per mm that it moves on the microlens."""
+        return float((self.path.on_main_lens(self.place, self.path.centre + self.along) - self.crossing) @ self.along)
+
+    @property
+    def pupil(self) -> float:
+        """Radius of the part of the microlens that lights a point if both stops are seen one behind the other, mm."""
+        stop, radius = self.camera.main_lens.aperture / 2, self.camera.array.aperture / 2
+        return radius if abs(self.by_lens) * radius <= stop else stop / abs(self.by_lens)
 
 
 def landing(plane: Plane, distortion: Distortion | None, on_main: Array, slope: Array, moved: Array) -> Array:

@@ -13,51 +13,12 @@ import numpy.typing as npt
 
 from flflab.image.scene import Scene
 from flflab.image.traced_lines import Lines, border_cuts, light_along, order_across
-from flflab.image.traced_rays import Path, landing
-from flflab.optics.camera import Camera
+from flflab.image.traced_rays import Bundle, Path, landing
 
 Array = npt.NDArray[np.float64]
 Interval = tuple[Array, Array]
 
 OBLIQUE = 0.6  # rad; u lies under this angle to the target's axes, so that none of its borders lies along it
-
-
-@dataclass(frozen=True)
-class Bundle:
-    """All rays from one pixel through one microlens.
-
-    Attributes:
-        camera: whose stops and pixel they pass.
-        path: through the microlens.
-        place: of the pixel's centre, world mm.
-        along: the unit vector u.
-    """
-
-    camera: Camera
-    path: Path
-    place: Array
-    along: Array
-
-    @property
-    def crossing(self) -> Array:
-        """Where the ray through the middles of pixel and microlens crosses the main lens."""
-        return self.path.on_main_lens(self.place, self.path.centre)
-
-    @property
-    def by_sensor(self) -> float:
-        """How far a ray moves on the main lens per mm that it moves on the sensor."""
-        return float((self.path.on_main_lens(self.place + self.along, self.path.centre) - self.crossing) @ self.along)
-
-    @property
-    def by_lens(self) -> float:
-        """The same per mm that it moves on the microlens."""
-        return float((self.path.on_main_lens(self.place, self.path.centre + self.along) - self.crossing) @ self.along)
-
-    @property
-    def pupil(self) -> float:
-        """Radius of the part of the microlens that lights a point if both stops are seen one behind the other, mm."""
-        stop, radius = self.camera.main_lens.aperture / 2, self.camera.array.aperture / 2
-        return radius if abs(self.by_lens) * radius <= stop else stop / abs(self.by_lens)
 
 
 @dataclass(frozen=True)
