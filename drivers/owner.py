@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
+from flflab.description import read_yaml
 from flflab.errors import CommunicationError, DeviceError
 
 STOP_TIMEOUT_S = 10.0
@@ -23,8 +24,15 @@ LOCKED_BYTE = 1 << 20  # far behind what is written: a locked byte cannot be rea
 
 
 def lock_file(bench_file: Path) -> Path:
-    """Where the owner of a bench file writes its port: one file a user and bench file, beside the system's temporary files."""
-    key = hashlib.blake2b(f"{Path.home()}|{bench_file.resolve()}".encode(), digest_size=12).hexdigest()
+    """Where the owner of a bench writes its port: one file a user and bench, beside the system's temporary files.
+
+    A bench is known by where its axes are reached, whatever file says so: a run's copy of the bench file is the same bench. Nothing else
+    in the file needs to be right, so that a bench can be stopped while its file is being edited.
+    """
+    axes = read_yaml(bench_file)[0].get("axes")
+    described = [cast(dict[str, Any], axis) for axis in (axes.values() if isinstance(axes, dict) else ()) if isinstance(axis, dict)]
+    reached = sorted({str(axis.get("address", "")) for axis in described if axis.get("driver") != "manual"} - {"", "simulated"})
+    key = hashlib.blake2b("|".join((str(Path.home()), *reached)).encode(), digest_size=12).hexdigest()
     return Path(tempfile.gettempdir()) / f"flflab-bench-{key}.lock"
 
 

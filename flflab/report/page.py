@@ -50,6 +50,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
     """
     exact, dots = facts.exact_counts(evaluation.comparison.rows)
     local, devices = facts.simulated_devices(bench)
+    wanted = study.description.mtf_standard_uncertainty
     text = _template().render(
         study=study.description.name,
         folder=run.folder.name,
@@ -71,6 +72,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         views_chart=charts.views_chart(evaluation),
         difference_chart=charts.difference_chart(evaluation) if len(evaluation.measured) > 1 else None,
         residual_chart=charts.residual_chart(evaluation),
+        accuracy_chart=charts.accuracy_chart(run, wanted) if run.accuracy and wanted is not None else None,
         reference=study.description.reference,
         colours=charts.DOTS,
         configurations=[tables.settings_table(study, evaluation), tables.micro_image_table(evaluation, run)],

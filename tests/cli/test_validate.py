@@ -58,7 +58,10 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
         rows = list(csv.DictReader(handle))
     columns = "configuration reference_configuration distance_mm array_mm sensor_mm f_number target dot cycles_per_mm quantity"
     assert list(rows[0]) == [*columns.split(), "measured", "uncertainty", "predicted", "difference", "z"]
-    assert {row["quantity"] for row in rows} == {"views", "mtf", "contrast_paper", "difference_views", "ratio_mtf"}
+    properties = {"views", "bright_field_mm", "total_field_mm", "image_pitch_mm", "overlap_mm", "elr_row_px", "dot_distance_mm"}
+    properties |= {f"array_{turn}_mrad" for turn in ("roll", "yaw", "pitch")}
+    due = {"mtf", "ratio_mtf", "contrast_paper", "light"} | properties | {f"difference_{name}" for name in properties}
+    assert {row["quantity"] for row in rows} == due
     views = [row for row in rows if row["quantity"] == "views"]
     assert [row["measured"] for row in views] == [row["predicted"] for row in views]
     again = flflab("validate", study, "--bench", small_bench(), "--out", out)
@@ -66,14 +69,28 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     before = (out / "comparison.csv").read_bytes()
     assert flflab("report", out).code == 0
     assert (out / "comparison.csv").read_bytes() == before
+    other = small_bench()
+    other.write_text(other.read_text(encoding="utf-8").replace("zero: 40 mm", "zero: 40.02 mm"), encoding="utf-8")
+    against = flflab("report", out, "--bench", other)
+    assert against.code == 3
+    assert "zero of array_stage 0.02 mm less far along z than described" in " ".join(against.out.split())
+    assert (out / "report-bench.html").exists()
+    assert (out / "comparison.csv").read_bytes() == before
 
 
 @pytest.mark.ci
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("truths", ["{microlens_array.focal_length: 0.935 mm}", "{iris.scale: 1.4}"])
-def test_a_wrong_microlens_or_iris_is_found_out(
-    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path, truths: str
+@pytest.mark.parametrize(
+    ("truths", "named"),
+    [
+        ("{microlens_array.focal_length: 0.935 mm}", "focal length of the microlenses 1.9"),
+        ("{iris.scale: 1.04}", "aperture of the main lens (the f-number the other way) 3.8"),
+    ],
+)
+def test_a_wrong_microlens_or_iris_is_found_out_and_named(
+    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path, truths: str, named: str
 ) -> None:
     ended = flflab("validate", study, "--bench", small_bench(truths), "--out", tmp_path / "run")
     assert ended.code == 3, ended.err
     assert "The camera does not do what its model says." in ended.out
+    assert named in " ".join(ended.out.split())

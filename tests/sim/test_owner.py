@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from drivers.bench import connect
-from drivers.owner import ask_owner_to_stop, lock_file
+from drivers.owner import Owner, ask_owner_to_stop, lock_file
 from flflab.bench import Bench
 from flflab.errors import CommunicationError, DeviceError, MotionError
 from sim.serve import Served, serve, write_bench
@@ -106,6 +106,17 @@ def test_a_stop_reaches_the_motions_of_a_script_through_its_own_connection(slow:
             status.wait(10)
         asker.join()
     assert not ask_owner_to_stop(file), "a bench that was let go still has an owner"
+
+
+def test_a_copy_of_the_bench_file_is_the_same_bench_even_where_it_is_half_edited(slow: tuple[Served, Path], tmp_path: Path) -> None:
+    _, file = slow
+    copy = tmp_path / "copy.yaml"
+    copy.write_text(file.read_text(encoding="utf-8").replace("minimum_gap", "minimal_gap"), encoding="utf-8")
+    with connect(file):
+        with pytest.raises(DeviceError, match="another program drives this bench"):
+            Owner(copy)
+        assert ask_owner_to_stop(copy)
+    assert not ask_owner_to_stop(copy)
 
 
 def test_an_owner_that_does_not_answer_is_named(slow: tuple[Served, Path]) -> None:
