@@ -12,6 +12,7 @@ from drivers.base import CameraDevice, Status
 from flflab.analysis.contrast import fit_contrast
 from flflab.analysis.lattice import Lattice, find_lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench
 from flflab.optics.resolution import central_smms
@@ -83,7 +84,7 @@ class Accuracy:
         try:
             camera = self._study.configurations[index].camera(self._optics)
             rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
-            found.set_result(find_lattice(white, camera.array.layout, rough, self._noise.of_mean(frames)))
+            found.set_result(find_lattice(white, camera.array.layout, rough, self._noise.of_mean(frames), cone_of(camera)))
         except Exception as error:
             found.set_exception(error)
 

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from flflab.analysis.dots import count_views
 from flflab.analysis.lattice import Lattice, find_lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.calibration.bench_model import BenchModel
 from flflab.calibration.fit import Fit, fit_bench
 from flflab.calibration.quantities import Quantities, measured_quantities
@@ -44,7 +45,7 @@ def calibrate(model: BenchModel, pictures: Sequence[Pictures], target: FourDot) 
     for number, taken in enumerate(pictures):
         camera, _ = model.camera(model.nominal, number)
         rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
-        lattices.append(find_lattice(taken.white, camera.array.layout, rough, taken.white_noise))
+        lattices.append(find_lattice(taken.white, camera.array.layout, rough, taken.white_noise, cone_of(camera)))
 
     def measure(found: Array) -> tuple[Quantities, ...]:
         settings = enumerate(zip(pictures, lattices, strict=True))

@@ -13,7 +13,7 @@ from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values, single
 
 Array = npt.NDArray[np.float64]
-CLIPPED_SHARE = 0.1  # of a shift of the focus that nobody knows: so far clipped views mislead all dots alike; 0.06 was seen at F/2.8
+CLIPPED_SHARE = 0.3  # of a shift of the focus that nobody knows: so far clipped views mislead all dots alike; at F/5.6, 0.33 was seen
 
 
 def offset_read(model: Predicted) -> Array:

@@ -12,10 +12,11 @@ from flflab.analysis.dots import DotViews, count_views
 from flflab.analysis.lattice import Lattice, find_lattice
 from flflab.analysis.micro_images import measure_micro_images
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.analysis.rough_pitch import mixed_up_units, rough_pitch
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
-from flflab.optics.camera import Camera, Layout
+from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study
@@ -105,7 +106,7 @@ def measure_pictures(
     camera, distance = as_placed(configuration, optics, worlds)
     rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
     white = pictures["white"]
-    lattice = _lattice(white, camera.array.layout, rough, noises["white"])
+    lattice = _lattice(white, camera, rough, noises["white"])
     try:
         attitude = measure_attitude(measure_micro_images(white, lattice, noises["white"]), lattice, camera)
     except MeasurementError:
@@ -124,10 +125,10 @@ def measure_pictures(
     return measured
 
 
-def _lattice(white: Array, layout: Layout, rough: float, noise: SensorNoise) -> Lattice:
+def _lattice(white: Array, camera: Camera, rough: float, noise: SensorNoise) -> Lattice:
     """The lattice; where there is none as described, what the micro-images' distance says of the description."""
     try:
-        return find_lattice(white, layout, rough, noise)
+        return find_lattice(white, camera.array.layout, rough, noise, cone_of(camera))
     except MeasurementError as error:
         found = rough_pitch(white)
         if found is None or abs(found / rough - 1) < DESCRIBED:
