@@ -10,7 +10,6 @@ from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values
 
-
 MODEL_ERROR = 2e-4  # of contrast: what exact simulated benches of five seeds showed beside noise and stage errors was 1e-4 to 2e-4
 
 
