@@ -21,7 +21,7 @@ class PylonNodes:
 
     def has(self, name: str) -> bool:
         """Whether there is one that the camera has now."""
-        from pypylon import genicam
+        from pypylon import genicam  # pyright: ignore[reportMissingImports] - an extra that the checks do without
 
         node = self._map.GetNode(name)
         return node is not None and (genicam.IsReadable(node) or genicam.IsWritable(node))
@@ -62,7 +62,7 @@ class PylonCamera:
 
     def __init__(self, address: str, keys: PylonKeys) -> None:
         try:
-            from pypylon import genicam, pylon
+            from pypylon import genicam, pylon  # pyright: ignore[reportMissingImports]
         except ImportError as error:
             raise CommunicationError("driver pylon needs pypylon; install flflab with its extra 'basler'") from error
         self._pylon: Any = pylon
