@@ -9,6 +9,7 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from bluesky import Msg
@@ -42,7 +43,8 @@ from procedures.sweep import Course, Instruments, Tell, instruments, sweep
 
 Plan = Generator[Msg, Any, Any]
 RESUMABLE = ("sweep", "validate")
-LIT, FEWEST_LIT = 5.0, 100  # standard deviations of a dark pixel above it; pixels
+LIT, FEWEST_LIT = 5.0, 100  # standard deviations of a dark block's mean above it; pixels
+BLOCK = 9  # pixels a side: a pixel chosen for its own noise would be one of more light than it has
 MOST_DIFFERENCE = 1.2  # rms over the noise's; 1 % less light where views are brightest makes it
 
 
@@ -209,11 +211,11 @@ def require_same(key: str, recorded: npt.NDArray[np.uint16], again: npt.NDArray[
 def difference_over_noise(recorded: npt.NDArray[np.uint16], again: npt.NDArray[np.uint16], noise: SensorNoise) -> float:
     """Root mean square difference of two pictures over that of two with the same light; 1 for noise alone.
 
-    Of unsaturated pixels, and of those only the lit ones where there are a hundred: what changes changes there.
+    Of unsaturated pixels, and of those only the ones in lit surroundings where there are a hundred: what changes changes there.
     """
     first, second = recorded.astype(np.float64), again.astype(np.float64)
     mean, good = (first + second) / 2, ~(noise.saturated(first) | noise.saturated(second))
-    lit = good & (mean > noise.offset_dn + LIT * noise.dark_variance**0.5)
+    lit = good & (cv2.blur(mean, (BLOCK, BLOCK)) > noise.offset_dn + LIT * noise.dark_variance**0.5 / BLOCK)
     chosen = lit if np.count_nonzero(lit) >= FEWEST_LIT else good
     differences = (first[chosen] - second[chosen]) ** 2 / (2 * noise.variance(mean[chosen]))
     return float(np.sqrt(np.mean(differences))) if chosen.any() else 0.0

@@ -187,7 +187,7 @@ def exposed(level: float, rng: np.random.Generator, rows: int = 300) -> Any:
     return np.rint(rng.normal(64 + light, np.sqrt(NOISE.variance(64 + light)), (rows, 400))).clip(0, 4095).astype(np.uint16)
 
 
-@pytest.mark.parametrize("level", [0.0, 3.0, 300.0, 3900.0])
+@pytest.mark.parametrize("level", [0.0, 3.0, 10.0, 30.0, 300.0, 3900.0])
 def test_two_pictures_of_one_light_differ_by_their_noise(level: float) -> None:
     rng = np.random.default_rng(3)
     assert difference_over_noise(exposed(level, rng), exposed(level, rng), NOISE) == pytest.approx(1, abs=0.02)

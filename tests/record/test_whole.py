@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+import flflab
 from flflab.errors import RecordError
 from flflab.record import ContinuedRecording, Recording, checksum, pack, read_documents, read_run, versions
 from flflab.record.folder import git_state
@@ -142,7 +143,7 @@ def test_where_packing_fails_the_raw_frames_are_left(whole: Path) -> None:
     assert not (whole / "frames.h5.packed").exists()
 
 
-def test_the_commit_that_ran_is_recorded_and_whether_files_were_changed(tmp_path: Path, root: Path) -> None:
+def test_the_commit_that_ran_is_recorded_and_whether_files_were_changed(tmp_path: Path) -> None:
     assert git_state(tmp_path) == {}
     commands = ("init -q", "config user.name a", "config user.email a@b.c", "add x", "commit -q -m one")
     (tmp_path / "x").write_text("1")
@@ -152,4 +153,5 @@ def test_the_commit_that_ran_is_recorded_and_whether_files_were_changed(tmp_path
     assert len(commit) == 40
     (tmp_path / "x").write_text("2")
     assert git_state(tmp_path)["git"] == f"{commit}, with changed files"
-    assert ("git" in versions()) == (root / ".git").exists()
+    installed = Path(flflab.__file__).resolve().parents[1]
+    assert ("git" in versions()) == (installed / ".git").exists()
