@@ -104,6 +104,11 @@ def not_told_apart(suspects: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
     return tuple(suspect for suspect in suspects if suspect.chi2 <= suspects[0].chi2 + ALIKE)
 
 
+def turns_among(suspects: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
+    """Those that turn the array."""
+    return tuple(suspect for suspect in suspects if suspect.what in TURNS.values())
+
+
 @dataclass(frozen=True)
 class Suspicion:
     """Something that may be other than described.

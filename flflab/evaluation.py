@@ -12,7 +12,7 @@ import numpy as np
 
 from flflab.bench import Bench
 from flflab.comparison import Comparison, Row
-from flflab.diagnosis import Suspect, diagnose
+from flflab.diagnosis import Suspect, diagnose, turns_among
 from flflab.errors import InputError
 from flflab.prediction import Errors, drawn_errors
 from flflab.properties.attitude import attitude
@@ -101,18 +101,32 @@ def evaluate_measured(measured: tuple[Measured, ...], study: Study, bench: Bench
     if failures and comparison.accepted:
         raise failures[0]
     alone = tuple(predict(one, study, bench, errors.of_the_stages_alone()) for one in measured)
-    suspects = () if comparison.accepted else explain(values, measured, study, bench)
+    suspects = () if comparison.accepted else explain(values, measured, study, bench, turned=_rejects(comparison, "array_attitude_mrad"))
     return Evaluation(measured, predicted, comparison, values, properties(measured, alone, bench), suspects)
 
 
-def explain(values: tuple[Values, ...], measured: tuple[Measured, ...], study: Study, bench: Bench) -> tuple[Suspect, ...]:
-    """Every single change of the bench that could be the reason, the best first."""
+def explain(values: tuple[Values, ...], measured: tuple[Measured, ...], study: Study, bench: Bench, *, turned: bool) -> tuple[Suspect, ...]:
+    """Every single change of the bench that could be the reason, the best first.
+
+    Args:
+        values: the numbers behind the comparison.
+        measured: every configuration.
+        study: the study.
+        bench: the bench as described.
+        turned: whether the array is turned otherwise than described.
+    """
 
     def numbers(errors: Errors) -> list[Values]:
         models = tuple(predict(one, study, bench, errors) for one in measured)
         return [found for found in properties(measured, models, bench) if found.quantity not in EXPLAINED_BY_OTHERS]
 
-    return diagnose([found for found in values if found.quantity not in EXPLAINED_BY_OTHERS], numbers, bench)
+    suspects = diagnose([found for found in values if found.quantity not in EXPLAINED_BY_OTHERS], numbers, bench)
+    # An array turned otherwise than described disturbs every other number, so where it is turned nothing else is told from it.
+    return turns_among(suspects) if turned else suspects
+
+
+def _rejects(comparison: Comparison, name: str) -> bool:
+    return any(verdict.quantity == name and not verdict.accepted for verdict in comparison.verdicts)
 
 
 def properties(measured: tuple[Measured, ...], predicted: tuple[Predicted, ...], bench: Bench) -> tuple[Values, ...]:

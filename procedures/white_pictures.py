@@ -100,6 +100,6 @@ def approach(bench: Bench, axis: Axis, reading: float) -> Plan:
     described = bench.description.axes[axis.name]
     side = {"sensor.z": -described.sign, "array.z": described.sign}.get(described.moves, 1)
     run_up = RUN_UP[axis.coordinate.unit]
-    if side * (reading - axis.position()) < run_up:
+    if not axis.is_homed() or side * (reading - axis.position()) < run_up:  # in the rehearsal no axis has a reference yet
         yield from bps.mv(axis, reading - side * run_up)
     yield from bps.mv(axis, reading)

@@ -84,7 +84,7 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     ("truths", "named"),
     [
         ("{microlens_array.focal_length: 0.935 mm}", "focal length of the microlenses 1.9"),
-        ("{iris.scale: 1.04}", "aperture of the main lens (the f-number the other way) 3.8"),
+        ("{iris.scale: 0.04}", "aperture of the main lens (the f-number the other way) 3.8"),
     ],
 )
 def test_a_wrong_microlens_or_iris_is_found_out_and_named(

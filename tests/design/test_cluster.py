@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.ci, pytest.mark.filterwarnings("ignore::ResourceWarnin
 @pytest.fixture
 def cluster() -> Iterator[Any]:
     made: Any = LocalCluster
-    with made(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as running:
+    with made(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50) as running:
         yield running
 
 

@@ -26,7 +26,7 @@ cluster_test = pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.fixture
 def cluster() -> Iterator[str]:
     made: Any = LocalCluster
-    with made(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as running:
+    with made(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50) as running:
         yield running.scheduler_address
 
 

@@ -122,7 +122,7 @@ def _recorded(folder: Path) -> int:
 
 @pytest.mark.ci
 def test_after_a_device_error_a_run_goes_on_at_other_addresses_of_the_same_bench(served: Callable[..., Any], tmp_path: Path) -> None:
-    faults = [{"device": "target_stage", "fault": "silence", "after": 150}]
+    faults = [{"device": "target_stage", "fault": "silence", "after": 60}]
     places = {"configurations": [{"f_number": 4, "distance": [f"{490 + 5 * k} mm" for k in range(4)]}]}
     with served(study=places, faults=faults) as (_, study, bench), pytest.raises(DeviceError):
         run_study(study, bench, tmp_path / "cut", None, tell_nobody, "sweep")
