@@ -108,6 +108,7 @@ class StandaController:
             except ConnectionError as error:
                 self._line.lose(device)
                 raise LostError(f"{name}: asked to {task}, the controller is gone; check its cable and power") from error
+            # the library's own words for a refusal; the last for a command that the controller's firmware does not have
             except (RuntimeError, ValueError, NotImplementedError) as error:
                 reason = str(error).partition(".")[0]
                 raise DeviceError(f"{name}: asked to {task}, the controller refuses ({reason}); check model and firmware") from error

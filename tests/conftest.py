@@ -12,9 +12,13 @@ import time
 from collections.abc import Iterator
 from multiprocessing import resource_tracker
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from bluesky import RunEngine
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -74,6 +78,18 @@ def r12a() -> Path:
 def root() -> Path:
     """The project's folder."""
     return ROOT
+
+
+@pytest.fixture
+def engine() -> Iterator["RunEngine"]:
+    """A RunEngine whose loop ends with the test."""
+    from bluesky import RunEngine  # loaded by those who run plans
+
+    engine = RunEngine({}, context_managers=[])
+    yield engine
+    engine.loop.call_soon_threadsafe(engine.loop.stop)
+    engine._th.join()  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+    engine.loop.close()
 
 
 def _children() -> set[str]:

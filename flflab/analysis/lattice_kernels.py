@@ -1,5 +1,8 @@
 """What the fit of a lattice sums over pixels, compiled: normal equations of some, the gradient of all, light about lattice points."""
 
+import math
+from typing import Any
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -117,6 +120,16 @@ def accumulate(
     return normal, right, chi2, count
 
 
+@numba.njit(cache=True, nogil=True)
+def _columns_lit(cx: float, dy: np.floating[Any], reach: float, width: int) -> tuple[int, int]:
+    """First and last column of a row ``dy`` px from a centre within its reach; none where the last is before the first."""
+    half = reach * reach - dy * dy
+    if half <= 0.0:
+        return 0, -1
+    half = math.sqrt(half) - 1e-3
+    return max(0, math.ceil(cx - half)), min(width - 1, math.floor(cx + half))
+
+
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def gradient(
     picture: npt.NDArray[np.float32],
@@ -157,11 +170,7 @@ def gradient(
             cx = centres[end, 0]
             dy = np.float32(row - centres[end, 1])
             end += 1
-            half = reach * reach - dy * dy
-            if half <= 0.0:
-                continue
-            half = np.sqrt(half) - 1e-3
-            low, high = max(0, int(np.ceil(cx - half))), min(width - 1, int(np.floor(cx + half)))
+            low, high = _columns_lit(cx, dy, reach, width)
             light = np.float32(lights[end - 1, 0])
             sx = np.float32(values[16] + values[18] * (cx - values[0]))
             sy = np.float32(values[17] + values[18] * (centres[end - 1, 1] - values[1]))
@@ -198,11 +207,7 @@ def gradient(
         for n in range(begin, end):
             cx = centres[n, 0]
             dy = np.float32(row - centres[n, 1])
-            half = reach * reach - dy * dy
-            if half <= 0.0:
-                continue
-            half = np.sqrt(half) - 1e-3
-            low, high = max(0, int(np.ceil(cx - half))), min(width - 1, int(np.floor(cx + half)))
+            low, high = _columns_lit(cx, dy, reach, width)
             along = across = large = small = bright = fall = slant_x = slant_y = np.float32(0)
             light = lights[n, 0]
             vx, vy = cx - values[0], centres[n, 1] - values[1]

@@ -76,8 +76,8 @@ def conclude(run: Run, bench_file: Path | None = None) -> None:
 def _verdicts(evaluation: Evaluation) -> Table:
     """One line a property: how many benches built and measured as stated disagree at least as much."""
     table = Table(box=box.SIMPLE, title="Verdicts")
-    table.add_column("")
-    for head in ("values", "honest benches as far off", "rejected below"):
+    table.add_column("", no_wrap=True)
+    for head in ("values", "benches as far off", "rejected below"):
         table.add_column(head, justify="right")
     table.add_column("")
     for one in evaluation.comparison.verdicts:

@@ -127,6 +127,8 @@ def properties_chart(evaluation: Evaluation) -> str:
             half = max(1.5, 0.7 + max(abs(one.configuration - middle) for one in members))
             axes.set_xlim(middle - half, middle + half)
             axes.grid(visible=False, axis="x")
+            axes.use_sticky_edges = False  # a band's end is not the panel's
+            axes.autoscale_view(scalex=False)
         return _as_svg(figure)
 
 

@@ -113,16 +113,6 @@ def step(axis: Axis) -> float:
     return STEPS[axis.name] / axis.coordinate.per_unit
 
 
-@pytest.fixture
-def engine() -> Iterator[RunEngine]:
-    """A RunEngine whose loop ends with the test."""
-    engine = RunEngine({}, context_managers=[])
-    yield engine
-    engine.loop.call_soon_threadsafe(engine.loop.stop)
-    engine._th.join()  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
-    engine.loop.close()
-
-
 def test_it_satisfies_blueskys_promises(axis: Axis) -> None:
     for promise in ("Movable", "Readable", "Locatable", "Stoppable", "Checkable", "Configurable", "HasHints"):
         assert isinstance(axis, getattr(protocols, promise)), promise

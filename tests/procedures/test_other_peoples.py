@@ -1,6 +1,6 @@
 """bluesky's own plans on our devices, served by the simulation, and our plans on ophyd's simulated ones."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,16 +17,6 @@ from flflab.bench import Bench
 from flflab.study import Study
 from procedures.steps import Move, SetIris, ShowTarget, steps
 from procedures.sweep import Course, Instruments, Progress, sweep
-
-
-@pytest.fixture
-def engine() -> Iterator[RunEngine]:
-    """A RunEngine whose loop ends with the test."""
-    engine = RunEngine({}, context_managers=[])
-    yield engine
-    engine.loop.call_soon_threadsafe(engine.loop.stop)
-    engine._th.join()  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
-    engine.loop.close()
 
 
 def test_blueskys_own_plans_run_on_our_axes_iris_and_target(served: Callable[..., Any], engine: RunEngine) -> None:

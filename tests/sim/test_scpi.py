@@ -95,8 +95,7 @@ def test_a_frame_comes_as_a_block_with_its_facts(client: Client) -> None:
 
 def test_what_moves_after_the_exposure_is_not_in_the_picture(client: Client) -> None:
     at_rest = take(client, 5.0)  # lasts 25 ms on the bench's clock
-    client.tell("*RST;EXP 5;INIT")
-    assert client.ask("EXP:BUSY?") == "1"
+    assert client.ask("*RST;EXP 5;INIT;EXP:BUSY?") == "1"
     while client.ask("EXP:BUSY?") == "1":
         pass
     client.tell('TARG:KIND "black"')
