@@ -52,11 +52,11 @@ def measured(
 @pytest.mark.parametrize(
     ("f_number", "distance", "shift", "level", "scatter"),
     [
-        (4.0, FOCUS, 0.0, 3000, 0.2),
-        (4.0, 497.0, 0.37, 3000, 0.2),
-        (2.8, 490.0, -0.2, 3000, 0.15),
-        (8.0, FOCUS, 0.0, 3000, 0.9),  # a dozen pixels across a view
-        (1.6, FOCUS, 0.1, 1000, 0.6),
+        (4.0, FOCUS, 0.0, 3000, 0.1),
+        (4.0, 497.0, 0.37, 3000, 0.1),
+        (2.8, 490.0, -0.2, 3000, 0.1),
+        (8.0, FOCUS, 0.0, 3000, 0.4),  # a dozen pixels across a view: few data for each knot of the curve
+        (1.6, FOCUS, 0.1, 1000, 0.1),
     ],
 )
 def test_bars_give_the_closed_form_contrast_within_their_uncertainty(
@@ -168,7 +168,9 @@ def test_the_classic_reading_is_biased_and_says_so(brute: Any) -> None:
         picture + np.random.default_rng(1).normal(0, 30, picture.shape), nominal_lattice(camera, 1500.0), camera, Chirp(), FOCUS, noise
     )
     assert np.nanmin(curve.classic) > 0.04  # twice what is there
-    assert curve.classic_bias == pytest.approx(curve.classic - curve.extremes)
+    truth = 0.02 * np.sinc(curve.cycles_per_px)  # the extremes of a sine are its modulation
+    known = np.isfinite(curve.classic)
+    assert np.abs(curve.classic_bias - (curve.classic - truth))[known].max() < 0.005
 
 
 @pytest.mark.ci
