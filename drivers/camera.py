@@ -69,6 +69,11 @@ class CameraDevice(Protocol):
         """Shortest and longest exposure, s."""
         ...
 
+    @property
+    def offered_exposures(self) -> tuple[float, ...]:
+        """The only exposures there are, rising, s; empty where anything within the limits can be asked for."""
+        ...
+
     def prepare(self, exposure_s: float, gain: float = 1.0) -> None:
         """Set exposure time in s and gain.
 
@@ -115,6 +120,11 @@ class Camera:
     def exposure_limits(self) -> tuple[float, float]:
         """Shortest and longest exposure, s."""
         return self._commands.exposure_limits
+
+    @property
+    def offered_exposures(self) -> tuple[float, ...]:
+        """The only exposures there are, rising, s; empty where anything within the limits can be asked for."""
+        return self._commands.offered_exposures
 
     @property
     def gain_limits(self) -> tuple[float, float]:

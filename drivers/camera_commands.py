@@ -43,6 +43,11 @@ class CameraCommands(Protocol):
         ...
 
     @property
+    def offered_exposures(self) -> tuple[float, ...]:
+        """The only exposures there are, rising, s; empty where anything within the limits can be asked for."""
+        ...
+
+    @property
     def gain_limits(self) -> tuple[float, float]:
         """Least and largest gain, as a factor."""
         ...

@@ -1,5 +1,6 @@
 """Take a frame; find the exposure first where it is not known: the brightest view at the study's share of full scale."""
 
+import bisect
 import math
 from collections.abc import Generator
 from typing import Any
@@ -22,8 +23,14 @@ BRIGHTEST = 0.99  # quantile of the lit pixels
 LEAST_LIT = 1e-3  # share of all pixels
 
 
-def quantise(exposure_s: float) -> float:
-    """The largest step 2^(k/6) s not above an exposure, so that few dark frames serve many configurations."""
+def quantise(exposure_s: float, offered: tuple[float, ...] = ()) -> float:
+    """The largest step not above an exposure: of those a camera offers, else of 2^(k/6) s.
+
+    In steps few dark frames serve many configurations. Beyond what is offered one step more is counted on either side: who wants more than there is gets what the camera cannot do.
+    """
+    if len(offered) > 1:
+        steps = (offered[0] ** 2 / offered[1], *offered, offered[-1] ** 2 / offered[-2])
+        return steps[max(bisect.bisect_right(steps, exposure_s * (1 + 1e-9)) - 1, 0)]
     return 2.0 ** (math.floor(STEPS_PER_OCTAVE * math.log2(exposure_s) + 1e-9) / STEPS_PER_OCTAVE)
 
 
@@ -43,14 +50,16 @@ def brightest_view(picture: npt.NDArray[np.uint16], camera: CameraDevice) -> flo
     return (value - camera.offset_dn) / (camera.full_scale - camera.offset_dn)
 
 
-def better_exposure(exposure_s: float, reached: float, level: float) -> float:
+def better_exposure(exposure_s: float, reached: float, level: float, offered: tuple[float, ...] = ()) -> float:
     """The exposure to try next, a step of ``quantise``, in proportion; far off where the picture is almost dark or saturated."""
     factor = 1 / LARGEST_FACTOR if reached >= 0.98 else level / max(reached, level / LARGEST_FACTOR)
-    return quantise(exposure_s * factor)
+    return quantise(exposure_s * factor, offered)
 
 
-def fits(exposure_s: float, wanted_s: float) -> bool:
+def fits(exposure_s: float, wanted_s: float, offered: tuple[float, ...] = ()) -> bool:
     """Whether an exposure is the wanted step or the one below it: noise moves the wanted step by one."""
+    if len(offered) > 1:
+        return wanted_s in offered and offered.index(wanted_s) - offered.index(exposure_s) in (0, 1)
     return -0.5 < STEPS_PER_OCTAVE * math.log2(wanted_s / exposure_s) < 1.5
 
 
@@ -70,16 +79,16 @@ def expose(frames: Frames, level: float, guess_s: float, key: str, configuration
     Raises:
         MeasurementError: none was found in six pictures, or the camera cannot expose so long or so briefly.
     """
-    shortest, longest = frames.camera.exposure_limits
-    exposure = quantise(guess_s)
+    (shortest, longest), offered = frames.camera.exposure_limits, frames.camera.offered_exposures
+    exposure = quantise(min(max(guess_s, shortest), longest), offered)
     reached = 0.0
     for _ in range(MOST_TRIALS):
         yield from take(frames, Shot(key, configuration, 0, exposure))
         if frames.latest is None:  # a rehearsal: nothing is triggered
             return exposure
         reached = brightest_view(frames.latest.picture, frames.camera)
-        wanted = better_exposure(exposure, reached, level)
-        if fits(exposure, wanted):
+        wanted = better_exposure(exposure, reached, level, offered)
+        if fits(exposure, wanted, offered):
             return exposure
         if not shortest <= wanted <= longest:
             raise MeasurementError(

@@ -52,6 +52,8 @@ class FolderCamera:
         CommunicationError: there is no such folder.
     """
 
+    offered_exposures: tuple[float, ...] = ()
+
     def __init__(self, folder: Path, keys: FolderKeys) -> None:
         self._folder = folder
         self._keys = keys

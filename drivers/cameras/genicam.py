@@ -67,6 +67,8 @@ class GenicamCamera:
         DeviceError: it does not become what was asked.
     """
 
+    offered_exposures: tuple[float, ...] = ()
+
     def __init__(self, address: str, keys: GenicamKeys) -> None:
         self._address, self._keys = address, keys
         self._who = f"camera {address or '(the only one)'}"

@@ -168,6 +168,7 @@ class GphotoCamera:
         self._speed, offered = link.choices(*SPEED)
         self._gains = {float(choice) / keys.iso_at_gain_1: choice for choice in offered if re.fullmatch(r"\d+", choice) and int(choice)}
         self.exposure_limits = (min(self._exposures), max(self._exposures))
+        self.offered_exposures = tuple(sorted(self._exposures))
         self.gain_limits = (min(self._gains), max(self._gains)) if self._gains else (1.0, 1.0)
         exposure = _seconds(link.value(SHUTTER)) or self.exposure_limits[0]
         gain = float(link.value(self._speed)) / keys.iso_at_gain_1 if self._gains and link.value(self._speed).isdigit() else 1.0

@@ -57,6 +57,8 @@ class OpencvCamera:
         DeviceError: the device does not become what was asked.
     """
 
+    offered_exposures: tuple[float, ...] = ()
+
     gain_limits = (1.0, 1.0)
 
     def __init__(self, address: str, keys: OpencvKeys) -> None:

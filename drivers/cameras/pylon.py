@@ -60,6 +60,8 @@ class PylonCamera:
         DeviceError: it does not become what was asked.
     """
 
+    offered_exposures: tuple[float, ...] = ()
+
     def __init__(self, address: str, keys: PylonKeys) -> None:
         try:
             from pypylon import genicam, pylon  # pyright: ignore[reportMissingImports]

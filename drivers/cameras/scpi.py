@@ -27,6 +27,8 @@ class ScpiCamera:
         CommunicationError: it does not answer, or not as a camera.
     """
 
+    offered_exposures: tuple[float, ...] = ()
+
     def __init__(self, link: ScpiLink, slack: float = SLACK_S) -> None:
         self._link = link
         self._slack = slack

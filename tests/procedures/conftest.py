@@ -109,6 +109,7 @@ class MemoryCamera:
     read_noise_dn = 1.0
     offset_dn = 64.0
     exposure_limits = (1e-5, 10.0)
+    offered_exposures: tuple[float, ...] = ()
 
     def __init__(self, rate: float = 4e5, shape: tuple[int, int] = (30, 40)) -> None:
         self.rate = rate
@@ -119,7 +120,7 @@ class MemoryCamera:
 
     def prepare(self, exposure_s: float, gain: float = 1.0) -> None:
         low, high = self.exposure_limits
-        if not low <= exposure_s <= high:
+        if not low <= exposure_s <= high or (self.offered_exposures and exposure_s not in self.offered_exposures):
             raise LimitError(f"camera: {exposure_s} s")
         self.exposures.append(exposure_s)
 

@@ -125,6 +125,7 @@ class Watching:
 
     name, full_scale, dn_per_electron, read_noise_dn, offset_dn = "camera", 4095, 4031 / 12000, 1.0, 64.0
     exposure_limits = (1e-5, 10.0)
+    offered_exposures: tuple[float, ...] = ()
 
     def __init__(self, bench: Bench, axes: Mapping[str, Loose], hidden: Mapping[str, float], seed: int) -> None:
         self._bench, self._axes, self._hidden = bench, axes, hidden
