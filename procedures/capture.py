@@ -26,7 +26,8 @@ LEAST_LIT = 1e-3  # share of all pixels
 def quantise(exposure_s: float, offered: tuple[float, ...] = ()) -> float:
     """The largest step not above an exposure: of those a camera offers, else of 2^(k/6) s.
 
-    In steps few dark frames serve many configurations. Beyond what is offered one step more is counted on either side: who wants more than there is gets what the camera cannot do.
+    In steps few dark frames serve many configurations. Beyond what is offered one step more is counted on either side:
+    who wants more than there is gets what the camera cannot do.
     """
     if len(offered) > 1:
         steps = (offered[0] ** 2 / offered[1], *offered, offered[-1] ** 2 / offered[-2])
