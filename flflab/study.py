@@ -29,12 +29,15 @@ Numbers = Annotated[list[Annotated[float, Field(gt=0)]], BeforeValidator(_as_lis
 class ConfigurationsDescription(Description):
     """A grid of configurations: every combination of what is listed; the sensor refocused unless told otherwise.
 
-    ``pitch``, ``yaw`` and ``roll`` turn the array; a bench without a stage for it must have it turned so in its camera file.
+    Target, array and sensor are placed by their distances from where the main lens stands at 0; ``main_lens`` moves the lens alone along
+    the axis, away from the target. ``pitch``, ``yaw`` and ``roll`` turn the array; a bench without a stage for it must have it turned so
+    in its camera file.
     """
 
     f_number: Numbers
     distance: Lengths
     focused_at: Lengths | None = None
+    main_lens: Lengths | None = None
     array: Lengths | None = None
     sensor: Lengths | None = None
     pitch: Angles | None = None
@@ -79,13 +82,26 @@ class StudyDescription(Description):
 
 @dataclass(frozen=True)
 class Configuration:
-    """One setting of the bench; distances from the main lens in mm, angles of the array in rad, None as in the camera file."""
+    """One setting of the bench.
+
+    Attributes:
+        index: its number in the study.
+        f_number: of the iris.
+        distance: main lens to target, mm; the lengths that follow are in mm too.
+        array: main lens to array.
+        sensor: main lens to sensor.
+        main_lens: where the main lens stands on the bench's axis.
+        pitch: angle of the array in rad, as the other two; None as in the camera file.
+        yaw: the same.
+        roll: the same.
+    """
 
     index: int
     f_number: float
     distance: float
     array: float
     sensor: float
+    main_lens: float = 0.0
     pitch: float | None = None
     yaw: float | None = None
     roll: float | None = None
@@ -141,11 +157,18 @@ def expand(description: StudyDescription, optics: Camera) -> tuple[Configuration
     """All configurations of a study in the order of the file, numbered from 0; of a grid the last thing listed changes fastest."""
     found: list[Configuration] = []
     for grid in description.configurations:
-        arrays = grid.array or [optics.array.distance]
-        turns = itertools.product(*(angles or [None] for angles in (grid.pitch, grid.yaw, grid.roll)))
-        for f_number, distance, array, turned in itertools.product(grid.f_number, grid.distance, arrays, list(turns)):
-            sensors = grid.sensor or [focused_sensor(optics, array, focus) for focus in grid.focused_at or [distance]]
-            found += [Configuration(len(found) + k, f_number, distance, array, sensor, *turned) for k, sensor in enumerate(sensors)]
+        turns = list(itertools.product(*(angles or [None] for angles in (grid.pitch, grid.yaw, grid.roll))))
+        places = itertools.product(grid.f_number, grid.distance, grid.main_lens or [0.0], grid.array or [optics.array.distance], turns)
+        for f_number, distance, lens, array, turned in places:
+            sensors = (
+                [place - lens for place in grid.sensor]
+                if grid.sensor
+                else [focused_sensor(optics, array - lens, lens + target) for target in grid.focused_at or [distance]]
+            )
+            found += [
+                Configuration(len(found) + k, f_number, lens + distance, array - lens, sensor, lens, *turned)
+                for k, sensor in enumerate(sensors)
+            ]
     return tuple(found)
 
 

@@ -216,8 +216,10 @@ def _frames(study: Study, configuration: Configuration, target: str) -> Iterator
 
 def move_step(configuration: Configuration, bench: Bench, now: Readings) -> Move:
     """The axes that have to move for a configuration from these readings, in an order in which the gap holds; errors as ``sweep_steps``."""
+    lens = configuration.main_lens
     worlds: dict[Element, float] = {
-        "main_lens.z": 0.0, "array.z": configuration.array, "sensor.z": configuration.sensor, "target.z": -configuration.distance,
+        "main_lens.z": lens, "array.z": lens + configuration.array, "sensor.z": lens + configuration.sensor,
+        "target.z": lens - configuration.distance,
     }  # fmt: skip
     wanted: dict[str, float] = {}
     for turn, angle in _angles(configuration, bench).items():
@@ -269,7 +271,7 @@ def _angles(configuration: Configuration | None, bench: Bench) -> dict[Turn, flo
 def _place(configuration: Configuration) -> tuple[float, ...]:
     """By what configurations are put in order: angles, which are slow to turn, first."""
     turned = (angle or 0.0 for angle in (configuration.roll, configuration.yaw, configuration.pitch))
-    return (*turned, configuration.array, configuration.distance, configuration.sensor)
+    return (*turned, configuration.main_lens, configuration.array, configuration.distance, configuration.sensor)
 
 
 def standing(bench: Bench) -> dict[Element, float]:
