@@ -1,5 +1,6 @@
 """The command line: names and JSON keys are a contract, see docs/commands.md. One file a command."""
 
+import signal
 import sys
 
 from flflab.cli.ending import end_with_one_sentence
@@ -9,6 +10,8 @@ from flflab.house import stranger_among_packages
 
 def main() -> None:
     """Run one command; exit 0 done, 1 could not be done, 2 usage, 3 the comparison rejects the model, 130 interrupted."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # so starts a shell a job in the background; who moves hears an interrupt
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         stranger = stranger_among_packages()
         if stranger:
