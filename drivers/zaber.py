@@ -12,7 +12,6 @@ Not confirmed from the manual: that a reply carries a checksum whenever the comm
 device does not, set its ``comm.checksum`` to 1 or give ``checksum: false``), and that ``stop`` raises the flag NI.
 """
 
-import itertools
 import re
 import threading
 from collections import deque
@@ -30,6 +29,7 @@ from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedE
 
 SPEED_UNIT = 1.6384
 STOP_ID = 99
+FEWEST_IDS = 50  # in use: by the time the others have been waited for in vain, the first one's reply is not to come any more
 REPLY = re.compile(r"@(\d\d) (\d) (\d\d) (OK|RJ) (BUSY|IDLE) (--|[A-Z]{2}) ([^:]*)")
 NO_REFERENCE = ("WR", "WH")
 FLAGS = {
@@ -143,7 +143,8 @@ class ZaberChain:
         self._with_checksum = with_checksum
         self._timeout = timeout
         self._turn = threading.Lock()
-        self._ids = itertools.cycle(range(STOP_ID))
+        self._ids = deque(range(STOP_ID))
+        self._unanswered: deque[int] = deque()
         self._in_step = True
 
     def ask(self, name: str, device: int, axis: int, text: str, *, repeatable: bool) -> Reply:
@@ -173,7 +174,10 @@ class ZaberChain:
         self.line.close()
 
     def _exchange(self, name: str, device: int, axis: int, text: str) -> Reply:
-        message_id = next(self._ids)
+        if len(self._ids) < FEWEST_IDS:
+            self._ids.append(self._unanswered.popleft())
+        message_id = self._ids.popleft()
+        self._unanswered.append(message_id)  # used for nothing else: its late reply would be taken for another command's
         asked = f"{name} (device {device} axis {axis}): asked {text or 'for its state'!r}, "
         wire = self.line.get()
         try:
@@ -193,6 +197,8 @@ class ZaberChain:
         except CommunicationError as error:
             raise CommunicationError(asked + str(error)) from error
         self._in_step = True
+        self._unanswered.remove(message_id)
+        self._ids.append(message_id)
         return reply
 
     def _next_reply(self, wire: Wire) -> Reply:
