@@ -185,7 +185,7 @@ class ZaberChain:
                 wire.drain()
             self._in_step = False
             wire.write(encode(device, axis, message_id, text))
-            reply = self._next_reply(wire)
+            reply = self._next_reply(wire, message_id)
             if (reply.device, reply.axis, reply.id) != (device, axis, message_id):
                 raise CommunicationError(
                     f"got the reply of device {reply.device} axis {reply.axis} to message {reply.id}, not to message {message_id}; "
@@ -201,13 +201,14 @@ class ZaberChain:
         self._ids.append(message_id)
         return reply
 
-    def _next_reply(self, wire: Wire) -> Reply:
+    def _next_reply(self, wire: Wire, message_id: int) -> Reply:
+        """The next one that is no stop's and none that was given up."""
         while True:
             line = wire.read_until(b"\n", self._timeout).rstrip(b"\r")
             reply = parse(line, self._with_checksum)
             if reply is None:
                 self.unasked.append(line.decode("ascii", "replace"))
-            elif reply.id != STOP_ID:
+            elif reply.id == message_id or reply.id not in (STOP_ID, *self._unanswered):
                 return reply
 
 

@@ -107,12 +107,12 @@ def test_a_late_reply_is_not_taken_for_the_next_ones(dialogue: Play) -> None:
 
 def test_a_reply_may_be_late_by_any_number_of_commands(dialogue: Play) -> None:
     """Ids go round after 99 commands, in a tenth of a second on a network; the reply of the round before tells an old position."""
-    prompt = [(line(f"/2 1 {one:02d} get pos"), line(f"@02 1 {one:02d} OK IDLE -- 7")) for one in [*range(1, 99), 1, 2]]
+    prompt = [(line(f"/2 1 {one:02d} get pos"), line(f"@02 1 {one:02d} OK IDLE -- 7")) for one in [*range(1, 99), 1]]
     prompt[98] = (prompt[98][0], GOOD + prompt[98][1])
     chain = chain_at(dialogue([(FIRST, b""), *prompt]))
     with pytest.raises(CommunicationError, match="no answer"):
         chain.ask("array_stage", 2, 1, "get pos", repeatable=False)
-    assert {chain.ask("array_stage", 2, 1, "get pos", repeatable=True).data for _ in range(99)} == {"7"}
+    assert {chain.ask("array_stage", 2, 1, "get pos", repeatable=False).data for _ in range(99)} == {"7"}
     chain.close()
 
 
