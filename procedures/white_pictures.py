@@ -13,6 +13,7 @@ from flflab.alignment import Attitude, measure_attitude
 from flflab.analysis.lattice import Lattice, find_lattice
 from flflab.analysis.micro_images import measure_micro_images
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.bench import Bench
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
@@ -68,7 +69,7 @@ class Looking:
         self.pictures += 1
         picture, camera, noise = self.frames.latest.picture, self.camera, sensor_noise(self.bench)
         rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
-        lattice = find_lattice(picture, camera.array.layout, rough, noise)
+        lattice = find_lattice(picture, camera.array.layout, rough, noise, cone_of(camera))
         return Seen(camera, lattice, measure_attitude(measure_micro_images(picture, lattice, noise), lattice, camera))
 
     @property

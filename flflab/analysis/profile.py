@@ -35,27 +35,27 @@ def overlap_share(distance: Array, large: float, small: float) -> Array:
 
 @dataclass(frozen=True)
 class Cone:
-    """Slopes at which rays land in a micro-image, beside that of its middle ray: s = by_place e + by_pupil v.
+    """Slopes at which rays land in a micro-image, beside that of its middle ray: s = by_place e + rim v / small.
 
-    Where the microlens's disc is the smaller one, v = kappa (q - y) and s = e / b - v / (kappa b); where the main lens's is, v is
-    counted in that: s = (1 - 1 / kappa) e / b + v / (kappa b).
+    Where the microlens's disc is the smaller one, v = kappa (q - y) and s = e / b - v / (kappa b), at its rim d / (2 b), in the exit
+    pupil too, where the disc is a point; where the main lens's is, v is counted in that: s = (1 - 1 / kappa) e / b + v / (kappa b).
 
     Attributes:
         by_place: per px from the micro-image's centre.
-        by_pupil: per px of the smaller disc.
+        rim: at the rim of the smaller disc.
     """
 
     by_place: float
-    by_pupil: float
+    rim: float
 
 
 def cone_of(camera: Camera) -> Cone:
     """That of the camera's central microlens."""
     smms = central_smms(camera)
-    per_gap, kappa = camera.sensor.pixel / float(smms.gap), float(smms.kappa)
+    b, kappa = float(smms.gap), float(smms.kappa)
     if float(smms.microlens_width) <= float(smms.lens_width):
-        return Cone(per_gap, -per_gap / kappa)
-    return Cone(per_gap * (1 - 1 / kappa), per_gap / kappa)
+        return Cone(camera.sensor.pixel / b, -math.copysign(float(smms.aperture) / 2 / b, kappa))
+    return Cone(camera.sensor.pixel / b * (1 - 1 / kappa), float(smms.lens_width) / 2 / b / kappa)
 
 
 @dataclass(frozen=True)
@@ -95,9 +95,10 @@ def _add_ray(means: Array, weight: float, s: float, w: float) -> None:  # pragma
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _pupil_means(
-    means: Array, r: float, large: float, small: float, by_place: float, by_pupil: float, nodes: Array, weights: Array
+    means: Array, r: float, large: float, small: float, by_place: float, rim: float, nodes: Array, weights: Array
 ) -> None:  # pragma: no cover - compiled
     """Means over the common region of the light by powers of the slant: even, odd, then second and third order."""
+    by_pupil = rim / small
     low, high = max(-small, r - large), min(small, r + large)
     middle = (low + high) / 2
     if r > 0 and abs(large - small) < r < large + small:
@@ -128,7 +129,7 @@ def _tabulate(
     large: float,
     small: float,
     by_place: float,
-    by_pupil: float,
+    rim: float,
     share: float,
     step: float,
     gauss: Array,
@@ -142,7 +143,7 @@ def _tabulate(
     means = np.zeros((_RADII, 6))
     spacing = outside / (_RADII - 1)
     for n in range(_RADII):
-        _pupil_means(means[n], n * spacing, large, small, by_place, by_pupil, chord, chord_weights)
+        _pupil_means(means[n], n * spacing, large, small, by_place, rim, chord, chord_weights)
     means /= means[0, 0]
     finer = step / 4
     fine_count = math.ceil((step * count + 1.0) / finer) + 2
@@ -201,6 +202,6 @@ def profile_table(large: float, small: float, cone: Cone | None = None, share: f
         share: of the symmetric fall-off that is counted, 0 to 1.
     """
     step = min(0.0625, max(0.01, (large + small) / 400))
-    by_place, by_pupil = (0.0, 0.0) if cone is None else (cone.by_place, cone.by_pupil)
-    values = _tabulate(large, small, by_place, by_pupil, share, step, _GAUSS, _WEIGHTS, _CHORD, _CHORD_WEIGHTS)
+    by_place, rim = (0.0, 0.0) if cone is None else (cone.by_place, cone.rim)
+    values = _tabulate(large, small, by_place, rim, share, step, _GAUSS, _WEIGHTS, _CHORD, _CHORD_WEIGHTS)
     return ProfileTable(step, values)

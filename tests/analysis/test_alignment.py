@@ -12,6 +12,7 @@ from flflab.analysis.lattice import Lattice, find_lattice
 from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.micro_images import MicroImages, measure_micro_images
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of, profile_table
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 
@@ -104,6 +105,48 @@ def test_each_micro_image_of_a_drawn_white_picture_is_found_where_it_was_drawn(b
     assert len(score) > 20
     assert 0.7 < float(np.sqrt(np.mean(score**2))) < 1.4
     np.testing.assert_allclose(np.median(found.radii_px, axis=0), [7.2, 2.4], atol=0.03)
+
+
+def slanted_white(gap: float, shape: tuple[int, int], pixel: float) -> Array:
+    """A white picture by rays to 6 x 6 points of every pixel from 60 of its microlens, each bringing cos^4 of its slope; all light is 1."""
+    x, y = (((np.arange(6 * count) + 0.5) / 6 - 0.5 - (count - 1) / 2) * pixel for count in shape[::-1])
+    x, y = np.meshgrid(x, y)
+    centre_x, centre_y = (P * np.rint(at / (1 + gap / L) / P) for at in (x, y))
+    number = np.arange(60) + 0.5
+    light = np.zeros_like(x)
+    for radius, turn in zip(D / 2 * np.sqrt(number / 60), number * math.pi * (3 - math.sqrt(5)), strict=True):
+        to_x, to_y = radius * math.cos(turn), radius * math.sin(turn)  # on the microlens, from its centre
+        after_x, after_y = (x - centre_x - to_x) / gap, (y - centre_y - to_y) / gap
+        from_x, from_y = centre_x + to_x - L * (after_x + to_x / f), centre_y + to_y - L * (after_y + to_y / f)
+        light += (from_x**2 + from_y**2 < A**2 / 4) / (1 + after_x**2 + after_y**2) ** 2
+    return (light / 60).reshape(shape[0], 6, shape[1], 6).mean((1, 3))
+
+
+@pytest.mark.parametrize("shadow_px", [1.0, 4.0])
+def test_beside_the_exit_pupil_the_fall_off_of_slanted_light_does_not_look_like_another_radius(shadow_px: float) -> None:
+    pixel, pupil = 0.008, 1 / (1 / f - 1 / L)
+    gap = pupil + 2 * shadow_px * pixel / D / (1 / f - 1 / L)
+    camera = replace(CAMERA, sensor=Sensor((240, 180), pixel, L + gap))
+    picture = 64 + 3000 * slanted_white(gap, (180, 240), pixel)
+    lattice = find_lattice(picture, "square", P * (1 + gap / L) / pixel, SensorNoise(0.3, 1.0, 64.0, 4095.0), cone_of(camera))
+    lens = A * gap / L / 2 / pixel
+    assert lattice.outside_radius_px == pytest.approx(lens + shadow_px, abs=0.02)
+    assert lattice.inside_radius_px == pytest.approx(lens - shadow_px, abs=0.02)
+
+
+def test_the_cone_of_rays_is_in_the_exit_pupil_what_it_is_beside_it() -> None:
+    pupil = 1 / (1 / f - 1 / L)
+    at, before, behind = (
+        cone_of(replace(CAMERA, sensor=replace(CAMERA.sensor, distance=L + pupil + aside))) for aside in (0.0, -1e-9, 1e-9)
+    )
+    assert at.by_place == pytest.approx(PIXEL / pupil)
+    assert [abs(cone.rim) for cone in (at, before, behind)] == pytest.approx([D / 2 / pupil] * 3)
+    assert before.rim == pytest.approx(-behind.rim)  # the disc is turned over, and no wider than a point
+    tables = [profile_table(10.0, 1e-3, cone) for cone in (at, before, behind)]
+    inside = int(9 / tables[0].step)  # nearer to the rim of 10 px it matters which half of the disc is there
+    for table in tables:
+        np.testing.assert_allclose(table.values[:inside], tables[0].values[:inside], atol=1e-4)
+        assert np.isfinite(table.values).all()
 
 
 def test_the_exit_pupil_is_found_from_sizes_alone() -> None:
