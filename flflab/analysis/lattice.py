@@ -1,12 +1,12 @@
 """The lattice of micro-images from a white picture: pitch, angle, origin and the circles of bright and total field."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice_fit import GEOMETRY, LatticeModel, Region, finish, micro_images_present, refine
+from flflab.analysis.lattice_fit import GEOMETRY, LIGHT, RATE, SHARE, SLANT, LatticeModel, Region, finish, micro_images_present, refine
 from flflab.analysis.lattice_kernels import COUNT
 from flflab.analysis.lattice_search import RoughLattice, search_lattice
 from flflab.analysis.noise import SensorNoise
@@ -43,6 +43,8 @@ class Lattice:
         chi2_per_pixel: about 1 where the model holds; the uncertainties are already scaled up by its root where above 1.
         background_dn: what the picture reads where no light falls.
         light: polynomial of the light over the picture (1, x, y, x^2, x y, y^2), DN; x and y in half the longer side.
+        cone: how steeply rays land, as was taken; None where fall-off was left out.
+        slants: share of the fall-off within a micro-image, slope (x, y) of the middle ray at the origin and how it grows per px.
     """
 
     layout: Layout
@@ -63,6 +65,8 @@ class Lattice:
     chi2_per_pixel: float
     background_dn: float
     light: Array
+    cone: Cone | None = None
+    slants: Array = field(default_factory=lambda: np.zeros(4))
 
 
 def find_lattice(
@@ -192,6 +196,7 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         by_vectors[:, n] = (there[0] - pitch) / (1e-4 * pitch), (there[1] - angle) / (1e-4 * pitch)
     spread = np.sqrt(np.diag(by_vectors @ placed[2:, 2:] @ by_vectors.T))
     radii = covariance[6:8, 6:8]
+    share, slant, rate = model.values[SHARE], model.values[SLANT], model.values[RATE]
     return Lattice(
         layout=layout,
         pitch_px=pitch,
@@ -210,5 +215,7 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         covariance_px=placed,
         chi2_per_pixel=model.chi2_per_pixel,
         background_dn=float(model.values[8]),
-        light=model.values[9:15],
+        light=model.values[LIGHT],
+        cone=model.cone,
+        slants=np.concatenate([[share], slant + rate * (centres[nearest] - model.values[:2]), [rate]]),
     )

@@ -11,15 +11,17 @@ from flflab.analysis.dots import count_views
 from flflab.analysis.edges import EdgeCurve, measure_edges
 from flflab.analysis.lattice import Lattice, find_lattice, pitch_and_angle
 from flflab.analysis.lattice_from_dots import lattice_from_dots
-from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json
+from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json, micro_images_json
+from flflab.analysis.micro_images import every_micro_image
 from flflab.analysis.mosaic import Mosaic, from_raw
 from flflab.analysis.noise import SensorNoise, estimate_noise
 from flflab.analysis.presence import require_dots, require_light
 from flflab.analysis.profile import cone_of
-from flflab.analysis.registration import require_picture, require_shape, sensor_pixel
+from flflab.analysis.registration import microlens_type_of, require_picture, require_shape, sensor_pixel
 from flflab.errors import InputError
 from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.focus import sharp_vergence
+from flflab.optics.per_type import type_smms
 from flflab.optics.resolution import central_smms
 from flflab.raw_file import RawPicture
 from flflab.targets import Bars, Chirp, Edge, FourDot, Target, White
@@ -78,9 +80,12 @@ def measure(
     require_light(values, evened, target)
     result: dict[str, Any] = {"dots": [], "mtf": []}
     if isinstance(target, White):
-        lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened, cone_of(camera))
+        # micro-images of several kinds have no one profile in which their fall-off could be told
+        cone = cone_of(camera) if len(camera.array.focal_lengths) == 1 else None
+        lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened, cone)
         remarks += _radius_remarks(lattice, camera)
-        return {"lattice": lattice_json(lattice), **result, "remarks": remarks}
+        each = micro_images_json(every_micro_image(values, lattice, evened), nominal_radii(lattice, camera))
+        return {"lattice": lattice_json(lattice) | {"micro_images": each}, **result, "remarks": remarks}
     lattice = nominal_lattice(camera, max(float(np.quantile(values, 0.999)) - evened.offset_dn, 1.0))
     remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
     away = _sharp_distance(camera) if distance is None else distance
@@ -151,6 +156,15 @@ def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:
         background_dn=0.0,
         light=np.array([light_dn, 0, 0, 0, 0, 0.0]),
     )
+
+
+def nominal_radii(lattice: Lattice, camera: Camera) -> Array:
+    """Radii of bright and total field of each of the lattice's micro-images by the camera's description, px, shape (n, 2)."""
+    focal = microlens_type_of(lattice, camera)
+    radii = np.full((len(focal), 2), math.nan)
+    for smms in type_smms(camera):
+        radii[focal == float(smms.focal)] = float(smms.inside_radius), float(smms.outside_radius)
+    return radii / camera.sensor.pixel
 
 
 def _sharp_distance(camera: Camera) -> float:

@@ -3,10 +3,14 @@
 import math
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from flflab.analysis.contrast import ContrastCurve
 from flflab.analysis.dots import DotViews
 from flflab.analysis.edges import EdgeCurve
 from flflab.analysis.lattice import Lattice
+from flflab.analysis.micro_images import MicroImages
 from flflab.optics.camera import Camera
 from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms
@@ -34,6 +38,30 @@ def lattice_json(lattice: Lattice) -> dict[str, Any]:
             "outside_radius_px": _number(lattice.outside_uncertainty_px),
         },
     }
+
+
+def micro_images_json(found: MicroImages, nominal: npt.NDArray[np.float64]) -> list[dict[str, Any]]:
+    """Each micro-image by itself, in the lattice's order: centre and radii with standard uncertainties, and the model's radii.
+
+    Args:
+        found: as measured.
+        nominal: radii of bright and total field by the model, px, shape (n, 2).
+    """
+    doubt, inside, outside = np.sqrt(np.einsum("nkk->nk", found.covariance_px)[:, :2]), found.inside_px, found.outside_px
+    return [
+        {
+            "centre_px": [_number(value) for value in found.centres_px[n]],
+            "inside_radius_px": _number(inside[0, n]),
+            "outside_radius_px": _number(outside[0, n]),
+            "uncertainty": {
+                "centre_px": [_number(value) for value in doubt[n]],
+                "inside_radius_px": _number(inside[1, n]),
+                "outside_radius_px": _number(outside[1, n]),
+            },
+            "model": {"inside_radius_px": float(nominal[n, 0]), "outside_radius_px": float(nominal[n, 1])},
+        }
+        for n in range(len(nominal))
+    ]
 
 
 def dot_json(dot: DotViews) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """``flflab measure FRAME``: lattice, views and contrast of one picture, whatever took it."""
 
 from pathlib import Path
+from statistics import fmean, median, pstdev
 from typing import Annotated, Any
 
 import typer
@@ -55,6 +56,26 @@ def _print_lattice(console: Console, lattice: dict[str, Any]) -> None:
     table.add_row("inside, outside radius", f"{lattice['inside_radius_px']:.3f}, {lattice['outside_radius_px']:.3f} px")
     table.add_row("micro-images", str(len(lattice["centres_px"])))
     console.print(table)
+    if lattice.get("micro_images"):
+        console.print(_radii(lattice["micro_images"]))
+
+
+def _radii(each: list[dict[str, Any]]) -> Table:
+    """The bright and total field of the micro-images one by one, those of one kind of microlens together; ``--json`` lists them all."""
+    table = Table(title="Radii of single micro-images, px", box=box.SIMPLE)
+    for head in ("field", "model", "mean", "scatter", "stated", "least", "most", "seen"):
+        table.add_column(head, justify="right")
+    for name, key in (("bright", "inside_radius_px"), ("total", "outside_radius_px")):
+        for due in sorted({one["model"][key] for one in each}):
+            kind = [one for one in each if one["model"][key] == due]
+            found = [(one[key], one["uncertainty"][key]) for one in kind if one[key] is not None]
+            if not found:
+                table.add_row(name, f"{due:.3f}", *["none"] * 5, f"0 of {len(kind)}")
+                continue
+            radii, doubts = zip(*found, strict=True)
+            figures = fmean(radii), pstdev(radii), median(doubts), min(radii), max(radii)
+            table.add_row(name, f"{due:.3f}", *(f"{value:.3f}" for value in figures), f"{len(found)} of {len(kind)}")
+    return table
 
 
 def _dots(dots: list[dict[str, Any]]) -> Table:
