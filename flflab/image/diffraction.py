@@ -13,10 +13,19 @@ import numpy.typing as npt
 
 from flflab.image.diffraction_border import NO_BORDER, border_reach, make_border
 from flflab.image.diffraction_falloff import pupil_moments, slant_rows
-from flflab.image.diffraction_fields import Field, Grid, add_field, dot_spectrum, kept_frequencies, make_fields, make_grid, picture_spectrum
+from flflab.image.diffraction_fields import (
+    Fields,
+    Grid,
+    add_fields,
+    dot_spectrum,
+    kept_frequencies,
+    make_fields,
+    make_grid,
+    picture_spectrum,
+)
 from flflab.image.diffraction_lines import add_ruled_diffracted
 from flflab.image.diffraction_ruled import make_curves, make_line
-from flflab.image.diffraction_table import BLURRED, Kind, find_kinds, find_modes, transfer_table
+from flflab.image.diffraction_table import BLURRED, Kind, find_kinds, find_modes, samples_needed, transfer_table
 from flflab.image.form import add_plane
 from flflab.image.moments import places_of
 from flflab.image.orders import in_bands, is_even
@@ -30,6 +39,7 @@ Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
 MOST_PARTS = 8
+MOST_SAMPLES = 16.0  # a pixel, of a field over the target
 SHARE = 0.7  # of the tolerance; the errors of nodes, parts and terms are each kept below it
 LEAST_TERM = 1e-4  # of white; finer terms of the sum over a rim are too many
 
@@ -59,8 +69,7 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
         elif isinstance(target, Picture):
             _add_picture(image, finer, kind, target, chosen)
         elif isinstance(target, FourDot):
-            for x, y in target.centres:
-                _add_dot(image, finer.seen_from(x, y), kind, target.diameter / 2, chosen)
+            _add_dots(image, finer, kind, target, chosen)
 
 
 def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Chosen | None) -> None:
@@ -84,7 +93,8 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
         axes = np.array([[cos, sin], [-sin, cos]])
     parts, steep = pixel_parts(kind, setup.tolerance)
     radii, angles = node_counts(kind, setup.tolerance)
-    table = transfer_table(kind, 1 if steep else radii, 1 if steep else angles)
+    samples = samples_needed(kind, setup.tolerance)
+    table = transfer_table(kind, samples, 1 if steep else radii, 1 if steep else angles)
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     directions = axes @ kind.by_sensor
     scales = np.hypot(*directions.T)
@@ -93,7 +103,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
     box = setup.pixel_width / pixel
     reach = scales[0] * (kind.outer + 1)
     seen = (float(origins[:, 0].min()) * scales[0] - reach, float(origins[:, 0].max()) * scales[0] + reach)
-    line = make_line(table, target, seen, directions[0], setup.tolerance)
+    line = make_line(table, samples, target, seen, directions[0], setup.tolerance)
     curves = make_curves(table, line, box, parts)
     modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
     half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
@@ -141,15 +151,16 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
     in_bands(add, windows)
 
 
-def _add_dot(image: Array, setup: Setup, kind: Kind, radius: float, chosen: Chosen) -> None:
-    """Add a dot round the origin of the target's coordinates."""
-    scales = np.hypot(*kind.by_sensor.T)
+def _add_dots(image: Array, setup: Setup, kind: Kind, dots: FourDot, chosen: Chosen) -> None:
+    scales, radius = np.hypot(*kind.by_sensor.T), dots.diameter / 2
     size = float(radius / scales.min())
     # The pattern falls as its light times 2 / (pi^4 cutoff) over the third power of the distance, once round the circle.
     reach = size + kind.extent + 4 + (8 * size**2 / (math.pi**3 * kind.cutoff * setup.tolerance)) ** (1 / 3)
-    grid = make_grid(kind.by_sensor / scales[:, None], np.full(2, -reach), np.full(2, reach), reach, kind.cutoff, setup.tolerance)
-    _, _, x, y = kept_frequencies(grid, kind.cutoff)
-    _add_fields(image, setup, kind, grid, dot_spectrum(-np.array(grid.first), radius / scales, x, y), chosen)
+    samples = min(samples_needed(kind, setup.tolerance), MOST_SAMPLES)
+    grid = make_grid(kind.by_sensor / scales[:, None], np.full(2, -reach), np.full(2, reach), reach, samples)
+    _, _, x, y = kept_frequencies(grid, min(kind.cutoff, samples / 2))
+    spectrum = dot_spectrum(-np.array(grid.first), radius / scales, x, y)
+    _add_fields(image, setup, kind, grid, spectrum, np.array(dots.centres), chosen)
 
 
 def _add_picture(image: Array, setup: Setup, kind: Kind, picture: Picture, chosen: Chosen) -> None:
@@ -161,36 +172,42 @@ def _add_picture(image: Array, setup: Setup, kind: Kind, picture: Picture, chose
     high = np.minimum(origins.max(axis=0) + kind.outer + 1, edge + margin)
     if np.any(low >= high):
         return
-    grid = make_grid(kind.by_sensor / scales[:, None], low, high, 2 * margin, kind.cutoff, setup.tolerance)
-    _, _, x, y = kept_frequencies(grid, kind.cutoff)
+    samples = min(samples_needed(kind, setup.tolerance), MOST_SAMPLES)
+    grid = make_grid(kind.by_sensor / scales[:, None], low, high, 2 * margin, samples)
+    _, _, x, y = kept_frequencies(grid, min(kind.cutoff, samples / 2))
     spectrum = picture_spectrum(picture, scales, low - margin, high + margin, grid.first, x, y)
-    _add_fields(image, setup, kind, grid, spectrum, chosen)
+    _add_fields(image, setup, kind, grid, spectrum, np.zeros((1, 2)), chosen)
 
 
-def _add_fields(image: Array, setup: Setup, kind: Kind, grid: Grid, spectrum: npt.NDArray[np.complex128], chosen: Chosen) -> None:
+def _add_fields(
+    image: Array, setup: Setup, kind: Kind, grid: Grid, spectrum: npt.NDArray[np.complex128], places: Array, chosen: Chosen
+) -> None:
+    """Add the light of one thing that is at several places on the target, mm, shape (P, 2)."""
     pixel = setup.sensor.pixel
     parts, steep = pixel_parts(kind, setup.tolerance)
     radii, angles = node_counts(kind, setup.tolerance)
     box = setup.pixel_width / pixel
-    table = transfer_table(kind, 1 if steep else radii, 1 if steep else angles)
-    modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
-    centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     scales = np.hypot(*kind.by_sensor.T)
-    origins = setup.origin[kind.entries] / scales
-    looks = setup.by_sensor[kind.entries] * pixel / scales[:, None]
-    seen = _looking_windows(lit_windows(setup)[kind.entries], centres, origins, grid, setup)
+    entries = np.tile(kind.entries, len(places))
+    origins = (setup.origin[entries] - np.repeat(places, len(kind.entries), axis=0)) / scales
+    centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[entries]
+    looks = setup.by_sensor[entries] * pixel / scales[:, None]
+    seen = _looking_windows(lit_windows(setup)[entries], centres, origins, grid, setup)
     lit = (seen[:, 0] < seen[:, 1]) & (seen[:, 2] < seen[:, 3])
     if not lit.any():
         return
+    table = transfer_table(kind, grid.samples, 1 if steep else radii, 1 if steep else angles)
+    modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
     xs, ys = pixel_positions(setup.sensor)
     nodes = disc_nodes(8, 8)
-    levels = setup.pupils.level[kind.entries] * kind.weights
-    slants, moments = slant_rows(setup, kind), pupil_moments(kind, table.radii)
-    for field in make_fields(modes, grid, spectrum, box, parts):
-        term = np.zeros(2) if field.term < 0 else modes.radial[field.term]
+    levels = setup.pupils.level[entries] * np.tile(kind.weights, len(places))
+    rims, slants = (np.tile(part, (len(places), 1)) for part in (kind.rims, slant_rows(setup, kind)))
+    moments = pupil_moments(kind, table.radii)
+    for fields in make_fields(modes, grid, spectrum, box, parts):
+        terms = fields.terms
 
-        def add(rows: tuple[int, int], field: Field = field, term: Array = term) -> None:
-            add_field(
+        def add(rows: tuple[int, int], fields: Fields = fields, terms: Whole = terms) -> None:
+            add_fields(
                 image,
                 rows,
                 seen[lit],
@@ -198,18 +215,17 @@ def _add_fields(image: Array, setup: Setup, kind: Kind, grid: Grid, spectrum: np
                 origins[lit],
                 looks[lit],
                 levels[lit],
-                kind.rims[lit],
+                rims[lit],
                 steep,
                 parts,
                 box,
                 xs,
                 ys,
                 pixel,
-                field.term,
-                field.order,
-                field.even,
-                field.odd,
-                term,
+                (fields.whole, fields.part, fields.waves),
+                modes.orders[terms],
+                np.ascontiguousarray(modes.radial[terms].T),
+                modes.radial.shape[1] - 1,
                 grid.first,
                 grid.samples,
                 slants[lit],

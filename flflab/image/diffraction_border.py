@@ -21,7 +21,7 @@ ComplexArray = npt.NDArray[np.complex128]
 SingleArray = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int64]
 
-PANELS = 400
+LEAST_PANELS = 100
 FARTHEST = 400.0
 
 
@@ -77,15 +77,15 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
         parts: parts a side of it.
         tolerance: largest error asked for.
     """
-    cutoff = modes.kind.cutoff
+    band = modes.band
     near = 4 + modes.kind.extent
-    spacing = 0.5 * min(1.0, (tolerance / 0.002) ** 0.125) / min(max(1.0, cutoff), 3.0)
+    spacing = 0.5 * min(1.0, (tolerance / 0.002) ** 0.125) / min(max(1.0, band), 3.0)
     farthest = border_reach(modes, tolerance)
     nodes = math.ceil(math.asinh(farthest / near) / (spacing / near))
     distance = near * np.sinh(np.arange(-nodes, nodes + 1) * spacing / near)
     count = modes.spectra.shape[1]
     turn = np.linspace(0, np.pi, count)
-    coarse = cutoff * (1 - np.cos(turn)) / 2
+    coarse = band * (1 - np.cos(turn)) / 2
     weights = _step_weights(coarse, distance)
     filtered = [ndimage.spline_filter1d(part, axis=1, mode="mirror") for part in (weights.real, weights.imag)]
     kernel = filtered[0] + 1j * filtered[1]  # the prefilter over the rows is linear: done here, once
@@ -93,27 +93,26 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
     f = np.stack(np.broadcast_arrays(coarse[:, None], np.concatenate([coarse, -coarse])), axis=-1) @ axes
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
     smeared = modes.kind.smear.transfer(f)
-    kept = line.frequency < cutoff
-    finer = make_interp_spline(turn, np.eye(count), k=5)(np.arccos(1 - 2 * line.frequency[kept] / cutoff))
-    spectrum = line_spectrum(line, cutoff)[:, None]
-    spectra = {np.complex64: spectrum.astype(np.complex64), np.complex128: spectrum}
+    kept = line.frequency < band
+    finer = np.arccos(1 - 2 * line.frequency[kept] / band)
+    spectrum = line_spectrum(line, band)
+    boxes = {side: smeared * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side) for side in (box, box / parts)}
 
     def sheet(pattern: ComplexArray, side: float, precision: type[np.complex64 | np.complex128]) -> Array:
-        boxed = pattern * smeared * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side)
-        real = np.ascontiguousarray(boxed @ kernel, dtype=precision).view(spectra[precision].real.dtype)
-        found = (finer.astype(real.dtype) @ real).view(precision) * spectra[precision]
-        return np.asarray(fft.irfft(found, line.length, axis=0))[: line.count].T
+        coarser = (pattern * boxes[side]).astype(precision) @ kernel.astype(precision)
+        found = (make_interp_spline(turn, coarser.T, k=5, axis=1)(finer) * spectrum).astype(precision)
+        return np.asarray(fft.irfft(found, line.length, axis=1))[:, : line.count]
 
     whole = modes.spectrum(-1, size).astype(np.complex128)
     found: list[tuple[float, int, int, SingleArray]] = []
     for term, order in enumerate(modes.orders):
         pattern = modes.spectrum(term, size) * (1j if order % 2 else 1.0)
         least = tolerance / 50 / np.abs(modes.radial[term]).max()
-        for turn, by_angle in enumerate((np.cos(order * alpha), np.sin(order * alpha))[: 2 if order else 1]):
+        for sine, by_angle in enumerate((np.cos(order * alpha), np.sin(order * alpha))[: 2 if order else 1]):
             wave = sheet(pattern * by_angle, box / parts, np.complex64)
             felt = np.flatnonzero(np.abs(wave).max(axis=1) > least)
             if len(felt):
-                found.append((float(felt[-1]), term, 2 * int(order) + turn, np.asarray(wave, dtype=np.float32)))
+                found.append((float(felt[-1]), term, 2 * int(order) + sine, np.asarray(wave, dtype=np.float32)))
     found.sort(key=lambda wave: -wave[0])
     return Border(
         np.ascontiguousarray(sheet(whole, box, np.complex128)),
@@ -134,14 +133,16 @@ def _step_weights(coarse: Array, distance: Array) -> ComplexArray:
     """
     count = len(coarse)
     nodes, weights = np.polynomial.legendre.leggauss(8)
-    edges = np.linspace(0, np.pi, PANELS + 1)
-    half = np.pi / (2 * PANELS)
+    panels = max(LEAST_PANELS, count, math.ceil(math.pi / 2 * coarse[-1] * float(np.abs(distance).max())))  # no more than a wave in each
+    edges = np.linspace(0, np.pi, panels + 1)
+    half = np.pi / (2 * panels)
     turn = (edges[:-1, None] + half * (1 + nodes)).ravel()
-    weight = np.tile(half * weights, PANELS) / np.tan(turn / 2)  # dv / v
+    weight = np.tile(half * weights, panels) / np.tan(turn / 2)  # dv / v
     splines = make_interp_spline(np.linspace(0, np.pi, count), np.eye(count), k=5)(turn) * weight[:, None]
     phase = np.pi * coarse[-1] * (1 - np.cos(turn))[:, None] * distance
-    rising = 1j / (2 * np.pi) * (splines.T @ np.exp(1j * phase))
-    rising[0] = 0.25 - splines[:, 0] @ np.sin(phase) / (2 * np.pi)  # both sides share the value at 0, and the cosines cancel
+    cos, sin = splines.T @ np.cos(phase), splines.T @ np.sin(phase)
+    rising = 1j / (2 * np.pi) * (cos + 1j * sin)
+    rising[0] = 0.25 - sin[0] / (2 * np.pi)  # both sides share the value at 0, and the cosines cancel
     return np.concatenate([rising, np.conj(rising)])
 
 
@@ -156,16 +157,6 @@ def read_sheet(
         part = by_column[0] * line[column - 1] + by_column[1] * line[column]
         total += by_row[m] * (part + by_column[2] * line[column + 1] + by_column[3] * line[column + 2])
     return total
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def radial_value(coefficients: Array, radial: float) -> float:
-    """One term at a radius counted in nodes."""
-    base = min(int(radial), coefficients.size - 2)
-    a, b, c, d = spline_weights(radial - base)
-    last = coefficients.size
-    low, high = coefficients[mirrored(base - 1, last)], coefficients[mirrored(base + 2, last)]
-    return a * low + b * coefficients[base] + c * coefficients[base + 1] + d * high
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})

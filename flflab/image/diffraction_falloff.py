@@ -15,7 +15,7 @@ from flflab.image.setup import Setup
 
 Array = npt.NDArray[np.float64]
 
-GRID = 301
+ROWS = 2000
 
 
 def slant_rows(setup: Setup, kind: Kind) -> Array:
@@ -28,17 +28,17 @@ def slant_rows(setup: Setup, kind: Kind) -> Array:
 
 def pupil_moments(kind: Kind, distances: Array) -> Array:
     """Means of t, t^2 and u^2 over the pupil clipped at these distances, t along e and u across; shape (R, 3)."""
-    places = np.linspace(-1, 1, GRID)
-    t, u = np.meshgrid(places, places)
-    disc = t**2 + u**2 <= 1
-    rows: list[tuple[float, float, float]] = []
-    for distance in distances:
-        inside = disc & (np.hypot(t * kind.slope - distance, u * kind.slope) <= kind.reach) if distance > kind.inner else disc
-        if not inside.any():
-            inside = t == 1.0  # the last sliver, at the rim in the direction of e
-            inside &= u == 0.0
-        rows.append((float(t[inside].mean()), float((t[inside] ** 2).mean()), float((u[inside] ** 2).mean())))
-    return np.array(rows)
+    low = np.full(len(distances), -1.0)
+    clipped = distances > kind.inner
+    low[clipped] = np.clip((distances[clipped] - kind.reach) / kind.slope, -1.0, 1.0)
+    t = low[:, None] + (1 - low[:, None]) * (np.arange(ROWS) + 0.5) / ROWS
+    squared = 1 - t**2  # half the chord at t
+    beside = (kind.reach**2 - (t[clipped] * kind.slope - distances[clipped, None]) ** 2) / max(kind.slope, 1e-300) ** 2
+    squared[clipped] = np.clip(np.minimum(squared[clipped], beside), 0.0, None)
+    half = np.sqrt(squared)
+    area = np.maximum(half.sum(axis=1), 1e-300)
+    first, second, across = (half * t).sum(axis=1), (half * t**2).sum(axis=1), (half * squared).sum(axis=1) / 3
+    return np.stack([first, second, across], axis=1) / area[:, None]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -9,20 +9,22 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from flflab.image.diffraction_border import radial_value, read_sheet
+from flflab.image.diffraction_border import read_sheet, read_waves
 from flflab.image.diffraction_falloff import mean_falloff
-from flflab.image.diffraction_ruled import spline_weights
+from flflab.image.diffraction_ruled import mirrored, spline_weights
 from flflab.image.diffraction_table import Modes, fast_length
 from flflab.image.rim import place_on_rim
 from flflab.optics.contrast import disc_transfer
 from flflab.targets import Picture
 
 Array = npt.NDArray[np.float64]
+SingleArray = npt.NDArray[np.float32]
 ComplexArray = npt.NDArray[np.complex128]
+SingleComplexArray = npt.NDArray[np.complex64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
-MOST_SAMPLES = 16.0
+MOST_WAVES, ROOM = 64, 1 << 26  # waves at a time, and the most numbers they may hold
 
 
 @dataclass(frozen=True)
@@ -45,20 +47,26 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Field:
-    """Spline coefficients of one term over a grid; a term of -1 is the unclipped pupil over a pixel, -2 over a part of one."""
+class Fields:
+    """Spline coefficients over a grid, shape (Y, X) and (Y, X, K), single precision.
 
-    term: int
-    order: int
-    even: Array
-    odd: Array
+    Attributes:
+        whole: of the unclipped pupil over a pixel; empty where the unclipped pupil is not asked for.
+        part: the same over a part of a pixel.
+        waves: some terms of the clipped pupils' sum, each for the cosine of the sensor point's angle and for the sine.
+        terms: which terms, shape (K / 2,).
+    """
+
+    whole: SingleArray
+    part: SingleArray
+    waves: SingleArray
+    terms: Whole
 
 
-def make_grid(axes: Array, low: Array, high: Array, pad: float, cutoff: float, tolerance: float) -> Grid:
+def make_grid(axes: Array, low: Array, high: Array, pad: float, samples: float) -> Grid:
     """A grid from low to high, pixels; what lies ``pad`` beyond its ends must be black or of no matter."""
-    samples = max(2.25 if tolerance >= 1e-3 else 4.0, min(4.5 * cutoff, 0.1 / tolerance, MOST_SAMPLES))
-    first = np.floor(low) - 2
-    count = np.ceil((high - first + 3) * samples).astype(int)
+    first = np.floor(low - 2 / min(samples, 1.0))
+    count = np.ceil((high - first) * samples).astype(int) + 4
     length = [fast_length(n + pad * samples) for n in count]
     return Grid(axes, (float(first[0]), float(first[1])), samples, (int(count[0]), int(count[1])), (length[0], length[1]))
 
@@ -87,15 +95,15 @@ def picture_spectrum(
     return parts[1] @ picture.values[kept[1], kept[0]] @ parts[0].T
 
 
-def kept_frequencies(grid: Grid, cutoff: float) -> tuple[Whole, Whole, Array, Array]:
-    """Indices and values of the frequencies of a grid's Fourier sums below the cutoff, along x' and along y'."""
+def kept_frequencies(grid: Grid, band: float) -> tuple[Whole, Whole, Array, Array]:
+    """Indices and values of the frequencies of a grid's Fourier sums below the end of the band, along x' and along y'."""
     x, y = (np.asarray(fft.fftfreq(length, 1 / grid.samples), dtype=np.float64) for length in grid.length)
-    column, row = np.flatnonzero(np.abs(x) < cutoff), np.flatnonzero(np.abs(y) < cutoff)
+    column, row = np.flatnonzero(np.abs(x) < band), np.flatnonzero(np.abs(y) < band)
     return column, row, x[column], y[row]
 
 
-def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, parts: int) -> Iterator[Field]:
-    """Image a target through every term, one after the other.
+def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, parts: int) -> Iterator[Fields]:
+    """Image a target through every term, some at a time.
 
     Args:
         modes: the transfer functions.
@@ -104,28 +112,81 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
         box: side of the square over which a pixel gathers light, pixels.
         parts: parts a side of it.
     """
-    column, row, x, y = kept_frequencies(grid, modes.kind.cutoff)
+    column, row, x, y = kept_frequencies(grid, modes.band)
     f = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1) @ grid.axes
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
     prefilter = [(2 + np.cos(2 * np.pi * frequency / grid.samples)) / 3 for frequency in (x, y)]
     wanted = spectrum * modes.kind.smear.transfer(f) * grid.samples**2 / (prefilter[0] * prefilter[1][:, None])
 
-    def field(pattern: ComplexArray, side: float) -> ComplexArray:
-        full = np.zeros((grid.length[1], grid.length[0]), dtype=np.complex128)
-        full[np.ix_(row, column)] = wanted * pattern * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side)
-        return np.asarray(fft.ifft2(full, overwrite_x=True), dtype=np.complex128)[: grid.count[1], : grid.count[0]]
+    def boxed(side: float) -> ComplexArray:
+        return wanted * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side)
 
-    core = modes.spectrum(-1, size).astype(np.complex128)
-    for term, side in ((-1, box), (-2, box / parts)):
-        yield Field(term, 0, np.ascontiguousarray(field(core, side).real), np.zeros((1, 1)))
-    for term, order in enumerate(modes.orders):
-        both = np.cos(order * alpha) + 1j * np.sin(order * alpha)  # two real fields in one sum
-        found = field(modes.spectrum(term, size) * (1j if order % 2 else 1.0) * both, box / parts)
-        yield Field(term, int(order), np.ascontiguousarray(found.real), np.ascontiguousarray(found.imag))
+    def field(pattern: ComplexArray | SingleComplexArray) -> SingleComplexArray:
+        up = np.zeros((grid.length[1], len(column)), dtype=np.complex64)
+        up[row] = pattern
+        rows = np.zeros((grid.count[1], grid.length[0]), dtype=np.complex64)
+        rows[:, column] = np.asarray(fft.ifft(up, axis=0, overwrite_x=True))[: grid.count[1]]
+        return np.asarray(fft.ifft(rows, axis=1, overwrite_x=True), dtype=np.complex64)[:, : grid.count[0]]
+
+    core, by_part = modes.spectrum(-1, size), boxed(box / parts)
+    whole, part = (np.ascontiguousarray(field(core * pattern).real) for pattern in (boxed(box), by_part))
+    at_once = max(1, min(MOST_WAVES, ROOM // whole.size) // 2)
+    starts = range(0, len(modes.orders), at_once)
+    turn, angle, place = np.ones_like(by_part, dtype=np.complex64), np.exp(1j * alpha).astype(np.complex64), modes.places(size)
+    by_part, order = by_part.astype(np.complex64), 0
+    for start in starts or [0]:
+        terms = np.arange(start, min(start + at_once, len(modes.orders)))
+        waves = np.empty((*whole.shape, 2 * len(terms)), dtype=np.float32)
+        for index, term in enumerate(terms):
+            while order < modes.orders[term]:
+                turn, order = turn * angle, order + 1
+            both = field(np.asarray(by_part * turn * modes.read(int(term), place), dtype=np.complex64))  # two real fields in one sum
+            if order % 2:
+                both = 1j * both
+            waves[..., 2 * index], waves[..., 2 * index + 1] = both.real, both.imag
+        yield Fields(whole if start == 0 else whole[:0, :0], part, waves, terms)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def read_pairs(
+    radial: float, angle: float, orders: Whole, coefficients: Array, waves: SingleArray, column: float, row: float, weights: SingleArray
+) -> float:
+    """The sum of terms at a place of a grid, seen by a sensor point at a radius (in nodes) and an angle.
+
+    Args:
+        radial: of the sensor point.
+        angle: the same, rad.
+        orders: of the terms, rising.
+        coefficients: ``radial`` of ``Modes`` for them, with the terms along the second axis.
+        waves: of ``Fields``.
+        column: the place.
+        row: the same.
+        weights: room for as many numbers as there are waves.
+    """
+    last = coefficients.shape[0]
+    base = min(int(radial), last - 2)
+    a, b, c, d = spline_weights(radial - base)
+    low, high = mirrored(base - 1, last), mirrored(base + 2, last)
+    order = orders[0]
+    cos, sin, by_cos, by_sin = math.cos(order * angle), math.sin(order * angle), math.cos(angle), math.sin(angle)
+    for term in range(orders.size):
+        while order < orders[term]:
+            cos, sin = cos * by_cos - sin * by_sin, sin * by_cos + cos * by_sin
+            order += 1
+        amount = a * coefficients[low, term] + b * coefficients[base, term]
+        amount += c * coefficients[base + 1, term] + d * coefficients[high, term]
+        weights[2 * term], weights[2 * term + 1] = amount * cos, amount * sin
+    i, j = int(column), int(row)
+    by_column, by_row = spline_weights(column - i), spline_weights(row - j)
+    total = 0.0
+    for m in range(4):
+        for n in range(4):
+            total += by_row[m] * by_column[n] * read_waves(waves, j + m - 1, i + n - 1, weights)
+    return total
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def add_field(
+def add_fields(
     image: Array,
     rows: tuple[int, int],
     windows: Whole,
@@ -140,11 +201,10 @@ def add_field(
     xs: Array,
     ys: Array,
     pixel: float,
-    term: int,
-    order: int,
-    even: Array,
-    odd: Array,
-    radial_term: Array,
+    sheets: tuple[SingleArray, SingleArray, SingleArray],
+    orders: Whole,
+    coefficients: Array,
+    count: int,
     first: tuple[float, float],
     samples: float,
     slants: Array,
@@ -152,7 +212,7 @@ def add_field(
     nodes: Array,
     chosen: Chosen,
 ) -> None:
-    """Add one field's light to the rows from rows[0] to below rows[1].
+    """Add the light of some fields to the rows from rows[0] to below rows[1].
 
     Args:
         image: picture to add to, [row, column].
@@ -169,11 +229,10 @@ def add_field(
         xs: positions of the columns, mm.
         ys: of the rows.
         pixel: side of a pixel, mm.
-        term: see ``Field``.
-        order: the same.
-        even: the same.
-        odd: the same.
-        radial_term: the term's spline coefficients over radius.
+        sheets: ``whole``, ``part`` and ``waves`` of ``Fields``.
+        orders: of the terms whose waves they are.
+        coefficients: see ``read_pairs``.
+        count: steps of the table over a rim.
         first: see ``Grid``.
         samples: the same.
         slants: see ``slant_rows``.
@@ -181,7 +240,8 @@ def add_field(
         nodes: pupil points for steep rims.
         chosen: which pixels to compute.
     """
-    count = radial_term.size - 1
+    unclipped, part, waves = sheets
+    weights = np.empty(2 * orders.size, dtype=np.float32)
     for entry in range(windows.shape[0]):
         rim = rims[entry]
         for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):
@@ -190,7 +250,7 @@ def add_field(
                 dx = (xs[column] - centres[entry, 0]) / pixel
                 from_centre = math.sqrt(dx * dx + dy * dy)
                 whole = from_centre < rim[0] - 0.75
-                if whole != (term == -1) or from_centre > rim[3] + 0.75 or not chosen[row, column]:
+                if (whole and unclipped.size == 0) or from_centre > rim[3] + 0.75 or not chosen[row, column]:
                     continue
                 pieces = 1 if whole else parts
                 side = max(box / pieces, 1e-3)
@@ -199,26 +259,17 @@ def add_field(
                     y = dy + ((j + 0.5) / pieces - 0.5) * box
                     for i in range(pieces):
                         x = dx + ((i + 0.5) / pieces - 0.5) * box
-                        distance = math.sqrt(x * x + y * y)
                         radial, share, look = place_on_rim(x, y, side, rim, steep and not whole, count, nodes)
                         across = (origins[entry, 0] + look * (looks[entry, 0, 0] * x + looks[entry, 0, 1] * y) - first[0]) * samples
                         along = (origins[entry, 1] + look * (looks[entry, 1, 0] * x + looks[entry, 1, 1] * y) - first[1]) * samples
-                        if share <= 0.0 or not (1.0 <= across < even.shape[1] - 2.0 and 1.0 <= along < even.shape[0] - 2.0):
+                        if share <= 0.0 or not (1.0 <= across < part.shape[1] - 2.0 and 1.0 <= along < part.shape[0] - 2.0):
                             continue
-                        base_column, base_row = int(across), int(along)
-                        by_row, by_column = spline_weights(along - base_row), spline_weights(across - base_column)
-                        if term < 0:
-                            if radial < 0.0:
-                                light += share * read_sheet(even, base_row, base_column, by_row, by_column)
-                            continue
-                        if radial < 0.0:
-                            continue
-                        cos, sin = 1.0, 0.0
-                        for _ in range(order):
-                            cos, sin = (cos * x - sin * y) / distance, (sin * x + cos * y) / distance
-                        seen = cos * read_sheet(even, base_row, base_column, by_row, by_column)
-                        if order > 0:
-                            seen += sin * read_sheet(odd, base_row, base_column, by_row, by_column)
-                        light += radial_value(radial_term, radial) * seen
+                        if radial >= 0.0:
+                            if orders.size > 0:
+                                light += read_pairs(radial, math.atan2(y, x), orders, coefficients, waves, across, along, weights)
+                        elif unclipped.size > 0:
+                            base_row, base_column = int(along), int(across)
+                            by_row, by_column = spline_weights(along - base_row), spline_weights(across - base_column)
+                            light += share * read_sheet(unclipped if whole else part, base_row, base_column, by_row, by_column)
                 weight = levels[entry] * mean_falloff(dx, dy, rim, slants[entry], moments)
                 image[row, column] += weight * light / (pieces * pieces)

@@ -20,7 +20,6 @@ from flflab.targets import Bars, Chirp, Edge
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
-LEAST_SAMPLES = 4  # a pixel
 MARGINS = (16.0, 1000.0)  # least and most pixels round the target that a curve covers
 BEYOND = (64.0, 512.0)  # least and most pixels beyond the seen part of the target before it is cut
 GAUSS = np.polynomial.legendre.leggauss(8)
@@ -115,11 +114,14 @@ class Line:
         return np.arange(self.length // 2 + 1) * self.samples / self.length
 
 
-def make_line(table: TransferTable, target: Bars | Edge, seen: tuple[float, float], direction: Array, tolerance: float) -> Line:
+def make_line(
+    table: TransferTable, samples: float, target: Bars | Edge, seen: tuple[float, float], direction: Array, tolerance: float
+) -> Line:
     """Choose the grid for a target.
 
     Args:
         table: the transfer functions to come.
+        samples: positions a pixel.
         target: the target.
         seen: lowest and highest position on the target that the sensor's pixels look at, mm.
         direction: see ``Line``.
@@ -127,7 +129,6 @@ def make_line(table: TransferTable, target: Bars | Edge, seen: tuple[float, floa
     """
     scale = float(np.hypot(*direction))
     ends = (0.0, np.inf) if isinstance(target, Edge) else (-target.width / (2 * scale), target.width / (2 * scale))
-    samples = max(LEAST_SAMPLES, math.ceil(min(4.5 * table.kind.cutoff, 0.1 / tolerance)))
     margin = min(max(float(table.tails[0, 0]) / (0.4 * tolerance), MARGINS[0]), MARGINS[1]) + table.kind.extent
     low = max(seen[0] / scale - 4, ends[0] - margin)
     high = max(min(seen[1] / scale + 4, ends[1] + margin), low + 8)
@@ -138,16 +139,16 @@ def make_line(table: TransferTable, target: Bars | Edge, seen: tuple[float, floa
     spare = (length - count) / (4 * samples)
     cut = (max(ends[0], first - spare), min(ends[1], first + count / samples + spare))
     ruling = profile_ruling(target, cut[0] * scale, cut[1] * scale, 1.5 * scale)
-    return Line(ruling, ends, direction, float(first), float(samples), count, length)
+    return Line(ruling, ends, direction, float(first), samples, count, length)
 
 
-def line_spectrum(line: Line, cutoff: float) -> ComplexArray:
-    """Fourier sums of a line's spline coefficients for the frequencies below the cutoff, exact.
+def line_spectrum(line: Line, band: float) -> ComplexArray:
+    """Fourier sums of a line's spline coefficients for the frequencies below the end of the band, exact.
 
     Integral of T(x) exp(-2 pi i f x) dx, by the steps and the quadrature of T, for x in pixels from the first position.
     """
     scale = float(np.hypot(*line.direction))
-    frequency = line.frequency[line.frequency < cutoff]
+    frequency = line.frequency[line.frequency < band]
     step = line.samples / line.length
     sums = np.zeros((2, 2, len(frequency)))
     for (places, weights), kind in ((line.ruling.points, sums[0]), (line.ruling.steps, sums[1])):
@@ -188,7 +189,7 @@ def make_curves(table: TransferTable, line: Line, box: float, parts: int) -> Cur
     """
     frequency = line.frequency
     spectrum = np.zeros(len(frequency), dtype=np.complex128)
-    found = line_spectrum(line, table.kind.cutoff)
+    found = line_spectrum(line, table.band)
     spectrum[: len(found)] = found
     transfers = table.at(frequency)
     far = _far_light(line)

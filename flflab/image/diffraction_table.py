@@ -5,6 +5,7 @@ function depends on |e|, on the frequency, and on the angle between e and the fr
 own frame: frequencies in cycles/pixel, lengths in pixels.
 """
 
+import bisect
 import math
 from dataclasses import dataclass
 
@@ -20,10 +21,14 @@ from flflab.optics.discs import two_disc_areas
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
+SingleArray = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int64]
 
 BLURRED = 300.0  # pixels; a blur beyond is left to rays
 BLURRED_OUT = 1e6  # pixels; no matter which: the target's image lies on the array
+FINER = 64  # steps of a term's table in single precision for one of a ``TransferTable``: read between its nodes, it is as exact
+PER_WAVE = 4.5  # samples of the shortest wave that a pupil lets pass
+FEW, MORE = 2.25, 4.0  # the least samples a pixel where that wave is shorter than a pixel
 OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
 
 
@@ -143,6 +148,7 @@ class TransferTable:
 
     Attributes:
         kind: the kind.
+        band: the highest frequency in the table, cycles/pixel.
         radii: distances from the micro-image's centre, pixels, shape (R,); the first is the bright field's edge.
         shares: part of the full pupil left there, shape (R,).
         angles: angles between e and the frequency, from 0 to pi, shape (A,).
@@ -151,6 +157,7 @@ class TransferTable:
     """
 
     kind: Kind
+    band: float
     radii: Array
     shares: Array
     angles: Array
@@ -159,35 +166,45 @@ class TransferTable:
 
     def at(self, frequencies: Array) -> ComplexArray:
         """The values at other frequencies from 0 up, cycles/pixel; shape (R, A, n)."""
-        inside = frequencies < self.kind.cutoff
-        place = np.arccos(1 - 2 * np.minimum(frequencies[inside] / self.kind.cutoff, 1.0))
+        inside = frequencies < self.band
+        place = np.arccos(1 - 2 * np.minimum(frequencies[inside] / self.band, 1.0))
         nodes = np.linspace(0, np.pi, self.values.shape[2])
-        weights = make_interp_spline(nodes, np.eye(len(nodes)), k=5)(place)
         found = np.zeros((*self.values.shape[:2], len(frequencies)), dtype=np.complex128)
-        found[..., inside] = self.values @ weights.T
+        found[..., inside] = make_interp_spline(nodes, self.values, k=5, axis=-1)(place)
         return found
 
 
-def transfer_table(kind: Kind, radii: int, angles: int) -> TransferTable:
-    """Tabulate a kind at so many radii and angles; one radius means an unclipped pupil only.
+def samples_needed(kind: Kind, tolerance: float) -> float:
+    """Samples a pixel of an image behind pixels; half of it is the highest frequency that matters, cycles/pixel.
+
+    n of them leave up to 0.1 / n of a sharp edge, and (2 n blur)^-1.5 of that of a blurred one.
+    """
+    demand = 0.1 / tolerance
+    blurred = (demand * (2 * abs(kind.blur)) ** -1.5) ** 0.4 if kind.blur else math.inf
+    return min(PER_WAVE * kind.cutoff, max(FEW if tolerance >= 1e-3 else MORE, min(demand, blurred)))
+
+
+def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> TransferTable:
+    """Tabulate a kind for images of so many samples a pixel at so many radii and angles; one radius means an unclipped pupil only.
 
     Radii are spaced as a cosine: the clipped area grows as the 3/2 power of the distance from either end of the rim, which is smooth
-    in the cosine's argument. Frequencies are spaced alike, dense at 0 and at the cutoff.
+    in the cosine's argument. Frequencies are spaced alike, dense at 0 and at the highest one.
     """
     turn = np.linspace(0, np.pi, radii) if radii > 1 else np.zeros(1)
     distance = np.minimum(kind.inner + kind.slope * (1 - np.cos(turn)), (kind.reach + kind.slope) * OUTERMOST) if radii > 1 else np.zeros(1)
     clip = distance / kind.slope if radii > 1 else np.zeros(1)
     clip_radius = kind.reach / kind.slope if radii > 1 else 2.0
     beta = np.linspace(0, np.pi, angles)
-    count = 40 + math.ceil(6 * abs(kind.blur) * kind.cutoff)
-    shift = 1 - np.cos(np.linspace(0, np.pi, count))
+    band = min(kind.cutoff, samples / 2)
+    count = 40 + math.ceil(6 * abs(kind.blur) * band)
+    shift = (1 - np.cos(np.linspace(0, np.pi, count))) * band / kind.cutoff
     x, y = clip[:, None, None] * np.cos(beta)[:, None], clip[:, None, None] * np.sin(beta)[:, None]
     waves = kind.blur * kind.cutoff / 2 * shift
     shares = pupil_share(clip, clip_radius)
     values = pupil_transfer(shift, waves, x, y, clip_radius) * shares[:, None, None]
     small = 1e-4
     slope = (shares[:, None] - pupil_transfer(small, 0.0, x[..., 0], y[..., 0], clip_radius).real * shares[:, None]) / small
-    return TransferTable(kind, distance, shares, beta, values, tails=slope / (math.pi**2 * kind.cutoff))
+    return TransferTable(kind, band, distance, shares, beta, values, tails=slope / (math.pi**2 * kind.cutoff))
 
 
 def pupil_share(clip: Array, clip_radius: float) -> Array:
@@ -195,10 +212,12 @@ def pupil_share(clip: Array, clip_radius: float) -> Array:
     return two_disc_areas(1.0, clip_radius, clip) / math.pi
 
 
+SMOOTH = sorted(2**a * 3**b * 5**c for a in range(27) for b in range(17) for c in range(12))
+
+
 def fast_length(least: float) -> int:
     """The smallest length from ``least`` up without prime factors beyond 5: fast to transform."""
-    powers = [2**a * 3**b * 5**c for a in range(27) for b in range(17) for c in range(12)]
-    return min(power for power in powers if power >= least)
+    return SMOOTH[bisect.bisect_left(SMOOTH, least)]
 
 
 @dataclass(frozen=True)
@@ -210,6 +229,7 @@ class Modes:
 
     Attributes:
         kind: the kind.
+        band: the highest frequency in the spectra, cycles/pixel.
         orders: of the terms, shape (T,).
         radial: spline coefficients over the nodes of radius, shape (T, R).
         spectra: at the frequencies of a ``TransferTable``, shape (T, F).
@@ -217,6 +237,7 @@ class Modes:
     """
 
     kind: Kind
+    band: float
     orders: Whole
     radial: Array
     spectra: Array
@@ -225,11 +246,27 @@ class Modes:
     def spectrum(self, term: int, frequency: Array) -> Array:
         """One term's spectrum (that of the core for -1) at frequencies of any shape."""
         values = self.core if term < 0 else self.spectra[term]
-        place = np.arccos(np.maximum(1 - 2 * frequency / self.kind.cutoff, -1)) * ((len(values) - 1) / np.pi)
+        place = np.arccos(np.maximum(1 - 2 * frequency / self.band, -1)) * ((len(values) - 1) / np.pi)
         found = ndimage.map_coordinates(
             ndimage.spline_filter1d(values, mode="mirror"), place[None], order=3, mode="mirror", prefilter=False
         )
-        return np.where(frequency < self.kind.cutoff, found, 0.0)
+        return np.where(frequency < self.band, found, 0.0)
+
+    def places(self, frequency: Array) -> tuple[Whole, SingleArray]:
+        """Where frequencies of any shape lie in the finer tables that ``read`` reads: the node before each, and the part beyond it."""
+        last = FINER * (self.spectra.shape[1] - 1)
+        place = np.arccos(np.maximum(1 - 2 * frequency / self.band, -1)) * (last / np.pi)
+        base = np.minimum(place.astype(np.int64), last - 1)
+        return base, (place - base).astype(np.float32)
+
+    def read(self, term: int, places: tuple[Whole, SingleArray]) -> SingleArray:
+        """One term's spectrum at places, in single precision; 0 from the highest frequency on."""
+        base, part = places
+        count = self.spectra.shape[1]
+        nodes = np.linspace(0, np.pi, count)
+        finer = make_interp_spline(nodes, self.spectra[term], k=5)(np.linspace(0, np.pi, FINER * (count - 1) + 1)).astype(np.float32)
+        finer[-1] = 0.0
+        return finer[base] + part * np.diff(finer)[base]
 
 
 def find_modes(table: TransferTable, box: float, least: float) -> Modes:
@@ -237,13 +274,13 @@ def find_modes(table: TransferTable, box: float, least: float) -> Modes:
     count = table.values.shape[1] - 1
     core = table.values[0, 0].real
     if count == 0:
-        return Modes(table.kind, np.zeros(0, dtype=np.int64), np.zeros((0, 1)), np.zeros((0, len(core))), core)
+        return Modes(table.kind, table.band, np.zeros(0, dtype=np.int64), np.zeros((0, 1)), np.zeros((0, len(core))), core)
     parts = np.asarray(fft.dct(np.stack([table.values.real, table.values.imag]), type=1, axis=2), dtype=np.float64)
     waves = parts[0] + 1j * parts[1]
     waves[:, 1:-1] *= 2
     waves /= 2 * count
     nodes = np.linspace(0, np.pi, table.values.shape[2])
-    weight = np.maximum(np.abs(np.sinc(box * table.kind.cutoff / 2 * (1 - np.cos(nodes)))) / 2, 1e-2)
+    weight = np.maximum(np.abs(np.sinc(box * table.band / 2 * (1 - np.cos(nodes)))) / 2, 1e-2)
     orders: list[int] = []
     radial: list[Array] = []
     spectra: list[Array] = []
@@ -255,4 +292,4 @@ def find_modes(table: TransferTable, box: float, least: float) -> Modes:
                 orders.append(order)
                 radial.append(ndimage.spline_filter1d(size * left[:, term], mode="mirror"))
                 spectra.append(right[term] / weight)
-    return Modes(table.kind, np.array(orders), np.array(radial), np.array(spectra), core)
+    return Modes(table.kind, table.band, np.array(orders), np.array(radial), np.array(spectra), core)
