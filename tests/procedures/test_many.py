@@ -2,17 +2,17 @@
 
 import operator
 import os
-import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 import yaml
 from dask.distributed import LocalCluster
 
 from flflab.bench import read_bench
-from flflab.cli.report import analyse
+from flflab.cli.report import Analysed, analyse
 from flflab.cli.run import run_study
 from flflab.errors import InputError
 from flflab.expectation import expect_all
@@ -21,6 +21,7 @@ from flflab.workers import results
 from procedures.study import tell_nobody
 
 Write = Callable[..., tuple[Path, Path]]
+Found = TypeVar("Found")
 cluster_test = pytest.mark.filterwarnings("ignore::ResourceWarning")
 
 
@@ -31,22 +32,40 @@ def cluster() -> Iterator[str]:
         yield running.scheduler_address
 
 
-@pytest.mark.ci
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 @cluster_test
-def test_a_simulated_sweep_gives_the_same_numbers_on_cores_and_on_a_cluster(write: Write, cluster: str) -> None:
-    places = [f"{480 + 6 * k} mm" for k in range(10)]
+@pytest.mark.parametrize(
+    ("distances", "arrays", "f_numbers"),
+    [pytest.param(10, 1, [4], marks=pytest.mark.ci), pytest.param(25, 10, [2.8, 3.5, 4, 5.6], marks=pytest.mark.full)],
+    ids=["ten", "thousand"],
+)
+def test_a_simulated_sweep_gives_the_same_numbers_on_cores_and_on_a_cluster(
+    distances: int, arrays: int, f_numbers: list[float], write: Write, cluster: str
+) -> None:
+    grid = {
+        "f_number": f_numbers, "distance": [f"{480 + 60 * k / distances} mm" for k in range(distances)],
+        "array": [f"{60 + 0.1 * k} mm" for k in range(arrays)],
+    }  # fmt: skip
     bars = {"kind": "bars", "width": "12 mm", "height": "8 mm"}
-    study_file, bench_file = write(
-        study={"configurations": [{"f_number": 4, "distance": places}], "mtf_standard_uncertainty": 0.01, "bars": bars}
-    )
+    study_file, bench_file = write(study={"configurations": [grid], "mtf_standard_uncertainty": 0.0005, "bars": bars})
     with_small_pixels(bench_file.with_name("camera.yaml"))
     bench = read_bench(bench_file)
     study = read_study(study_file, bench.optics)
-    here, there = (sorted(expect_all(study, bench, scheduler), key=lambda one: one.configuration) for scheduler in (None, cluster))
-    assert len(here) == 10
+    here, there = (
+        sorted(timed(f"{len(study.configurations)} configurations", expect_all(study, bench, scheduler)), key=lambda one: one.configuration)
+        for scheduler in (None, cluster)
+    )
+    assert [one.configuration for one in here] == list(range(distances * arrays * len(f_numbers)))
     assert here == there
     assert all(one.looks for one in here)
+
+
+def timed(what: str, found: Iterator[Found]) -> list[Found]:
+    """Everything, with the time it took printed."""
+    began = time.monotonic()
+    everything = list(found)
+    print(f"{what}: {time.monotonic() - began:.0f} s")
+    return everything
 
 
 def with_small_pixels(camera: Path) -> None:
@@ -71,20 +90,24 @@ def test_a_scheduler_that_is_not_there_is_one_sentence(monkeypatch: pytest.Monke
         list(results(operator.neg, [(1,)], "tcp://127.0.0.1:1"))
 
 
-@pytest.mark.full
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(3600)
 @cluster_test
-def test_runs_measured_again_give_the_same_tables_and_pages_here_and_on_a_cluster(write: Write, cluster: str, tmp_path: Path) -> None:
-    study, bench = write()
+@pytest.mark.full
+def test_a_hundred_runs_measured_again_give_the_same_tables_and_verdicts_here_and_on_a_cluster(
+    write: Write, cluster: str, tmp_path: Path
+) -> None:
+    """Every run is of another bench, so that none may be taken for another."""
+    study, bench = write(study={"configurations": [{"f_number": 4, "distance": ["500 mm", "507 mm"]}], "draws": 100}, clock=1000)
     with_small_pixels(tmp_path / "camera.yaml")
-    run_study(study, bench, tmp_path / "run", None, tell_nobody, "sweep")
-    for place in ("here", "there"):
-        for number in range(2):
-            shutil.copytree(tmp_path / "run", tmp_path / place / f"{number}" / "run")
-    calls = {place: [(number, tmp_path / place / f"{number}" / "run") for number in range(2)] for place in ("here", "there")}
-    here, there = list(results(analyse, calls["here"], None)), list(results(analyse, calls["there"], cluster))
-    assert sorted((one.number, one.sentences, one.accepted) for one in here) == sorted(
-        (one.number, one.sentences, one.accepted) for one in there
-    )
-    tables = {(tmp_path / place / str(number) / "run" / "comparison.csv").read_bytes() for place in ("here", "there") for number in (0, 1)}
-    assert len(tables) == 1
+    folders = [tmp_path / "runs" / str(seed) for seed in range(100)]
+    timed("taking them", (run_study(study, bench, folder, seed, tell_nobody, "sweep") for seed, folder in enumerate(folders)))
+    found: list[list[tuple[Analysed, bytes]]] = []
+    for scheduler in (None, cluster):
+        for folder in folders:
+            (folder / "comparison.csv").unlink(missing_ok=True)
+        analysed = sorted(timed("100 runs", results(analyse, list(enumerate(folders)), scheduler)))
+        found.append([(one, (folder / "comparison.csv").read_bytes()) for one, folder in zip(analysed, folders, strict=True)])
+    here, there = found
+    assert here == there
+    assert [one.folder for one, _ in here] == folders
+    assert len({table for _, table in here}) == 100
