@@ -19,10 +19,15 @@ def moments(scene: Scene, tolerance: float, effects: frozenset[str]) -> tuple[Sc
     Cards uncover what is behind them as they move: with them every moment is formed, with diffraction too.
     """
     motion = scene.motion
-    if motion is None or (scene.diffraction is not None and len(scene.planes) == 1 and scene.planes[0].size is None):
+    if motion is None or is_formed_at_once(scene):
         return (scene,)
     still = replace(scene, motion=None)
     return tuple(_moved(still, place) for place in places_of(motion, _smear(scene, effects), tolerance))
+
+
+def is_formed_at_once(scene: Scene) -> bool:
+    """Whether motion is formed with the light, in closed form."""
+    return scene.diffraction is not None and len(scene.planes) == 1 and scene.planes[0].size is None
 
 
 def places_of(motion: Motion | None, smear: float, tolerance: float) -> Array:

@@ -84,6 +84,7 @@ class Regime:
         crosstalk: most light that neighbours bring to a pixel, of white.
         airy: radius of the Airy disc on the sensor for light of 1 mm wavelength, pixels.
         slope: largest slope of a ray at the sensor.
+        at_once: whether motion is formed with the light instead of moment by moment.
         misaligned: what the camera's offsets, roll and tilt change.
         scattered: what the scatter of the microlenses changes.
         electrons: mean electrons in a pixel at the white level; 0 where no sensor was asked for.
@@ -104,6 +105,7 @@ class Regime:
     crosstalk: float
     airy: float
     slope: float
+    at_once: bool
     misaligned: Change
     scattered: Change
     electrons: float = 0.0
