@@ -2,9 +2,12 @@
 
 At e from the micro-image's centre the pupil points v with |v| <= microlens disc and |v - e| <= main lens disc see the dot where
 |(e - spot) + beta v| <= radius, beta = b / (L x kappa) - 1: an area common to three discs, whose share of the microlens's disc is the
-light. The fit takes it for a spot times the micro-image's illumination; what that does is found by fitting such pictures.
-From s = kappa q - (b/L) m + (b/f) y and o V = m W - q/L (physics.md, "One SMMS") with v = kappa (q - y).
+light. The fit takes it for a spot times the micro-image's illumination; what that does to a spot is found by fitting its own exact
+picture. From s = kappa q - (b/L) m + (b/f) y and o V = m W - q/L (physics.md, "One SMMS") with v = kappa (q - y).
 """
+
+import math
+from dataclasses import replace
 
 import numba
 import numpy as np
@@ -12,97 +15,155 @@ import numpy.typing as npt
 
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import ProfileTable
 from flflab.analysis.spot_profile import SpotProfile
-from flflab.analysis.spots import Lit, fit_spots
+from flflab.analysis.spots import Lit, Spots, fit_spots
 from flflab.optics.camera import Camera
-from flflab.optics.discs import three_disc_area, two_disc_area
+from flflab.optics.discs import arc_share, disc_rectangle_area, two_disc_area
 from flflab.optics.focus import blur, microlens_limits
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import image_offset
 
 Array = npt.NDArray[np.float64]
 
-IN_FOCUS_PX = 0.02  # of blur
-_PLACES = 25
-_LEVEL_DN = 1000.0
-_GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+LEAST_BRIGHTNESS = 0.05  # of a spot that is worth a picture
+_ROUNDS = 2  # of fitting the picture of where the spot then seems to be
+_MOST_NODES = 12  # across the pupil; a px of blur takes two
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _pixel_light(
+    x: float,
+    y: float,
+    spot: Array,
+    radius: float,
+    main: float,
+    small: float,
+    beta: float,
+    along: tuple[Array, Array],
+    across: tuple[Array, Array],
+) -> float:  # pragma: no cover - compiled
+    """Light in the pixel at (x, y): the share of it, closed form, that sees the dot through v, integrated over the pupil of its middle.
+
+    A pixel on the spot's edge is lit on its inner side only, and there the main lens's disc lies a little elsewhere: share by share, an
+    integral along that disc's rim. Nodes and weights of Gauss ``along`` the line from the micro-image's centre, on either side of the
+    pupil's corners, and ``across`` it.
+    """
+    r = math.hypot(x, y)
+    low, high = max(-small, r - main), min(small, r + main)
+    if high <= low:
+        return 0.0
+    middle = low
+    if abs(main - small) < r:
+        middle = min(max((r * r + small * small - main * main) / (2 * r), low), high)
+    to_x, to_y = (x / r, y / r) if r > 0 else (1.0, 0.0)
+    total, seen = 0.0, 0.0
+    for part in range(2):
+        start, length = (low, middle - low) if part == 0 else (middle, high - middle)
+        if length <= 0.0:
+            continue
+        for n in range(len(along[0])):
+            angle = 0.5 * math.pi * (1 + along[0][n])
+            u = start + length * 0.5 * (1 - math.cos(angle))
+            half = math.sqrt(max(min(small * small - u * u, main * main - (u - r) ** 2), 0.0))
+            for m in range(len(across[0])):
+                w = half * across[0][m]
+                weight = along[1][n] * across[1][m] * math.sin(angle) * length * half
+                cx, cy = x - spot[0] + beta * (u * to_x - w * to_y), y - spot[1] + beta * (u * to_y + w * to_x)
+                total += weight
+                seen += weight * disc_rectangle_area(radius, cx - 0.5, cx + 0.5, cy - 0.5, cy + 0.5)
+    light = two_disc_area(small, main, r) * seen / max(total, 1e-300)
+    turn, opening = arc_share(x, y, main, 0.0, 0.0, small)
+    if opening > 0.0:
+        for n in range(len(along[0])):
+            angle = turn + opening * along[0][n]
+            out_x, out_y = math.cos(angle), math.sin(angle)
+            cx, cy = x - spot[0] + beta * (x + main * out_x), y - spot[1] + beta * (y + main * out_y)
+            share = disc_rectangle_area(radius, cx - 0.5, cx + 0.5, cy - 0.5, cy + 0.5)
+            inwards = -(cx * out_x + cy * out_y) / max(math.hypot(cx, cy), 1e-9)
+            light += along[1][n] * opening * main * share * (1 - share) / 2 * inwards
+    return light / (math.pi * small * small)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _pictures(
-    size: int, spots: Array, radius: float, main: float, small: float, beta: float, nodes: Array, weights: Array
-) -> npt.NDArray[np.float32]:  # pragma: no cover - compiled
-    """Windows of (2 size + 1)^2 px, one above the other, each round a dot seen ``spots`` px along x from its micro-image's centre."""
-    width = 2 * size + 1
-    picture = np.zeros((len(spots) * width, width), dtype=np.float32)
-    whole = np.pi * small * small
+    spots: Array,
+    corners: Array,
+    width: int,
+    radius: float,
+    main: float,
+    small: float,
+    beta: float,
+    along: tuple[Array, Array],
+    across: tuple[Array, Array],
+) -> Array:  # pragma: no cover - compiled
+    """Windows of ``width`` px square, one above the other, of spots at ``spots`` px from their micro-images' centres.
+
+    ``corners``: each window's first pixel from the micro-image's centre. 1 is the light of a white target in the bright field.
+    """
+    picture = np.zeros((len(spots) * width, width))
+    blurred = abs(beta) * small + 0.71
     for n in range(len(spots)):
-        shift = spots[n] - np.rint(spots[n])
         for row in range(width):
             for column in range(width):
-                light = 0.0
-                for i in range(len(nodes)):
-                    for j in range(len(nodes)):
-                        dx, dy = column - size - shift + nodes[i] / 2, row - size + nodes[j] / 2
-                        ex = spots[n] + dx
-                        if dx * dx + dy * dy > (radius + abs(beta) * small) ** 2:
-                            continue
-                        if abs(beta) * small > 1e-6:
-                            third = radius / abs(beta)
-                            area = three_disc_area(0.0, 0.0, small, ex, dy, main, -dx / beta, -dy / beta, third)
-                        else:
-                            area = two_disc_area(small, main, np.hypot(ex, dy))
-                        light += weights[i] * weights[j] / 4 * area / whole
-                picture[n * width + row, column] = light
+                x, y = corners[n, 0] + column, corners[n, 1] + row
+                away = math.hypot(x - spots[n, 0], y - spots[n, 1])
+                if away < radius - blurred:
+                    picture[n * width + row, column] = two_disc_area(small, main, math.hypot(x, y)) / (math.pi * small * small)
+                elif away < radius + blurred:
+                    picture[n * width + row, column] = _pixel_light(x, y, spots[n], radius, main, small, beta, along, across)
     return picture
 
 
-def clipping_shift(
-    away_px: Array,
+def without_clipping(
+    spots: Spots,
+    own: Lit,
     lattice: Lattice,
     camera: Camera,
     distance: float,
     radius: float,
-    table: ProfileTable,
     profile: SpotProfile,
     noise: SensorNoise,
-) -> Array:
-    """Vectors in px to take off fitted centres at ``away_px`` from their micro-images' centres, shape (n, 2).
+) -> Spots:
+    """Spots with what the cut did to their fits taken off centres and chi squared; those that no aperture cuts stay as they are.
 
     Args:
-        away_px: shape (n, 2).
+        spots: as fitted.
+        own: their micro-images.
         lattice: measured.
         camera: nominal.
         distance: to the dots, mm, nominal.
         radius: of a spot in focus, px.
-        table: the illumination that the fit assumed.
-        profile: the spot that it assumed.
+        profile: the spot that the fit assumed.
         noise: by which it weighted.
     """
     smms = central_smms(camera)
     x, kappa = float(image_offset(smms, 1 / distance)), float(smms.kappa)
     spread = float(blur(smms, 1 / distance)) / camera.sensor.pixel
-    r = np.hypot(away_px[:, 0], away_px[:, 1])
-    if len(r) == 0:
-        return np.zeros_like(away_px)
-    outwards = away_px / np.maximum(r, 1e-9)[:, None]
-    if spread < IN_FOCUS_PX or x == 0 or kappa == 0:
-        # a pixel on the edge of the spot is lit on its inner side, where the micro-image is brighter than in the pixel's middle
-        light = table.values[:, 0]
-        falls = np.interp(r / table.step, np.arange(len(light)), -np.gradient(light, table.step) / np.maximum(light, 0.05))
-        return outwards * (falls / 12)[:, None]
+    away = np.hypot(*(spots.centres - own.centres).T)
+    cut = (away + radius + spread / 2 + 1 > lattice.inside_radius_px) & (away < lattice.outside_radius_px)
+    cut &= np.isfinite(spots.covariance[:, 0, 0]) & (spots.brightness > LEAST_BRIGHTNESS)
+    if x == 0 or kappa == 0 or not cut.any():
+        return spots
     beta = float(smms.gap / smms.distance) / (x * kappa) - 1
     large, small = (lattice.outside_radius_px + lattice.inside_radius_px) / 2, (lattice.outside_radius_px - lattice.inside_radius_px) / 2
     main, microlens = (large, small) if smms.lens_width >= smms.microlens_width else (small, large)
-    half = int(np.ceil(radius + spread / 2 + 3))
-    first = max(0.0, min(abs(large - small) - half, float(r.max())))
-    spots = np.linspace(first, max(first + 1e-3, min(float(r.max()), lattice.outside_radius_px)), _PLACES)
+    # where the main lens limits, the chief ray goes through its middle, and the disc is seen smaller by as much
     by_chief = 1.0 if bool(microlens_limits(smms, 1 / distance)) else 1 + beta
-    size = half + 2
-    picture = _pictures(size, spots * by_chief, radius, main, max(microlens, 1e-3), beta, _GAUSS, _WEIGHTS) * _LEVEL_DN + noise.offset_dn
-    middles: Array = np.stack([size + spots - np.rint(spots), size + np.arange(_PLACES) * (2.0 * size + 1)], axis=1).astype(np.float64)
-    own = Lit(middles - np.stack([spots, np.zeros(_PLACES)], axis=1), np.full(_PLACES, _LEVEL_DN), table)
-    found = fit_spots(picture, middles, half, own, profile, noise)
-    extra = np.interp(r, spots, found.centres[:, 0] - middles[:, 0])
-    return outwards * extra[:, None]
+    along, across = (np.polynomial.legendre.leggauss(min(least + math.ceil(2 * spread), _MOST_NODES)) for least in (4, 2))
+    half = math.ceil(radius + spread / 2 + 3)
+    size, width = half + 2, 2 * half + 5
+    down = np.stack([np.zeros(np.count_nonzero(cut)), np.arange(np.count_nonzero(cut)) * float(width)], axis=1)
+    middles, bright = own.centres[cut], own.light[cut] * spots.brightness[cut]
+    corners = np.rint(spots.centres[cut]) - size - middles
+    places, light, chi2 = spots.centres[cut] - middles, bright, np.zeros(len(down))
+    for _ in range(_ROUNDS):
+        picture = _pictures(places * by_chief, corners, width, radius * abs(by_chief), main, max(microlens, 1e-3), beta, along, across)
+        picture = picture * np.repeat(light, width)[:, None] + noise.offset_dn
+        there = places - corners + down
+        again = fit_spots(picture, there, half, Lit(there - places, light, own.table), profile, noise)
+        places = spots.centres[cut] - middles - (again.centres - there)
+        light, chi2 = bright / np.maximum(again.brightness, LEAST_BRIGHTNESS), again.chi2_per_pixel
+    centres, left = spots.centres.copy(), spots.chi2_per_pixel.copy()
+    centres[cut] = places + middles
+    left[cut] -= chi2
+    return replace(spots, centres=centres, chi2_per_pixel=left)

@@ -18,9 +18,8 @@ from flflab.targets import FourDot
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-FIT_ERROR_PX = 0.001  # of a spot's centre
-CUT_ERROR_PX = 0.002  # more where the micro-image cuts its cone
-BLUR_ERROR = 0.005  # and there for each px of nominal blur; these found with exact pictures
+FIT_ERROR_PX = 0.0001  # of a spot's centre; pictures without noise show this much
+CUT_ERROR_PX = 0.0002  # more where the micro-image cuts its cone
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class DotViews:
         views_uncertain: number of micro-images whose decision lies within two standard uncertainties of its limit.
         indices: lattice indices of the views' micro-images, shape (n, 2).
         centres_px: centres of the dot's images, shape (n, 2).
-        centre_uncertainty_px: standard uncertainty of each centre in one coordinate, shape (n,).
+        centre_uncertainty_px: standard uncertainties of each centre's x and y, shape (n, 2).
         position_mm: of the dot in the world (main lens at z = 0, target at negative z), given the nominal camera; nan where fewer
             than two views leave it open, shape (3,).
         uncertainty_mm: standard uncertainties from the noise, shape (3,).
@@ -83,8 +82,9 @@ def count_views(
     # the brightest half of the well lit spots are whole: they say what a dot's full light is
     level = _full_light(spots, candidates, lattice)
     doubts = _centre_doubts(spots, candidates, lattice, radius, spread)
-    agreed, agreed_doubts = _agreed_centres(spots, doubts, candidates, lattice, camera, target, law)
-    decided = Decided(spots, doubts, np.where((agreed_doubts < doubts)[:, None], agreed, spots.centres), np.minimum(agreed_doubts, doubts))
+    worse = doubts.max(axis=1)
+    agreed, agreed_doubts = _agreed_centres(spots, worse, candidates, lattice, camera, target, law)
+    decided = Decided(spots, doubts, np.where((agreed_doubts < worse)[:, None], agreed, spots.centres), np.minimum(agreed_doubts, worse))
     return tuple(_views(dot, decided, candidates, lattice, camera, level, distance) for dot in range(len(target.centres)))
 
 
@@ -131,8 +131,8 @@ def _radius_of(lattice: Lattice, share: float) -> float:
 class Decided:
     """Spots, and the places by which views are decided.
 
-    A spot that its micro-image cuts is known better from all other spots than from itself. Uncertainties are standard, px, in one
-    coordinate.
+    A spot that its micro-image cuts is known better from all other spots than from itself. Uncertainties are standard, px: of each
+    coordinate those of the spots, shape (n, 2); in one coordinate those of the places, shape (n,).
     """
 
     spots: Spots
@@ -142,10 +142,11 @@ class Decided:
 
 
 def _centre_doubts(spots: Spots, candidates: Candidates, lattice: Lattice, radius: float, spread: float) -> Array:
-    noise = np.sqrt(np.maximum(spots.covariance[:, 0, 0], spots.covariance[:, 1, 1]) * np.maximum(spots.chi2_per_pixel, 1.0))
+    """Standard uncertainties of each spot's x and y, px, shape (n, 2): the noise's and the fit's own."""
+    noise = np.einsum("nkk->nk", spots.covariance)[:, :2] * np.maximum(spots.chi2_per_pixel, 1.0)[:, None]
     away = np.hypot(*(spots.centres - lattice.centres_px[candidates.lens]).T)
-    cut = np.where(away + radius + spread / 2 > lattice.inside_radius_px, np.hypot(CUT_ERROR_PX, BLUR_ERROR * spread), 0.0)
-    return np.sqrt(np.where(np.isfinite(noise), noise, 100.0) ** 2 + FIT_ERROR_PX**2 + cut**2)
+    own = FIT_ERROR_PX**2 + np.where(away + radius + spread / 2 > lattice.inside_radius_px, CUT_ERROR_PX**2, 0.0)
+    return np.sqrt(np.where(np.isfinite(noise), noise, 100.0**2) + own[:, None])
 
 
 def _agreed_centres(

@@ -1,14 +1,14 @@
 """The images of round dots in a picture of many micro-images: found round where the nominal camera puts them, and fitted."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.clipping import clipping_shift
+from flflab.analysis.clipping import without_clipping
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
@@ -26,7 +26,7 @@ Whole = npt.NDArray[np.int64]
 
 WIDEST_SHIFT_PX = 30.0  # how far all dots together may be from where the nominal camera puts them
 SEARCH_PX = 8.0  # how far each may then still be
-RADIUS_SETTLED_PX = 0.004
+RADIUS_SETTLED_PX = 0.001
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
 
@@ -71,14 +71,13 @@ def find_spots(
     table = illumination_table(lattice)
     law, radius = _register(values, lattice, camera, target, law, spread, table, noise)
     shape = (values.shape[0], values.shape[1])
-    for _ in range(3):
+    for _ in range(4):
         half = math.ceil(radius + spread / 2 + 3)
         candidates = _candidates(lattice, camera, target, law, half)
         places, regressors = law_places(lattice, camera, target, law, candidates)
         profile, own = defocused_dot(radius, spread), lit(lattice, candidates.lens, shape, table)
         spots = fit_spots(values, places, half, own, profile, noise)
-        shift = clipping_shift(spots.centres - own.centres, lattice, camera, distance, radius, table, profile, noise)
-        spots = replace(spots, centres=spots.centres - shift)
+        spots = without_clipping(spots, own, lattice, camera, distance, radius, profile, noise)
         seen = SeenSpots(spots, candidates, law, radius, spread)
         # centroids of cut spots leave the law, and with it the radius, a little wrong; the fitted centres do not
         away = np.hypot(*(spots.centres - own.centres).T)

@@ -28,7 +28,7 @@ def triangulate(
 
     Args:
         centres_px: where the dot is seen, shape (n, 2).
-        uncertainty_px: of each, in one coordinate, shape (n,).
+        uncertainty_px: of each in x and in y, shape (n, 2).
         lens: position of each micro-image in the lattice, shape (n,).
         lattice: the micro-images.
         camera: nominal.
@@ -50,7 +50,7 @@ def triangulate(
     design[:, :, 0] = away * L
     design[:, 0, 1] = design[:, 1, 2] = b
     right = -(b / L) * Q - away * (1 - L / F)
-    spread = np.repeat(uncertainty_px * camera.sensor.pixel * abs(x), 2)
+    spread = uncertainty_px.reshape(-1) * camera.sensor.pixel * abs(x)
     rows, values = design.reshape(-1, 3) / spread[:, None], right.reshape(-1) / spread
     scale = np.sqrt((rows**2).sum(axis=0))
     normal = (rows / scale).T @ (rows / scale)

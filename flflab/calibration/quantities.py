@@ -79,7 +79,7 @@ def _parallax_and_magnification(
     centres = np.concatenate([dot.centres_px for dot in dots])
     indices = np.concatenate([dot.indices for dot in dots])
     o = np.repeat(target.centres @ [1, 1j], [len(dot.indices) for dot in dots])
-    u = np.concatenate([dot.centre_uncertainty_px for dot in dots]) * camera.sensor.pixel
+    u = np.concatenate([dot.centre_uncertainty_px.max(axis=1) for dot in dots]) * camera.sensor.pixel
     from_middle = np.hypot(*(centres - lattice.origin_px - indices @ lattice.vectors_px.T).T)
     whole = from_middle + radius_px < lattice.inside_radius_px
     z, q, o, u = centres[whole] @ [1, 1j] * camera.sensor.pixel, indices[whole] @ own.T @ [1, 1j], o[whole], u[whole]

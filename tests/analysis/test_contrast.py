@@ -221,7 +221,7 @@ def covered(brute: Any, repeats: int) -> tuple[Array, Array]:
     camera = brute.camera(4.0, (760, 280))  # one row of micro-images
     _, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
     lattice = nominal_lattice(camera, 3000.0)
-    pooled, views = list[Array](), list[Array]()
+    pooled, views = list[npt.NDArray[np.bool_]](), list[Array]()
     for seed in range(repeats):
         curve = fit_contrast(brute.expose(bars, NOISE, 3000, np.random.default_rng(seed)), lattice, camera, Bars(), FOCUS, NOISE)
         truth = closed_form(camera, FOCUS, curve.cycles_per_mm)

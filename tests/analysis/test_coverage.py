@@ -45,11 +45,14 @@ def lattice_scores(brute: Any, repeats: int) -> Array:
 
 def dot_camera() -> Camera:
     array = MicrolensArray("square", (25, 25), (0.4, 0.4), 0.336, (0.917,), 60.0)
-    return Camera(MainLens(50.0, 4.0), array, Sensor((800, 800), 0.00166, 61.15), "round", Useful(0.5))
+    return Camera(MainLens(50.0, 4.0), array, Sensor((640, 640), 0.00166, 61.15), "round", Useful(0.5))
 
 
 def dot_scores(brute: Any, places: int, repeats: int, electrons: float) -> tuple[Array, Array]:
-    """Errors over stated uncertainties of centres, shape (n, 2), and of positions in space, shape (m, 3); each place in new noise."""
+    """Errors over stated uncertainties of centres, shape (n, 2), and of positions in space, shape (m, 3).
+
+    Every picture of dots in new noise, five of them after each new white picture.
+    """
     camera, target = dot_camera(), FourDot(diameter=0.8, spacing=3.0)
     noise = SensorNoise(3000.0 / electrons, 2.0, 64.0, 4095.0)
     rng = np.random.default_rng(12)
@@ -59,8 +62,10 @@ def dot_scores(brute: Any, places: int, repeats: int, electrons: float) -> tuple
         offset, distance = rng.uniform(-0.4, 0.4, 2), float(rng.choice([506.7016, rng.uniform(498.0, 516.0)]))
         scene = [one_plane(camera, kind, distance, (float(offset[0]), float(offset[1]))) for kind in (White(), target)]
         white, dots = (render(one, tolerance=5e-5) for one in scene)
-        for _ in range(repeats):
-            lattice = find_lattice(brute.expose(white, noise, LEVEL, rng), "square", 245.0, noise)
+        lattice = find_lattice(brute.expose(white, noise, LEVEL, rng), "square", 245.0, noise)
+        for n in range(repeats):
+            if n % 5 == 4:
+                lattice = find_lattice(brute.expose(white, noise, LEVEL, rng), "square", 245.0, noise)
             for dot in count_views(brute.expose(dots, noise, LEVEL, rng), None, lattice, camera, target, distance, noise):
                 true = target.centres[dot.dot] + offset
                 landed = brute.landings(camera, distance, true)[1]
@@ -86,13 +91,24 @@ def test_intervals_of_the_lattice_cover(brute: Any) -> None:
 @pytest.mark.timeout(0)
 def test_intervals_of_the_lattice_cover_94_to_96_percent_of_ten_thousand(brute: Any) -> None:
     share = covered(lattice_scores(brute, 10_000))
+    print(f"pitch, angle, origin, inside, outside, corner {share}")
     assert np.all((share > 0.94) & (share < 0.96)), share
+
+
+@pytest.mark.ci
+def test_intervals_of_dots_cover(brute: Any) -> None:
+    centres, positions = dot_scores(brute, 4, 15, 10_000.0)
+    # the dots of one picture share its law and lattice: as if there were half as many
+    assert np.all(np.abs(covered(centres) - 0.95) < 4 * math.sqrt(2 * 0.95 * 0.05 / len(centres)))
+    assert np.all(np.abs(covered(positions) - 0.95) < 4 * math.sqrt(2 * 0.95 * 0.05 / len(positions)))
 
 
 @pytest.mark.full
 @pytest.mark.timeout(0)
-def test_intervals_of_dots_cover_94_to_96_percent_of_ten_thousand(brute: Any) -> None:
-    centres, positions = dot_scores(brute, 100, 100, 10_000.0)
-    assert len(positions) >= 10_000
+@pytest.mark.parametrize("electrons", [10_000.0, 1000.0])
+def test_intervals_of_dots_cover_94_to_96_percent_of_ten_thousand(brute: Any, electrons: float) -> None:
+    centres, positions = dot_scores(brute, 50, 50, electrons)
+    print(f"centres {len(centres)} {covered(centres)}, positions {len(positions)} {covered(positions)}")
+    assert len(positions) >= 9_000  # four a picture, but for those of a single view
     assert np.all((covered(centres) > 0.94) & (covered(centres) < 0.96)), covered(centres)
     assert np.all((covered(positions) > 0.94) & (covered(positions) < 0.96)), covered(positions)

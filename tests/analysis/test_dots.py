@@ -77,7 +77,7 @@ def test_every_dot_is_counted_and_placed(brute: Any, f_number: float, distance: 
         if doubtful == 0:
             assert dot.views == len(landed)
         nearest = np.hypot(*(dot.centres_px[:, None] - landed[None]).transpose(2, 0, 1)).min(axis=1) if len(landed) else np.zeros(0)
-        assert np.all(nearest < 4 * dot.centre_uncertainty_px)
+        assert np.all(nearest < 4 * dot.centre_uncertainty_px.max(axis=1))
         if dot.views >= 2:
             error = dot.position_mm - np.array([*true, -distance])
             assert np.all(np.abs(error) < 4 * dot.uncertainty_mm)

@@ -92,7 +92,7 @@ def test_a_depth_read_with_the_nominal_camera_is_what_a_bench_with_other_distanc
     landings = centres - b / (L * x) * Q - point / distance * b / x  # the rays from the point through the microlenses' centres
     to_pixel = (np.array([camera.sensor.resolution[0], camera.sensor.resolution[1]]) - 1) / 2
     position, _ = triangulate(
-        landings / camera.sensor.pixel + to_pixel, np.full(9, 0.01), np.arange(9), as_lattice(centres / camera.sensor.pixel + to_pixel),
+        landings / camera.sensor.pixel + to_pixel, np.full((9, 2), 0.01), np.arange(9), as_lattice(centres / camera.sensor.pixel + to_pixel),
         camera, 507.0,
     )  # fmt: skip
     model = Predicted(
