@@ -105,12 +105,14 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
     seen = (float(origins[:, 0].min()) * scales[0] - reach, float(origins[:, 0].max()) * scales[0] + reach)
     line = make_line(table, samples, target, seen, directions[0], setup.tolerance)
     curves = make_curves(table, line, box, parts)
-    modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
     half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
+    orders, radial = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
         seen_up = float(np.max(np.abs(origins[:, 1]))) + kind.outer + 1
-        if seen_up > half - border_reach(modes, setup.tolerance):
+        if seen_up > half - border_reach(kind, setup.tolerance):
+            modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
+            orders, radial = modes.orders, modes.radial
             borders = [make_border(modes, line, directions[1], box, parts, setup.tolerance)] * 2
             mirror = kind.smear.extent == 0 and is_even(directions[None], 0.0)
             if not mirror:
@@ -140,8 +142,8 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
             border_rows[0],
             border_rows[1],
             -1.0 if mirror else 1.0,
-            int(modes.orders.max(initial=0)),
-            np.ascontiguousarray(modes.radial.T),
+            int(orders.max(initial=0)),
+            np.ascontiguousarray(radial.T),
             slant_rows(setup, kind),
             pupil_moments(kind, table.radii),
             disc_nodes(8, 8),

@@ -14,7 +14,7 @@ from scipy import fft, ndimage
 from scipy.interpolate import make_interp_spline
 
 from flflab.image.diffraction_ruled import Line, line_spectrum, mirrored, spline_weights
-from flflab.image.diffraction_table import Modes
+from flflab.image.diffraction_table import Kind, Modes
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -61,9 +61,9 @@ NO_BORDER = Border(
 )
 
 
-def border_reach(modes: Modes, tolerance: float) -> float:
+def border_reach(kind: Kind, tolerance: float) -> float:
     """How far inside of a border it is felt, pixels."""
-    return min(max(0.3 / (modes.kind.cutoff * tolerance) / 2, 20.0), FARTHEST) + modes.kind.extent
+    return min(max(0.3 / (kind.cutoff * tolerance) / 2, 20.0), FARTHEST) + kind.extent
 
 
 def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int, tolerance: float) -> Border:
@@ -80,7 +80,7 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
     band = modes.band
     near = 4 + modes.kind.extent
     spacing = 0.5 * min(1.0, (tolerance / 0.002) ** 0.125) / min(max(1.0, band), 3.0)
-    farthest = border_reach(modes, tolerance)
+    farthest = border_reach(modes.kind, tolerance)
     nodes = math.ceil(math.asinh(farthest / near) / (spacing / near))
     distance = near * np.sinh(np.arange(-nodes, nodes + 1) * spacing / near)
     count = modes.spectra.shape[1]
