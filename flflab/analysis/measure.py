@@ -10,6 +10,7 @@ from flflab.analysis.contrast import fit_contrasts
 from flflab.analysis.dots import count_views
 from flflab.analysis.edges import EdgeCurve, measure_edges
 from flflab.analysis.lattice import Lattice, find_lattice, pitch_and_angle
+from flflab.analysis.lattice_from_bars import lattice_from_bars
 from flflab.analysis.lattice_from_dots import lattice_from_dots
 from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json, micro_images_json
 from flflab.analysis.micro_images import every_micro_image
@@ -18,7 +19,7 @@ from flflab.analysis.noise import SensorNoise, estimate_noise
 from flflab.analysis.presence import require_dots, require_light
 from flflab.analysis.profile import cone_of
 from flflab.analysis.registration import microlens_type_of, require_picture, require_shape, sensor_pixel
-from flflab.errors import InputError
+from flflab.errors import InputError, MeasurementError
 from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.focus import sharp_vergence
 from flflab.optics.per_type import type_smms
@@ -42,8 +43,9 @@ def measure(
 ) -> dict[str, Any]:
     """Measure one frame.
 
-    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera. In a frame of dots
-    the lattice is measured within the dots, from the camera's nominal one; bars and edges are measured on that itself. A remark says so.
+    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera. In a frame of dots or of bars
+    the lattice is measured where they are white, from the camera's nominal one; sines and edges are measured on that itself. A remark
+    says so.
 
     Args:
         picture: [row, col]; DN, or any other unit where ``noise`` is None. A raw one is measured above its black level, the filters of its
@@ -100,10 +102,32 @@ def measure(
         result["mtf"] = edge_json(edges, camera, away)
         remarks += _edge_remarks(edges)
     else:
+        lattice = _lattice_of_bars(values, lattice, camera, target, away, evened, remarks)
         curves, reasons = fit_contrasts(mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains)
         result["mtf"] = [point for curve in curves for point in contrast_json(curve, lattice)]
         remarks += reasons
     return {"lattice": lattice_json(lattice), **result, "remarks": remarks}
+
+
+def _lattice_of_bars(
+    values: npt.NDArray[np.floating[Any]],
+    nominal: Lattice,
+    camera: Camera,
+    target: Bars,
+    distance: float,
+    noise: SensorNoise,
+    remarks: list[str],
+) -> Lattice:
+    """The lattice measured within the white bars, the nominal one where they are too narrow; the last remark says which."""
+    if target.kind != "bars" or len(camera.array.focal_lengths) > 1:
+        return nominal
+    try:
+        found = lattice_from_bars(values, nominal, camera, target, distance, noise)
+    except MeasurementError as error:
+        remarks.append(str(error))
+        return nominal
+    remarks[-1] = "no white picture: the lattice was measured within the white bars, from the camera's nominal one"
+    return found
 
 
 def _grey(values: Array, picture: npt.NDArray[np.generic], noise: SensorNoise | None, remarks: list[str]) -> Mosaic:

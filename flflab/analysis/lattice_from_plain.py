@@ -1,0 +1,44 @@
+"""The lattice of micro-images from the parts of a picture in which the target is plain white, where there is no white picture.
+
+There the illumination of the micro-images can be read. The fit of the white picture is made on these pixels alone, from the camera's
+nominal lattice, and what they leave open stays nominal.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.analysis.lattice import Lattice, half_counts, lattice_of
+from flflab.analysis.lattice_fit import LatticeModel, Region, refine
+from flflab.analysis.lattice_kernels import COUNT
+from flflab.analysis.noise import SensorNoise
+
+LOOSE_PX = 20.0  # standard deviations of the nominal lattice: origin
+LOOSE_PITCH = 2e-3  # of the pitch
+LOOSE_RADIUS_PX = 1.0
+LOOSE_LIGHT = 0.05  # each of the terms by which the light may vary over the picture, relative
+FREE = np.concatenate([np.arange(8), np.arange(9, 15)])
+
+
+def lattice_within(plain: npt.NDArray[np.float32], nominal: Lattice, light: float, noise: SensorNoise) -> Lattice:
+    """Measure the lattice on the pixels that are not saturated.
+
+    Args:
+        plain: DN, [row, col]; at full scale wherever the target is not plain white.
+        nominal: the camera's lattice, right to a few pixels.
+        light: of white, DN above the background, roughly.
+        noise: of the sensor.
+    """
+    values = np.zeros(COUNT)
+    values[:2], values[2:6] = nominal.origin_px, nominal.vectors_px.T.ravel()
+    large, small = (nominal.outside_radius_px + nominal.inside_radius_px) / 2, (nominal.outside_radius_px - nominal.inside_radius_px) / 2
+    values[6:10] = large, small, noise.offset_dn, light
+    spread = np.ones(COUNT)
+    spread[:2], spread[2:6], spread[6:8] = LOOSE_PX, LOOSE_PITCH * nominal.pitch_px, LOOSE_RADIUS_PX
+    spread[9], spread[10:15] = light, LOOSE_LIGHT * light
+    model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, None, np.stack([values, spread]))
+    counts = half_counts(nominal.vectors_px, plain.shape, nominal.outside_radius_px + 2)
+    present = np.ones((2 * counts[0] + 1, 2 * counts[1] + 1), dtype=np.bool_)
+    model = refine(plain, model, present, noise, Region(max(plain.shape) / 2 + 1, 1), FREE, 12, 1e-3)
+    return lattice_of(model, nominal.layout, present, (plain.shape[0], plain.shape[1]))

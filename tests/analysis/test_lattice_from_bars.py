@@ -1,0 +1,62 @@
+"""The lattice measured in a picture of bars alone, against the camera the picture was formed with."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flflab.analysis.lattice_from_bars import lattice_from_bars
+from flflab.analysis.measure import nominal_lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.errors import MeasurementError
+from flflab.image.render import render
+from flflab.image.scene import one_plane
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
+from flflab.targets import Bars
+
+NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
+FOCUS, PIXEL = 506.7016, 0.00166
+
+
+def camera(layout: Any, roll: float, f_number: float) -> Camera:
+    array = MicrolensArray(layout, (25, 25), (0.4, 0.4), 0.336, (0.917,), 60.0, roll=roll)
+    return Camera(MainLens(50.0, f_number), array, Sensor((1300, 1200), PIXEL, 61.15), "round", Useful(0.5))
+
+
+@pytest.mark.parametrize(
+    ("layout", "roll", "f_number"),
+    [
+        ("square", 0.0, 4.0),
+        pytest.param("hexagonal", 0.05, 4.0, marks=pytest.mark.ci),
+        pytest.param("square", -0.03, 2.8, marks=pytest.mark.ci),  # neighbours just overlap
+    ],
+)
+def test_white_bars_show_the_lattice_where_no_white_picture_was_taken(brute: Any, layout: str, roll: float, f_number: float) -> None:
+    true, target = camera(layout, roll, f_number), Bars()
+    picture = brute.expose(render(one_plane(true, target, FOCUS, (0.3, -0.2))), NOISE, 3000, np.random.default_rng(8))
+    nominal = nominal_lattice(true, 3000.0)
+    off = np.array([2.0, -1.5])
+    found = lattice_from_bars(
+        picture,
+        replace(nominal, origin_px=nominal.origin_px + off, centres_px=nominal.centres_px + off, vectors_px=nominal.vectors_px * 1.001),
+        true,
+        target,
+        FOCUS,
+        NOISE,
+    )
+    apart = np.hypot(*(found.centres_px[:, None] - nominal.centres_px[None]).transpose(2, 0, 1)).min(axis=1)
+    assert apart.max() < 0.1
+    assert np.all(np.abs(found.origin_px - nominal.origin_px) < 4 * found.origin_uncertainty_px)
+    assert found.origin_uncertainty_px.max() < 0.02
+    assert abs(found.pitch_px - nominal.pitch_px) < 4 * found.pitch_uncertainty_px
+    assert abs(found.inside_radius_px - nominal.inside_radius_px) < 4 * found.inside_uncertainty_px
+    assert abs(found.outside_radius_px - nominal.outside_radius_px) < 4 * found.outside_uncertainty_px
+    assert found.chi2_per_pixel == pytest.approx(1.0, abs=0.1)
+
+
+def test_bars_too_narrow_to_be_white_anywhere_are_refused(brute: Any) -> None:
+    true, target = camera("square", 0.0, 4.0), Bars(cycles_per_mm=(6.0, 10.0))
+    picture = brute.expose(render(one_plane(true, target, FOCUS), tolerance=1e-3), NOISE, 3000, np.random.default_rng(9))
+    with pytest.raises(MeasurementError, match="middle of white bars"):
+        lattice_from_bars(picture, nominal_lattice(true, 3000.0), true, target, FOCUS, NOISE)
