@@ -1,14 +1,16 @@
-"""Writes a run as it goes: documents forced to the disk one by one, frames flushed before the event that names them.
+"""Writes a run as it goes, in a thread of its own: every frame before the event that names it, documents forced to the disk one by one.
 
 The dataset of frames is allocated at its full size before the first frame: adding a frame changes nothing else in the file, so it can be
-read whenever the writer was killed, and gone on with.
+read whenever the writer was killed, and gone on with. Pixels go into it past HDF5, whose lock would hold up everything else meanwhile.
 """
 
 import contextlib
 import json
 import os
+import queue
 import shutil
-from collections.abc import Generator, Mapping
+import threading
+from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -29,6 +31,10 @@ Picture = npt.NDArray[np.uint16]
 class Recording:
     """Writes the documents and frames of one run; usable as a callback of a bluesky engine.
 
+    What is handed over is written while the run goes on, in that order. ``frame`` returns when everything before it is on the disk, so no
+    more than one frame and its event is ever on the way. What could not be written is told by the next call, and nothing that was to
+    follow it is written.
+
     Args:
         folder: the run's, made before.
         frames: how many frames there may be at most.
@@ -48,33 +54,40 @@ class Recording:
         at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
         at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-        with self._beginning(folder):
-            self._documents = (folder / DOCUMENTS).open("x", encoding="utf-8", newline="\n")
-            self._file = h5py.File(folder / FRAMES, "x")
-            self._frames: h5py.Dataset = self._file.create_dataset(DATASET, (frames, *shape), "<u2", dcpl=at_once)
-            self._file.flush()
+        with _beginning(folder):
+            documents = (folder / DOCUMENTS).open("x", encoding="utf-8", newline="\n")
+            with h5py.File(folder / FRAMES, "x") as file:
+                file.create_dataset(DATASET, (frames, *shape), "<u2", dcpl=at_once)
+            self._begin(folder, documents)
         self.recorded = 0
 
-    @contextlib.contextmanager
-    def _beginning(self, folder: Path) -> Generator[None]:
+    def _begin(self, folder: Path, documents: Any) -> None:
         self.folder = folder
+        self._documents = documents
+        with h5py.File(folder / FRAMES, "r") as file:
+            dataset = cast(h5py.Dataset, file[DATASET])
+            self._shape, self._start = cast(tuple[int, int, int], dataset.shape), cast(int, dataset.id.get_offset())
+        self._pixels = (folder / FRAMES).open("r+b", buffering=0)
         self._ended = False
-        try:
-            yield
-        except OSError as error:
-            raise RecordError(f"{folder}: a record cannot be begun there ({error}); give another folder") from error
+        self._fault: RecordError | None = None
+        self._todo: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._writer = threading.Thread(target=self._write, name=f"record in {folder.name}", daemon=True)
+        self._writer.start()
 
     def picture(self, place: int) -> Picture:
         """A frame written before, shape (rows, columns), DN."""
-        return np.asarray(self._frames[place], dtype=np.uint16)
+        self.settle()
+        count = self._shape[1] * self._shape[2]
+        pixels = np.fromfile(self.folder / FRAMES, "<u2", count, offset=self._start + place * 2 * count)
+        return pixels.astype(np.uint16, copy=False).reshape(self._shape[1:])
 
     def frame(self, picture: Picture) -> int:
-        """Write a frame and flush it; returns its place in the dataset.
+        """Hand over a frame, not to be changed any more; returns its place in the dataset.
 
         Raises:
-            RecordError: it does not fit, or the disk does not take it.
+            RecordError: it does not fit, or the disk did not take what was handed over before.
         """
-        count, rows, columns = self._frames.shape
+        count, rows, columns = self._shape
         if picture.shape != (rows, columns):
             raise RecordError(
                 f"{self.folder}: the camera gives pictures of {picture.shape[1]} x {picture.shape[0]} pixels, its camera file says "
@@ -82,33 +95,70 @@ class Recording:
             )
         if self.recorded == count:
             raise RecordError(f"{self.folder}: the record has room for {count} frames and they are taken; plan for more")
-        try:
-            self._frames[self.recorded] = picture
-            self._file.flush()
-        except (OSError, RuntimeError) as error:  # HDF5 tells of a full disk as either
-            raise RecordError(f"{self.folder}: a frame could not be written ({_in_a_line(error)}); make room and start again") from error
-        self.recorded += 1
-        return self.recorded - 1
+        self.settle()
+        place, self.recorded = self.recorded, self.recorded + 1
+        self._todo.put(lambda: self._attempt("a frame", lambda: self._write_frame(place, picture)))
+        return place
 
     def document(self, name: str, doc: Mapping[str, Any]) -> None:
-        """Write a document; all but where a frame lies, which the event after it names, are on the disk before this returns.
+        """Hand over a document.
 
         Raises:
-            RecordError: the disk does not take it.
+            RecordError: the disk did not take what was handed over before.
         """
-        self._ended = name == "stop"
         line = json.dumps({"name": name, "doc": doc}, default=_plain)
-        try:
-            self._documents.write(line + "\n")
-            self._documents.flush()
-            if name != "stream_datum":
-                os.fsync(self._documents.fileno())
-        except OSError as error:
-            raise RecordError(f"{self.folder}: a document could not be written ({error}); make room and start again") from error
+        self._raise_fault()
+        self._todo.put(lambda: self._attempt("a document", lambda: self._write_document(name, line)))
+
+    def settle(self) -> None:
+        """Wait until everything handed over is on the disk.
+
+        Raises:
+            RecordError: the disk did not take it.
+        """
+        self._wait()
+        self._raise_fault()
+
+    def _wait(self) -> None:
+        if self._writer.is_alive():
+            done = threading.Event()
+            self._todo.put(done.set)
+            done.wait()
+
+    def _raise_fault(self) -> None:
+        if self._fault is not None:
+            self._wait()
+            fault, self._fault = self._fault, None
+            raise fault
+
+    def _write(self) -> None:
+        while (job := self._todo.get()) is not None:
+            job()
+
+    def _attempt(self, what: str, write: Callable[[], None]) -> None:
+        if self._fault is None:
+            try:
+                write()
+            except Exception as error:  # whatever it is, the thread goes on, or those who wait for it would for ever
+                self._fault = RecordError(f"{self.folder}: {what} could not be written ({_in_a_line(error)}); make room and start again")
+
+    def _write_frame(self, place: int, picture: Picture) -> None:
+        pixels: Any = np.ascontiguousarray(picture, dtype="<u2")
+        left = memoryview(pixels).cast("B")
+        self._pixels.seek(self._start + place * len(left))
+        while left:
+            left = left[self._pixels.write(left) :]
+
+    def _write_document(self, name: str, line: str) -> None:
+        self._documents.write(line + "\n")
+        self._documents.flush()
+        if name != "stream_datum":  # the event after it is
+            os.fsync(self._documents.fileno())
+        self._ended = name == "stop"
 
     def stream_resource(self, uid: str, data_key: str) -> dict[str, Any]:
         """The document that says where frames lie; its path is relative to the run's folder."""
-        parameters = {"dataset": f"/{DATASET}", "chunk_shape": (1, *self._frames.shape[1:])}
+        parameters = {"dataset": f"/{DATASET}", "chunk_shape": (1, *self._shape[1:])}
         return {
             "uid": uid, "data_key": data_key, "mimetype": "application/x-hdf5", "uri": FRAMES, "parameters": parameters, "run_start": "",
         }  # fmt: skip
@@ -120,20 +170,35 @@ class Recording:
             (self.folder / name).unlink()
 
     def close(self) -> None:
-        """End both files; where the run has ended write the sums of the folder's files. May be called again."""
-        if self._file:
+        """Write what is left and end both files; where the run has ended write the sums of the folder's files. May be called again.
+
+        Raises:
+            RecordError: the disk did not take it all.
+        """
+        if self._writer.is_alive():
             self._close_files()
             if self._ended:
                 write_sums(self.folder, SUMMED)
+        self._raise_fault()
 
     def _close_files(self) -> None:
+        self._todo.put(None)
+        self._writer.join()
         try:
+            self._pixels.close()
             self._documents.close()
-            self._file.close()
-        except (OSError, RuntimeError) as error:
+        except OSError as error:
             raise RecordError(
                 f"{self.folder}: its files could not be closed ({_in_a_line(error)}); make room, the record is whole"
             ) from error
+
+
+@contextlib.contextmanager
+def _beginning(folder: Path) -> Generator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RecordError(f"{folder}: a record cannot be begun there ({error}); give another folder") from error
 
 
 def _in_a_line(error: BaseException) -> str:
@@ -153,13 +218,11 @@ class ContinuedRecording(Recording):
     def __init__(self, folder: Path) -> None:
         run = read_run(folder)
         file = folder / DOCUMENTS
-        with self._beginning(folder):
+        with _beginning(folder):
             (folder / SUMS).unlink(missing_ok=True)  # the documents grow: written anew at the end
             with file.open("rb+") as documents:
                 documents.truncate(file.read_bytes().rfind(b"\n") + 1)
-            self._documents = file.open("a", encoding="utf-8", newline="\n")
-            self._file = h5py.File(folder / FRAMES, "r+")
-            self._frames = cast(h5py.Dataset, self._file[DATASET])
+            self._begin(folder, file.open("a", encoding="utf-8", newline="\n"))
         self.recorded = 1 + max((frame.index for frame in run.frames), default=-1)  # a frame without its event is written over
 
     def discard(self) -> None:
