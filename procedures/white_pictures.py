@@ -4,6 +4,8 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 from bluesky import Msg
 from bluesky import plan_stubs as bps
 
@@ -29,10 +31,10 @@ RUN_UP = {"mm": 0.05, "rad": 0.01}  # more than any backlash here
 
 @dataclass(frozen=True)
 class Seen:
-    """What a white picture shows, and the camera where the stages said it stood."""
+    """A white picture, the camera where the stages said it stood, and how the array is turned."""
 
     camera: Camera
-    lattice: Lattice
+    picture: npt.NDArray[np.uint16]
     attitude: Attitude
 
 
@@ -68,9 +70,14 @@ class Looking:
         yield from keep(self.frames, self.stages, self.bench.iris, self.bench.target)
         self.pictures += 1
         picture, camera, noise = self.frames.latest.picture, self.camera, sensor_noise(self.bench)
-        rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
-        lattice = find_lattice(picture, camera.array.layout, rough, noise, cone_of(camera))
-        return Seen(camera, lattice, measure_attitude(measure_micro_images(picture, lattice, noise), lattice, camera))
+        # Without fall-off: that of an array still tilted is not the description's, and would be taken for a tilt.
+        lattice = find_lattice(picture, camera.array.layout, rough_pitch_px(camera), noise)
+        return Seen(camera, picture, measure_attitude(measure_micro_images(picture, lattice, noise), lattice, camera))
+
+    def lattice(self, seen: Seen) -> Lattice:
+        """The lattice that a picture shows, of an array that stands straight: with the fall-off of slanted light."""
+        camera = seen.camera
+        return find_lattice(seen.picture, camera.array.layout, rough_pitch_px(camera), sensor_noise(self.bench), cone_of(camera))
 
     @property
     def camera(self) -> Camera:
@@ -79,6 +86,11 @@ class Looking:
         if self.bench.axis_of("sensor.z") is None:
             return optics
         return replace(optics, sensor=replace(optics.sensor, distance=self.bench.world("sensor.z")))
+
+
+def rough_pitch_px(camera: Camera) -> float:
+    """How far micro-images should lie apart."""
+    return camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
 
 
 def straight(optics: Camera, f_number: float) -> Camera:
