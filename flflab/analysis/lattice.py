@@ -127,10 +127,9 @@ def _fit(
     counts = half_counts(rough.vectors, picture.shape, sum(rough.radii) + 2)
     present = np.ones((2 * counts[0] + 1, 2 * counts[1] + 1), dtype=np.bool_)
     half_size, whole = 1.5 * pitch, max(picture.shape) / 2 + 1
-    while half_size < whole:
-        model = refine(picture, model, present, noise, _sparse(half_size, pitch, 80), ROUGHLY, 12, 0.02)
+    for part in (half_size, *(half_size * 3**n for n in range(1, 20) if half_size * 3**n < whole)):
+        model = refine(picture, model, present, noise, _sparse(min(part, whole), pitch, 80), ROUGHLY, 12, 0.02)
         _require_settled(model, pitch)
-        half_size *= 3
     present = micro_images_present(picture, model, counts, noise)
     model, free = (model, WITHOUT_SLANT) if cone is None else (replace(model, cone=cone), FULLY)
     model = refine(picture, model, present, noise, _sparse(whole, pitch, 150), free, 8, 1e-3)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flflab.analysis.lattice import find_lattice
 from flflab.analysis.measure import measure
 from flflab.analysis.noise import SensorNoise, estimate_noise
 from flflab.errors import InputError
@@ -86,6 +87,18 @@ def test_noise_is_estimated_from_a_picture(brute: Any) -> None:
     assert found.dn_per_electron == pytest.approx(0.3, rel=0.15)
     assert found.read_noise_dn == pytest.approx(2.0, abs=0.7)
     assert found.offset_dn == pytest.approx(64.0, abs=1.0)
+
+
+def test_darkness_cut_at_zero_and_coarse_steps_are_not_taken_for_a_picture_without_noise(brute: Any) -> None:
+    white = brute.white_picture(RESOLUTION[::-1], "square", 120.0, 0.0, (379.5, 259.5), 40.0, 10.0)
+    cut = SensorNoise(dn_per_electron=0.4, read_noise_dn=0.8, offset_dn=0.0, full_scale_dn=4095.0)
+    coarse = 6 * brute.expose(white, cut, 3000, np.random.default_rng(4))
+    found = estimate_noise(coarse)
+    assert 3.0 < found.read_noise_dn < 7.0  # 4.8, half of it cut off
+    assert found.dn_per_electron == pytest.approx(2.4, rel=0.15)
+    lattice = find_lattice(coarse, "square", 121.0, found)
+    assert lattice.inside_radius_px == pytest.approx(30.0, abs=0.1)
+    assert lattice.chi2_per_pixel < 2
 
 
 def test_variance_is_shot_read_and_rounding() -> None:

@@ -1,6 +1,7 @@
 """The radii of bright and total field, micro-image by micro-image, against closed forms and brute force."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 
 from flflab.analysis.lattice import find_lattice
 from flflab.analysis.measure import measure
-from flflab.analysis.micro_images import MicroImages, every_micro_image
+from flflab.analysis.micro_images import every_micro_image
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import cone_of
+from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import one_plane, without
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
@@ -111,13 +113,18 @@ def test_a_micro_image_unlike_the_others_does_not_pass_for_one_of_them(brute: An
 
 
 @pytest.mark.ci
-def test_fall_off_draws_no_single_centre_aside(brute: Any) -> None:
-    camera = brute.camera(4.0, (1000, 760))
-    away = Camera(camera.main_lens, camera.array, Sensor((1000, 760), 0.00166, 61.15, offset=(2.6, 1.9)), "round", camera.useful)
-    picture = NOISE.offset_dn + 3000 * render(one_plane(away, White(), 506.7016), tolerance=3e-5)
-    lattice = find_lattice(picture, "square", 245.0, NOISE, cone_of(away))
-    each: MicroImages = every_micro_image(picture, lattice, NOISE)
-    known = np.isfinite(each.centres_px[:, 0])
-    whole = known & np.all((lattice.centres_px > 100) & (lattice.centres_px < [900, 660]), axis=1)
-    assert np.count_nonzero(whole) >= 4
-    assert np.abs(each.centres_px[whole] - lattice.centres_px[whole]).max() < 0.01
+def test_fall_off_moves_neither_the_radii_nor_a_single_centre() -> None:
+    array = MicrolensArray("square", (25, 25), (0.4, 0.4), 0.336, (0.917,), 60.0)
+    camera = Camera(MainLens(50.0, 4.0), array, Sensor((760, 560), 0.00166, 61.15), "round", Useful(0.5))
+    for place in ((0.0, 0.0), (2.6, 1.9)):
+        away = replace(camera, sensor=replace(camera.sensor, offset=place))
+        picture = NOISE.offset_dn + 3000 * render(replace(one_plane(away, White(), 506.7016), falloff=Falloff()), tolerance=3e-5)
+        lattice = find_lattice(picture, "square", 245.0, NOISE, cone_of(away))
+        due = closed_form(4.0, 0.917)
+        assert [lattice.inside_radius_px, lattice.outside_radius_px] == pytest.approx(due, abs=0.03)
+        each = every_micro_image(picture, lattice, NOISE)
+        whole = np.all((lattice.centres_px > 100) & (lattice.centres_px < [660, 460]), axis=1)
+        assert np.count_nonzero(whole) >= 1
+        assert np.abs(each.centres_px[whole] - lattice.centres_px[whole]).max() < 0.01
+        for radius, expected in zip((each.inside_px, each.outside_px), due, strict=True):
+            assert np.abs(radius[0, whole] - expected).max() < 0.05
