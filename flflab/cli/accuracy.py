@@ -1,10 +1,11 @@
-"""``flflab accuracy WHAT``: what accuracy costs in time, and where the model holds, as a page, a CSV and a table."""
+"""``flflab accuracy WHAT``: what accuracy costs in time, where the model holds and how well depth is known: a page, a CSV and a table."""
 
 import os
 import platform
 from collections.abc import Callable
 from datetime import UTC, datetime
 from enum import StrEnum
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
@@ -25,16 +26,23 @@ class What(StrEnum):
     IMAGE = "image"
     MEASURE = "measure"
     MODEL = "model"
+    DEPTH = "depth"
 
 
 def accuracy(
     what: Annotated[
         What,
-        typer.Argument(help="image, measure: error against time of pictures and of measured numbers; model: against exact rays"),
+        typer.Argument(
+            help="image, measure: error against time of pictures and of measured numbers; model: against exact rays; "
+            "depth: error of a dot's depth against its distance"
+        ),
     ],
     out: Annotated[Path, typer.Option(help="folder for the page and the CSV, made if need be")] = Path(),
+    camera: Annotated[Path | None, typer.Option(help="camera file (YAML) whose depth is asked for; without it the built-in one")] = None,
 ) -> None:
-    """Show what accuracy costs in time, and where the first-order model holds."""
+    """Show what accuracy costs in time, where the first-order model holds, and how well a camera tells depth."""
+    if camera is not None and what is not What.DEPTH:
+        raise InputError(f"--camera {camera}: accuracy {what} has cameras of its own; only depth takes one")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -42,7 +50,8 @@ def accuracy(
     page_file, table_file = (out / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
     console = Console(soft_wrap=True)
     with Console(stderr=True).status(f"accuracy {what}") as status:
-        page, table = {What.IMAGE: _image, What.MEASURE: _measure, What.MODEL: _model}[what](table_file, status.update)
+        ways = {What.IMAGE: _image, What.MEASURE: _measure, What.MODEL: _model, What.DEPTH: partial(_depth, camera)}
+        page, table = ways[what](table_file, status.update)
         write_page(page, page_file)
     console.print(_shown(table))
     for sentence in page.answers:
@@ -83,6 +92,18 @@ def _model(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
     sweeps = sweep_model(tell)
     write_sweeps(sweeps, file)
     return model_page(sweeps, _made(What.MODEL)), model_table(sweeps)
+
+
+def _depth(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
+    from flflab.accuracy.depth import depth_rows, write_depth_table
+    from flflab.accuracy.depth_page import depth_page, depth_summary
+    from flflab.camera_file import read_camera
+    from flflab.cli.new import Kind, built_in
+
+    described = built_in(Kind.CAMERA) if camera is None else camera
+    rows = depth_rows(read_camera(described), tell)
+    write_depth_table(rows, file)
+    return depth_page(rows, described.stem, _made(What.DEPTH)), depth_summary(rows)
 
 
 def _shown(table: PlainTable) -> Table:

@@ -37,11 +37,35 @@ def test_accuracy_leaves_a_page_and_a_table_and_says_where(
     assert len(rows) >= 40
 
 
+@pytest.mark.ci
+def test_depth_of_a_camera_of_ones_own_is_shown_against_distance(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+    ended = flflab("accuracy", "depth", "--camera", small_camera, "--out", tmp_path)
+    assert ended.code == 0, ended.err
+    assert "a dot's depth is wrong by" in " ".join(ended.out.split())
+    assert (tmp_path / "accuracy-depth.html").read_text(encoding="utf-8").count('<img src="data:image/svg+xml;base64,') == 2
+    with (tmp_path / "accuracy-depth.csv").open(encoding="utf-8") as stream:
+        rows = [{name: float(cell or "nan") for name, cell in row.items()} for row in csv.DictReader(stream)]
+    (focus,) = (row for row in rows if abs(row["distance_mm"] - 506.7016) < 1e-3)
+    assert focus["views"] == pytest.approx(focus["model_views"], abs=0.3)
+    assert focus["model_mm"] < focus["stated_mm"] < 5 * focus["model_mm"]
+    assert focus["rms_error_mm"] < 2 * focus["stated_mm"]
+    # s - c = (b/L) c / ((1 + b/L) x): a gap 1 um longer reads as another x and with it another distance
+    x = 60 / 506.7016 + 1 - 60 / 50
+    longer = x * (1.151 / 61.151) / (1.15 / 61.15)
+    assert focus["gap_mm_per_um"] == pytest.approx(abs(60 / (longer - 1 + 60 / 50) - 506.7016), rel=0.01)
+
+
+def test_only_depth_takes_a_camera(flflab: Run, small_camera: Path) -> None:
+    ended = flflab("accuracy", "model", "--camera", small_camera)
+    assert ended.code == 1
+    assert "only depth takes one" in " ".join(ended.err.split())
+
+
 @pytest.mark.parametrize("what", ["bench", "nonsense"])
 def test_accuracy_of_what_there_is_not_is_refused_with_a_list_of_what_there_is(flflab: Run, what: str) -> None:
     ended = flflab("accuracy", what)
     assert ended.code == 2
-    assert f"'{what}' is not one of 'image', 'measure', 'model'" in " ".join(ended.err.split())
+    assert f"'{what}' is not one of 'image', 'measure', 'model', 'depth'" in " ".join(ended.err.split())
 
 
 def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(flflab: Run, tmp_path: Path) -> None:
