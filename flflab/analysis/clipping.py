@@ -26,8 +26,8 @@ from flflab.optics.smms import image_offset
 Array = npt.NDArray[np.float64]
 
 LEAST_BRIGHTNESS = 0.05  # of a spot that is worth a picture
-_ROUNDS = 2  # of fitting the picture of where the spot then seems to be
 _MOST_NODES = 12  # across the pupil; a px of blur takes two
+_DARKEST = 0.04  # share of the light below which the fit does not look
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -49,9 +49,10 @@ def _pixel_light(
     pupil's corners, and ``across`` it.
     """
     r = math.hypot(x, y)
-    low, high = max(-small, r - main), min(small, r + main)
-    if high <= low:
+    area = two_disc_area(small, main, r)
+    if area <= _DARKEST * math.pi * small * small:
         return 0.0
+    low, high = max(-small, r - main), min(small, r + main)
     middle = low
     if abs(main - small) < r:
         middle = min(max((r * r + small * small - main * main) / (2 * r), low), high)
@@ -71,7 +72,7 @@ def _pixel_light(
                 cx, cy = x - spot[0] + beta * (u * to_x - w * to_y), y - spot[1] + beta * (u * to_y + w * to_x)
                 total += weight
                 seen += weight * disc_rectangle_area(radius, cx - 0.5, cx + 0.5, cy - 0.5, cy + 0.5)
-    light = two_disc_area(small, main, r) * seen / max(total, 1e-300)
+    light = area * seen / max(total, 1e-300)
     turn, opening = arc_share(x, y, main, 0.0, 0.0, small)
     if opening > 0.0:
         for n in range(len(along[0])):
@@ -116,6 +117,7 @@ def _pictures(
 
 def without_clipping(
     spots: Spots,
+    seeming: Array,
     own: Lit,
     lattice: Lattice,
     camera: Camera,
@@ -128,6 +130,7 @@ def without_clipping(
 
     Args:
         spots: as fitted.
+        seeming: where they are thought to be, px: what the pictures are of, shape (n, 2).
         own: their micro-images.
         lattice: measured.
         camera: nominal.
@@ -139,7 +142,7 @@ def without_clipping(
     smms = central_smms(camera)
     x, kappa = float(image_offset(smms, 1 / distance)), float(smms.kappa)
     spread = float(blur(smms, 1 / distance)) / camera.sensor.pixel
-    away = np.hypot(*(spots.centres - own.centres).T)
+    away = np.hypot(*(seeming - own.centres).T)
     cut = (away + radius + spread / 2 + 1 > lattice.inside_radius_px) & (away < lattice.outside_radius_px)
     cut &= np.isfinite(spots.covariance[:, 0, 0]) & (spots.brightness > LEAST_BRIGHTNESS)
     if x == 0 or kappa == 0 or not cut.any():
@@ -153,17 +156,13 @@ def without_clipping(
     half = math.ceil(radius + spread / 2 + 3)
     size, width = half + 2, 2 * half + 5
     down = np.stack([np.zeros(np.count_nonzero(cut)), np.arange(np.count_nonzero(cut)) * float(width)], axis=1)
-    middles, bright = own.centres[cut], own.light[cut] * spots.brightness[cut]
-    corners = np.rint(spots.centres[cut]) - size - middles
-    places, light, chi2 = spots.centres[cut] - middles, bright, np.zeros(len(down))
-    for _ in range(_ROUNDS):
-        picture = _pictures(places * by_chief, corners, width, radius * abs(by_chief), main, max(microlens, 1e-3), beta, along, across)
-        picture = picture * np.repeat(light, width)[:, None] + noise.offset_dn
-        there = places - corners + down
-        again = fit_spots(picture, there, half, Lit(there - places, light, own.table), profile, noise)
-        places = spots.centres[cut] - middles - (again.centres - there)
-        light, chi2 = bright / np.maximum(again.brightness, LEAST_BRIGHTNESS), again.chi2_per_pixel
-    centres, left = spots.centres.copy(), spots.chi2_per_pixel.copy()
-    centres[cut] = places + middles
-    left[cut] -= chi2
-    return replace(spots, centres=centres, chi2_per_pixel=left)
+    places, light = seeming[cut] - own.centres[cut], own.light[cut] * spots.brightness[cut]
+    corners = np.rint(seeming[cut]) - size - own.centres[cut]
+    picture = _pictures(places * by_chief, corners, width, radius * abs(by_chief), main, max(microlens, 1e-3), beta, along, across)
+    picture = picture * np.repeat(light, width)[:, None] + noise.offset_dn
+    there = places - corners + down
+    again = fit_spots(picture, there, half, Lit(there - places, light, own.table), profile, noise)
+    centres, chi2 = spots.centres.copy(), spots.chi2_per_pixel.copy()
+    centres[cut] -= again.centres - there
+    chi2[cut] -= again.chi2_per_pixel
+    return replace(spots, centres=centres, chi2_per_pixel=chi2)

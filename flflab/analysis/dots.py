@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import ProfileTable
 from flflab.analysis.registration import sensor_position
 from flflab.analysis.spot_search import HALF, SEARCH_PX, Candidates, find_spots, law_places, usable_pixels
 from flflab.analysis.spots import Spots, illumination
@@ -80,30 +81,30 @@ def count_views(
     seen = find_spots(values, lattice, camera, target, distance, noise)
     spots, candidates, law, radius, spread = seen.spots, seen.candidates, seen.law, seen.radius, seen.spread
     # the brightest half of the well lit spots are whole: they say what a dot's full light is
-    level = _full_light(spots, candidates, lattice)
+    level = _full_light(spots, candidates, lattice, seen.table)
     doubts = _centre_doubts(spots, candidates, lattice, radius, spread)
     worse = doubts.max(axis=1)
     agreed, agreed_doubts = _agreed_centres(spots, worse, candidates, lattice, camera, target, law)
     decided = Decided(spots, doubts, np.where((agreed_doubts < worse)[:, None], agreed, spots.centres), np.minimum(agreed_doubts, worse))
-    return tuple(_views(dot, decided, candidates, lattice, camera, level, distance) for dot in range(len(target.centres)))
+    return tuple(_views(dot, decided, candidates, lattice, seen.table, camera, level, distance) for dot in range(len(target.centres)))
 
 
-def _full_light(spots: Spots, candidates: Candidates, lattice: Lattice) -> float:
+def _full_light(spots: Spots, candidates: Candidates, lattice: Lattice, table: ProfileTable) -> float:
     """Brightness of a whole dot over that of a white target: the well lit spots', or 1 (equal exposures) where there are none."""
     away = np.hypot(*(spots.centres - lattice.centres_px[candidates.lens]).T)
-    lit = (illumination(lattice, away) > HALF) & np.isfinite(spots.covariance[:, 2, 2]) & (spots.brightness > 0.05)
+    lit = (illumination(table, away) > HALF) & np.isfinite(spots.covariance[:, 2, 2]) & (spots.brightness > 0.05)
     if not lit.any():
         return 1.0
     bright = spots.brightness[lit]
     return float(np.median(bright[bright >= np.median(bright)]))
 
 
-def _margins(centres: Array, lens: Whole, lattice: Lattice, camera: Camera) -> tuple[Array, Array]:
+def _margins(centres: Array, lens: Whole, lattice: Lattice, table: ProfileTable, camera: Camera) -> tuple[Array, Array]:
     """How far each centre lies inside its micro-image's useful region, px (negative: outside), and how sure the region's edge is."""
     own = lattice.centres_px[lens]
     away = np.hypot(*(centres - own).T)
-    limit = min(_radius_of(lattice, camera.useful.minimum_illumination), (lattice.inside_radius_px + lattice.outside_radius_px) / 2)
-    blocked = _radius_of(lattice, camera.useful.maximum_crosstalk)
+    limit = min(_radius_of(lattice, table, camera.useful.minimum_illumination), (lattice.inside_radius_px + lattice.outside_radius_px) / 2)
+    blocked = _radius_of(lattice, table, camera.useful.maximum_crosstalk)
     margin = limit - away
     width, height = camera.sensor.resolution
     low, high = np.array([-0.5, -0.5]), np.array([width - 0.5, height - 0.5])
@@ -119,12 +120,12 @@ def _margins(centres: Array, lens: Whole, lattice: Lattice, camera: Camera) -> t
     return np.where(centre_inside, margin, -np.inf), np.full(len(centres), edge_sure)
 
 
-def _radius_of(lattice: Lattice, share: float) -> float:
+def _radius_of(lattice: Lattice, table: ProfileTable, share: float) -> float:
     """Radius at which the measured illumination falls to ``share``."""
     if share <= 0:
         return lattice.outside_radius_px
     r = np.linspace(lattice.outside_radius_px, lattice.inside_radius_px, 4001)
-    return float(np.interp(share, illumination(lattice, r), r))
+    return float(np.interp(share, illumination(table, r), r))
 
 
 @dataclass(frozen=True)
@@ -183,13 +184,14 @@ def _views(
     decided: Decided,
     candidates: Candidates,
     lattice: Lattice,
+    table: ProfileTable,
     camera: Camera,
     level: float,
     distance: float,
 ) -> DotViews:
     mine = np.flatnonzero(candidates.dot == dot)
     spots, lens = decided.spots, candidates.lens[mine]
-    margin, edge = _margins(decided.places[mine], lens, lattice, camera)
+    margin, edge = _margins(decided.places[mine], lens, lattice, table, camera)
     doubt = np.hypot(decided.place_doubts[mine], edge)
     light = spots.brightness[mine] / level
     light_doubt = np.sqrt(np.minimum(spots.covariance[mine, 2, 2], 1.0)) / level

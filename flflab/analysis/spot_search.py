@@ -1,7 +1,7 @@
 """The images of round dots in a picture of many micro-images: found round where the nominal camera puts them, and fitted."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
@@ -48,6 +48,7 @@ class SeenSpots:
         law: where the spots lie, as ``law_places`` reads it, shape (5, 2).
         radius: of a spot in focus, px.
         spread: diameter of the blur, px.
+        table: how light falls off within a micro-image.
     """
 
     spots: Spots
@@ -55,6 +56,7 @@ class SeenSpots:
     law: Array
     radius: float
     spread: float
+    table: ProfileTable
 
 
 def find_spots(
@@ -76,19 +78,20 @@ def find_spots(
         candidates = _candidates(lattice, camera, target, law, half)
         places, regressors = law_places(lattice, camera, target, law, candidates)
         profile, own = defocused_dot(radius, spread), lit(lattice, candidates.lens, shape, table)
-        spots = fit_spots(values, places, half, own, profile, noise)
-        spots = without_clipping(spots, own, lattice, camera, distance, radius, profile, noise)
-        seen = SeenSpots(spots, candidates, law, radius, spread)
+        fitted = fit_spots(values, places, half, own, profile, noise)
+        spots = without_clipping(fitted, fitted.centres, own, lattice, camera, distance, radius, profile, noise)
+        seen = SeenSpots(spots, candidates, law, radius, spread, table)
         # centroids of cut spots leave the law, and with it the radius, a little wrong; the fitted centres do not
         away = np.hypot(*(spots.centres - own.centres).T)
-        good = (illumination(lattice, away) > HALF) & np.isfinite(spots.covariance[:, 0, 0]) & (spots.brightness > 0.05)
+        good = (illumination(table, away) > HALF) & np.isfinite(spots.covariance[:, 0, 0]) & (spots.brightness > 0.05)
         if not good.any():
             break
         offsets = sensor_position(camera.sensor, spots.centres) - sensor_position(camera.sensor, own.centres)
         law = _regress(law, regressors[good], offsets[good], camera.sensor.pixel)
         before, radius = radius, target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
         if abs(radius - before) < RADIUS_SETTLED_PX:
-            break
+            spots = without_clipping(fitted, spots.centres, own, lattice, camera, distance, before, profile, noise)
+            return replace(seen, spots=spots)
     return seen  # pyright: ignore[reportPossiblyUnboundVariable]
 
 
@@ -145,14 +148,14 @@ def _register(
 ) -> tuple[Array, float]:
     """The law that the spots themselves follow, and a spot's radius in px: centroids in shrinking windows, robustly regressed."""
     radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
-    law = law + _shift(values, lattice, camera, target, law, radius, noise)
+    law = law + _shift(values, lattice, camera, target, law, radius, table, noise)
     for search in (SEARCH_PX, SEARCH_PX / 2, 3.0):
         candidates = _candidates(lattice, camera, target, law, 0.0)
         places, regressors = law_places(lattice, camera, target, law, candidates)
         half = math.ceil(radius + spread / 2 + search)
         own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table)
         centroids, total = flat_centroids(values, places, half, radius, own, noise)
-        whole = _well_lit(places, centroids, total, lattice, candidates, radius)
+        whole = _well_lit(places, centroids, total, lattice, candidates, radius, table)
         if not whole.any():
             return law, radius
         offsets = sensor_position(camera.sensor, centroids) - sensor_position(camera.sensor, lattice.centres_px)[candidates.lens]
@@ -178,7 +181,14 @@ def _box_means(
 
 
 def _shift(
-    values: npt.NDArray[Any], lattice: Lattice, camera: Camera, target: FourDot, law: Array, radius: float, noise: SensorNoise
+    values: npt.NDArray[Any],
+    lattice: Lattice,
+    camera: Camera,
+    target: FourDot,
+    law: Array,
+    radius: float,
+    table: ProfileTable,
+    noise: SensorNoise,
 ) -> Array:
     """The common shift, in steps of half a radius, that puts most well lit places of dots on light; as a change of the law."""
     columns, rows = camera.sensor.resolution
@@ -198,7 +208,7 @@ def _shift(
     light[seen] -= noise.offset_dn
     dark = float(np.median(np.asarray(values[:: max(1, rows // 300), :: max(1, columns // 300)], dtype=np.float64))) - noise.offset_dn
     bright = max(float(np.quantile(light[seen], 0.98)) - dark, 1e-9) if seen.any() else 1.0
-    share = illumination(lattice, np.hypot(*np.moveaxis(moved - centres[None], 2, 0))) * seen
+    share = illumination(table, np.hypot(*np.moveaxis(moved - centres[None], 2, 0))) * seen
     # light where the dots should be counts for, its absence against; the nearest of equals wins
     score = np.where(share > HALF, np.clip((light - dark) / bright, 0, share) - 0.5 * share, 0.0).sum(axis=1) - 1e-3 * np.hypot(i, j)
     best = int(np.argmax(score))
@@ -208,7 +218,7 @@ def _shift(
 
 
 def _well_lit(
-    places: Array, centroids: Array, total: Array, lattice: Lattice, candidates: Candidates, radius: float
+    places: Array, centroids: Array, total: Array, lattice: Lattice, candidates: Candidates, radius: float, table: ProfileTable
 ) -> npt.NDArray[np.bool_]:
     """Spots that hold enough light, where there is enough, to say where the dots are.
 
@@ -216,7 +226,7 @@ def _well_lit(
         MeasurementError: none, though the nominal camera puts some well inside a bright field.
     """
     own = lattice.centres_px[candidates.lens]
-    lit = illumination(lattice, np.hypot(*(centroids - own).T)) > HALF
+    lit = illumination(table, np.hypot(*(centroids - own).T)) > HALF
     enough = total > 0.25 * np.pi * radius**2 * max(float(np.quantile(total, 0.98)) / (np.pi * radius**2), 0.1) if len(total) else lit
     expected = np.hypot(*(places - own).T) + WIDEST_SHIFT_PX < (lattice.inside_radius_px + lattice.outside_radius_px) / 2
     if expected.any() and not (lit & enough).any():

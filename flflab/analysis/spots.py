@@ -55,9 +55,8 @@ class Lit:
     table: ProfileTable
 
 
-def illumination(lattice: Lattice, distance: Array) -> Array:
+def illumination(table: ProfileTable, distance: Array) -> Array:
     """Relative illumination at distances in px from the centre of a micro-image, 1 inside."""
-    table = illumination_table(lattice)
     return np.interp(distance / table.step, np.arange(len(table.values)), table.values[:, 0])
 
 
