@@ -94,8 +94,9 @@ class Shot:
 
 @dataclass(frozen=True)
 class Picture:
-    """A frame with what is computed of it as soon as it is there: its checksum, and how many pixels are saturated."""
+    """A frame, what it is for, and what is computed of it as soon as it is there: its checksum, and how many pixels are saturated."""
 
+    shot: Shot
     frame: Frame
     crc32: str
     saturated: int
@@ -126,7 +127,7 @@ class Frames:
         self.light = Triggered("light", self._expose)
         self.arrival = Triggered("arrival", lambda: self._arriving)
         self._arriving = Status("nothing was asked for")
-        self._picture: Picture | None = None
+        self.arrived: Picture | None = None
         self._resource = str(uuid.uuid4())
         self._told = False
 
@@ -146,12 +147,13 @@ class Frames:
     def _expose(self) -> Status:
         exposed, arriving = Status(f"{self.name}: expose"), Status(f"{self.name}: take a picture")
         self._arriving = arriving
+        shot = self.shot
 
         def take() -> None:
             try:
                 self.latest = frame = self.camera.grab(exposed.complete)
                 saturated = int(np.count_nonzero(frame.picture >= self.camera.full_scale))
-                self._picture = Picture(frame, checksum(frame.picture), saturated)
+                self.arrived = Picture(shot, frame, checksum(frame.picture), saturated) if shot else None
             except Exception as error:
                 exposed.complete(error)
                 arriving.complete(error)
@@ -168,7 +170,7 @@ class Frames:
         Raises:
             DeviceError: there is none.
         """
-        shot, picture = self.shot, self._picture
+        shot, picture = self.shot, self.arrived
         if shot is None or picture is None:
             raise DeviceError(f"{self.name}: asked for a picture before one was taken; prepare and trigger first")
         frame = picture.frame
@@ -198,9 +200,9 @@ class Frames:
 
     def collect_asset_docs(self, index: int | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
         """Write the last picture to the record; the documents that say where it lies."""
-        if self._picture is None or self.shot is None:
+        if self.arrived is None or self.shot is None:
             return
-        place = self._recording.frame(self._picture.frame.picture)
+        place = self._recording.frame(self.arrived.frame.picture)
         self.places[self.shot.key] = place
         if not self._told:
             self._told = True

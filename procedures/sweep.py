@@ -104,7 +104,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
             owed = close_event(frames)
 
     for done, step in enumerate(steps):
-        tell(Progress(done, len(steps), str(step), _left(expected, done, time.monotonic() - began), describe_last(frames)))
+        tell(Progress(done, len(steps), str(step), _left(expected, done, time.monotonic() - began), describe_last(instruments)))
         match step:
             case Home():
                 yield from home(bench.axes, step)
@@ -131,7 +131,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
                     for repeat in range(repeats):
                         yield from taken(Shot(step.key(exposure, repeat), NO_CONFIGURATION, repeat, exposure))
     yield from recorded()
-    tell(Progress(len(steps), len(steps), "done", 0.0, describe_last(frames)))
+    tell(Progress(len(steps), len(steps), "done", 0.0, describe_last(instruments)))
 
 
 def _until(step: CaptureUntil, exposure_s: float, accuracy: Accuracy, taken: Callable[[Shot], Plan], recorded: Callable[[], Plan]) -> Plan:
@@ -148,10 +148,14 @@ def _until(step: CaptureUntil, exposure_s: float, accuracy: Accuracy, taken: Cal
         yield from bps.save()
 
 
-def describe_last(frames: Frames) -> str:
-    """The last frame in a few words."""
-    shot, frame = frames.shot, frames.latest
-    return f"{shot.key}: {frame.exposure_s * 1e3:.3g} ms" if shot and frame else ""
+def describe_last(instruments: Instruments) -> str:
+    """The last frame that arrived in a few words, and how well its MTF is known where that was looked at."""
+    if (last := instruments.frames.arrived) is None:
+        return ""
+    said = f"{last.shot.key}: {last.frame.exposure_s * 1e3:.3g} ms"
+    said += f", {last.saturated} px saturated" if last.saturated else ""
+    looks = instruments.accuracy.looks.get(last.shot.configuration)
+    return said + (f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames" if looks else "")
 
 
 def _left(expected: tuple[float, ...], done: int, elapsed: float) -> float:

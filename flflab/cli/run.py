@@ -164,11 +164,19 @@ def progress_shown() -> Generator["Tell", None, None]:
         task = bar.add_task("connect", total=None)
 
         def tell(step: "Step") -> None:
-            left = f"about {step.seconds_left:.0f} s left" if step.done else ""
+            left = f"about {in_words(step.seconds_left)} left" if step.done else ""
             now = step.step.partition(":")[0]
             bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{step.last}  {left}[/dim]")
 
         yield tell
+
+
+def in_words(seconds: float) -> str:
+    """A duration as people say it: ``40 s``, ``12 min``, ``3 h 20 min``."""
+    minutes = round(seconds / 60)
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def _lines() -> Callable[["Step"], None]:
@@ -177,6 +185,6 @@ def _lines() -> Callable[["Step"], None]:
     def tell(step: "Step") -> None:
         if step.last and told != [step.last]:
             told[:] = [step.last]
-            sys.stderr.write(f"{step.done}/{step.total} {step.last}, about {step.seconds_left:.0f} s left\n")
+            sys.stderr.write(f"{step.done}/{step.total} {step.last}, about {in_words(step.seconds_left)} left\n")
 
     return tell

@@ -57,7 +57,8 @@ def test_a_simulated_sweep_gives_the_same_numbers_on_cores_and_on_a_cluster(
     )
     assert [one.configuration for one in here] == list(range(distances * arrays * len(f_numbers)))
     assert here == there
-    assert all(one.looks for one in here)
+    assert sum(bool(one.looks) for one in here) > 0.9 * len(here)  # at some places bars are too blurred to be measured
+    assert all(one.looks or one.why for one in here)
 
 
 def timed(what: str, found: Iterator[Found]) -> list[Found]:
