@@ -106,6 +106,13 @@ class Configuration:
     yaw: float | None = None
     roll: float | None = None
 
+    @property
+    def besides(self) -> str:
+        """What is set beside f-number and distances, in words; empty where nothing is."""
+        turned = {"pitch": self.pitch, "yaw": self.yaw, "roll": self.roll}
+        lens = [f"main lens at {self.main_lens:g} mm"] if self.main_lens else []
+        return ", ".join([*lens, *(f"{name} {math.degrees(angle):g} deg" for name, angle in turned.items() if angle is not None)])
+
     def camera(self, optics: Camera) -> Camera:
         """The bench's camera in this configuration."""
         array = optics.array

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from flflab.bench import Bench, read_bench
 from flflab.cli.new import Kind, built_in
+from flflab.cli.run import in_words
 from flflab.errors import InputError
 from flflab.expectation import Expectation, expect_all
 from flflab.study import Study, read_study
@@ -40,7 +41,7 @@ def plan(
     table.add_column("what")
     table.add_column("s", justify="right")
     for number, (step, seconds) in enumerate(zip(to_do, lasting, strict=True), start=1):
-        table.add_row(str(number), str(step), f"{seconds:.1f}")
+        table.add_row(str(number), str(step), f"{seconds:.2f}")
     most = most_frames(to_do)
     columns, rows = described.optics.sensor.resolution
     console = Console(width=None if Console().is_terminal else 140)
@@ -48,7 +49,7 @@ def plan(
     console.print(_expected_table(expected, read))
     console.print(
         f"{len(to_do)} steps, at most {most} frames ({most * columns * rows * 2 / 1e9:.2f} GB), "
-        f"about {sum(lasting) / 60:.1f} min at the stages' own speed; within limits, and the gap holds on the way."
+        f"about {in_words(sum(lasting))} at the stages' own speed; within limits, and the gap holds on the way."
     )
 
 
@@ -67,8 +68,12 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
     wanted = study.description.mtf_standard_uncertainty
     asked = "" if wanted is None else f", {wanted:g} asked for"
     table = Table(box=box.SIMPLE_HEAD, title=f"Expected standard uncertainty of the MTF{asked}")
-    for head in ("", "F/", "target mm", "exposure ms", "frames", "uncertainty"):
+    for head in ("", "F/", "target mm", "array mm", "sensor mm", "exposure ms", "frames"):
         table.add_column(head, justify="right")
+    table.add_column("uncertainty")
+    besides = any(setting.besides for setting in study.configurations)
+    if besides:
+        table.add_column("set besides")
     for one in expected:
         setting = study.configurations[one.configuration]
         last = one.looks[-1] if one.looks else None
@@ -76,8 +81,8 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
         if last is not None and wanted is not None and last.uncertainty > wanted:
             said += f", not reached with {last.frames} frames"
         frames = "" if last is None else str(last.frames)
-        row = str(one.configuration), f"{setting.f_number:g}", f"{setting.distance:g}", f"{1e3 * one.exposure_s:.3g}", frames, said
-        table.add_row(*row)
+        place = f"{setting.f_number:g}", f"{setting.distance:g}", f"{setting.array:g}", f"{setting.sensor:.4f}"
+        table.add_row(str(one.configuration), *place, f"{1e3 * one.exposure_s:.3g}", frames, said, *([setting.besides] if besides else []))
     return table
 
 
@@ -85,14 +90,13 @@ def _write(expected: list[Expectation], study: Study, file: Path) -> None:
     try:
         with file.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream)
-            writer.writerow(
-                ["configuration", "f_number", "distance_mm", "array_mm", "sensor_mm", "exposure_s", "frames", "mtf_standard_uncertainty"]
-            )
+            places = "configuration", "f_number", "distance_mm", "array_mm", "sensor_mm"
+            writer.writerow([*places, "exposure_s", "frames", "mtf_standard_uncertainty", "besides"])
             for one in expected:
                 setting = study.configurations[one.configuration]
                 look = one.looks[-1] if one.looks else None
                 place = setting.index, setting.f_number, setting.distance, setting.array, setting.sensor
-                numbers = one.exposure_s, "" if look is None else look.frames, "" if look is None else look.uncertainty
+                numbers = one.exposure_s, "" if look is None else look.frames, "" if look is None else look.uncertainty, setting.besides
                 writer.writerow([f"{value:.10g}" if isinstance(value, float) else value for value in (*place, *numbers)])
     except OSError as error:
         raise InputError(f"--out {file}: cannot be written ({error.strerror}); give a place you may write in") from error

@@ -125,6 +125,7 @@ def diffraction_sentence(evaluation: Evaluation) -> str:
 def _panel(evaluation: Evaluation, one: Measured, model: Predicted, run: Run, study: Study) -> Panel:
     index = one.configuration.index
     title = f"{index}: F/{one.configuration.f_number:g}, D = {model.distance:.1f} mm, b = {model.camera.gap:.4f} mm"
+    title += f", {one.configuration.besides}" if one.configuration.besides else ""
     first = {frame.target: frame for frame in reversed(run.frames) if frame.configuration == index}
     shown, ruled = first.get(study.dots.kind), first.get(study.bars.kind)
     dots = frames.dots_frame(run.picture(shown), one, model, study.dots) if shown else None

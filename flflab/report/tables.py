@@ -95,8 +95,9 @@ def settings_table(study: Study, evaluation: Evaluation) -> Table:
 def _settings(one: Measured, model: Predicted, reference: int) -> tuple[str, ...]:
     smms, camera, vergence = central_smms(model.camera), model.camera, 1 / model.distance
     index = one.configuration.index
+    said = ", ".join(filter(None, ("reference" if index == reference else "", one.configuration.besides)))
     return (
-        f"{index} (reference)" if index == reference else str(index), number(one.configuration.f_number, 4),
+        f"{index} ({said})" if said else str(index), number(one.configuration.f_number, 4),
         f"{model.distance:.4f}", f"{camera.array.distance:.4f}", f"{camera.sensor.distance:.4f}", f"{camera.gap:.4f}",
         number(float(virtual_depth(smms, vergence)), 5), number(float(magnification(smms, vergence)), 5),
         f"{model.blur_px:.2f}", number(airy_diameter(camera, model.distance) / camera.sensor.pixel, 3),

@@ -67,6 +67,7 @@ def test_a_grid_runs_over_every_stage_and_the_f_number(describe: Describe) -> No
         },
         targets=["bars"],
     )  # fmt: skip
+    assert study.configurations[0].besides == "main lens at -1 mm, pitch 0 deg, yaw -0.2 deg, roll 0 deg"
     every = itertools.product((2.8, 4), (-1, 0), (59.8, 60), (61.1, 61.2), (-500, -515), (-0.2, 0.2), (0, 0.1), (0, 1))
     assert Counter(settings_of_the_points(study, bench)) == Counter(2 * [tuple(float(value) for value in one) for one in every])
 
