@@ -96,6 +96,7 @@ def _normal_equations(
     present: npt.NDArray[np.bool_],
     noise: SensorNoise,
     region: Region,
+    free: Whole,
 ) -> tuple[Array, Array, float, int]:
     height, width = picture.shape
     table = model.table
@@ -115,6 +116,7 @@ def _normal_equations(
         noise.dn_per_electron,
         noise.full_scale_dn,
         noise.offset_dn,
+        int(free.max()) + 1,
     )
     bands = np.array_split(rows, max(1, 4 * numba.get_num_threads() if len(rows) > 64 else 1))
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
@@ -216,7 +218,7 @@ def refine(
 ) -> LatticeModel:
     """Gauss-Newton on one region until no micro-image centre in it moves by more than ``tolerance_px``."""
     for _ in range(iterations):
-        normal, right, chi2, count = _normal_equations(picture, model, present, noise, region)
+        normal, right, chi2, count = _normal_equations(picture, model, present, noise, region, free)
         model, step = _stepped(model, normal, right, free, chi2 / max(count, 1))
         if not np.isfinite(model.values).all():
             break
@@ -235,7 +237,7 @@ def finish(
     free: Whole,
 ) -> LatticeModel:
     """A step by a region's pixels, then one with the gradient of every pixel and that curvature: as good as the whole fit."""
-    normal, right, chi2, sampled = _normal_equations(picture, model, present, noise, region)
+    normal, right, chi2, sampled = _normal_equations(picture, model, present, noise, region, free)
     model = _stepped(model, normal, right, free, chi2 / max(sampled, 1))[0]
     right, chi2, count = _whole_gradient(picture, model, present, noise)
     return _stepped(model, normal * (count / max(sampled, 1)), right, free, chi2 / max(count, 1))[0]

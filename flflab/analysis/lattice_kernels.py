@@ -30,10 +30,12 @@ def accumulate(
     gain: float,
     ceiling: float,
     offset_dn: float,
+    wanted: int,
 ) -> tuple[Array, Array, float, int]:  # pragma: no cover - compiled
     """Normal matrix, right side, chi^2 and number of pixels of every so manieth column of some rows.
 
-    ``lights`` holds each micro-image's light and the six terms of the polynomial there; light 0 where there is none.
+    ``lights`` holds each micro-image's light and the six terms of the polynomial there; light 0 where there is none. Of the values the
+    first ``wanted`` are looked at, the others' sums are 0.
     """
     normal = np.zeros((COUNT, COUNT))
     right = np.zeros(COUNT)
@@ -112,11 +114,13 @@ def accumulate(
                 normal[8, 8] += weight
                 continue
             g[8] = 1.0
-            for n in range(COUNT):
+            for n in range(wanted):
                 right[n] += pull * g[n]
                 weighted = weight * g[n]
-                for m in range(COUNT):
+                for m in range(n + 1):
                     normal[n, m] += weighted * g[m]
+    for n in range(wanted):
+        normal[:n, n] = normal[n, :n]
     return normal, right, chi2, count
 
 

@@ -150,15 +150,15 @@ def _origin_and_radii(
     ratio = np.linspace(0.02, 0.9, 23)
     a, share = (grid.ravel() for grid in np.meshgrid(large * pitch, ratio, indexing="ij"))
     b = np.maximum(a * share, 0.3)
-    shapes = (np.pi * a**2 / cell)[:, None] * _jinc(np.outer(a, size)) * _jinc(np.outer(b, size))
+    shapes = (np.pi * a**2 / cell)[:, None] * np.repeat(_jinc(np.outer(large * pitch, size)), len(ratio), axis=0) * _jinc(np.outer(b, size))
     n = 24
     steps = np.arange(n) / n - 0.5
     u, v = (grid.ravel() for grid in np.meshgrid(steps, steps, indexing="ij"))
     turned = amplitude[:, None] * np.exp(2j * np.pi * (indices @ np.stack([u, v])))
     weight = np.where(size > 0, 2.0, 1.0)  # each point but the zeroth stands for itself and its opposite
-    match = (shapes * weight) @ turned.real
-    fit = np.where(match > 0, match**2, 0.0) / ((shapes**2) @ weight)[:, None]
-    best = np.unravel_index(int(np.argmax(fit)), fit.shape)
-    light = float(match[best] / ((shapes[best[0]] ** 2) @ weight))
+    power = (shapes**2) @ weight
+    match = (shapes * (weight / np.sqrt(power)[:, None])) @ turned.real
+    best = np.unravel_index(int(np.argmax(match)), match.shape)
+    light = float(match[best] / math.sqrt(power[best[0]]))
     origin = middle + vectors @ np.array([u[best[1]], v[best[1]]])
     return RoughLattice(vectors, origin, (float(a[best[0]]), float(b[best[0]])), light)

@@ -55,6 +55,7 @@ def test_white_bars_show_the_lattice_where_no_white_picture_was_taken(brute: Any
     assert found.chi2_per_pixel == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.ci
 def test_bars_too_narrow_to_be_white_anywhere_are_refused(brute: Any) -> None:
     true, target = camera("square", 0.0, 4.0), Bars(cycles_per_mm=(6.0, 10.0))
     picture = brute.expose(render(one_plane(true, target, FOCUS), tolerance=1e-3), NOISE, 3000, np.random.default_rng(9))
