@@ -31,7 +31,11 @@ def depth_page(rows: Sequence[Row], camera: str, made: str) -> Page:
                 ),
                 (
                     Picture(_errors(rows), "depth error against distance", _reads(rows)),
-                    Picture(_views(rows), "views and blur against distance", "The depth is known best where the dot has most views."),
+                    Picture(
+                        _views(rows),
+                        "views and blur against distance",
+                        "How many views a dot has, by the model and as measured, and the blur on the sensor.",
+                    ),
                 ),
             ),
             Section(
