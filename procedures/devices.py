@@ -105,7 +105,7 @@ class Picture:
 class Frames:
     """The camera of a procedure: prepared for a shot, triggered, and, where its picture is good, read into the record.
 
-    A picture enters the record when it is read: it is written and flushed before the event that names it. ``light`` and ``arrival`` are
+    A picture enters the record when it is read: it is written before the event that names it. ``light`` and ``arrival`` are
     what can be triggered instead of the whole: the one is done when the light is in and things may move, the other when the picture is
     there.
 
