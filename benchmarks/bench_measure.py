@@ -23,6 +23,7 @@ from skimage.transform import hough_circle, hough_circle_peaks
 from flflab.analysis.contrast import fit_contrast
 from flflab.analysis.dots import count_views
 from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.micro_images import every_micro_image
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import Cone, cone_of
 from flflab.camera_file import read_camera
@@ -74,6 +75,7 @@ def lattice_rows(camera: Camera, repeats: int) -> Lattice:
         row(f"lattice, F/{f_number:g}", partial(found_lattice, white, None), repeats)
         row(f"lattice, F/{f_number:g}, fall-off fitted", partial(found_lattice, white, cone_of(one)), repeats)
         if f_number == 4.0:
+            row("each micro-image by itself, F/4", partial(found_micro_images, white, cone_of(one)), max(1, repeats // 3))
             peers_on_white(white, repeats)
     return find_lattice(frame(camera, White()), "square", 241.0, sensor_noise())
 
@@ -83,6 +85,12 @@ def found_lattice(white: Frame, cone: Cone | None) -> str:
     found = find_lattice(white, "square", 241.0, sensor_noise(), cone)
     pitch = found.pitch_uncertainty_px / found.pitch_px
     return f"{len(found.centres_px)} micro-images, origin +- {np.max(found.origin_uncertainty_px):.5f} px, pitch +- {pitch:.1e}"
+
+
+def found_micro_images(white: Frame, cone: Cone) -> str:
+    """The lattice, then centre and radii of every micro-image, and how sure a bright field's radius is."""
+    found = every_micro_image(white, find_lattice(white, "square", 241.0, sensor_noise(), cone), sensor_noise())
+    return f"{np.count_nonzero(np.isfinite(found.inside_px[0]))} micro-images, bright fields +- {np.nanmedian(found.inside_px[1]):.4f} px"
 
 
 def eight_bits(picture: Frame) -> npt.NDArray[np.uint8]:
