@@ -11,15 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.cards import cards_of, split
+from flflab.image.cards import Card, cards_of, split
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.form import add_plane
 from flflab.image.moments import moments
-from flflab.image.scene import ALL, Scene, without
-from flflab.image.setup import make_setup
+from flflab.image.scene import ALL, Plane, Scene, without
+from flflab.image.setup import Setup, make_setup
 from flflab.image.single_rays import add_single_rays
-from flflab.targets import Bars, Black, FourDot, Picture
+from flflab.targets import Bars, Black, FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
@@ -38,8 +38,8 @@ def render(
     """Form the picture of a scene without noise.
 
     Args:
-        scene: camera and targets; what has a size in mm is a point and black at infinity. Diffraction is left out of the pixels that
-            the edge of a card crosses.
+        scene: camera and targets; what has a size in mm is a point and black at infinity. Where a card stops some of a pixel's
+            rays, what diffraction changes counts by the share of them that pass; the card's own edge bends no light.
         tolerance: largest error asked for, in units of the white level.
         effects: what is formed; an effect that the scene does not have changes nothing.
         wanted: the pixels that matter, [row, column]; the others may hold anything. None for all. Stray light comes from all pixels:
@@ -86,10 +86,25 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
     if cards or setup.crooked.any():
         setup, singly = split(setup, 1 / plane.distance, scene.distortion, cards)
         add_single_rays(image, singly, plane, scene.distortion, cards, wanted)
+        if scene.diffraction is not None and len(singly.blur) and not isinstance(plane.target, White):
+            _bend_past_cards(image, singly, scene, plane, cards, wanted)
     if len(setup.blur) and scene.diffraction is not None:
         add_plane_with_diffraction(image, setup, plane.target, scene.diffraction.wavelength, wanted)
     elif len(setup.blur):
         add_plane(image, setup, plane.target, wanted)
+
+
+def _bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, cards: tuple[Card, ...], wanted: Chosen | None) -> None:
+    """Add what diffraction changes of a plane's light where cards stop some of it: without them, times the share that they let pass."""
+    if scene.diffraction is None:
+        return
+    bent, straight, passed, whole = (np.zeros_like(image) for _ in range(4))
+    add_plane_with_diffraction(bent, setup, plane.target, scene.diffraction.wavelength, wanted)
+    add_plane(straight, setup, plane.target, wanted)
+    add_single_rays(passed, setup, replace(plane, target=White()), scene.distortion, cards, wanted)
+    add_plane(whole, setup, White(), wanted)
+    share = np.divide(passed, whole, out=np.zeros_like(image), where=whole > 0)
+    image += np.clip(share, 0.0, 1.0) * (bent - straight)
 
 
 def transmissions(mosaic: ColourFilter, shape: tuple[int, int]) -> Array:

@@ -229,6 +229,20 @@ def test_fall_off_counts_by_the_mean_over_the_clipped_pupil(lone: Camera) -> Non
     assert np.abs(diffracted(with_falloff)[lit] / diffracted(plain)[lit] - by_rays).max() < 0.003
 
 
+def test_a_card_lets_diffraction_fade_with_the_rays_that_it_stops(lone: Camera) -> None:
+    """As the card moves on, what diffraction changes in the picture does so little by little, also where its edge reaches new pixels."""
+    camera = replace(lone, sensor=Sensor((16, 12), 0.00664, 61.15))
+
+    def change(edge: float) -> Array:
+        card = Plane(White(), 480.0, offset=(edge - 2.0, 0.0), size=(4.0, 4.0))
+        scene = Scene(camera, (card, Plane(Bars((0.5, 1.5), 6.0, 4.0), FOCUS)), diffraction=Diffraction(GREEN))
+        return render(scene) - render(replace(scene, diffraction=None))
+
+    changes = [change(edge) for edge in (-0.16, -0.14, -0.12, -0.10, -0.08)]
+    assert np.abs(changes[0]).max() > 0.05
+    assert np.abs(np.diff(changes, axis=0)).max() < 0.015
+
+
 @pytest.mark.ci
 def test_a_stopped_down_camera_is_softer(with_f_number: Callable[[float], Camera]) -> None:
     """At F/16 the main lens limits: the cutoff falls to the cone that it lets pass."""
