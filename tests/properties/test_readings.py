@@ -91,10 +91,8 @@ def test_a_depth_read_with_the_nominal_camera_is_what_a_bench_with_other_distanc
     centres = Q * (1 + b / L)
     landings = centres - b / (L * x) * Q - point / distance * b / x  # the rays from the point through the microlenses' centres
     to_pixel = (np.array([camera.sensor.resolution[0], camera.sensor.resolution[1]]) - 1) / 2
-    position, _ = triangulate(
-        landings / camera.sensor.pixel + to_pixel, np.full((9, 2), 0.01), np.arange(9), as_lattice(centres / camera.sensor.pixel + to_pixel),
-        camera, 507.0,
-    )  # fmt: skip
+    lattice = as_lattice(centres / camera.sensor.pixel + to_pixel)
+    position, _ = triangulate(landings / camera.sensor.pixel + to_pixel, np.full((9, 2), 0.01), np.arange(9), lattice, camera, 507.0)
     model = Predicted(
         camera, 507.0, np.zeros(4, np.int64), np.zeros((1, 4), np.int64), (), np.zeros((1, 0)), 0.0,
         Smms(**{name: getattr(smms, name)[None] for name in Smms.__dataclass_fields__}), np.array([1 / distance]), np.array([0.4]),
