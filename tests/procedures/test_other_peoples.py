@@ -58,7 +58,7 @@ def test_the_moves_of_a_sweep_run_on_ophyds_simulated_devices(
     for name, axis in axes.items():
         axis.subscribe(lambda *_, value, name=name, **__: went[name].append(value), run=False)
     peers: Any = SimpleNamespace(axes=axes, iris=iris, target=target, described=bench)
-    nothing: Any = SimpleNamespace(latest=None, shot=None)
+    nothing: Any = SimpleNamespace(latest=None, shot=None, arrived=None)
     told: list[Progress] = []
     engine(sweep(Instruments(peers, nothing, nothing, nothing, 0.7), moves, Course(), told.append))
     due: dict[str, list[float]] = {name: [] for name in axes}
