@@ -28,10 +28,17 @@ def estimate_error(scene: Scene, image: Array, tolerance: float, effects: frozen
     """
     if tolerance <= LEAST_TOLERANCE:
         return LEAST_TOLERANCE  # nothing finer is there to compare with
-    finer = max(tolerance / (FINER if scene.diffraction is None else FINER_WAVES), LEAST_TOLERANCE)
-    wanted = telling_pixels(image)
-    truth = finer_picture(scene, image, finer, wanted, filtered="colour-filter" in effects)
-    return SAFETY * float(np.abs(truth - image)[wanted].max(initial=0.0)) + finer / 100
+    wanted, filtered = telling_pixels(image), "colour-filter" in effects
+
+    def difference(held_against: Scene, factor: float) -> float:
+        truth = finer_picture(held_against, image, max(tolerance / factor, LEAST_TOLERANCE), wanted, filtered)
+        return SAFETY * float(np.abs(truth - image)[wanted].max(initial=0.0)) + max(tolerance / factor, LEAST_TOLERANCE) / 100
+
+    if scene.diffraction is None:
+        return difference(scene, FINER)
+    of_all = difference(scene, FINER_WAVES)
+    # Twice as fine may mean the same orders again and repeat the picture's own error; where it is one of rays, they say so.
+    return of_all if "diffraction" in effects else max(of_all, difference(replace(scene, diffraction=None), FINER))
 
 
 def finer_picture(scene: Scene, image: Array, tolerance: float, wanted: Flags, filtered: bool = True) -> Array:
