@@ -98,7 +98,7 @@ def test_a_hundred_runs_measured_again_give_the_same_tables_and_verdicts_here_an
     write: Write, cluster: str, tmp_path: Path
 ) -> None:
     """Every run is of another bench, so that none may be taken for another."""
-    study, bench = write(study={"configurations": [{"f_number": 4, "distance": ["500 mm", "507 mm"]}], "draws": 100}, clock=1000)
+    study, bench = write(study={"configurations": [{"f_number": 4, "distance": ["500 mm", "507 mm"]}], "draws": 400}, clock=1000)
     with_small_pixels(tmp_path / "camera.yaml")
     folders = [tmp_path / "runs" / str(seed) for seed in range(100)]
     timed("taking them", (run_study(study, bench, folder, seed, tell_nobody, "sweep") for seed, folder in enumerate(folders)))
