@@ -1,7 +1,7 @@
 """Contrast against frequency from a picture of bars or of a sine chirp, by a fit of the known chirp; max and min as a baseline."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +17,8 @@ from flflab.analysis.contrast_search import (
     scattered,
     search,
     settle,
+    with_fitted_blur,
     with_fitted_gains,
-    with_measured_blur,
 )
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
@@ -193,11 +193,7 @@ def _fit_type(
         fit = settle(frame, data, fit, model)
     if target.kind == "bars":
         # the stages' errors blur differently from what is nominal, and the highest harmonics are seen through the template alone
-        noise_alone, _ = noise_covariance(data, model, fit, prior_of(frame, data, model.knots))
-        other = with_measured_blur(model, fit, noise_alone)
-        again = settle(frame, data, replace(fit, curve=np.zeros_like(fit.curve)), other)
-        if again.misfit < fit.misfit:
-            model, fit = other, again
+        model, fit = with_fitted_blur(frame, data, fit, model)
     return _curve(frame, fit, data, model)
 
 

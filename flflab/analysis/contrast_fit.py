@@ -259,10 +259,7 @@ def gauss_newton_step(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling
         prior: keeps directions that the pixels hardly see.
         move: False keeps the geometry and solves for light and curve only.
     """
-    normal, right, misfit, _ = _sums(data, model, fit, ceiling, False)
-    tied = prior.spread**-2
-    normal = normal + np.diag(tied)
-    right = right + (prior.mean - np.concatenate([fit.geometry, fit.brightness, fit.curve])) * tied
+    normal, right, misfit = _tied(data, model, fit, ceiling, prior)
     step = np.zeros(len(normal))
     free = slice(0 if move else GEOMETRY, None)
     step[free] = _inverse(normal[free, free]) @ right[free]
@@ -270,6 +267,20 @@ def gauss_newton_step(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling
     furthest = float(np.abs(data.places @ step[:GEOMETRY] * frequency).max())
     step *= min(1.0, MOST_CYCLES_A_STEP / max(furthest, 1e-300))
     return ChirpFit(fit.geometry + step[:GEOMETRY], fit.brightness + step[GEOMETRY:CURVE], fit.curve + step[CURVE:], misfit)
+
+
+def least_misfit(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior) -> float:
+    """What misfit the fit of a model comes to from near its end: that of where it is less what the next step takes off."""
+    normal, right, misfit = _tied(data, model, fit, model.top, prior)
+    return misfit - float(right @ _inverse(normal) @ right)
+
+
+def _tied(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float, prior: Prior) -> tuple[Array, Array, float]:
+    """Normal matrix and right side with the prior, and the misfit."""
+    normal, right, misfit, _ = _sums(data, model, fit, ceiling, False)
+    tied = prior.spread**-2
+    off = prior.mean - np.concatenate([fit.geometry, fit.brightness, fit.curve])
+    return normal + np.diag(tied), right + off * tied, misfit
 
 
 def noise_covariance(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior) -> tuple[Array, float]:
