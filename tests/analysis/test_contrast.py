@@ -86,6 +86,17 @@ def test_without_noise_the_bias_is_below_two_in_a_hundred_thousand(brute: Any) -
     assert np.abs(curve.extremes[sharp] - 1).max() < 3e-3
 
 
+@pytest.mark.parametrize("off", [-0.0004, 0.0006, 0.0008], ids="{:+.4f} mm".format)
+def test_a_sensor_half_a_micrometre_off_leaves_no_more_than_noise(brute: Any, off: float) -> None:
+    """Little blur hardly shows in the bars' fundamental, but their harmonics see it."""
+    nominal = brute.camera(4.0, RESOLUTION)
+    real = replace(nominal, sensor=replace(nominal.sensor, distance=nominal.sensor.distance + off))
+    curve = measured(brute, nominal, FOCUS, brute.bars_picture(real, FOCUS, (0.5, 10.0), 20.0), Bars(), 4)
+    assert curve.chi2_per_pixel == pytest.approx(1.0, abs=0.15)
+    error = curve.contrast - closed_form(real, FOCUS, curve.cycles_per_mm)
+    assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
+
+
 def test_a_sine_chirp_gives_the_same_curve(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     target = Chirp()
