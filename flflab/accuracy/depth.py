@@ -1,10 +1,8 @@
 """How wrong the triangulated depth of a dot is against its distance: by the model in closed form, and measured on simulated frames."""
 
-import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -193,12 +191,3 @@ def centre_bound(radius: float, width: float, noise: SensorNoise) -> float:
     return float(
         1 / np.sqrt(math.pi * np.trapezoid(r * np.gradient(light, profile.step) ** 2 / noise.variance(noise.offset_dn + light), r))
     )
-
-
-def write_depth_table(rows: Sequence[Row], file: Path) -> None:
-    """Write rows as CSV, one column a field."""
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow([field.name for field in fields(Row)])
-        for row in rows:
-            writer.writerow(asdict(row).values())

@@ -1,11 +1,9 @@
 """What a measured number's accuracy costs: frames averaged, pixels used, method; on simulated frames whose truth is in closed form."""
 
-import csv
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -189,12 +187,3 @@ def _edge_case(side: int) -> Case:
         return Reading(found.mtf(FREQUENCIES), truth, found.mtf_uncertainty(FREQUENCIES))
 
     return Case(EDGE, picture, {KNOWN: known, FREE: free})
-
-
-def write_measure_table(rows: Sequence[Row], file: Path) -> None:
-    """Write rows as CSV, one column a field."""
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow([field.name for field in fields(Row)])
-        for row in rows:
-            writer.writerow(asdict(row).values())

@@ -4,13 +4,11 @@ The design is that of the work-precision sets of the SciML benchmarks: problems 
 settings, repeats; a table comes out.
 """
 
-import csv
 import math
 import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -174,12 +172,3 @@ def random_cost(rows: Sequence[Row], error: float) -> float:
         error: root mean square, in units of the white level.
     """
     return statistics.median(row.processor_s_per_megapixel * row.rms_error**2 for row in rows) / error**2
-
-
-def write_table(rows: Sequence[Row], file: Path) -> None:
-    """Write rows as CSV, one column a field and the processor time for a million lit pixels."""
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow([field.name for field in fields(Row)] + ["processor_s_per_megapixel"])
-        for row in rows:
-            writer.writerow([*asdict(row).values(), row.processor_s_per_megapixel])

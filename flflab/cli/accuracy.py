@@ -69,19 +69,20 @@ def _made(what: str) -> str:
 def _image(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
     from flflab.accuracy.image import image_rows
     from flflab.accuracy.image_page import image_page, image_summary
-    from flflab.accuracy.work_precision import write_table
+    from flflab.accuracy.table import write_table
 
     rows = image_rows(tell)
-    write_table(rows, file)
+    write_table(rows, file, also=("processor_s_per_megapixel",))
     return image_page(rows, _made(What.IMAGE)), image_summary(rows)
 
 
 def _measure(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
-    from flflab.accuracy.measure import measure_rows, write_measure_table
+    from flflab.accuracy.measure import measure_rows
     from flflab.accuracy.measure_page import measure_page, measure_summary
+    from flflab.accuracy.table import write_table
 
     rows = measure_rows(tell)
-    write_measure_table(rows, file)
+    write_table(rows, file)
     return measure_page(rows, _made(What.MEASURE)), measure_summary(rows)
 
 
@@ -95,14 +96,15 @@ def _model(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
 
 
 def _depth(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
-    from flflab.accuracy.depth import depth_rows, write_depth_table
+    from flflab.accuracy.depth import depth_rows
     from flflab.accuracy.depth_page import depth_page, depth_summary
+    from flflab.accuracy.table import write_table
     from flflab.camera_file import read_camera
     from flflab.cli.new import Kind, built_in
 
     described = built_in(Kind.CAMERA) if camera is None else camera
     rows = depth_rows(read_camera(described), tell)
-    write_depth_table(rows, file)
+    write_table(rows, file)
     return depth_page(rows, described.stem, _made(What.DEPTH)), depth_summary(rows)
 
 

@@ -11,7 +11,8 @@ from flflab.accuracy.chords import integrate_pixels
 from flflab.accuracy.image import SEED, make_problem
 from flflab.accuracy.ray_sums import grid_rays, random_rays
 from flflab.accuracy.scenes import CHART, FOCUS, RESOLUTION, bench_scene, bench_scenes
-from flflab.accuracy.work_precision import Answer, Method, Problem, order, random_cost, work_precision, write_table
+from flflab.accuracy.table import write_table
+from flflab.accuracy.work_precision import Answer, Method, Problem, order, random_cost, work_precision
 from flflab.errors import InputError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.orders import strip_counts
@@ -100,7 +101,7 @@ def test_a_table_holds_what_the_methods_answered(tmp_path: Path) -> None:
     assert order([row.work or 1 for row in rows[2:]], [row.rms_error for row in rows[2:]]) == pytest.approx(-0.5)
     cost = rows[2].processor_s_per_megapixel, rows[3].processor_s_per_megapixel
     assert random_cost(rows[2:3], 0.05 / 10) == pytest.approx(100 * cost[0])
-    write_table(rows, tmp_path / "table.csv")
+    write_table(rows, tmp_path / "table.csv", also=("processor_s_per_megapixel",))
     with (tmp_path / "table.csv").open(encoding="utf-8") as stream:
         read = list(csv.DictReader(stream))
     assert [float(row["largest_error"]) for row in read] == pytest.approx([0.05, 0.005, 0.1, 0.01])

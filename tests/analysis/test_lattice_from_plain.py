@@ -1,4 +1,4 @@
-"""The lattice measured in a picture of bars alone, against the camera the picture was formed with."""
+"""The lattice measured in a picture of dots or of bars alone, against the camera the picture was formed with."""
 
 from dataclasses import replace
 from typing import Any
@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 
 from flflab.analysis.lattice_from_bars import lattice_from_bars
+from flflab.analysis.lattice_from_dots import lattice_from_dots
 from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
-from flflab.targets import Bars
+from flflab.targets import Bars, FourDot, Target
 
 NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
 FOCUS, PIXEL = 506.7016, 0.00166
+DOTS = FourDot(diameter=1.0, spacing=5.0)
 
 
 def camera(layout: Any, roll: float, f_number: float) -> Camera:
@@ -25,19 +27,23 @@ def camera(layout: Any, roll: float, f_number: float) -> Camera:
 
 
 @pytest.mark.parametrize(
-    ("layout", "roll", "f_number"),
+    ("measure", "target", "layout", "roll", "f_number"),
     [
-        ("square", 0.0, 4.0),
-        pytest.param("hexagonal", 0.05, 4.0, marks=pytest.mark.ci),
-        pytest.param("square", -0.03, 2.8, marks=pytest.mark.ci),  # neighbours just overlap
+        (lattice_from_dots, DOTS, "square", 0.0, 4.0),
+        pytest.param(lattice_from_dots, DOTS, "hexagonal", 0.05, 4.0, marks=pytest.mark.ci),
+        (lattice_from_bars, Bars(), "square", 0.0, 4.0),
+        pytest.param(lattice_from_bars, Bars(), "hexagonal", 0.05, 4.0, marks=pytest.mark.ci),
+        pytest.param(lattice_from_bars, Bars(), "square", -0.03, 2.8, marks=pytest.mark.ci),  # neighbours just overlap
     ],
 )
-def test_white_bars_show_the_lattice_where_no_white_picture_was_taken(brute: Any, layout: str, roll: float, f_number: float) -> None:
-    true, target = camera(layout, roll, f_number), Bars()
+def test_what_is_white_in_them_shows_the_lattice_where_no_white_picture_was_taken(
+    brute: Any, measure: Any, target: Target, layout: str, roll: float, f_number: float
+) -> None:
+    true = camera(layout, roll, f_number)
     picture = brute.expose(render(one_plane(true, target, FOCUS, (0.3, -0.2))), NOISE, 3000, np.random.default_rng(8))
     nominal = nominal_lattice(true, 3000.0)
     off = np.array([2.0, -1.5])
-    found = lattice_from_bars(
+    found = measure(
         picture,
         replace(nominal, origin_px=nominal.origin_px + off, centres_px=nominal.centres_px + off, vectors_px=nominal.vectors_px * 1.001),
         true,
