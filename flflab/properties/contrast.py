@@ -10,8 +10,6 @@ from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values
 
-MODEL_ERROR = 2e-4  # of contrast: what exact simulated benches of five seeds showed beside noise and stage errors was 1e-4 to 2e-4
-
 
 def contrasts(one: Measured, model: Predicted) -> list[Values]:
     """Both, or none where the bars could not be measured."""
@@ -28,7 +26,7 @@ def mtf(index: int, curve: ContrastCurve, model: Predicted) -> Values:
         "mtf",
         "bars",
         curve.contrast,
-        curve.covariance + MODEL_ERROR**2 * np.eye(len(curve.contrast)),
+        curve.covariance,
         model.contrast_draws.mean(axis=0),
         model.contrast_draws,
         (None,) * len(curve.contrast),
