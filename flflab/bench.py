@@ -173,6 +173,18 @@ class OpticsUncertaintyDescription(Description):
     array_tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
 
 
+class ModelUncertaintyDescription(Description):
+    """How far a model of first order may be off for the bench's real lenses: standard uncertainties, shares of what it says.
+
+    Each is the same in every configuration. ``flflab accuracy model`` shows their size for lenses like yours.
+    """
+
+    contrast: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
+    widths: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
+    pitch: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
+    distance: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
+
+
 class BenchDescription(Description):
     """A bench file."""
 
@@ -183,6 +195,7 @@ class BenchDescription(Description):
     minimum_gap: Annotated[Length, Field(gt=0)]
     optics: str
     optics_uncertainty: OpticsUncertaintyDescription = OpticsUncertaintyDescription()
+    model_uncertainty: ModelUncertaintyDescription = ModelUncertaintyDescription()
     light_uncertainty: Annotated[Ratio, Field(ge=0, lt=1)] = 0.005
     simulated: SimulatedDescription = SimulatedDescription()
 

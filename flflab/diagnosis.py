@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.bench import Bench, Element
-from flflab.prediction import ELEMENTS, Errors, OpticsFactors, exact_optics
+from flflab.prediction import ELEMENTS, Errors, OpticsFactors, exact_optics, first_order
 from flflab.properties.values import Values, joined
 
 Array = npt.NDArray[np.float64]
@@ -141,11 +141,10 @@ def _errors(suspect: Suspicion, changes: Array) -> Errors:
     still, exact = np.zeros(len(changes)), exact_optics(len(changes))
     stages: dict[Element, tuple[Array, Array]] = {element: (changes if element == suspect.field else still, still) for element in ELEMENTS}
     attitude = np.stack([changes if turn == suspect.field else still for turn in TURNS], axis=1)
-    if suspect.unit != "%":
-        return Errors(stages, exact, attitude)
-    changed = {suspect.field: 1 + changes}
-    # the f-number stays: a longer lens has a wider aperture
-    return Errors(stages, replace(exact, **(changed | ({"lens_aperture": 1 + changes} if suspect.field == "lens_focal" else {}))), attitude)
+    changed = {suspect.field: 1 + changes} if suspect.unit == "%" else {}
+    if suspect.field == "lens_focal":
+        changed["lens_aperture"] = 1 + changes  # the f-number stays: a longer lens has a wider aperture
+    return Errors(stages, replace(exact, **changed), attitude, first_order(len(changes)))
 
 
 def _words(change: float, unit: str) -> str:

@@ -56,7 +56,8 @@ class Evaluation:
         predicted: what the model says of each.
         comparison: both side by side, and the verdicts.
         values: the numbers behind the comparison.
-        of_the_stages: the same with optics exactly as described; says how much of an uncertainty is the stages'.
+        of_the_stages: the same with optics exactly as described and lenses of first order; says how much of an uncertainty is the stages'.
+        of_stages_and_optics: the same with lenses of first order.
         suspects: where the model is rejected: single changes of the bench that would explain it, the best first.
     """
 
@@ -65,6 +66,7 @@ class Evaluation:
     comparison: Comparison
     values: tuple[Values, ...]
     of_the_stages: tuple[Values, ...]
+    of_stages_and_optics: tuple[Values, ...]
     suspects: tuple[Suspect, ...]
 
 
@@ -100,9 +102,13 @@ def evaluate_measured(measured: tuple[Measured, ...], study: Study, bench: Bench
     failures = [failure for one in measured for failure in one.failures]
     if failures and comparison.accepted:
         raise failures[0]
-    alone = tuple(predict(one, study, bench, errors.of_the_stages_alone()) for one in measured)
+
+    def without(fewer: Errors) -> tuple[Values, ...]:
+        return properties(measured, tuple(predict(one, study, bench, fewer) for one in measured), bench)
+
     suspects = () if comparison.accepted else explain(values, measured, study, bench, turned=_rejects(comparison, "array_attitude_mrad"))
-    return Evaluation(measured, predicted, comparison, values, properties(measured, alone, bench), suspects)
+    parts = without(errors.of_the_stages_alone()), without(errors.of_stages_and_optics())
+    return Evaluation(measured, predicted, comparison, values, *parts, suspects)
 
 
 def explain(values: tuple[Values, ...], measured: tuple[Measured, ...], study: Study, bench: Bench, *, turned: bool) -> tuple[Suspect, ...]:

@@ -35,6 +35,16 @@ class OpticsFactors:
 
 
 @dataclass(frozen=True)
+class OrderFactors:
+    """What real lenses show over what the model of first order says, one value a draw, shape (n,)."""
+
+    contrast: Array
+    widths: Array
+    pitch: Array
+    distance: Array
+
+
+@dataclass(frozen=True)
 class Errors:
     """Draws of everything that a bench file states an uncertainty for, the same in every configuration.
 
@@ -42,15 +52,22 @@ class Errors:
         stages: zero error (mm) and scale error of the stage that moves each element, shape (n,) each.
         optics: of lens and array.
         attitude: roll, yaw and pitch of the array beyond those described, shape (n, 3), rad.
+        order: what first order leaves out.
     """
 
     stages: dict[Element, tuple[Array, Array]]
     optics: OpticsFactors
     attitude: Array
+    order: OrderFactors
 
     def of_the_stages_alone(self) -> "Errors":
-        """The same draws with optics exactly as described and turned."""
-        return Errors(self.stages, exact_optics(len(self.optics.pitch)), np.zeros_like(self.attitude))
+        """The same draws with optics exactly as described and turned, and of first order."""
+        count = len(self.optics.pitch)
+        return Errors(self.stages, exact_optics(count), np.zeros_like(self.attitude), first_order(count))
+
+    def of_stages_and_optics(self) -> "Errors":
+        """The same draws with lenses of first order."""
+        return replace(self, order=first_order(len(self.optics.pitch)))
 
 
 @dataclass(frozen=True)
@@ -75,8 +92,13 @@ def exact_optics(draws: int) -> OpticsFactors:
     return OpticsFactors(*(np.ones(draws) for _ in fields(OpticsFactors)))
 
 
+def first_order(draws: int) -> OrderFactors:
+    """Lenses as the model has them, in every draw."""
+    return OrderFactors(*(np.ones(draws) for _ in fields(OrderFactors)))
+
+
 def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
-    """Draws of the errors of stages and optics from the bench file's standard uncertainties."""
+    """Draws of the errors of stages, optics and model from the bench file's standard uncertainties."""
     stages: dict[Element, tuple[Array, Array]] = {}
     for element in ELEMENTS:
         axis = bench.description.axis_of(element)
@@ -88,7 +110,9 @@ def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
         for share in (doubt.main_lens_focal_length, doubt.f_number, doubt.microlens_focal_length, doubt.microlens_aperture, doubt.pitch)
     )
     attitude = rng.normal(0.0, 1.0, (draws, 3)) * attitude_uncertainty(bench)
-    return Errors(stages, OpticsFactors(lens, lens / f_number, focal, aperture, pitch), attitude)
+    order = bench.description.model_uncertainty
+    factors = (1 + rng.normal(0.0, 1.0, draws) * share for share in (order.contrast, order.widths, order.pitch, order.distance))
+    return Errors(stages, OpticsFactors(lens, lens / f_number, focal, aperture, pitch), attitude, OrderFactors(*factors))
 
 
 def attitude_uncertainty(bench: Bench) -> Array:

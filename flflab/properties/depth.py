@@ -38,7 +38,7 @@ def dot_distances(one: Measured, model: Predicted) -> Values:
     seen = [dot for dot in one.dots if np.isfinite(dot.uncertainty_mm[2]) and dot.uncertainty_mm[2] > 0]
     if not bool(microlens_limits(central_smms(model.camera), 1 / model.distance)):
         seen = []
-    read = distance_of(offset_read(model), model.camera)
+    read = distance_of(offset_read(model), model.camera) * model.stretches
     alone = np.array([dot.uncertainty_mm[2] for dot in seen], dtype=np.float64)
     return Values(
         one.configuration.index,
@@ -84,7 +84,6 @@ def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
     edges = 2 * count * np.hypot(max(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px), RADIUS_ERROR_PX)
     measured = useful / virtual
     uncertainty = measured * float(np.hypot(slope / virtual, edges / useful))
-    systems = model.systems
-    drawn = useful_row(camera, systems.inside_radius, systems.outside_radius, model.pitches * systems.image_scale) / pixel
+    drawn = useful_row(camera, model.inside_radii, model.outside_radii, model.pitches) / pixel
     draws = drawn / depth(offset_read(model))
     return [single(one.configuration.index, "elr_row_px", "four-dot", measured, uncertainty, draws)]

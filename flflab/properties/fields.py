@@ -17,14 +17,13 @@ def fields(one: Measured, model: Predicted) -> list[Values]:
     """Bright and total field (full widths w_m -+ w_q) and the pitch p (1 + b/L) of the micro-images, mm on the sensor."""
     lattice, pixel = one.lattice, model.camera.sensor.pixel
     where = one.configuration.index
-    systems = model.systems
     inside = math.hypot(lattice.inside_uncertainty_px, RADIUS_ERROR_PX)
     outside = math.hypot(lattice.outside_uncertainty_px, RADIUS_ERROR_PX)
     pitch = math.hypot(lattice.pitch_uncertainty_px, PITCH_ERROR * lattice.pitch_px)
     return [
-        single(where, "bright_field_mm", "white", 2 * lattice.inside_radius_px * pixel, 2 * inside * pixel, 2 * systems.inside_radius),
-        single(where, "total_field_mm", "white", 2 * lattice.outside_radius_px * pixel, 2 * outside * pixel, 2 * systems.outside_radius),
-        single(where, "image_pitch_mm", "white", lattice.pitch_px * pixel, pitch * pixel, model.pitches * systems.image_scale),
+        single(where, "bright_field_mm", "white", 2 * lattice.inside_radius_px * pixel, 2 * inside * pixel, 2 * model.inside_radii),
+        single(where, "total_field_mm", "white", 2 * lattice.outside_radius_px * pixel, 2 * outside * pixel, 2 * model.outside_radii),
+        single(where, "image_pitch_mm", "white", lattice.pitch_px * pixel, pitch * pixel, model.pitches),
     ]
 
 
@@ -32,7 +31,7 @@ def overlap(one: Measured, model: Predicted) -> Values:
     """By how much neighbouring micro-images overlap, mm; negative: the gap between them."""
     lattice, pixel = one.lattice, model.camera.sensor.pixel
     doubt = math.hypot(2 * math.hypot(lattice.outside_uncertainty_px, RADIUS_ERROR_PX), lattice.pitch_uncertainty_px)
-    draws = 2 * model.systems.outside_radius - model.pitches * model.systems.image_scale
+    draws = 2 * model.outside_radii - model.pitches
     measured = (2 * lattice.outside_radius_px - lattice.pitch_px) * pixel
     return single(one.configuration.index, "overlap_mm", "white", measured, doubt * pixel, draws)
 

@@ -31,7 +31,10 @@ class Predicted:
         blur_px: diameter of the geometric blur, pixels.
         systems: the system nearest the axis for each draw, fields of shape (draws,).
         vergences: of the target for each draw, 1/mm, shape (draws,).
-        pitches: of the microlenses for each draw, mm, shape (draws,).
+        inside_radii: of the bright field for each draw, mm, shape (draws,).
+        outside_radii: the same of the total field.
+        pitches: of the micro-images for each draw, mm, shape (draws,).
+        stretches: distances that real lenses make of the model's, as factors, shape (draws,).
         attitude_draws: roll, yaw and pitch of the array for each draw, rad, shape (draws, 3).
     """
 
@@ -44,7 +47,10 @@ class Predicted:
     blur_px: float
     systems: Smms
     vergences: Array
+    inside_radii: Array
+    outside_radii: Array
     pitches: Array
+    stretches: Array
     attitude_draws: Array
 
 
@@ -53,6 +59,8 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
     camera, distance = as_placed(measured.configuration, bench.optics, measured.worlds)
     placement = placements(bench, measured.worlds, errors)
     points = study.dots.centres
+    systems, order = drawn_systems(central_smms(camera), camera, placement), errors.order
+    contrast = contrast_draws(camera, placement, measured.curve.cycles_per_mm if measured.curve else np.zeros(0))
     indices = tuple(predicted_view_indices(camera, distance, points))
     return Predicted(
         camera=camera,
@@ -60,10 +68,13 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
         views=np.array([len(seen) for seen in indices]),
         view_draws=view_draws(camera, placement, points),
         view_indices=indices,
-        contrast_draws=contrast_draws(camera, placement, measured.curve.cycles_per_mm if measured.curve else np.zeros(0)),
+        contrast_draws=contrast * order.contrast[:, None],
         blur_px=float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel,
-        systems=drawn_systems(central_smms(camera), camera, placement),
+        systems=systems,
         vergences=1 / placement.distance,
-        pitches=camera.array.pitch[0] * placement.optics.pitch,
+        inside_radii=systems.inside_radius * order.widths,
+        outside_radii=systems.outside_radius * order.widths,
+        pitches=camera.array.pitch[0] * placement.optics.pitch * systems.image_scale * order.pitch,
+        stretches=order.distance,
         attitude_draws=np.array([camera.array.roll, *np.arctan(camera.array.tilt)]) + errors.attitude,
     )

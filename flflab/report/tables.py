@@ -70,14 +70,15 @@ def statistics_table(evaluation: Evaluation) -> Table:
 
 def budget_table(evaluation: Evaluation) -> Table:
     """Where the uncertainty of every quantity comes from: the largest part of any configuration's, in the quantity's unit."""
-    found: dict[str, list[tuple[float, float, float, float]]] = {}
-    for whole, stages in zip(evaluation.values, evaluation.of_the_stages, strict=True):
+    found: dict[str, list[list[float]]] = {}
+    for whole, stages, optics in zip(evaluation.values, evaluation.of_the_stages, evaluation.of_stages_and_optics, strict=True):
         pixels = np.sqrt(np.diag(whole.noise))
-        by_optics = np.sqrt(np.maximum(whole.spread**2 - stages.spread**2, 0.0))
-        parts = zip(whole.uncertainty, pixels, stages.spread, by_optics, strict=True)
-        found.setdefault(whole.quantity, []).extend((float(a), float(b), float(c), float(d)) for a, b, c, d in parts)
+        by_optics = np.sqrt(np.maximum(optics.spread**2 - stages.spread**2, 0.0))
+        by_order = np.sqrt(np.maximum(whole.spread**2 - optics.spread**2, 0.0))
+        parts = np.stack([whole.uncertainty, pixels, stages.spread, by_optics, by_order], axis=1)
+        found.setdefault(whole.quantity, []).extend(parts.tolist())
     rows = tuple((quantity, *(number(float(part), 2) for part in np.median(np.array(parts), axis=0))) for quantity, parts in found.items())
-    headings = ("quantity", "standard uncertainty", "of the pictures", "of the stages", "of the optics' sizes")
+    headings = ("quantity", "standard uncertainty", "of the pictures", "of the stages", "of the optics' sizes", "of the model's order")
     return Table("Where the uncertainties come from (medians; each part's own standard uncertainty)", headings, rows)
 
 

@@ -8,7 +8,17 @@ import pytest
 
 from flflab.bench import OpticsUncertaintyDescription, read_bench
 from flflab.optics.camera import MainLens, Substrate
-from flflab.prediction import ELEMENTS, Errors, contrast_draws, drawn_errors, exact_optics, placements, predicted_view_indices, view_draws
+from flflab.prediction import (
+    ELEMENTS,
+    Errors,
+    contrast_draws,
+    drawn_errors,
+    exact_optics,
+    first_order,
+    placements,
+    predicted_view_indices,
+    view_draws,
+)
 
 UNCERTAIN = OpticsUncertaintyDescription(
     main_lens_focal_length=1e-3, f_number=0.02, microlens_focal_length=0.01, microlens_aperture=0.02, pitch=2e-3
@@ -25,7 +35,7 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: f
     rng = np.random.Generator(np.random.Philox(key=5))
     drawn = drawn_errors(replace(bench, description=bench.description.model_copy(update={"optics_uncertainty": UNCERTAIN})), 12, rng)
     # Many times the real errors, so that counts do change between draws.
-    errors = Errors({element: (20 * zero, scale) for element, (zero, scale) in drawn.stages.items()}, drawn.optics, drawn.attitude)
+    errors = replace(drawn, stages={element: (20 * zero, scale) for element, (zero, scale) in drawn.stages.items()})
     worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
     where = placements(bench, worlds, errors)  # pyright: ignore[reportArgumentType]
     camera = replace(bench.optics, main_lens=replace(bench.optics.main_lens, f_number=f_number))
@@ -56,8 +66,8 @@ def test_a_stage_s_errors_move_its_element_along_the_axis() -> None:
     as_described = exact_optics(1)
     worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
     moved = {**none, "sensor.z": (np.array([0.002]), np.array([1e-4]))}
-    before = placements(bench, worlds, Errors(none, as_described, UNTURNED))  # pyright: ignore[reportArgumentType]
-    after = placements(bench, worlds, Errors(moved, as_described, UNTURNED))  # pyright: ignore[reportArgumentType]
+    before = placements(bench, worlds, Errors(none, as_described, UNTURNED, first_order(1)))  # pyright: ignore[reportArgumentType]
+    after = placements(bench, worlds, Errors(moved, as_described, UNTURNED, first_order(1)))  # pyright: ignore[reportArgumentType]
     # The sensor's stage reads 18.85 mm there and counts against z.
     assert (after.gap - before.gap)[0] == pytest.approx(0.002 - 1e-4 * 18.85)
     assert before.distance[0] == pytest.approx(507.0)
@@ -68,6 +78,7 @@ def test_in_focus_the_contrast_falls_whichever_way_the_sensor_is_off() -> None:
     none = {element: (np.zeros(3), np.zeros(3)) for element in ELEMENTS}
     off = {**none, "sensor.z": (np.array([-0.003, 0.0, 0.003]), np.zeros(3))}
     sharp = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -506.701556}
-    contrast = contrast_draws(bench.optics, placements(bench, sharp, Errors(off, exact_optics(3), np.zeros((3, 3)))), np.array([5.0]))[:, 0]  # pyright: ignore[reportArgumentType]
+    errors = Errors(off, exact_optics(3), np.zeros((3, 3)), first_order(3))  # pyright: ignore[reportArgumentType]
+    contrast = contrast_draws(bench.optics, placements(bench, sharp, errors), np.array([5.0]))[:, 0]  # pyright: ignore[reportArgumentType]
     assert contrast[0] < contrast[1]
     assert contrast[2] < contrast[1]

@@ -69,10 +69,11 @@ def predict(configuration: Configuration, bench: Bench, study: Study) -> Predict
     errors = drawn_errors(bench, 101, np.random.default_rng(0))
     placement = placements(bench, worlds_of(configuration), errors)
     systems = drawn_systems(central_smms(camera), camera, placement)
-    pitches = np.full(101, camera.array.pitch[0])
-    vergences = 1 / placement.distance
-    tiled = np.tile(views, (101, 1))
-    return Predicted(camera, configuration.distance, views, tiled, indices, draws, 0.3, systems, vergences, pitches, np.zeros((101, 3)))
+    pitches = camera.array.pitch[0] * systems.image_scale
+    return Predicted(
+        camera, configuration.distance, views, np.tile(views, (101, 1)), indices, draws, 0.3, systems, 1 / placement.distance,
+        systems.inside_radius, systems.outside_radius, pitches, np.ones(101), np.zeros((101, 3)),
+    )  # fmt: skip
 
 
 def measure(configuration: Configuration, model: Predicted, lattice: Lattice, study: Study) -> Measured:
@@ -129,7 +130,7 @@ def evaluation(bench: Bench, study: Study) -> Evaluation:
         Verdict("views", 12, 0.97, 0.025, True, "views: 12 values agree with the model"),
     )
     values = properties(measured, predicted, bench)
-    return Evaluation(measured, predicted, Comparison(rows, verdicts), values, values, ())
+    return Evaluation(measured, predicted, Comparison(rows, verdicts), values, values, values, ())
 
 
 @pytest.fixture(scope="session")
@@ -138,7 +139,7 @@ def single(evaluation: Evaluation) -> Evaluation:
     rows = tuple(row for row in evaluation.comparison.rows if row.configuration == 0 and row.reference_configuration is None)
     values = tuple(one for one in evaluation.values if one.configuration == 0)
     comparison = Comparison(rows, evaluation.comparison.verdicts)
-    return Evaluation(evaluation.measured[:1], evaluation.predicted[:1], comparison, values, values, ())
+    return Evaluation(evaluation.measured[:1], evaluation.predicted[:1], comparison, values, values, values, ())
 
 
 @pytest.fixture(scope="session")
