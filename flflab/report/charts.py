@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 MEASURED, PREDICTED, PAPER = "black", "#d55e00", "#888888"
+TELLABLE = 12  # configurations in a legend or along an axis
 DOTS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7")  # told apart by colour-blind readers, on white and on a dark frame
 STYLE: dict[Any, Any] = {
     "font.size": 8, "axes.titlesize": 9, "legend.fontsize": 7, "axes.spines.top": False, "axes.spines.right": False,
@@ -122,7 +123,7 @@ def properties_chart(evaluation: Evaluation) -> str:
                 sigma = 2 * np.sqrt(np.diag(one.noise)) * many
                 axes.errorbar(at, difference, sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5)
             axes.set_title(f"{title}, {unit}", fontsize=8)
-            axes.set_xticks(sorted({one.configuration for one in members}))
+            _count(axes, {one.configuration for one in members})
             middle = sum({one.configuration for one in members}) / len({one.configuration for one in members})
             half = max(1.5, 0.7 + max(abs(one.configuration - middle) for one in members))
             axes.set_xlim(middle - half, middle + half)
@@ -143,9 +144,11 @@ def views_chart(evaluation: Evaluation) -> str:
         return _as_svg(figure)
 
 
-def difference_chart(evaluation: Evaluation) -> str:
-    """Differences of the number of views to the reference configuration, measured and predicted."""
+def difference_chart(evaluation: Evaluation) -> str | None:
+    """Differences of the number of views to the reference configuration, measured and predicted; None where there are none."""
     rows = _rows(evaluation.comparison.rows, "difference_views")
+    if not rows:
+        return None
     with _style():
         figure = _new(7.8, 2.4)
         axes = figure.add_subplot()
@@ -153,6 +156,20 @@ def difference_chart(evaluation: Evaluation) -> str:
         _by_dot(axes, rows)
         axes.set(xlabel="configuration", ylabel="difference of views")
         return _as_svg(figure)
+
+
+def _count(axes: "Axes", configurations: set[int]) -> None:
+    """Ticks at every configuration, or at some whole numbers where they would run into one another."""
+    from matplotlib.ticker import MaxNLocator
+
+    if len(configurations) <= TELLABLE:
+        axes.set_xticks(sorted(configurations))
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+
+
+def _shaded(configurations: list[int]) -> str:
+    return f"configuration {configurations[0]} blue to {configurations[-1]} red"
 
 
 def _by_dot(axes: "Axes", rows: list[Row]) -> None:
@@ -165,7 +182,7 @@ def _by_dot(axes: "Axes", rows: list[Row]) -> None:
         axes.plot(place, predicted, "s", markersize=7.5, markerfacecolor="none", markeredgecolor="black", markeredgewidth=0.8)
         axes.errorbar(place, measured, sigma, fmt="o", color=colour, markersize=4, capsize=2, label=f"dot {dot}")
     axes.plot([], [], "s", markersize=7.5, markerfacecolor="none", markeredgecolor="black", label="predicted")
-    axes.set_xticks(sorted({row.configuration for row in rows}))
+    _count(axes, {row.configuration for row in rows})
     axes.grid(visible=False, axis="x")
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
@@ -199,7 +216,10 @@ def residual_chart(evaluation: Evaluation) -> str:
             shade = 0.8 * place / max(len(configurations) - 1, 1)
             by_frequency.plot(nu, z, ".-", color=(shade, 0.35, 1 - shade), linewidth=0.5, markersize=4, label=str(configuration))
         by_frequency.set(xlabel="frequency on the target, cycles/mm", ylabel="z", title="MTF: (measured - predicted)/uncertainty")
-        by_frequency.legend(title="configuration", ncols=4, loc="best", columnspacing=1)
+        if len(configurations) <= TELLABLE:
+            by_frequency.legend(title="configuration", ncols=4, loc="best", columnspacing=1)
+        else:
+            by_frequency.set_title(f"MTF: (measured - predicted)/uncertainty, {_shaded(configurations)}")
         z = np.array([row.z for row in rows])
         edge = max(4.0, float(np.abs(z).max(initial=0.0)) * 1.05)
         grid = np.linspace(-edge, edge, 201)
@@ -230,9 +250,13 @@ def accuracy_chart(run: Run, wanted: float) -> str:
             count = np.geomspace(1, 2 * taken[-1], 60)
             axes.plot(count * seconds, np.sqrt(per_frame / count + lasting), color=shade, linewidth=0.7)
             axes.plot(taken * seconds, sure, "o", color=shade, markersize=4, label=f"{configuration}: {int(taken[-1])} frames")
-        axes.axhline(wanted, color=PREDICTED, linewidth=0.8, label="asked for")
+        asked = f"asked for: {wanted:g}"
+        axes.axhline(wanted, color=PREDICTED, linewidth=0.8, label=asked)
         axes.set(xscale="log", yscale="log", xlabel="time of the frames on the bench, s", ylabel="standard uncertainty of the MTF")
-        axes.legend(title="configuration", loc="center left", bbox_to_anchor=(1.0, 0.5))
+        if len(configurations) <= TELLABLE:
+            axes.legend(title="configuration", loc="center left", bbox_to_anchor=(1.0, 0.5))
+        else:
+            axes.set_title(f"{asked}; {_shaded(configurations)}")
         return _as_svg(figure)
 
 

@@ -18,6 +18,7 @@ from flflab.record import Run
 
 WAVELENGTH = 550e-6  # mm: green, where no other is stated
 WORST_CHI2 = 1.5  # per pixel: above, the picture holds something that the fit does not know
+PICTURED = 12  # configurations; a page of more is not read
 ON_THIS_MACHINE = ("simulated", "127.0.0.1", "localhost", "[::1]")
 
 
@@ -105,12 +106,38 @@ def notes(evaluation: Evaluation, run: Run) -> list[str]:
         reason = run.stop.get("reason") or "no reason given"
         found.append(f"The run ended with status {run.stop['exit_status']}: {reason}.")
     found += _saturation(evaluation.measured)
+    where: dict[str, list[int]] = {}
     for one in evaluation.measured:
-        found += _notes_on(one)
+        for sentence in _notes_on(one):
+            where.setdefault(sentence, []).append(one.configuration.index)
+    found += [f"Configuration{'s' if len(places) > 1 else ''} {listed(places)}: {sentence}" for sentence, places in where.items()]
     missing = sum(row.uncertainty <= 0 for row in evaluation.comparison.rows)
     if missing:
         found.append(f"{missing} rows of the comparison have no uncertainty; their z is 0 or infinite.")
     return found
+
+
+def listed(places: list[int]) -> str:
+    """Rising whole numbers in words, three and more in a row as a range: ``0, 2 and 5 to 9``."""
+    runs: list[list[int]] = []
+    for place in places:
+        if runs and place == runs[-1][-1] + 1:
+            runs[-1].append(place)
+        else:
+            runs.append([place])
+    words = [word for run in runs for word in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run))]
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def pictured(evaluation: Evaluation, reference: int, most: int = PICTURED) -> frozenset[int]:
+    """The configurations whose frames and curves a page shows: the reference, first and last, and those farthest from the model."""
+    every = [one.configuration.index for one in evaluation.measured]
+    off = dict.fromkeys(every, 0.0)
+    for row in evaluation.comparison.rows:
+        if row.reference_configuration is None and row.quantity != "contrast_paper":
+            off[row.configuration] = max(off[row.configuration], abs(row.z))
+    first = [index for index in (reference, every[0], every[-1]) if index in off]
+    return frozenset(list(dict.fromkeys([*first, *sorted(every, key=lambda index: -off[index])]))[:most])
 
 
 def _saturation(measured: tuple[Measured, ...]) -> list[str]:
@@ -119,13 +146,12 @@ def _saturation(measured: tuple[Measured, ...]) -> list[str]:
 
 
 def _notes_on(one: Measured) -> list[str]:
-    where = f"Configuration {one.configuration.index}"
-    found = [f"{where}: {failure}." for failure in one.failures]
+    found = [f"{failure}." for failure in one.failures]
     fits = [("lattice", one.lattice.chi2_per_pixel), *([("contrast", one.curve.chi2_per_pixel)] if one.curve else [])]
     for what, chi2 in fits:
         if chi2 > WORST_CHI2:
-            found.append(f"{where}: the {what} fit leaves {chi2:.2g} times the noise's variance; its uncertainties were enlarged to match.")
+            found.append(f"the {what} fit leaves {chi2:.2g} times the noise's variance; its uncertainties were enlarged to match.")
     uncertain = sum(dot.views_uncertain for dot in one.dots)
     if uncertain:
-        found.append(f"{where}: views so near an edge that the frame hardly decides them: {uncertain}.")
+        found.append(f"views so near an edge that the frame hardly decides them: {uncertain}.")
     return found

@@ -51,6 +51,8 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
     exact, dots = facts.exact_counts(evaluation.comparison.rows)
     local, devices = facts.simulated_devices(bench)
     wanted = study.description.mtf_standard_uncertainty
+    shown = facts.pictured(evaluation, study.description.reference)
+    pairs = [pair for pair in zip(evaluation.measured, evaluation.predicted, strict=True) if pair[0].configuration.index in shown]
     text = _template().render(
         study=study.description.name,
         folder=run.folder.name,
@@ -64,13 +66,14 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         notes=facts.notes(evaluation, run),
         statistics=tables.statistics_table(evaluation),
         diffraction=diffraction_sentence(evaluation),
-        panels=[_panel(evaluation, one, model, run, study) for one, model in zip(evaluation.measured, evaluation.predicted, strict=True)],
+        panels=[_panel(evaluation, one, model, run, study) for one, model in pairs],
+        configuration_count=len(evaluation.measured),
         suspects=[suspect.sentence for suspect in not_told_apart(evaluation.suspects)],
         next_suspects=[suspect.sentence for suspect in evaluation.suspects if suspect not in not_told_apart(evaluation.suspects)][:2],
         budget=tables.budget_table(evaluation),
         properties_chart=charts.properties_chart(evaluation),
         views_chart=charts.views_chart(evaluation),
-        difference_chart=charts.difference_chart(evaluation) if len(evaluation.measured) > 1 else None,
+        difference_chart=charts.difference_chart(evaluation),
         residual_chart=charts.residual_chart(evaluation),
         accuracy_chart=charts.accuracy_chart(run, wanted) if run.accuracy and wanted is not None else None,
         reference=study.description.reference,

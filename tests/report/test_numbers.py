@@ -9,7 +9,7 @@ import pytest
 from flflab.bench import Bench
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation
-from flflab.report.facts import airy_diameter, diffraction_contrast, exact_counts, z_statistics
+from flflab.report.facts import airy_diameter, diffraction_contrast, exact_counts, listed, pictured, z_statistics
 from flflab.report.frames import predicted_view_places, useful_outline
 from flflab.report.tables import measured_number
 from flflab.study import Study
@@ -95,3 +95,21 @@ def test_only_equal_counts_are_exact(evaluation: Evaluation) -> None:
 )
 def test_a_value_shows_its_uncertainty_in_its_last_two_digits(value: float, uncertainty: float, shown: str) -> None:
     assert measured_number(value, uncertainty) == shown
+
+
+@pytest.mark.parametrize(
+    ("places", "words"), [([3], "3"), ([0, 1], "0 and 1"), ([0, 2, 5, 6, 7, 9, 10], "0, 2, 5 to 7, 9 and 10"), ([4, 5, 6], "4 to 6")]
+)
+def test_configurations_in_a_row_are_told_as_a_range(places: list[int], words: str) -> None:
+    assert listed(places) == words
+
+
+def test_of_many_configurations_the_reference_the_ends_and_the_farthest_from_the_model_are_pictured(evaluation: Evaluation) -> None:
+    one, line = evaluation.measured[0], evaluation.comparison.rows[0]
+    many = tuple(replace(one, configuration=replace(one.configuration, index=index)) for index in range(30))
+    rows = tuple(
+        replace(line, configuration=index, reference_configuration=None, z=-9.0 if index in (17, 21) else 0.1) for index in range(30)
+    )
+    crowded = replace(evaluation, measured=many, comparison=replace(evaluation.comparison, rows=rows))
+    assert pictured(crowded, 4, most=5) == {4, 0, 29, 17, 21}
+    assert pictured(evaluation, 0) == {one.configuration.index for one in evaluation.measured}
