@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.contrast_data import MOST_ROWS, ChirpData, classic_reading, field_of, gather
-from flflab.analysis.contrast_fit import CURVE, GEOMETRY, ChirpFit, ChirpModel, noise_covariance
-from flflab.analysis.contrast_readings import fitted_extremes, views_contrast
+from flflab.analysis.contrast_fit import CURVE, GEOMETRY, ChirpFit, ChirpModel, noise_covariance, with_blur_unsure
+from flflab.analysis.contrast_readings import fitted_extremes, transfer_rows, views_contrast
 from flflab.analysis.contrast_search import (
     KNOTS,
     Frame,
@@ -176,8 +176,10 @@ def _fit_type(
     chosen = np.ones(len(lattice.centres_px), dtype=np.bool_) if kinds == 1 else microlens_type_of(lattice, camera) == float(smms.focal)
     nominal = float(smms.inside_radius) / camera.sensor.pixel
     # a lattice of several kinds has one measured radius for all
-    field = field_of(lattice, lattice.inside_radius_px if kinds == 1 else min(lattice.inside_radius_px, nominal), chosen)
+    radius = lattice.inside_radius_px if kinds == 1 else min(lattice.inside_radius_px, nominal)
     start = np.array([0.0, across, 0.0, along, 0.0])
+    looks_at = np.abs(sensor_position(camera.sensor, lattice.centres_px) * along) - radius * camera.sensor.pixel * abs(across)
+    field = field_of(lattice, radius, chosen & (looks_at < [target.width / 2, target.height / 2]).all(axis=1))
     frame = Frame(values, lattice, field, camera, smms, target, distance, noise, gains, start)
     data = _on_target(frame, FIRST_RUN)
     model = model_of(frame, data)
@@ -204,8 +206,7 @@ def _on_target(frame: Frame, rows: int) -> ChirpData:
         raise MeasurementError(f"{target.kind} picture: the micro-images have no bright field; a larger f-number gives one")
     data, saturated = gather(frame.values, frame.lattice, frame.field, frame.camera.sensor, frame.noise, rows, frame.gains)
     seen = data.places[:, [1, 2]] * start[1] + data.places[:, [3, 4]] * start[3]
-    scale = float(magnification(frame.smms, 1 / frame.distance))
-    margin = (float(blur(frame.smms, 1 / frame.distance)) / 2 + 3 * pixel) / scale + 0.01 * target.width
+    margin = _margin(frame)
     high = data.pixels * (1 if frame.gains is None else 2) / 2 * pixel * abs(start[1])
     keep = (np.abs(seen[:, 0]) < target.width / 2 - margin) & (np.abs(seen[:, 1]) < target.height / 2 - margin - high)
     kept = data.part(keep)
@@ -220,26 +221,33 @@ def _on_target(frame: Frame, rows: int) -> ChirpData:
     return kept
 
 
+def _margin(frame: Frame) -> float:
+    """How far within the target's edges a pixel must look, mm."""
+    scale = float(magnification(frame.smms, 1 / frame.distance))
+    return (float(blur(frame.smms, 1 / frame.distance)) / 2 + 3 * frame.camera.sensor.pixel) / scale + 0.01 * frame.target.width
+
+
 def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel) -> ContrastCurve:
     target, sensor = frame.target, frame.camera.sensor
-    covariance, chi2 = noise_covariance(data, model, fit, prior_of(frame, data, model.knots))
+    prior = prior_of(frame, data, model.knots)
+    covariance, chi2 = noise_covariance(data, model, fit, prior)
     if chi2 > WORST_CHI2:
         raise MeasurementError(
             f"{target.kind} picture: the fit leaves {chi2:.0f} times the noise's variance; check exposure, target and distance"
         )
-    covariance *= max(1.0, chi2)
+    covariance = with_blur_unsure(data, model, fit, prior, covariance) * max(1.0, chi2)
     spline = covariance[CURVE:, CURVE:]
     # The target's own grid, not the picture's, so that two pictures of one target can be compared frequency by frequency.
     nu = np.linspace(*target.cycles_per_mm, KNOTS + 2)[1:-1]
     nu = nu[(nu >= model.span[0]) & (nu <= model.span[1])]
-    design = model.knots.design(nu, model.template)
+    design = transfer_rows(model, fit.curve, nu)
     spread = design @ spline @ design.T
     frequency = target.frequency(data.places @ fit.geometry)
     near = np.array([data.pixels[np.abs(frequency - one) <= model.knots.step / 2].sum() for one in nu])
     keep = (near >= FEWEST_PIXELS / KNOTS) & (np.sqrt(np.diag(spread)) < WORST_UNCERTAINTY)
     if not keep.any() or not np.isfinite(fit.geometry).all():
         raise MeasurementError(f"{target.kind} picture: the fit of the bars did not settle; check exposure, focus, target and distance")
-    nu, contrast = nu[keep], design[keep] @ fit.curve
+    nu, contrast = nu[keep], design[keep, :-1] @ fit.curve
     clearest = float(np.max(contrast / np.sqrt(np.diag(spread)[keep])))
     if clearest < LEAST_CLEAR:
         raise MeasurementError(
@@ -251,7 +259,11 @@ def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel) -> C
     centres = sensor_position(sensor, frame.lattice.centres_px)[frame.field.lenses]
     middle = float(model.frequency(fit.geometry[:1])[0])
     law = (middle, (float(growth[1]), float(growth[2])), centres @ fit.geometry[3:] * model.law[1])
-    classic, classic_spread = classic_reading(frame.values, frame.lattice, frame.field, frame.noise, frame.gains, law, nu)
+    up = np.array([[-1.0, 1.0]]) * (target.height / 2 - _margin(frame))
+    ends = (up - centres[:, 1:] * frame.start[3]) / (frame.start[1] * sensor.pixel)
+    classic, classic_spread = classic_reading(
+        frame.values, frame.lattice, frame.field, frame.noise, frame.gains, law, np.sort(ends, axis=1), nu
+    )
     views, each, doubts = views_contrast(data, model, fit, nu)
     doubts *= math.sqrt(max(1.0, chi2))
     # where even all views together are less sure than a view's noise, their place on the target is what is unknown

@@ -212,6 +212,7 @@ def _extremes(
     first: float,
     along: tuple[float, float],
     rates: Array,
+    ends: Array,
     knots: Array,
     half: float,
 ) -> tuple[Array, Array, Whole]:  # pragma: no cover - compiled
@@ -220,7 +221,8 @@ def _extremes(
     number = np.zeros((len(lenses), len(knots)), dtype=np.int64)
     for n in range(len(lenses)):
         cx, cy = centres[lenses[n], 0], centres[lenses[n], 1]
-        for row in range(max(0, int(np.ceil(cy - radius))), min(height - 1, int(np.floor(cy + radius))) + 1):
+        top, bottom = cy + max(-radius, ends[n, 0]), cy + min(radius, ends[n, 1])
+        for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
             y = row - cy
             wide = np.sqrt(max(radius * radius - y * y, 0.0))
             for column in range(max(0, int(np.ceil(cx - wide))), min(width - 1, int(np.floor(cx + wide))) + 1):
@@ -250,6 +252,7 @@ def classic_reading(
     noise: SensorNoise,
     gains: Array | None,
     frequency_of: tuple[float, tuple[float, float], Array],
+    ends: Array,
     knots: Array,
 ) -> tuple[Array, Array]:
     """(max - min)/(max + min) of each view's pixels near each frequency: mean over the views, and its standard uncertainty.
@@ -262,13 +265,14 @@ def classic_reading(
         gains: as in ``gather``.
         frequency_of: cycles/mm at the middle of a micro-image on the axis, its growth by a pixel along x and y, and how much more each
             micro-image of the field sees.
+        ends: first and last row of each that look at the target, px from its centre, shape (n, 2).
         knots: evenly spaced, cycles/mm.
     """
     half = abs(knots[1] - knots[0]) / 2 if len(knots) > 1 else np.inf
     even = np.ones((2, 2)) if gains is None else gains
     high, low, number = _extremes(
         picture, lattice.centres_px, field.lenses, field.radius_px, field.keep_off_px, field.keep_off_radius_px,
-        noise.full_scale_dn, noise.offset_dn, even, *frequency_of, knots, half,
+        noise.full_scale_dn, noise.offset_dn, even, *frequency_of, ends, knots, half,
     )  # fmt: skip
     mean, doubt = np.full(len(knots), np.nan), np.full(len(knots), np.nan)
     for k in range(len(knots)):

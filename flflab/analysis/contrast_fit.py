@@ -9,7 +9,8 @@ itself, each sine comes with -h r D''(h nu)/(4 pi) of its cosine, the next term 
 degree over the picture, x linear in the pixel's place in its micro-image and in the micro-image's centre.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -23,6 +24,7 @@ Array = npt.NDArray[np.float64]
 GEOMETRY = 5  # shift, across x and y, along x and y
 LIGHT = 6
 MOST_CYCLES_A_STEP = 0.1
+MORE_BLUR = 0.05  # pixels, added in squares: how what blur does is found
 MODEL_ERROR = 1e-3  # of the light; keeps the mean of many dark pixels, almost without noise, from outweighing all others
 CURVE = GEOMETRY + LIGHT  # first of the curve's parameters: g, then the spline's coefficients
 
@@ -72,6 +74,17 @@ class ChirpModel:
     def phase(self, x: Array) -> Array:
         """Cycles from the left edge to x mm."""
         return (x - self.law[2]) * (self.law[0] + self.law[1] * (x - self.law[2]) / 2)
+
+    def with_blur(self, disc: float) -> "ChirpModel":
+        """The same seen through a template whose disc is so wide, mm."""
+        template = replace(self.template, blur=disc)
+        return replace(self, template=template, table=template.edge())
+
+    @property
+    def blurred(self) -> tuple["ChirpModel", float]:
+        """The same with a little more blur, and how much more its square is, mm^2."""
+        more = MORE_BLUR * self.template.pixel
+        return self.with_blur(math.hypot(self.template.blur, more)), more**2
 
 
 @dataclass(frozen=True)
@@ -164,12 +177,12 @@ def _accumulate(
     first: float,
     step: float,
     ceiling: float,
-    noise_only: bool,
-) -> tuple[Array, Array, float, float]:  # pragma: no cover - compiled
-    """Normal matrix (or, ``noise_only``, the noise's scatter of the right side), right side, misfit and what of it the noise makes."""
+    with_scatter: bool,
+) -> tuple[Array, Array, Array, float, float]:  # pragma: no cover - compiled
+    """Normal matrix, the noise's scatter of the right side if wanted, right side, misfit and what of it the noise makes."""
     base = GEOMETRY + LIGHT
     size = base + len(curve)
-    normal, right = np.zeros((size, size)), np.zeros(size)
+    normal, scatter, right = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
     g, shares = np.zeros(size), np.zeros(len(curve))
     touched = np.zeros(size, dtype=np.int64)
     misfit, due = 0.0, 0.0
@@ -199,15 +212,17 @@ def _accumulate(
         rest = read[n] - expected
         misfit += weight * rest * rest
         due += weight * variance
-        if noise_only:
-            weight *= weight * variance
         for p in range(count):
             k = touched[p]
             weighted = weight * g[k]
             right[k] += weighted * rest
             for q in range(p, count):
                 normal[k, touched[q]] += weighted * g[touched[q]]
-    return normal, right, misfit, due
+            if with_scatter:
+                weighted *= weight * variance
+                for q in range(p, count):
+                    scatter[k, touched[q]] += weighted * g[touched[q]]
+    return normal, scatter, right, misfit, due
 
 
 @numba.njit(nogil=True, cache=True)
@@ -277,7 +292,7 @@ def least_misfit(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior
 
 def _tied(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float, prior: Prior) -> tuple[Array, Array, float]:
     """Normal matrix and right side with the prior, and the misfit."""
-    normal, right, misfit, _ = _sums(data, model, fit, ceiling, False)
+    normal, _, right, misfit, _ = _sums(data, model, fit, ceiling, False)
     tied = prior.spread**-2
     off = prior.mean - np.concatenate([fit.geometry, fit.brightness, fit.curve])
     return normal + np.diag(tied), right + off * tied, misfit
@@ -289,15 +304,35 @@ def noise_covariance(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: P
     The weights allow for a model error besides the noise, so the covariance is N^-1 M N^-1, M the scatter that noise alone gives to the
     right side (White, Econometrica 48 (1980) 817, with the variance known).
     """
-    normal, _, misfit, due = _sums(data, model, fit, model.top, False)
-    scatter = _sums(data, model, fit, model.top, True)[0]
+    normal, scatter, _, misfit, due = _sums(data, model, fit, model.top, True)
     tied = np.diag(prior.spread**-2)
     inverse = _inverse(normal + tied)
     return inverse @ (scatter + tied) @ inverse, misfit / max(due - float(np.trace(inverse @ scatter)), 0.1 * due)
 
 
-def _sums(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float, noise_only: bool) -> tuple[Array, Array, float, float]:
-    normal, right, misfit, due = _accumulate(
+def with_blur_unsure(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior, covariance: Array) -> Array:
+    """The covariance of the parameters and, behind them, of the square of the template's disc (mm^2), which was fitted too.
+
+    The picture as fitted, without noise, is fitted with a little more blur: how the parameters follow, and what misfit is left, say how far
+    the noise may have moved all of them together. Of a sine, which has no template, the last row is 0.
+    """
+    size = len(covariance)
+    whole = np.zeros((size + 1, size + 1))
+    whole[:size, :size] = covariance
+    if len(model.edges):
+        more, step = model.blurred
+        expected = (data.light @ fit.brightness) * (1 + waves(data, model, fit.geometry, fit.curve, model.top))
+        normal, _, right, misfit, _ = _sums(replace(data, read=expected), more, fit, model.top, False)
+        follow = _inverse(normal + np.diag(prior.spread**-2)) @ right
+        moves = np.append(follow, step)
+        whole += np.outer(moves, moves) / max(misfit - float(right @ follow), 1e-300)
+    return whole
+
+
+def _sums(
+    data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float, with_scatter: bool
+) -> tuple[Array, Array, Array, float, float]:
+    normal, scatter, right, misfit, due = _accumulate(
         data.read,
         data.places,
         data.light,
@@ -313,9 +348,9 @@ def _sums(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float, noi
         model.knots.first,
         model.knots.step,
         ceiling,
-        noise_only,
+        with_scatter,
     )
-    return np.triu(normal) + np.triu(normal, 1).T, right, misfit, due
+    return np.triu(normal) + np.triu(normal, 1).T, np.triu(scatter) + np.triu(scatter, 1).T, right, misfit, due
 
 
 def _inverse(normal: Array) -> Array:

@@ -1,6 +1,7 @@
 """Further readings of a fitted chirp: eq. (2)'s (max - min)/(max + min) without noise, and every view's own contrast."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,23 +12,53 @@ from flflab.analysis.contrast_fit import MODEL_ERROR, ChirpFit, ChirpModel, wave
 Array = npt.NDArray[np.float64]
 
 FEWEST_RUNS = 8  # of a view near a frequency
+PHASES = np.arange(1, 128) / 256  # of half a cycle, its middle among them
+LEVEL = 1e-6  # of the template's extreme: how far below it a phase counts as its place
+FURTHEST = 3.0  # standard uncertainties of the template's disc
+VANISHING = 0.1  # contrast below which harmonics may move the extremes
 LEAST_APART = 0.2  # determinant of the correlations of light, sine and cosine: a cycle or more is in the view
 
 
+def transfer_rows(model: ChirpModel, curve: Array, frequency: Array) -> Array:
+    """By how much the curve's parameters and the square of the template's disc change the transfer, shape (K, curve + 1)."""
+    more, step = model.blurred
+    rows = model.knots.design(frequency, model.template)
+    wider = more.template.transfer(frequency) if len(model.edges) else rows[:, 0]
+    return np.concatenate([rows, (curve[0] * (wider - rows[:, 0]) / step)[:, None]], axis=1)
+
+
 def fitted_extremes(model: ChirpModel, curve: Array, covariance: Array, frequency: Array) -> tuple[Array, Array]:
-    """Largest excursion of the fitted wave at each frequency and its uncertainty."""
-    knots, template, bars = model.knots, model.template, len(model.edges) > 0
-    top = knots.first + knots.step * (knots.count - 3)
-    phase = (np.arange(256) + 0.5) / 512
-    largest, spread = np.zeros(len(frequency)), np.zeros(len(frequency))
-    for n, nu in enumerate(frequency):
-        orders = np.arange(1, max(2.0, top / nu + 1e-9), 2) if bars else np.array([1.0])
-        waves_seen = np.sin(2 * np.pi * np.outer(phase, orders)) * (4 / (np.pi * orders) if bars else 1.0)
-        rows = waves_seen @ knots.design(orders * nu, template)
-        rows[:, 0] = template.bars(phase, nu) if bars else 0.0
-        at = int(np.argmax(np.abs(rows @ curve)))
-        largest[n], spread[n] = abs(float(rows[at] @ curve)), math.sqrt(max(0.0, float(rows[at] @ covariance @ rows[at])))
-    return largest, spread
+    """Largest excursion of the fitted wave at each frequency and its uncertainty.
+
+    The wave is read where a template's, which has no noise, is largest, and averaged over all such phases: the largest of the fitted wave's
+    many noisy values would lie up to a standard uncertainty too high. Where the fundamental all but vanishes, places go by how little is
+    left of it; the template's disc is then, within its own uncertainty, the one whose fundamental is the fitted one.
+
+    Args:
+        model: of the target.
+        curve: fitted.
+        covariance: of the curve's parameters and the square of the template's disc.
+        frequency: cycles/mm, shape (K,).
+    """
+    rows = transfer_rows(model, curve, frequency)
+    spread = np.einsum("ni,ij,nj->n", rows, covariance, rows)
+    if len(model.edges):
+        knots, template, (more, step) = model.knots, model.template, model.blurred
+        top = knots.first + knots.step * (knots.count - 3)
+        by_blur, most = rows[:, -1] * covariance[-1, -1], FURTHEST * math.sqrt(covariance[-1, -1])
+        shift = by_blur * (rows[:, :-1] @ curve - rows[:, 0]) / (by_blur * rows[:, -1] + spread)
+        shift = np.where(np.abs(rows[:, 0]) < VANISHING, np.clip(shift, -most, most), 0.0)
+        for n, nu in enumerate(frequency):
+            expected = replace(template, blur=math.sqrt(max(template.blur**2 + shift[n], 0.0))).bars(PHASES, nu)
+            near = np.abs(expected) >= (1 - LEVEL) * np.abs(expected).max()
+            share, phase = np.sign(expected[near]) / np.count_nonzero(near), PHASES[near]
+            orders = np.arange(1, max(2.0, top / nu + 1e-9), 2)
+            harmonics = share @ np.sin(2 * np.pi * np.outer(phase, orders)) * 4 / (np.pi * orders)
+            rows[n, :-1] = harmonics @ knots.design(orders * nu, template)
+            rows[n, 0] = share @ template.bars(phase, nu)
+            rows[n, -1] = curve[0] * (share @ more.template.bars(phase, nu) - rows[n, 0]) / step
+        spread = np.einsum("ni,ij,nj->n", rows, covariance, rows)
+    return np.abs(rows[:, :-1] @ curve), np.sqrt(np.maximum(spread, 0.0))
 
 
 def views_contrast(data: ChirpData, model: ChirpModel, fit: ChirpFit, frequency: Array) -> tuple[npt.NDArray[np.int64], Array, Array]:

@@ -1,12 +1,11 @@
 """Finding a chirp in a picture: its place by the lowest frequencies, then all of it, then the blur that it shows."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
 
 from flflab.analysis.contrast_data import ChirpData, Field
 from flflab.analysis.contrast_fit import (
@@ -26,6 +25,7 @@ from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
+from flflab.optics.contrast import disc_transfer
 from flflab.optics.focus import blur
 from flflab.optics.smms import Smms
 from flflab.targets import Bars
@@ -35,7 +35,10 @@ Array = npt.NDArray[np.float64]
 KNOTS = 16
 WIDEST_SHIFT = 0.06  # of the target's width: how far the target may be off sideways
 WIDEST_BLUR = 6.0  # pixels
-BLUR_STEP = 1e-3  # pixels: how closely it is looked for
+DISCS = 100  # of blur, up to the widest: how closely it is looked for in the transfer
+BLUR_STEP = 0.1  # pixels: how well the transfer shows it
+LEAST = 0.02  # of chi squared above its least: a seventh of a standard uncertainty
+MOST_PARABOLAS = 8
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,7 @@ def with_fitted_gains(data: ChirpData, fit: ChirpFit, model: ChirpModel) -> Chir
 def with_fitted_blur(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> tuple[ChirpModel, ChirpFit]:
     """The model whose disc of blur leaves the least misfit, and its fit.
 
-    The measured transfer, each frequency as far as it is known, up to one factor, says the disc to some tenths of a pixel. The harmonics,
+    The measured transfer, each frequency as far as it is known, up to one factor, says the disc to a tenth of a pixel. The harmonics,
     seen through the template alone, then show it to a thousandth: left to the first guess, the misfit was up to four times the noise's.
     """
     template, prior = model.template, prior_of(frame, data, model.knots)
@@ -171,26 +174,37 @@ def with_fitted_blur(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpM
     covariance, _ = noise_covariance(data, model, fit, prior)
     whiten = np.linalg.inv(np.linalg.cholesky(design @ covariance[CURVE:, CURVE:] @ design.T + 1e-8 * np.eye(len(nu))))
     measured = whiten @ design @ fit.curve
+    discs = np.linspace(0.0, max(WIDEST_BLUR * template.pixel, 2 * template.blur), DISCS)
+    shapes = np.sinc(nu * template.pixel) * disc_transfer(discs[:, None], nu) @ whiten.T
+    likeness = (shapes @ measured) ** 2 / np.sum(shapes**2, axis=1)
+    guess, away = float(discs[int(np.argmax(likeness))]), BLUR_STEP * template.pixel
 
-    def unlike(disc: float) -> float:
-        shape = whiten @ replace(template, blur=disc).transfer(nu)
-        return float(np.sum((measured - shape * (shape @ measured) / (shape @ shape)) ** 2))
+    def misfit(square: float) -> float:
+        return least_misfit(data, model.with_blur(math.sqrt(square)), fit, prior)
 
-    steps = np.linspace(0.0, max(WIDEST_BLUR * template.pixel, 2 * template.blur), 25)
-    guess = steps[int(np.argmin([unlike(disc) for disc in steps]))]
-    found: Any = minimize_scalar(
-        lambda disc: least_misfit(data, _with_blur(model, disc), fit, prior),
-        bounds=(max(0.0, guess - 2 * steps[1]), guess + 2 * steps[1]),
-        method="bounded",
-        options={"xatol": BLUR_STEP * template.pixel},
-    )
-    best = _with_blur(model, float(found.x))
+    squares = [(max(guess, away) + step * away) ** 2 for step in (-1, 0, 1)]
+    best = model.with_blur(math.sqrt(lowest(misfit, squares)))
     return best, settle(frame, data, fit, best)
 
 
-def _with_blur(model: ChirpModel, disc: float) -> ChirpModel:
-    template = replace(model.template, blur=disc)
-    return replace(model, template=template, table=template.edge())
+def lowest(value: Callable[[float], float], places: Sequence[float]) -> float:
+    """Place 0 or more where a function is least, by parabolas through its three lowest points, to where it is above its least by LEAST."""
+    points = sorted((value(place), place) for place in places)[:3]
+    for _ in range(MOST_PARABOLAS):
+        (best, at), (second, left), (third, right) = points
+        slopes = (second - best) / (left - at), (third - best) / (right - at)
+        bend = (slopes[1] - slopes[0]) / (right - left)  # half the second derivative
+        reach = 2 * max(abs(left - at), abs(right - at))
+        lower = at - (slopes[0] - bend * (left - at)) / (2 * bend) if bend > 0 else at - math.copysign(reach, slopes[0])
+        there = min(max(lower, at - reach, 0.0), at + reach)
+        if there == at == 0 and lower > -min(left, right):  # too far apart to say that it is least at 0
+            there = min(left, right) / 4
+        if there in (at, left, right):
+            return at
+        if bend > 0 and abs(bend * (there - at) * (there + at - 2 * lower)) < LEAST:
+            return there
+        points = sorted([*points, (value(there), there)])[:3]
+    return points[0][1]
 
 
 def prior_of(frame: Frame, data: ChirpData, knots: Knots) -> Prior:

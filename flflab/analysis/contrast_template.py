@@ -37,9 +37,12 @@ class Template:
 
     def edge(self) -> Array:
         """Edge spread (0 to 1) and line spread (1/mm) at ENTRIES + 1 even places from -reach to reach, shape (ENTRIES + 1, 2)."""
-        t = np.linspace(-self.reach, self.reach, ENTRIES + 1)
+        return np.stack(self._spread(np.linspace(-self.reach, self.reach, ENTRIES + 1)), axis=1)
+
+    def _spread(self, t: Array) -> tuple[Array, Array]:
+        """Edge and line spread t mm behind an edge."""
         ends = [self._integrals(t + side * self.pixel / 2) for side in (1, -1)]
-        return np.stack([(ends[0][n] - ends[1][n]) / self.pixel for n in (0, 1)], axis=1)
+        return (ends[0][0] - ends[1][0]) / self.pixel, (ends[0][1] - ends[1][1]) / self.pixel
 
     def _integrals(self, t: Array) -> tuple[Array, Array]:
         """Second and first integral of the disc's line spread."""
@@ -54,8 +57,7 @@ class Template:
         """Bars of one frequency and amplitude 1 at phases in cycles, rising at phase 0."""
         beyond = 2 * int(np.ceil(frequency * self.reach)) + 2
         number = np.arange(-beyond, 2 * int(np.ceil(phase.max())) + beyond + 1)  # even ones rise; the first does
-        away = (phase[:, None] - number / 2) / frequency
-        seen = np.interp(away, np.linspace(-self.reach, self.reach, ENTRIES + 1), self.edge()[:, 0])
+        seen, _ = self._spread((phase[:, None] - number / 2) / frequency)
         return -1 + 2 * seen @ np.where(number % 2 == 0, 1.0, -1.0)
 
 
