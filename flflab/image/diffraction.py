@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.diffraction_border import NO_BORDER, border_reach, make_border
+from flflab.image.diffraction_border import NO_BORDER, border_reach, make_borders
 from flflab.image.diffraction_falloff import pupil_moments, slant_rows
 from flflab.image.diffraction_fields import (
     Fields,
@@ -25,7 +25,7 @@ from flflab.image.diffraction_fields import (
 )
 from flflab.image.diffraction_lines import add_ruled_diffracted
 from flflab.image.diffraction_ruled import make_curves, make_line
-from flflab.image.diffraction_table import BLURRED, Kind, find_kinds, find_modes, samples_needed, transfer_table
+from flflab.image.diffraction_table import BLURRED, Kind, find_kinds, find_modes, rim_radii, samples_needed, transfer_table
 from flflab.image.form import add_plane
 from flflab.image.moments import places_of
 from flflab.image.orders import in_bands, is_even
@@ -39,6 +39,7 @@ Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
 MOST_PARTS = 8
+MOMENTS = 33  # nodes over a rim for the fall-off
 MOST_SAMPLES = 16.0  # a pixel, of a field over the target
 SHARE = 0.7  # of the tolerance; the errors of nodes, parts and terms are each kept below it
 LEAST_TERM = 1e-4  # of white; finer terms of the sum over a rim are too many
@@ -104,19 +105,17 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
     reach = scales[0] * (kind.outer + 1)
     seen = (float(origins[:, 0].min()) * scales[0] - reach, float(origins[:, 0].max()) * scales[0] + reach)
     line = make_line(table, samples, target, seen, directions[0], setup.tolerance)
-    curves = make_curves(table, line, box, parts)
+    modes = find_modes(table, box, setup.tolerance / 10)
+    curves = make_curves(modes, line, box, parts)
     half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
-    orders, radial = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
+    at_border = modes.above(max(setup.tolerance / 3, LEAST_TERM))
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
         seen_up = float(np.max(np.abs(origins[:, 1]))) + kind.outer + 1
         if seen_up > half - border_reach(kind, setup.tolerance):
-            modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
-            orders, radial = modes.orders, modes.radial
-            borders = [make_border(modes, line, directions[1], box, parts, setup.tolerance)] * 2
             mirror = kind.smear.extent == 0 and is_even(directions[None], 0.0)
-            if not mirror:
-                borders[1] = make_border(modes, line, -directions[1], box, parts, setup.tolerance)
+            inwards = [directions[1]] if mirror else [directions[1], -directions[1]]
+            borders = make_borders(at_border, line, inwards, box, parts, setup.tolerance) * (2 if mirror else 1)
     border_rows = [(some.core, some.part, some.waves, some.terms, some.turns, some.last, some.place) for some in borders]
     windows = lit_windows(setup)[kind.entries]
     xs, ys = pixel_positions(setup.sensor)
@@ -138,14 +137,15 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
             ys,
             pixel,
             half,
-            (curves.core, curves.part, curves.rim, curves.place),
+            (curves.core, curves.part, curves.waves, curves.place),
+            (np.arange(len(modes.orders)), 2 * modes.orders, np.ascontiguousarray(modes.radial.T)),
             border_rows[0],
             border_rows[1],
             -1.0 if mirror else 1.0,
-            int(orders.max(initial=0)),
-            np.ascontiguousarray(radial.T),
+            int(modes.orders.max(initial=0)),
+            np.ascontiguousarray(at_border.radial.T),
             slant_rows(setup, kind),
-            pupil_moments(kind, table.radii),
+            pupil_moments(kind, np.zeros(1) if steep else rim_radii(kind, MOMENTS)),
             disc_nodes(8, 8),
             chosen,
         )
@@ -204,7 +204,7 @@ def _add_fields(
     nodes = disc_nodes(8, 8)
     levels = setup.pupils.level[entries] * np.tile(kind.weights, len(places))
     rims, slants = (np.tile(part, (len(places), 1)) for part in (kind.rims, slant_rows(setup, kind)))
-    moments = pupil_moments(kind, table.radii)
+    moments = pupil_moments(kind, np.zeros(1) if steep else rim_radii(kind, MOMENTS))
     for fields in make_fields(modes, grid, spectrum, box, parts):
         terms = fields.terms
 
@@ -256,17 +256,20 @@ def _looking_windows(windows: Whole, centres: Array, origins: Array, grid: Grid,
 def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:
     """Into how many parts a side a pixel on the rim is divided, and whether the rim is too steep for curves of its own.
 
-    Across a pixel share and radiance vary together: on a rim w pixels wide n parts leave up to 0.12 / (w n^2), found on bars.
+    Across a pixel share and radiance vary together: on a rim w pixels wide n parts leave up to 0.12 / (w n^2) of a sharp edge, found on
+    bars, and less of one whose light rises over several pixels; the share's own bend leaves up to 0.3 / (w n)^2.
     """
     width = max(2 * kind.slope, 1e-9)
-    parts = min(max(math.ceil(math.sqrt(0.25 / (width * tolerance))), math.ceil(STEEP / width), 1), MOST_PARTS)
+    sharp = min(1.0, 2 * kind.cutoff, 1 / max(abs(kind.blur), 1e-9))
+    parts = math.ceil(math.sqrt((0.15 * sharp / width + 0.3 / width**2) / tolerance))
+    parts = min(max(parts, math.ceil(STEEP / width), 1), MOST_PARTS)
     return parts, width * parts < STEEP
 
 
 def node_counts(kind: Kind, tolerance: float) -> tuple[int, int]:
     """How many radii and angles of a micro-image's rim a tolerance needs."""
-    finer = (0.002 / tolerance) ** 0.25 * (1 + 0.1 * abs(kind.blur))
-    return math.ceil(10 * finer), math.ceil(32 * finer) + 1
+    finer = (0.002 / tolerance) ** 0.25
+    return math.ceil(9 * finer * (1 + 0.05 * abs(kind.blur))), math.ceil(20 * finer * (1 + 0.1 * abs(kind.blur))) + 1
 
 
 def lit_windows(setup: Setup) -> Whole:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy import fft, ndimage
 from scipy.interpolate import make_interp_spline
 
-from flflab.image.diffraction_ruled import Line, line_spectrum, mirrored, spline_weights
+from flflab.image.diffraction_ruled import Line, line_spectrum, mirrored, spline_weights, weigh_waves
 from flflab.image.diffraction_table import Kind, Modes
 
 Array = npt.NDArray[np.float64]
@@ -23,6 +23,7 @@ Whole = npt.NDArray[np.int64]
 
 LEAST_PANELS = 100
 FARTHEST = 400.0
+ROOM = 1 << 24  # numbers of patterns at a time
 
 
 @dataclass(frozen=True)
@@ -66,13 +67,13 @@ def border_reach(kind: Kind, tolerance: float) -> float:
     return min(max(0.3 / (kind.cutoff * tolerance) / 2, 20.0), FARTHEST) + kind.extent
 
 
-def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int, tolerance: float) -> Border:
-    """Tabulate the light from beyond a border.
+def make_borders(modes: Modes, line: Line, inwards: list[Array], box: float, parts: int, tolerance: float) -> list[Border]:
+    """Tabulate the light from beyond some borders.
 
     Args:
         modes: the transfer functions.
         line: the lines' grid along x'.
-        inward: direction from the border to the target's inside: mm on the target per pixel on the sensor along x and y.
+        inwards: direction from each border to the target's inside: mm on the target per pixel on the sensor along x and y.
         box: side of the square over which a pixel gathers light, pixels.
         parts: parts a side of it.
         tolerance: largest error asked for.
@@ -83,46 +84,81 @@ def make_border(modes: Modes, line: Line, inward: Array, box: float, parts: int,
     farthest = border_reach(modes.kind, tolerance)
     nodes = math.ceil(math.asinh(farthest / near) / (spacing / near))
     distance = near * np.sinh(np.arange(-nodes, nodes + 1) * spacing / near)
-    count = modes.spectra.shape[1]
-    turn = np.linspace(0, np.pi, count)
+    turn = np.linspace(0, np.pi, modes.spectra.shape[1])
     coarse = band * (1 - np.cos(turn)) / 2
     weights = _step_weights(coarse, distance)
     filtered = [ndimage.spline_filter1d(part, axis=1, mode="mirror") for part in (weights.real, weights.imag)]
     kernel = filtered[0] + 1j * filtered[1]  # the prefilter over the rows is linear: done here, once
-    axes = np.stack([line.direction / np.hypot(*line.direction), inward / np.hypot(*inward)])
-    f = np.stack(np.broadcast_arrays(coarse[:, None], np.concatenate([coarse, -coarse])), axis=-1) @ axes
+    lines = _line_weights(line, turn, band)
+    place = (float(nodes), near / spacing, near, line.first, line.samples)
+    axes = [np.stack([line.direction, inward]) for inward in inwards]
+    return [_border(modes, pair, coarse, kernel, lines, (box, box / parts), tolerance, place) for pair in axes]
+
+
+def _border(
+    modes: Modes,
+    axes: Array,
+    coarse: Array,
+    kernel: ComplexArray,
+    lines: Array,
+    sides: tuple[float, float],
+    tolerance: float,
+    place: tuple[float, float, float, float, float],
+) -> Border:
+    """One border; ``axes`` are the lines' direction and the one inward, ``sides`` those of a pixel and of its part."""
+    f = np.stack(np.broadcast_arrays(coarse[:, None], np.concatenate([coarse, -coarse])), axis=-1)
+    f = f @ (axes / np.hypot(axes[:, 0], axes[:, 1])[:, None])
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
     smeared = modes.kind.smear.transfer(f)
-    kept = line.frequency < band
-    finer = np.arccos(1 - 2 * line.frequency[kept] / band)
-    spectrum = line_spectrum(line, band)
-    boxes = {side: smeared * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side) for side in (box, box / parts)}
-
-    def sheet(pattern: ComplexArray, side: float, precision: type[np.complex64 | np.complex128]) -> Array:
-        coarser = (pattern * boxes[side]).astype(precision) @ kernel.astype(precision)
-        found = (make_interp_spline(turn, coarser.T, k=5, axis=1)(finer) * spectrum).astype(precision)
-        return np.asarray(fft.irfft(found, line.length, axis=1))[:, : line.count]
-
-    whole = modes.spectrum(-1, size).astype(np.complex128)
+    boxes = [smeared * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side) for side in sides]
+    whole = modes.spectrum(-1, size)
+    core, part = _sheets(np.stack([whole * box for box in boxes]).astype(np.complex128), kernel, lines)
+    turned = [(term, int(order), sine) for term, order in enumerate(modes.orders) for sine in range(2 if order else 1)]
+    at_once = max(1, ROOM // (2 * size.size))
     found: list[tuple[float, int, int, SingleArray]] = []
-    for term, order in enumerate(modes.orders):
-        pattern = modes.spectrum(term, size) * (1j if order % 2 else 1.0)
-        least = tolerance / 50 / np.abs(modes.radial[term]).max()
-        for sine, by_angle in enumerate((np.cos(order * alpha), np.sin(order * alpha))[: 2 if order else 1]):
-            wave = sheet(pattern * by_angle, box / parts, np.complex64)
-            felt = np.flatnonzero(np.abs(wave).max(axis=1) > least)
+    single = kernel.astype(np.complex64), lines.astype(np.float32)
+    for start in range(0, len(turned), at_once):
+        some = turned[start : start + at_once]
+        spectra = {term: modes.spectrum(term, size) * boxes[1] for term, _, _ in some}
+        patterns = np.empty((len(some), *size.shape), dtype=np.complex64)
+        for pattern, (term, order, sine) in zip(patterns, some, strict=True):
+            pattern[:] = spectra[term] * (np.sin if sine else np.cos)(order * alpha) * (1j if order % 2 else 1.0)
+        for (term, order, sine), wave in zip(some, _sheets(patterns, *single), strict=True):
+            felt = np.flatnonzero(np.abs(wave).max(axis=1) > tolerance / 15 / np.abs(modes.radial[term]).max())
             if len(felt):
-                found.append((float(felt[-1]), term, 2 * int(order) + sine, np.asarray(wave, dtype=np.float32)))
+                found.append((float(felt[-1]), term, 2 * order + sine, np.asarray(wave, dtype=np.float32)))
     found.sort(key=lambda wave: -wave[0])
     return Border(
-        np.ascontiguousarray(sheet(whole, box, np.complex128)),
-        np.ascontiguousarray(sheet(whole, box / parts, np.complex128)),
+        core,
+        part,
         np.stack([wave[3] for wave in found], axis=-1) if found else NO_BORDER.waves,
         np.array([wave[1] for wave in found], dtype=np.int64),
         np.array([wave[2] for wave in found], dtype=np.int64),
         np.array([wave[0] for wave in found], dtype=np.float64),
-        (float(nodes), near / spacing, near, line.first, line.samples),
+        place,
     )
+
+
+def _sheets(patterns: ComplexArray, kernel: ComplexArray, lines: Array) -> Array:
+    """The light of patterns at frequencies along x' and y', shape (P, F, V), as sheets over distance and place, (P, Y, X)."""
+    count, rows, columns = patterns.shape
+    coarser = (patterns.reshape(-1, columns) @ kernel).reshape(count, rows, -1)
+    both = np.concatenate([coarser.real, coarser.imag], axis=1).transpose(0, 2, 1)
+    return (both.reshape(-1, 2 * rows) @ lines).reshape(count, both.shape[1], -1)
+
+
+def _line_weights(line: Line, turn: Array, band: float) -> Array:
+    """Weights that turn the real and imaginary parts of a pattern at frequencies along x' into spline coefficients over x', (2 F, X).
+
+    The pattern is the quintic spline through its values; the sum over the line's frequencies is that of its Fourier series.
+    """
+    frequency = line.frequency[line.frequency < band]
+    splines = make_interp_spline(turn, np.eye(len(turn)), k=5)(np.arccos(1 - 2 * frequency / band))
+    waves = np.zeros((len(turn), line.length), dtype=np.complex128)
+    waves[:, : len(frequency)] = (splines * line_spectrum(line, band)[:, None]).T
+    waves[:, 1:] *= 2
+    found = np.asarray(fft.ifft(waves, axis=1, overwrite_x=True))[:, : line.count]
+    return np.concatenate([found.real, -found.imag])
 
 
 def _step_weights(coarse: Array, distance: Array) -> ComplexArray:
@@ -157,37 +193,6 @@ def read_sheet(
         part = by_column[0] * line[column - 1] + by_column[1] * line[column]
         total += by_row[m] * (part + by_column[2] * line[column + 1] + by_column[3] * line[column + 2])
     return total
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def weigh_waves(
-    radial: float,
-    cos: float,
-    sin: float,
-    terms: Whole,
-    turns: Whole,
-    coefficients: Array,
-    amounts: Array,
-    turned: Array,
-    weights: SingleArray,
-) -> None:
-    """The first waves' weights at a sensor point, as many as ``weights`` holds; ``amounts`` and ``turned`` are scratch.
-
-    See ``from_beyond``; ``coefficients`` has the shape (R, T).
-    """
-    last = coefficients.shape[0]
-    base = min(int(radial), last - 2)
-    a, b, c, d = spline_weights(radial - base)
-    low, high = mirrored(base - 1, last), mirrored(base + 2, last)
-    for term in range(coefficients.shape[1]):
-        amounts[term] = a * coefficients[low, term] + b * coefficients[base, term]
-        amounts[term] += c * coefficients[base + 1, term] + d * coefficients[high, term]
-    turned[0], turned[1] = 1.0, 0.0
-    for order in range(2, turned.size, 2):
-        turned[order] = turned[order - 2] * cos - turned[order - 1] * sin
-        turned[order + 1] = turned[order - 1] * cos + turned[order - 2] * sin
-    for wave in range(weights.size):
-        weights[wave] = amounts[terms[wave]] * turned[turns[wave]]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})

@@ -12,13 +12,16 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, ndimage
+from scipy import fft
+from scipy.interpolate import make_interp_spline
 
-from flflab.image.diffraction_table import TransferTable, fast_length
+from flflab.image.diffraction_table import Modes, TransferTable, fast_length
 from flflab.targets import Bars, Chirp, Edge
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
+SingleArray = npt.NDArray[np.float32]
+Whole = npt.NDArray[np.int64]
 
 MARGINS = (16.0, 1000.0)  # least and most pixels round the target that a curve covers
 BEYOND = (64.0, 512.0)  # least and most pixels beyond the seen part of the target before it is cut
@@ -167,47 +170,43 @@ class Curves:
     Attributes:
         core: of unclipped pupils over a pixel, shape (X,).
         part: the same over a part of a pixel.
-        rim: of clipped ones over a part of a pixel, at the table's radii and angles, shape (R, A, X).
+        waves: the terms of clipped ones over a part of a pixel, for the cosine of the angle from x', shape (X, T), single precision.
         place: position of the first coefficient, pixels along x', and coefficients a pixel; then level, start, end (pixels) and decay
             of the light seen from beyond the curves.
     """
 
     core: Array
     part: Array
-    rim: Array
+    waves: SingleArray
     place: tuple[float, float, float, float, float, float]
 
 
-def make_curves(table: TransferTable, line: Line, box: float, parts: int) -> Curves:
-    """Image a target's lines through every pupil of a table.
+def make_curves(modes: Modes, line: Line, box: float, parts: int) -> Curves:
+    """Image a target's lines through every pupil of a kind.
 
     Args:
-        table: the transfer functions.
+        modes: the transfer functions.
         line: the lines.
         box: side of the square over which a pixel gathers light, pixels.
         parts: parts a side of it.
     """
-    frequency = line.frequency
-    spectrum = np.zeros(len(frequency), dtype=np.complex128)
-    found = line_spectrum(line, table.band)
-    spectrum[: len(found)] = found
-    transfers = table.at(frequency)
-    far = _far_light(line)
+    frequency = line.frequency[line.frequency < modes.band]
     turned = frequency[:, None] * line.direction / np.hypot(*line.direction)
-    spectrum *= table.kind.smear.transfer(turned)
+    spectrum = line_spectrum(line, modes.band) * modes.kind.smear.transfer(turned)
+    far = _far_light(line)
+    nodes, place = np.linspace(0, np.pi, len(modes.core)), np.arccos(1 - 2 * frequency / modes.band)
 
-    def curves(chosen: slice, side: float) -> Array:
+    def curves(transfers: Array, tails: Array, turn: ComplexArray, side: float) -> Array:
         boxed = spectrum * np.sinc(turned[:, 0] * side) * np.sinc(turned[:, 1] * side)
-        lines = np.asarray(fft.irfft(transfers[chosen] * boxed, line.length, axis=-1), dtype=np.float64)
-        return lines[..., : line.count] + table.tails[chosen, :, None] * far
+        found = make_interp_spline(nodes, transfers, k=5, axis=-1)(place) * (boxed * turn[:, None])
+        lines = np.asarray(fft.irfft(found, line.length, axis=-1), dtype=np.float64)
+        return lines[:, : line.count] + tails[:, None] * far
 
-    rim = curves(slice(None), box / parts)
-    part = rim[0, 0].copy()
-    if rim.shape[0] > 1:
-        for axis in (0, 1):
-            rim = ndimage.spline_filter1d(rim, order=3, axis=axis, mode="mirror")
-    place = (line.first, line.samples, line.ruling.level, *line.ends, float(table.tails[0, 0]))
-    return Curves(curves(slice(0, 1), box)[0, 0], part, rim, place)
+    upright, alone, tail = np.ones(1, dtype=np.complex128), modes.core[None], np.array([modes.core_tail])
+    core, part = (curves(alone, tail, upright, side)[0] for side in (box, box / parts))
+    waves = curves(modes.spectra, modes.tails, np.where(modes.orders % 2, 1j, 1.0), box / parts)
+    ends = (line.first, line.samples, line.ruling.level, *line.ends, modes.core_tail)
+    return Curves(core, part, np.ascontiguousarray(waves.T, dtype=np.float32), ends)
 
 
 def _far_light(line: Line) -> Array:
@@ -254,37 +253,80 @@ def read_line(line: Array, place: float) -> float:
     return a * line[base - 1] + b * line[base] + c * line[base + 1] + d * line[base + 2]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def read_rim(rim: Array, radial: float, angular: float, place: float) -> float:
-    """The curve at a radius and an angle counted in nodes, at a place in samples."""
-    base = min(max(int(place), 1), rim.shape[2] - 3)
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def weigh_waves(
+    radial: float,
+    cos: float,
+    sin: float,
+    terms: Whole,
+    turns: Whole,
+    coefficients: Array,
+    amounts: Array,
+    turned: Array,
+    weights: SingleArray,
+) -> None:
+    """The first waves' weights at a sensor point, as many as ``weights`` holds; ``amounts`` and ``turned`` are scratch.
+
+    Args:
+        radial: place of the sensor point in nodes of radius.
+        cos: cosine of its direction.
+        sin: the sine.
+        terms: the term of each wave.
+        turns: twice its order for the cosine, 1 more for the sine.
+        coefficients: ``radial`` of ``Modes``, with the terms along the second axis.
+        amounts: room for the terms.
+        turned: room for twice the orders from 0 to the highest.
+        weights: of the waves.
+    """
+    last = coefficients.shape[0]
+    base = min(int(radial), last - 2)
+    a, b, c, d = spline_weights(radial - base)
+    low, high = mirrored(base - 1, last), mirrored(base + 2, last)
+    for term in range(coefficients.shape[1]):
+        amounts[term] = a * coefficients[low, term] + b * coefficients[base, term]
+        amounts[term] += c * coefficients[base + 1, term] + d * coefficients[high, term]
+    turned[0], turned[1] = 1.0, 0.0
+    for order in range(2, turned.size, 2):
+        turned[order] = turned[order - 2] * cos - turned[order - 1] * sin
+        turned[order + 1] = turned[order - 1] * cos + turned[order - 2] * sin
+    for wave in range(weights.size):
+        weights[wave] = amounts[terms[wave]] * turned[turns[wave]]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def read_terms(waves: SingleArray, place: float, weights: SingleArray) -> float:
+    """The weighted sum of curves, shape (X, T), at a place in samples."""
+    base = min(max(int(place), 1), waves.shape[0] - 3)
     a, b, c, d = spline_weights(place - base)
-    j = min(int(radial), rim.shape[0] - 2)
-    k = min(int(angular), rim.shape[1] - 2)
-    by_radius = spline_weights(radial - j)
-    by_angle = spline_weights(angular - k)
-    total = 0.0
-    for m in range(4):
-        row = rim[mirrored(j + m - 1, rim.shape[0])]
-        part = 0.0
-        for n in range(4):
-            curve = row[mirrored(k + n - 1, rim.shape[1])]
-            part += by_angle[n] * (a * curve[base - 1] + b * curve[base] + c * curve[base + 1] + d * curve[base + 2])
-        total += by_radius[m] * part
-    return total
+    one, two, three, four = np.float32(a), np.float32(b), np.float32(c), np.float32(d)
+    total = np.float32(0.0)
+    for term in range(weights.size):
+        near = two * waves[base, term] + three * waves[base + 1, term]
+        total += weights[term] * (near + one * waves[base - 1, term] + four * waves[base + 2, term])
+    return float(total)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def seen_through(
-    radial: float, angle: float, at: float, line: Array, rim: Array, place: tuple[float, float, float, float, float, float]
+    radial: float,
+    cos: float,
+    at: float,
+    line: Array,
+    waves: SingleArray,
+    place: tuple[float, float, float, float, float, float],
+    terms: Whole,
+    turns: Whole,
+    coefficients: Array,
+    scratch: tuple[Array, Array, SingleArray],
 ) -> float:
     """What a sensor point sees at a position in pixels: by ``line`` where ``radial`` is below 0, else through a clipped pupil.
 
-    ``radial`` counts nodes from the bright field's edge; ``angle`` in rad; ``place`` as in ``Curves``.
+    ``radial`` counts nodes from the bright field's edge; ``cos`` is of the angle from x'; the rest as in ``Curves`` and ``weigh_waves``.
     """
     sample = (at - place[0]) * place[1]
     if sample < 0.0 or sample > line.size - 1.0:
         return place[2] * place[5] * abs(1.0 / (at - place[4]) - 1.0 / (at - place[3]))
     if radial < 0.0:
         return read_line(line, sample)
-    return read_rim(rim, radial, angle / math.pi * (rim.shape[1] - 1), sample)
+    weigh_waves(radial, cos, math.sqrt(max(0.0, 1.0 - cos * cos)), terms, turns, coefficients, scratch[0], scratch[1], scratch[2])
+    return read_terms(waves, sample, scratch[2])

@@ -27,6 +27,8 @@ Whole = npt.NDArray[np.int64]
 BLURRED = 300.0  # pixels; a blur beyond is left to rays
 BLURRED_OUT = 1e6  # pixels; no matter which: the target's image lies on the array
 FINER = 64  # steps of a term's table in single precision for one of a ``TransferTable``: read between its nodes, it is as exact
+TAIL = 1 / 64  # weight of a line's tail: light from so many pixels away
+BLOCK = 24  # frequencies at a time
 PER_WAVE = 4.5  # samples of the shortest wave that a pupil lets pass
 FEW, MORE = 2.25, 4.0  # the least samples a pixel where that wave is shorter than a pixel
 OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
@@ -92,7 +94,7 @@ def find_kinds(setup: Setup, wavelength: float, seen: Whole) -> list[Kind]:
     cutoff = 2 * np.abs(pupils.slant_spread[seen]) * pixel / wavelength
     slope, reach = np.abs(pupils.slope[seen]) / pixel, pupils.reach[seen] / pixel
     rims = np.column_stack([np.maximum(reach - slope, 0.0), slope, reach, reach + slope])
-    step = 2 * tolerance
+    step = 6 * tolerance
     steps = [
         np.log(np.maximum(cutoff, 1e-300)) / step,
         np.log(np.maximum(size, 1e-300)) / step,
@@ -105,7 +107,7 @@ def find_kinds(setup: Setup, wavelength: float, seen: Whole) -> list[Kind]:
     kinds: list[Kind] = []
     for number in range(int(group.max(initial=-1)) + 1):
         members = np.flatnonzero(group.reshape(-1) == number)
-        for value, weights in _blur_nodes(blur[members], 2 * math.sqrt(tolerance), bool(far[members[0]])):
+        for value, weights in _blur_nodes(blur[members], 3 * math.sqrt(tolerance), bool(far[members[0]])):
             some = members[weights > 0]
             if len(some):
                 sizes = float(slope[some].mean()), float(reach[some].mean()), value, float(cutoff[some].mean())
@@ -164,15 +166,6 @@ class TransferTable:
     values: ComplexArray
     tails: Array
 
-    def at(self, frequencies: Array) -> ComplexArray:
-        """The values at other frequencies from 0 up, cycles/pixel; shape (R, A, n)."""
-        inside = frequencies < self.band
-        place = np.arccos(1 - 2 * np.minimum(frequencies[inside] / self.band, 1.0))
-        nodes = np.linspace(0, np.pi, self.values.shape[2])
-        found = np.zeros((*self.values.shape[:2], len(frequencies)), dtype=np.complex128)
-        found[..., inside] = make_interp_spline(nodes, self.values, k=5, axis=-1)(place)
-        return found
-
 
 def samples_needed(kind: Kind, tolerance: float) -> float:
     """Samples a pixel of an image behind pixels; half of it is the highest frequency that matters, cycles/pixel.
@@ -190,8 +183,7 @@ def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> Trans
     Radii are spaced as a cosine: the clipped area grows as the 3/2 power of the distance from either end of the rim, which is smooth
     in the cosine's argument. Frequencies are spaced alike, dense at 0 and at the highest one.
     """
-    turn = np.linspace(0, np.pi, radii) if radii > 1 else np.zeros(1)
-    distance = np.minimum(kind.inner + kind.slope * (1 - np.cos(turn)), (kind.reach + kind.slope) * OUTERMOST) if radii > 1 else np.zeros(1)
+    distance = rim_radii(kind, radii) if radii > 1 else np.zeros(1)
     clip = distance / kind.slope if radii > 1 else np.zeros(1)
     clip_radius = kind.reach / kind.slope if radii > 1 else 2.0
     beta = np.linspace(0, np.pi, angles)
@@ -201,10 +193,17 @@ def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> Trans
     x, y = clip[:, None, None] * np.cos(beta)[:, None], clip[:, None, None] * np.sin(beta)[:, None]
     waves = kind.blur * kind.cutoff / 2 * shift
     shares = pupil_share(clip, clip_radius)
-    values = pupil_transfer(shift, waves, x, y, clip_radius) * shares[:, None, None]
+    blocks = np.array_split(np.arange(count), math.ceil(count / BLOCK))  # low frequencies need few rows
+    values = np.concatenate([pupil_transfer(shift[some], waves[some], x, y, clip_radius) for some in blocks], axis=2)
+    values *= shares[:, None, None]
     small = 1e-4
     slope = (shares[:, None] - pupil_transfer(small, 0.0, x[..., 0], y[..., 0], clip_radius).real * shares[:, None]) / small
     return TransferTable(kind, band, distance, shares, beta, values, tails=slope / (math.pi**2 * kind.cutoff))
+
+
+def rim_radii(kind: Kind, count: int) -> Array:
+    """Distances from the micro-image's centre over its rim, from the inner edge to the outer, as a cosine."""
+    return np.minimum(kind.inner + kind.slope * (1 - np.cos(np.linspace(0, np.pi, count))), (kind.reach + kind.slope) * OUTERMOST)
 
 
 def pupil_share(clip: Array, clip_radius: float) -> Array:
@@ -231,17 +230,29 @@ class Modes:
         kind: the kind.
         band: the highest frequency in the spectra, cycles/pixel.
         orders: of the terms, shape (T,).
-        radial: spline coefficients over the nodes of radius, shape (T, R).
+        sizes: how much each changes a sine of half the full contrast at most, shape (T,).
+        radial: spline coefficients over twice as many steps of radius as the table has, shape (T, R).
         spectra: at the frequencies of a ``TransferTable``, shape (T, F).
+        tails: of a line's image, as those of a ``TransferTable``, shape (T,).
         core: the unclipped pupil's transfer, shape (F,).
+        core_tail: its tail.
     """
 
     kind: Kind
     band: float
     orders: Whole
+    sizes: Array
     radial: Array
     spectra: Array
+    tails: Array
     core: Array
+    core_tail: float
+
+    def above(self, least: float) -> "Modes":
+        """Without the terms that change no sine by ``least``."""
+        kept = self.sizes > least
+        parts = self.orders[kept], self.sizes[kept], self.radial[kept], self.spectra[kept], self.tails[kept]
+        return Modes(self.kind, self.band, *parts, self.core, self.core_tail)
 
     def spectrum(self, term: int, frequency: Array) -> Array:
         """One term's spectrum (that of the core for -1) at frequencies of any shape."""
@@ -271,25 +282,43 @@ class Modes:
 
 def find_modes(table: TransferTable, box: float, least: float) -> Modes:
     """Turn a table into a sum, leaving out what changes no sine of half the full contrast by ``least`` behind a pixel of ``box`` pixels."""
+    core, core_tail = table.values[0, 0].real, float(table.tails[0, 0])
     count = table.values.shape[1] - 1
-    core = table.values[0, 0].real
     if count == 0:
-        return Modes(table.kind, table.band, np.zeros(0, dtype=np.int64), np.zeros((0, 1)), np.zeros((0, len(core))), core)
-    parts = np.asarray(fft.dct(np.stack([table.values.real, table.values.imag]), type=1, axis=2), dtype=np.float64)
+        none = np.zeros(0)
+        return Modes(table.kind, table.band, none.astype(np.int64), none, np.zeros((0, 1)), np.zeros((0, len(core))), none, core, core_tail)
+    with_tails = np.concatenate([table.values, table.tails[..., None]], axis=2)
+    parts = np.asarray(fft.dct(np.stack([with_tails.real, with_tails.imag]), type=1, axis=2), dtype=np.float64)
     waves = parts[0] + 1j * parts[1]
     waves[:, 1:-1] *= 2
     waves /= 2 * count
-    nodes = np.linspace(0, np.pi, table.values.shape[2])
-    weight = np.maximum(np.abs(np.sinc(box * table.band / 2 * (1 - np.cos(nodes)))) / 2, 1e-2)
+    nodes = np.linspace(0, np.pi, len(core))
+    weight = np.append(np.maximum(np.abs(np.sinc(box * table.band / 2 * (1 - np.cos(nodes)))) / 2, 1e-2), TAIL)
     orders: list[int] = []
+    sizes: list[float] = []
     radial: list[Array] = []
     spectra: list[Array] = []
     for order in range(count + 1):
-        part = waves[:, order].imag if order % 2 else waves[:, order].real
-        left, sizes, right = np.linalg.svd(part * weight, full_matrices=False)
-        for term, size in enumerate(sizes):
-            if size * np.max(np.abs(left[:, term])) * np.max(np.abs(right[term])) > least:
+        part = (waves[:, order].imag if order % 2 else waves[:, order].real) * weight
+        if np.linalg.norm(part) <= least:
+            continue
+        left, values, right = np.linalg.svd(part, full_matrices=False)
+        for term, value in enumerate(values):
+            size = float(value * np.max(np.abs(left[:, term])) * np.max(np.abs(right[term])))
+            if size > least:
                 orders.append(order)
-                radial.append(ndimage.spline_filter1d(size * left[:, term], mode="mirror"))
+                sizes.append(size)
+                radial.append(ndimage.spline_filter1d(_twice_as_fine(value * left[:, term]), mode="mirror"))
                 spectra.append(right[term] / weight)
-    return Modes(table.kind, table.band, np.array(orders), np.array(radial), np.array(spectra), core)
+    found = np.array(spectra).reshape(-1, len(weight))
+    over_radius = np.array(radial).reshape(len(orders), -1)
+    return Modes(
+        table.kind, table.band, np.array(orders, dtype=np.int64), np.array(sizes), over_radius, found[:, :-1], found[:, -1], core, core_tail
+    )
+
+
+def _twice_as_fine(values: Array) -> Array:
+    """Values at even steps of a cosine series' argument, from end to end, at half these steps."""
+    waves = np.asarray(fft.dct(values, type=1), dtype=np.float64)
+    waves[-1] /= 2
+    return 2 * np.asarray(fft.idct(np.pad(waves, (0, len(values) - 1)), type=1), dtype=np.float64)
