@@ -17,6 +17,7 @@ from flflab.description import read_yaml
 from flflab.errors import FlflabError, InputError
 from flflab.record import ContinuedRecording, Run, claim_folder, keep_descriptions, new_folder, read_run
 from flflab.study import read_study
+from flflab.wheel import unlike_the_wheel
 
 if TYPE_CHECKING:
     from procedures.sweep import Progress as Step
@@ -50,6 +51,8 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
         bench = read_bench(file)
         study = read_study(study_file, bench.optics)
         steps(study, bench)  # refused here, before anything connects
+        for sentence in unlike_the_wheel(study, bench):
+            sys.stderr.write(f"flflab: {sentence}\n")
         if folder is not None:
             claim_folder(folder)
         with connect(file) as connected:

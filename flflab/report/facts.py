@@ -15,6 +15,8 @@ from flflab.optics.resolution import central_smms
 from flflab.optics.smms import image_offset
 from flflab.properties.measured import Measured
 from flflab.record import Run
+from flflab.study import Study
+from flflab.wheel import unlike_the_wheel
 
 WAVELENGTH = 550e-6  # mm: green, where no other is stated
 WORST_CHI2 = 1.5  # per pixel: above, the picture holds something that the fit does not know
@@ -97,7 +99,7 @@ def simulated_devices(bench: Bench) -> tuple[list[str], int]:
     return local, len(devices)
 
 
-def notes(evaluation: Evaluation, run: Run) -> list[str]:
+def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[str]:
     """What a reader should know before signing; empty where nothing is amiss."""
     found: list[str] = []
     if run.stop is None:
@@ -105,6 +107,7 @@ def notes(evaluation: Evaluation, run: Run) -> list[str]:
     elif run.stop.get("exit_status", "success") != "success":
         reason = run.stop.get("reason") or "no reason given"
         found.append(f"The run ended with status {run.stop['exit_status']}: {reason}.")
+    found += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in unlike_the_wheel(study, bench)]
     found += _saturation(evaluation.measured)
     where: dict[str, list[int]] = {}
     for one in evaluation.measured:

@@ -63,7 +63,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         exact=exact,
         dots=dots,
         simulated=f"{len(local)} of {devices} devices" if local else "",
-        notes=facts.notes(evaluation, run),
+        notes=facts.notes(evaluation, run, study, bench),
         statistics=tables.statistics_table(evaluation),
         diffraction=diffraction_sentence(evaluation),
         panels=[_panel(evaluation, one, model, run, study) for one, model in pairs],

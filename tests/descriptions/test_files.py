@@ -14,6 +14,7 @@ from flflab.optics.camera import Substrate
 from flflab.optics.focus import blur
 from flflab.optics.resolution import central_smms
 from flflab.study import focused_sensor, read_study
+from flflab.wheel import unlike_the_wheel
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CAMERA = EXAMPLES / "cameras" / "osinski.yaml"
@@ -191,3 +192,13 @@ def test_a_glass_plate_moves_the_refocused_sensor(side: Literal["sensor", "main 
 def test_no_sensor_position_focuses_an_image_between_the_array_and_its_focus() -> None:
     with pytest.raises(InputError, match="no sensor position"):
         focused_sensor(read_camera(CAMERA), 60.0, 300.0)
+
+
+def test_a_study_of_other_targets_than_the_simulated_wheel_holds_is_told(tmp_path: Path) -> None:
+    bench, same = read_bench(BENCH), read_study(STUDY, read_bench(BENCH).optics)
+    other = read_study(changed(STUDY, tmp_path, "spacing: 8 mm", "spacing: 4 mm")[0], bench.optics)
+    assert unlike_the_wheel(same, bench) == []
+    [sentence] = unlike_the_wheel(other, bench)
+    assert "four-dot target with spacing 8.0 instead of 4.0 (mm)" in sentence
+    moved = bench.description.model_copy(update={"target": bench.description.target.model_copy(update={"address": "/dev/ttyUSB0"})})
+    assert unlike_the_wheel(other, replace(bench, description=moved)) == []
