@@ -20,6 +20,7 @@ from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study
+from flflab.targets import Bars, FourDot
 
 Array = npt.NDArray[np.float64]
 DESCRIBED = 0.12  # of the pitch: so far a lattice is looked for
@@ -53,15 +54,15 @@ class Measured:
 
 
 def measure_configuration(run: Run, configuration: Configuration, study: Study, bench: Bench) -> Measured:
-    """Lattice, views and contrast of one configuration of a run, from the means of its frames.
+    """Lattice, views and contrast of one configuration of a run, from the means of its frames; of the targets that its study shows.
 
     Raises:
         MeasurementError: its frames are missing or do not show what they should.
     """
     pictures, frames = {}, {}
-    for target in ("white", "four-dot", "bars"):
+    for target in ("white", *study.shown):
         pictures[target], frames[target] = _mean_picture(run, configuration, target)
-    first = frames["four-dot"][0]
+    first = frames[study.shown[0]][0]
     # by this bench's zeros: it need not be the one that the run was recorded with
     elements = [(name, axis) for name, axis in bench.description.axes.items() if axis.moves in first.worlds and name in first.readings]
     return measure_pictures(
@@ -86,7 +87,7 @@ def measure_pictures(
     exposure_s: float = 1.0,
     saturated: int = 0,
 ) -> Measured:
-    """Lattice from the white picture, views from the dots, contrast from the bars.
+    """Lattice from the white picture, views from the dots, contrast from the bars, where there are such pictures.
 
     A camera far from its model may show no dots or bars that can be measured; the rest is measured all the same.
 
@@ -112,16 +113,18 @@ def measure_pictures(
     except MeasurementError:
         attitude = None  # a sensor of so few micro-images says nothing of it
     measured = Measured(configuration, worlds, lattice, attitude, (), None, exposure_s, saturated)
-    try:
-        dots = count_views(pictures["four-dot"], white, lattice, camera, study.dots, distance, noises["four-dot"])
-        measured = replace(measured, dots=dots)
-    except MeasurementError as error:
-        measured = replace(measured, failures=(*measured.failures, error))
-    try:
-        curve = fit_contrast(pictures["bars"], lattice, camera, study.bars, distance, noises["bars"])
-        measured = replace(measured, curve=curve)
-    except MeasurementError as error:
-        measured = replace(measured, failures=(*measured.failures, error))
+    if FourDot.kind in pictures:
+        try:
+            dots = count_views(pictures[FourDot.kind], white, lattice, camera, study.dots, distance, noises[FourDot.kind])
+            measured = replace(measured, dots=dots)
+        except MeasurementError as error:
+            measured = replace(measured, failures=(*measured.failures, error))
+    if Bars.kind in pictures:
+        try:
+            curve = fit_contrast(pictures[Bars.kind], lattice, camera, study.bars, distance, noises[Bars.kind])
+            measured = replace(measured, curve=curve)
+        except MeasurementError as error:
+            measured = replace(measured, failures=(*measured.failures, error))
     return measured
 
 

@@ -133,9 +133,11 @@ def properties_chart(evaluation: Evaluation) -> str:
         return _as_svg(figure)
 
 
-def views_chart(evaluation: Evaluation) -> str:
-    """Number of views of each dot in each configuration, measured and predicted."""
+def views_chart(evaluation: Evaluation) -> str | None:
+    """Number of views of each dot in each configuration, measured and predicted; None where no dots were measured."""
     rows = _rows(evaluation.comparison.rows, "views")
+    if not rows:
+        return None
     with _style():
         figure = _new(7.8, 2.4)
         axes = figure.add_subplot()
@@ -203,9 +205,11 @@ def ratio_chart(rows: tuple[Row, ...], configuration: int, title: str) -> str:
         return _as_svg(figure)
 
 
-def residual_chart(evaluation: Evaluation) -> str:
-    """Standardised differences of the MTF over frequency, and their histogram beside the normal law."""
+def residual_chart(evaluation: Evaluation) -> str | None:
+    """Standardised differences of the MTF over frequency, and their histogram beside the normal law; None where there are none."""
     rows = [row for row in _rows(evaluation.comparison.rows, "mtf") if np.isfinite(row.z)]
+    if not rows:
+        return None
     with _style():
         figure = _new(7.8, 2.9)
         by_frequency, histogram = figure.subplots(1, 2, width_ratios=[2, 1], sharey=True)

@@ -96,3 +96,18 @@ def test_a_wrong_microlens_or_iris_is_found_out_and_named(
     assert ended.code == 3, ended.err
     assert "The camera does not do what its model says." in ended.out
     assert named in " ".join(ended.out.split())
+
+
+@pytest.mark.ci
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(("shown", "judged", "left_out"), [("bars", "contrast", "views"), ("dots", "views", "contrast")])
+def test_a_study_of_one_target_is_judged_by_what_it_shows(
+    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path, shown: str, judged: str, left_out: str
+) -> None:
+    study.write_text(STUDY + f"targets: [{shown}]\n", encoding="utf-8")
+    ended = flflab("validate", study, "--bench", small_bench(), "--out", tmp_path / "run")
+    assert ended.code == 0, ended.err
+    verdicts = ended.out[ended.out.index("Verdicts") :]
+    assert judged in verdicts
+    assert left_out not in verdicts
+    assert (tmp_path / "run" / "report.html").exists()
