@@ -1,14 +1,6 @@
 """How the microlens array stands to the sensor, from one white picture: roll, tilt, and the sensor's place against the exit pupil.
 
-A microlens at y lies z = tilt . y further from the main lens and as much nearer to the sensor. With S = L + b the micro-image moves to
-
-    c = y S / (L + z)             (its pitch falls along the tilt by 2 y tilt / L: the centres bend by c (tilt . c) / S)
-
-and its discs change, the main lens's shadow A b/L and the microlens's d |kappa|, by (physics.md's boundary rays at L + z, b - z)
-
-    A (b - z) / (L + z)           d |1 + (b - z) / (L + z) - (b - z) / f|
-
-Both are odd or bent along the tilt, so neither is taken for the other nor for the lattice's own pitch and angle.
+What a tilt does to centres and radii of the micro-images stands in ``analysis/tilting.py``; here it is read from each of them by itself.
 """
 
 import itertools
@@ -21,11 +13,10 @@ from scipy.optimize import least_squares
 
 from flflab.analysis.lattice import Lattice, pitch_and_angle
 from flflab.analysis.micro_images import MicroImages
-from flflab.analysis.registration import sensor_position
+from flflab.analysis.tilting import Tilting, tilting_of
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
-from flflab.optics.smms import Smms
 
 Array = npt.NDArray[np.float64]
 
@@ -105,7 +96,8 @@ def measure_attitude(images: MicroImages, lattice: Lattice, camera: Camera) -> A
     Raises:
         MeasurementError: all micro-images lie in one row, or there are too few.
     """
-    both = _fit(images, lattice, camera, np.arange(4), np.arange(10))
+    tilting = tilting_of(camera)
+    both = _fit(images, lattice, tilting, np.arange(4), np.arange(10))
     vectors = both.values[2:6]
     _, roll = pitch_and_angle(lattice.layout, vectors.reshape(2, 2).T)
     by_values = np.zeros((3, 10))
@@ -117,8 +109,8 @@ def measure_attitude(images: MicroImages, lattice: Lattice, camera: Camera) -> A
         yaw=math.atan(both.values[8]),
         pitch=math.atan(both.values[9]),
         covariance=by_values @ both.covariance @ by_values.T,
-        by_centres=_angles(_fit(images, lattice, camera, CENTRES, np.array([0, 1, 2, 3, 4, 5, 8, 9]))),
-        by_radii=_angles(_fit(images, lattice, camera, RADII, np.array([6, 7, 8, 9]))),
+        by_centres=_angles(_fit(images, lattice, tilting, CENTRES, np.array([0, 1, 2, 3, 4, 5, 8, 9]))),
+        by_radii=_angles(_fit(images, lattice, tilting, RADII, np.array([6, 7, 8, 9]))),
         chi2=both.chi2,
     )
 
@@ -136,7 +128,7 @@ def _angles(fit: _Fit) -> Array:
     return np.stack([np.arctan(fit.values[8:10]), np.sqrt(np.diag(fit.covariance)[8:10])])
 
 
-def _fit(images: MicroImages, lattice: Lattice, camera: Camera, seen_columns: npt.NDArray[np.int64], free: npt.NDArray[np.int64]) -> _Fit:
+def _fit(images: MicroImages, lattice: Lattice, tilting: Tilting, seen_columns: npt.NDArray[np.int64], free: npt.NDArray[np.int64]) -> _Fit:
     """Fit some of the parameters to some of (x, y, larger, smaller radius) of every micro-image."""
     seen = np.concatenate([images.centres_px, images.radii_px], axis=1)[:, seen_columns]
     whiten = np.linalg.inv(np.linalg.cholesky(images.covariance_px[:, seen_columns[:, None], seen_columns]))
@@ -148,7 +140,7 @@ def _fit(images: MicroImages, lattice: Lattice, camera: Camera, seen_columns: np
     def residuals(changed: Array) -> Array:
         values = start.copy()
         values[free] = changed
-        return np.einsum("nij,nj->ni", whiten, seen - _expected(values, places, camera)[:, seen_columns]).ravel()
+        return np.einsum("nij,nj->ni", whiten, seen - _expected(values, places, tilting)[:, seen_columns]).ravel()
 
     found = least_squares(residuals, start[free], x_scale=scale, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     normal = (found.jac * scale).T @ (found.jac * scale)
@@ -164,25 +156,10 @@ def _fit(images: MicroImages, lattice: Lattice, camera: Camera, seen_columns: np
     return _Fit(values, covariance, chi2)
 
 
-def _expected(values: Array, places: Array, camera: Camera) -> Array:
+def _expected(values: Array, places: Array, tilting: Tilting) -> Array:
     """(x, y, larger, smaller radius) of the micro-images at these places in the lattice, px, shape (n, 4)."""
-    smms = central_smms(camera)
-    straight = values[:2] + places @ values[2:6].reshape(2, 2)
-    from_axis = sensor_position(camera.sensor, straight)
-    rise = from_axis @ values[8:10] / float(smms.image_scale)
-    centres = straight + (1 / (1 + rise / float(smms.distance)) - 1)[:, None] * from_axis / camera.sensor.pixel
-    lens_first = float(smms.lens_width) >= float(smms.microlens_width)
-    lens, microlens = values[[6, 7] if lens_first else [7, 6]]
-    lens_factor, microlens_change = _discs(smms, rise)
-    shadows = lens * lens_factor, np.abs(math.copysign(microlens, float(smms.kappa)) + microlens_change / camera.sensor.pixel)
-    return np.column_stack([centres, *(shadows if lens_first else shadows[::-1])])
-
-
-def _discs(smms: Smms, rise: Array) -> tuple[Array, Array]:
-    """Factor of the main lens's shadow, and signed change in mm of the microlens's radius, of a microlens that lies ``rise`` further."""
-    L, b, f = float(smms.distance), float(smms.gap), float(smms.focal)
-    slope = (b - rise) / (L + rise)
-    return slope / (b / L), float(smms.aperture) / 2 * (slope - b / L + rise / f)
+    straight, tilt = values[:2] + places @ values[2:6].reshape(2, 2), values[8:10]
+    return np.concatenate([tilting.centres(straight, tilt), tilting.discs(values[6:8], tilting.rises(straight, tilt))], axis=1)
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ def place_sensor(looking: Looking, first: Seen, overlap: float | None) -> Plan:
     what, measure = ("exit pupil", microlens_shadow) if overlap is None else ("overlap", measured_overlap)
     slope = nominal_slopes(first.camera)[overlap is not None]
     probe = PROBE_PX * first.camera.sensor.pixel / abs(slope)
-    places, values, doubts = [found[1].world(axis.position())], *([part] for part in measure(looking.lattice(first), first.camera))
+    places, values, doubts = [found[1].world(axis.position())], *([part] for part in measure(first.lattice, first.camera))
 
     def crossing() -> Crossing:
         used = slice(None) if overlap is not None else slice(0, 3)  # in the pupil itself the shadow is too small to tell
@@ -49,7 +49,7 @@ def place_sensor(looking: Looking, first: Seen, overlap: float | None) -> Plan:
         aside = {1: probe, 2: -probe}.get(len(places), 0.0) if overlap is None else 0.0
         yield from approach(bench.described, axis, found[1].reading(there.place + aside))
         seen = yield from looking.look()
-        value, u = measure(looking.lattice(seen), seen.camera)
+        value, u = measure(seen.lattice, seen.camera)
         places.append(found[1].world(axis.position()))
         values.append(value)
         doubts.append(u)

@@ -4,8 +4,6 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 from bluesky import Msg
 from bluesky import plan_stubs as bps
 
@@ -31,10 +29,10 @@ RUN_UP = {"mm": 0.05, "rad": 0.01}  # more than any backlash here
 
 @dataclass(frozen=True)
 class Seen:
-    """A white picture, the camera where the stages said it stood, and how the array is turned."""
+    """The camera where the stages said it stood, and of a white picture the lattice and how the array is turned."""
 
     camera: Camera
-    picture: npt.NDArray[np.uint16]
+    lattice: Lattice
     attitude: Attitude
 
 
@@ -70,14 +68,8 @@ class Looking:
         yield from keep(self.frames, self.stages, self.bench.iris, self.bench.target)
         self.pictures += 1
         picture, camera, noise = self.frames.latest.picture, self.camera, sensor_noise(self.bench)
-        # Without fall-off: that of an array still tilted is not the description's, and would be taken for a tilt.
-        lattice = find_lattice(picture, camera.array.layout, rough_pitch_px(camera), noise)
-        return Seen(camera, picture, measure_attitude(measure_micro_images(picture, lattice, noise), lattice, camera))
-
-    def lattice(self, seen: Seen) -> Lattice:
-        """The lattice that a picture shows, of an array that stands straight: with the fall-off of slanted light."""
-        camera = seen.camera
-        return find_lattice(seen.picture, camera.array.layout, rough_pitch_px(camera), sensor_noise(self.bench), cone_of(camera))
+        lattice = find_lattice(picture, camera.array.layout, rough_pitch_px(camera), noise, cone_of(camera))
+        return Seen(camera, lattice, measure_attitude(measure_micro_images(picture, lattice, noise), lattice, camera))
 
     @property
     def camera(self) -> Camera:

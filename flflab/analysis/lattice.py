@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice_fit import GEOMETRY, LIGHT, RATE, SHARE, SLANT, LatticeModel, Region, finish, micro_images_present, refine
+from flflab.analysis.lattice_fit import Region, finish, micro_images_present, refine
 from flflab.analysis.lattice_kernels import COUNT
+from flflab.analysis.lattice_model import GEOMETRY, LIGHT, RATE, SHARE, SLANT, TILT, LatticeModel
 from flflab.analysis.lattice_search import RoughLattice, search_lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import Cone
@@ -18,6 +19,7 @@ Array = npt.NDArray[np.float64]
 
 MOVE_TOLERANCE_PX = 1e-4
 ROUGHLY, WITHOUT_SLANT, FULLY = np.arange(10), np.arange(15), np.arange(COUNT)  # which of the model's values are free
+TILTED = np.concatenate([ROUGHLY, FULLY[TILT]])  # before what might pass for fall-off is
 
 
 @dataclass(frozen=True)
@@ -29,11 +31,11 @@ class Lattice:
         pitch_px: distance between nearest neighbours.
         angle: from the columns' axis towards +y, modulo 90 degrees (hexagonal 60), nearest zero; rad.
         origin_px: the centre nearest the sensor's, shape (2,).
-        vectors_px: lattice vectors a, b as columns, shape (2, 2).
-        indices: (i, j) of every micro-image of which any part is seen: centre = origin + i a + j b; shape (N, 2).
+        vectors_px: lattice vectors a, b as columns, of a tilted array on the axis, shape (2, 2).
+        indices: (i, j) of every micro-image of which any part is seen: centre = origin + i a + j b but for a tilt; shape (N, 2).
         centres_px: their centres, shape (N, 2).
-        inside_radius_px: radius of the bright field.
-        outside_radius_px: radius of the total field.
+        inside_radius_px: radius of the bright field, of a tilted array on the axis.
+        outside_radius_px: radius of the total field, the same.
         pitch_uncertainty_px: standard uncertainties of the above follow.
         angle_uncertainty: rad.
         origin_uncertainty_px: shape (2,).
@@ -43,8 +45,10 @@ class Lattice:
         chi2_per_pixel: about 1 where the model holds; the uncertainties are already scaled up by its root where above 1.
         background_dn: what the picture reads where no light falls.
         light: polynomial of the light over the picture (1, x, y, x^2, x y, y^2), DN; x and y in half the longer side.
-        cone: how steeply rays land, as was taken; None where fall-off was left out.
+        cone: how rays land, as was taken; None where fall-off and tilt were left out.
         slants: share of the fall-off within a micro-image, slope (x, y) of the middle ray at the origin and how it grows per px.
+        tilt: slope of the array's plane along (x, y).
+        tilt_uncertainty: of both.
     """
 
     layout: Layout
@@ -67,6 +71,17 @@ class Lattice:
     light: Array
     cone: Cone | None = None
     slants: Array = field(default_factory=lambda: np.zeros(4))
+    tilt: Array = field(default_factory=lambda: np.zeros(2))
+    tilt_uncertainty: Array = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def discs_px(self) -> Array:
+        """Radii of larger and smaller disc of every micro-image, shape (N, 2): sum and difference are outside and inside."""
+        radii = (self.outside_radius_px + self.inside_radius_px) / 2, (self.outside_radius_px - self.inside_radius_px) / 2
+        if self.cone is None:
+            return np.tile(radii, (len(self.centres_px), 1))
+        tilting = self.cone.tilting
+        return tilting.discs(np.array(radii), tilting.rises(tilting.straightened(self.centres_px, self.tilt), self.tilt))
 
 
 def find_lattice(
@@ -75,15 +90,16 @@ def find_lattice(
     """Measure the lattice of micro-images in a picture of a white target.
 
     A first lattice from the spectrum is refined by Gauss-Newton, from the middle outwards, in the end on every unsaturated pixel, with
-    one profile for all micro-images: two overlapping discs averaged over the pixel. Overlapping neighbours add.
+    one profile for all micro-images: two overlapping discs averaged over the pixel. Overlapping neighbours add. Where the camera is
+    known, so is what a tilt of the array does to lattice and profile, and the tilt is fitted.
 
     Args:
         white_picture: DN, [row, col].
         layout: of the microlens array.
         rough_pitch_px: expected distance between nearest micro-images, right within 12 %.
         noise: of the sensor; weights the pixels and makes the uncertainties.
-        cone: how steeply rays land, from the camera's description; how much of that fall-off there is, and round which axis, is fitted.
-            None: light does not fall off within a micro-image, as paraxial pictures have it.
+        cone: how rays land, from the camera's description; how much of that fall-off there is, round which axis, and how the array is
+            tilted, is fitted. None: light does not fall off within a micro-image, as paraxial pictures have it, and nothing is tilted.
 
     Raises:
         MeasurementError: not a picture of at least 2 x 2 micro-images, not finite, dark or saturated, or no such lattice in it.
@@ -121,8 +137,8 @@ def _fit(
 ) -> tuple[LatticeModel, npt.NDArray[np.bool_]]:
     """From the middle of the picture outwards, so that no step is larger than the profile's own width."""
     pitch = float(np.linalg.norm(rough.vectors[:, 0]))
-    slants = [0.5, 0.0, 0.0, 0.0]
-    values = np.concatenate([rough.origin, rough.vectors.T.ravel(), rough.radii, [noise.offset_dn, rough.light, 0, 0, 0, 0, 0], slants])
+    light, slants, tilt = [rough.light, 0.0, 0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0], [0.0, 0.0]
+    values = np.concatenate([rough.origin, rough.vectors.T.ravel(), rough.radii, [noise.offset_dn], light, slants, tilt])
     model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, None)
     counts = half_counts(rough.vectors, picture.shape, sum(rough.radii) + 2)
     present = np.ones((2 * counts[0] + 1, 2 * counts[1] + 1), dtype=np.bool_)
@@ -131,7 +147,9 @@ def _fit(
         model = refine(picture, model, present, noise, _sparse(min(part, whole), pitch, 80), ROUGHLY, 12, 0.02)
         _require_settled(model, pitch)
     present = micro_images_present(picture, model, counts, noise)
-    model, free = (model, WITHOUT_SLANT) if cone is None else (replace(model, cone=cone), FULLY)
+    free = WITHOUT_SLANT
+    if cone is not None:
+        model, free = refine(picture, replace(model, cone=cone), present, noise, _sparse(whole, pitch, 80), TILTED, 8, 0.02), FULLY
     model = refine(picture, model, present, noise, _sparse(whole, pitch, 150), free, 8, 1e-3)
     present = micro_images_present(picture, model, counts, noise)
     model = finish(picture, model, present, noise, _sparse(whole, pitch, 250), free)
@@ -169,12 +187,13 @@ def pitch_and_angle(layout: Layout, vectors: Array) -> tuple[float, float]:
 def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool_], shape: tuple[int, int]) -> Lattice:
     """What a fitted model says of the micro-images of which any part is seen."""
     vectors = model.vectors
-    covariance = model.covariance[GEOMETRY, GEOMETRY] * max(1.0, model.chi2_per_pixel)
+    scaled = model.covariance * max(1.0, model.chi2_per_pixel)
+    covariance = scaled[GEOMETRY, GEOMETRY]
     large, small = model.radii
     half_i, half_j = present.shape[0] // 2, present.shape[1] // 2
     i, j = np.nonzero(present)
     indices = np.stack([i - half_i, j - half_j], axis=1).astype(np.int64)
-    centres = model.values[:2] + indices @ vectors.T
+    centres = model.centres((half_i, half_j))[present]
     # nearest point of the sensor's rectangle to each centre: any part is seen when it lies within the outside circle
     height, width = shape
     outwards = centres - np.clip(centres, -0.5, [width - 0.5, height - 0.5])
@@ -217,4 +236,6 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         light=model.values[LIGHT],
         cone=model.cone,
         slants=np.concatenate([[share], slant + rate * (centres[nearest] - model.values[:2]), [rate]]),
+        tilt=model.values[TILT],
+        tilt_uncertainty=np.sqrt(np.diag(scaled)[TILT]),
     )

@@ -1,9 +1,4 @@
-"""Fit of one profile on an affine lattice to the pixels of a white picture: normal equations, band by band.
-
-Model of a pixel at p: background + sum over micro-images of light(c) (symmetric(|e|) + (slant . e/|e|) lopsided(|e|)) with
-c = origin + i a + j b, e = p - c; light is a polynomial of second degree over the picture, slant = slant_0 + rate (i a + j b).
-Gauss-Newton with the weights of the sensor's noise.
-"""
+"""Fit of a lattice's model to the pixels of a white picture: Gauss-Newton with the weights of the sensor's noise, band by band."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -13,51 +8,14 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice_kernels import COUNT, accumulate, brightness, gradient
+from flflab.analysis.lattice_kernels import COUNT, Y, accumulate, brightness, gradient
+from flflab.analysis.lattice_model import RATE, SHARE, SMALLEST_PX, TILT, LatticeModel, laid
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import Cone, ProfileTable, profile_table
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-GEOMETRY = slice(0, 8)
-LIGHT = slice(9, 15)
-SHARE, SLANT, RATE = 15, slice(16, 18), 18
-LOOSE = np.array([0.5, 0.05, 0.05, 0.05])  # prior standard deviations of share, slant (2) and rate over the cone's ``by_place``
-
-
-@dataclass(frozen=True)
-class LatticeModel:
-    """What is fitted: ``values`` in the order origin x y, a x y, b x y, larger and smaller disc radius, background, light, slants.
-
-    Attributes:
-        values: see above, shape (COUNT,).
-        covariance: of them, shape (COUNT, COUNT).
-        chi2_per_pixel: about 1 where model and noise are right.
-        cone: how steeply rays land; None where fall-off is left out.
-        expected: values expected beforehand and their standard deviations, shape (2, COUNT); None where only the pixels count.
-    """
-
-    values: Array
-    covariance: Array
-    chi2_per_pixel: float
-    cone: Cone | None = None
-    expected: Array | None = None
-
-    @property
-    def vectors(self) -> Array:
-        """Lattice vectors a and b as the columns of a 2 x 2 matrix, px."""
-        return np.array([[self.values[2], self.values[4]], [self.values[3], self.values[5]]])
-
-    @property
-    def radii(self) -> tuple[float, float]:
-        """Radii of the two discs, px, as fitted."""
-        return float(self.values[6]), float(self.values[7])
-
-    @property
-    def table(self) -> ProfileTable:
-        """The profile of these radii."""
-        return profile_table(*self.radii, self.cone, float(self.values[SHARE]))
+LOOSE = np.array([0.5, *[0.05] * 5])  # prior standard deviations of share, slant (2), its rate over the cone's ``by_place``, tilt (2)
 
 
 @dataclass(frozen=True)
@@ -67,17 +25,6 @@ class Region:
     half_size: float
     row_step: int
     column_step: int = 1
-
-
-def _lights(values: Array, present: npt.NDArray[np.bool_], shape: tuple[int, int]) -> Array:
-    """Light of every micro-image and the terms of its polynomial, shape (i, j, 7)."""
-    i, j = np.meshgrid(*(np.arange(n) - n // 2 for n in present.shape), indexing="ij")
-    scale = 2 / max(shape)
-    x = (values[0] + i * values[2] + j * values[4] - (shape[1] - 1) / 2) * scale
-    y = (values[1] + i * values[3] + j * values[5] - (shape[0] - 1) / 2) * scale
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    light = np.where(present, terms @ values[LIGHT], 0.0)
-    return np.concatenate([light[..., None], terms], axis=-1)
 
 
 def _neighbours(vectors: Array, reach: float) -> Whole:
@@ -99,7 +46,7 @@ def _normal_equations(
     free: Whole,
 ) -> tuple[Array, Array, float, int]:
     height, width = picture.shape
-    table = model.table
+    points = laid(model, present, (height, width))
     top, bottom = max(0, int(height / 2 - region.half_size)), min(height, int(height / 2 + region.half_size) + 1)
     left, right_end = max(0, int(width / 2 - region.half_size)), min(width, int(width / 2 + region.half_size) + 1)
     rows = np.arange(top, bottom, region.row_step, dtype=np.int64)
@@ -108,10 +55,11 @@ def _normal_equations(
         (left, right_end, region.column_step),
         model.values,
         inverse,
-        table.values,
-        table.step,
-        _neighbours(model.vectors, table.reach),
-        _lights(model.values, present, (height, width)),
+        points.tables,
+        points.step,
+        _neighbours(model.vectors, points.reach + points.shifted),
+        points.lights,
+        points.places,
         noise.dark_variance,
         noise.dn_per_electron,
         noise.full_scale_dn,
@@ -129,18 +77,17 @@ def _whole_gradient(
     picture: npt.NDArray[np.float32], model: LatticeModel, present: npt.NDArray[np.bool_], noise: SensorNoise
 ) -> tuple[Array, float, int]:
     """Right side, chi^2 and number of pixels of the whole picture."""
-    table = model.table
-    lights = _lights(model.values, present, (picture.shape[0], picture.shape[1]))
-    i, j = np.nonzero(lights[..., 0])
-    indices = np.stack([i - present.shape[0] // 2, j - present.shape[1] // 2], axis=1).astype(np.float64)
-    centres = np.concatenate([model.values[:2] + indices @ model.vectors.T, indices], axis=1)
-    order = np.argsort(centres[:, 1])
+    points = laid(model, present, (picture.shape[0], picture.shape[1]))
+    i, j = np.nonzero(points.lights[..., 0])
+    order = np.argsort(points.places[i, j, Y])
+    i, j = i[order], j[order]
     arguments = (
         model.values,
-        table.values.astype(np.float32),
-        table.step,
-        centres[order],
-        lights[i, j][order],
+        points.tables.astype(np.float32),
+        points.step,
+        np.stack([i - present.shape[0] // 2, j - present.shape[1] // 2], axis=1).astype(np.float64),
+        points.lights[i, j],
+        points.places[i, j],
         noise.dark_variance,
         noise.dn_per_electron,
         noise.full_scale_dn,
@@ -185,9 +132,8 @@ def micro_images_present(
     Returns:
         Shape (2 half_i + 1, 2 half_j + 1), the lattice's origin in the middle.
     """
-    everywhere = np.ones((2 * half_counts[0] + 1, 2 * half_counts[1] + 1), dtype=np.bool_)
     table = model.table
-    sums = brightness(picture, model.values, everywhere, table.values, table.step, noise.full_scale_dn)
+    sums = brightness(picture, model.centres(half_counts), float(model.values[8]), table.values, table.step, noise.full_scale_dn)
     seen = sums[..., 1] > 0
     share = np.where(seen, sums[..., 0], 0.0) / np.where(seen, sums[..., 1], 1.0) / model.values[9]
     doubt = np.sqrt((noise.dark_variance + noise.dn_per_electron * model.values[9]) / np.where(seen, sums[..., 1], 1.0)) / model.values[9]
@@ -202,7 +148,7 @@ def _stepped(model: LatticeModel, normal: Array, right: Array, free: Whole, chi2
     longest = np.concatenate([np.full(6, 0.15 * np.linalg.norm(model.vectors[:, 0])), 0.5 * model.values[6:8]])
     shrink = float(np.min(longest / np.maximum(np.abs(step[:8]), 1e-300), initial=1.0))
     values = model.values + shrink * step
-    values[6:8] = np.maximum(values[6:8], 0.05)
+    values[6:8] = np.maximum(values[6:8], SMALLEST_PX)
     return replace(model, values=values, covariance=covariance, chi2_per_pixel=chi2_per_pixel), step
 
 
@@ -223,7 +169,10 @@ def refine(
         if not np.isfinite(model.values).all():
             break
         periods = region.half_size / np.hypot(*model.values[2:4])
-        if np.abs(step[:2]).max() + periods * np.abs(step[2:6]).max() < tolerance_px and np.abs(step[6:8]).max() < 20 * tolerance_px:
+        moved = np.abs(step[:2]).max() + periods * np.abs(step[2:6]).max()
+        if model.cone is not None:
+            moved += model.cone.tilting.per_px * region.half_size**2 * np.abs(step[TILT]).max()
+        if moved < tolerance_px and np.abs(step[6:8]).max() < 20 * tolerance_px:
             break
     return model
 

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.lattice import Lattice, half_counts, lattice_of
-from flflab.analysis.lattice_fit import LatticeModel, Region, refine
+from flflab.analysis.lattice_fit import Region, refine
 from flflab.analysis.lattice_kernels import COUNT
+from flflab.analysis.lattice_model import LatticeModel
 from flflab.analysis.noise import SensorNoise
 
 LOOSE_PX = 20.0  # standard deviations of the nominal lattice: origin

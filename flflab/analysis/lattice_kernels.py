@@ -12,7 +12,10 @@ from flflab.analysis.profile import BY_LARGE, BY_RADIUS, BY_SMALL, FALLOFF, LOPS
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-COUNT = 19  # origin 2, vectors 4, radii 2, background 1, polynomial 6, share of the fall-off 1, slant at the origin 2, its rate 1
+COUNT = 21  # origin 2, vectors 4, radii 2, background 1, polynomial 6, share of fall-off 1, slant at the origin 2, its rate 1, tilt 2
+X, Y, RISE, OUT_X, OUT_Y, LEVER_X, LEVER_Y, LARGE_BY_RISE, SMALL_BY_RISE, TABLE = range(10)  # of a micro-image's place
+OUT, LEVER, RADII_BY_RISE, PLACES = slice(OUT_X, OUT_Y + 1), slice(LEVER_X, LEVER_Y + 1), slice(LARGE_BY_RISE, SMALL_BY_RISE + 1), 10
+BY_RISE = 11  # column of the tables beyond those of a ``ProfileTable``
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -22,10 +25,11 @@ def accumulate(
     columns: tuple[int, int, int],
     values: Array,
     inverse: Array,
-    table: Array,
+    tables: Array,
     step: float,
     offsets: Whole,
     lights: Array,
+    places: Array,
     dark: float,
     gain: float,
     ceiling: float,
@@ -34,8 +38,9 @@ def accumulate(
 ) -> tuple[Array, Array, float, int]:  # pragma: no cover - compiled
     """Normal matrix, right side, chi^2 and number of pixels of every so manieth column of some rows.
 
-    ``lights`` holds each micro-image's light and the six terms of the polynomial there; light 0 where there is none. Of the values the
-    first ``wanted`` are looked at, the others' sums are 0.
+    ``lights`` holds each micro-image's light and the six terms of the polynomial there; light 0 where there is none. ``places`` holds
+    centre, rise beyond that of its table, place from the axis, how the rise changes with the tilt and the radii with the rise, and which
+    of ``tables`` it has. Of the values the first ``wanted`` are looked at, the others' sums are 0.
     """
     normal = np.zeros((COUNT, COUNT))
     right = np.zeros(COUNT)
@@ -44,7 +49,7 @@ def accumulate(
     count = 0
     half_i = lights.shape[0] // 2
     half_j = lights.shape[1] // 2
-    reach = step * (table.shape[0] - 2)
+    reach = step * (tables.shape[1] - 2)
     for row in rows:
         py = row - values[1]
         for column in range(columns[0], columns[1], columns[2]):
@@ -59,12 +64,13 @@ def accumulate(
             for n in range(len(offsets)):
                 i = i0 + offsets[n, 0]
                 j = j0 + offsets[n, 1]
-                vx = i * values[2] + j * values[4]
-                vy = i * values[3] + j * values[5]
-                dx = px - vx
-                dy = py - vy
+                if abs(i) > half_i or abs(j) > half_j:
+                    continue
+                at = places[i + half_i, j + half_j]
+                dx = column - at[X]
+                dy = row - at[Y]
                 square = dx * dx + dy * dy
-                if square >= reach * reach or abs(i) > half_i or abs(j) > half_j:
+                if square >= reach * reach:
                     continue
                 light = lights[i + half_i, j + half_j, 0]
                 if light == 0.0:
@@ -72,6 +78,7 @@ def accumulate(
                 if not lit:
                     g[:] = 0.0
                     lit = True
+                table = tables[int(at[TABLE])]
                 r = np.sqrt(square)
                 place = r / step
                 k = int(place)
@@ -81,10 +88,13 @@ def accumulate(
                 fourfold = 1.0 - 8.0 * (ux * uy) ** 2
                 value = table[k, VALUE] + t * (table[k + 1, VALUE] - table[k, VALUE]) + fourfold * table[k, SQUARE]
                 lop = table[k, LOPSIDED] + t * (table[k + 1, LOPSIDED] - table[k, LOPSIDED])
+                vx = at[X] - values[0]
+                vy = at[Y] - values[1]
                 sx = values[16] + values[18] * vx
                 sy = values[17] + values[18] * vy
                 along = sx * ux + sy * uy
-                share = value + lop * along
+                by_rise = table[k, BY_RISE] + t * (table[k + 1, BY_RISE] - table[k, BY_RISE])
+                share = value + lop * along + at[RISE] * by_rise
                 share += (sx * sx + sy * sy) * (table[k, 7] + along * table[k, 9]) + along * along * (table[k, 8] + along * table[k, 10])
                 expected += light * share
                 slope = -light * (table[k, BY_RADIUS] + t * (table[k + 1, BY_RADIUS] - table[k, BY_RADIUS]))
@@ -104,6 +114,9 @@ def accumulate(
                 g[16] += light * lop * ux
                 g[17] += light * lop * uy
                 g[18] += light * lop * (vx * ux + vy * uy)
+                lifted = light * by_rise - ex * at[OUT_X] - ey * at[OUT_Y]
+                g[19] += lifted * at[LEVER_X]
+                g[20] += lifted * at[LEVER_Y]
             weight = 1.0 / (dark + gain * max(expected - offset_dn, 0.0))
             rest = read - expected
             pull = weight * rest
@@ -140,10 +153,11 @@ def gradient(
     first: int,
     last: int,
     values: Array,
-    table: npt.NDArray[np.float32],
+    tables: npt.NDArray[np.float32],
     step: float,
-    centres: Array,
+    indices: Array,
     lights: Array,
+    places: Array,
     dark: float,
     gain: float,
     ceiling: float,
@@ -151,13 +165,13 @@ def gradient(
 ) -> tuple[Array, float, int]:  # pragma: no cover - compiled
     """Right side, chi^2 and number of pixels of whole rows, micro-image by micro-image; they are listed by the rows of their centres.
 
-    ``centres`` holds x, y, i and j of each, ``lights`` its light and the six terms of the polynomial.
+    ``indices`` holds i and j of each; ``lights`` and ``places`` as in ``accumulate``.
     """
     right = np.zeros(COUNT)
     chi2 = 0.0
     count = 0
     width = picture.shape[1]
-    reach = step * (table.shape[0] - 2)
+    reach = step * (tables.shape[1] - 2)
     expected = np.empty(width, dtype=np.float32)
     pull = np.empty(width, dtype=np.float32)
     scale = np.float32(1 / step)
@@ -166,19 +180,21 @@ def gradient(
     none = np.float32(0)
     begin = 0
     for row in range(first, last):
-        while begin < len(centres) and centres[begin, 1] + reach < row:
+        while begin < len(places) and places[begin, Y] + reach < row:
             begin += 1
         expected[:] = background
         end = begin
-        while end < len(centres) and centres[end, 1] - reach <= row:
-            cx = centres[end, 0]
-            dy = np.float32(row - centres[end, 1])
-            end += 1
+        while end < len(places) and places[end, Y] - reach <= row:
+            at = places[end]
+            cx = at[X]
+            dy = np.float32(row - at[Y])
             low, high = _columns_lit(cx, dy, reach, width)
-            light = np.float32(lights[end - 1, 0])
+            light = np.float32(lights[end, 0])
+            end += 1
             sx = np.float32(values[16] + values[18] * (cx - values[0]))
-            sy = np.float32(values[17] + values[18] * (centres[end - 1, 1] - values[1]))
+            sy = np.float32(values[17] + values[18] * (at[Y] - values[1]))
             steep = sx * sx + sy * sy
+            rise, table = np.float32(at[RISE]), tables[int(at[TABLE])]
             for column in range(low, high + 1):
                 dx = np.float32(column - cx)
                 r = np.sqrt(dx * dx + dy * dy) + np.float32(1e-6)
@@ -192,6 +208,7 @@ def gradient(
                 slant = (sx * dx + sy * dy) * one
                 lop = table[k, LOPSIDED] + t * (table[k + 1, LOPSIDED] - table[k, LOPSIDED])
                 value += slant * (lop + slant * (table[k, 8] + slant * table[k, 10]) + steep * table[k, 9])
+                value += rise * (table[k, BY_RISE] + t * (table[k + 1, BY_RISE] - table[k, BY_RISE]))
                 expected[column] += light * (value + steep * table[k, 7])
         total, squares, seen = np.float32(0), np.float32(0), 0
         for column in range(width):
@@ -209,12 +226,13 @@ def gradient(
         chi2 += float(squares)
         count += seen
         for n in range(begin, end):
-            cx = centres[n, 0]
-            dy = np.float32(row - centres[n, 1])
+            at, table = places[n], tables[int(places[n, TABLE])]
+            cx = at[X]
+            dy = np.float32(row - at[Y])
             low, high = _columns_lit(cx, dy, reach, width)
             along = across = large = small = bright = fall = slant_x = slant_y = np.float32(0)
             light = lights[n, 0]
-            vx, vy = cx - values[0], centres[n, 1] - values[1]
+            vx, vy = cx - values[0], at[Y] - values[1]
             sx, sy = np.float32(values[16] + values[18] * vx), np.float32(values[17] + values[18] * vy)
             for column in range(low, high + 1):
                 dx = np.float32(column - cx)
@@ -235,7 +253,7 @@ def gradient(
                 slant_y += lop * dy
                 bright += p * (table[k, VALUE] + t * (table[k + 1, VALUE] - table[k, VALUE]))
             bright += sx * slant_x + sy * slant_y
-            i, j = centres[n, 2], centres[n, 3]
+            i, j = indices[n, 0], indices[n, 1]
             right[0] += light * along
             right[1] += light * across
             right[2] += light * i * along
@@ -250,34 +268,34 @@ def gradient(
             right[16] += light * slant_x
             right[17] += light * slant_y
             right[18] += light * (vx * slant_x + vy * slant_y)
+            lifted = light * (at[LARGE_BY_RISE] * large + at[SMALL_BY_RISE] * small - at[OUT_X] * along - at[OUT_Y] * across)
+            right[19] += lifted * at[LEVER_X]
+            right[20] += lifted * at[LEVER_Y]
     return right, chi2, count
 
 
 @numba.njit(nogil=True, cache=True)
 def brightness(
     picture: npt.NDArray[np.float32],
-    values: Array,
-    present: npt.NDArray[np.bool_],
+    centres: Array,
+    background: float,
     table: Array,
     step: float,
     ceiling: float,
 ) -> Array:  # pragma: no cover - compiled
-    """Sums (read - background) profile and profile^2 about every lattice point, shape (i, j, 2)."""
+    """Sums (read - background) profile and profile^2 about every centre, shape (i, j, 2)."""
     height, width = picture.shape
-    half_i = present.shape[0] // 2
-    half_j = present.shape[1] // 2
     reach = step * (table.shape[0] - 2)
-    sums = np.zeros((present.shape[0], present.shape[1], 2))
-    for i in range(-half_i, half_i + 1):
-        for j in range(-half_j, half_j + 1):
-            cx = values[0] + i * values[2] + j * values[4]
-            cy = values[1] + i * values[3] + j * values[5]
+    sums = np.zeros((centres.shape[0], centres.shape[1], 2))
+    for i in range(centres.shape[0]):
+        for j in range(centres.shape[1]):
+            cx, cy = centres[i, j]
             stride = max(1, int(reach / 12.0))
             for row in range(max(0, int(np.ceil(cy - reach))), min(height - 1, int(cy + reach)) + 1, stride):
                 for column in range(max(0, int(np.ceil(cx - reach))), min(width - 1, int(cx + reach)) + 1, stride):
                     r = np.hypot(column - cx, row - cy)
                     if r < reach and picture[row, column] < ceiling:
                         share = table[int(r / step), 0]
-                        sums[i + half_i, j + half_j, 0] += share * (picture[row, column] - values[8])
-                        sums[i + half_i, j + half_j, 1] += share * share
+                        sums[i, j, 0] += share * (picture[row, column] - background)
+                        sums[i, j, 1] += share * share
     return sums

@@ -1,7 +1,7 @@
 """Each micro-image of a white picture by itself: its centre and the radii of its two discs, each with its covariance.
 
-The lattice is one affine map with one profile; what differs from one micro-image to the next (tilt of the array, microlenses of
-several kinds, a vignette) is found here. Where neighbours overlap, each is fitted together with those that it overlaps.
+The lattice is one map with one profile that only the array's tilt changes; what else differs from one micro-image to the next
+(microlenses of several kinds, a vignette) is found here. Where neighbours overlap, each is fitted together with those that it overlaps.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from flflab.analysis.lattice import Lattice
+from flflab.analysis.lattice_model import SMALLEST_PX
 from flflab.analysis.micro_image_kernel import VALUES, sum_up, with_neighbours
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import profile_table
@@ -22,7 +23,6 @@ from flflab.errors import MeasurementError
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-SMALLEST_PX = 0.05  # radius of a disc: a smaller one cannot be told from it
 LOOSE_CENTRE_PX, LOOSE_RADIUS, LOOSE_LIGHT = 2.0, 0.25, 0.1  # standard deviations round the lattice's, of the outside radius, of the light
 KNOWN = 0.05  # of the outside radius: a radius less sure than this was not seen
 SHARED_PX = 0.1  # micro-images whose radii agree to this share a table of the profile
@@ -98,8 +98,7 @@ def every_micro_image(white: npt.NDArray[np.generic], lattice: Lattice, noise: S
     picture = np.ascontiguousarray(white, dtype=np.float32)
     start = np.zeros((len(lattice.centres_px), VALUES))
     start[:, :2] = lattice.centres_px
-    start[:, 2] = (lattice.outside_radius_px + lattice.inside_radius_px) / 2
-    start[:, 3] = max(SMALLEST_PX, (lattice.outside_radius_px - lattice.inside_radius_px) / 2)
+    start[:, 2:4] = np.maximum(lattice.discs_px, SMALLEST_PX)
     start[:, 4] = light_level(lattice, lattice.centres_px, (picture.shape[0], picture.shape[1]))
     spread = np.tile([LOOSE_CENTRE_PX] * 2 + [LOOSE_RADIUS * lattice.outside_radius_px] * 2 + [1.0], (len(start), 1))
     spread[:, 4] = LOOSE_LIGHT * np.abs(start[:, 4])

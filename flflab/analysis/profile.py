@@ -13,6 +13,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from flflab.analysis.tilting import Tilting, tilting_of
 from flflab.optics.camera import Camera
 from flflab.optics.discs import two_disc_area, two_disc_areas
 from flflab.optics.resolution import central_smms
@@ -35,7 +36,7 @@ def overlap_share(distance: Array, large: float, small: float) -> Array:
 
 @dataclass(frozen=True)
 class Cone:
-    """Slopes at which rays land in a micro-image, beside that of its middle ray: s = by_place e + rim v / small.
+    """How rays land in a micro-image: their slopes beside that of its middle ray, s = by_place e + rim v / small.
 
     Where the microlens's disc is the smaller one, v = kappa (q - y) and s = e / b - v / (kappa b), at its rim d / (2 b), in the exit
     pupil too, where the disc is a point; where the main lens's is, v is counted in that: s = (1 - 1 / kappa) e / b + v / (kappa b).
@@ -43,10 +44,12 @@ class Cone:
     Attributes:
         by_place: per px from the micro-image's centre.
         rim: at the rim of the smaller disc.
+        tilting: what a tilt of the array does to the micro-images.
     """
 
     by_place: float
     rim: float
+    tilting: Tilting
 
 
 def cone_of(camera: Camera) -> Cone:
@@ -54,8 +57,8 @@ def cone_of(camera: Camera) -> Cone:
     smms = central_smms(camera)
     b, kappa = float(smms.gap), float(smms.kappa)
     if float(smms.microlens_width) <= float(smms.lens_width):
-        return Cone(camera.sensor.pixel / b, -math.copysign(float(smms.aperture) / 2 / b, kappa))
-    return Cone(camera.sensor.pixel / b * (1 - 1 / kappa), float(smms.lens_width) / 2 / b / kappa)
+        return Cone(camera.sensor.pixel / b, -math.copysign(float(smms.aperture) / 2 / b, kappa), tilting_of(camera))
+    return Cone(camera.sensor.pixel / b * (1 - 1 / kappa), float(smms.lens_width) / 2 / b / kappa, tilting_of(camera))
 
 
 @dataclass(frozen=True)
@@ -192,7 +195,12 @@ def _tabulate(
     return table
 
 
-def profile_table(large: float, small: float, cone: Cone | None = None, share: float = 0.0) -> ProfileTable:
+def table_step(large: float, small: float) -> float:
+    """Distance between a table's entries, px."""
+    return min(0.0625, max(0.01, (large + small) / 400))
+
+
+def profile_table(large: float, small: float, cone: Cone | None = None, share: float = 0.0, step: float | None = None) -> ProfileTable:
     """Tabulate the profile of two radii in px with its derivatives.
 
     Args:
@@ -200,8 +208,9 @@ def profile_table(large: float, small: float, cone: Cone | None = None, share: f
         small: of the other, the microlens's, px; above 0.
         cone: how steeply rays land; None where fall-off is not asked for.
         share: of the symmetric fall-off that is counted, 0 to 1.
+        step: distance between entries, px; None: ``table_step``.
     """
-    step = min(0.0625, max(0.01, (large + small) / 400))
+    step = step or table_step(large, small)
     by_place, rim = (0.0, 0.0) if cone is None else (cone.by_place, cone.rim)
     values = _tabulate(large, small, by_place, rim, share, step, _GAUSS, _WEIGHTS, _CHORD, _CHORD_WEIGHTS)
     return ProfileTable(step, values)

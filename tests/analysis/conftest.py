@@ -78,6 +78,11 @@ class Brute:
         return _white(shape, centres, a, b, _NODES, _WEIGHTS)
 
     @staticmethod
+    def micro_image(shape: tuple[int, int], centre: Array, a: float, b: float) -> Array:
+        """One micro-image of a white picture."""
+        return _white(shape, np.array([centre], dtype=np.float64), a, b, _NODES, _WEIGHTS)
+
+    @staticmethod
     def camera(f_number: float, resolution: tuple[int, int], minimum_illumination: float = 0.5) -> Camera:
         """The worked example on a smaller sensor."""
         return camera(f_number, resolution, Useful(minimum_illumination))

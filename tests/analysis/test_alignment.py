@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,9 +33,9 @@ def drawn(y: Array, rise: Array) -> tuple[Array, Array, Array]:
     return land(0.0, y), np.abs(land(A / 2, y) - land(0.0, y)), np.abs(land(0.0, y + D / 2) - land(0.0, y))
 
 
-def images(roll: float, yaw: float, pitch: float) -> tuple[MicroImages, Lattice]:
-    """Exact centres and radii behind a turned array, and the straight lattice that fits the centres best."""
-    j, i = (part.ravel() for part in np.mgrid[-5:6, -7:8])
+def images(roll: float, yaw: float, pitch: float, border: int = 0) -> tuple[MicroImages, Lattice]:
+    """Exact centres and radii behind a turned array, and the straight lattice that fits the centres best; those on the sensor and more."""
+    j, i = (part.ravel() for part in np.mgrid[-5 - border : 6 + border, -7 - border : 8 + border])
     cos, sin = math.cos(roll), math.sin(roll)
     x, y = P * (cos * i - sin * j), P * (sin * i + cos * j)
     rise = math.tan(yaw) * x + math.tan(pitch) * y
@@ -105,6 +106,38 @@ def test_each_micro_image_of_a_drawn_white_picture_is_found_where_it_was_drawn(b
     assert len(score) > 20
     assert 0.7 < float(np.sqrt(np.mean(score**2))) < 1.4
     np.testing.assert_allclose(np.median(found.radii_px, axis=0), [7.2, 2.4], atol=0.03)
+
+
+def tilted_white(brute: Any, yaw: float, pitch: float) -> tuple[Array, MicroImages]:
+    """A white picture behind a tilted array, micro-image by micro-image by the overlap of its own drawn shadows, and these."""
+    drawn_there, _ = images(0.0, yaw, pitch, border=1)
+    picture = np.zeros(CAMERA.sensor.resolution[::-1])
+    for centre, (lens, microlens) in zip(drawn_there.centres_px, drawn_there.radii_px, strict=True):
+        picture += brute.micro_image(picture.shape, centre, lens, microlens)
+    return picture, drawn_there
+
+
+@pytest.mark.parametrize("degrees", [(0.2, -0.1), (1.0, 0.5), (-0.02, 0.0)])
+def test_the_lattice_of_a_tilted_array_has_every_centre_and_radius_where_rays_draw_it(brute: Any, degrees: tuple[float, float]) -> None:
+    yaw, pitch = np.radians(degrees)
+    picture, true = tilted_white(brute, yaw, pitch)
+    lattice = find_lattice(64 + 3000 * picture, "square", 24.0, SensorNoise(0.3, 1.0, 64.0, 4095.0), cone_of(CAMERA))
+    place = np.argmin(np.hypot(*(true.centres_px[:, None] - lattice.centres_px).transpose(2, 0, 1)), axis=0)
+    assert len(place) >= 165
+    np.testing.assert_allclose(lattice.centres_px, true.centres_px[place], atol=1e-3)
+    np.testing.assert_allclose(lattice.discs_px, true.radii_px[place], atol=3e-3)
+    np.testing.assert_allclose(lattice.tilt, np.tan([yaw, pitch]), rtol=1e-3, atol=3e-6)
+    middle = true.radii_px[len(true.radii_px) // 2]  # on the axis: a tilt changes nothing there
+    assert [lattice.outside_radius_px, lattice.inside_radius_px] == pytest.approx([middle[0] + middle[1], middle[0] - middle[1]], abs=3e-3)
+
+
+def test_uncertainties_of_the_lattices_tilt_cover_the_truth(brute: Any) -> None:
+    picture, _ = tilted_white(brute, 0.002, -0.001)
+    noise, rng, scores = SensorNoise(0.3, 1.0, 64.0, 4095.0), np.random.default_rng(6), list[Array]()
+    for _ in range(12):
+        lattice = find_lattice(brute.expose(picture, noise, 3000, rng), "square", 24.0, noise, cone_of(CAMERA))
+        scores.append((lattice.tilt - np.tan([0.002, -0.001])) / lattice.tilt_uncertainty)
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.4  # 24 scores: 1 +- 0.14
 
 
 def slanted_white(gap: float, shape: tuple[int, int], pixel: float) -> Array:
