@@ -34,6 +34,11 @@ class SpotProfile:
     step: float
     values: Array
 
+    @property
+    def flat(self) -> float:
+        """Distance up to which all pixels are wholly lit, px."""
+        return self.step * max(0, int(np.argmax(self.values.min(axis=0) < 1.0)) - 1)
+
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _pixel_averages(fine: Array, finer: float, step: float, count: int, turns: int, parts: int) -> Array:  # pragma: no cover - compiled

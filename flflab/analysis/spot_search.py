@@ -1,14 +1,14 @@
 """The images of round dots in a picture of many micro-images: found round where the nominal camera puts them, and fitted."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.clipping import without_clipping
+from flflab.analysis.clipping import cut_spots, pupils_of, step_of_cut_spots
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
@@ -26,7 +26,8 @@ Whole = npt.NDArray[np.int64]
 
 WIDEST_SHIFT_PX = 30.0  # how far all dots together may be from where the nominal camera puts them
 SEARCH_PX = 8.0  # how far each may then still be
-RADIUS_SETTLED_PX = 0.001
+MOST_ROUNDS, SETTLED_PX = 12, 0.001  # a further round moves centres and radius by a tenth of that
+LIT = 0.2  # share of the light from which on a spot says where the dots are
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
 
@@ -71,28 +72,38 @@ def find_spots(
     law = np.array([[0.0, 0.0], [1 / across, 0.0], [0.0, 1 / across], [-along / across, 0.0], [0.0, -along / across]])
     spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
     table = illumination_table(lattice)
+    nominal = law
     law, radius = _register(values, lattice, camera, target, law, spread, table, noise)
-    shape = (values.shape[0], values.shape[1])
-    for _ in range(4):
-        half = math.ceil(radius + spread / 2 + 3)
-        candidates = _candidates(lattice, camera, target, law, half)
-        places, regressors = law_places(lattice, camera, target, law, candidates)
-        profile, own = defocused_dot(radius, spread), lit(lattice, candidates.lens, shape, table)
-        fitted = fit_spots(values, places, half, own, profile, noise)
-        spots = without_clipping(fitted, fitted.centres, own, lattice, camera, distance, radius, profile, noise)
-        seen = SeenSpots(spots, candidates, law, radius, spread, table)
-        # centroids of cut spots leave the law, and with it the radius, a little wrong; the fitted centres do not
-        away = np.hypot(*(spots.centres - own.centres).T)
-        good = (illumination(table, away) > HALF) & np.isfinite(spots.covariance[:, 0, 0]) & (spots.brightness > 0.05)
+    candidates = _candidates(lattice, camera, target, law, _half_width(radius, spread))
+    places, regressors = law_places(lattice, camera, target, law, candidates)
+    own, pupils = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table), pupils_of(lattice, camera, distance)
+    spots = fit_spots(values, places, _half_width(radius, spread), own, defocused_dot(radius, spread), noise)
+    fitted, reach = radius, radius + spread / 2
+    cut = cut_spots(spots, own, lattice, reach)
+    whole = np.setdiff1d(np.arange(len(places)), cut)
+    for _ in range(MOST_ROUNDS):
+        # spots want the radius, the radius the law and the law the spots: a step of each, until they agree
+        before, last, half = spots.centres, radius, _half_width(radius, spread)
+        if abs(radius - fitted) > SETTLED_PX:
+            again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
+            spots, fitted = spots.with_those(whole, again), radius
+        spots = step_of_cut_spots(values, spots, cut, half, own, pupils, radius, noise)
+        bright = (illumination(table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
+        # the place of one that the sensor's border cuts depends on the radius, which must not depend on it
+        good = bright & np.all((spots.centres > reach) & (spots.centres < np.asarray(camera.sensor.resolution) - 1 - reach), axis=1)
         if not good.any():
             break
         offsets = sensor_position(camera.sensor, spots.centres) - sensor_position(camera.sensor, own.centres)
-        law = _regress(law, regressors[good], offsets[good], camera.sensor.pixel)
-        before, radius = radius, target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
-        if abs(radius - before) < RADIUS_SETTLED_PX:
-            spots = without_clipping(fitted, spots.centres, own, lattice, camera, distance, before, profile, noise)
-            return replace(seen, spots=spots)
-    return seen  # pyright: ignore[reportPossiblyUnboundVariable]
+        law = _regress(law, nominal, regressors[good], offsets[good], camera.sensor.pixel)
+        radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
+        if abs(radius - last) < SETTLED_PX and np.abs(spots.centres - before)[bright].max() < SETTLED_PX:
+            break
+    return SeenSpots(spots, candidates, law, radius, spread, table)
+
+
+def _half_width(radius: float, spread: float) -> int:
+    """Of the windows that hold a spot, px."""
+    return math.ceil(radius + spread / 2 + 3)
 
 
 def usable_pixels(
@@ -148,7 +159,7 @@ def _register(
 ) -> tuple[Array, float]:
     """The law that the spots themselves follow, and a spot's radius in px: centroids in shrinking windows, robustly regressed."""
     radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
-    law = law + _shift(values, lattice, camera, target, law, radius, table, noise)
+    nominal, law = law, law + _shift(values, lattice, camera, target, law, radius, table, noise)
     for search in (SEARCH_PX, SEARCH_PX / 2, 3.0):
         candidates = _candidates(lattice, camera, target, law, 0.0)
         places, regressors = law_places(lattice, camera, target, law, candidates)
@@ -159,7 +170,7 @@ def _register(
         if not whole.any():
             return law, radius
         offsets = sensor_position(camera.sensor, centroids) - sensor_position(camera.sensor, lattice.centres_px)[candidates.lens]
-        law = _regress(law, regressors[whole], offsets[whole], camera.sensor.pixel)
+        law = _regress(law, nominal, regressors[whole], offsets[whole], camera.sensor.pixel)
         radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
     return law, radius
 
@@ -234,18 +245,19 @@ def _well_lit(
     return lit & enough
 
 
-def _regress(law: Array, regressors: Array, offsets: Array, pixel: float) -> Array:
+def _regress(law: Array, nominal: Array, regressors: Array, offsets: Array, pixel: float) -> Array:
     """Update the law by a shift, and by one complex factor for dots and one for centres (scale and turn), outliers left out."""
     rest = offsets - regressors @ law
     z, o, c = rest @ [1, 1j], regressors[:, 1:3] @ [1, 1j], regressors[:, 3:5] @ [1, 1j]
-    # few spots, or all of one dot, cannot tell the factors apart: a weak prior at 0 keeps them
+    # few spots, or dots that are seen once each, cannot tell the factors apart: then those of the nominal camera hold
     prior = np.diag([0.0, 1e-3, 1e-3]) * len(z)
+    off = (law - nominal)[[0, 1, 3]] @ [1, 1j]
     weight = np.ones(len(z))
     step = np.zeros(3, dtype=np.complex128)
     design = np.stack([np.ones(len(z)), o, c], axis=1)
     for _ in range(5):
         normal = (design.conj().T * weight) @ design
-        step = np.linalg.solve(normal + prior, (design.conj().T * weight) @ z)
+        step = np.linalg.solve(normal + prior, (design.conj().T * weight) @ z - prior @ off)
         left = np.abs(z - design @ step)
         limit = max(3 * float(np.median(left)), 0.3 * pixel)
         weight = np.minimum(1.0, limit / np.maximum(left, 1e-12)) ** 2

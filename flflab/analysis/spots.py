@@ -5,6 +5,7 @@ expected = offset + brightness * light * illumination(|p - micro-image|) * profi
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numba
@@ -19,7 +20,10 @@ from flflab.analysis.spot_profile import SpotProfile
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Picture = npt.NDArray[np.generic]
+Sums = Callable[[Whole, Array, Array], tuple[Array, Array, Array, Array]]
 
+MOST_STEPS, SETTLED_PX = 10, 1e-4  # of Gauss-Newton
+LEAST_BRIGHTNESS = 0.05  # of a spot
 WEAKEST_ILLUMINATION = 0.05  # pixels with less light say nothing of a spot
 
 
@@ -39,6 +43,18 @@ class Spots:
     covariance: Array
     chi2_per_pixel: Array
 
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """Which are bright enough to be there."""
+        return np.isfinite(self.covariance[:, 0, 0]) & (self.brightness > LEAST_BRIGHTNESS)
+
+    def with_those(self, which: Whole, others: "Spots") -> "Spots":
+        """These, but others at some positions."""
+        parts = (self.centres.copy(), self.brightness.copy(), self.covariance.copy(), self.chi2_per_pixel.copy())
+        for part, new in zip(parts, (others.centres, others.brightness, others.covariance, others.chi2_per_pixel), strict=True):
+            part[which] = new
+        return Spots(*parts)
+
 
 @dataclass(frozen=True)
 class Lit:
@@ -53,6 +69,10 @@ class Lit:
     centres: Array
     light: Array
     table: ProfileTable
+
+    def those(self, which: Whole) -> "Lit":
+        """Some of them."""
+        return Lit(self.centres[which], self.light[which], self.table)
 
 
 def illumination(table: ProfileTable, distance: Array) -> Array:
@@ -126,6 +146,7 @@ def _sums(
     step: float,
     profile: Array,
     profile_step: float,
+    flat: float,
     dark: float,
     gain: float,
     offset: float,
@@ -148,9 +169,11 @@ def _sums(
                     continue
                 dx, dy = column - spots[n, 0], row - spots[n, 1]
                 r = math.hypot(dx, dy)
-                value = slope = 0.0
+                value, slope = 1.0, 0.0
                 place = r / profile_step
-                if place < profile.shape[1] - 1:
+                if place >= profile.shape[1] - 1:
+                    value = 0.0
+                elif r > flat:
                     # the direction within an eighth of a turn: a square pixel looks the same in the others
                     turn = math.atan2(min(abs(dx), abs(dy)), max(abs(dx), abs(dy))) * (4 / math.pi) * turns
                     m = min(int(turn), turns - 1)
@@ -179,8 +202,46 @@ def _sums(
     return normal, right, chi2, count
 
 
+def gauss_newton(places: Array, brightness: Array, half: int, sums: Sums, most_steps: int = MOST_STEPS) -> Spots:
+    """Gauss-Newton for (x, y, brightness) of every spot, each until its centre stays.
+
+    Args:
+        places: where to start, px, shape (n, 2).
+        brightness: to start with, shape (n,).
+        half: half width of the windows round them, px.
+        sums: gives, for the spots at some positions of these, windows round some places and (x, y, brightness) now, normal
+            matrices, right sides, chi squared and numbers of pixels.
+        most_steps: to take.
+    """
+    spots = np.concatenate([places, brightness[:, None]], axis=1)
+    inverse, chi2 = np.full((len(places), 3, 3), np.inf), np.zeros(len(places))
+    at, moving = places, np.arange(len(places))
+    for n in range(most_steps):
+        if n == 2:
+            at = spots[:, :2].copy()
+        normal, right, misfit, count = sums(moving, at[moving], spots[moving])
+        chi2[moving] = misfit / np.maximum(count - 3, 1)
+        scale = np.sqrt(np.maximum(np.einsum("nkk->nk", normal), 1e-300))
+        scaled = normal / (scale[:, :, None] * scale[:, None, :])
+        good = (np.linalg.det(scaled) > 1e-9) & (spots[moving, 2] > 1e-3)
+        solved = np.full((len(moving), 3, 3), np.inf)
+        solved[good] = np.linalg.inv(scaled[good]) / (scale[good][:, :, None] * scale[good][:, None, :])
+        inverse[moving] = solved
+        step = np.zeros((len(moving), 3))
+        step[good] = np.einsum("nkm,nm->nk", solved[good], right[good])
+        step[:, :2] = np.clip(step[:, :2], -2.0, 2.0)
+        spots[moving] += step
+        spots[moving, 2] = np.clip(spots[moving, 2], 1e-3, 10.0)
+        moving = moving[np.abs(step[:, :2]).max(axis=1, initial=0.0) > SETTLED_PX]
+        if len(moving) == 0:
+            break
+    lost = np.hypot(*(spots[:, :2] - places).T) > (2 * half + 1) / 3
+    inverse[lost] = np.inf
+    return Spots(np.where(lost[:, None], places, spots[:, :2]), np.where(lost, 0.0, spots[:, 2]), inverse, chi2)
+
+
 def fit_spots(picture: Picture, places: Array, half: int, own: Lit, profile: SpotProfile, noise: SensorNoise) -> Spots:
-    """Gauss-Newton for (x, y, brightness) of every spot with one profile for all.
+    """Centre and brightness of every spot with one profile for all.
 
     Args:
         picture: DN, [row, col].
@@ -190,41 +251,24 @@ def fit_spots(picture: Picture, places: Array, half: int, own: Lit, profile: Spo
         profile: of a spot.
         noise: of the sensor.
     """
-    spots = np.concatenate([places, np.ones((len(places), 1))], axis=1)
-    inverse, chi2 = np.full((len(places), 3, 3), np.inf), np.zeros(len(places))
-    at = places
-    for n in range(10):
-        if n == 2:
-            at = spots[:, :2].copy()
-        normal, right, chi2, count = _sums(
+
+    def sums(which: Whole, at: Array, now: Array) -> tuple[Array, Array, Array, Array]:
+        return _sums(
             picture,
             at,
             half,
-            spots,
-            own.centres,
-            own.light,
+            now,
+            own.centres[which],
+            own.light[which],
             own.table.values,
             own.table.step,
             profile.values,
             profile.step,
+            profile.flat,
             noise.dark_variance,
             noise.dn_per_electron,
             noise.offset_dn,
             noise.full_scale_dn,
         )
-        chi2 = chi2 / np.maximum(count - 3, 1)
-        scale = np.sqrt(np.maximum(np.einsum("nkk->nk", normal), 1e-300))
-        scaled = normal / (scale[:, :, None] * scale[:, None, :])
-        good = (np.linalg.det(scaled) > 1e-9) & (spots[:, 2] > 1e-3)
-        inverse = np.full((len(places), 3, 3), np.inf)
-        inverse[good] = np.linalg.inv(scaled[good]) / (scale[good][:, :, None] * scale[good][:, None, :])
-        step = np.zeros((len(places), 3))
-        step[good] = np.einsum("nkm,nm->nk", inverse[good], right[good])
-        step[:, :2] = np.clip(step[:, :2], -2.0, 2.0)
-        spots += step
-        spots[:, 2] = np.clip(spots[:, 2], 1e-3, 10.0)
-        if n > 2 and np.abs(step[:, :2]).max(initial=0.0) < 1e-4:
-            break
-    lost = np.hypot(*(spots[:, :2] - places).T) > (2 * half + 1) / 3
-    inverse[lost] = np.inf
-    return Spots(np.where(lost[:, None], places, spots[:, :2]), np.where(lost, 0.0, spots[:, 2]), inverse, chi2)
+
+    return gauss_newton(places, np.ones(len(places)), half, sums)
