@@ -19,6 +19,7 @@ from flflab.image.diffraction_table import Kind, Modes
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 SingleArray = npt.NDArray[np.float32]
+SingleComplexArray = npt.NDArray[np.complex64]
 Whole = npt.NDArray[np.int64]
 
 LEAST_PANELS = 100
@@ -88,7 +89,7 @@ def make_borders(modes: Modes, line: Line, inwards: list[Array], box: float, par
     coarse = band * (1 - np.cos(turn)) / 2
     weights = _step_weights(coarse, distance)
     filtered = [ndimage.spline_filter1d(part, axis=1, mode="mirror") for part in (weights.real, weights.imag)]
-    kernel = filtered[0] + 1j * filtered[1]  # the prefilter over the rows is linear: done here, once
+    kernel = np.asarray(filtered[0] + 1j * filtered[1], dtype=np.complex128)  # the prefilter over the rows is linear: done here, once
     lines = _line_weights(line, turn, band)
     place = (float(nodes), near / spacing, near, line.first, line.samples)
     axes = [np.stack([line.direction, inward]) for inward in inwards]
@@ -112,17 +113,17 @@ def _border(
     smeared = modes.kind.smear.transfer(f)
     boxes = [smeared * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side) for side in sides]
     whole = modes.spectrum(-1, size)
-    core, part = _sheets(np.stack([whole * box for box in boxes]).astype(np.complex128), kernel, lines)
+    core, part = np.asarray(_sheets(np.asarray([whole * box for box in boxes], dtype=np.complex128), kernel, lines), dtype=np.float64)
     turned = [(term, int(order), sine) for term, order in enumerate(modes.orders) for sine in range(2 if order else 1)]
     at_once = max(1, ROOM // (2 * size.size))
     found: list[tuple[float, int, int, SingleArray]] = []
-    single = kernel.astype(np.complex64), lines.astype(np.float32)
+    single = np.asarray(kernel, dtype=np.complex64), np.asarray(lines, dtype=np.float32)
     for start in range(0, len(turned), at_once):
         some = turned[start : start + at_once]
         spectra = {term: modes.spectrum(term, size) * boxes[1] for term, _, _ in some}
-        patterns = np.empty((len(some), *size.shape), dtype=np.complex64)
-        for pattern, (term, order, sine) in zip(patterns, some, strict=True):
-            pattern[:] = spectra[term] * (np.sin if sine else np.cos)(order * alpha) * (1j if order % 2 else 1.0)
+        patterns: SingleComplexArray = np.empty((len(some), *size.shape), dtype=np.complex64)
+        for index, (term, order, sine) in enumerate(some):
+            patterns[index] = spectra[term] * (np.sin if sine else np.cos)(order * alpha) * (1j if order % 2 else 1.0)
         for (term, order, sine), wave in zip(some, _sheets(patterns, *single), strict=True):
             felt = np.flatnonzero(np.abs(wave).max(axis=1) > tolerance / 15 / np.abs(modes.radial[term]).max())
             if len(felt):
@@ -139,11 +140,13 @@ def _border(
     )
 
 
-def _sheets(patterns: ComplexArray, kernel: ComplexArray, lines: Array) -> Array:
+def _sheets(
+    patterns: ComplexArray | SingleComplexArray, kernel: ComplexArray | SingleComplexArray, lines: Array | SingleArray
+) -> Array | SingleArray:
     """The light of patterns at frequencies along x' and y', shape (P, F, V), as sheets over distance and place, (P, Y, X)."""
     count, rows, columns = patterns.shape
     coarser = (patterns.reshape(-1, columns) @ kernel).reshape(count, rows, -1)
-    both = np.concatenate([coarser.real, coarser.imag], axis=1).transpose(0, 2, 1)
+    both = np.concatenate([np.real(coarser), np.imag(coarser)], axis=1).transpose(0, 2, 1)
     return (both.reshape(-1, 2 * rows) @ lines).reshape(count, both.shape[1], -1)
 
 
@@ -158,7 +161,7 @@ def _line_weights(line: Line, turn: Array, band: float) -> Array:
     waves[:, : len(frequency)] = (splines * line_spectrum(line, band)[:, None]).T
     waves[:, 1:] *= 2
     found = np.asarray(fft.ifft(waves, axis=1, overwrite_x=True))[:, : line.count]
-    return np.concatenate([found.real, -found.imag])
+    return np.concatenate([np.real(found), -np.imag(found)])
 
 
 def _step_weights(coarse: Array, distance: Array) -> ComplexArray:

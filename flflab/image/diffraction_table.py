@@ -28,7 +28,7 @@ BLURRED = 300.0  # pixels; a blur beyond is left to rays
 BLURRED_OUT = 1e6  # pixels; no matter which: the target's image lies on the array
 FINER = 64  # steps of a term's table in single precision for one of a ``TransferTable``: read between its nodes, it is as exact
 TAIL = 1 / 64  # weight of a line's tail: light from so many pixels away
-BLOCK = 24  # frequencies at a time
+BLOCK, ROWS = 24, 10  # frequencies at a time, and rows of the pupil
 PER_WAVE = 4.5  # samples of the shortest wave that a pupil lets pass
 FEW, MORE = 2.25, 4.0  # the least samples a pixel where that wave is shorter than a pixel
 OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
@@ -194,7 +194,7 @@ def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> Trans
     waves = kind.blur * kind.cutoff / 2 * shift
     shares = pupil_share(clip, clip_radius)
     blocks = np.array_split(np.arange(count), math.ceil(count / BLOCK))  # low frequencies need few rows
-    values = np.concatenate([pupil_transfer(shift[some], waves[some], x, y, clip_radius) for some in blocks], axis=2)
+    values = np.concatenate([pupil_transfer(shift[some], waves[some], x, y, clip_radius, ROWS) for some in blocks], axis=2)
     values *= shares[:, None, None]
     small = 1e-4
     slope = (shares[:, None] - pupil_transfer(small, 0.0, x[..., 0], y[..., 0], clip_radius).real * shares[:, None]) / small
@@ -285,11 +285,10 @@ def find_modes(table: TransferTable, box: float, least: float) -> Modes:
     core, core_tail = table.values[0, 0].real, float(table.tails[0, 0])
     count = table.values.shape[1] - 1
     if count == 0:
-        none = np.zeros(0)
-        return Modes(table.kind, table.band, none.astype(np.int64), none, np.zeros((0, 1)), np.zeros((0, len(core))), none, core, core_tail)
+        return Modes(table.kind, table.band, *_no_terms(len(core)), core, core_tail)
     with_tails = np.concatenate([table.values, table.tails[..., None]], axis=2)
-    parts = np.asarray(fft.dct(np.stack([with_tails.real, with_tails.imag]), type=1, axis=2), dtype=np.float64)
-    waves = parts[0] + 1j * parts[1]
+    both = np.asarray(fft.dct(np.stack([with_tails.real, with_tails.imag]), type=1, axis=2), dtype=np.float64)
+    waves = both[0] + 1j * both[1]
     waves[:, 1:-1] *= 2
     waves /= 2 * count
     nodes = np.linspace(0, np.pi, len(core))
@@ -303,22 +302,26 @@ def find_modes(table: TransferTable, box: float, least: float) -> Modes:
         if np.linalg.norm(part) <= least:
             continue
         left, values, right = np.linalg.svd(part, full_matrices=False)
-        for term, value in enumerate(values):
-            size = float(value * np.max(np.abs(left[:, term])) * np.max(np.abs(right[term])))
-            if size > least:
-                orders.append(order)
-                sizes.append(size)
-                radial.append(ndimage.spline_filter1d(_twice_as_fine(value * left[:, term]), mode="mirror"))
-                spectra.append(right[term] / weight)
-    found = np.array(spectra).reshape(-1, len(weight))
-    over_radius = np.array(radial).reshape(len(orders), -1)
-    return Modes(
-        table.kind, table.band, np.array(orders, dtype=np.int64), np.array(sizes), over_radius, found[:, :-1], found[:, -1], core, core_tail
-    )
+        size = values * np.abs(left).max(axis=0) * np.abs(right).max(axis=1)
+        kept = size > least
+        orders += [order] * int(kept.sum())
+        sizes += list(size[kept])
+        radial.append(ndimage.spline_filter1d(_twice_as_fine((left * values)[:, kept]), axis=0, mode="mirror").T)
+        spectra.append(right[kept] / weight)
+    if not orders:
+        return Modes(table.kind, table.band, *_no_terms(len(core)), core, core_tail)
+    found = np.concatenate(spectra)
+    parts = np.array(orders), np.array(sizes), np.concatenate(radial), found[:, :-1], found[:, -1]
+    return Modes(table.kind, table.band, *parts, core, core_tail)
+
+
+def _no_terms(count: int) -> tuple[Whole, Array, Array, Array, Array]:
+    return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 1)), np.zeros((0, count)), np.zeros(0)
 
 
 def _twice_as_fine(values: Array) -> Array:
-    """Values at even steps of a cosine series' argument, from end to end, at half these steps."""
-    waves = np.asarray(fft.dct(values, type=1), dtype=np.float64)
+    """Values at even steps of a cosine series' argument, from end to end, at half these steps; along the first axis."""
+    waves = np.asarray(fft.dct(values, type=1, axis=0), dtype=np.float64)
     waves[-1] /= 2
-    return 2 * np.asarray(fft.idct(np.pad(waves, (0, len(values) - 1)), type=1), dtype=np.float64)
+    padded = np.concatenate([waves, np.zeros((len(values) - 1, *values.shape[1:]))])
+    return 2 * np.asarray(fft.idct(padded, type=1, axis=0), dtype=np.float64)

@@ -10,27 +10,35 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flflab.image.chooser import choose
 from flflab.image.estimate import finer_picture, steepest_pixels, steepness
 from flflab.image.picture import take_picture
 from flflab.image.random_scene import RESOLUTION, random_scene
-from flflab.image.render import LEAST_TOLERANCE
+from flflab.image.render import LEAST_TOLERANCE, render
 from flflab.image.scene import Scene
 
 TOLERANCES = (1e-3, 1e-1)  # from which one is drawn, evenly in its logarithm
 FINER, FINER_WAVES = 16.0, 8.0  # how much finer than asked for the picture is formed that ``auto`` is held against, at most 1e-5
 WHOLE = 1024  # up to so many pixels all of them are formed
-SPREAD = 300
+SPREAD = 2000
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A scene tried: tolerance asked for, largest error found and estimated, of white; processor seconds of ``auto``."""
+    """A scene tried: tolerance asked for, largest error found and estimated, of white, and processor seconds.
+
+    ``seconds`` are those of ``auto`` with its choice and estimate, ``picture`` without the estimate, ``every`` those of the same scene
+    with every effect that it has, at the same tolerance, and ``every_achieved`` its largest error.
+    """
 
     seed: int
     asked: float
     achieved: float
     estimated: float
     seconds: float
+    picture: float
+    every: float
+    every_achieved: float
 
     @property
     def kept(self) -> bool:
@@ -54,12 +62,19 @@ def drawn(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float = T
 def try_scene(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float = TOLERANCES[0], waves: bool = True) -> Trial:
     """Take a picture of the scene that is ``drawn``, and hold it against a finer one."""
     scene, tolerance = drawn(seed, resolution, finest, waves)
-    began = time.process_time()
+    marks = [time.process_time()]
     report = take_picture(scene, tolerance=tolerance)
-    seconds = time.process_time() - began
+    marks.append(time.process_time())
+    choice = choose(scene, tolerance)
+    render(scene, tolerance=choice.tolerance, effects=choice.formed)
+    marks.append(time.process_time())
+    every = render(scene, tolerance=tolerance)
+    marks.append(time.process_time())
     wanted = steepest_pixels(steepness(report.image))
     drawn_pixels = np.random.default_rng(seed).permutation(wanted.size)[: wanted.size if wanted.size <= WHOLE else SPREAD]
     wanted.ravel()[drawn_pixels] = True
     finer = max(tolerance / (FINER if scene.diffraction is None else FINER_WAVES), LEAST_TOLERANCE)
     truth = finer_picture(scene, report.image, finer, wanted, "colour-filter" in report.choice.effects)
-    return Trial(seed, tolerance, float(np.abs(report.image - truth)[wanted].max()), report.error_estimate, seconds)
+    errors = [float(np.abs(image - truth)[wanted].max()) for image in (report.image, every)]
+    seconds, picture, every_seconds = (float(part) for part in np.diff(marks))
+    return Trial(seed, tolerance, errors[0], report.error_estimate, seconds, picture, every_seconds, errors[1])
