@@ -15,6 +15,7 @@ from procedures.accuracy import Accuracy
 from procedures.capture import FIRST_GUESS_S, close_event, expose, open_event, shoot
 from procedures.devices import NO_CONFIGURATION, Frames, Shot, Stages
 from procedures.durations import durations
+from procedures.glance import Glance
 from procedures.home import home
 from procedures.steps import WHITE, Capture, CaptureDark, CaptureUntil, Expose, Home, Move, SetIris, ShowTarget, Step
 
@@ -37,12 +38,13 @@ Tell = Callable[[Progress], None]
 
 @dataclass(frozen=True)
 class Instruments:
-    """What a sweep uses: the bench, its camera recording, its axes, what measures the accuracy; level of the brightest view."""
+    """What a sweep uses: the bench, its camera recording, its axes, what measures accuracy and what shows; level of the brightest view."""
 
     bench: ConnectedBench
     frames: Frames
     stages: Stages
     accuracy: Accuracy
+    glance: Glance
     level: float
 
 
@@ -50,7 +52,8 @@ def instruments(bench: ConnectedBench, study: Study, recording: Recording, place
     """The instruments of a study, knowing the places of the frames that were recorded before."""
     frames = Frames(bench.camera, recording, places)
     accuracy = Accuracy(study, bench.described, bench.camera, recording, frames.places)
-    return Instruments(bench, frames, Stages(bench.axes, bench.described), accuracy, study.description.exposure.level)
+    glance = Glance(study, bench.described, bench.camera)
+    return Instruments(bench, frames, Stages(bench.axes, bench.described), accuracy, glance, study.description.exposure.level)
 
 
 @dataclass
@@ -104,6 +107,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
             owed = close_event(frames)
 
     for done, step in enumerate(steps):
+        instruments.glance.look_at(frames.arrived)
         tell(Progress(done, len(steps), str(step), _left(expected, done, time.monotonic() - began), describe_last(instruments)))
         match step:
             case Home():
@@ -131,6 +135,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
                     for repeat in range(repeats):
                         yield from taken(Shot(step.key(exposure, repeat), NO_CONFIGURATION, repeat, exposure))
     yield from recorded()
+    instruments.glance.wait()
     tell(Progress(len(steps), len(steps), "done", 0.0, describe_last(instruments)))
 
 
@@ -149,13 +154,14 @@ def _until(step: CaptureUntil, exposure_s: float, accuracy: Accuracy, taken: Cal
 
 
 def describe_last(instruments: Instruments) -> str:
-    """The last frame that arrived in a few words, and how well its MTF is known where that was looked at."""
+    """The last frame that arrived in a few words, how well its MTF is known where that was looked at, and what was measured last."""
     if (last := instruments.frames.arrived) is None:
         return ""
     said = f"{last.shot.key}: {last.frame.exposure_s * 1e3:.3g} ms"
     said += f", {last.saturated} px saturated" if last.saturated else ""
     looks = instruments.accuracy.looks.get(last.shot.configuration)
-    return said + (f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames" if looks else "")
+    said += f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames" if looks else ""
+    return said + (f"; {instruments.glance.said}" if instruments.glance.said else "")
 
 
 def _left(expected: tuple[float, ...], done: int, elapsed: float) -> float:

@@ -188,6 +188,6 @@ def _lines() -> Callable[["Step"], None]:
     def tell(step: "Step") -> None:
         if step.last and told != [step.last]:
             told[:] = [step.last]
-            sys.stderr.write(f"{step.done}/{step.total} {step.last}, about {in_words(step.seconds_left)} left\n")
+            sys.stderr.write(f"{step.done}/{step.total}, about {in_words(step.seconds_left)} left: {step.last}\n")
 
     return tell

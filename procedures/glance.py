@@ -1,0 +1,80 @@
+"""What the frames of a run show, in words for who watches it: now and then one is measured in a thread while the bench goes on."""
+
+import math
+import threading
+import time
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.base import CameraDevice
+from flflab.analysis.lattice import find_lattice
+from flflab.analysis.measure import measure, nominal_lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
+from flflab.bench import Bench
+from flflab.errors import MeasurementError
+from flflab.study import Configuration, Study
+from procedures.devices import Picture
+from procedures.steps import WHITE
+
+EVERY_S = 5.0  # faster nobody reads
+
+
+class Glance:
+    """Measures the last frame, unless another is being measured or one was just now; the frames passed over are measured after the run.
+
+    Args:
+        study: what is taken.
+        bench: on what.
+        camera: whose noise counts.
+        every_s: from the beginning of one measurement to the next, s.
+    """
+
+    def __init__(self, study: Study, bench: Bench, camera: CameraDevice, every_s: float = EVERY_S) -> None:
+        self._study, self._optics, self._camera, self._every = study, bench.optics, camera, every_s
+        self._began, self._looked_at = -math.inf, ""
+        self._thread: threading.Thread | None = None
+        self.said = ""
+
+    def look_at(self, picture: Picture | None) -> None:
+        """Begin to measure a frame; it never fails, what cannot be measured is what it says."""
+        now = time.monotonic()
+        if picture is None or not 0 <= picture.shot.configuration < len(self._study.configurations):
+            return
+        if self._thread is not None and self._thread.is_alive():
+            return
+        if picture.shot.key == self._looked_at or now - self._began < self._every:
+            return
+        self._began, self._looked_at = now, picture.shot.key
+        self._thread = threading.Thread(target=self._measure, args=(picture,), name="glance", daemon=True)
+        self._thread.start()
+
+    def wait(self) -> None:
+        """Until the frame at hand is measured."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _measure(self, picture: Picture) -> None:
+        key = picture.shot.key
+        try:
+            words = self._words(picture.frame.picture, key.split("/")[1], self._study.configurations[picture.shot.configuration])
+        except MeasurementError as error:
+            words = str(error)
+        self.said = f"{key} shows {words}"
+
+    def _words(self, frame: npt.NDArray[np.uint16], target: str, configuration: Configuration) -> str:
+        camera, device = configuration.camera(self._optics), self._camera
+        noise = SensorNoise(device.dn_per_electron, device.read_noise_dn, device.offset_dn, float(device.full_scale))
+        if target == WHITE:
+            rough = nominal_lattice(camera, 1.0)
+            found = find_lattice(frame, camera.array.layout, rough.pitch_px, noise, cone_of(camera))
+            return f"micro-images {found.pitch_px:.2f} px apart, bright fields {2 * found.inside_radius_px:.1f} px wide"
+        shown = {one.kind: one for one in (self._study.dots, self._study.bars)}[target]
+        seen = measure(frame, camera, shown, configuration.distance, noise)
+        if seen["dots"]:
+            return f"{' '.join(str(dot['views']) for dot in seen['dots'])} views"
+        if not seen["mtf"]:
+            return str(seen["remarks"][-1])
+        middle = seen["mtf"][len(seen["mtf"]) // 2]
+        return f"a contrast of {middle['contrast']:.3f} at {middle['cycles_per_mm']:.2g} cycles/mm"
