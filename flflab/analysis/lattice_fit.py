@@ -1,8 +1,10 @@
 """Fit of a lattice's model to the pixels of a white picture: Gauss-Newton with the weights of the sensor's noise, band by band."""
 
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numba
 import numpy as np
@@ -14,7 +16,10 @@ from flflab.analysis.noise import SensorNoise
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
+Band = TypeVar("Band")
+Part = TypeVar("Part")
 
+FEW_PIXELS = 20_000  # for which starting a thread takes longer than it saves
 LOOSE = np.array([0.5, *[0.05] * 5])  # prior standard deviations of share, slant (2), its rate over the cone's ``by_place``, tilt (2)
 
 
@@ -35,6 +40,14 @@ def _neighbours(vectors: Array, reach: float) -> Whole:
     cell = np.stack([grid.ravel() for grid in np.meshgrid(edge, edge, indexing="ij")], axis=1) @ vectors.T
     apart = np.hypot(*(cell[None] - (offsets @ vectors.T)[:, None]).transpose(2, 0, 1)).min(axis=1)
     return offsets[apart < reach + 0.1 * np.linalg.norm(vectors[:, 0])]
+
+
+def _each(call: Callable[[Band], Part], bands: Sequence[Band]) -> list[Part]:
+    """What a call says of every band, several at a time."""
+    if len(bands) == 1:
+        return [call(bands[0])]
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        return list(pool.map(call, bands))
 
 
 def _normal_equations(
@@ -66,9 +79,9 @@ def _normal_equations(
         noise.offset_dn,
         int(free.max()) + 1,
     )
-    bands = np.array_split(rows, max(1, 4 * numba.get_num_threads() if len(rows) > 64 else 1))
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        parts = list(pool.map(lambda band: accumulate(picture, band, *arguments), bands))
+    pixels = len(rows) * (right_end - left) // region.column_step
+    bands = np.array_split(rows, 4 * numba.get_num_threads() if pixels > FEW_PIXELS else 1)
+    parts = _each(lambda band: accumulate(picture, band, *arguments), bands)
     normal = np.sum([part[0] for part in parts], axis=0)
     return normal, np.sum([part[1] for part in parts], axis=0), sum(part[2] for part in parts), sum(part[3] for part in parts)
 
@@ -93,9 +106,8 @@ def _whole_gradient(
         noise.full_scale_dn,
         noise.offset_dn,
     )
-    edges = np.linspace(0, len(picture), 4 * numba.get_num_threads() + 1).astype(np.int64)
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        parts = list(pool.map(lambda band: gradient(picture, band[0], band[1], *arguments), pairwise(edges.tolist())))
+    edges = np.linspace(0, len(picture), (4 * numba.get_num_threads() if picture.size > FEW_PIXELS else 1) + 1).astype(np.int64)
+    parts = _each(lambda band: gradient(picture, band[0], band[1], *arguments), list(pairwise(edges.tolist())))
     return np.sum([part[0] for part in parts], axis=0), float(sum(part[1] for part in parts)), sum(part[2] for part in parts)
 
 

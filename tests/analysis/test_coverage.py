@@ -22,11 +22,11 @@ SHAPE, PITCH, ANGLE, ORIGIN, RADII = (90, 112), 24.0, 0.03, (57.3, 46.6), (8.0, 
 LEVEL = 3000.0  # 10,000 electrons: 1 %
 
 
-def lattice_scores(brute: Any, repeats: int) -> Array:
+def lattice_scores(brute: Any, repeats: int, seed: int = 11) -> Array:
     """Errors over stated uncertainties: pitch, angle, origin, inside, outside, and a centre in the corner; shape (repeats, 8)."""
     image = brute.white_picture(SHAPE, "square", PITCH, ANGLE, ORIGIN, *RADII)
     vectors = brute.vectors_of("square", PITCH, ANGLE)
-    rng = np.random.default_rng(11)
+    rng = np.random.default_rng(seed)
     scores = np.zeros((repeats, 8))
     for n in range(repeats):
         found = find_lattice(brute.expose(image, NOISE, LEVEL, rng), "square", PITCH, NOISE)
@@ -90,7 +90,7 @@ def test_intervals_of_the_lattice_cover(brute: Any) -> None:
 @pytest.mark.full
 @pytest.mark.timeout(0)
 def test_intervals_of_the_lattice_cover_94_to_96_percent_of_ten_thousand(brute: Any) -> None:
-    share = covered(lattice_scores(brute, 10_000))
+    share = covered(np.concatenate([lattice_scores(brute, 2500, seed) for seed in (11, 21, 31, 41)]))
     print(f"pitch, angle, origin, inside, outside, corner {share}")
     assert np.all((share > 0.94) & (share < 0.96)), share
 
