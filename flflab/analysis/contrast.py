@@ -22,13 +22,21 @@ from flflab.analysis.contrast_search import (
 )
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import microlens_type_of, require_picture, require_shape, scales_of, sensor_position
+from flflab.analysis.registration import (
+    microlens_type_of,
+    require_picture,
+    require_shape,
+    scales_of,
+    sensor_position,
+    tilted_scales,
+    tilted_smms,
+)
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.focus import blur, magnification
+from flflab.optics.focus import blur, limiting_aperture, magnification
 from flflab.optics.per_type import type_smms
 from flflab.optics.resolution import central_smms
-from flflab.optics.smms import Smms
+from flflab.optics.smms import Smms, image_offset
 from flflab.targets import Bars, Chirp
 
 Array = npt.NDArray[np.float64]
@@ -41,6 +49,7 @@ LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 MOST_SATURATED = 0.2
 MOST_SMEAR = 0.02  # cycles that bars may drift along a run of pixels: it takes 7e-5 of the highest frequency's contrast
 GAIN_ROUNDS = 4
+AS_SHARP_PX = 0.05  # of blur, by which views through a tilted array may differ from that on the axis
 FIRST_RUN = 16  # pixels of a run while the bars' slant is not known
 
 
@@ -104,7 +113,7 @@ def fit_contrast(
     noise: SensorNoise,
     gains: Array | None = None,
 ) -> ContrastCurve:
-    """Measure contrast against frequency in every bright field of the central microlens's kind that sees the target.
+    """Measure contrast against frequency in every bright field of the central microlens's kind that sees the target as sharply as it.
 
     The target's place is found within 6 % of its width, its magnification within a few per cent; both are fitted together with
     the curve. Saturated pixels are left out.
@@ -179,6 +188,7 @@ def _fit_type(
     radius = lattice.inside_radius_px if kinds == 1 else min(lattice.inside_radius_px, nominal)
     start = np.array([0.0, across, 0.0, along, 0.0])
     looks_at = np.abs(sensor_position(camera.sensor, lattice.centres_px) * along) - radius * camera.sensor.pixel * abs(across)
+    chosen &= _as_sharp(lattice, smms, distance, camera.sensor.pixel)
     field = field_of(lattice, radius, chosen & (looks_at < [target.width / 2, target.height / 2]).all(axis=1))
     frame = Frame(values, lattice, field, camera, smms, target, distance, noise, gains, start)
     data = _on_target(frame, FIRST_RUN)
@@ -199,12 +209,23 @@ def _fit_type(
     return _curve(frame, fit, data, model)
 
 
+def _as_sharp(lattice: Lattice, smms: Smms, distance: float, pixel: float) -> npt.NDArray[np.bool_]:
+    """Which micro-images are as blurred as those on the axis, so that one transfer is theirs: of a tilted array a band across the tilt."""
+
+    def defocus(system: Smms) -> Array:
+        return system.kappa * image_offset(system, 1 / distance) - system.gap / system.distance
+
+    apart = np.abs(defocus(tilted_smms(lattice, smms)) - defocus(smms)) * limiting_aperture(smms, 1 / distance)
+    return np.asarray(apart < AS_SHARP_PX * pixel)
+
+
 def _on_target(frame: Frame, rows: int) -> ChirpData:
     """Runs of unsaturated pixels that look at the target well within its edges."""
     target, pixel, start = frame.target, frame.camera.sensor.pixel, frame.start
     if frame.field.radius_px <= 0:
         raise MeasurementError(f"{target.kind} picture: the micro-images have no bright field; a larger f-number gives one")
-    data, saturated = gather(frame.values, frame.lattice, frame.field, frame.camera.sensor, frame.noise, rows, frame.gains)
+    scales = tilted_scales(frame.lattice, frame.smms, frame.distance)
+    data, saturated = gather(frame.values, frame.lattice, frame.field, frame.camera.sensor, frame.noise, rows, frame.gains, scales)
     seen = data.places[:, [1, 2]] * start[1] + data.places[:, [3, 4]] * start[3]
     margin = _margin(frame)
     high = data.pixels * (1 if frame.gains is None else 2) / 2 * pixel * abs(start[1])

@@ -45,7 +45,7 @@ class ChirpData:
 
     Attributes:
         read: mean of the pixels above the offset, each divided by its sub-lattice's gain, DN, shape (n,).
-        places: (1, s - c x, s - c y, c x, c y), mm, shape (n, 5).
+        places: (1, s - c x, s - c y, c x, c y), mm, shape (n, 5); s - c by the scale of its micro-image.
         light: (1, u, v, u^2, u v, v^2) over the picture, shape (n, 6).
         dark: variance of ``read`` in the dark, DN^2, shape (n,).
         shot: growth of that variance with ``read``, DN, shape (n,).
@@ -144,6 +144,7 @@ def gather(
     noise: SensorNoise,
     rows_a_run: int,
     gains: Array | None,
+    scales: Array,
 ) -> tuple[ChirpData, int]:
     """Mean readings of runs of at most ``rows_a_run`` pixels along the columns.
 
@@ -155,6 +156,7 @@ def gather(
         noise: of a pixel.
         rows_a_run: how many pixels of a column, whatever their filter.
         gains: of the colour filter's four sub-lattices, shape (2, 2); None for a sensor without filters.
+        scales: of the target in each of the lattice's micro-images: by how much its pixels lie further apart on it than nominally.
 
     Returns:
         The runs without saturated pixels, and how many pixels were saturated.
@@ -180,7 +182,7 @@ def gather(
     height, width = picture.shape
     lens = lens.astype(np.int64)
     centre = sensor_position(sensor, lattice.centres_px)[lens]
-    inside = sensor_position(sensor, np.stack([column, row], axis=1)) - centre
+    inside = (sensor_position(sensor, np.stack([column, row], axis=1)) - centre) * scales[lens, None]
     u, v = (column - (width - 1) / 2) * 2 / max(width, height), (row - (height - 1) / 2) * 2 / max(width, height)
     one = np.ones(count)
     return (

@@ -75,13 +75,18 @@ class Lattice:
     tilt_uncertainty: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
+    def rises(self) -> Array:
+        """How much further each microlens lies from the main lens than the axis's, as a share of that distance; 0 without a tilt."""
+        if self.cone is None:
+            return np.zeros(len(self.centres_px))
+        tilting = self.cone.tilting
+        return tilting.rises(tilting.straightened(self.centres_px, self.tilt), self.tilt)
+
+    @property
     def discs_px(self) -> Array:
         """Radii of larger and smaller disc of every micro-image, shape (N, 2): sum and difference are outside and inside."""
-        radii = (self.outside_radius_px + self.inside_radius_px) / 2, (self.outside_radius_px - self.inside_radius_px) / 2
-        if self.cone is None:
-            return np.tile(radii, (len(self.centres_px), 1))
-        tilting = self.cone.tilting
-        return tilting.discs(np.array(radii), tilting.rises(tilting.straightened(self.centres_px, self.tilt), self.tilt))
+        radii = np.array([self.outside_radius_px + self.inside_radius_px, self.outside_radius_px - self.inside_radius_px]) / 2
+        return np.tile(radii, (len(self.centres_px), 1)) if self.cone is None else self.cone.tilting.discs(radii, self.rises)
 
 
 def find_lattice(

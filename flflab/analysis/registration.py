@@ -6,7 +6,7 @@ the centre of the narrower of the two discs that make the bright field: across =
 s = kappa q - (b/L) m + (b/f) y_i and o V = m W - q/L (physics.md, "One SMMS").
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -95,6 +95,20 @@ def scales_of(smms: Smms, distance: float) -> tuple[float, float]:
     else:
         across = -1 / (float(smms.kappa) * float(smms.distance) * vergence)
     return across, -distance / float(smms.distance + smms.gap)
+
+
+def tilted_smms(lattice: Lattice, smms: Smms) -> Smms:
+    """The system of each of the lattice's micro-images: its microlens lies rise L further from the main lens and nearer to the sensor."""
+    away = lattice.rises * float(smms.distance)
+    return replace(smms, distance=smms.distance + away, gap=smms.gap - away)
+
+
+def tilted_scales(lattice: Lattice, smms: Smms, distance: float) -> Array:
+    """``across`` of each of the lattice's micro-images over that of an array without its tilt, shape (n,); ``along`` is the same."""
+    there = tilted_smms(lattice, smms)
+    if float(smms.lens_width) >= float(smms.microlens_width):
+        return image_offset(there, 1 / distance) / there.gap / (image_offset(smms, 1 / distance) / smms.gap)
+    return smms.kappa * smms.distance / (there.kappa * there.distance)
 
 
 def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:

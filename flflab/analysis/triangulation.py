@@ -24,7 +24,8 @@ def triangulate(
 
     The ray through microlens Q's centre meets the sensor at s = (1 + b/L - b/(L x)) Q - o V b/x. With x = L V + 1 - L/F and
     c = (1 + b/L) Q the micro-image's centre this is linear in the vergence and in the angle o V:
-    (s - c) L V + b (o V) = -(b/L) Q - (s - c)(1 - L/F). The camera counts as known.
+    (s - c) L V + b (o V) = -b c/(L + b) - (s - c)(1 - L/F). The camera counts as known; behind a tilted array each microlens has its own
+    L and b, by the tilt that the lattice shows, of the same sum.
 
     Args:
         centres_px: where the dot is seen, shape (n, 2).
@@ -43,13 +44,13 @@ def triangulate(
         return nowhere, nowhere
     L, b, F = float(smms.distance), float(smms.gap), float(smms.lens_focal)
     c = sensor_position(camera.sensor, lattice.centres_px[lens])
-    Q = c / (1 + b / L)
+    L_each, b_each = (L * (1 + lattice.rises[lens]))[:, None], (b - L * lattice.rises[lens])[:, None]
     away = sensor_position(camera.sensor, centres_px) - c
     x = L / distance + 1 - L / F
     design = np.zeros((len(lens), 2, 3))
-    design[:, :, 0] = away * L
-    design[:, 0, 1] = design[:, 1, 2] = b
-    right = -(b / L) * Q - away * (1 - L / F)
+    design[:, :, 0] = away * L_each
+    design[:, 0, 1] = design[:, 1, 2] = b_each[:, 0]
+    right = -b_each * c / (L + b) - away * (1 - L_each / F)
     spread = uncertainty_px.reshape(-1) * camera.sensor.pixel * abs(x)
     rows, values = design.reshape(-1, 3) / spread[:, None], right.reshape(-1) / spread
     scale = np.sqrt((rows**2).sum(axis=0))
@@ -58,7 +59,8 @@ def triangulate(
         return nowhere, nowhere
     inverse = np.linalg.inv(normal)
     best = inverse @ ((rows / scale).T @ values)
-    inverse = inverse + _from_lattice((rows / scale) @ inverse / spread[:, None], lattice, lens, camera, x)
+    gains = (rows / scale) @ inverse / spread[:, None]
+    inverse = inverse + _from_lattice(gains, lattice, lens, camera, x) + _from_tilt(gains, away * (x - 1 + L * x / b), lattice, lens)
     vergence, angle_x, angle_y = best / scale
     covariance = inverse / np.outer(scale, scale)
     far = 1 / vergence
@@ -88,3 +90,20 @@ def _from_lattice(gains: Array, lattice: Lattice, lens: npt.NDArray[np.int64], c
         moves[:, n, n], moves[:, n, 2 + n], moves[:, n, 4 + n] = 1.0, i, j
     by_lattice = gains.T @ moves.reshape(-1, 6) * camera.sensor.pixel * (x - slope / (1 + slope))
     return by_lattice @ lattice.covariance_px @ by_lattice.T
+
+
+def _from_tilt(gains: Array, by_rise: Array, lattice: Lattice, lens: npt.NDArray[np.int64]) -> Array:
+    """What the uncertainty of the array's tilt adds.
+
+    Args:
+        gains: as in ``_from_lattice``.
+        by_rise: how the equations (s - c) x + b (o V) + b c / (L + b) = 0 move with the rise of their microlens, shape (n, 2).
+        lattice: the micro-images.
+        lens: position of each in the lattice, shape (n,).
+    """
+    if lattice.cone is None:
+        return np.zeros((3, 3))
+    tilting = lattice.cone.tilting
+    moves = by_rise[:, :, None] * tilting.per_px * (lattice.centres_px[lens] - tilting.axis_px)[:, None, :]
+    by_tilt = gains.T @ moves.reshape(-1, 2) * lattice.tilt_uncertainty
+    return by_tilt @ by_tilt.T
