@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast_data import MOST_ROWS, ChirpData, classic_reading, field_of, gather
+from flflab.analysis.contrast_data import MARGIN_PX, MOST_ROWS, ChirpData, classic_reading, field_of, gather
 from flflab.analysis.contrast_fit import CURVE, GEOMETRY, ChirpFit, ChirpModel, noise_covariance, with_blur_unsure
 from flflab.analysis.contrast_readings import fitted_extremes, transfer_rows, views_contrast
 from flflab.analysis.contrast_search import (
@@ -42,9 +42,12 @@ from flflab.targets import Bars, Chirp
 Array = npt.NDArray[np.float64]
 
 FEWEST_PIXELS = 300
+NARROWEST = 7.0  # pixels, radius of what counts of a bright field
+HIGHEST = 1.3  # contrast above it no target has, whatever lights it
 MOST_RUNS_WHILE_SEARCHING = 6000
 WORST_UNCERTAINTY = 0.25
 WORST_CHI2 = 50.0
+CLEARLY = 2.0  # standard deviations that misfit must lie above the noise's
 LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 MOST_SATURATED = 0.2
 MOST_SMEAR = 0.02  # cycles that bars may drift along a run of pixels: it takes 7e-5 of the highest frequency's contrast
@@ -72,7 +75,7 @@ class ContrastCurve:
         views_uncertainty: standard uncertainties from noise, shape (V, K).
         geometry: shift mm, across x and y, along x and y (see ``flflab.analysis.registration``), shape (5,).
         geometry_uncertainty: standard uncertainties, shape (5,).
-        chi2_per_pixel: about 1 where the model holds; the covariances are already scaled up by it where above 1.
+        chi2_per_pixel: about 1 where the model holds; the covariances are already scaled up by it where clearly above 1.
         pixels: number of pixels used.
     """
 
@@ -224,6 +227,11 @@ def _on_target(frame: Frame, rows: int) -> ChirpData:
     target, pixel, start = frame.target, frame.camera.sensor.pixel, frame.start
     if frame.field.radius_px <= 0:
         raise MeasurementError(f"{target.kind} picture: the micro-images have no bright field; a larger f-number gives one")
+    if frame.field.radius_px < NARROWEST:
+        raise MeasurementError(
+            f"{target.kind} picture: the bright fields are {2 * (frame.field.radius_px + MARGIN_PX):.0f} px wide and "
+            f"{2 * (NARROWEST + MARGIN_PX):.0f} are due, in fewer one bar is easily taken for the next; choose another f-number"
+        )
     scales = tilted_scales(frame.lattice, frame.smms, frame.distance)
     data, saturated = gather(frame.values, frame.lattice, frame.field, frame.camera.sensor, frame.noise, rows, frame.gains, scales)
     seen = data.places[:, [1, 2]] * start[1] + data.places[:, [3, 4]] * start[3]
@@ -256,7 +264,8 @@ def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel) -> C
         raise MeasurementError(
             f"{target.kind} picture: the fit leaves {chi2:.0f} times the noise's variance; check exposure, target and distance"
         )
-    covariance = with_blur_unsure(data, model, fit, prior, covariance) * max(1.0, chi2)
+    grown = chi2 if chi2 > 1 + CLEARLY * math.sqrt(2 / len(data.read)) else 1.0  # noise alone scatters it about 1
+    covariance = with_blur_unsure(data, model, fit, prior, covariance) * grown
     spline = covariance[CURVE:, CURVE:]
     # The target's own grid, not the picture's, so that two pictures of one target can be compared frequency by frequency.
     nu = np.linspace(*target.cycles_per_mm, KNOTS + 2)[1:-1]
@@ -275,6 +284,11 @@ def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel) -> C
             f"{target.kind} picture: no bars of the target's law were found, their contrast is at most {clearest:.1f} of its standard "
             f"uncertainty and {LEAST_CLEAR:g} is due; check target and distance"
         )
+    if float(np.max(np.abs(contrast) - 3 * np.sqrt(np.diag(spread)[keep]))) > HIGHEST:
+        raise MeasurementError(
+            f"{target.kind} picture: the fit of the bars gives a contrast of {np.abs(contrast).max():.2g}, which no target has; "
+            "check target, distance and the lattice"
+        )
     extremes, extremes_spread = fitted_extremes(model, fit.curve, spline, nu)
     growth = model.law[1] * sensor.pixel * fit.geometry
     centres = sensor_position(sensor, frame.lattice.centres_px)[frame.field.lenses]
@@ -286,7 +300,7 @@ def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel) -> C
         frame.values, frame.lattice, frame.field, frame.noise, frame.gains, law, np.sort(ends, axis=1), nu
     )
     views, each, doubts = views_contrast(data, model, fit, nu)
-    doubts *= math.sqrt(max(1.0, chi2))
+    doubts *= math.sqrt(grown)
     # where even all views together are less sure than a view's noise, their place on the target is what is unknown
     each[doubts < np.sqrt(np.diag(spread)[keep])] = np.nan
     doubts[np.isnan(each)] = np.nan

@@ -33,6 +33,7 @@ from flflab.targets import Bars
 Array = npt.NDArray[np.float64]
 
 KNOTS = 16
+FEWEST_RUNS = 200  # to begin with: fewer than several views' follow noise, and lead the light astray
 WIDEST_SHIFT = 0.06  # of the target's width: how far the target may be off sideways
 WIDEST_BLUR = 6.0  # pixels
 DISCS = 100  # of blur, up to the widest: how closely it is looked for in the transfer
@@ -104,8 +105,9 @@ def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
     """From the low frequencies, where no cycle can be mistaken for its neighbour, up to the highest."""
     target, start = frame.target, frame.start
     low, high = model.span
-    low = min(high, max(low + 0.12 * (high - low), 1.5 * low))
     frequency = target.frequency(data.places @ start)
+    enough = float(np.partition(frequency, FEWEST_RUNS - 1)[FEWEST_RUNS - 1]) if len(frequency) > FEWEST_RUNS else high
+    low = min(high, max(low + 0.12 * (high - low), 1.5 * low, enough))
     part = data.part(frequency <= low)
     size = 1 + model.knots.count
     mean = float(np.mean(data.read))

@@ -91,6 +91,23 @@ def test_bars_give_the_closed_form_contrast_within_their_uncertainty(
     assert curve.geometry[0] == pytest.approx(-shift, abs=2e-3)
 
 
+@pytest.mark.ci
+def test_small_bright_fields_few_of_which_see_low_frequencies_are_measured_too(brute: Any) -> None:
+    camera = brute.camera(8.0, (2400, 1240))
+    _, bars = brute.bars_picture(camera, 500.0, (0.5, 10.0), 20.0)
+    for seed in range(4):
+        exposed = brute.expose(bars, NOISE, 3000, np.random.default_rng(seed))
+        curve = fit_contrast(exposed, nominal_lattice(camera, 3000.0), camera, Bars(), 500.0, NOISE)
+        error = curve.contrast - closed_form(camera, 500.0, curve.cycles_per_mm)
+        assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
+
+
+def test_bright_fields_of_a_few_pixels_are_refused(brute: Any) -> None:
+    camera = brute.camera(16.0, RESOLUTION)
+    with pytest.raises(MeasurementError, match="bright fields are 11 px wide and 16 are due"):
+        fit_contrast(np.full(RESOLUTION[::-1], 1500.0), nominal_lattice(camera, 3000.0), camera, Bars(), FOCUS, NOISE)
+
+
 def test_without_noise_the_bias_is_below_two_in_a_hundred_thousand(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     white, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
