@@ -9,6 +9,7 @@ import numpy.typing as npt
 from flflab.image.effects.distortion import Distortion
 from flflab.image.pupil import Pupils
 from flflab.image.rays import land, linearised
+from flflab.image.rim import disc_nodes
 from flflab.image.scene import Plane, Scene
 from flflab.image.setup import Setup
 from flflab.image.tiles import RIM, cut, middles
@@ -19,6 +20,7 @@ Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 SMALLEST = 4  # pixels a side of a part that a card's edge crosses
+RAYS = disc_nodes(4, 8)
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
 
 
@@ -99,6 +101,20 @@ def _seen(
         full &= on if card.own else beside
         none |= beside if card.own else on
     return full, none
+
+
+def passing(setup: Setup, vergence: float, distortion: Distortion | None, cards: tuple[Card, ...]) -> Array:
+    """About which share of the rays of each part of a setup for this vergence the cards let pass, shape (N,)."""
+    middle, half = middles(setup.sensor, setup.pupils, setup.window)
+    sensor = (middle[:, None] + half[:, None] / 2 * np.concatenate([CORNERS, np.zeros((1, 2))]))[:, :, None]
+    pass_all = np.ones((len(middle), sensor.shape[1], len(RAYS)), dtype=np.bool_)
+    for card in cards:
+        landing = linearised(pupils_before(setup.pupils, vergence, 1 / card.plane.distance), card.plane, distortion, middle)
+        by_pupil = (landing.by_pupil[:, None] @ RAYS[:, :, None])[:, None, :, :, 0]
+        place = landing.origin[:, None, None] + by_pupil + (landing.by_sensor[:, None, None] @ sensor[..., None])[..., 0]
+        on = (np.abs(place) <= np.array(card.plane.size) / 2).all(axis=-1)
+        pass_all &= on if card.own else ~on
+    return pass_all.mean(axis=(1, 2))
 
 
 def _extent(pupils: Pupils, plane: Plane, distortion: Distortion | None, middle: Array, half: Array) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ Whole = npt.NDArray[np.int64]
 
 LEAST_PANELS = 100
 FARTHEST = 400.0
-ROOM = 1 << 24  # numbers of patterns at a time
+ROOM = 1 << 24  # numbers of patterns and sheets at a time
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _border(
     whole = modes.spectrum(-1, size)
     core, part = np.asarray(_sheets(np.asarray([whole * box for box in boxes], dtype=np.complex128), kernel, lines), dtype=np.float64)
     turned = [(term, int(order), sine) for term, order in enumerate(modes.orders) for sine in range(2 if order else 1)]
-    at_once = max(1, ROOM // (2 * size.size))
+    at_once = max(1, ROOM // max(2 * size.size, kernel.shape[1] * lines.shape[1]))
     found: list[tuple[float, int, int, SingleArray]] = []
     single = np.asarray(kernel, dtype=np.complex64), np.asarray(lines, dtype=np.float32)
     for start in range(0, len(turned), at_once):

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.cards import Card, cards_of, split
+from flflab.image.cards import Card, cards_of, passing, split
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.form import add_plane
@@ -26,6 +26,7 @@ Chosen = npt.NDArray[np.bool_]
 
 TOLERANCE = 0.002
 LEAST_TOLERANCE = 1e-5
+LEAST_SHARE = 0.05  # of a micro-image's light that cards let pass, where it is only about known
 
 
 def render(
@@ -95,16 +96,21 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
 
 
 def _bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, cards: tuple[Card, ...], wanted: Chosen | None) -> None:
-    """Add what diffraction changes of a plane's light where cards stop some of it: without them, times the share that they let pass."""
+    """Add what diffraction changes of a plane's light where cards stop some of it: without them, times the share that they let pass.
+
+    The share is a pixel's; of several micro-images on it each counts by what is about its own.
+    """
     if scene.diffraction is None:
         return
     bent, straight, passed, whole = (np.zeros_like(image) for _ in range(4))
-    add_plane_with_diffraction(bent, setup, plane.target, scene.diffraction.wavelength, wanted)
-    add_plane(straight, setup, plane.target, wanted)
+    weights = np.maximum(passing(setup, 1 / plane.distance, scene.distortion, cards), LEAST_SHARE)
+    weighed = replace(setup, pupils=replace(setup.pupils, level=setup.pupils.level * weights))
+    add_plane_with_diffraction(bent, weighed, plane.target, scene.diffraction.wavelength, wanted)
+    add_plane(straight, weighed, plane.target, wanted)
+    add_plane(whole, weighed, White(), wanted)
     add_single_rays(passed, setup, replace(plane, target=White()), scene.distortion, cards, wanted)
-    add_plane(whole, setup, White(), wanted)
     share = np.divide(passed, whole, out=np.zeros_like(image), where=whole > 0)
-    image += np.clip(share, 0.0, 1.0) * (bent - straight)
+    image += np.clip(share, 0.0, 1 / LEAST_SHARE) * (bent - straight)
 
 
 def transmissions(mosaic: ColourFilter, shape: tuple[int, int]) -> Array:

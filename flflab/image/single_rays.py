@@ -64,7 +64,7 @@ def add_single_rays(
         maps[:, index, 4:] = landing.by_sensor.reshape(-1, 4) * setup.pixel_width
         blurs[:, index] = blur_of(landing.by_pupil, landing.by_sensor, pixel)
     width = np.maximum(2 * np.abs(pupils.slope) / pixel, 1e-9)
-    tolerance, blur = setup.tolerance / setup.overlap, blurs.max(axis=1)
+    tolerance, blur = setup.tolerance / math.sqrt(setup.overlap), blurs.max(axis=1)  # errors of either sign on the way
     steps = np.array([not (isinstance(plane.target, White) and card.own) for card in cards], dtype=np.float64)
     change = 0.34 / width + 0.25 * (steps / np.maximum(blurs[:, 1:], 1.0)).sum(axis=1)  # of rim and cards within a pixel, against a step
     parts = np.clip(np.ceil(np.sqrt(change / (tolerance * np.sqrt(np.maximum(blurs[:, 0], 1.0))))), 1, MOST_PARTS)
