@@ -113,10 +113,18 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
         (range(4), (32, 24), 0.02, False),
         pytest.param(range(4, 10), (32, 24), 0.02, False, marks=[pytest.mark.ci, pytest.mark.timeout(400)]),
         pytest.param(range(40, 41), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
+        pytest.param(range(10004, 10005), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
         pytest.param(range(10, 50), (32, 24), 0.02, False, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
         pytest.param(range(1000), RESOLUTION, 0.001, True, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
     ],
-    ids=["few scenes of rays", "some scenes of rays", "a white one whose waves are left out", "more scenes of rays", "all"],
+    ids=[
+        "few scenes of rays",
+        "some scenes of rays",
+        "a white one whose waves are left out",
+        "a card before many micro-images",
+        "more scenes of rays",
+        "all",
+    ],
 )
 def test_auto_differs_from_the_reference_by_less_than_asked_for_and_knows_by_how_much(
     seeds: range, resolution: tuple[int, int], finest: float, waves: bool
