@@ -267,9 +267,10 @@ def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:
 
 
 def node_counts(kind: Kind, tolerance: float) -> tuple[int, int]:
-    """How many radii and angles of a micro-image's rim a tolerance needs."""
-    finer = (0.002 / tolerance) ** 0.25
-    return math.ceil(9 * finer * (1 + 0.05 * abs(kind.blur))), math.ceil(20 * finer * (1 + 0.1 * abs(kind.blur))) + 1
+    """How many radii and angles of a micro-image's rim a tolerance needs; more where no pixel averages out the pupil's finest waves."""
+    finer, fine = (0.002 / tolerance) ** 0.25, min(1.0, 0.3 / max(kind.cutoff, 1e-9))
+    radii, angles = (9 + 6 * fine) * (1 + 0.05 * abs(kind.blur)), (20 + 8 * fine) * (1 + 0.1 * abs(kind.blur))
+    return math.ceil(finer * radii), math.ceil(finer * angles) + 1
 
 
 def lit_windows(setup: Setup) -> Whole:
