@@ -138,7 +138,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
             pixel,
             half,
             (curves.core, curves.part, curves.waves, curves.place),
-            (np.arange(len(modes.orders)), 2 * modes.orders, np.ascontiguousarray(modes.radial.T)),
+            (modes.orders, np.ascontiguousarray(modes.radial.T, dtype=np.float32)),
             border_rows[0],
             border_rows[1],
             -1.0 if mirror else 1.0,

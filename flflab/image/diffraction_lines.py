@@ -35,7 +35,7 @@ def add_ruled_diffracted(
     pixel: float,
     half: float,
     curves: tuple[Array, Array, SingleArray, tuple[float, float, float, float, float, float]],
-    curve_terms: tuple[Whole, Whole, Array],
+    curve_terms: tuple[Whole, SingleArray],
     lower: tuple[Array, Array, SingleArray, Whole, Whole, Array, tuple[float, float, float, float, float]],
     upper: tuple[Array, Array, SingleArray, Whole, Whole, Array, tuple[float, float, float, float, float]],
     mirror: float,
@@ -65,7 +65,7 @@ def add_ruled_diffracted(
         pixel: side of a pixel, mm.
         half: half the target's extent along y', pixels; infinite where it does not end.
         curves: see ``Curves``.
-        curve_terms: ``terms``, ``turns`` and ``coefficients`` of their waves, see ``weigh_waves``.
+        curve_terms: ``orders`` and ``coefficients`` of their waves, see ``weigh_terms``.
         lower: see ``Border``.
         upper: the same.
         mirror: -1 where the upper one is the lower one's mirror image, else 1.
@@ -77,9 +77,9 @@ def add_ruled_diffracted(
         chosen: which pixels to compute.
     """
     core, part, curve_waves, place = curves
-    own_terms, own_turns, own_radial = curve_terms
+    orders, own_radial = curve_terms
     count = own_radial.shape[0] - 1
-    own_scratch = (np.empty(own_radial.shape[1]), np.empty(2 * highest + 2), np.empty(own_radial.shape[1], dtype=np.float32))
+    weights = np.empty(own_radial.shape[1], dtype=np.float32)
     most = max(lower[2].shape[2], upper[2].shape[2])
     scratch = (np.empty(radial_terms.shape[1]), np.empty(2 * highest + 2), np.empty(most, dtype=np.float32))
     for entry in range(windows.shape[0]):
@@ -107,18 +107,8 @@ def add_ruled_diffracted(
                         toward = directions[entry, 0, 0] * x + directions[entry, 0, 1] * y
                         ahead = min(max(toward / (distance * stretch), -1.0), 1.0) if radial >= 0.0 else 1.0
                         at = origins[entry, 0] + look * toward
-                        seen = seen_through(
-                            radial,
-                            ahead,
-                            at,
-                            core if whole else part,
-                            curve_waves,
-                            place,
-                            own_terms,
-                            own_turns,
-                            own_radial,
-                            own_scratch,
-                        )
+                        line = core if whole else part
+                        seen = seen_through(radial, ahead, at, line, curve_waves, place, orders, own_radial, weights)
                         if half < math.inf:
                             cos, sin = (x / distance, y / distance) if radial >= 0.0 else (1.0, 0.0)
                             up = origins[entry, 1] + look * (directions[entry, 1, 0] * x + directions[entry, 1, 1] * y)

@@ -294,6 +294,24 @@ def weigh_waves(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def weigh_terms(radial: float, cos: float, orders: Whole, coefficients: SingleArray, weights: SingleArray) -> None:
+    """The terms' weights at a sensor point whose direction has this cosine from x'; as ``weigh_waves`` for terms of rising order."""
+    last = coefficients.shape[0]
+    base = min(int(radial), last - 2)
+    a, b, c, d = spline_weights(radial - base)
+    one, two, three, four = np.float32(a), np.float32(b), np.float32(c), np.float32(d)
+    low, middle, next_one, high = mirrored(base - 1, last), base, base + 1, mirrored(base + 2, last)
+    for term in range(weights.size):
+        near = two * coefficients[middle, term] + three * coefficients[next_one, term]
+        weights[term] = near + one * coefficients[low, term] + four * coefficients[high, term]
+    before, now, order = cos, 1.0, 0
+    for term in range(weights.size):
+        while order < orders[term]:
+            before, now, order = now, 2.0 * cos * now - before, order + 1
+        weights[term] *= np.float32(now)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def read_terms(waves: SingleArray, place: float, weights: SingleArray) -> float:
     """The weighted sum of curves, shape (X, T), at a place in samples."""
     base = min(max(int(place), 1), waves.shape[0] - 3)
@@ -314,19 +332,18 @@ def seen_through(
     line: Array,
     waves: SingleArray,
     place: tuple[float, float, float, float, float, float],
-    terms: Whole,
-    turns: Whole,
-    coefficients: Array,
-    scratch: tuple[Array, Array, SingleArray],
+    orders: Whole,
+    coefficients: SingleArray,
+    weights: SingleArray,
 ) -> float:
     """What a sensor point sees at a position in pixels: by ``line`` where ``radial`` is below 0, else through a clipped pupil.
 
-    ``radial`` counts nodes from the bright field's edge; ``cos`` is of the angle from x'; the rest as in ``Curves`` and ``weigh_waves``.
+    ``radial`` counts nodes from the bright field's edge; ``cos`` is of the angle from x'; the rest as in ``Curves`` and ``weigh_terms``.
     """
     sample = (at - place[0]) * place[1]
     if sample < 0.0 or sample > line.size - 1.0:
         return place[2] * place[5] * abs(1.0 / (at - place[4]) - 1.0 / (at - place[3]))
     if radial < 0.0:
         return read_line(line, sample)
-    weigh_waves(radial, cos, math.sqrt(max(0.0, 1.0 - cos * cos)), terms, turns, coefficients, scratch[0], scratch[1], scratch[2])
-    return read_terms(waves, sample, scratch[2])
+    weigh_terms(radial, cos, orders, coefficients, weights)
+    return read_terms(waves, sample, weights)
