@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.registration import tilted_smms
 from flflab.analysis.spots import WEAKEST_ILLUMINATION, Lit, Spots, gauss_newton
 from flflab.optics.camera import Camera
 from flflab.optics.discs import arc_share, disc_rectangle_area, three_disc_area, two_disc_area
@@ -32,35 +33,35 @@ SHARP_PX, WIDE_PX = 0.02, 1.5  # of blur: one ray stands for the cone, a few poi
 
 @dataclass(frozen=True)
 class Pupils:
-    """What a defocused dot is seen through; px on the sensor.
+    """What defocused dots are seen through, one entry a spot; px on the sensor.
 
     Attributes:
-        main: radius of the main lens's disc.
-        small: radius of the microlens's disc.
-        beta: by how much a pupil point moves what it sees.
-        by_chief: a spot's place over its chief ray's: 1 where the microlens limits.
-        spread: diameter of the blur.
+        main: radius of the main lens's disc, shape (n,).
+        small: radius of the microlens's disc, shape (n,).
+        beta: by how much a pupil point moves what it sees, shape (n,).
+        by_chief: a spot's place over its chief ray's: 1 where the microlens limits, shape (n,).
+        spread: diameter of the blur, that of the widest.
     """
 
-    main: float
-    small: float
-    beta: float
-    by_chief: float
+    main: Array
+    small: Array
+    beta: Array
+    by_chief: Array
     spread: float
 
 
-def pupils_of(lattice: Lattice, camera: Camera, distance: float) -> Pupils | None:
-    """Those of the measured micro-images; None where the dots lie on the array's conjugate, or the sensor in the exit pupil."""
-    smms = central_smms(camera)
-    x, kappa = float(image_offset(smms, 1 / distance)), float(smms.kappa)
-    if x == 0 or kappa == 0:
+def pupils_of(lattice: Lattice, lens: Whole, camera: Camera, distance: float) -> Pupils | None:
+    """Those of micro-images at positions ``lens``; None where the dots lie on the array's conjugate, or the sensor in the exit pupil."""
+    central = central_smms(camera)
+    if float(image_offset(central, 1 / distance)) == 0 or float(central.kappa) == 0:
         return None
-    beta = float(smms.gap / smms.distance) / (x * kappa) - 1
-    large, small = (lattice.outside_radius_px + lattice.inside_radius_px) / 2, (lattice.outside_radius_px - lattice.inside_radius_px) / 2
-    main, microlens = (large, small) if smms.lens_width >= smms.microlens_width else (small, large)
+    each = tilted_smms(lattice, central)
+    beta = (each.gap / each.distance / (image_offset(each, 1 / distance) * each.kappa) - 1)[lens]
+    main, microlens = lattice.discs_px[lens].T if central.lens_width >= central.microlens_width else lattice.discs_px[lens, ::-1].T
     # where the main lens limits, the chief ray goes through its middle, and the disc is seen smaller by as much
-    by_chief = 1.0 if bool(microlens_limits(smms, 1 / distance)) else 1 + beta
-    return Pupils(max(main, 1e-3), max(microlens, 1e-3), beta, by_chief, float(blur(smms, 1 / distance)) / camera.sensor.pixel)
+    by_chief = np.ones(len(beta)) if bool(microlens_limits(central, 1 / distance)) else 1 + beta
+    spread = float(np.broadcast_to(blur(each, 1 / distance), lattice.rises.shape)[lens].max(initial=0.0)) / camera.sensor.pixel
+    return Pupils(np.maximum(main, 1e-3), np.maximum(microlens, 1e-3), beta, by_chief, spread)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -185,7 +186,7 @@ def _sums(
     table: Array,
     step: float,
     radius: float,
-    pupils: tuple[float, float, float, float],
+    pupils: Array,
     wide: bool,
     along: Nodes,
     across: Nodes,
@@ -194,15 +195,18 @@ def _sums(
     offset: float,
     ceiling: float,
 ) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
-    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness) in windows round ``at``."""
-    main, small, beta, by_chief = pupils
+    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness) in windows round ``at``.
+
+    ``pupils`` holds radii of main lens's and microlens's disc, beta and by_chief of each.
+    """
     normal, right = np.zeros((len(at), 3, 3)), np.zeros((len(at), 3))
     chi2, count = np.zeros(len(at)), np.zeros(len(at))
-    blurred = abs(beta) * min(small, main) + 0.71
-    full = math.pi * min(small, main) ** 2
-    disc = radius * abs(by_chief)
     g, spot = np.zeros(3), np.zeros(2)
     for n in range(len(at)):
+        main, small, beta, by_chief = pupils[n]
+        blurred = abs(beta) * min(small, main) + 0.71
+        full = math.pi * min(small, main) ** 2
+        disc = radius * abs(by_chief)
         spot[0], spot[1] = (spots[n, 0] - centres[n, 0]) * by_chief, (spots[n, 1] - centres[n, 1]) * by_chief
         left, top = int(np.rint(at[n, 0])) - half, int(np.rint(at[n, 1])) - half
         for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
@@ -267,6 +271,7 @@ def step_of_cut_spots(
         nodes = (4 if pupils.spread < 4 else 3, 1)
     else:
         nodes = (3 + more, 1 + more) if pupils.spread > SHARP_PX else (1, 1)
+    seen_through = np.stack([pupils.main, pupils.small, pupils.beta, pupils.by_chief], axis=1)
     along, across = (np.polynomial.legendre.leggauss(count) for count in nodes)
 
     def stepped(part: Whole) -> Spots:
@@ -283,7 +288,7 @@ def step_of_cut_spots(
                 mine.table.values,
                 mine.table.step,
                 radius,
-                (pupils.main, pupils.small, pupils.beta, pupils.by_chief),
+                seen_through[part[which]],
                 wide,
                 along,
                 across,

@@ -76,7 +76,8 @@ def find_spots(
     law, radius = _register(values, lattice, camera, target, law, spread, table, noise)
     candidates = _candidates(lattice, camera, target, law, _half_width(radius, spread))
     places, regressors = law_places(lattice, camera, target, law, candidates)
-    own, pupils = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table), pupils_of(lattice, camera, distance)
+    own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table)
+    pupils = pupils_of(lattice, candidates.lens, camera, distance)
     spots = fit_spots(values, places, _half_width(radius, spread), own, defocused_dot(radius, spread), noise)
     fitted, reach = radius, radius + spread / 2
     cut = cut_spots(spots, own, lattice, reach)
