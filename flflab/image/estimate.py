@@ -13,7 +13,7 @@ Flags = npt.NDArray[np.bool_]
 
 BLOCKS = 12  # a side: of each block of the picture, its steepest pixel
 SPREAD = 600  # more pixels, evenly spread over those with light
-FINER, FINER_WAVES = 6.0, 3.0  # how much finer the reference is formed here; waves cost so much that less must do
+FINER, FINER_WAVES = 8.0, 3.0  # how much finer the reference is formed here; waves cost so much that less must do
 SAFETY = 3.5  # the largest difference anywhere is up to 2.7 times the largest one found in trials
 
 
