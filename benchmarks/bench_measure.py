@@ -37,7 +37,7 @@ from flflab.targets import Bars, Chirp, FourDot, Target, White
 Frame = npt.NDArray[np.uint16]
 
 CAMERA = Path(__file__).parents[1] / "examples" / "cameras" / "osinski.yaml"
-DISTANCE = 506.7016
+DISTANCE, BLURRED = 506.7016, 494.0  # mm, in focus and with 2 px of blur
 F_NUMBERS = (1.6, 2.8, 4.0, 8.0, 16.0)
 ELECTRONS = 5000.0
 SMALLER = 8  # scikit-image's detectors get the frame binned by this
@@ -51,9 +51,9 @@ def sensor_noise() -> SensorNoise:
     return SensorNoise(numbers.dn_per_electron, electrons * numbers.dn_per_electron, numbers.offset_dn, numbers.full_scale)
 
 
-def frame(camera: Camera, target: Target, electrons: float = ELECTRONS) -> Frame:
-    """What the sensor reads before a target in focus."""
-    return digitise(render(one_plane(camera, target, DISTANCE)), electrons, SensorResponse(), noise_key("bench", target.kind))
+def frame(camera: Camera, target: Target, electrons: float = ELECTRONS, distance: float = DISTANCE) -> Frame:
+    """What the sensor reads before a target."""
+    return digitise(render(one_plane(camera, target, distance)), electrons, SensorResponse(), noise_key("bench", target.kind))
 
 
 def row(name: str, call: Callable[[], str], repeats: int) -> None:
@@ -136,15 +136,21 @@ def peers_on_white(white: Frame, repeats: int) -> None:
 
 def dot_rows(camera: Camera, lattice: Lattice, repeats: int) -> None:
     """Dots and views at F/4."""
-    target, dots, white = FourDot(), frame(camera, FourDot()), frame(camera, White())
-
-    def call() -> str:
-        found = count_views(dots, white, lattice, camera, target, DISTANCE, sensor_noise())
-        return f"views {[dot.views for dot in found]}, z +- {max(dot.uncertainty_mm[2] for dot in found):.3f} mm"
-
-    row("dots and views, F/4", call, repeats)
-    picture, detector = eight_bits(dots), blob_detector(50, 400)
+    target, white = FourDot(), frame(camera, White())
+    for distance, what in ((DISTANCE, ""), (BLURRED, ", 2 px of blur")):
+        row(
+            f"dots and views, F/4{what}",
+            partial(found_dots, frame(camera, target, distance=distance), white, lattice, camera, distance),
+            repeats,
+        )
+    picture, detector = eight_bits(frame(camera, target)), blob_detector(50, 400)
     row("  cv2.SimpleBlobDetector", lambda: f"{len(detector.detect(picture))} blobs", repeats)
+
+
+def found_dots(picture: Frame, white: Frame, lattice: Lattice, camera: Camera, distance: float) -> str:
+    """What there is to say of it."""
+    found = count_views(picture, white, lattice, camera, FourDot(), distance, sensor_noise())
+    return f"views {[dot.views for dot in found]}, z +- {max(dot.uncertainty_mm[2] for dot in found):.3f} mm"
 
 
 def contrast_rows(camera: Camera, lattice: Lattice, repeats: int) -> None:

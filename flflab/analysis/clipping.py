@@ -29,6 +29,7 @@ Whole = npt.NDArray[np.int64]
 Nodes = tuple[Array, Array]
 
 SHARP_PX, WIDE_PX = 0.02, 1.5  # of blur: one ray stands for the cone, a few points for a pixel
+FAR_PX = 0.05  # from where a spot is: so long fewer points do
 
 
 @dataclass(frozen=True)
@@ -250,7 +251,15 @@ def cut_spots(spots: Spots, own: Lit, lattice: Lattice, reach: float) -> Whole:
 
 
 def step_of_cut_spots(
-    picture: Picture, spots: Spots, cut: Whole, half: int, own: Lit, pupils: Pupils | None, radius: float, noise: SensorNoise
+    picture: Picture,
+    spots: Spots,
+    cut: Whole,
+    half: int,
+    own: Lit,
+    pupils: Pupils | None,
+    radius: float,
+    noise: SensorNoise,
+    moved: float,
 ) -> Spots:
     """The spots after a step of Gauss-Newton for those that an aperture cuts; the others stay as they are.
 
@@ -263,12 +272,13 @@ def step_of_cut_spots(
         pupils: what the dots are seen through; None leaves the spots as they are.
         radius: of a spot in focus, px.
         noise: of the sensor.
+        moved: by how much spots moved last, px.
     """
     if pupils is None or len(cut) == 0:
         return spots
     wide, more = pupils.spread > WIDE_PX, math.ceil(4.5 * pupils.spread)
     if wide:
-        nodes = (4 if pupils.spread < 4 else 3, 1)
+        nodes = (2 if moved > FAR_PX else 4 if pupils.spread < 4 else 3, 1)
     else:
         nodes = (3 + more, 1 + more) if pupils.spread > SHARP_PX else (1, 1)
     seen_through = np.stack([pupils.main, pupils.small, pupils.beta, pupils.by_chief], axis=1)

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.clipping import cut_spots, pupils_of, step_of_cut_spots
+from flflab.analysis.clipping import FAR_PX, cut_spots, pupils_of, step_of_cut_spots
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
@@ -81,14 +81,14 @@ def find_spots(
     spots = fit_spots(values, places, _half_width(radius, spread), own, defocused_dot(radius, spread), noise)
     fitted, reach = radius, radius + spread / 2
     cut = cut_spots(spots, own, lattice, reach)
-    whole = np.setdiff1d(np.arange(len(places)), cut)
+    whole, moved = np.setdiff1d(np.arange(len(places)), cut), math.inf
     for _ in range(MOST_ROUNDS):
         # spots want the radius, the radius the law and the law the spots: a step of each, until they agree
         before, last, half = spots.centres, radius, _half_width(radius, spread)
         if abs(radius - fitted) > SETTLED_PX:
             again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
             spots, fitted = spots.with_those(whole, again), radius
-        spots = step_of_cut_spots(values, spots, cut, half, own, pupils, radius, noise)
+        spots = step_of_cut_spots(values, spots, cut, half, own, pupils, radius, noise, moved)
         bright = (illumination(table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
         # the place of one that the sensor's border cuts depends on the radius, which must not depend on it
         good = bright & np.all((spots.centres > reach) & (spots.centres < np.asarray(camera.sensor.resolution) - 1 - reach), axis=1)
@@ -97,7 +97,8 @@ def find_spots(
         offsets = sensor_position(camera.sensor, spots.centres) - sensor_position(camera.sensor, own.centres)
         law = _regress(law, nominal, regressors[good], offsets[good], camera.sensor.pixel)
         radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
-        if abs(radius - last) < SETTLED_PX and np.abs(spots.centres - before)[bright].max() < SETTLED_PX:
+        far, moved = moved > FAR_PX, float(np.abs(spots.centres - before)[bright].max())
+        if max(moved, abs(radius - last)) < SETTLED_PX and not far:
             break
     return SeenSpots(spots, candidates, law, radius, spread, table)
 
