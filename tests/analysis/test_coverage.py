@@ -59,7 +59,8 @@ def dot_scores(brute: Any, places: int, repeats: int, electrons: float) -> tuple
     centres: list[Array] = []
     positions: list[Array] = []
     for _ in range(places):
-        offset, distance = rng.uniform(-0.4, 0.4, 2), float(rng.choice([506.7016, rng.uniform(498.0, 516.0)]))
+        offset, blurred = rng.uniform(-0.4, 0.4, 2), 1 / rng.uniform(1 / 624, 1 / 420)  # up to 20 px wide
+        distance = float(rng.choice([506.7016, rng.uniform(498, 516), blurred]))
         scene = [one_plane(camera, kind, distance, (float(offset[0]), float(offset[1]))) for kind in (White(), target)]
         white, dots = (render(one, tolerance=5e-5) for one in scene)
         lattice = find_lattice(brute.expose(white, noise, LEVEL, rng), "square", 245.0, noise)
