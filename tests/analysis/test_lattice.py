@@ -9,8 +9,12 @@ import pytest
 
 from flflab.analysis.lattice import find_lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.errors import MeasurementError
+from flflab.image.render import render
+from flflab.image.scene import one_plane
 from flflab.optics.camera import Layout
+from flflab.targets import White
 
 Array = npt.NDArray[np.float64]
 
@@ -72,6 +76,31 @@ def test_without_noise_no_centre_is_off_by_a_thousandth_of_a_pixel_even_in_the_c
     assert lattice.pitch_px == pytest.approx(60.0, rel=1e-6)
     assert lattice.inside_radius_px == pytest.approx(13.5, abs=2e-3)
     assert lattice.outside_radius_px == pytest.approx(24.5, abs=2e-3)
+
+
+@pytest.mark.full
+@pytest.mark.timeout(0)
+@pytest.mark.parametrize("f_number", [1.6, 2.8, 4.0, 8.0, 16.0], ids="F/{:g}".format)
+def test_a_whole_frame_at_one_percent_noise_gives_the_lattice_to_a_thousandth_of_a_pixel(brute: Any, f_number: float) -> None:
+    """3664 x 2748 pixels with fall-off, errors against where rays through the microlenses' middles land, achieved in eight frames."""
+    camera = brute.camera(f_number, (3664, 2748))
+    image = np.maximum(render(one_plane(camera, White(), 506.7016), tolerance=3e-5), 0.0)
+    deep = SensorNoise(0.3, 2.0, 64.0, 16383.0)  # overlapping neighbours add up to more than white
+    pitch, middle = 0.4 * (1 + camera.gap / camera.array.distance) / camera.sensor.pixel, np.array([1831.5, 1373.5])
+    clean, *noisy = (
+        find_lattice(picture, "square", 241.0, deep, cone_of(camera))
+        for picture in (image * 3000 + 64, *(brute.expose(image, deep, 3000, np.random.default_rng(seed)) for seed in range(8)))
+    )
+    bias = np.abs(clean.centres_px - middle - clean.indices * pitch).max()
+    centres = np.sqrt(np.mean([np.mean((one.centres_px - middle - one.indices * pitch) ** 2, axis=0) for one in noisy], axis=0)).max()
+    origin = np.sqrt(np.mean([(one.origin_px - middle) ** 2 for one in noisy]))
+    by_pitch = np.sqrt(np.mean([(one.pitch_px / pitch - 1) ** 2 for one in noisy]))
+    stated = np.mean([np.max(one.origin_uncertainty_px) for one in noisy])
+    print(f"F/{f_number:g} bias {bias:.5f}, centres {centres:.5f}, origin {origin:.5f} (stated {stated:.5f}), pitch {by_pitch:.1e}")
+    assert bias < 0.002
+    assert centres < 0.005
+    assert origin < 0.001
+    assert by_pitch < 1e-6
 
 
 def test_the_stated_uncertainties_are_the_scatter_over_repeated_noise(brute: Any) -> None:

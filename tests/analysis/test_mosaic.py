@@ -1,5 +1,6 @@
 """Pictures through a mosaic of colour filters, measured as four sub-lattices without demosaicing."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +9,17 @@ import numpy.typing as npt
 import pytest
 
 from flflab.analysis.contrast import fit_contrast
+from flflab.analysis.dots import count_views
+from flflab.analysis.edges import measure_edges
 from flflab.analysis.lattice import find_lattice
 from flflab.analysis.measure import measure, nominal_lattice
-from flflab.analysis.mosaic import from_raw
+from flflab.analysis.mosaic import Mosaic, from_raw
 from flflab.analysis.noise import SensorNoise
 from flflab.errors import MeasurementError
+from flflab.image.render import render
+from flflab.image.scene import one_plane
 from flflab.raw_file import RawPicture, read_raw, write_raw
-from flflab.targets import Bars
+from flflab.targets import Bars, FourDot
 
 Array = npt.NDArray[np.float64]
 RESOLUTION = (760, 520)
@@ -73,6 +78,44 @@ def test_a_raw_white_picture_gives_the_same_lattice_as_a_grey_one(brute: Any, tm
     said = measure(raw, camera)
     assert any("four sub-lattices" in remark for remark in said["remarks"])
     assert said["lattice"]["pitch_px"] == pytest.approx(245.5825, rel=2e-5)
+
+
+def read_back(image: Array, bits: int, file: Path) -> Mosaic:
+    """An image through filters, a raw file and back, ready for the fits."""
+    raw, noise = through_filters(image, bits, bits)
+    write_raw(file, raw)
+    back = read_raw(file)
+    assert np.array_equal(back.values, raw.values)
+    return from_raw(back, noise)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+def test_lattice_contrast_dots_and_edges_come_out_of_raw_files_of_any_bits_within_their_uncertainty(
+    brute: Any, tmp_path: Path, bits: int
+) -> None:
+    camera, file = brute.camera(4.0, RESOLUTION), tmp_path / "frame.dng"
+    white, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
+    values, noise = read_back(white, bits, file).even()
+    lattice = find_lattice(values, "square", 245.0, noise)
+    assert np.abs((lattice.origin_px - [379.5, 259.5]) / lattice.origin_uncertainty_px).max() < 4
+    assert abs(lattice.pitch_px - 245.5823) < 4 * lattice.pitch_uncertainty_px
+    mosaic = read_back(bars, bits, file)
+    curve = fit_contrast(mosaic.values, nominal_lattice(camera, 3000.0), camera, Bars(), FOCUS, mosaic.noise, mosaic.gains)
+    assert np.sqrt(np.mean(((curve.contrast - np.sinc(curve.cycles_per_px)) / curve.uncertainty) ** 2)) < 2
+    wide, target = brute.camera(4.0, (1240, 1240)), FourDot(spacing=4.0)
+    values, noise = read_back(np.maximum(render(one_plane(wide, target, FOCUS), tolerance=5e-5), 0.0), bits, file).even()
+    for dot in count_views(values, None, nominal_lattice(wide, 3000.0), wide, target, FOCUS, noise):
+        landed = brute.landings(wide, FOCUS, target.centres[dot.dot])[1]
+        off = np.array([centre - landed[int(np.argmin(np.hypot(*(landed - centre).T)))] for centre in dot.centres_px])
+        assert dot.views >= 4
+        assert np.sqrt(np.mean((off / dot.centre_uncertainty_px) ** 2)) < 2
+    angle, square = math.radians(5), brute.camera(4.0, (740, 740))
+    values, noise = read_back(brute.edges_picture(740, angle), bits, file).even()
+    edges = measure_edges(values, nominal_lattice(square, 3000.0), square, noise)
+    truth = np.sinc(edges.cycles_per_px * math.cos(angle)) * np.sinc(edges.cycles_per_px * math.sin(angle))
+    assert len(edges.views) == 9
+    assert np.abs(edges.mtf - truth).max() < 4 * edges.uncertainty.max() + 1e-4
 
 
 def test_saturated_pixels_stay_saturated_whatever_their_filter() -> None:
