@@ -156,7 +156,8 @@ def add_ruled(
         corner_x, corner_y = xs[start] - centre_x - 0.5 * pixel, ys[first] - centre_y - 0.5 * pixel
         weights = np.ones((int((last - first) * pixel / apart) + 2, int((end - start) * pixel / apart) + 2) if falls else (1, 1))
         if falls:
-            mean_weights(corner_x, corner_y, apart, weights, slope, reach, slants[entry], strip, count)
+            clipped = slope if 2.0 * abs(slope) > width else 0.0  # a pixel that holds all of the rim sees the whole pupil
+            mean_weights(corner_x, corner_y, apart, weights, clipped, reach, slants[entry], strip, count)
         for row in range(first, last):
             dy = ys[row] - centre_y
             room = outside * outside - dy * dy
