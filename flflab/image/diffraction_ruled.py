@@ -1,9 +1,9 @@
 """Diffracted images of targets that vary along straight lines: bars, the sine chirp, an edge.
 
 What one kind of microlens shows of a radiance T(x') is, for a sensor point at a distance and an angle to x' from the micro-image's
-centre, T filtered by one transfer function: a curve over x'. The curves of a few distances and angles are made by Fourier sums and
-read by cubic splines. The spectrum of T is exact; a target longer than what is seen is cut, and the light of the rest, which comes
-by the far tails of the diffraction pattern, is added in closed form.
+centre, T filtered by one transfer function: a curve over x'. The curves of the terms of the transfer functions' sum are made by
+Fourier sums, read by cubic splines, and added up with the weights of the sensor point. The spectrum of T is exact; a target longer
+than what is seen is cut, and the light of the rest, which comes by the far tails of the diffraction pattern, is added in closed form.
 """
 
 import math
