@@ -86,19 +86,24 @@ def test_a_blur_of_another_kind_is_measured_by_the_free_form(radius: float) -> N
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("fit", "allowed"), [(fit_edge, 0.0016), (fit_free_edge, 0.0025)])
-def test_one_per_cent_of_noise_leaves_little_and_the_stated_uncertainty_says_how_much(fit: Callable[..., EdgeFit], allowed: float) -> None:
-    rms, z = list[float](), list[float]()
-    for index in range(60):
-        rng = np.random.default_rng(index)
-        angle, blur, offset = math.radians(rng.uniform(2, 12)), rng.choice([0.35, 0.7, 1.5]), rng.uniform(-0.5, 0.5)
-        clean = gaussian_edge_fast(angle, blur, offset)
+@pytest.mark.parametrize(("fit", "allowed", "places"), [(fit_edge, 0.0011, 40), (fit_free_edge, 0.0025, 10)])
+def test_one_per_cent_of_noise_leaves_little_and_the_stated_uncertainty_says_how_much(
+    fit: Callable[..., EdgeFit], allowed: float, places: int
+) -> None:
+    """Four angles, four blurs, so many places each; the median root mean square error from 0 to half a cycle a pixel."""
+    blurs = (0.0, 0.35, 0.7, 1.5)
+    rms, z = np.zeros((len(blurs), len(ANGLES), places)), np.zeros((len(blurs), len(ANGLES), places))
+    for place in np.ndindex(rms.shape):
+        rng = np.random.default_rng((9, *place))
+        blur, angle, offset = blurs[place[0]], math.radians(ANGLES[place[1]]), rng.uniform(-0.5, 0.5)
+        clean = gaussian_edge_fast(angle, blur, offset) if blur else sharp_edge(angle, offset)
         found = fit(clean + 0.01 * rng.standard_normal(clean.shape))
         error = found.mtf(F) - transfer(angle) * np.exp(-2 * (math.pi * blur * F) ** 2)
-        rms.append(math.sqrt(float(np.mean(error**2))))
-        z.append(float(error[20] / found.mtf_uncertainty(F)[20]))
+        rms[place] = math.sqrt(float(np.mean(error**2)))
+        z[place] = error[20] / found.mtf_uncertainty(F)[20]
+    print(f"{fit.__name__}: all {np.median(rms):.5f}, by blur {np.median(rms, axis=(1, 2)).round(5)}")
     assert np.median(rms) < allowed
-    assert 0.7 < math.sqrt(float(np.mean(np.square(z)))) < 1.35
+    assert 0.7 < math.sqrt(float(np.mean(np.square(z[1:])))) < 1.35  # without blur its variance, 0 or more, scatters on one side
 
 
 @pytest.mark.ci
