@@ -17,6 +17,7 @@ WRITABLE = (".npy", ".png", ".tif", ".tiff", ".dng")
 HDF5 = (".h5", ".hdf5")
 READABLE = WRITABLE[:-1] + HDF5 + RAW
 WHITE_DN = 16384  # what 1.0 becomes in 16 bits: room for four times the white level where light overlaps
+PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
 PNG_END = b"IEND\xaeB`\x82"
 
 
@@ -125,6 +126,8 @@ def _read(file: Path, ending: str, number: int | None) -> Picture:
     content = file.read_bytes()
     if ending == ".png":
         _choose(file, 1, number)
+        if not content.startswith(PNG_BEGIN):
+            raise ValueError("it does not begin as a PNG file does")
         if PNG_END not in content[-64:]:
             raise ValueError("it ends before the picture does")
         page = 0

@@ -70,7 +70,9 @@ def read_raw(file: Path) -> RawPicture:
             pattern = "".join(chr(raw.color_desc[colour]) for colour in colours).lower()
             return RawPicture(values, pattern, (a, b, c, d), white, _neutral(raw.camera_whitebalance), exposure_s, iso)
     except (OSError, ValueError, rawpy.LibRawError) as error:
-        raise InputError(f"{file}: cannot be read as a raw picture ({error})") from error
+        said = error.args[0] if error.args else ""
+        why = said.decode() if isinstance(said, bytes) else str(error)
+        raise InputError(f"{file}: cannot be read as a raw picture ({why}); is it whole?") from error
 
 
 def write_raw(file: Path, raw: RawPicture) -> None:

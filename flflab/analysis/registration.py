@@ -60,8 +60,8 @@ def require_picture(picture: npt.NDArray[np.generic], camera: Camera, what: str)
     """
     require_shape(picture, camera, what)
     values = np.asarray(picture, dtype=np.float64)
-    if not np.isfinite(values).all():
-        raise MeasurementError(f"{what} picture: every pixel must be a finite number")
+    if strange := values.size - np.count_nonzero(np.isfinite(values)):
+        raise MeasurementError(f"{what} picture: {strange} of its {values.size} pixels are not finite numbers; all must be, as read")
     return values
 
 
