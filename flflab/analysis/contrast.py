@@ -12,6 +12,7 @@ from flflab.analysis.contrast_readings import fitted_extremes, transfer_rows, vi
 from flflab.analysis.contrast_search import (
     KNOTS,
     Frame,
+    as_sharp_as_the_axis,
     model_of,
     prior_of,
     scattered,
@@ -23,20 +24,20 @@ from flflab.analysis.contrast_search import (
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import (
+    defocus_apart,
     microlens_type_of,
     require_picture,
     require_shape,
     scales_of,
     sensor_position,
     tilted_scales,
-    tilted_smms,
 )
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.focus import blur, limiting_aperture, magnification
+from flflab.optics.focus import blur, magnification
 from flflab.optics.per_type import type_smms
 from flflab.optics.resolution import central_smms
-from flflab.optics.smms import Smms, image_offset
+from flflab.optics.smms import Smms
 from flflab.targets import Bars, Chirp
 
 Array = npt.NDArray[np.float64]
@@ -209,17 +210,14 @@ def _fit_type(
     if target.kind == "bars":
         # the stages' errors blur differently from what is nominal, and the highest harmonics are seen through the template alone
         model, fit = with_fitted_blur(frame, data, fit, model)
-    return _curve(frame, fit, data, model)
+        data, model, fit, by_tilt = as_sharp_as_the_axis(frame, data, fit, model)
+        return _curve(frame, fit, data, model, by_tilt)
+    return _curve(frame, fit, data, model, np.zeros((0, CURVE + len(fit.curve))))
 
 
 def _as_sharp(lattice: Lattice, smms: Smms, distance: float, pixel: float) -> npt.NDArray[np.bool_]:
     """Which micro-images are as blurred as those on the axis, so that one transfer is theirs: of a tilted array a band across the tilt."""
-
-    def defocus(system: Smms) -> Array:
-        return system.kappa * image_offset(system, 1 / distance) - system.gap / system.distance
-
-    apart = np.abs(defocus(tilted_smms(lattice, smms)) - defocus(smms)) * limiting_aperture(smms, 1 / distance)
-    return np.asarray(apart < AS_SHARP_PX * pixel)
+    return np.abs(defocus_apart(lattice, smms, distance)) < AS_SHARP_PX * pixel
 
 
 def _on_target(frame: Frame, rows: int) -> ChirpData:
@@ -256,7 +254,7 @@ def _margin(frame: Frame) -> float:
     return (float(blur(frame.smms, 1 / frame.distance)) / 2 + 3 * frame.camera.sensor.pixel) / scale + 0.01 * frame.target.width
 
 
-def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel) -> ContrastCurve:
+def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_tilt: Array) -> ContrastCurve:
     target, sensor = frame.target, frame.camera.sensor
     prior = prior_of(frame, data, model.knots)
     covariance, chi2 = noise_covariance(data, model, fit, prior)
@@ -266,6 +264,7 @@ def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel) -> C
         )
     grown = chi2 if chi2 > 1 + CLEARLY * math.sqrt(2 / len(data.read)) else 1.0  # noise alone scatters it about 1
     covariance = with_blur_unsure(data, model, fit, prior, covariance) * grown
+    covariance[:-1, :-1] += by_tilt.T @ by_tilt
     spline = covariance[CURVE:, CURVE:]
     # The target's own grid, not the picture's, so that two pictures of one target can be compared frequency by frequency.
     nu = np.linspace(*target.cycles_per_mm, KNOTS + 2)[1:-1]

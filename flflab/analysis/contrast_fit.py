@@ -310,6 +310,27 @@ def noise_covariance(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: P
     return inverse @ (scatter + tied) @ inverse, misfit / max(due - float(np.trace(inverse @ scatter)), 0.1 * due)
 
 
+def by_blur(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> Array:
+    """What every run would read more for a little more of the square of the template's disc, DN a mm^2, shape (n,).
+
+    Of the template as strong as the whole transfer is: g alone may be more, with a free curve that takes it back.
+    """
+    more, step = model.blurred
+    nu = np.linspace(*model.span, model.knots.count)
+    alone = model.template.transfer(nu)
+    strength = np.zeros(len(fit.curve))
+    strength[0] = float(alone @ model.knots.design(nu, model.template) @ fit.curve / (alone @ alone))
+    change = waves(data, more, fit.geometry, strength, model.top) - waves(data, model, fit.geometry, strength, model.top)
+    return (data.light @ fit.brightness) * change / step
+
+
+def followed(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior, change: Array) -> Array:
+    """How the parameters follow where every run reads so much more, DN, shape (n,)."""
+    expected = (data.light @ fit.brightness) * (1 + waves(data, model, fit.geometry, fit.curve, model.top))
+    normal, _, right, _, _ = _sums(replace(data, read=expected + change), model, fit, model.top, False)
+    return _inverse(normal + np.diag(prior.spread**-2)) @ right
+
+
 def with_blur_unsure(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior, covariance: Array) -> Array:
     """The covariance of the parameters and, behind them, of the square of the template's disc (mm^2), which was fitted too.
 

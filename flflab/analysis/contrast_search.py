@@ -15,6 +15,8 @@ from flflab.analysis.contrast_fit import (
     ChirpModel,
     Knots,
     Prior,
+    by_blur,
+    followed,
     gauss_newton_step,
     least_misfit,
     noise_covariance,
@@ -23,6 +25,7 @@ from flflab.analysis.contrast_fit import (
 from flflab.analysis.contrast_template import Template, edges_of
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.registration import defocus_apart, defocus_by_tilt
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import disc_transfer
@@ -40,6 +43,8 @@ DISCS = 100  # of blur, up to the widest: how closely it is looked for in the tr
 BLUR_STEP = 0.1  # pixels: how well the transfer shows it
 LEAST = 0.02  # of chi squared above its least: a seventh of a standard uncertainty
 MOST_PARABOLAS = 8
+SAME_BLUR = 5e-4  # pixels: views that differ by less are blurred alike
+SHARPENINGS = 3
 
 
 @dataclass(frozen=True)
@@ -187,6 +192,39 @@ def with_fitted_blur(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpM
     squares = [(max(guess, away) + step * away) ** 2 for step in (-1, 0, 1)]
     best = model.with_blur(math.sqrt(lowest(misfit, squares)))
     return best, settle(frame, data, fit, best)
+
+
+def as_sharp_as_the_axis(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> tuple[ChirpData, ChirpModel, ChirpFit, Array]:
+    """The runs as they would read if every view were blurred as on the axis, what fits them, and what the tilt's uncertainty makes of it.
+
+    Behind a tilted array the views' discs of blur are wider on one side and narrower on the other, by as much as the tilt says that the
+    lattice shows. Which side is the wider the misfit says: the fitted disc does not tell on which side of the focus the sensor stands.
+
+    Returns:
+        The runs, the model, the fit, and how its parameters move with one standard uncertainty of each slope, shape (2, parameters).
+    """
+    scale = model.template.pixel / frame.camera.sensor.pixel
+    wider = defocus_apart(frame.lattice, frame.smms, frame.distance)[data.lens] * scale
+    found = [(data, model, fit)]
+    if float(np.abs(wider).max()) > SAME_BLUR * model.template.pixel:
+        found = [_as_sharp(frame, data, fit, model, side * wider) for side in (1.0, -1.0)]
+    prior = prior_of(frame, data, model.knots)
+    data, model, fit = min(found, key=lambda one: least_misfit(one[0], one[1], one[2], prior))
+    more = 2 * model.template.blur * scale * by_blur(data, model, fit)
+    moves = [
+        followed(data, model, fit, prior, more * apart[data.lens]) for apart in defocus_by_tilt(frame.lattice, frame.smms, frame.distance)
+    ]
+    return data, model, fit, np.array(moves)
+
+
+def _as_sharp(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel, wider: Array) -> tuple[ChirpData, ChirpModel, ChirpFit]:
+    """The runs without what their views' discs are wider, mm on the target, than the axis's, whose own disc is fitted with them."""
+    alike = data
+    for _ in range(SHARPENINGS):
+        more = by_blur(data, model, fit)
+        alike = replace(data, read=data.read - more * (2 * model.template.blur * wider + wider**2))
+        model, fit = with_fitted_blur(frame, alike, fit, model)
+    return alike, model, fit
 
 
 def lowest(value: Callable[[float], float], places: Sequence[float]) -> float:

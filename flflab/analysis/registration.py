@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 from flflab.analysis.lattice import Lattice
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera, Sensor, microlens_centres, microlens_types
+from flflab.optics.focus import limiting_aperture
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms, image_offset
 
@@ -109,6 +110,22 @@ def tilted_scales(lattice: Lattice, smms: Smms, distance: float) -> Array:
     if float(smms.lens_width) >= float(smms.microlens_width):
         return image_offset(there, 1 / distance) / there.gap / (image_offset(smms, 1 / distance) / smms.gap)
     return smms.kappa * smms.distance / (there.kappa * there.distance)
+
+
+def defocus_apart(lattice: Lattice, smms: Smms, distance: float) -> Array:
+    """By how much the disc of blur of each micro-image is wider than that on the axis, mm, signed as the defocus is; shape (n,)."""
+
+    def defocus(system: Smms) -> Array:
+        return system.kappa * image_offset(system, 1 / distance) - system.gap / system.distance
+
+    return np.asarray((defocus(tilted_smms(lattice, smms)) - defocus(smms)) * limiting_aperture(smms, 1 / distance))
+
+
+def defocus_by_tilt(lattice: Lattice, smms: Smms, distance: float) -> Array:
+    """What a standard uncertainty of the slope along x, and of that along y, changes of ``defocus_apart``; shape (2, n)."""
+    here = defocus_apart(lattice, smms, distance)
+    slopes = lattice.tilt + np.diag(lattice.tilt_uncertainty)
+    return np.stack([defocus_apart(replace(lattice, tilt=slope), smms, distance) - here for slope in slopes])
 
 
 def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:

@@ -7,7 +7,7 @@ from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import image_offset
-from flflab.properties.fields import RADIUS_ERROR_PX, useful_row
+from flflab.properties.fields import useful_row
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values, single
@@ -82,7 +82,7 @@ def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
         return []
     slope = abs(float(read(distance + doubt)[0]) - float(read(distance - doubt)[0])) / 2
     count = np.ceil(camera.sensor.resolution[0] / lattice.pitch_px)
-    edges = 2 * count * np.hypot(max(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px), RADIUS_ERROR_PX)
+    edges = 2 * count * max(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px)
     measured = useful / virtual
     uncertainty = measured * float(np.hypot(slope / virtual, edges / useful))
     drawn = useful_row(camera, model.inside_radii, model.outside_radii, model.pitches) / pixel

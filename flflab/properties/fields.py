@@ -9,17 +9,12 @@ from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values, single
 
-RADIUS_ERROR_PX = 0.002  # of a fitted radius beside its noise; exact pictures were off by half of it
-PITCH_ERROR = 2e-6  # of a fitted pitch, as a share
-
 
 def fields(one: Measured, model: Predicted) -> list[Values]:
     """Bright and total field (full widths w_m -+ w_q) and the pitch p (1 + b/L) of the micro-images, mm on the sensor."""
     lattice, pixel = one.lattice, model.camera.sensor.pixel
     where = one.configuration.index
-    inside = math.hypot(lattice.inside_uncertainty_px, RADIUS_ERROR_PX)
-    outside = math.hypot(lattice.outside_uncertainty_px, RADIUS_ERROR_PX)
-    pitch = math.hypot(lattice.pitch_uncertainty_px, PITCH_ERROR * lattice.pitch_px)
+    inside, outside, pitch = lattice.inside_uncertainty_px, lattice.outside_uncertainty_px, lattice.pitch_uncertainty_px
     return [
         single(where, "bright_field_mm", "white", 2 * lattice.inside_radius_px * pixel, 2 * inside * pixel, 2 * model.inside_radii),
         single(where, "total_field_mm", "white", 2 * lattice.outside_radius_px * pixel, 2 * outside * pixel, 2 * model.outside_radii),
@@ -30,7 +25,7 @@ def fields(one: Measured, model: Predicted) -> list[Values]:
 def overlap(one: Measured, model: Predicted) -> Values:
     """By how much neighbouring micro-images overlap, mm; negative: the gap between them."""
     lattice, pixel = one.lattice, model.camera.sensor.pixel
-    doubt = math.hypot(2 * math.hypot(lattice.outside_uncertainty_px, RADIUS_ERROR_PX), lattice.pitch_uncertainty_px)
+    doubt = math.hypot(2 * lattice.outside_uncertainty_px, lattice.pitch_uncertainty_px)
     draws = 2 * model.outside_radii - model.pitches
     measured = (2 * lattice.outside_radius_px - lattice.pitch_px) * pixel
     return single(one.configuration.index, "overlap_mm", "white", measured, doubt * pixel, draws)

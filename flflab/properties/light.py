@@ -7,8 +7,6 @@ from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values
 
-LIGHT_ERROR = 2e-3  # of a fitted brightness, as a share; what pictures drawn to a tolerance of 0.002 were off by
-
 
 def light(measured: tuple[Measured, ...], predicted: tuple[Predicted, ...], steadiness: float) -> list[Values]:
     """Irradiance of the cone of marginal rays in each configuration over the geometric mean of all: lamp and target cancel.
@@ -27,7 +25,7 @@ def light(measured: tuple[Measured, ...], predicted: tuple[Predicted, ...], stea
     draws = np.stack([np.log(irradiance(model.systems)) for model in predicted], axis=1)
     draws = np.exp(draws - draws.mean(axis=1, keepdims=True))
     ratio = seen / np.exp(np.mean(np.log(seen)))
-    doubt = ratio**2 * (steadiness**2 + LIGHT_ERROR**2)
+    doubt = ratio**2 * steadiness**2
     return [
         Values(
             one.configuration.index, "light", "white", ratio[k : k + 1], doubt[k : k + 1, None], draws[:, k].mean(keepdims=True),

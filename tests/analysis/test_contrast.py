@@ -12,10 +12,13 @@ from flflab.analysis.contrast import ContrastCurve, fit_contrast, fit_contrasts
 from flflab.analysis.lattice import find_lattice
 from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.analysis.registration import microlens_type_of
 from flflab.errors import MeasurementError
+from flflab.image.render import render
+from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera
-from flflab.targets import Bars, Chirp
+from flflab.targets import Bars, Chirp, White
 
 Array = npt.NDArray[np.float64]
 NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
@@ -129,6 +132,23 @@ def test_a_sensor_half_a_micrometre_off_leaves_no_more_than_noise(brute: Any, of
     assert curve.chi2_per_pixel == pytest.approx(1.0, abs=0.15)
     error = curve.contrast - closed_form(real, FOCUS, curve.cycles_per_mm)
     assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("distance", "off"), [(FOCUS, 0.0005), (500.0, 0.0), (515.0, 0.0)], ids=str)
+def test_views_through_an_array_turned_by_half_a_milliradian_show_the_contrast_on_the_axis(brute: Any, distance: float, off: float) -> None:
+    """On the one side blurred more, on the other less; each side sees frequencies of its own, which were off by 0.007 before."""
+    nominal = brute.camera(4.0, (760, 560))
+    away = replace(nominal.sensor, distance=nominal.sensor.distance + off)
+    real = replace(nominal, array=replace(nominal.array, tilt=(-4e-4, 2e-4)), sensor=away)
+    white, bars = (
+        64.0 + 3000.0 * render(one_plane(real, target, distance), tolerance=1e-4) for target in (White(), Bars(width=12.0, height=8.0))
+    )
+    lattice = find_lattice(white, "square", 245.6, NOISE, cone_of(nominal))
+    curve = fit_contrast(bars, lattice, nominal, Bars(width=12.0, height=8.0), distance, NOISE)
+    straight = replace(real, array=nominal.array)
+    assert np.abs(curve.contrast - closed_form(straight, distance, curve.cycles_per_mm)).max() < 8e-4
+    assert curve.chi2_per_pixel < 0.2  # the pictures have no noise
 
 
 def test_a_sine_chirp_gives_the_same_curve(brute: Any) -> None:

@@ -1,4 +1,4 @@
-"""Are the stated uncertainties true? Many small simulated benches, each with its own hidden stage errors and noise, no wire.
+"""Are the stated uncertainties true? Many small simulated benches, each with its own hidden errors of stages, angles and light, no wire.
 
 The hidden errors are drawn here, by this file's own generator; the analysis knows only the bench file's uncertainties.
 """
@@ -22,6 +22,7 @@ from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera
+from flflab.prediction import attitude_uncertainty
 from flflab.properties.measured import measure_pictures
 from flflab.study import Configuration, ConfigurationsDescription, Study, StudyDescription, expand
 from flflab.targets import Bars, FourDot, Target, White
@@ -56,20 +57,24 @@ def small_study(bench: Bench) -> Study:
 
 
 def picture(
-    bench: Bench, configuration: Configuration, errors: dict[Element, float], target: Target, rng: np.random.Generator, change: Change
+    camera: Camera, configuration: Configuration, errors: dict[Element, float], target: Target, rng: np.random.Generator, electrons: float
 ) -> npt.NDArray[np.float64]:
-    """What the camera of a bench whose elements stand off by these errors (mm), and whose optics are changed, records."""
+    """What a camera records whose elements stand off by these errors (mm), ``electrons`` those of full light."""
     lens, array, sensor, away = (errors[element] for element in ELEMENTS)
-    camera = change(configuration.camera(bench.optics))
     true = replace(
         camera,
         array=replace(camera.array, distance=configuration.array + array - lens),
         sensor=replace(camera.sensor, distance=configuration.sensor + sensor - lens),
     )
     light = np.maximum(render(one_plane(true, target, configuration.distance - away + lens), tolerance=2e-4), 0.0)
-    white = WHITE_E * white_irradiance(true) / white_irradiance(bench.optics)
-    electrons = rng.poisson(light * white) + rng.normal(0.0, READ_NOISE_E, light.shape)
-    return np.clip(np.rint(electrons * GAIN + OFFSET), 0, FULL_SCALE)
+    caught = rng.poisson(light * electrons * white_irradiance(true)) + rng.normal(0.0, READ_NOISE_E, light.shape)
+    return np.clip(np.rint(caught * GAIN + OFFSET), 0, FULL_SCALE)
+
+
+def with_turned_array(camera: Camera, roll: float, yaw: float, pitch: float) -> Camera:
+    array = camera.array
+    tilt = (array.tilt[0] + math.tan(yaw), array.tilt[1] + math.tan(pitch))
+    return replace(camera, array=replace(array, roll=array.roll + roll, tilt=tilt))
 
 
 def as_described(camera: Camera) -> Camera:
@@ -84,6 +89,7 @@ def one_run(seed: int, change: Change = as_described) -> Evaluation:
     axes = {element: found[1] for element in ELEMENTS if (found := bench.description.axis_of(element))}
     zeros = {element: hidden.normal(0.0, axis.zero_uncertainty) for element, axis in axes.items()}
     scales = {element: hidden.normal(0.0, axis.scale_uncertainty) for element, axis in axes.items()}
+    turned = hidden.normal(0.0, 1.0, 3) * attitude_uncertainty(bench)
     measured = []
     for configuration in study.configurations:
         worlds: dict[Element, float] = {
@@ -94,7 +100,9 @@ def one_run(seed: int, change: Change = as_described) -> Evaluation:
         }
         targets: dict[str, Target] = {"white": White(), "four-dot": study.dots, "bars": study.bars}
         errors: dict[Element, float] = {e: zeros[e] + axes[e].sign * scales[e] * axes[e].reading(z) for e, z in worlds.items()}
-        pictures = {name: picture(bench, configuration, errors, target, hidden, change) for name, target in targets.items()}
+        camera = with_turned_array(change(configuration.camera(bench.optics)), *turned)
+        electrons = WHITE_E / white_irradiance(bench.optics) * (1 + hidden.normal(0.0, bench.description.light_uncertainty))
+        pictures = {name: picture(camera, configuration, errors, target, hidden, electrons) for name, target in targets.items()}
         measured.append(measure_pictures(pictures, dict.fromkeys(targets, NOISE), configuration, worlds, study, bench.optics))
     return evaluate_measured(tuple(measured), study, bench, seed)
 
