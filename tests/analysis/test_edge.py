@@ -86,15 +86,18 @@ def test_a_blur_of_another_kind_is_measured_by_the_free_form(radius: float) -> N
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("fit", "allowed", "places"), [(fit_edge, 0.0011, 40), (fit_free_edge, 0.0025, 10)])
+@pytest.mark.parametrize(("fit", "allowed", "places"), [(fit_edge, 1.18 * 0.0011, 40), (fit_free_edge, 0.0025, 10)])
 def test_one_per_cent_of_noise_leaves_little_and_the_stated_uncertainty_says_how_much(
     fit: Callable[..., EdgeFit], allowed: float, places: int
 ) -> None:
-    """Four angles, four blurs, so many places each; the median root mean square error from 0 to half a cycle a pixel."""
+    """Four angles, four blurs, so many places each; the median root mean square error from 0 to half a cycle a pixel.
+
+    The median of 640 edges scatters by 9 % from one set of seeds to another, the bound is two of that above 0.0011.
+    """
     blurs = (0.0, 0.35, 0.7, 1.5)
     rms, z = np.zeros((len(blurs), len(ANGLES), places)), np.zeros((len(blurs), len(ANGLES), places))
     for place in np.ndindex(rms.shape):
-        rng = np.random.default_rng((9, *place))
+        rng = np.random.default_rng(place)
         blur, angle, offset = blurs[place[0]], math.radians(ANGLES[place[1]]), rng.uniform(-0.5, 0.5)
         clean = gaussian_edge_fast(angle, blur, offset) if blur else sharp_edge(angle, offset)
         found = fit(clean + 0.01 * rng.standard_normal(clean.shape))
