@@ -1,17 +1,20 @@
 """What a study's frames will give before one is taken: exposure, uncertainty of the MTF, and how many frames an accuracy takes.
 
-The frames of each configuration's bars are drawn with the light and noise of the bench file's ``simulated`` block, as if every stage stood
-where it was sent, and measured like real ones.
+White frames and bars of each configuration are drawn with the light and noise of the bench file's ``simulated`` block, as if every
+stage stood where it was sent, and measured like real ones.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from flflab.analysis.contrast import fit_contrast
+from flflab.analysis.lattice import find_lattice
 from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench
 from flflab.errors import MeasurementError
@@ -19,9 +22,10 @@ from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.study import Configuration, Study
+from flflab.targets import White
 from flflab.workers import results
 
-TOLERANCE = 0.002  # of the drawn picture, in units of white level
+Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -58,21 +62,27 @@ def expected_exposure(configuration: Configuration, study: Study, bench: Bench) 
 
 
 def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectation:
-    """Draw and measure one configuration's bars until they are as sure as the study asks for, else once."""
+    """Draw and measure one configuration's white frames, then its bars until they are as sure as the study asks for, else once."""
     camera, description = configuration.camera(bench.optics), study.description
     noise = expected_noise(bench)
     electrons = description.exposure.level * bench.description.simulated.full_well_electrons
     exposure = expected_exposure(configuration, study, bench)
-    picture = np.maximum(render(one_plane(camera, study.bars, configuration.distance), tolerance=TOLERANCE), 0.0)
-    mean = noise.offset_dn + noise.dn_per_electron * electrons * picture
-    lattice = nominal_lattice(camera, float(noise.dn_per_electron * electrons))
+    white, bars = (
+        noise.offset_dn + noise.dn_per_electron * electrons * np.maximum(render(one_plane(camera, target, configuration.distance)), 0.0)
+        for target in (White(), study.bars)
+    )
     rng = np.random.Generator(np.random.Philox(key=configuration.index))
     looks: tuple[Look, ...] = ()
     due = description.exposure.frames
+
+    def taken(mean: Array, frames: int) -> Array:
+        return mean + np.sqrt(noise.variance(mean) / frames) * rng.standard_normal(mean.shape)
+
     try:
+        rough = nominal_lattice(camera, 1.0).pitch_px
+        lattice = find_lattice(taken(white, due), camera.array.layout, rough, noise.of_mean(due), cone_of(camera))
         while not looks or due > looks[-1].frames:
-            noisy = mean + np.sqrt(noise.variance(mean) / due) * rng.standard_normal(mean.shape)
-            curve = fit_contrast(noisy, lattice, camera, study.bars, configuration.distance, noise.of_mean(due))
+            curve = fit_contrast(taken(bars, due), lattice, camera, study.bars, configuration.distance, noise.of_mean(due))
             looks = (*looks, Look(due, float(curve.uncertainty.max())))
             if description.mtf_standard_uncertainty is not None:
                 due = frames_due(looks, description.mtf_standard_uncertainty, description.exposure.most_frames)

@@ -24,6 +24,7 @@ from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
+from flflab.targets import White
 from sim.faults import Faults
 from sim.scpi import BlockError, Handler, ScpiError, decimal, limits_or, name_among, no_parameters, number_within
 from sim.world import Scene, World, sharp_distance
@@ -33,6 +34,7 @@ GAIN = (1.0, 16.0)
 READOUT = 0.05  # s
 BUFFER = 4  # frames
 TOLERANCE = 5e-4  # of the drawn picture, in units of white level: bars measured in fifty pictures show one of 0.002
+WHITE_TOLERANCE = 3e-5  # the rims of a white frame's micro-images show a radius to a ten thousandth of a pixel
 PICTURES = 4  # noise-free pictures kept
 
 
@@ -261,7 +263,8 @@ class SimulatedCamera:
                 if scene.camera is None or scene.distance is None:
                     picture = np.zeros((rows, columns))
                 else:
-                    drawn = render(one_plane(scene.camera, scene.target, scene.distance), tolerance=TOLERANCE)
+                    tolerance = WHITE_TOLERANCE if isinstance(scene.target, White) else TOLERANCE
+                    drawn = render(one_plane(scene.camera, scene.target, scene.distance), tolerance=tolerance)
                     picture = np.maximum(drawn, 0.0)  # sums of strips leave a rounding error below black
                 kept = list(self._pictures.items())[1 - PICTURES :]
                 self._pictures = dict([*kept, (scene.state, picture)])

@@ -66,7 +66,9 @@ def picture(
         array=replace(camera.array, distance=configuration.array + array - lens),
         sensor=replace(camera.sensor, distance=configuration.sensor + sensor - lens),
     )
-    light = np.maximum(render(one_plane(true, target, configuration.distance - away + lens), tolerance=2e-4), 0.0)
+    light = np.maximum(
+        render(one_plane(true, target, configuration.distance - away + lens), tolerance=3e-5 if target == White() else 2e-4), 0.0
+    )
     caught = rng.poisson(light * electrons * white_irradiance(true)) + rng.normal(0.0, READ_NOISE_E, light.shape)
     return np.clip(np.rint(caught * GAIN + OFFSET), 0, FULL_SCALE)
 
@@ -150,19 +152,20 @@ def tilted_array(camera: Camera) -> Camera:
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
-    ("change", "named", "size"),
+    ("change", "named", "size", "hidden"),
     [
-        pytest.param(longer_microlenses, "focal length of the microlenses", 0.02, marks=pytest.mark.ci),
-        pytest.param(narrower_iris, "aperture of the main lens (the f-number the other way)", 1 / 1.03 - 1, marks=pytest.mark.ci),
-        pytest.param(tilted_array, "yaw of the array (its tilt along x)", math.radians(0.3), marks=pytest.mark.ci),
-        pytest.param(longer_main_lens, "focal length of the main lens", 0.004, marks=pytest.mark.full),
+        pytest.param(longer_microlenses, "focal length of the microlenses", 0.02, 0.0, marks=pytest.mark.ci),
+        pytest.param(narrower_iris, "aperture of the main lens (the f-number the other way)", 1 / 1.03 - 1, 0.0, marks=pytest.mark.ci),
+        pytest.param(tilted_array, "yaw of the array (its tilt along x)", math.radians(0.3), 5e-4, marks=pytest.mark.ci),
+        pytest.param(longer_main_lens, "focal length of the main lens", 0.004, 0.0, marks=pytest.mark.full),
     ],
 )
-def test_a_planted_error_is_found_and_named(change: Change, named: str, size: float) -> None:
+def test_a_planted_error_is_found_and_named(change: Change, named: str, size: float, hidden: float) -> None:
+    """``hidden`` is the standard uncertainty of what the honest bench has of the same error beside."""
     run = one_run(3, change)
     assert not run.comparison.accepted
     assert run.suspects[0].what == named
-    assert run.suspects[0].size == pytest.approx(size, rel=0.02)
+    assert run.suspects[0].size == pytest.approx(size, abs=0.02 * abs(size) + 3 * hidden)
     assert not_told_apart(run.suspects) == run.suspects[:1]
 
 
