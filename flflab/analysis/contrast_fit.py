@@ -24,6 +24,7 @@ Array = npt.NDArray[np.float64]
 GEOMETRY = 5  # shift, across x and y, along x and y
 LIGHT = 6
 MOST_CYCLES_A_STEP = 0.1
+BLUR_STEP = 0.1  # pixels: how well the transfer shows the disc of blur
 MORE_BLUR = 0.05  # pixels, added in squares: how what blur does is found
 MODEL_ERROR = 1e-3  # of the light; keeps the mean of many dark pixels, almost without noise, from outweighing all others
 CURVE = GEOMETRY + LIGHT  # first of the curve's parameters: g, then the spline's coefficients
@@ -335,7 +336,8 @@ def with_blur_unsure(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: P
     """The covariance of the parameters and, behind them, of the square of the template's disc (mm^2), which was fitted too.
 
     The picture as fitted, without noise, is fitted with a little more blur: how the parameters follow, and what misfit is left, say how far
-    the noise may have moved all of them together. Of a sine, which has no template, the last row is 0.
+    the noise may have moved all of them together. Few harmonics leave no misfit; the transfer itself says the disc to ``BLUR_STEP``. Of a
+    sine, which has no template, the last row is 0.
     """
     size = len(covariance)
     whole = np.zeros((size + 1, size + 1))
@@ -346,7 +348,9 @@ def with_blur_unsure(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: P
         normal, _, right, misfit, _ = _sums(replace(data, read=expected), more, fit, model.top, False)
         follow = _inverse(normal + np.diag(prior.spread**-2)) @ right
         moves = np.append(follow, step)
-        whole += np.outer(moves, moves) / max(misfit - float(right @ follow), 1e-300)
+        away = BLUR_STEP * model.template.pixel
+        unsure = (max(model.template.blur, away) + away) ** 2 - max(model.template.blur, away) ** 2
+        whole += np.outer(moves, moves) / (max(misfit - float(right @ follow), 0.0) + (step / unsure) ** 2)
     return whole
 
 

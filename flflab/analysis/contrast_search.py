@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from flflab.analysis.contrast_data import ChirpData, Field
 from flflab.analysis.contrast_fit import (
+    BLUR_STEP,
     CURVE,
     LIGHT,
     ChirpFit,
@@ -40,7 +41,6 @@ FEWEST_RUNS = 200  # to begin with: fewer than several views' follow noise, and 
 WIDEST_SHIFT = 0.06  # of the target's width: how far the target may be off sideways
 WIDEST_BLUR = 6.0  # pixels
 DISCS = 100  # of blur, up to the widest: how closely it is looked for in the transfer
-BLUR_STEP = 0.1  # pixels: how well the transfer shows it
 LEAST = 0.02  # of chi squared above its least: a seventh of a standard uncertainty
 MOST_PARABOLAS = 8
 SAME_BLUR = 5e-4  # pixels: views that differ by less are blurred alike

@@ -1,5 +1,6 @@
 """Contrast against frequency from pictures of bars made by strips and rays, against closed forms."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,9 @@ import pytest
 from scipy.special import fresnel, j1
 
 from flflab.analysis.contrast import ContrastCurve, fit_contrast, fit_contrasts
+from flflab.analysis.contrast_data import ChirpData
+from flflab.analysis.contrast_fit import ChirpFit, ChirpModel, Knots, Prior, with_blur_unsure
+from flflab.analysis.contrast_template import Template, edges_of
 from flflab.analysis.lattice import find_lattice
 from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise
@@ -132,6 +136,25 @@ def test_a_sensor_half_a_micrometre_off_leaves_no_more_than_noise(brute: Any, of
     assert curve.chi2_per_pixel == pytest.approx(1.0, abs=0.15)
     error = curve.contrast - closed_form(real, FOCUS, curve.cycles_per_mm)
     assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
+
+
+def test_runs_too_few_to_show_the_blur_by_harmonics_know_it_as_the_transfer_does() -> None:
+    """A dozen runs are followed by the parameters whatever the blur: one bench's contrast was unsure by 10^8."""
+    pixel, target = 0.06, Bars(width=12.0, height=8.0)
+    template = Template(pixel, 0.0)
+    law, knots = (0.5, 9.5 / 12, -6.0), Knots(1.0, 0.6, 48)
+    model = ChirpModel(law, (1.0, 10.0), 27.0, edges_of(target), template, template.edge(), knots)
+    geometry, brightness = np.array([0.0, 36.0, 0.0, -8.3, 0.0]), np.array([3000.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    fit = ChirpFit(geometry, brightness, np.append(1.0, np.zeros(knots.count)), 0.0)
+    runs, even = 12, np.ones(12)
+    places = np.stack([even, np.linspace(-0.13, 0.13, runs), 0 * even, 0 * even, 0 * even], axis=1)
+    light = np.stack([even] + 5 * [0 * even], axis=1)
+    whole = np.zeros(runs, dtype=np.int64)
+    data = ChirpData(3000 * even, places, light, even, 0.3 * even, whole, whole, 100 * even)
+    size = len(geometry) + len(brightness) + len(fit.curve)
+    covariance = with_blur_unsure(data, model, fit, Prior(np.zeros(size), np.full(size, 1e6)), np.zeros((size, size)))
+    # without a disc, as one of 0.1 px and one of 0.2 px differ
+    assert math.sqrt(covariance[-1, -1]) == pytest.approx((0.2**2 - 0.1**2) * pixel**2, rel=1e-3)
 
 
 @pytest.mark.ci
