@@ -24,13 +24,17 @@ Plan = Generator[Msg, Any, Any]
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a procedure has come: steps done, of how many, what begins now, s left as far as known, the last frame in words."""
+    """How far a procedure has come.
+
+    Steps done, of how many, what begins now, s left as far as known, the last frame in words, and what the last one measured shows.
+    """
 
     done: int
     total: int
     step: str
     seconds_left: float
     last: str
+    shows: str
 
 
 Tell = Callable[[Progress], None]
@@ -108,7 +112,8 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
 
     for done, step in enumerate(steps):
         instruments.glance.look_at(frames.arrived)
-        tell(Progress(done, len(steps), str(step), _left(expected, done, time.monotonic() - began), describe_last(instruments)))
+        left = _left(expected, done, time.monotonic() - began)
+        tell(Progress(done, len(steps), str(step), left, describe_last(instruments), instruments.glance.said))
         match step:
             case Home():
                 yield from home(bench.axes, step)
@@ -136,7 +141,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
                         yield from taken(Shot(step.key(exposure, repeat), NO_CONFIGURATION, repeat, exposure))
     yield from recorded()
     instruments.glance.wait()
-    tell(Progress(len(steps), len(steps), "done", 0.0, describe_last(instruments)))
+    tell(Progress(len(steps), len(steps), "done", 0.0, describe_last(instruments), instruments.glance.said))
 
 
 def _until(step: CaptureUntil, exposure_s: float, accuracy: Accuracy, taken: Callable[[Shot], Plan], recorded: Callable[[], Plan]) -> Plan:
@@ -154,14 +159,13 @@ def _until(step: CaptureUntil, exposure_s: float, accuracy: Accuracy, taken: Cal
 
 
 def describe_last(instruments: Instruments) -> str:
-    """The last frame that arrived in a few words, how well its MTF is known where that was looked at, and what was measured last."""
+    """The last frame that arrived in a few words, and how well its MTF is known where that was looked at."""
     if (last := instruments.frames.arrived) is None:
         return ""
     said = f"{last.shot.key}: {last.frame.exposure_s * 1e3:.3g} ms"
     said += f", {last.saturated} px saturated" if last.saturated else ""
     looks = instruments.accuracy.looks.get(last.shot.configuration)
-    said += f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames" if looks else ""
-    return said + (f"; {instruments.glance.said}" if instruments.glance.said else "")
+    return said + (f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames" if looks else "")
 
 
 def _left(expected: tuple[float, ...], done: int, elapsed: float) -> float:

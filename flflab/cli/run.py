@@ -169,7 +169,8 @@ def progress_shown() -> Generator["Tell", None, None]:
         def tell(step: "Step") -> None:
             left = f"about {in_words(step.seconds_left)} left" if step.done else ""
             now = step.step.partition(":")[0]
-            bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{step.last}  {left}[/dim]")
+            told = "  ".join(filter(None, (step.last, left, step.shows)))
+            bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{told}[/dim]")
 
         yield tell
 
@@ -183,11 +184,14 @@ def in_words(seconds: float) -> str:
 
 
 def _lines() -> Callable[["Step"], None]:
-    told: list[str] = []
+    last, shows = "", ""
 
     def tell(step: "Step") -> None:
-        if step.last and told != [step.last]:
-            told[:] = [step.last]
+        nonlocal last, shows
+        if step.last and step.last != last:
             sys.stderr.write(f"{step.done}/{step.total}, about {in_words(step.seconds_left)} left: {step.last}\n")
+        if step.shows and step.shows != shows:
+            sys.stderr.write(f"{step.shows}\n")
+        last, shows = step.last, step.shows
 
     return tell
