@@ -165,12 +165,16 @@ def progress_shown() -> Generator["Tell", None, None]:
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("connect", total=None)
+        shows = ""
 
         def tell(step: "Step") -> None:
+            nonlocal shows
             left = f"about {in_words(step.seconds_left)} left" if step.done else ""
             now = step.step.partition(":")[0]
-            told = "  ".join(filter(None, (step.last, left, step.shows)))
-            bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{told}[/dim]")
+            bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{step.last}  {left}[/dim]")
+            if step.shows and step.shows != shows:
+                bar.console.print(step.shows, style="dim", highlight=False, markup=False)
+            shows = step.shows
 
         yield tell
 
