@@ -69,7 +69,9 @@ class Connection:
             self._resources.callback(opened.close)
             return opened
         except FlflabError as fault:
-            self.faults[name] = fault if name in str(fault) else type(fault)(f"{name}: {fault}")
+            # what is wrong with the whole simulated bench is told once, and not of each device
+            alone = name in str(fault) or self._simulated.fault is fault
+            self.faults[name] = fault if alone else type(fault)(f"{name}: {fault}")
             return None
 
     def raise_faults(self) -> None:

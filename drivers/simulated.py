@@ -103,6 +103,11 @@ class SimulatedOnDemand:
         self._starting = threading.Lock()
         self._started: SimulatedBench | CommunicationError | None = None
 
+    @property
+    def fault(self) -> CommunicationError | None:
+        """Why it did not start; None where it did, or was not needed."""
+        return self._started if isinstance(self._started, CommunicationError) else None
+
     def address(self, *path: str) -> str:
         """Where an instrument is served; errors as ``SimulatedBench`` and its ``address``."""
         with self._starting:

@@ -164,6 +164,17 @@ def test_a_simulated_bench_that_does_not_start_says_its_last_words(tmp_path: Pat
         SimulatedBench(tmp_path / "no-such.yaml")
 
 
+def test_what_is_wrong_with_the_whole_simulated_bench_is_told_once(root: Path, tmp_path: Path) -> None:
+    text = (root / "examples" / "benches" / "simulated.yaml").read_text(encoding="utf-8")
+    text = text.replace("faults: []", "faults: [{device: sensor_stage, fault: silent}]").replace("../cameras", f"{root}/examples/cameras")
+    file = tmp_path / "bench.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(CommunicationError) as refused, drivers.connect(file):
+        pass
+    [sentence] = str(refused.value).splitlines()
+    assert "'silent' is no fault of sensor_stage; allowed: silence" in sentence
+
+
 def lives(process: str) -> bool:
     try:
         return Path(f"/proc/{process}/cmdline").read_bytes() != b""  # empty: it has ended and waits to be reaped
