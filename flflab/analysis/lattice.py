@@ -49,6 +49,7 @@ class Lattice:
         slants: share of the fall-off within a micro-image, slope (x, y) of the middle ray at the origin and how it grows per px.
         tilt: slope of the array's plane along (x, y).
         tilt_uncertainty: of both.
+        light_uncertainty_dn: of the light in the middle of the picture.
     """
 
     layout: Layout
@@ -73,6 +74,7 @@ class Lattice:
     slants: Array = field(default_factory=lambda: np.zeros(4))
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     tilt_uncertainty: Array = field(default_factory=lambda: np.zeros(2))
+    light_uncertainty_dn: float = 0.0
 
     @property
     def rises(self) -> Array:
@@ -243,4 +245,5 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         slants=np.concatenate([[share], slant + rate * (centres[nearest] - model.values[:2]), [rate]]),
         tilt=model.values[TILT],
         tilt_uncertainty=np.sqrt(np.diag(scaled)[TILT]),
+        light_uncertainty_dn=math.sqrt(scaled[LIGHT.start, LIGHT.start]),
     )

@@ -22,10 +22,11 @@ def light(measured: tuple[Measured, ...], predicted: tuple[Predicted, ...], stea
     if len(measured) < 2:
         return []
     seen = np.array([float(one.lattice.light[0]) / one.exposure_s for one in measured])
+    unsure = np.array([one.lattice.light_uncertainty_dn / float(one.lattice.light[0]) for one in measured])
     draws = np.stack([np.log(irradiance(model.systems)) for model in predicted], axis=1)
     draws = np.exp(draws - draws.mean(axis=1, keepdims=True))
     ratio = seen / np.exp(np.mean(np.log(seen)))
-    doubt = ratio**2 * steadiness**2
+    doubt = ratio**2 * (steadiness**2 + unsure**2)
     return [
         Values(
             one.configuration.index, "light", "white", ratio[k : k + 1], doubt[k : k + 1, None], draws[:, k].mean(keepdims=True),

@@ -23,11 +23,11 @@ LEVEL = 3000.0  # 10,000 electrons: 1 %
 
 
 def lattice_scores(brute: Any, repeats: int, seed: int = 11) -> Array:
-    """Errors over stated uncertainties: pitch, angle, origin, inside, outside, and a centre in the corner; shape (repeats, 8)."""
+    """Errors over stated uncertainties: pitch, angle, origin, inside, outside, a centre in the corner, and light; shape (repeats, 9)."""
     image = brute.white_picture(SHAPE, "square", PITCH, ANGLE, ORIGIN, *RADII)
     vectors = brute.vectors_of("square", PITCH, ANGLE)
     rng = np.random.default_rng(seed)
-    scores = np.zeros((repeats, 8))
+    scores = np.zeros((repeats, 9))
     for n in range(repeats):
         found = find_lattice(brute.expose(image, NOISE, LEVEL, rng), "square", PITCH, NOISE)
         corner = int(np.argmin(np.hypot(*found.centres_px.T)))
@@ -39,7 +39,8 @@ def lattice_scores(brute: Any, repeats: int, seed: int = 11) -> Array:
         scores[n, 2:4] = (found.origin_px - ORIGIN) / found.origin_uncertainty_px
         scores[n, 4] = (found.inside_radius_px - (RADII[0] - RADII[1])) / found.inside_uncertainty_px
         scores[n, 5] = (found.outside_radius_px - sum(RADII)) / found.outside_uncertainty_px
-        scores[n, 6:] = (found.centres_px[corner] - ORIGIN - vectors @ [i, j]) / doubt
+        scores[n, 8] = (found.light[0] - LEVEL) / found.light_uncertainty_dn
+        scores[n, 6:8] = (found.centres_px[corner] - ORIGIN - vectors @ [i, j]) / doubt
     return scores
 
 
