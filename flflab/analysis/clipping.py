@@ -16,7 +16,7 @@ import numpy.typing as npt
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import tilted_smms
-from flflab.analysis.spots import WEAKEST_ILLUMINATION, Lit, Spots, gauss_newton
+from flflab.analysis.spots import Lit, Spots, gauss_newton, light_share
 from flflab.optics.camera import Camera
 from flflab.optics.discs import arc_share, disc_rectangle_area, three_disc_area, two_disc_area
 from flflab.optics.focus import blur, microlens_limits
@@ -213,12 +213,8 @@ def _sums(
         for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
             for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
                 x, y = column - centres[n, 0], row - centres[n, 1]
-                place = math.hypot(x, y) / step
-                if place >= len(table) - 2 or picture[row, column] >= ceiling:
-                    continue
-                k = int(place)
-                share = table[k, 0] + (place - k) * (table[k + 1, 0] - table[k, 0])
-                if share <= WEAKEST_ILLUMINATION:
+                share = light_share(x, y, table, step)
+                if share == 0.0 or picture[row, column] >= ceiling:
                     continue
                 light, by_x, by_y = 0.0, 0.0, 0.0
                 away = math.hypot(x - spot[0], y - spot[1])

@@ -135,6 +135,17 @@ def flat_centroids(picture: Picture, places: Array, half: int, radius: float, ow
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def light_share(x: float, y: float, table: Array, step: float) -> float:  # pragma: no cover - compiled
+    """Share of the light at (x, y) px from a micro-image's centre, by its profile's table; 0 where it is too little to say anything."""
+    place = math.hypot(x, y) / step
+    if place >= len(table) - 2:
+        return 0.0
+    k = int(place)
+    share = table[k, 0] + (place - k) * (table[k + 1, 0] - table[k, 0])
+    return share if share > WEAKEST_ILLUMINATION else 0.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _sums(
     picture: Picture,
     at: Array,
@@ -160,12 +171,8 @@ def _sums(
         left, top = int(np.rint(at[n, 0])) - half, int(np.rint(at[n, 1])) - half
         for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
             for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
-                place = math.hypot(column - centres[n, 0], row - centres[n, 1]) / step
-                if place >= len(table) - 2 or picture[row, column] >= ceiling:
-                    continue
-                k = int(place)
-                share = table[k, 0] + (place - k) * (table[k + 1, 0] - table[k, 0])
-                if share <= WEAKEST_ILLUMINATION:
+                share = light_share(column - centres[n, 0], row - centres[n, 1], table, step)
+                if share == 0.0 or picture[row, column] >= ceiling:
                     continue
                 dx, dy = column - spots[n, 0], row - spots[n, 1]
                 r = math.hypot(dx, dy)
