@@ -11,10 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.contrast import fit_contrast
-from flflab.analysis.lattice import find_lattice
-from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.registration import lattice_behind
 from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench
 from flflab.errors import MeasurementError
@@ -79,8 +77,7 @@ def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectat
         return mean + np.sqrt(noise.variance(mean) / frames) * rng.standard_normal(mean.shape)
 
     try:
-        rough = nominal_lattice(camera, 1.0).pitch_px
-        lattice = find_lattice(taken(white, due), camera.array.layout, rough, noise.of_mean(due), cone_of(camera))
+        lattice = lattice_behind(camera, taken(white, due), noise.of_mean(due))
         while not looks or due > looks[-1].frames:
             curve = fit_contrast(taken(bars, due), lattice, camera, study.bars, configuration.distance, noise.of_mean(due))
             looks = (*looks, Look(due, float(curve.uncertainty.max())))

@@ -10,12 +10,11 @@ import numpy.typing as npt
 
 from drivers.base import CameraDevice, Status
 from flflab.analysis.contrast import fit_contrast
-from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.registration import lattice_behind
 from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench
-from flflab.optics.resolution import central_smms
 from flflab.record import Recording
 from flflab.study import Study
 from procedures.devices import Triggered
@@ -83,8 +82,7 @@ class Accuracy:
     def _seek(self, index: int, white: Array, frames: int, found: Future[Lattice]) -> None:
         try:
             camera = self._study.configurations[index].camera(self._optics)
-            rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
-            found.set_result(find_lattice(white, camera.array.layout, rough, self._noise.of_mean(frames), cone_of(camera)))
+            found.set_result(lattice_behind(camera, white, self._noise.of_mean(frames)))
         except Exception as error:
             found.set_exception(error)
 

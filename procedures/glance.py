@@ -8,12 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.base import CameraDevice
-from flflab.analysis.lattice import find_lattice
-from flflab.analysis.measure import measure, nominal_lattice
+from flflab.analysis.measure import measure
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.registration import lattice_behind
 from flflab.bench import Bench
-from flflab.errors import MeasurementError
+from flflab.errors import FlflabError
 from flflab.study import Configuration, Study
 from procedures.devices import Picture
 from procedures.steps import WHITE
@@ -59,7 +58,7 @@ class Glance:
         key = picture.shot.key
         try:
             words = self._words(picture.frame.picture, key.split("/")[1], self._study.configurations[picture.shot.configuration])
-        except MeasurementError as error:
+        except FlflabError as error:
             words = str(error)
         self.said = f"{key} shows {words}"
 
@@ -67,8 +66,7 @@ class Glance:
         camera, device = configuration.camera(self._optics), self._camera
         noise = SensorNoise(device.dn_per_electron, device.read_noise_dn, device.offset_dn, float(device.full_scale))
         if target == WHITE:
-            rough = nominal_lattice(camera, 1.0)
-            found = find_lattice(frame, camera.array.layout, rough.pitch_px, noise, cone_of(camera))
+            found = lattice_behind(camera, frame, noise)
             return f"micro-images {found.pitch_px:.2f} px apart, bright fields {2 * found.inside_radius_px:.1f} px wide"
         shown = {one.kind: one for one in (self._study.dots, self._study.bars)}[target]
         seen = measure(frame, camera, shown, configuration.distance, noise)

@@ -10,13 +10,12 @@ from bluesky import plan_stubs as bps
 from drivers.base import Axis
 from drivers.bench import ConnectedBench
 from flflab.alignment import Attitude, measure_attitude
-from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.lattice import Lattice
 from flflab.analysis.micro_images import measure_micro_images
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.registration import lattice_behind
 from flflab.bench import Bench
 from flflab.optics.camera import Camera
-from flflab.optics.resolution import central_smms
 from procedures.capture import FIRST_GUESS_S, expose, keep
 from procedures.devices import Frames, Stages
 from procedures.steps import WHITE
@@ -68,7 +67,7 @@ class Looking:
         yield from keep(self.frames, self.stages, self.bench.iris, self.bench.target)
         self.pictures += 1
         picture, camera, noise = self.frames.latest.picture, self.camera, sensor_noise(self.bench)
-        lattice = find_lattice(picture, camera.array.layout, rough_pitch_px(camera), noise, cone_of(camera))
+        lattice = lattice_behind(camera, picture, noise)
         return Seen(camera, lattice, measure_attitude(measure_micro_images(picture, lattice, noise), lattice, camera))
 
     @property
@@ -78,11 +77,6 @@ class Looking:
         if self.bench.axis_of("sensor.z") is None:
             return optics
         return replace(optics, sensor=replace(optics.sensor, distance=self.bench.world("sensor.z")))
-
-
-def rough_pitch_px(camera: Camera) -> float:
-    """How far micro-images should lie apart."""
-    return camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
 
 
 def straight(optics: Camera, f_number: float) -> Camera:

@@ -9,10 +9,8 @@ import numpy.typing as npt
 
 from flflab.accuracy.measure import NOISE, WHITE_DN
 from flflab.analysis.dots import DotViews, count_views
-from flflab.analysis.lattice import find_lattice
-from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.registration import lattice_behind
 from flflab.analysis.spot_profile import defocused_dot
 from flflab.errors import InputError, MeasurementError
 from flflab.image.render import render
@@ -77,11 +75,10 @@ def depth_rows(camera: Camera, tell: Callable[[str], None]) -> tuple[Row, ...]:
     if len(camera.array.focal_lengths) > 1:
         raise InputError(f"depth: an array of one focal length is due, not of {len(camera.array.focal_lengths)}")
     distances, target = _distances(camera)
-    due = nominal_lattice(camera, WHITE_DN)
     tell("white picture")
     white = _exposed(camera, White(), distances[0])
     rng = np.random.default_rng(1)
-    lattice = find_lattice(_noisy(white, rng), camera.array.layout, due.pitch_px, NOISE, cone_of(camera))
+    lattice = lattice_behind(camera, _noisy(white, rng), NOISE)
     rows: list[Row] = []
     for distance in distances:
         tell(f"dots at {distance:.0f} mm")

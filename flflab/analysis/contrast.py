@@ -192,7 +192,7 @@ def _fit_type(
     radius = lattice.inside_radius_px if kinds == 1 else min(lattice.inside_radius_px, nominal)
     start = np.array([0.0, across, 0.0, along, 0.0])
     looks_at = np.abs(sensor_position(camera.sensor, lattice.centres_px) * along) - radius * camera.sensor.pixel * abs(across)
-    chosen &= _as_sharp(lattice, smms, distance, camera.sensor.pixel)
+    chosen &= _blurred_alike(lattice, smms, distance, camera.sensor.pixel)
     field = field_of(lattice, radius, chosen & (looks_at < [target.width / 2, target.height / 2]).all(axis=1))
     frame = Frame(values, lattice, field, camera, smms, target, distance, noise, gains, start)
     data = _on_target(frame, FIRST_RUN)
@@ -215,7 +215,7 @@ def _fit_type(
     return _curve(frame, fit, data, model, np.zeros((0, CURVE + len(fit.curve))))
 
 
-def _as_sharp(lattice: Lattice, smms: Smms, distance: float, pixel: float) -> npt.NDArray[np.bool_]:
+def _blurred_alike(lattice: Lattice, smms: Smms, distance: float, pixel: float) -> npt.NDArray[np.bool_]:
     """Which micro-images are as blurred as those on the axis, so that one transfer is theirs: of a tilted array a band across the tilt."""
     return np.abs(defocus_apart(lattice, smms, distance)) < AS_SHARP_PX * pixel
 

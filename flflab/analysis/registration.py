@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
-from flflab.analysis.lattice import Lattice
+from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera, Sensor, microlens_centres, microlens_types
 from flflab.optics.focus import limiting_aperture
@@ -75,6 +77,20 @@ def require_shape(picture: npt.NDArray[np.generic], camera: Camera, what: str) -
     columns, rows = camera.sensor.resolution
     if picture.shape != (rows, columns):
         raise MeasurementError(f"{what} picture: shape {picture.shape} does not fit the camera's sensor of {rows} rows x {columns} columns")
+
+
+def nominal_pitch_px(camera: Camera) -> float:
+    """How far micro-images should lie apart: p (1 + b/L)."""
+    return camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
+
+
+def lattice_behind(camera: Camera, white: npt.NDArray[np.generic], noise: SensorNoise) -> Lattice:
+    """The lattice in a white picture of a camera; of its description only layout, rough pitch and how its rays land are taken.
+
+    Raises:
+        MeasurementError: as ``find_lattice``.
+    """
+    return find_lattice(white, camera.array.layout, nominal_pitch_px(camera), noise, cone_of(camera))
 
 
 def target_scales(camera: Camera, distance: float) -> tuple[float, float]:

@@ -7,14 +7,13 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.dots import count_views
-from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.registration import lattice_behind
 from flflab.calibration.bench_model import BenchModel
 from flflab.calibration.fit import Fit, fit_bench
 from flflab.calibration.quantities import Quantities, measured_quantities
 from flflab.errors import MeasurementError
-from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
@@ -44,8 +43,7 @@ def calibrate(model: BenchModel, pictures: Sequence[Pictures], target: FourDot) 
     lattices: list[Lattice] = []
     for number, taken in enumerate(pictures):
         camera, _ = model.camera(model.nominal, number)
-        rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
-        lattices.append(find_lattice(taken.white, camera.array.layout, rough, taken.white_noise, cone_of(camera)))
+        lattices.append(lattice_behind(camera, taken.white, taken.white_noise))
 
     def measure(found: Array) -> tuple[Quantities, ...]:
         settings = enumerate(zip(pictures, lattices, strict=True))

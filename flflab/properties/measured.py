@@ -12,12 +12,11 @@ from flflab.analysis.dots import DotViews, count_views
 from flflab.analysis.lattice import Lattice, find_lattice
 from flflab.analysis.micro_images import measure_micro_images
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.registration import lattice_behind, nominal_pitch_px
 from flflab.analysis.rough_pitch import mixed_up_units, rough_pitch
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.resolution import central_smms
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study
 from flflab.targets import Bars, FourDot
@@ -105,9 +104,8 @@ def measure_pictures(
         MeasurementError: the white picture shows no such lattice.
     """
     camera, distance = as_placed(configuration, optics, worlds)
-    rough = camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
     white = pictures["white"]
-    lattice = _lattice(white, camera, rough, noises["white"])
+    lattice = _lattice(white, camera, noises["white"])
     try:
         attitude = measure_attitude(measure_micro_images(white, lattice, noises["white"]), lattice, camera)
     except MeasurementError:
@@ -128,11 +126,11 @@ def measure_pictures(
     return measured
 
 
-def _lattice(white: Array, camera: Camera, rough: float, noise: SensorNoise) -> Lattice:
+def _lattice(white: Array, camera: Camera, noise: SensorNoise) -> Lattice:
     """The lattice; where there is none as described, what the micro-images' distance says of the description."""
-    layout = camera.array.layout
+    layout, rough = camera.array.layout, nominal_pitch_px(camera)
     try:
-        return find_lattice(white, layout, rough, noise, cone_of(camera))
+        return lattice_behind(camera, white, noise)
     except MeasurementError:
         pass  # a camera far from its description: its light may not fall off as described
     try:
