@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from flflab.analysis.contrast_blur import with_blur_unsure
 from flflab.analysis.contrast_data import MARGIN_PX, MOST_ROWS, ChirpData, classic_reading, field_of, gather
-from flflab.analysis.contrast_fit import CURVE, GEOMETRY, ChirpFit, ChirpModel, noise_covariance, with_blur_unsure
+from flflab.analysis.contrast_fit import CURVE, GEOMETRY, ChirpFit, ChirpModel, noise_covariance
 from flflab.analysis.contrast_readings import fitted_extremes, transfer_rows, views_contrast
 from flflab.analysis.contrast_search import (
     KNOTS,

@@ -325,33 +325,21 @@ def by_blur(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> Array:
     return (data.light @ fit.brightness) * change / step
 
 
+def expected(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> Array:
+    """What every run should read, DN above the offset, shape (n,)."""
+    return (data.light @ fit.brightness) * (1 + waves(data, model, fit.geometry, fit.curve, model.top))
+
+
+def variance_and_weight(data: ChirpData, level: Array, due: Array) -> tuple[Array, Array]:
+    """Variance of every run that should read so much (DN^2), and its weight in the fit; level is what white would read there, DN."""
+    variance = data.dark + data.shot * np.maximum(due, 0.0)
+    return variance, 1 / (variance + (MODEL_ERROR * level) ** 2)
+
+
 def followed(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior, change: Array) -> Array:
     """How the parameters follow where every run reads so much more, DN, shape (n,)."""
-    expected = (data.light @ fit.brightness) * (1 + waves(data, model, fit.geometry, fit.curve, model.top))
-    normal, _, right, _, _ = _sums(replace(data, read=expected + change), model, fit, model.top, False)
+    normal, _, right, _, _ = _sums(replace(data, read=expected(data, model, fit) + change), model, fit, model.top, False)
     return _inverse(normal + np.diag(prior.spread**-2)) @ right
-
-
-def with_blur_unsure(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior, covariance: Array) -> Array:
-    """The covariance of the parameters and, behind them, of the square of the template's disc (mm^2), which was fitted too.
-
-    The picture as fitted, without noise, is fitted with a little more blur: how the parameters follow, and what misfit is left, say how far
-    the noise may have moved all of them together. Few harmonics leave no misfit; the transfer itself says the disc to ``BLUR_STEP``. Of a
-    sine, which has no template, the last row is 0.
-    """
-    size = len(covariance)
-    whole = np.zeros((size + 1, size + 1))
-    whole[:size, :size] = covariance
-    if len(model.edges):
-        more, step = model.blurred
-        expected = (data.light @ fit.brightness) * (1 + waves(data, model, fit.geometry, fit.curve, model.top))
-        normal, _, right, misfit, _ = _sums(replace(data, read=expected), more, fit, model.top, False)
-        follow = _inverse(normal + np.diag(prior.spread**-2)) @ right
-        moves = np.append(follow, step)
-        away = BLUR_STEP * model.template.pixel
-        unsure = (max(model.template.blur, away) + away) ** 2 - max(model.template.blur, away) ** 2
-        whole += np.outer(moves, moves) / (max(misfit - float(right @ follow), 0.0) + (step / unsure) ** 2)
-    return whole
 
 
 def _sums(

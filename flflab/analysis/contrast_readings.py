@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.contrast_data import ChirpData
-from flflab.analysis.contrast_fit import MODEL_ERROR, ChirpFit, ChirpModel, waves
+from flflab.analysis.contrast_fit import ChirpFit, ChirpModel, variance_and_weight, waves
 
 Array = npt.NDArray[np.float64]
 
@@ -91,8 +91,7 @@ def views_contrast(data: ChirpData, model: ChirpModel, fit: ChirpFit, frequency:
         share, wave = 1.0, model.template.transfer(model.frequency(x[inside])) * np.sin(turn)
     level = data.light[inside] @ fit.brightness
     rest = data.read[inside] - level * (1 + wave)
-    variance = data.dark[inside] + data.shot[inside] * np.maximum(level * (1 + wave), 0.0)
-    weight = 1 / (variance + (MODEL_ERROR * level) ** 2)
+    variance, weight = variance_and_weight(data.part(inside), level, level * (1 + wave))
     columns = [level * share * np.sin(turn), level * share * np.cos(turn), level * (1 + wave)]
     size = len(lenses) * len(frequency)
 

@@ -10,8 +10,10 @@ import pytest
 from scipy.special import fresnel, j1
 
 from flflab.analysis.contrast import ContrastCurve, fit_contrast, fit_contrasts
+from flflab.analysis.contrast_blur import with_blur_unsure
 from flflab.analysis.contrast_data import ChirpData
-from flflab.analysis.contrast_fit import ChirpFit, ChirpModel, Knots, Prior, with_blur_unsure
+from flflab.analysis.contrast_fit import ChirpFit, ChirpModel, Knots, Prior, noise_covariance, waves
+from flflab.analysis.contrast_search import lowest
 from flflab.analysis.contrast_template import Template, edges_of
 from flflab.analysis.lattice import find_lattice
 from flflab.analysis.measure import nominal_lattice
@@ -138,23 +140,58 @@ def test_a_sensor_half_a_micrometre_off_leaves_no_more_than_noise(brute: Any, of
     assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
 
 
-def test_runs_too_few_to_show_the_blur_by_harmonics_know_it_as_the_transfer_does() -> None:
-    """A dozen runs are followed by the parameters whatever the blur: one bench's contrast was unsure by 10^8."""
+def few_runs(blur_px: float, runs: int, dark: float) -> tuple[ChirpData, ChirpModel, ChirpFit, Prior]:
+    """Runs across one bright field, the bars of 2 to 10 cycles/mm in it, and what fits them; nothing is known before."""
     pixel, target = 0.06, Bars(width=12.0, height=8.0)
-    template = Template(pixel, 0.0)
-    law, knots = (0.5, 9.5 / 12, -6.0), Knots(1.0, 0.6, 48)
+    template, law, knots = Template(pixel, blur_px * pixel), (0.5, 9.5 / 12, -6.0), Knots(1.0, 0.6, 48)
     model = ChirpModel(law, (1.0, 10.0), 27.0, edges_of(target), template, template.edge(), knots)
     geometry, brightness = np.array([0.0, 36.0, 0.0, -8.3, 0.0]), np.array([3000.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     fit = ChirpFit(geometry, brightness, np.append(1.0, np.zeros(knots.count)), 0.0)
-    runs, even = 12, np.ones(12)
+    even, whole = np.ones(runs), np.zeros(runs, dtype=np.int64)
     places = np.stack([even, np.linspace(-0.13, 0.13, runs), 0 * even, 0 * even, 0 * even], axis=1)
     light = np.stack([even] + 5 * [0 * even], axis=1)
-    whole = np.zeros(runs, dtype=np.int64)
-    data = ChirpData(3000 * even, places, light, even, 0.3 * even, whole, whole, 100 * even)
+    data = ChirpData(3000 * even, places, light, dark * even, 0.3 * even, whole, whole, 100 * even)
     size = len(geometry) + len(brightness) + len(fit.curve)
-    covariance = with_blur_unsure(data, model, fit, Prior(np.zeros(size), np.full(size, 1e6)), np.zeros((size, size)))
+    return data, model, fit, Prior(np.zeros(size), np.full(size, 1e6))
+
+
+def test_runs_too_few_to_show_the_blur_by_harmonics_know_it_as_the_transfer_does() -> None:
+    """A dozen runs are followed by the parameters whatever the blur: one bench's contrast was unsure by 10^8."""
+    data, model, fit, prior = few_runs(0.0, 12, 1.0)
+    covariance = with_blur_unsure(data, model, fit, prior, np.zeros((len(prior.mean), len(prior.mean))))
     # without a disc, as one of 0.1 px and one of 0.2 px differ
-    assert math.sqrt(covariance[-1, -1]) == pytest.approx((0.2**2 - 0.1**2) * pixel**2, rel=1e-3)
+    assert math.sqrt(covariance[-1, -1]) == pytest.approx((0.2**2 - 0.1**2) * 0.06**2, rel=1e-3)
+
+
+@pytest.mark.parametrize("dark", [0.1, 300.0])
+def test_a_fitted_blur_is_as_unsure_as_if_it_were_a_parameter_more(dark: float) -> None:
+    """By the whole matrix of derivatives: with the weights the fit has and the noise there is, little or much of it."""
+    data, model, fit, prior = few_runs(1.2, 3000, dark)
+    covariance, _ = noise_covariance(data, model, fit, prior)
+    found = with_blur_unsure(data, model, fit, prior, covariance)
+
+    def read(step: Array) -> Array:
+        part = ChirpFit(fit.geometry + step[:5], fit.brightness + step[5:11], fit.curve + step[11:-1], 0.0)
+        wider = model.with_blur(math.sqrt(model.template.blur**2 + step[-1]))
+        return 3000 * (1 + step[5] / 3000) * (1 + waves(data, wider, part.geometry, part.curve, model.top))
+
+    sizes = np.concatenate([[1e-5, 1e-3, 1e-3, 1e-3, 1e-3], np.full(6, 1.0), np.full(len(fit.curve), 1e-3), [1e-5]])
+    by = np.stack([(read(one) - read(-one)) / (2 * one.max()) for one in np.diag(sizes)], axis=1)
+    variance = dark + 0.3 * read(np.zeros(len(sizes)))
+    weight = 1 / (variance + 3.0**2)
+    tie = np.diag(np.append(prior.spread**-2.0, ((1.3**2 - 1.2**2) * 0.06**2) ** -2))
+    scale = np.sqrt(np.diag(by.T @ (weight[:, None] * by) + tie))
+    by, tie = by / scale, tie / np.outer(scale, scale)
+    inverse = np.linalg.inv(by.T @ (weight[:, None] * by) + tie + 1e-12 * np.eye(len(tie)))
+    due = inverse @ (by.T @ ((weight**2 * variance)[:, None] * by) + tie) @ inverse / np.outer(scale, scale)
+    seen = [5, *range(11, 11 + len(fit.curve)), len(sizes) - 1]
+    assert np.diag(found)[seen] == pytest.approx(np.diag(due)[seen], rel=0.01)
+
+
+def test_where_misfit_is_least_is_found_though_it_is_no_parabola() -> None:
+    """Between places ten standard uncertainties apart: a third of one was left, and bars' extremes off by as much."""
+    there = lowest(lambda place: 1e4 * (place - 1.07) ** 2 * (1 + place - 1.07), [0.9**2, 1.0, 1.1**2])
+    assert there == pytest.approx(1.07, abs=3e-4)
 
 
 @pytest.mark.ci
