@@ -25,7 +25,7 @@ from flflab.image.diffraction_fields import (
 )
 from flflab.image.diffraction_lines import add_ruled_diffracted
 from flflab.image.diffraction_ruled import make_curves, make_line
-from flflab.image.diffraction_table import BLURRED, Kind, find_kinds, find_modes, rim_radii, samples_needed, transfer_table
+from flflab.image.diffraction_table import BLURRED, Kind, Known, find_kinds, rim_radii, samples_needed, shared_modes
 from flflab.image.form import add_plane
 from flflab.image.moments import places_of
 from flflab.image.orders import in_bands, is_even
@@ -62,15 +62,16 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
     finer = replace(setup, tolerance=SHARE * setup.tolerance / math.sqrt(setup.overlap))
     windows = lit_windows(setup)
     seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
+    known: Known = {}
     for kind in find_kinds(finer, wavelength, seen) if len(seen) else []:
         if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
             _add_rays(image, setup, kind, target, wanted)
         elif isinstance(target, Bars | Edge):
-            _add_ruled(image, finer, kind, target, chosen)
+            _add_ruled(image, finer, kind, known, target, chosen)
         elif isinstance(target, Picture):
-            _add_picture(image, finer, kind, target, chosen)
+            _add_picture(image, finer, kind, known, target, chosen)
         elif isinstance(target, FourDot):
-            _add_dots(image, finer, kind, target, chosen)
+            _add_dots(image, finer, kind, known, target, chosen)
 
 
 def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Chosen | None) -> None:
@@ -86,7 +87,7 @@ def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Ch
         add_plane(image, moved, target, wanted)
 
 
-def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chosen: Chosen) -> None:
+def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, target: Bars | Edge, chosen: Chosen) -> None:
     pixel = setup.sensor.pixel
     axes = np.eye(2)
     if isinstance(target, Edge):
@@ -94,18 +95,16 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
         axes = np.array([[cos, sin], [-sin, cos]])
     parts, steep = pixel_parts(kind, setup.tolerance)
     radii, angles = node_counts(kind, setup.tolerance)
-    samples = samples_needed(kind, setup.tolerance)
-    table = transfer_table(kind, samples, 1 if steep else radii, 1 if steep else angles)
+    samples, box = samples_needed(kind, setup.tolerance), setup.pixel_width / pixel
+    modes = shared_modes(known, kind, samples, (1, 1) if steep else (radii, angles), box, setup.tolerance / 10)
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     directions = axes @ kind.by_sensor
     scales = np.hypot(*directions.T)
     origins = setup.origin[kind.entries] @ axes.T / scales
     looks = axes @ setup.by_sensor[kind.entries] * pixel / scales[:, None]
-    box = setup.pixel_width / pixel
     reach = scales[0] * (kind.outer + 1)
     seen = (float(origins[:, 0].min()) * scales[0] - reach, float(origins[:, 0].max()) * scales[0] + reach)
-    line = make_line(table, samples, target, seen, directions[0], setup.tolerance)
-    modes = find_modes(table, box, setup.tolerance / 10)
+    line = make_line(modes, samples, target, seen, directions[0], setup.tolerance)
     curves = make_curves(modes, line, box, parts)
     half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
     at_border = modes.above(max(setup.tolerance / 3, LEAST_TERM))
@@ -153,7 +152,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, target: Bars | Edge, chos
     in_bands(add, windows)
 
 
-def _add_dots(image: Array, setup: Setup, kind: Kind, dots: FourDot, chosen: Chosen) -> None:
+def _add_dots(image: Array, setup: Setup, kind: Kind, known: Known, dots: FourDot, chosen: Chosen) -> None:
     scales, radius = np.hypot(*kind.by_sensor.T), dots.diameter / 2
     size = float(radius / scales.min())
     # The pattern falls as its light times 2 / (pi^4 cutoff) over the third power of the distance, once round the circle.
@@ -162,10 +161,10 @@ def _add_dots(image: Array, setup: Setup, kind: Kind, dots: FourDot, chosen: Cho
     grid = make_grid(kind.by_sensor / scales[:, None], np.full(2, -reach), np.full(2, reach), reach, samples)
     _, _, x, y = kept_frequencies(grid, min(kind.cutoff, samples / 2))
     spectrum = dot_spectrum(-np.array(grid.first), radius / scales, x, y)
-    _add_fields(image, setup, kind, grid, spectrum, np.array(dots.centres), chosen)
+    _add_fields(image, setup, kind, known, grid, spectrum, np.array(dots.centres), chosen)
 
 
-def _add_picture(image: Array, setup: Setup, kind: Kind, picture: Picture, chosen: Chosen) -> None:
+def _add_picture(image: Array, setup: Setup, kind: Kind, known: Known, picture: Picture, chosen: Chosen) -> None:
     scales = np.hypot(*kind.by_sensor.T)
     origins = setup.origin[kind.entries] / scales
     edge = np.array([picture.width, picture.height]) / 2 / scales
@@ -178,11 +177,18 @@ def _add_picture(image: Array, setup: Setup, kind: Kind, picture: Picture, chose
     grid = make_grid(kind.by_sensor / scales[:, None], low, high, 2 * margin, samples)
     _, _, x, y = kept_frequencies(grid, min(kind.cutoff, samples / 2))
     spectrum = picture_spectrum(picture, scales, low - margin, high + margin, grid.first, x, y)
-    _add_fields(image, setup, kind, grid, spectrum, np.zeros((1, 2)), chosen)
+    _add_fields(image, setup, kind, known, grid, spectrum, np.zeros((1, 2)), chosen)
 
 
 def _add_fields(
-    image: Array, setup: Setup, kind: Kind, grid: Grid, spectrum: npt.NDArray[np.complex128], places: Array, chosen: Chosen
+    image: Array,
+    setup: Setup,
+    kind: Kind,
+    known: Known,
+    grid: Grid,
+    spectrum: npt.NDArray[np.complex128],
+    places: Array,
+    chosen: Chosen,
 ) -> None:
     """Add the light of one thing that is at several places on the target, mm, shape (P, 2)."""
     pixel = setup.sensor.pixel
@@ -198,10 +204,10 @@ def _add_fields(
     lit = (seen[:, 0] < seen[:, 1]) & (seen[:, 2] < seen[:, 3])
     if not lit.any():
         return
-    table = transfer_table(kind, grid.samples, 1 if steep else radii, 1 if steep else angles)
-    modes = find_modes(table, box, max(setup.tolerance / 3, LEAST_TERM))
+    nodes = (1, 1) if steep else (radii, angles)
+    modes = shared_modes(known, kind, grid.samples, nodes, box, max(setup.tolerance / 3, LEAST_TERM))
     xs, ys = pixel_positions(setup.sensor)
-    nodes = disc_nodes(8, 8)
+    pupil_nodes = disc_nodes(8, 8)
     levels = setup.pupils.level[entries] * np.tile(kind.weights, len(places))
     rims, slants = (np.tile(part, (len(places), 1)) for part in (kind.rims, slant_rows(setup, kind)))
     moments = pupil_moments(kind, rim_radii(kind, MOMENTS) if 2 * kind.slope > 1 else np.zeros(1))
@@ -232,7 +238,7 @@ def _add_fields(
                 grid.samples,
                 slants[lit],
                 moments,
-                nodes,
+                pupil_nodes,
                 chosen,
             )
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy import fft
 from scipy.interpolate import make_interp_spline
 
-from flflab.image.diffraction_table import Modes, TransferTable, fast_length
+from flflab.image.diffraction_table import Modes, fast_length
 from flflab.targets import Bars, Chirp, Edge
 
 Array = npt.NDArray[np.float64]
@@ -117,13 +117,11 @@ class Line:
         return np.arange(self.length // 2 + 1) * self.samples / self.length
 
 
-def make_line(
-    table: TransferTable, samples: float, target: Bars | Edge, seen: tuple[float, float], direction: Array, tolerance: float
-) -> Line:
+def make_line(modes: Modes, samples: float, target: Bars | Edge, seen: tuple[float, float], direction: Array, tolerance: float) -> Line:
     """Choose the grid for a target.
 
     Args:
-        table: the transfer functions to come.
+        modes: the transfer functions.
         samples: positions a pixel.
         target: the target.
         seen: lowest and highest position on the target that the sensor's pixels look at, mm.
@@ -132,12 +130,12 @@ def make_line(
     """
     scale = float(np.hypot(*direction))
     ends = (0.0, np.inf) if isinstance(target, Edge) else (-target.width / (2 * scale), target.width / (2 * scale))
-    margin = min(max(float(table.tails[0, 0]) / (0.4 * tolerance), MARGINS[0]), MARGINS[1]) + table.kind.extent
+    margin = min(max(modes.core_tail / (0.4 * tolerance), MARGINS[0]), MARGINS[1]) + modes.kind.extent
     low = max(seen[0] / scale - 4, ends[0] - margin)
     high = max(min(seen[1] / scale + 4, ends[1] + margin), low + 8)
     first = math.floor(low)
     count = math.ceil((high - first) * samples) + 4
-    beyond = min(max(float(table.tails[0, 0]) / (0.2 * tolerance), BEYOND[0]), BEYOND[1]) + table.kind.extent
+    beyond = min(max(modes.core_tail / (0.2 * tolerance), BEYOND[0]), BEYOND[1]) + modes.kind.extent
     length = fast_length(count + 2 * beyond * samples)
     spare = (length - count) / (4 * samples)
     cut = (max(ends[0], first - spare), min(ends[1], first + count / samples + spare))

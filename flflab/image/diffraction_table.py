@@ -7,7 +7,7 @@ own frame: frequencies in cycles/pixel, lengths in pixels.
 
 import bisect
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +61,11 @@ class Kind:
     smear: Smear
 
     @property
+    def pupil(self) -> tuple[float, float, float, float]:
+        """All that its transfer functions depend on."""
+        return self.slope, self.reach, self.blur, self.cutoff
+
+    @property
     def extent(self) -> float:
         """How far blur and motion carry light."""
         return abs(self.blur) + self.smear.extent
@@ -77,10 +82,10 @@ class Kind:
 
 
 def find_kinds(setup: Setup, wavelength: float, seen: Whole) -> list[Kind]:
-    """Sort the entries ``seen`` into kinds whose pictures differ by less than the tolerance.
+    """Sort the entries ``seen`` into kinds whose pictures differ by less than the tolerance; many maps share one pupil and its table.
 
     The geometric blur is by_pupil over by_sensor: a number, but for what a target's tilt does to it, of which the mean is taken.
-    Where it varies between the entries of a kind, their light is interpolated between two blurs. What else varies only changes the
+    Where it varies between the entries of a pupil, their light is interpolated between two blurs. What else varies only changes the
     size of the pattern: positions are always an entry's own.
     """
     pixel, pupils, tolerance = setup.sensor.pixel, setup.pupils, setup.tolerance
@@ -95,26 +100,34 @@ def find_kinds(setup: Setup, wavelength: float, seen: Whole) -> list[Kind]:
     slope, reach = np.abs(pupils.slope[seen]) / pixel, pupils.reach[seen] / pixel
     rims = np.column_stack([np.maximum(reach - slope, 0.0), slope, reach, reach + slope])
     step = 6 * tolerance
-    steps = [
-        np.log(np.maximum(cutoff, 1e-300)) / step,
-        np.log(np.maximum(size, 1e-300)) / step,
-        np.log(np.maximum(slope, 1e-300) / np.maximum(reach, 1e-300)) / (10 * step),
-    ]
-    turns = [by_sensor[:, i, j] / np.maximum(size, 1e-300) / step for i in (0, 1) for j in (0, 1)]
+    shape = np.log(np.maximum(slope, 1e-300) / np.maximum(reach, 1e-300)) / 10
+    size_steps, turn_steps = np.log(np.maximum(size, 1e-300)), by_sensor.reshape(-1, 4) / np.maximum(size, 1e-300)[:, None]
     far = np.abs(blur) > BLURRED / 2
-    keys = np.where(far[:, None], 0.0, np.column_stack([_even_steps(part) for part in (*steps, *turns)]))
-    _, group = np.unique(np.column_stack([keys, far]), axis=0, return_inverse=True)
+    pupil = _groups(np.column_stack([np.log(np.maximum(cutoff, 1e-300)), shape]) / step, far)
+    maps = _groups(np.column_stack([size_steps, turn_steps]) / step, far)
     kinds: list[Kind] = []
-    for number in range(int(group.max(initial=-1)) + 1):
-        members = np.flatnonzero(group.reshape(-1) == number)
+    for number in range(int(pupil.max(initial=-1)) + 1):
+        members = np.flatnonzero(pupil == number)
         for value, weights in _blur_nodes(blur[members], 3 * math.sqrt(tolerance), bool(far[members[0]])):
-            some = members[weights > 0]
-            if len(some):
-                sizes = float(slope[some].mean()), float(reach[some].mean()), value, float(cutoff[some].mean())
+            lit = members[weights > 0]
+            if not len(lit):
+                continue
+            sizes = float(slope[lit].mean()), float(reach[lit].mean()), value, float(cutoff[lit].mean())
+            for one in np.unique(maps[lit]):
+                some = lit[maps[lit] == one]
                 place = by_sensor[some].mean(axis=0)
                 smear = _smear(setup, seen[some], place)
-                kinds.append(Kind(seen[some], weights[weights > 0], *sizes, place, rims[some], smear))
+                kinds.append(Kind(seen[some], weights[weights > 0][maps[lit] == one], *sizes, place, rims[some], smear))
     return kinds
+
+
+def _groups(places: Array, far: npt.NDArray[np.bool_]) -> Whole:
+    """The number of the group of places (N, n), counted in steps, that each belongs to; those ``far`` are one group of their own."""
+    even = np.column_stack(
+        [np.round(part - part.min() - 0.25) for part in places.T]
+    )  # so that what is equal but for rounding stays together
+    _, group = np.unique(np.column_stack([np.where(far[:, None], 0.0, even), far]), axis=0, return_inverse=True)
+    return np.asarray(group.reshape(-1), dtype=np.int64)
 
 
 def _smear(setup: Setup, entries: Whole, by_sensor: Array) -> Smear:
@@ -124,11 +137,6 @@ def _smear(setup: Setup, entries: Whole, by_sensor: Array) -> Smear:
         return Smear(np.zeros(2), np.zeros(2))
     way = np.linalg.solve(by_sensor, setup.by_motion[entries].mean(axis=0))
     return Smear(way @ np.array(motion.drift), way @ np.array(motion.vibration))
-
-
-def _even_steps(part: Array) -> Array:
-    """Whole steps counted from the smallest, so that what is equal but for rounding stays together."""
-    return np.round(part - part.min() - 0.25)
 
 
 def _blur_nodes(blur: Array, spacing: float, far: bool) -> list[tuple[float, Array]]:
@@ -278,6 +286,17 @@ class Modes:
         finer = make_interp_spline(nodes, self.spectra[term], k=5)(np.linspace(0, np.pi, FINER * (count - 1) + 1)).astype(np.float32)
         finer[-1] = 0.0
         return finer[base] + part * np.diff(finer)[base]
+
+
+Known = dict[tuple[float, ...], Modes]
+
+
+def shared_modes(known: Known, kind: Kind, samples: float, nodes: tuple[int, int], box: float, least: float) -> Modes:
+    """A kind's modes, for so many samples a pixel from a table of so many radii and angles; made once for all kinds of one pupil."""
+    asked = (*kind.pupil, samples, *nodes, least)
+    if asked not in known:
+        known[asked] = find_modes(transfer_table(kind, samples, *nodes), box, least)
+    return replace(known[asked], kind=kind)
 
 
 def find_modes(table: TransferTable, box: float, least: float) -> Modes:
