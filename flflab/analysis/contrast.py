@@ -54,7 +54,7 @@ LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 MOST_SATURATED = 0.2
 MOST_SMEAR = 0.02  # cycles that bars may drift along a run of pixels: it takes 7e-5 of the highest frequency's contrast
 GAIN_ROUNDS = 4
-AS_SHARP_PX = 0.1  # of blur, by which views through a tilted array may differ from that on the axis
+AS_SHARP_PX = 0.4  # of blur, by which views through a tilted array may differ from that on the axis
 FIRST_RUN = 16  # pixels of a run while the bars' slant is not known
 
 

@@ -56,7 +56,6 @@ class ChirpModel:
         top: harmonics above this frequency are left to the template, cycles/mm.
         edges: places of the bars' edges, mm; empty for a sine.
         template: what the harmonics above the ceiling are seen through.
-        table: the template's edge and line spread.
         knots: of the transfer curve.
     """
 
@@ -65,7 +64,6 @@ class ChirpModel:
     top: float
     edges: Array
     template: Template
-    table: Array
     knots: Knots
 
     def frequency(self, x: Array) -> Array:
@@ -78,8 +76,7 @@ class ChirpModel:
 
     def with_blur(self, disc: float) -> "ChirpModel":
         """The same seen through a template whose disc is so wide, mm."""
-        template = replace(self.template, blur=disc)
-        return replace(self, template=template, table=template.edge())
+        return replace(self, template=replace(self.template, blur=disc))
 
     @property
     def blurred(self) -> tuple["ChirpModel", float]:
@@ -114,8 +111,8 @@ def _wave(
     x: float,
     law: tuple[float, float, float],
     edges: Array,
-    table: Array,
-    reach: float,
+    pixel: float,
+    disc: float,
     curve: Array,
     first: float,
     step: float,
@@ -130,7 +127,7 @@ def _wave(
     low, high = len(shares), -1
     bars = len(edges) > 0
     if bars:
-        shares[0], edge_slope = bars_at(x, phase, edges, table, reach)
+        shares[0], edge_slope = bars_at(x, phase, edges, pixel, disc)
         wave, slope = curve[0] * shares[0], curve[0] * edge_slope
     turn = 2.0 * np.pi * (phase - np.floor(phase))
     s, c, twice = np.sin(turn), np.cos(turn), 2.0 * np.cos(2.0 * turn)
@@ -170,8 +167,8 @@ def _accumulate(
     shot: Array,
     law: tuple[float, float, float],
     edges: Array,
-    table: Array,
-    reach: float,
+    pixel: float,
+    disc: float,
     geometry: Array,
     brightness: Array,
     curve: Array,
@@ -195,7 +192,7 @@ def _accumulate(
             level += brightness[k] * light[n, k]
         for k in range(GEOMETRY):
             x += geometry[k] * places[n, k]
-        wave, slope, low, high = _wave(x, law, edges, table, reach, curve, first, step, ceiling, shares)
+        wave, slope, low, high = _wave(x, law, edges, pixel, disc, curve, first, step, ceiling, shares)
         for k in range(GEOMETRY):
             g[k] = level * slope * places[n, k]
         for k in range(LIGHT):
@@ -231,8 +228,8 @@ def _waves(
     places: Array,
     law: tuple[float, float, float],
     edges: Array,
-    table: Array,
-    reach: float,
+    pixel: float,
+    disc: float,
     geometry: Array,
     curve: Array,
     first: float,
@@ -244,7 +241,7 @@ def _waves(
         x = 0.0
         for k in range(GEOMETRY):
             x += geometry[k] * places[n, k]
-        wave[n], _, _, _ = _wave(x, law, edges, table, reach, curve, first, step, ceiling, shares)
+        wave[n], _, _, _ = _wave(x, law, edges, pixel, disc, curve, first, step, ceiling, shares)
     return wave
 
 
@@ -254,8 +251,8 @@ def waves(data: ChirpData, model: ChirpModel, geometry: Array, curve: Array, cei
         data.places,
         model.law,
         model.edges,
-        model.table,
-        model.template.reach,
+        model.template.pixel,
+        model.template.blur,
         geometry,
         curve,
         model.knots.first,
@@ -311,18 +308,27 @@ def noise_covariance(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: P
     return inverse @ (scatter + tied) @ inverse, misfit / max(due - float(np.trace(inverse @ scatter)), 0.1 * due)
 
 
-def by_blur(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> Array:
-    """What every run would read more for a little more of the square of the template's disc, DN a mm^2, shape (n,).
+@numba.njit(nogil=True, cache=True)
+def _bars(x: Array, law: tuple[float, float, float], edges: Array, pixels: Array, discs: Array) -> Array:  # pragma: no cover - compiled
+    wave = np.zeros(len(x))
+    for n in range(len(x)):
+        along = x[n] - law[2]
+        wave[n], _ = bars_at(x[n], along * (law[0] + law[1] * along / 2), edges, pixels[n], discs[n])
+    return wave
+
+
+def through_others(data: ChirpData, model: ChirpModel, fit: ChirpFit, pixels: Array, discs: Array) -> Array:
+    """What every run would read more through a pixel and a disc of its own, mm, than through the template's, DN, shape (n,).
 
     Of the template as strong as the whole transfer is: g alone may be more, with a free curve that takes it back.
     """
-    more, step = model.blurred
+    template, x = model.template, data.places @ fit.geometry
     nu = np.linspace(*model.span, model.knots.count)
-    alone = model.template.transfer(nu)
-    strength = np.zeros(len(fit.curve))
-    strength[0] = float(alone @ model.knots.design(nu, model.template) @ fit.curve / (alone @ alone))
-    change = waves(data, more, fit.geometry, strength, model.top) - waves(data, model, fit.geometry, strength, model.top)
-    return (data.light @ fit.brightness) * change / step
+    alone = template.transfer(nu)
+    strength = float(alone @ model.knots.design(nu, template) @ fit.curve / (alone @ alone))
+    own = _bars(x, model.law, model.edges, pixels, discs)
+    same = _bars(x, model.law, model.edges, np.full(len(x), template.pixel), np.full(len(x), template.blur))
+    return strength * (data.light @ fit.brightness) * (own - same)
 
 
 def expected(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> Array:
@@ -353,8 +359,8 @@ def _sums(
         data.shot,
         model.law,
         model.edges,
-        model.table,
-        model.template.reach,
+        model.template.pixel,
+        model.template.blur,
         fit.geometry,
         fit.brightness,
         fit.curve,

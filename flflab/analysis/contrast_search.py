@@ -16,17 +16,17 @@ from flflab.analysis.contrast_fit import (
     ChirpModel,
     Knots,
     Prior,
-    by_blur,
     followed,
     gauss_newton_step,
     least_misfit,
     noise_covariance,
+    through_others,
     waves,
 )
 from flflab.analysis.contrast_template import Template, edges_of
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import defocus_apart, defocus_by_tilt
+from flflab.analysis.registration import defocus_apart, defocus_by_tilt, tilted_scales
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import disc_transfer
@@ -44,7 +44,7 @@ DISCS = 100  # of blur, up to the widest: how closely it is looked for in the tr
 LEAST = 1e-5  # of chi squared above its least: a three-hundredth of a standard uncertainty
 MOST_PARABOLAS = 8
 SAME_BLUR = 5e-4  # pixels: views that differ by less are blurred alike
-SHARPENINGS = 3
+SHARPENINGS = 2
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,6 @@ def model_of(frame: Frame, data: ChirpData) -> ChirpModel:
         top=top,
         edges=edges_of(target) if bars else np.zeros(0),
         template=template,
-        table=template.edge(),
         knots=Knots(low, step, math.ceil((top - low) / step) + 3),
     )
 
@@ -175,7 +174,9 @@ def with_fitted_blur(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpM
     The measured transfer, each frequency as far as it is known, up to one factor, says the disc to a tenth of a pixel. The harmonics,
     seen through the template alone, then show it to a thousandth: left to the first guess, the misfit was up to four times the noise's.
     """
-    template, prior = model.template, prior_of(frame, data, model.knots)
+    pixel = abs(float(fit.geometry[1])) * frame.camera.sensor.pixel  # the stages' errors change the magnification too
+    template, prior = replace(model.template, pixel=pixel), prior_of(frame, data, model.knots)
+    model = replace(model, template=template)
     nu = np.linspace(*model.span, 2 * KNOTS)
     design = model.knots.design(nu, template)
     covariance, _ = noise_covariance(data, model, fit, prior)
@@ -190,7 +191,7 @@ def with_fitted_blur(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpM
         return least_misfit(data, model.with_blur(math.sqrt(square)), fit, prior)
 
     squares = [(max(guess, away) + step * away) ** 2 for step in (-1, 0, 1)]
-    best = model.with_blur(math.sqrt(lowest(misfit, squares)))
+    best = model.with_blur(math.sqrt(lowest(misfit, squares, 0.0)))
     return best, settle(frame, data, fit, best)
 
 
@@ -198,37 +199,51 @@ def as_sharp_as_the_axis(frame: Frame, data: ChirpData, fit: ChirpFit, model: Ch
     """The runs as they would read if every view were blurred as on the axis, what fits them, and what the tilt's uncertainty makes of it.
 
     Behind a tilted array the views' discs of blur are wider on one side and narrower on the other, by as much as the tilt says that the
-    lattice shows. Which side is the wider the misfit says: the fitted disc does not tell on which side of the focus the sensor stands.
+    lattice shows. Which side is the wider tells on which side of the focus the sensor stands: the axis's disc is fitted with a sign.
 
     Returns:
         The runs, the model, the fit, and how its parameters move with one standard uncertainty of each slope, shape (2, parameters).
     """
     scale = model.template.pixel / frame.camera.sensor.pixel
     wider = defocus_apart(frame.lattice, frame.smms, frame.distance)[data.lens] * scale
-    found = [(data, model, fit)]
     if float(np.abs(wider).max()) > SAME_BLUR * model.template.pixel:
-        found = [_as_sharp(frame, data, fit, model, side * wider) for side in (1.0, -1.0)]
-    prior = prior_of(frame, data, model.knots)
-    data, model, fit = min(found, key=lambda one: least_misfit(one[0], one[1], one[2], prior))
-    more = 2 * model.template.blur * scale * by_blur(data, model, fit)
+        data, model, fit = _with_signed_blur(frame, data, fit, model, wider)
+    prior, template = prior_of(frame, data, model.knots), model.template
+    pixels = np.full(len(wider), template.pixel)
     moves = [
-        followed(data, model, fit, prior, more * apart[data.lens]) for apart in defocus_by_tilt(frame.lattice, frame.smms, frame.distance)
+        followed(data, model, fit, prior, through_others(data, model, fit, pixels, np.abs(template.blur + scale * apart[data.lens])))
+        for apart in defocus_by_tilt(frame.lattice, frame.smms, frame.distance)
     ]
     return data, model, fit, np.array(moves)
 
 
-def _as_sharp(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel, wider: Array) -> tuple[ChirpData, ChirpModel, ChirpFit]:
-    """The runs without what their views' discs are wider, mm on the target, than the axis's, whose own disc is fitted with them."""
-    alike = data
+def _with_signed_blur(
+    frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel, wider: Array
+) -> tuple[ChirpData, ChirpModel, ChirpFit]:
+    """The runs as through the axis's pixel and disc of blur, that disc which leaves the least misfit, and their fit.
+
+    A view's pixels are as much larger on the target as they lie further apart there; its disc is wider by ``wider``, mm.
+    """
+    prior, away, near = prior_of(frame, data, model.knots), BLUR_STEP * model.template.pixel, model.template.blur
+    larger = tilted_scales(frame.lattice, frame.smms, frame.distance)[data.lens]
+    pixels = model.template.pixel * larger
+
+    def alike(disc: float) -> tuple[ChirpData, ChirpModel]:
+        seen = model.with_blur(abs(disc))
+        return replace(data, read=data.read - through_others(data, seen, fit, pixels, np.abs(disc + wider) * larger)), seen
+
+    def misfit(disc: float) -> float:
+        return least_misfit(*alike(disc), fit, prior)
+
+    best = min((side * max(near + step * away, 0.0) for side in (1, -1) for step in (-2, -1, 0, 1, 2)), key=misfit)
     for _ in range(SHARPENINGS):
-        more = by_blur(data, model, fit)
-        alike = replace(data, read=data.read - more * (2 * model.template.blur * wider + wider**2))
-        model, fit = with_fitted_blur(frame, alike, fit, model)
-    return alike, model, fit
+        best = lowest(misfit, [best - away, best, best + away], -math.inf)
+        fit = settle(frame, alike(best)[0], fit, alike(best)[1])
+    return *alike(best), fit
 
 
-def lowest(value: Callable[[float], float], places: Sequence[float]) -> float:
-    """Place 0 or more where a function is least, by parabolas through its three lowest points, to where it is above its least by LEAST."""
+def lowest(value: Callable[[float], float], places: Sequence[float], floor: float) -> float:
+    """Place not below a floor where a function is least, or above its least by LEAST, by parabolas through its three lowest points."""
     points = sorted((value(place), place) for place in places)[:3]
     for _ in range(MOST_PARABOLAS):
         (best, at), (second, left), (third, right) = points
@@ -236,9 +251,9 @@ def lowest(value: Callable[[float], float], places: Sequence[float]) -> float:
         bend = (slopes[1] - slopes[0]) / (right - left)  # half the second derivative
         reach = 2 * max(abs(left - at), abs(right - at))
         lower = at - (slopes[0] - bend * (left - at)) / (2 * bend) if bend > 0 else at - math.copysign(reach, slopes[0])
-        there = min(max(lower, at - reach, 0.0), at + reach)
-        if there == at == 0 and lower > -min(left, right):  # too far apart to say that it is least at 0
-            there = min(left, right) / 4
+        there = min(max(lower, at - reach, floor), at + reach)
+        if there == at == floor and lower > 2 * floor - min(left, right):  # too far apart to say that it is least at the floor
+            there = (min(left, right) + 3 * floor) / 4
         if there in (at, left, right):
             return at
         if bend > 0 and abs(bend * (there - at) * (there + at - 2 * lower)) < LEAST:

@@ -2,7 +2,8 @@
 
 The edge spread of a box of width w and a disc of diameter B, both in mm on the target, is S(t) = (H(t + w/2) - H(t - w/2))/w with
 H(t) = (B/2) (z/2 + (z asin z + sqrt(1 - z^2) - (1 - z^2)^(3/2)/3)/pi) for z = 2t/B within (-1, 1) and max(t, 0) beyond: the second
-integral of the disc's line spread. Bars are a sum of such edges, rising and falling in turn.
+integral of the disc's line spread. H(t) is max(t, 0) and, where |z| < 1, B/2 of a function of |z| alone, of which one table serves every
+disc. Bars are a sum of such edges, rising and falling in turn.
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,16 @@ from flflab.targets import Bars
 
 Array = npt.NDArray[np.float64]
 ENTRIES = 2048
+
+
+def _roundings() -> Array:
+    """What a disc of diameter 2 adds to max(z, 0), and its slope, at ENTRIES + 1 even places z from 0 to 1, shape (ENTRIES + 1, 2)."""
+    z = np.linspace(0.0, 1.0, ENTRIES + 1)
+    root = np.sqrt(1 - z * z)
+    return np.stack([z / 2 + (z * np.arcsin(z) + root - root**3 / 3) / np.pi - z, (z * root + np.arcsin(z)) / np.pi - 0.5], axis=1)
+
+
+ROUNDINGS = _roundings()
 
 
 @dataclass(frozen=True)
@@ -34,10 +45,6 @@ class Template:
     def reach(self) -> float:
         """How far from an edge it is seen, mm."""
         return (self.pixel + self.blur) / 2
-
-    def edge(self) -> Array:
-        """Edge spread (0 to 1) and line spread (1/mm) at ENTRIES + 1 even places from -reach to reach, shape (ENTRIES + 1, 2)."""
-        return np.stack(self._spread(np.linspace(-self.reach, self.reach, ENTRIES + 1)), axis=1)
 
     def _spread(self, t: Array) -> tuple[Array, Array]:
         """Edge and line spread t mm behind an edge."""
@@ -67,28 +74,44 @@ def edges_of(target: Bars) -> Array:
 
 
 @numba.njit(nogil=True, cache=True)
-def bars_at(x: float, phase: float, edges: Array, table: Array, reach: float) -> tuple[float, float]:  # pragma: no cover - compiled
-    """Bars of amplitude 1 seen through the template at x, and their slope by x (1/mm)."""
+def _ramp(t: float, disc: float) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Second and first integral of a disc's line spread at t mm."""
+    sharp = (t, 1.0) if t > 0.0 else (0.0, 0.0)
+    if 2.0 * abs(t) >= disc:
+        return sharp
+    at = 2.0 * abs(t) / disc * ENTRIES
+    n = min(int(at), ENTRIES - 1)
+    share = at - n
+    more = (1.0 - share) * ROUNDINGS[n, 0] + share * ROUNDINGS[n + 1, 0]
+    steeper = (1.0 - share) * ROUNDINGS[n, 1] + share * ROUNDINGS[n + 1, 1]
+    return sharp[0] + disc / 2.0 * more, sharp[1] + (steeper if t > 0.0 else -steeper)
+
+
+@numba.njit(nogil=True, cache=True)
+def _edge(t: float, pixel: float, disc: float) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Edge spread (0 to 1) and line spread (1/mm) t mm behind an edge."""
+    ahead, behind = _ramp(t + pixel / 2.0, disc), _ramp(t - pixel / 2.0, disc)
+    return (ahead[0] - behind[0]) / pixel, (ahead[1] - behind[1]) / pixel
+
+
+@numba.njit(nogil=True, cache=True)
+def bars_at(x: float, phase: float, edges: Array, pixel: float, disc: float) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Bars of amplitude 1 seen through a pixel and a disc at x, and their slope by x (1/mm)."""
     half = int(np.floor(2.0 * phase))
     wave = 1.0 if half % 2 == 0 else -1.0
-    slope = 0.0
-    per_mm = (len(table) - 1) / (2.0 * reach)
+    slope, reach = 0.0, (pixel + disc) / 2.0
     k = min(half, len(edges) - 1)
     while k >= 0 and x - edges[k] < reach:
-        at = (x - edges[k] + reach) * per_mm
-        n = min(int(at), len(table) - 2)
-        t = at - n
+        seen, spread = _edge(x - edges[k], pixel, disc)
         sign = 2.0 if k % 2 == 0 else -2.0
-        wave += sign * ((1.0 - t) * table[n, 0] + t * table[n + 1, 0] - 1.0)
-        slope += sign * ((1.0 - t) * table[n, 1] + t * table[n + 1, 1])
+        wave += sign * (seen - 1.0)
+        slope += sign * spread
         k -= 1
     k = max(half + 1, 0)
     while k < len(edges) and edges[k] - x < reach:
-        at = max((x - edges[k] + reach) * per_mm, 0.0)
-        n = min(int(at), len(table) - 2)
-        t = at - n
+        seen, spread = _edge(x - edges[k], pixel, disc)
         sign = 2.0 if k % 2 == 0 else -2.0
-        wave += sign * ((1.0 - t) * table[n, 0] + t * table[n + 1, 0])
-        slope += sign * ((1.0 - t) * table[n, 1] + t * table[n + 1, 1])
+        wave += sign * seen
+        slope += sign * spread
         k += 1
     return wave, slope
