@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,6 @@ from flflab.optics.camera import Layout
 
 Array = npt.NDArray[np.float64]
 
-MOVE_TOLERANCE_PX = 1e-4
 ROUGHLY, WITHOUT_SLANT, FULLY = np.arange(10), np.arange(15), np.arange(COUNT)  # which of the model's values are free
 TILTED = np.concatenate([ROUGHLY, FULLY[TILT]])  # before what might pass for fall-off is
 
@@ -112,13 +112,14 @@ def find_lattice(
         MeasurementError: not a picture of at least 2 x 2 micro-images, not finite, dark or saturated, or no such lattice in it.
     """
     picture = np.ascontiguousarray(white_picture, dtype=np.float32)
-    if picture.ndim != 2 or not np.isfinite(picture).all():
+    read: npt.NDArray[Any] = white_picture if white_picture.dtype.kind == "u" else picture  # half the bytes, and all finite
+    if picture.ndim != 2 or (read is picture and not np.isfinite(picture).all()):
         raise MeasurementError(f"white picture: a two-dimensional picture of finite numbers is due, not shape {picture.shape}")
     if not (math.isfinite(rough_pitch_px) and rough_pitch_px >= 4):
         raise MeasurementError(f"white picture: the rough pitch must be at least 4 px, not {rough_pitch_px:g}")
-    if np.count_nonzero(picture >= noise.full_scale_dn) > 0.8 * picture.size:
+    if np.count_nonzero(read >= noise.full_scale_dn) > 0.8 * picture.size:
         raise MeasurementError("white picture: more than four fifths of its pixels are saturated; expose it shorter")
-    if float(picture.max()) <= noise.offset_dn + 5 * math.sqrt(noise.dark_variance):
+    if float(read.max()) <= noise.offset_dn + 5 * math.sqrt(noise.dark_variance):
         raise MeasurementError("white picture: no pixel lies above the dark level by five times its noise; expose it longer")
     rough = search_lattice(picture, layout, rough_pitch_px, noise.offset_dn)
     model, present = _fit(picture, rough, noise, cone)
@@ -157,7 +158,7 @@ def _fit(
     free = WITHOUT_SLANT
     if cone is not None:
         model, free = refine(picture, replace(model, cone=cone), present, noise, _sparse(whole, pitch, 80), TILTED, 8, 0.02), FULLY
-    model = refine(picture, model, present, noise, _sparse(whole, pitch, 150), free, 8, 1e-3)
+    model = refine(picture, model, present, noise, _sparse(whole, pitch, 150), free, 8, 5e-3)
     present = micro_images_present(picture, model, counts, noise)
     model = finish(picture, model, present, noise, _sparse(whole, pitch, 250), free)
     _require_settled(model, pitch)
@@ -167,7 +168,7 @@ def _fit(
 def _sparse(half_size: float, pitch: float, most: int) -> Region:
     """About (2 ``most``)^2 pixels of the middle, in steps that share no factor with the pitch for long."""
     wanted = min(half_size / most, max(2.0, pitch / 12))
-    step = max(prime for prime in (1, 2, 3, 5, 7, 11, 13, 17, 19) if prime <= max(wanted, 1))
+    step = min((1, 2, 3, 5, 7, 11, 13, 17, 19), key=lambda prime: abs(math.log(prime / wanted)))
     return Region(half_size, step, step)
 
 

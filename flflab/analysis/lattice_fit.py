@@ -10,9 +10,10 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice_kernels import COUNT, Y, accumulate, brightness, gradient
+from flflab.analysis.lattice_kernels import COUNT, DERIVATIVES, Y, accumulate, brightness, gradient, own_profiles
 from flflab.analysis.lattice_model import RATE, SHARE, SMALLEST_PX, TILT, LatticeModel, laid
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import profile_table, table_step
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -20,6 +21,7 @@ Band = TypeVar("Band")
 Part = TypeVar("Part")
 
 FEW_PIXELS = 20_000  # for which starting a thread takes longer than it saves
+COARSER = 4.0  # times as far apart are the entries of profiles while the lattice is not yet known to the last
 LOOSE = np.array([0.5, *[0.05] * 5])  # prior standard deviations of share, slant (2), its rate over the cone's ``by_place``, tilt (2)
 
 
@@ -57,9 +59,10 @@ def _normal_equations(
     noise: SensorNoise,
     region: Region,
     free: Whole,
+    coarser: float = 1.0,
 ) -> tuple[Array, Array, float, int]:
     height, width = picture.shape
-    points = laid(model, present, (height, width))
+    points = laid(model, present, (height, width), coarser)
     top, bottom = max(0, int(height / 2 - region.half_size)), min(height, int(height / 2 + region.half_size) + 1)
     left, right_end = max(0, int(width / 2 - region.half_size)), min(width, int(width / 2 + region.half_size) + 1)
     rows = np.arange(top, bottom, region.row_step, dtype=np.int64)
@@ -94,9 +97,11 @@ def _whole_gradient(
     i, j = np.nonzero(points.lights[..., 0])
     order = np.argsort(points.places[i, j, Y])
     i, j = i[order], j[order]
+    derivatives = points.tables[..., DERIVATIVES]
     arguments = (
         model.values,
-        points.tables.astype(np.float32),
+        own_profiles(points.tables, model.values, points.places[i, j]),
+        ((derivatives[:, :-1] + derivatives[:, 1:]) / 2).astype(np.float32),
         points.step,
         np.stack([i - present.shape[0] // 2, j - present.shape[1] // 2], axis=1).astype(np.float64),
         points.lights[i, j],
@@ -144,7 +149,7 @@ def micro_images_present(
     Returns:
         Shape (2 half_i + 1, 2 half_j + 1), the lattice's origin in the middle.
     """
-    table = model.table
+    table = profile_table(*model.radii, model.cone, float(model.values[SHARE]), COARSER * table_step(*model.radii))
     sums = brightness(picture, model.centres(half_counts), float(model.values[8]), table.values, table.step, noise.full_scale_dn)
     seen = sums[..., 1] > 0
     share = np.where(seen, sums[..., 0], 0.0) / np.where(seen, sums[..., 1], 1.0) / model.values[9]
@@ -176,7 +181,7 @@ def refine(
 ) -> LatticeModel:
     """Gauss-Newton on one region until no micro-image centre in it moves by more than ``tolerance_px``."""
     for _ in range(iterations):
-        normal, right, chi2, count = _normal_equations(picture, model, present, noise, region, free)
+        normal, right, chi2, count = _normal_equations(picture, model, present, noise, region, free, COARSER)
         model, step = _stepped(model, normal, right, free, chi2 / max(count, 1))
         if not np.isfinite(model.values).all():
             break

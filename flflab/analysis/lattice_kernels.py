@@ -6,6 +6,10 @@ from typing import Any
 import numba
 import numpy as np
 import numpy.typing as npt
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numba.np.numpy_support import carray
 
 from flflab.analysis.profile import BY_LARGE, BY_RADIUS, BY_SMALL, FALLOFF, LOPSIDED, SQUARE, VALUE
 
@@ -16,6 +20,8 @@ COUNT = 21  # origin 2, vectors 4, radii 2, background 1, polynomial 6, share of
 X, Y, RISE, OUT_X, OUT_Y, LEVER_X, LEVER_Y, LARGE_BY_RISE, SMALL_BY_RISE, TABLE = range(10)  # of a micro-image's place
 OUT, LEVER, RADII_BY_RISE, PLACES = slice(OUT_X, OUT_Y + 1), slice(LEVER_X, LEVER_Y + 1), slice(LARGE_BY_RISE, SMALL_BY_RISE + 1), 10
 BY_RISE = 11  # column of the tables beyond those of a ``ProfileTable``
+SIDEWAYS, TWICE, THRICE, FOURFOLD, SHAPES = range(1, 6)  # of a micro-image's own profile, beside its symmetric part
+DERIVATIVES = [BY_RADIUS, BY_LARGE, BY_SMALL, FALLOFF, LOPSIDED, VALUE]  # columns of the tables that the gradient looks up
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -137,14 +143,54 @@ def accumulate(
     return normal, right, chi2, count
 
 
+def _own_floats(context: Any, number: Any) -> Any:
+    """A pointer to so many floats of a function's own, which it loses when it ends.
+
+    What is written there can be no part of what is read from an argument: only then does the compiler look several pixels up at a time.
+    """
+
+    def generated(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.alloca(ir.FloatType(), arguments[0])
+
+    return types.CPointer(types.float32)(number), generated
+
+
+own_floats: Any = intrinsic(_own_floats)
+
+
 @numba.njit(cache=True, nogil=True)
 def _columns_lit(cx: float, dy: np.floating[Any], reach: float, width: int) -> tuple[int, int]:
-    """First and last column of a row ``dy`` px from a centre within its reach; none where the last is before the first."""
+    """The columns of a row ``dy`` px from a centre within its reach: the first and that after the last; the same where there are none."""
     half = reach * reach - dy * dy
     if half <= 0.0:
-        return 0, -1
+        return 0, 0
     half = math.sqrt(half) - 1e-3
-    return max(0, math.ceil(cx - half)), min(width - 1, math.floor(cx + half))
+    first = min(max(0, math.ceil(cx - half)), width)
+    return first, max(first, min(width, math.floor(cx + half) + 1))
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def own_profiles(tables: Array, values: Array, places: Array) -> npt.NDArray[np.float32]:  # pragma: no cover - compiled
+    """Each listed micro-image's profile with its own slant and rise, shape (n, entries, SHAPES).
+
+    The symmetric part at the tables' entries, the rest, of which a pixel sees little, in the middle between an entry and the next: what
+    comes with the slant along the direction from the centre, with its square and its cube, and with the cosine of four times the angle.
+    """
+    count = tables.shape[1]
+    found = np.zeros((len(places), count, SHAPES), dtype=np.float32)
+    for n in range(len(places)):
+        at, table = places[n], tables[int(places[n, TABLE])]
+        sx = values[16] + values[18] * (at[X] - values[0])
+        sy = values[17] + values[18] * (at[Y] - values[1])
+        steep = sx * sx + sy * sy
+        for k in range(count - 1):
+            one, after = table[k], table[k + 1]
+            found[n, k, 0] = one[VALUE] + at[RISE] * one[BY_RISE] + steep * one[7]
+            found[n, k, SIDEWAYS] = 0.5 * (one[LOPSIDED] + after[LOPSIDED] + steep * (one[9] + after[9]))
+            found[n, k, TWICE] = 0.5 * (one[8] + after[8])
+            found[n, k, THRICE] = 0.5 * (one[10] + after[10])
+            found[n, k, FOURFOLD] = 0.5 * (one[SQUARE] + after[SQUARE])
+    return found
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -153,7 +199,8 @@ def gradient(
     first: int,
     last: int,
     values: Array,
-    tables: npt.NDArray[np.float32],
+    profiles: npt.NDArray[np.float32],
+    derivatives: npt.NDArray[np.float32],
     step: float,
     indices: Array,
     lights: Array,
@@ -165,14 +212,15 @@ def gradient(
 ) -> tuple[Array, float, int]:  # pragma: no cover - compiled
     """Right side, chi^2 and number of pixels of whole rows, micro-image by micro-image; they are listed by the rows of their centres.
 
+    ``profiles`` as from ``own_profiles``; ``derivatives`` has the tables' columns DERIVATIVES, in the middle between an entry and the next.
     ``indices`` holds i and j of each; ``lights`` and ``places`` as in ``accumulate``.
     """
     right = np.zeros(COUNT)
     chi2 = 0.0
     count = 0
     width = picture.shape[1]
-    reach = step * (tables.shape[1] - 2)
-    expected = np.empty(width, dtype=np.float32)
+    reach = step * (profiles.shape[1] - 2)
+    expected = carray(own_floats(width), width)
     pull = np.empty(width, dtype=np.float32)
     scale = np.float32(1 / step)
     background = np.float32(values[8])
@@ -185,7 +233,7 @@ def gradient(
         expected[:] = background
         end = begin
         while end < len(places) and places[end, Y] - reach <= row:
-            at = places[end]
+            at, profile = places[end], profiles[end]
             cx = at[X]
             dy = np.float32(row - at[Y])
             low, high = _columns_lit(cx, dy, reach, width)
@@ -193,23 +241,21 @@ def gradient(
             end += 1
             sx = np.float32(values[16] + values[18] * (cx - values[0]))
             sy = np.float32(values[17] + values[18] * (at[Y] - values[1]))
-            steep = sx * sx + sy * sy
-            rise, table = np.float32(at[RISE]), tables[int(at[TABLE])]
-            for column in range(low, high + 1):
-                dx = np.float32(column - cx)
+            lit = expected[low:high]
+            begins = np.float32(low - cx)
+            for n in range(len(lit)):
+                dx = begins + np.float32(n)
                 r = np.sqrt(dx * dx + dy * dy) + np.float32(1e-6)
                 place = r * scale
                 k = np.int32(place)
                 t = place - np.float32(k)
                 one = np.float32(1) / r
                 product = dx * dy * one * one
-                value = table[k, VALUE] + t * (table[k + 1, VALUE] - table[k, VALUE])
-                value += (np.float32(1) - np.float32(8) * product * product) * table[k, SQUARE]
                 slant = (sx * dx + sy * dy) * one
-                lop = table[k, LOPSIDED] + t * (table[k + 1, LOPSIDED] - table[k, LOPSIDED])
-                value += slant * (lop + slant * (table[k, 8] + slant * table[k, 10]) + steep * table[k, 9])
-                value += rise * (table[k, BY_RISE] + t * (table[k + 1, BY_RISE] - table[k, BY_RISE]))
-                expected[column] += light * (value + steep * table[k, 7])
+                value = profile[k, 0] + t * (profile[k + 1, 0] - profile[k, 0])
+                value += (np.float32(1) - np.float32(8) * product * product) * profile[k, FOURFOLD]
+                value += slant * (profile[k, SIDEWAYS] + slant * (profile[k, TWICE] + slant * profile[k, THRICE]))
+                lit[n] += light * value
         total, squares, seen = np.float32(0), np.float32(0), 0
         for column in range(width):
             read = picture[row, column]
@@ -226,7 +272,7 @@ def gradient(
         chi2 += float(squares)
         count += seen
         for n in range(begin, end):
-            at, table = places[n], tables[int(places[n, TABLE])]
+            at, table = places[n], derivatives[int(places[n, TABLE])]
             cx = at[X]
             dy = np.float32(row - at[Y])
             low, high = _columns_lit(cx, dy, reach, width)
@@ -234,24 +280,24 @@ def gradient(
             light = lights[n, 0]
             vx, vy = cx - values[0], at[Y] - values[1]
             sx, sy = np.float32(values[16] + values[18] * vx), np.float32(values[17] + values[18] * vy)
-            for column in range(low, high + 1):
-                dx = np.float32(column - cx)
+            pulls = pull[low:high]
+            begins = np.float32(low - cx)
+            for m in range(len(pulls)):
+                dx = begins + np.float32(m)
                 r = np.sqrt(dx * dx + dy * dy) + np.float32(1e-6)
-                place = r * scale
-                k = np.int32(place)
-                t = place - np.float32(k)
-                one = np.float32(1) / r
-                p = pull[column]
-                slope = p * one * (table[k, BY_RADIUS] + t * (table[k + 1, BY_RADIUS] - table[k, BY_RADIUS]))
+                k = np.int32(r * scale)
+                p = pulls[m]
+                turned = p / r
+                slope = turned * table[k, 0]
                 along -= slope * dx
                 across -= slope * dy
-                large += p * table[k, BY_LARGE]
-                small += p * table[k, BY_SMALL]
-                fall += p * table[k, FALLOFF]
-                lop = p * one * table[k, LOPSIDED]
+                large += p * table[k, 1]
+                small += p * table[k, 2]
+                fall += p * table[k, 3]
+                lop = turned * table[k, 4]
                 slant_x += lop * dx
                 slant_y += lop * dy
-                bright += p * (table[k, VALUE] + t * (table[k + 1, VALUE] - table[k, VALUE]))
+                bright += p * table[k, 5]
             bright += sx * slant_x + sy * slant_y
             i, j = indices[n, 0], indices[n, 1]
             right[0] += light * along

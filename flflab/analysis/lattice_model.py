@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.lattice_kernels import BY_RISE, LEVER, OUT, PLACES, RADII_BY_RISE, RISE, TABLE, X, Y
-from flflab.analysis.profile import BY_LARGE, BY_SMALL, Cone, ProfileTable, profile_table, table_step
+from flflab.analysis.profile import BY_LARGE, BY_SMALL, Cone, profile_table, table_step
 from flflab.analysis.tilting import Tilting
 
 Array = npt.NDArray[np.float64]
@@ -54,11 +54,6 @@ class LatticeModel:
         """Radii of the two discs, px, as fitted; of a tilted array on the axis."""
         return float(self.values[6]), float(self.values[7])
 
-    @property
-    def table(self) -> ProfileTable:
-        """The profile of these radii."""
-        return profile_table(*self.radii, self.cone, float(self.values[SHARE]))
-
     def straight(self, half_counts: tuple[int, int]) -> Array:
         """Lattice points without a tilt, px, shape (2 half_i + 1, 2 half_j + 1, 2), the origin in the middle."""
         i, j = np.meshgrid(*(np.arange(-n, n + 1) for n in half_counts), indexing="ij")
@@ -94,8 +89,11 @@ class Laid:
         return self.step * (self.tables.shape[1] - 2)
 
 
-def laid(model: LatticeModel, present: npt.NDArray[np.bool_], shape: tuple[int, int]) -> Laid:
-    """Lattice points in a picture of this shape, (rows, columns); those not ``present`` have no light."""
+def laid(model: LatticeModel, present: npt.NDArray[np.bool_], shape: tuple[int, int], coarser: float = 1.0) -> Laid:
+    """Lattice points in a picture of this shape, (rows, columns); those not ``present`` have no light.
+
+    Profiles are tabulated at a distance ``coarser`` than the finest.
+    """
     half_counts = present.shape[0] // 2, present.shape[1] // 2
     centres = model.centres(half_counts)
     x, y = np.moveaxis((centres - (np.array([shape[1], shape[0]]) - 1) / 2) * 2 / max(shape), -1, 0)
@@ -104,7 +102,7 @@ def laid(model: LatticeModel, present: npt.NDArray[np.bool_], shape: tuple[int, 
     lights = np.concatenate([light[..., None], terms], axis=-1)
     places = np.zeros((*present.shape, PLACES))
     places[..., X], places[..., Y] = centres[..., 0], centres[..., 1]
-    step = table_step(*model.radii)
+    step = coarser * table_step(*model.radii)
     if model.cone is None:
         return Laid(lights, places, _tables(model, None, np.zeros((1, 2)), np.array([model.radii]), step), step, 0.0)
     tilting, straight = model.cone.tilting, model.straight(half_counts)
