@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.effects.distortion import Distortion
+from flflab.image.effects.motion import Motion
 from flflab.image.pupil import Pupils
 from flflab.image.rays import land, linearised
-from flflab.image.rim import disc_nodes
 from flflab.image.scene import Plane, Scene
 from flflab.image.setup import Setup
 from flflab.image.tiles import RIM, cut, middles
@@ -20,7 +20,6 @@ Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 SMALLEST = 4  # pixels a side of a part that a card's edge crosses
-RAYS = disc_nodes(4, 8)
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
 
 
@@ -94,7 +93,8 @@ def _seen(
     middle, half = middles(setup.sensor, pupils, windows)
     half = half + setup.sensor.pixel / 2
     for card in cards:
-        low, high = _extent(pupils_before(pupils, vergence, 1 / card.plane.distance), card.plane, distortion, middle, half)
+        before = pupils_before(pupils, vergence, 1 / card.plane.distance)
+        low, high = _extent(before, card.plane, distortion, setup.motion, middle, half)
         size = np.array(card.plane.size) / 2
         on = ((low >= -size) & (high <= size)).all(axis=1)
         beside = ((low > size) | (high < -size)).any(axis=1)
@@ -103,26 +103,16 @@ def _seen(
     return full, none
 
 
-def passing(setup: Setup, vergence: float, distortion: Distortion | None, cards: tuple[Card, ...]) -> Array:
-    """About which share of the rays of each part of a setup for this vergence the cards let pass, shape (N,)."""
-    middle, half = middles(setup.sensor, setup.pupils, setup.window)
-    sensor = (middle[:, None] + half[:, None] / 2 * np.concatenate([CORNERS, np.zeros((1, 2))]))[:, :, None]
-    pass_all = np.ones((len(middle), sensor.shape[1], len(RAYS)), dtype=np.bool_)
-    for card in cards:
-        landing = linearised(pupils_before(setup.pupils, vergence, 1 / card.plane.distance), card.plane, distortion, middle)
-        by_pupil = (landing.by_pupil[:, None] @ RAYS[:, :, None])[:, None, :, :, 0]
-        place = landing.origin[:, None, None] + by_pupil + (landing.by_sensor[:, None, None] @ sensor[..., None])[..., 0]
-        on = (np.abs(place) <= np.array(card.plane.size) / 2).all(axis=-1)
-        pass_all &= on if card.own else ~on
-    return pass_all.mean(axis=(1, 2))
-
-
-def _extent(pupils: Pupils, plane: Plane, distortion: Distortion | None, middle: Array, half: Array) -> tuple[Array, Array]:
-    """Lowest and highest places on a card of all rays from a rectangle on the sensor; (N, 2) each."""
+def _extent(
+    pupils: Pupils, plane: Plane, distortion: Distortion | None, motion: Motion | None, middle: Array, half: Array
+) -> tuple[Array, Array]:
+    """Lowest and highest places on a card of all rays from a rectangle on the sensor during an exposure; (N, 2) each."""
     landing = linearised(pupils, plane, distortion, middle)
     sensor = middle[:, None] + half[:, None] * np.repeat(CORNERS, len(RIM), axis=0)
     pupil = np.tile(RIM, (len(CORNERS), 1))[None]
     crooked = np.abs(landing.at(pupil, sensor) - land(pupils, plane, distortion, pupil, sensor)).max(axis=1)
     reach = (np.abs(landing.by_sensor) @ half[:, :, None])[:, :, 0] + np.hypot(landing.by_pupil[:, :, 0], landing.by_pupil[:, :, 1])
+    if motion is not None:
+        reach = reach + np.abs(landing.by_motion) @ (np.abs(motion.drift) / 2 + np.abs(motion.vibration))
     centre = landing.origin + (landing.by_sensor @ middle[:, :, None])[:, :, 0]
     return centre - reach - 1.5 * crooked, centre + reach + 1.5 * crooked

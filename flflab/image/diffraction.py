@@ -27,7 +27,7 @@ from flflab.image.diffraction_lines import add_ruled_diffracted
 from flflab.image.diffraction_ruled import make_curves, make_line
 from flflab.image.diffraction_table import BLURRED, Kind, Known, find_kinds, rim_radii, samples_needed, shared_modes
 from flflab.image.form import add_plane
-from flflab.image.moments import places_of
+from flflab.image.moments import at_moments
 from flflab.image.orders import in_bands, is_even
 from flflab.image.rim import STEEP, disc_nodes
 from flflab.image.setup import Setup
@@ -77,14 +77,8 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
 def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Chosen | None) -> None:
     """Add a kind's light without diffraction, moment by moment where the target moves."""
     part = setup.of(kind.entries, setup.window[kind.entries])
-    width = max(
-        float(np.linalg.norm(kind.by_sensor)), math.pi / 2 * float(np.linalg.norm(part.by_pupil[0]))
-    )  # of a smoothed edge, target mm
-    places = places_of(setup.motion, float(np.linalg.norm(part.by_motion[0])) / width, setup.tolerance)
-    level = part.pupils.level * kind.weights / len(places)
-    for place in places:
-        moved = replace(part, origin=part.origin + part.by_motion @ place, pupils=replace(part.pupils, level=level))
-        add_plane(image, moved, target, wanted)
+    for moment in at_moments(replace(part, pupils=replace(part.pupils, level=part.pupils.level * kind.weights))):
+        add_plane(image, moment, target, wanted)
 
 
 def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, target: Bars | Edge, chosen: Chosen) -> None:

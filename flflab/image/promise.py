@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flflab.image.chooser import choose
-from flflab.image.estimate import finer_picture, steepest_pixels, steepness
-from flflab.image.picture import take_picture
+from flflab.image.estimate import estimate_error, finer_picture, steepest_pixels, steepness
 from flflab.image.random_scene import RESOLUTION, random_scene
 from flflab.image.render import LEAST_TOLERANCE, render
 from flflab.image.scene import Scene
@@ -63,18 +62,18 @@ def try_scene(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float
     """Take a picture of the scene that is ``drawn``, and hold it against a finer one."""
     scene, tolerance = drawn(seed, resolution, finest, waves)
     marks = [time.process_time()]
-    report = take_picture(scene, tolerance=tolerance)
-    marks.append(time.process_time())
     choice = choose(scene, tolerance)
-    render(scene, tolerance=choice.tolerance, effects=choice.formed)
+    image = render(scene, tolerance=choice.tolerance, effects=choice.formed)
+    marks.append(time.process_time())
+    estimated = min(estimate_error(scene, image, choice.tolerance, choice.effects), choice.promised)
     marks.append(time.process_time())
     every = render(scene, tolerance=tolerance)
     marks.append(time.process_time())
-    wanted = steepest_pixels(steepness(report.image))
+    wanted = steepest_pixels(steepness(image))
     drawn_pixels = np.random.default_rng(seed).permutation(wanted.size)[: wanted.size if wanted.size <= WHOLE else SPREAD]
     wanted.ravel()[drawn_pixels] = True
     finer = max(tolerance / (FINER if scene.diffraction is None else FINER_WAVES), LEAST_TOLERANCE)
-    truth = finer_picture(scene, report.image, finer, wanted, "colour-filter" in report.choice.effects)
-    errors = [float(np.abs(image - truth)[wanted].max()) for image in (report.image, every)]
-    seconds, picture, every_seconds = (float(part) for part in np.diff(marks))
-    return Trial(seed, tolerance, errors[0], report.error_estimate, seconds, picture, every_seconds, errors[1])
+    truth = finer_picture(scene, image, finer, wanted, "colour-filter" in choice.effects)
+    errors = [float(np.abs(image - truth)[wanted].max()) for image in (image, every)]
+    picture, looking, every_seconds = (float(part) for part in np.diff(marks))
+    return Trial(seed, tolerance, errors[0], estimated, picture + looking, picture, every_seconds, errors[1])

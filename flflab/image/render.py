@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.cards import Card, cards_of, passing, split
+from flflab.image.cards import cards_of, split
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.form import add_plane
-from flflab.image.moments import moments
-from flflab.image.scene import ALL, Plane, Scene, without
-from flflab.image.setup import Setup, make_setup
+from flflab.image.moments import at_moments
+from flflab.image.past_cards import bend_past_cards
+from flflab.image.scene import ALL, Scene, without
+from flflab.image.setup import make_setup
 from flflab.image.single_rays import add_single_rays
 from flflab.targets import Bars, Black, FourDot, Picture, White
 
@@ -26,7 +27,6 @@ Chosen = npt.NDArray[np.bool_]
 
 TOLERANCE = 0.002
 LEAST_TOLERANCE = 1e-5
-LEAST_SHARE = 0.05  # of a micro-image's light that cards let pass, where it is only about known
 
 
 def render(
@@ -40,7 +40,8 @@ def render(
 
     Args:
         scene: camera and targets; what has a size in mm is a point and black at infinity. Where a card stops some of a pixel's
-            rays, what diffraction changes counts by the share of them that pass; the card's own edge bends no light.
+            rays, what diffraction changes counts by the share of them that pass in the mean over the exposure; the card's own edge
+            bends no light.
         tolerance: largest error asked for, in units of the white level.
         effects: what is formed; an effect that the scene does not have changes nothing.
         wanted: the pixels that matter, [row, column]; the others may hold anything. None for all. Stray light comes from all pixels:
@@ -59,12 +60,8 @@ def render(
     columns, rows = pictured.camera.sensor.resolution
     image = np.zeros((rows, columns))
     formed = None if pictured.stray_light is not None else wanted
-    exposure = moments(pictured, tolerance, effects)
-    for moment in exposure:
-        for index in range(len(moment.planes)):
-            _add_plane(image, moment, index, tolerance, effects, formed)
-    if len(exposure) > 1:
-        image /= len(exposure)
+    for index in range(len(pictured.planes)):
+        _add_plane(image, pictured, index, tolerance, effects, formed)
     if pictured.stray_light is not None:
         share = pictured.stray_light.share
         image[:] = (1 - share) * image + share * image.mean()
@@ -88,29 +85,12 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
         setup, singly = split(setup, 1 / plane.distance, scene.distortion, cards)
         add_single_rays(image, singly, plane, scene.distortion, cards, wanted)
         if scene.diffraction is not None and len(singly.blur) and not isinstance(plane.target, White):
-            _bend_past_cards(image, singly, scene, plane, cards, wanted)
+            bend_past_cards(image, singly, scene, plane, cards, wanted)
     if len(setup.blur) and scene.diffraction is not None:
         add_plane_with_diffraction(image, setup, plane.target, scene.diffraction.wavelength, wanted)
     elif len(setup.blur):
-        add_plane(image, setup, plane.target, wanted)
-
-
-def _bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, cards: tuple[Card, ...], wanted: Chosen | None) -> None:
-    """Add what diffraction changes of a plane's light where cards stop some of it: without them, times the share that they let pass.
-
-    The share is a pixel's; of several micro-images on it each counts by what is about its own.
-    """
-    if scene.diffraction is None:
-        return
-    bent, straight, passed, whole = (np.zeros_like(image) for _ in range(4))
-    weights = np.maximum(passing(setup, 1 / plane.distance, scene.distortion, cards), LEAST_SHARE)
-    weighed = replace(setup, pupils=replace(setup.pupils, level=setup.pupils.level * weights))
-    add_plane_with_diffraction(bent, weighed, plane.target, scene.diffraction.wavelength, wanted)
-    add_plane(straight, weighed, plane.target, wanted)
-    add_plane(whole, weighed, White(), wanted)
-    add_single_rays(passed, setup, replace(plane, target=White()), scene.distortion, cards, wanted)
-    share = np.divide(passed, whole, out=np.zeros_like(image), where=whole > 0)
-    image += np.clip(share, 0.0, 1 / LEAST_SHARE) * (bent - straight)
+        for moment in at_moments(setup):
+            add_plane(image, moment, plane.target, wanted)
 
 
 def transmissions(mosaic: ColourFilter, shape: tuple[int, int]) -> Array:

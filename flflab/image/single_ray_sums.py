@@ -15,6 +15,8 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 STEEP = 6.0  # a rim narrower than this many parts of a pixel is averaged over them
+COARSER = 4  # how much coarser than asked for a pixel is first summed
+FEWEST_ROWS = 4
 MOST_CROSSED = 3  # cards whose edges are told apart within one neighbourhood
 
 
@@ -129,6 +131,74 @@ def _mean(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _pixel_light(
+    dx: float,
+    dy: float,
+    lens: Array,
+    surfaces: Array,
+    maps: Array,
+    aligned: Chosen,
+    places: Array,
+    moved: Array,
+    parts: int,
+    rows: int,
+    drifts: int,
+    swings: int,
+    motion: Array,
+    coefficient: float,
+    falloff: bool,
+    nodes: Array,
+    pixel_width: float,
+    kind: int,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
+) -> float:
+    """Mean light of a pixel at (dx, dy) from a micro-image's centre over so many parts a side, rows of the pupil, and moments."""
+    part = pixel_width / parts
+    slope, reach = abs(lens[2]), lens[3]
+    light = 0.0
+    for moment in range(drifts * swings):
+        at = (moment % drifts + 0.5) / drifts - 0.5
+        sway = math.cos(math.pi * (moment // drifts + 0.5) / swings) if swings > 1 else 0.0
+        for index in range(surfaces.shape[0]):
+            moved[index, 2] = surfaces[index, 2] + at * motion[0, 0] + sway * motion[1, 0]
+            moved[index, 3] = surfaces[index, 3] + at * motion[0, 1] + sway * motion[1, 1]
+        for j in range(parts):
+            y = dy + ((j + 0.5) / parts - 0.5) * pixel_width
+            for i in range(parts):
+                x = dx + ((i + 0.5) / parts - 0.5) * pixel_width
+                away = math.sqrt(x * x + y * y)
+                look = 1.0
+                if part > 0.0 and 2.0 * slope < STEEP * part:
+                    share = steep_share(x, y, part, lens[2], reach, nodes)
+                    look = lit_middle(away, part, reach)
+                else:
+                    share = _lit_share(away, slope, reach)
+                if share > 0.0:
+                    light += share * _mean(
+                        look * x,
+                        look * y,
+                        lens,
+                        moved,
+                        maps,
+                        aligned,
+                        places,
+                        parts,
+                        rows,
+                        coefficient,
+                        falloff,
+                        kind,
+                        numbers,
+                        table,
+                        law,
+                        sums,
+                    )
+    return light / (parts * parts * drifts * swings)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_rays(
     image: Array,
     band: tuple[int, int],
@@ -137,8 +207,9 @@ def add_rays(
     surfaces: Array,
     maps: Array,
     aligned: Chosen,
-    parts: Whole,
-    rows: Whole,
+    orders: Whole,
+    enough: float,
+    motion: Array,
     coefficient: float,
     falloff: bool,
     nodes: Array,
@@ -153,48 +224,67 @@ def add_rays(
     sums: Array,
     wanted: Chosen,
 ) -> None:
-    """Add the light of all windows to the rows of a band; see ``add_single_rays``."""
-    places = np.empty((MOST_CROSSED, 3))
+    """Add the light of all windows to the rows of a band; see ``add_single_rays``.
+
+    ``orders`` are the most parts, rows, and moments of drift and vibration of each window; a pixel's are doubled, each for itself,
+    until that changes it by less than ``enough``.
+    """
+    places, moved = np.empty((MOST_CROSSED, 3)), surfaces.copy()
+    now, before, finer = np.empty(4, dtype=np.int64), np.empty(4, dtype=np.int64), np.zeros(4, dtype=np.bool_)
+    first, light = 0.0, 0.0
     for entry in range(windows.shape[0]):
-        lens, count = lenses[entry], parts[entry]
-        part = pixel_width / count
-        slope, reach = abs(lens[2]), lens[3]
+        lens, most = lenses[entry], orders[entry]
         for row in range(max(band[0], windows[entry, 2]), min(band[1], windows[entry, 3])):
             for column in range(windows[entry, 0], windows[entry, 1]):
                 if wanted.shape[0] > 0 and not wanted[row, column]:
                     continue
                 dx, dy = xs[column] - lens[0], ys[row] - lens[1]
-                if math.hypot(dx, dy) > reach + slope + pixel:
+                if math.hypot(dx, dy) > lens[3] + abs(lens[2]) + pixel:
                     continue
-                light = 0.0
-                for j in range(count):
-                    y = dy + ((j + 0.5) / count - 0.5) * pixel_width
-                    for i in range(count):
-                        x = dx + ((i + 0.5) / count - 0.5) * pixel_width
-                        away = math.sqrt(x * x + y * y)
-                        look = 1.0
-                        if part > 0.0 and 2.0 * slope < STEEP * part:
-                            share = steep_share(x, y, part, lens[2], reach, nodes)
-                            look = lit_middle(away, part, reach)
+                for axis in range(4):
+                    now[axis] = (most[axis] + COARSER - 1) // COARSER
+                now[1] = max(now[1], min(most[1], FEWEST_ROWS))
+                settled = False
+                while not settled:
+                    light, settled = 0.0, True
+                    before[:] = now
+                    for axis in range(-1, 4):  # as they are, then with twice the orders along each axis
+                        if axis >= 0:
+                            now[:] = before
+                            now[axis] = min(2 * now[axis], most[axis])
+                            if now[axis] == before[axis]:
+                                continue
+                        seen = lens[10] * _pixel_light(
+                            dx,
+                            dy,
+                            lens,
+                            surfaces,
+                            maps[entry],
+                            aligned[entry],
+                            places,
+                            moved,
+                            now[0],
+                            now[1],
+                            now[2],
+                            now[3],
+                            motion,
+                            coefficient,
+                            falloff,
+                            nodes,
+                            pixel_width,
+                            kind,
+                            numbers,
+                            table,
+                            law,
+                            sums,
+                        )
+                        if axis < 0:
+                            first = seen
                         else:
-                            share = _lit_share(away, slope, reach)
-                        if share > 0.0:
-                            light += share * _mean(
-                                look * x,
-                                look * y,
-                                lens,
-                                surfaces,
-                                maps[entry],
-                                aligned[entry],
-                                places,
-                                count,
-                                rows[entry],
-                                coefficient,
-                                falloff,
-                                kind,
-                                numbers,
-                                table,
-                                law,
-                                sums,
-                            )
-                image[row, column] += lens[10] * light / (count * count)
+                            light += seen - first
+                            finer[axis] = abs(seen - first) > enough
+                            settled = settled and not finer[axis]
+                    for axis in range(4):
+                        now[axis] = min(2 * before[axis], most[axis]) if finer[axis] else before[axis]
+                        finer[axis] = False
+                image[row, column] += first + light

@@ -1,7 +1,8 @@
 """Light of pixels whose rays do not all fare alike: past the edges of cards, or too crooked for a linear map; summed ray by ray.
 
-Over the pixel's parts and over rows and columns of the lit part of the pupil, each ray stands for its neighbourhood: steps of target
-and cards are smoothed by what a part of the pixel and a cell of the pupil cover there.
+Over the moments of the exposure, the pixel's parts, and rows and columns of the lit part of the pupil, each ray stands for its
+neighbourhood: steps of target and cards are smoothed by what a part of the pixel and a cell of the pupil cover there. Each pixel is
+summed with few rays first, and with more of what changes it.
 """
 
 import math
@@ -11,6 +12,7 @@ import numpy.typing as npt
 
 from flflab.image.cards import Card, pupils_before
 from flflab.image.effects.distortion import Distortion
+from flflab.image.moments import moment_counts, smear_of
 from flflab.image.neighbourhood import described
 from flflab.image.orders import in_bands
 from flflab.image.rays import linearised, own_axes
@@ -20,7 +22,7 @@ from flflab.image.setup import Setup
 from flflab.image.single_ray_sums import STEEP, add_rays
 from flflab.image.tiles import blur_of, middles
 from flflab.optics.camera import pixel_positions
-from flflab.targets import White
+from flflab.targets import Picture, White
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -30,6 +32,7 @@ MOST_PARTS = 8
 MOST_ROWS = 96
 SKEW = 0.2  # angle, in rad, above which edges of cards and targets do not count as parallel
 TURNED_ERROR = 0.1  # error, of white, times the square of the number of parts, where the edges of two surfaces cross under an angle
+ENOUGH = 0.15  # of the tolerance: all that twice an order may change
 ROWS_ERROR = 0.6  # twice the error, of white, times the square of the number of rows; measured on dots, pictures, edges and bars
 
 
@@ -45,7 +48,7 @@ def add_single_rays(
 
     Args:
         image: picture to add to, [row, column], in units of the white level.
-        setup: made for the plane; its maps are not used.
+        setup: made for the plane; its maps are not used. Target and cards move alike.
         plane: the target.
         distortion: of the main lens.
         cards: those that stop rays.
@@ -57,12 +60,13 @@ def add_single_rays(
     middle = middles(setup.sensor, pupils, setup.window)[0]
     surfaces = np.array([_surface(Card(plane, False)), *(_surface(card) for card in cards)])
     maps = np.empty((len(setup.blur), len(surfaces), 8))
-    blurs = np.zeros((len(setup.blur), len(surfaces)))
+    blurs, smears = np.zeros((2, len(setup.blur), len(surfaces)))
     for index, before in enumerate((plane, *(card.plane for card in cards))):
         landing = linearised(pupils_before(pupils, 1 / plane.distance, 1 / before.distance), before, distortion, middle)
         maps[:, index, :4] = landing.by_pupil.reshape(-1, 4)
         maps[:, index, 4:] = landing.by_sensor.reshape(-1, 4) * setup.pixel_width
         blurs[:, index] = blur_of(landing.by_pupil, landing.by_sensor, pixel)
+        smears[:, index] = smear_of(landing.by_motion, landing.by_sensor * pixel, landing.by_pupil)
     width = np.maximum(2 * np.abs(pupils.slope) / pixel, 1e-9)
     tolerance, blur = setup.tolerance / math.sqrt(setup.overlap), blurs.max(axis=1)  # errors of either sign on the way
     steps = np.array([not (isinstance(plane.target, White) and card.own) for card in cards], dtype=np.float64)
@@ -105,6 +109,9 @@ def add_single_rays(
     coefficient = 0.0 if distortion is None else distortion.coefficient
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
     nodes = disc_nodes(8, 8)
+    orders = np.column_stack([parts, rows, moment_counts(setup.motion, smears.max(axis=1), setup.tolerance)]).astype(np.int64)
+    brightest = min(float(plane.target.values.max()), 1.0) if isinstance(plane.target, Picture) else 1.0  # half of it is half the light
+    motion = np.zeros((2, 2)) if setup.motion is None else np.array([setup.motion.drift, setup.motion.vibration])
 
     def add(band: tuple[int, int]) -> None:
         add_rays(
@@ -115,8 +122,9 @@ def add_single_rays(
             surfaces,
             maps,
             aligned,
-            parts.astype(np.int64),
-            rows.astype(np.int64),
+            orders,
+            ENOUGH * tolerance * brightest,
+            motion,
             coefficient,
             setup.falloff,
             nodes,

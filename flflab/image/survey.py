@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.moments import is_formed_at_once
 from flflab.image.pupil import Pupils, camera_pupils
 from flflab.image.regime import Change, PlaneRegime, Regime
 from flflab.image.scene import ALL, Plane, Scene, without
@@ -52,7 +51,7 @@ def survey(scene: Scene) -> Regime:
         crosstalk=crosstalk,
         airy=0.61 / max(float(np.abs(pupils.slant_spread[seen]).min(initial=math.inf)), 1e-300) / pixel,
         slope=_steepest_ray(pupils, seen),
-        at_once=is_formed_at_once(scene),
+        at_once=scene.diffraction is not None,
         misaligned=_misaligned(scene, seen),
         scattered=_scattered(scene, seen),
     )

@@ -1,0 +1,89 @@
+"""What diffraction changes of a plane's light where cards stop some of its rays.
+
+The change without cards counts by the share of a pixel's rays that the cards let pass, each micro-image's for itself: where several
+reach a pixel they are laid side by side.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from flflab.image.cards import Card
+from flflab.image.diffraction import add_plane_with_diffraction
+from flflab.image.form import add_plane
+from flflab.image.moments import at_moments
+from flflab.image.scene import Plane, Scene
+from flflab.image.setup import Setup
+from flflab.image.single_rays import add_single_rays
+from flflab.targets import White
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+Chosen = npt.NDArray[np.bool_]
+
+UNFELT = 0.05  # of the tolerance
+COARSEST = 0.1  # tolerance of the share of light that cards let pass
+
+
+def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, cards: tuple[Card, ...], wanted: Chosen | None) -> None:
+    """Add what diffraction changes of a plane's light behind cards.
+
+    Args:
+        image: picture to add to, [row, column], in units of the white level.
+        setup: the parts of micro-images that need single rays.
+        scene: what is pictured; it has diffraction.
+        plane: the target.
+        cards: those that stop rays.
+        wanted: the pixels to compute; None for all.
+    """
+    if scene.diffraction is None:
+        return
+    layer = _layers(setup)
+    layers, rows = int(layer.max(initial=0)) + 1, image.shape[0]
+    apart = _side_by_side(setup, layer, layers)
+    chosen = None if wanted is None else np.tile(wanted, (layers, 1))
+    change, passed, whole = np.zeros((3, layers * rows, image.shape[1]))
+    for moment in at_moments(apart):
+        add_plane(change, moment, plane.target, chosen)
+    np.negative(change, out=change)
+    add_plane_with_diffraction(change, apart, plane.target, scene.diffraction.wavelength, chosen)
+    felt = np.abs(change) > UNFELT * setup.tolerance
+    if chosen is not None:
+        felt &= chosen
+    if not felt.any():
+        return
+    coarser = replace(apart, tolerance=min(setup.tolerance / float(np.abs(change[felt]).max()), COARSEST))
+    add_plane(whole, coarser, White(), felt)
+    add_single_rays(passed, coarser, replace(plane, target=White()), scene.distortion, cards, felt)
+    share = np.divide(passed, whole, out=np.zeros_like(whole), where=felt & (whole > 0))
+    image += (np.clip(share, 0.0, 1.0) * change).reshape(layers, *image.shape).sum(axis=0)
+
+
+def _layers(setup: Setup) -> Whole:
+    """A number for each entry, such that micro-images of one number share no pixel."""
+    pupils = setup.pupils
+    centres, lens = np.unique(np.column_stack([pupils.centre_x, pupils.centre_y]), axis=0, return_inverse=True)
+    near: list[set[int]] = [set() for _ in centres]
+    for one, other in KDTree(centres).query_pairs(2 * (float(pupils.outside.max()) + setup.sensor.pixel)):
+        near[one].add(other)
+        near[other].add(one)
+    layer = np.full(len(centres), -1)
+    for index, others in enumerate(near):
+        taken = {int(layer[other]) for other in others}
+        layer[index] = next(number for number in range(len(centres)) if number not in taken)
+    return layer[lens.reshape(-1)]
+
+
+def _side_by_side(setup: Setup, layer: Whole, layers: int) -> Setup:
+    """The same before a sensor so many times as high, on which each layer has its own rows."""
+    columns, rows = setup.sensor.resolution
+    height = rows * setup.sensor.pixel
+    offset = (setup.sensor.offset[0], setup.sensor.offset[1] + (layers - 1) * height / 2)
+    return replace(
+        setup,
+        sensor=replace(setup.sensor, resolution=(columns, rows * layers), offset=offset),
+        pupils=replace(setup.pupils, centre_y=setup.pupils.centre_y + layer * height),
+        window=setup.window + layer[:, None] * np.array([0, 0, rows, rows]),
+    )
