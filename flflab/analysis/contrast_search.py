@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +31,7 @@ from flflab.analysis.registration import defocus_apart, defocus_by_tilt, tilted_
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import disc_transfer
-from flflab.optics.focus import blur
+from flflab.optics.focus import blur, signed_blur
 from flflab.optics.smms import Smms
 from flflab.targets import Bars
 
@@ -44,7 +45,7 @@ DISCS = 100  # of blur, up to the widest: how closely it is looked for in the tr
 LEAST = 1e-5  # of chi squared above its least: a three-hundredth of a standard uncertainty
 MOST_PARABOLAS = 8
 SAME_BLUR = 5e-4  # pixels: views that differ by less are blurred alike
-SHARPENINGS = 2
+MOST_SHARPENINGS = 12
 
 
 @dataclass(frozen=True)
@@ -222,24 +223,33 @@ def _with_signed_blur(
 ) -> tuple[ChirpData, ChirpModel, ChirpFit]:
     """The runs as through the axis's pixel and disc of blur, that disc which leaves the least misfit, and their fit.
 
-    A view's pixels are as much larger on the target as they lie further apart there; its disc is wider by ``wider``, mm.
+    A view's pixels are as much larger on the target as they lie further apart there; its disc is wider by ``wider``, mm. The fitted disc,
+    on either side of the focus, may be astray where the views differ much: it is looked for from the nominal one too.
     """
     prior, away, near = prior_of(frame, data, model.knots), BLUR_STEP * model.template.pixel, model.template.blur
     larger = tilted_scales(frame.lattice, frame.smms, frame.distance)[data.lens]
     pixels = model.template.pixel * larger
 
-    def alike(disc: float) -> tuple[ChirpData, ChirpModel]:
+    def alike(disc: float, fit: ChirpFit) -> tuple[ChirpData, ChirpModel]:
         seen = model.with_blur(abs(disc))
         return replace(data, read=data.read - through_others(data, seen, fit, pixels, np.abs(disc + wider) * larger)), seen
 
-    def misfit(disc: float) -> float:
-        return least_misfit(*alike(disc), fit, prior)
+    def settled(disc: float, fit: ChirpFit) -> ChirpFit:
+        runs, seen = alike(disc, fit)
+        return settle(frame, runs, fit, seen)
 
-    best = min((side * max(near + step * away, 0.0) for side in (1, -1) for step in (-2, -1, 0, 1, 2)), key=misfit)
-    for _ in range(SHARPENINGS):
-        best = lowest(misfit, [best - away, best, best + away], -math.inf)
-        fit = settle(frame, alike(best)[0], fit, alike(best)[1])
-    return *alike(best), fit
+    def misfit(disc: float, fit: ChirpFit) -> float:
+        return least_misfit(*alike(disc, fit), fit, prior)
+
+    nominal = float(signed_blur(frame.smms, 1 / frame.distance)) * model.template.pixel / frame.camera.sensor.pixel
+    tried = [(disc, settled(disc, fit)) for disc in (nominal, near, -near)]
+    best, fit = min(tried, key=lambda one: misfit(*one))
+    for _ in range(MOST_SHARPENINGS):
+        before, best = best, lowest(partial(misfit, fit=fit), [best - away, best, best + away], -math.inf)
+        fit = settled(best, fit)
+        if abs(best - before) < SAME_BLUR * model.template.pixel:
+            break
+    return *alike(best, fit), fit
 
 
 def lowest(value: Callable[[float], float], places: Sequence[float], floor: float) -> float:

@@ -17,7 +17,7 @@ from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import cone_of
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera, Sensor, microlens_centres, microlens_types
-from flflab.optics.focus import limiting_aperture
+from flflab.optics.focus import signed_blur
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms, image_offset
 
@@ -130,11 +130,7 @@ def tilted_scales(lattice: Lattice, smms: Smms, distance: float) -> Array:
 
 def defocus_apart(lattice: Lattice, smms: Smms, distance: float) -> Array:
     """By how much the disc of blur of each micro-image is wider than that on the axis, mm, signed as the defocus is; shape (n,)."""
-
-    def defocus(system: Smms) -> Array:
-        return system.kappa * image_offset(system, 1 / distance) - system.gap / system.distance
-
-    return np.asarray((defocus(tilted_smms(lattice, smms)) - defocus(smms)) * limiting_aperture(smms, 1 / distance))
+    return signed_blur(tilted_smms(lattice, smms), 1 / distance) - signed_blur(smms, 1 / distance)
 
 
 def defocus_by_tilt(lattice: Lattice, smms: Smms, distance: float) -> Array:

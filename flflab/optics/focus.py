@@ -58,8 +58,13 @@ def magnification(smms: Smms, vergence: Array | float) -> Array:
 
 def blur(smms: Smms, vergence: Array | float) -> Array:
     """Diameter of the geometric blur of a point on the sensor, mm: |kappa x - b/L| min(A, d/|x|)."""
+    return np.abs(signed_blur(smms, vergence))
+
+
+def signed_blur(smms: Smms, vergence: Array | float) -> Array:
+    """``blur`` with the sign of the defocus, which is not the same on both sides of the focus, mm."""
     x = image_offset(smms, vergence)
-    return np.abs(smms.kappa * x - smms.gap / smms.distance) * limiting_aperture(smms, vergence)
+    return (smms.kappa * x - smms.gap / smms.distance) * limiting_aperture(smms, vergence)
 
 
 def sharp_vergence(smms: Smms) -> Array:
