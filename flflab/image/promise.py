@@ -1,7 +1,7 @@
 """One scene's trial of what is promised of ``auto``: its error and its estimate against a finer picture with every effect.
 
-Of a large picture the finer one is formed at some pixels only: the steepest of each of 12 x 12 blocks of ``auto``'s own picture, where
-rims and edges are, and ``SPREAD`` drawn at random among all.
+Of a large picture the finer one is formed at some pixels only: those that the estimate looks at, the steepest of each of 12 x 12 blocks
+of ``auto``'s own picture, where rims and edges are, among them, and ``SPREAD`` drawn at random among all.
 """
 
 import math
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flflab.image.chooser import choose
-from flflab.image.estimate import estimate_error, finer_picture, steepest_pixels, steepness
+from flflab.image.estimate import estimate_error, finer_picture, telling_pixels
 from flflab.image.random_scene import RESOLUTION, random_scene
 from flflab.image.render import LEAST_TOLERANCE, render
 from flflab.image.scene import Scene
@@ -69,7 +69,7 @@ def try_scene(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float
     marks.append(time.process_time())
     every = render(scene, tolerance=tolerance)
     marks.append(time.process_time())
-    wanted = steepest_pixels(steepness(image))
+    wanted = telling_pixels(image)
     drawn_pixels = np.random.default_rng(seed).permutation(wanted.size)[: wanted.size if wanted.size <= WHOLE else SPREAD]
     wanted.ravel()[drawn_pixels] = True
     finer = max(tolerance / (FINER if scene.diffraction is None else FINER_WAVES), LEAST_TOLERANCE)
