@@ -30,6 +30,7 @@ FINER = 64  # steps of a term's table in single precision for one of a ``Transfe
 TAIL = 1 / 64  # weight of a line's tail: light from so many pixels away
 BLOCK, ROWS = 24, 10  # frequencies at a time, and rows of the pupil
 PER_WAVE = 4.5  # samples of the shortest wave that a pupil lets pass
+WIDE = 8.0  # pixels; across a wider blur nothing is fine
 FEW, MORE = 2.25, 4.0  # the least samples a pixel where that wave is shorter than a pixel
 OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
 
@@ -178,11 +179,13 @@ class TransferTable:
 def samples_needed(kind: Kind, tolerance: float) -> float:
     """Samples a pixel of an image behind pixels; half of it is the highest frequency that matters, cycles/pixel.
 
-    n of them leave up to 0.1 / n of a sharp edge, and (2 n blur)^-1.5 of that of a blurred one.
+    n of them leave up to 0.1 / n of a sharp edge, and (1.5 n blur)^-1.5 of that of a blurred one; a wide blur leaves so little of fine
+    waves that a spline needs fewer samples, too.
     """
-    demand = 0.1 / tolerance
-    blurred = (demand * (2 * abs(kind.blur)) ** -1.5) ** 0.4 if kind.blur else math.inf
-    return min(PER_WAVE * kind.cutoff, max(FEW if tolerance >= 1e-3 else MORE, min(demand, blurred)))
+    demand, wide = 0.1 / tolerance, 2 * abs(kind.blur)
+    blurred = 1.3 * (demand * wide**-1.5) ** 0.4 if wide else math.inf
+    least = (FEW if tolerance >= 1e-3 else MORE) * min(1.0, WIDE / max(wide, 1e-9))
+    return min(PER_WAVE * kind.cutoff, max(least, min(demand, blurred)))
 
 
 def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> TransferTable:
