@@ -1,4 +1,4 @@
-"""``flflab accuracy WHAT``: what accuracy costs in time, where the model holds and how well depth is known: a page, a CSV and a table."""
+"""``flflab accuracy WHAT``: what accuracy costs, where the model holds, how well lattice and depth are known: a page, a CSV and a table."""
 
 import os
 import platform
@@ -27,6 +27,10 @@ class What(StrEnum):
     MEASURE = "measure"
     MODEL = "model"
     DEPTH = "depth"
+    LATTICE = "lattice"
+
+
+OF_A_CAMERA = (What.DEPTH, What.LATTICE)
 
 
 def accuracy(
@@ -34,15 +38,17 @@ def accuracy(
         What,
         typer.Argument(
             help="image, measure: error against time of pictures and of measured numbers; model: against exact rays; "
-            "depth: error of a dot's depth against its distance"
+            "depth: error of a dot's depth against its distance; lattice: that of the micro-images' lattice against the f-number"
         ),
     ],
     out: Annotated[Path, typer.Option(help="folder for the page and the CSV, made if need be")] = Path(),
-    camera: Annotated[Path | None, typer.Option(help="camera file (YAML) whose depth is asked for; without it the built-in one")] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="camera file (YAML) whose depth or lattice is asked for; without it the built-in one")
+    ] = None,
 ) -> None:
-    """Show what accuracy costs in time, where the first-order model holds, and how well a camera tells depth."""
-    if camera is not None and what is not What.DEPTH:
-        raise InputError(f"--camera {camera}: accuracy {what} has cameras of its own; only depth takes one")
+    """Show what accuracy costs in time, where the first-order model holds, and how well a camera tells depth and its lattice."""
+    if camera is not None and what not in OF_A_CAMERA:
+        raise InputError(f"--camera {camera}: accuracy {what} has cameras of its own; only depth and lattice take one")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -50,7 +56,13 @@ def accuracy(
     page_file, table_file = (out / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
     console = Console(soft_wrap=True)
     with Console(stderr=True).status(f"accuracy {what}") as status:
-        ways = {What.IMAGE: _image, What.MEASURE: _measure, What.MODEL: _model, What.DEPTH: partial(_depth, camera)}
+        ways = {
+            What.IMAGE: _image,
+            What.MEASURE: _measure,
+            What.MODEL: _model,
+            What.DEPTH: partial(_depth, camera),
+            What.LATTICE: partial(_lattice, camera),
+        }
         page, table = ways[what](table_file, status.update)
         write_page(page, page_file)
     console.print(_shown(table))
@@ -100,12 +112,29 @@ def _depth(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tupl
     from flflab.accuracy.depth_page import depth_page, depth_summary
     from flflab.accuracy.table import write_table
     from flflab.camera_file import read_camera
-    from flflab.cli.new import Kind, built_in
 
-    described = built_in(Kind.CAMERA) if camera is None else camera
+    described = _described(camera)
     rows = depth_rows(read_camera(described), tell)
     write_table(rows, file)
     return depth_page(rows, described.stem, _made(What.DEPTH)), depth_summary(rows)
+
+
+def _lattice(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
+    from flflab.accuracy.lattice import lattice_rows
+    from flflab.accuracy.lattice_page import lattice_page, lattice_summary
+    from flflab.accuracy.table import write_table
+    from flflab.camera_file import read_camera
+
+    described = _described(camera)
+    rows = lattice_rows(read_camera(described), tell)
+    write_table(rows, file)
+    return lattice_page(rows, described.stem, _made(What.LATTICE)), lattice_summary(rows)
+
+
+def _described(camera: Path | None) -> Path:
+    from flflab.cli.new import Kind, built_in
+
+    return built_in(Kind.CAMERA) if camera is None else camera
 
 
 def _shown(table: PlainTable) -> Table:

@@ -1,10 +1,12 @@
 """``flflab accuracy``: the page, the table and the words it leaves."""
 
 import csv
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 Run = Callable[..., Any]
@@ -55,17 +57,41 @@ def test_depth_of_a_camera_of_ones_own_is_shown_against_distance(flflab: Run, sm
     assert focus["gap_mm_per_um"] == pytest.approx(abs(60 / (longer - 1 + 60 / 50) - 506.7016), rel=0.01)
 
 
-def test_only_depth_takes_a_camera(flflab: Run, small_camera: Path) -> None:
+@pytest.mark.ci
+@pytest.mark.timeout(300)
+def test_the_lattice_of_a_camera_of_ones_own_is_shown_against_the_f_number(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+    ended = flflab("accuracy", "lattice", "--camera", small_camera, "--out", tmp_path)
+    assert ended.code == 0, ended.err
+    assert "from one white frame the origin is known to" in " ".join(ended.out.split())
+    assert (tmp_path / "accuracy-lattice.html").read_text(encoding="utf-8").count('<img src="data:image/svg+xml;base64,') == 2
+    with (tmp_path / "accuracy-lattice.csv").open(encoding="utf-8") as stream:
+        rows = [{name: float(cell) for name, cell in row.items()} for row in csv.DictReader(stream)]
+    assert [row["f_number"] for row in rows] == [1.6, 2.8, 4.0, 8.0, 16.0]
+    (row,) = (row for row in rows if row["f_number"] == 4.0)
+    assert f"{row['origin_px']:.4f} ({row['origin_error_px']:.4f})" in ended.out
+    # centres lie 0.4 mm (1 + 1.15/60) apart about the sensor's middle, total fields reach (A b / L + d |kappa|) / 2 px
+    gap, pixel = 1.15, 0.00166
+    apart, reach = 0.4 * (1 + gap / 60) / pixel, (12.5 * gap / 60 + 0.336 * abs(1 + gap / 60 - gap / 0.917)) / 2 / pixel
+    x, y = np.meshgrid(apart * np.arange(-3, 4), apart * np.arange(-3, 4))
+    seen = np.hypot(np.maximum(np.abs(x) - 380, 0), np.maximum(np.abs(y) - 280, 0)) < reach
+    assert row["micro_images"] == np.count_nonzero(seen)
+    assert row["bias_px"] < 1e-3
+    assert 0.4 < row["origin_error_px"] / row["origin_px"] < 1.7  # eight coordinates
+    # twenty-four times fewer pixels than the whole sensor's 0.0003 px
+    assert row["origin_px"] == pytest.approx(0.0003 * math.sqrt(24), rel=0.4)
+
+
+def test_only_depth_and_lattice_take_a_camera(flflab: Run, small_camera: Path) -> None:
     ended = flflab("accuracy", "model", "--camera", small_camera)
     assert ended.code == 1
-    assert "only depth takes one" in " ".join(ended.err.split())
+    assert "only depth and lattice take one" in " ".join(ended.err.split())
 
 
 @pytest.mark.parametrize("what", ["bench", "nonsense"])
 def test_accuracy_of_what_there_is_not_is_refused_with_a_list_of_what_there_is(flflab: Run, what: str) -> None:
     ended = flflab("accuracy", what)
     assert ended.code == 2
-    assert f"'{what}' is not one of 'image', 'measure', 'model', 'depth'" in " ".join(ended.err.split())
+    assert f"'{what}' is not one of 'image', 'measure', 'model', 'depth', 'lattice'" in " ".join(ended.err.split())
 
 
 def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(flflab: Run, tmp_path: Path) -> None:
