@@ -10,11 +10,143 @@ import pytest
 from scipy.special import fresnel, j1
 
 from flflab.analysis.contrast import ContrastCurve, fit_contrast, fit_contrasts
-from flflab.analysis.contrast_blur import with_blur_unsure
-from flflab.analysis.contrast_data import ChirpData
-from flflab.analysis.contrast_fit import ChirpFit, ChirpModel, Knots, Prior, noise_covariance, waves
-from flflab.analysis.contrast_search import lowest
-from flflab.analysis.contrast_template import Template, edges_of
+from flflab.analysis.lattice import find_lattice
+from flflab.analysis.measure import nominal_lattice
+from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
+from flflab.analysis.registration import microlens_type_of
+from flflab.errors import MeasurementError
+from flflab.image.render import render
+from flflab.image.scene import one_plane
+from flflab.optics.camera import Camera
+from flflab.targets import Bars, Chirp, White
+
+Array = npt.NDArray[np.float64]
+NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
+RESOLUTION = (760, 520)
+FOCUS = 506.7016
+
+
+def closed_form(camera: Camera, distance: float, frequency: Array) -> Array:
+    """sinc u times 2 J1(z)/z for the bright field of a microlens-limited view, written out for this camera."""
+    b, away, f, main = camera.gap, camera.array.distance, camera.array.focal_lengths[0], camera.main_lens.focal_length
+    image = 1 / (1 / main - 1 / distance)
+    a = away - image  # behind the main lens's image
+    spread = camera.array.aperture * abs(1 / f - 1 / b - 1 / a) * b
+    scale = b / a * image / distance
+    u, z = frequency * camera.sensor.pixel / scale, np.pi * spread * frequency / scale
+    return np.sinc(u) * np.where(z < 1e-6, 1.0, 2 * j1(np.maximum(z, 1e-6)) / np.maximum(z, 1e-6))
+
+
+def closed_form_extremes(camera: Camera, distance: float, frequency: Array) -> Array:
+    """Largest excursion of ideal bars: a square wave averaged over the pixel, by its integral, and over strips of the microlens."""
+    b, away, f, main = camera.gap, camera.array.distance, camera.array.focal_lengths[0], camera.main_lens.focal_length
+    image = 1 / (1 / main - 1 / distance)
+    a = away - image
+    scale = b / a * image / distance
+    strips = np.cos(np.pi * (np.arange(801) + 0.5) / 801)
+    shares = (1 - strips**2) / np.sum(1 - strips**2)
+    largest = np.zeros(len(frequency))
+    for n, nu in enumerate(frequency):
+        wide, spread = nu * camera.sensor.pixel / scale, nu * camera.array.aperture * abs(1 / f - 1 / b - 1 / a) * b / scale
+        phase = np.linspace(0, 0.5, 51)[:, None] + spread / 2 * strips
+        ends = [np.abs(np.mod(phase + side * wide / 2, 1.0) - 0.5) for side in (-1, 1)]
+        largest[n] = np.abs((ends[0] - ends[1]) / wide @ shares).max()
+    return largest
+
+
+def measured(
+    brute: Any,
+    camera: Camera,
+    distance: float,
+    pictures: tuple[Array, Array],
+    target: Bars,
+    seed: int,
+    level: float = 3000,
+) -> ContrastCurve:
+    rng = np.random.default_rng(seed)
+    white, bars = (brute.expose(picture, NOISE, level, rng) for picture in pictures)
+    lattice = find_lattice(white, "square", 245.0, NOISE)
+    return fit_contrast(bars, lattice, camera, target, distance, NOISE)
+
+
+@pytest.mark.parametrize(
+    ("f_number", "distance", "shift", "level", "scatter"),
+    [
+        (4.0, FOCUS, 0.0, 3000, 0.1),
+        (4.0, 497.0, 0.37, 3000, 0.1),
+        (2.8, 490.0, -0.2, 3000, 0.1),
+        (8.0, FOCUS, 0.0, 3000, 0.4),  # a dozen pixels across a view: few data for each knot of the curve
+        (1.6, FOCUS, 0.1, 1000, 0.1),
+    ],
+)
+def test_bars_give_the_closed_form_contrast_within_their_uncertainty(
+    brute: Any, f_number: float, distance: float, shift: float, level: float, scatter: float
+) -> None:
+    camera = brute.camera(f_number, RESOLUTION)
+    target = Bars()
+    curve = measured(brute, camera, distance, brute.bars_picture(camera, distance, (0.5, 10.0), 20.0, shift=shift), target, 3, level)
+    error = curve.contrast - closed_form(camera, distance, curve.cycles_per_mm)
+    assert len(error) >= 4
+    assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
+    well_known = curve.uncertainty < 1e-3
+    assert np.abs(error[well_known]).max(initial=0.0) < 1.5e-3
+    assert curve.chi2_per_pixel == pytest.approx(1.0, abs=scatter)
+    assert curve.geometry[0] == pytest.approx(-shift, abs=2e-3)
+
+
+@pytest.mark.ci
+def test_small_bright_fields_few_of_which_see_low_frequencies_are_measured_too(brute: Any) -> None:
+    camera = brute.camera(8.0, (2400, 1240))
+    _, bars = brute.bars_picture(camera, 500.0, (0.5, 10.0), 20.0)
+    for seed in range(4):
+        exposed = brute.expose(bars, NOISE, 3000, np.random.default_rng(seed))
+        curve = fit_contrast(exposed, nominal_lattice(camera, 3000.0), camera, Bars(), 500.0, NOISE)
+        error = curve.contrast - closed_form(camera, 500.0, curve.cycles_per_mm)
+        assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
+
+
+def test_bright_fields_of_a_few_pixels_are_refused(brute: Any) -> None:
+    camera = brute.camera(16.0, RESOLUTION)
+    with pytest.raises(MeasurementError, match="bright fields are 11 px wide and 16 are due"):
+        fit_contrast(np.full(RESOLUTION[::-1], 1500.0), nominal_lattice(camera, 3000.0), camera, Bars(), FOCUS, NOISE)
+
+
+def test_without_noise_the_bias_is_below_two_in_a_hundred_thousand(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    white, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
+    lattice = find_lattice(white * 3000 + 64, "square", 245.0, NOISE)
+    curve = fit_contrast(bars * 3000 + 64, lattice, camera, Bars(), FOCUS, NOISE)
+    error = curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)
+    assert np.abs(error).max() < 2e-5
+    # the extremes of ideal bars are 1 up to half a cycle a pixel (eq. 2), whatever the phases of the pixels
+    sharp = curve.cycles_per_px < 0.45
+    assert np.abs(curve.extremes[sharp] - 1).max() < 3e-3
+
+
+@pytest.mark.parametrize("off", [-0.0004, 0.0006, 0.0008], ids="{:+.4f} mm".format)
+def test_a_sensor_half_a_micrometre_off_leaves_no_more_than_noise(brute: Any, off: float) -> None:
+    """Little blur hardly shows in the bars' fundamental, but their harmonics see it."""
+    nominal = brute.camera(4.0, RESOLUTION)
+    real = replace(nominal, sensor=replace(nominal.sensor, distance=nominal.sensor.distance + off))
+    curve = measured(brute, nominal, FOCUS, brute.bars_picture(real, FOCUS, (0.5, 10.0), 20.0), Bars(), 4)
+    assert curve.chi2_per_pixel == pytest.approx(1.0, abs=0.15)
+    error = curve.contrast - closed_form(real, FOCUS, curve.cycles_per_mm)
+    assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
+
+
+"""Contrast against frequency from pictures of bars made by strips and rays, against closed forms."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.special import fresnel, j1
+
+from flflab.analysis.contrast import ContrastCurve, fit_contrast, fit_contrasts
 from flflab.analysis.lattice import find_lattice
 from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise

@@ -82,7 +82,7 @@ def test_without_noise_no_centre_is_off_by_a_thousandth_of_a_pixel_even_in_the_c
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("f_number", [1.6, 2.8, 4.0, 8.0, 16.0], ids="F/{:g}".format)
 def test_a_whole_frame_at_one_percent_noise_gives_the_lattice_to_a_thousandth_of_a_pixel(brute: Any, f_number: float) -> None:
-    """3664 x 2748 pixels, fall-off and tilt fitted, errors against where rays through the microlenses' middles land, achieved in eight frames."""
+    """3664 x 2748 pixels, fall-off and tilt fitted; errors, of eight frames, against where rays through the microlenses' middles land."""
     camera = brute.camera(f_number, (3664, 2748))
     image = np.maximum(render(one_plane(camera, White(), 506.7016), tolerance=3e-5), 0.0)
     deep = SensorNoise(0.3, 2.0, 64.0, 16383.0)  # overlapping neighbours add up to more than white

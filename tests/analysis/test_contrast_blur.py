@@ -1,0 +1,299 @@
+"""The blur that bars are seen through: found where the misfit is least, and how unsure it makes what is fitted with it."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from flflab.analysis.contrast_blur import with_blur_unsure
+from flflab.analysis.contrast_data import ChirpData
+from flflab.analysis.contrast_fit import ChirpFit, ChirpModel, Knots, Prior, noise_covariance, waves
+from flflab.analysis.contrast_search import lowest
+from flflab.analysis.contrast_template import Template, edges_of
+from flflab.targets import Bars
+
+Array = npt.NDArray[np.float64]
+
+
+def few_runs(blur_px: float, runs: int, dark: float) -> tuple[ChirpData, ChirpModel, ChirpFit, Prior]:
+    """Runs across one bright field, the bars of 2 to 10 cycles/mm in it, and what fits them; nothing is known before."""
+    pixel, target = 0.06, Bars(width=12.0, height=8.0)
+    template, law, knots = Template(pixel, blur_px * pixel), (0.5, 9.5 / 12, -6.0), Knots(1.0, 0.6, 48)
+    model = ChirpModel(law, (1.0, 10.0), 27.0, edges_of(target), template, knots)
+    geometry, brightness = np.array([0.0, 36.0, 0.0, -8.3, 0.0]), np.array([3000.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    fit = ChirpFit(geometry, brightness, np.append(1.0, np.zeros(knots.count)), 0.0)
+    even, whole = np.ones(runs), np.zeros(runs, dtype=np.int64)
+    places = np.stack([even, np.linspace(-0.13, 0.13, runs), 0 * even, 0 * even, 0 * even], axis=1)
+    light = np.stack([even] + 5 * [0 * even], axis=1)
+    data = ChirpData(3000 * even, places, light, dark * even, 0.3 * even, whole, whole, 100 * even)
+    size = len(geometry) + len(brightness) + len(fit.curve)
+    return data, model, fit, Prior(np.zeros(size), np.full(size, 1e6))
+
+
+def test_runs_too_few_to_show_the_blur_by_harmonics_know_it_as_the_transfer_does() -> None:
+    """A dozen runs are followed by the parameters whatever the blur: one bench's contrast was unsure by 10^8."""
+    data, model, fit, prior = few_runs(0.0, 12, 1.0)
+    covariance = with_blur_unsure(data, model, fit, prior, np.zeros((len(prior.mean), len(prior.mean))))
+    # without a disc, as one of 0.1 px and one of 0.2 px differ
+    assert math.sqrt(covariance[-1, -1]) == pytest.approx((0.2**2 - 0.1**2) * 0.06**2, rel=1e-3)
+
+
+@pytest.mark.parametrize("dark", [0.1, 300.0])
+def test_a_fitted_blur_is_as_unsure_as_if_it_were_a_parameter_more(dark: float) -> None:
+    """By the whole matrix of derivatives: with the weights the fit has and the noise there is, little or much of it."""
+    data, model, fit, prior = few_runs(1.2, 3000, dark)
+    covariance, _ = noise_covariance(data, model, fit, prior)
+    found = with_blur_unsure(data, model, fit, prior, covariance)
+
+    def read(step: Array) -> Array:
+        part = ChirpFit(fit.geometry + step[:5], fit.brightness + step[5:11], fit.curve + step[11:-1], 0.0)
+        wider = model.with_blur(math.sqrt(model.template.blur**2 + step[-1]))
+        return 3000 * (1 + step[5] / 3000) * (1 + waves(data, wider, part.geometry, part.curve, model.top))
+
+    sizes = np.concatenate([[1e-5, 1e-3, 1e-3, 1e-3, 1e-3], np.full(6, 1.0), np.full(len(fit.curve), 1e-3), [1e-5]])
+    by = np.stack([(read(one) - read(-one)) / (2 * one.max()) for one in np.diag(sizes)], axis=1)
+    variance = dark + 0.3 * read(np.zeros(len(sizes)))
+    weight = 1 / (variance + 3.0**2)
+    tie = np.diag(np.append(prior.spread**-2.0, ((1.3**2 - 1.2**2) * 0.06**2) ** -2))
+    scale = np.sqrt(np.diag(by.T @ (weight[:, None] * by) + tie))
+    by, tie = by / scale, tie / np.outer(scale, scale)
+    inverse = np.linalg.inv(by.T @ (weight[:, None] * by) + tie + 1e-12 * np.eye(len(tie)))
+    due = inverse @ (by.T @ ((weight**2 * variance)[:, None] * by) + tie) @ inverse / np.outer(scale, scale)
+    seen = [5, *range(11, 11 + len(fit.curve)), len(sizes) - 1]
+    assert np.diag(found)[seen] == pytest.approx(np.diag(due)[seen], rel=0.01)
+
+
+@pytest.mark.parametrize("least", [0.9975, 1.0, 1.02])
+def test_where_misfit_is_least_is_found_though_it_is_no_parabola(least: float) -> None:
+    """Between places ten standard uncertainties of 0.01 apart: up to two were left, and bars' extremes off by as much."""
+    there = lowest(lambda place: 1e4 * (place - least) ** 2 * (1 + place - least), [0.9**2, 1.0, 1.1**2], 0.0)
+    assert there == pytest.approx(least, abs=3e-4)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("distance", "off", "tilt", "nearer", "within"),
+    [
+        (FOCUS, 0.0005, (-4e-4, 2e-4), 0.0, 8e-5),
+        (FOCUS, 0.0, (1e-3, 0.0), 0.0, 8e-5),
+        (FOCUS, -0.0004, (3.5e-3, 0.0), 0.5, 2.5e-4),
+        (500.0, 0.0, (-4e-4, 2e-4), 0.5, 8e-5),
+        (515.0, 0.0, (-4e-4, 2e-4), 0.0, 8e-5),
+        (500.0, 0.0, (0.0, 3.5e-3), 0.0, 8e-5),
+    ],
+    ids=str,
+)
+def test_views_through_a_turned_array_show_the_contrast_on_the_axis(
+    brute: Any, distance: float, off: float, tilt: tuple[float, float], nearer: float, within: float
+) -> None:
+    """On the one side blurred more, on the other less, and seen larger; the target half a millimetre nearer than said is larger too."""
+    there, chart = distance - nearer, Bars(width=12.0, height=8.0)
+    nominal = brute.camera(4.0, (760, 560))
+    away = replace(nominal.sensor, distance=nominal.sensor.distance + off)
+    real = replace(nominal, array=replace(nominal.array, tilt=tilt), sensor=away)
+    white, bars = (64.0 + 3000.0 * render(one_plane(real, target, there), tolerance=3e-5) for target in (White(), chart))
+    lattice = find_lattice(white, "square", 245.6, NOISE, cone_of(nominal))
+    curve = fit_contrast(bars, lattice, nominal, chart, distance, NOISE)
+    straight = replace(real, array=nominal.array)
+    assert np.abs(curve.contrast - closed_form(straight, there, curve.cycles_per_mm)).max() < within
+    assert curve.chi2_per_pixel < 0.2  # the pictures have no noise
+
+
+def test_a_sine_chirp_gives_the_same_curve(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    target = Chirp()
+    curve = measured(brute, camera, 500.0, brute.bars_picture(camera, 500.0, (0.5, 10.0), 20.0, sine=True), target, 5)
+    error = curve.contrast - closed_form(camera, 500.0, curve.cycles_per_mm)
+    assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
+
+
+def test_falling_frequencies_are_bars_too(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    target = Bars(cycles_per_mm=(8.0, 1.0))
+    curve = measured(brute, camera, FOCUS, brute.bars_picture(camera, FOCUS, (8.0, 1.0), 20.0), target, 6)
+    assert np.abs(curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)).max() < 5e-3
+
+
+def test_a_sensor_that_stands_off_by_a_hundredth_of_the_gap_is_still_measured(brute: Any) -> None:
+    real = brute.camera(4.0, RESOLUTION)
+    nominal = replace(real, sensor=replace(real.sensor, distance=real.sensor.distance + 0.0115))
+    curve = measured(brute, nominal, FOCUS, brute.bars_picture(real, FOCUS, (0.5, 10.0), 20.0), Bars(), 8)
+    assert np.abs(curve.contrast - closed_form(real, FOCUS, curve.cycles_per_mm)).max() < 5e-3
+
+
+def fresnel_picture(camera: Camera, modulation: float, upright: float = 0.0, height: float = np.inf) -> Array:
+    """A sine chirp of small modulation in focus, integrated over every pixel in closed form by Fresnel's integrals; black beyond height."""
+    columns, rows = camera.sensor.resolution
+    pixel, gap, away, main = camera.sensor.pixel, camera.gap, camera.array.distance, camera.main_lens.focal_length
+    image = 1 / (1 / main - 1 / FOCUS)
+    scale = gap / (away - image) * image / FOCUS
+    across, pitch = 1 / scale, 0.4 * (1 + gap / away)
+    x, y = ((np.arange(size) - (size - 1) / 2) * pixel for size in (columns, rows))
+    rate = 9.5 / 20.0
+
+    def integral(place: Array) -> Array:
+        # sin(2 pi (0.5 u + rate u^2/2)), u from the left edge, by completing the square
+        at = (place + 10.0 + 0.5 / rate) * np.sqrt(2 * rate)
+        turn = 2 * np.pi * 0.5**2 / (2 * rate)
+        sine, cosine = fresnel(at)
+        return (sine * np.cos(turn) - cosine * np.sin(turn)) / np.sqrt(2 * rate)
+
+    picture = np.full((rows, columns), 0.5)
+    for cx in pitch * np.arange(-2, 3):
+        for cy in pitch * np.arange(-2, 3):
+            u, v = np.meshgrid(x - cx, y - cy)
+            # the array stands at a - D' behind the image: one micro-image to the next the target moves by -D/(L + b)
+            place = across * u + upright * across * v - FOCUS / (away + gap) * cx
+            half = across * pixel / 2
+            wave = (integral(place + half) - integral(place - half)) / (2 * half)
+            lit = np.abs(across * v - FOCUS / (away + gap) * cy) < height / 2
+            picture = np.where(np.hypot(u, v) < 0.08, 0.5 * (1 + modulation * wave) * lit, picture)
+    return picture
+
+
+@pytest.mark.parametrize(("modulation", "allowed"), [(0.5, 0.0005), (0.02, 0.005)])
+def test_the_bias_is_a_two_thousandth_at_modulation_a_half_and_half_a_per_cent_at_two_per_cent(
+    brute: Any, modulation: float, allowed: float
+) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    clean = fresnel_picture(camera, modulation)
+    lattice, noise = nominal_lattice(camera, 1500.0), SensorNoise(1e-9, 30.0, 64.0, 65535.0)
+    exact = fit_contrast(clean * 3000 + 64, lattice, camera, Chirp(), FOCUS, noise)
+    truth = modulation * np.sinc(exact.cycles_per_px)
+    below = exact.cycles_per_px < 0.49
+    assert np.count_nonzero(below) >= 6
+    assert np.abs(exact.contrast / truth - 1)[below].max() < allowed / 20
+    # and with noise of one per cent of white: the mean of repeats, as far as so many tell
+    repeats = 12
+    ratios, doubts = np.zeros(len(truth)), np.zeros(len(truth))
+    for seed in range(repeats):
+        rng = np.random.default_rng(seed)
+        curve = fit_contrast(clean * 3000 + 64 + rng.normal(0, 30, clean.shape), lattice, camera, Chirp(), FOCUS, noise)
+        ratios += curve.contrast / truth / repeats
+        doubts += (curve.uncertainty / truth / repeats) ** 2
+    assert np.all(np.abs(ratios - 1)[below] < allowed + 3.5 * np.sqrt(doubts[below]))
+
+
+def test_the_classic_reading_is_biased_and_says_so(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    picture = fresnel_picture(camera, 0.02) * 3000 + 64
+    noise = SensorNoise(1e-9, 30.0, 64.0, 65535.0)
+    curve = fit_contrast(
+        picture + np.random.default_rng(1).normal(0, 30, picture.shape), nominal_lattice(camera, 1500.0), camera, Chirp(), FOCUS, noise
+    )
+    assert np.nanmin(curve.classic) > 0.04  # twice what is there
+    truth = 0.02 * np.sinc(curve.cycles_per_px)  # the extremes of a sine are its modulation
+    known = np.isfinite(curve.classic)
+    assert np.abs(curve.classic_bias - (curve.classic - truth))[known].max() < 0.005
+
+
+def test_the_classic_reading_takes_no_pixel_beyond_the_targets_edge_for_a_bar(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    picture = fresnel_picture(camera, 0.5, height=5.0) * 3000 + 64
+    curve = fit_contrast(picture, nominal_lattice(camera, 1500.0), camera, Chirp(height=5.0), FOCUS, NOISE)
+    assert np.nanmax(curve.classic) < 0.501
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("turn", [0.002, 0.01])
+def test_bars_that_lean_are_no_less_contrasted(brute: Any, turn: float) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    noise = SensorNoise(1e-9, 10.0, 64.0, 65535.0)
+    picture = fresnel_picture(camera, 0.5, turn) * 3000 + 64
+    curve = fit_contrast(
+        picture + np.random.default_rng(3).normal(0, 10, picture.shape), nominal_lattice(camera, 1500.0), camera, Chirp(), FOCUS, noise
+    )
+    assert curve.geometry[2] / curve.geometry[1] == pytest.approx(turn, abs=2e-4)
+    assert np.abs((curve.contrast - 0.5 * np.sinc(curve.cycles_per_px)) / curve.uncertainty).max() < 4
+
+
+def test_each_view_by_itself_scatters_about_the_truth_as_it_says(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    curve = measured(brute, camera, FOCUS, brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0), Bars(), 3)
+    seen = np.isfinite(curve.views_contrast)
+    assert np.count_nonzero(seen) > 20
+    score = ((curve.views_contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)) / curve.views_uncertainty)[seen]
+    assert 0.7 < np.sqrt(np.mean(score**2)) < 1.3
+
+
+@pytest.mark.ci
+def test_microlenses_of_several_kinds_give_a_curve_each(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    _, sharp = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
+    other = replace(camera, array=replace(camera.array, focal_lengths=(0.94,)))
+    _, soft = brute.bars_picture(other, FOCUS, (0.5, 10.0), 20.0)
+    both = replace(camera, array=replace(camera.array, focal_lengths=(0.917, 0.94), pattern=((0, 1),)))
+    lattice = nominal_lattice(both, 3000.0)
+    kinds = microlens_type_of(lattice, both)
+    rows, columns = np.mgrid[: RESOLUTION[1], : RESOLUTION[0]]
+    nearest = np.argmin([np.hypot(columns - x, rows - y) for x, y in lattice.centres_px], axis=0)
+    mixed = np.where(kinds[nearest] == 0.917, sharp, soft)
+    exposed = brute.expose(mixed, NOISE, 3000, np.random.default_rng(2))
+    curves, reasons = fit_contrasts(exposed, lattice, both, Bars(), FOCUS, NOISE)
+    assert reasons == ()
+    assert [curve.focal_length for curve in curves] == [0.917, 0.94]
+    for curve, one in zip(curves, (camera, other), strict=True):
+        score = (curve.contrast - closed_form(one, FOCUS, curve.cycles_per_mm)) / curve.uncertainty
+        assert np.sqrt(np.mean(score**2)) < 2.0
+
+
+def covered(brute: Any, distance: float, repeats: int) -> tuple[Array, Array, Array]:
+    """Shares of 95 % intervals that hold the closed form in so many noisy small frames: pooled, extremes, (K,); of views, (cells,)."""
+    camera = brute.camera(4.0, (760, 280))  # one row of micro-images
+    _, bars = brute.bars_picture(camera, distance, (0.5, 10.0), 20.0)
+    lattice = nominal_lattice(camera, 3000.0)
+    pooled, extremes, views = list[npt.NDArray[np.bool_]](), list[npt.NDArray[np.bool_]](), list[Array]()
+    for seed in range(repeats):
+        curve = fit_contrast(brute.expose(bars, NOISE, 3000, np.random.default_rng(seed)), lattice, camera, Bars(), distance, NOISE)
+        truth = closed_form(camera, distance, curve.cycles_per_mm)
+        pooled.append(np.abs(curve.contrast - truth) < 1.959964 * curve.uncertainty)
+        largest = closed_form_extremes(camera, distance, curve.cycles_per_mm)
+        extremes.append(np.abs(curve.extremes - largest) < 1.959964 * curve.extremes_uncertainty)
+        seen = np.isfinite(curve.views_contrast)
+        views.append(np.where(seen, np.abs(curve.views_contrast - truth) < 1.959964 * curve.views_uncertainty, np.nan))
+    every = np.array(views)
+    often = np.isfinite(every).mean(axis=0) > 0.99  # what a view sees does not hang on the noise
+    return np.mean(pooled, axis=0), np.mean(extremes, axis=0), np.nanmean(every[:, often], axis=0)
+
+
+IN_FOCUS_AND_OFF = pytest.mark.parametrize("distance", [FOCUS, 500.0], ids="{:.0f} mm".format)
+
+
+@pytest.mark.ci
+@IN_FOCUS_AND_OFF
+def test_95_per_cent_intervals_cover_as_much_in_two_hundred_repeats(brute: Any, distance: float) -> None:
+    pooled, extremes, views = covered(brute, distance, 200)
+    assert 0.93 < pooled.mean() < 0.97
+    assert 0.93 < extremes.mean() < 0.97
+    assert 0.935 < views.mean() < 0.965
+
+
+@pytest.mark.full
+@pytest.mark.timeout(3600)
+@IN_FOCUS_AND_OFF
+def test_95_per_cent_intervals_cover_94_to_96_in_ten_thousand_repeats_at_every_frequency_in_every_view(brute: Any, distance: float) -> None:
+    pooled, extremes, views = covered(brute, distance, 10_000)
+    print(f"pooled {np.round(pooled, 4)}, extremes {np.round(extremes, 4)}, views {np.round(views, 4)}")
+    assert len(pooled) >= 8
+    assert len(views) >= 4
+    assert np.all((pooled > 0.94) & (pooled < 0.96))
+    assert np.all((extremes > 0.94) & (extremes < 0.96))
+    assert np.all((views > 0.94) & (views < 0.96))
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        np.full((520, 760), 1500.0),
+        np.full((520, 760), 4095.0),
+        np.zeros((2, 2)),
+        np.full((520, 760), np.nan),
+    ],
+)
+def test_a_picture_without_bars_is_refused(brute: Any, picture: Array) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    white = brute.white_picture((520, 760), "square", 245.58, 0.0, (379.5, 259.5), 72.2, 23.8)
+    lattice = find_lattice(white * 3000 + 64, "square", 245.0, NOISE)
+    with pytest.raises(MeasurementError, match="bars picture"):
+        fit_contrast(picture, lattice, camera, Bars(), FOCUS, NOISE)
