@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,7 @@ import pytest
 
 from flflab.comparison import Comparison
 from flflab.diagnosis import not_told_apart
+from flflab.errors import MeasurementError
 from flflab.evaluation import Evaluation
 from flflab.optics.camera import Camera
 
@@ -81,6 +83,18 @@ def test_a_planted_error_is_found_and_named(one_bench: OneRun, change: Change, n
     assert run.suspects[0].what == named
     assert run.suspects[0].size == pytest.approx(size, abs=0.02 * abs(size) + 3 * hidden)
     assert not_told_apart(run.suspects) == run.suspects[:1]
+
+
+def spread(camera: Camera, times: float) -> Camera:
+    x, y = camera.array.pitch
+    return replace(camera, array=replace(camera.array, pitch=(times * x, times * y), aperture=times * camera.array.aperture))
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("times", "units"), [(10.0, "centimetres and millimetres"), (2.54, "inches and centimetres")])
+def test_swapped_units_are_found_and_named(one_bench: OneRun, times: float, units: str) -> None:
+    with pytest.raises(MeasurementError, match=f"were {units} mixed up"):
+        one_bench(3, change=partial(spread, times=1 / times), described=partial(spread, times=times))
 
 
 @pytest.mark.full
