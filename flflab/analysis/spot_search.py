@@ -12,12 +12,13 @@ from flflab.analysis.clipping import FAR_PX, cut_spots, pupils_of, step_of_cut_s
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
-from flflab.analysis.registration import require_shape, sensor_pixel, sensor_position, target_scales
+from flflab.analysis.registration import require_shape, sensor_pixel, sensor_position, target_scales, tilted_scales
+from flflab.analysis.spot_focus import Focus, nominal_focus
 from flflab.analysis.spot_profile import defocused_dot
-from flflab.analysis.spots import Spots, fit_spots, flat_centroids, illumination, illumination_table, lit
+from flflab.analysis.spots import LIT, Spots, fit_spots, flat_centroids, illumination, illumination_table, lit
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.focus import blur
+from flflab.optics.focus import blur, microlens_limits
 from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
@@ -27,7 +28,7 @@ Whole = npt.NDArray[np.int64]
 WIDEST_SHIFT_PX = 30.0  # how far all dots together may be from where the nominal camera puts them
 SEARCH_PX = 8.0  # how far each may then still be
 MOST_ROUNDS, SETTLED_PX = 12, 0.001  # a further round moves centres and radius by a tenth of that
-LIT = 0.2  # share of the light from which on a spot says where the dots are
+SOFTER_PX = 0.1  # of blur: whole spots need not be fitted again, their centres do not depend on it
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
 
@@ -49,6 +50,7 @@ class SeenSpots:
         law: where the spots lie, as ``law_places`` reads it, shape (5, 2).
         radius: of a spot in focus, px.
         spread: diameter of the blur, px.
+        focus: how far it is off the nominal, as the cut spots show it.
         table: how light falls off within a micro-image.
     """
 
@@ -57,6 +59,7 @@ class SeenSpots:
     law: Array
     radius: float
     spread: float
+    focus: Focus
     table: ProfileTable
 
 
@@ -73,22 +76,27 @@ def find_spots(
     spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
     table = illumination_table(lattice)
     nominal = law
-    law, radius = _register(values, lattice, camera, target, law, spread, table, noise)
+    sizes = 1 / tilted_scales(lattice, central_smms(camera), distance)
+    law, radius = _register(values, lattice, camera, target, law, spread, sizes, table, noise)
     candidates = _candidates(lattice, camera, target, law, _half_width(radius, spread))
     places, regressors = law_places(lattice, camera, target, law, candidates)
-    own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table)
+    own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes, table)
     pupils = pupils_of(lattice, candidates.lens, camera, distance)
     spots = fit_spots(values, places, _half_width(radius, spread), own, defocused_dot(radius, spread), noise)
-    fitted, reach = radius, radius + spread / 2
-    cut = cut_spots(spots, own, lattice, reach)
+    fitted, reach = (radius, spread), radius + spread / 2
+    cut = cut_spots(spots, own, lattice, reach, pupils)
     whole, moved = np.setdiff1d(np.arange(len(places)), cut), math.inf
+    limited = bool(microlens_limits(central_smms(camera), 1 / distance))
+    focus = nominal_focus(0.0 if pupils is None else pupils.blur, known=not limited)
     for _ in range(MOST_ROUNDS):
-        # spots want the radius, the radius the law and the law the spots: a step of each, until they agree
+        # spots and focus want the radius, the radius the law and the law the spots: a step of each, until they agree
         before, last, half = spots.centres, radius, _half_width(radius, spread)
-        if abs(radius - fitted) > SETTLED_PX:
+        if abs(radius - fitted[0]) > SETTLED_PX or abs(spread - fitted[1]) > SOFTER_PX:
             again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
-            spots, fitted = spots.with_those(whole, again), radius
-        spots = step_of_cut_spots(values, spots, cut, half, own, pupils, radius, noise, moved)
+            spots, fitted = spots.with_those(whole, again), (radius, spread)
+        spots, focus = step_of_cut_spots(values, spots, cut, half, own, pupils, focus, radius, noise, moved)
+        if limited:
+            spread = focus.softness_px
         bright = (illumination(table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
         # the place of one that the sensor's border cuts depends on the radius, which must not depend on it
         good = bright & np.all((spots.centres > reach) & (spots.centres < np.asarray(camera.sensor.resolution) - 1 - reach), axis=1)
@@ -100,7 +108,7 @@ def find_spots(
         far, moved = moved > FAR_PX, float(np.abs(spots.centres - before)[bright].max())
         if max(moved, abs(radius - last)) < SETTLED_PX and not far:
             break
-    return SeenSpots(spots, candidates, law, radius, spread, table)
+    return SeenSpots(spots, candidates, law, radius, spread, focus, table)
 
 
 def _half_width(radius: float, spread: float) -> int:
@@ -156,6 +164,7 @@ def _register(
     target: FourDot,
     law: Array,
     spread: float,
+    sizes: Array,
     table: ProfileTable,
     noise: SensorNoise,
 ) -> tuple[Array, float]:
@@ -166,7 +175,7 @@ def _register(
         candidates = _candidates(lattice, camera, target, law, 0.0)
         places, regressors = law_places(lattice, camera, target, law, candidates)
         half = math.ceil(radius + spread / 2 + search)
-        own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), table)
+        own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes, table)
         centroids, total = flat_centroids(values, places, half, radius, own, noise)
         whole = _well_lit(places, centroids, total, lattice, candidates, radius, table)
         if not whole.any():

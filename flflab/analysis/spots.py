@@ -6,7 +6,7 @@ expected = offset + brightness * light * illumination(|p - micro-image|) * profi
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
@@ -22,8 +22,10 @@ Whole = npt.NDArray[np.int64]
 Picture = npt.NDArray[np.generic]
 Sums = Callable[[Whole, Array, Array], tuple[Array, Array, Array, Array]]
 
-MOST_STEPS, SETTLED_PX = 10, 1e-4  # of Gauss-Newton
+MOST_STEPS, SETTLED_PX, WIDEST_STEP_PX = 10, 1e-4, 2.0  # of Gauss-Newton
+DARKEST = 1e-3  # brightness that a spot is kept above
 LEAST_BRIGHTNESS = 0.05  # of a spot
+LIT = 0.2  # share of the light from which on a spot says where the dots are, and in which focus
 WEAKEST_ILLUMINATION = 0.05  # pixels with less light say nothing of a spot
 
 
@@ -36,12 +38,14 @@ class Spots:
         brightness: plateau over the light of a white target there, shape (n,).
         covariance: of (x, y, brightness), shape (n, 3, 3); infinite where the pixels say nothing.
         chi2_per_pixel: of each, shape (n,).
+        by_focus: how the centres move with each pixel of blur that the frame is out of focus, shape (n, 2).
     """
 
     centres: Array
     brightness: Array
     covariance: Array
     chi2_per_pixel: Array
+    by_focus: Array
 
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
@@ -50,10 +54,10 @@ class Spots:
 
     def with_those(self, which: Whole, others: "Spots") -> "Spots":
         """These, but others at some positions."""
-        parts = (self.centres.copy(), self.brightness.copy(), self.covariance.copy(), self.chi2_per_pixel.copy())
-        for part, new in zip(parts, (others.centres, others.brightness, others.covariance, others.chi2_per_pixel), strict=True):
-            part[which] = new
-        return Spots(*parts)
+        parts = {part.name: getattr(self, part.name).copy() for part in fields(Spots)}
+        for name, part in parts.items():
+            part[which] = getattr(others, name)
+        return Spots(**parts)
 
 
 @dataclass(frozen=True)
@@ -63,16 +67,18 @@ class Lit:
     Attributes:
         centres: of the micro-image, px, shape (n, 2).
         light: of a white target in its bright field, DN above the background, shape (n,).
+        sizes: of what it shows, over that behind the microlens on the axis, shape (n,); 1 but for a tilted array.
         table: how light falls off towards its rim.
     """
 
     centres: Array
     light: Array
+    sizes: Array
     table: ProfileTable
 
     def those(self, which: Whole) -> "Lit":
         """Some of them."""
-        return Lit(self.centres[which], self.light[which], self.table)
+        return Lit(self.centres[which], self.light[which], self.sizes[which], self.table)
 
 
 def illumination(table: ProfileTable, distance: Array) -> Array:
@@ -92,10 +98,10 @@ def light_level(lattice: Lattice, centres: Array, shape: tuple[int, int]) -> Arr
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ lattice.light
 
 
-def lit(lattice: Lattice, lens: Whole, shape: tuple[int, int], table: ProfileTable) -> Lit:
-    """The micro-images at positions ``lens`` of the lattice."""
+def lit(lattice: Lattice, lens: Whole, shape: tuple[int, int], sizes: Array, table: ProfileTable) -> Lit:
+    """The micro-images at positions ``lens`` of the lattice; ``sizes`` are those of all its micro-images."""
     centres = np.ascontiguousarray(lattice.centres_px[lens])
-    return Lit(centres, light_level(lattice, centres, shape), table)
+    return Lit(centres, light_level(lattice, centres, shape), sizes[lens], table)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -153,6 +159,7 @@ def _sums(
     spots: Array,
     centres: Array,
     light: Array,
+    sizes: Array,
     table: Array,
     step: float,
     profile: Array,
@@ -175,7 +182,7 @@ def _sums(
                 if share == 0.0 or picture[row, column] >= ceiling:
                     continue
                 dx, dy = column - spots[n, 0], row - spots[n, 1]
-                r = math.hypot(dx, dy)
+                r = math.hypot(dx, dy) / sizes[n]
                 value, slope = 1.0, 0.0
                 place = r / profile_step
                 if place >= profile.shape[1] - 1:
@@ -189,7 +196,7 @@ def _sums(
                     near = (1 - u) * profile[m, k] + u * profile[m + 1, k]
                     far = (1 - u) * profile[m, k + 1] + u * profile[m + 1, k + 1]
                     value = near + t * (far - near)
-                    slope = (far - near) / (profile_step * max(r, 1e-9))
+                    slope = (far - near) / (profile_step * max(r, 1e-9) * sizes[n] ** 2)
                 level = light[n] * share * spots[n, 2]
                 weight = 1 / (dark + gain * max(level * value, 0.0))
                 rest = picture[row, column] - offset - level * value
@@ -209,7 +216,24 @@ def _sums(
     return normal, right, chi2, count
 
 
-def gauss_newton(places: Array, brightness: Array, half: int, sums: Sums, most_steps: int = MOST_STEPS) -> Spots:
+def inverted(normal: Array, usable: npt.NDArray[np.bool_]) -> Array:
+    """Inverses of normal matrices of (x, y, brightness), shape (n, 3, 3); infinite where they say nothing or are not usable."""
+    scale = np.sqrt(np.maximum(np.einsum("nkk->nk", normal), 1e-300))
+    scaled = normal / (scale[:, :, None] * scale[:, None, :])
+    good = (np.linalg.det(scaled) > 1e-9) & usable
+    solved = np.full(normal.shape, np.inf)
+    solved[good] = np.linalg.inv(scaled[good]) / (scale[good][:, :, None] * scale[good][:, None, :])
+    return solved
+
+
+def moved_by(spots: Array, steps: Array) -> Array:
+    """(x, y, brightness) of spots after a step, kept from running away; shape (n, 3)."""
+    moved = spots + np.concatenate([np.clip(steps[:, :2], -WIDEST_STEP_PX, WIDEST_STEP_PX), steps[:, 2:]], axis=1)
+    moved[:, 2] = np.clip(moved[:, 2], DARKEST, 10.0)
+    return moved
+
+
+def gauss_newton(places: Array, brightness: Array, half: int, sums: Sums) -> Spots:
     """Gauss-Newton for (x, y, brightness) of every spot, each until its centre stays.
 
     Args:
@@ -218,33 +242,27 @@ def gauss_newton(places: Array, brightness: Array, half: int, sums: Sums, most_s
         half: half width of the windows round them, px.
         sums: gives, for the spots at some positions of these, windows round some places and (x, y, brightness) now, normal
             matrices, right sides, chi squared and numbers of pixels.
-        most_steps: to take.
     """
     spots = np.concatenate([places, brightness[:, None]], axis=1)
     inverse, chi2 = np.full((len(places), 3, 3), np.inf), np.zeros(len(places))
     at, moving = places, np.arange(len(places))
-    for n in range(most_steps):
+    for n in range(MOST_STEPS):
         if n == 2:
             at = spots[:, :2].copy()
         normal, right, misfit, count = sums(moving, at[moving], spots[moving])
         chi2[moving] = misfit / np.maximum(count - 3, 1)
-        scale = np.sqrt(np.maximum(np.einsum("nkk->nk", normal), 1e-300))
-        scaled = normal / (scale[:, :, None] * scale[:, None, :])
-        good = (np.linalg.det(scaled) > 1e-9) & (spots[moving, 2] > 1e-3)
-        solved = np.full((len(moving), 3, 3), np.inf)
-        solved[good] = np.linalg.inv(scaled[good]) / (scale[good][:, :, None] * scale[good][:, None, :])
+        solved = inverted(normal, spots[moving, 2] > DARKEST)
+        good = np.isfinite(solved[:, 0, 0])
         inverse[moving] = solved
         step = np.zeros((len(moving), 3))
         step[good] = np.einsum("nkm,nm->nk", solved[good], right[good])
-        step[:, :2] = np.clip(step[:, :2], -2.0, 2.0)
-        spots[moving] += step
-        spots[moving, 2] = np.clip(spots[moving, 2], 1e-3, 10.0)
+        spots[moving] = moved_by(spots[moving], step)
         moving = moving[np.abs(step[:, :2]).max(axis=1, initial=0.0) > SETTLED_PX]
         if len(moving) == 0:
             break
     lost = np.hypot(*(spots[:, :2] - places).T) > (2 * half + 1) / 3
     inverse[lost] = np.inf
-    return Spots(np.where(lost[:, None], places, spots[:, :2]), np.where(lost, 0.0, spots[:, 2]), inverse, chi2)
+    return Spots(np.where(lost[:, None], places, spots[:, :2]), np.where(lost, 0.0, spots[:, 2]), inverse, chi2, np.zeros_like(places))
 
 
 def fit_spots(picture: Picture, places: Array, half: int, own: Lit, profile: SpotProfile, noise: SensorNoise) -> Spots:
@@ -267,6 +285,7 @@ def fit_spots(picture: Picture, places: Array, half: int, own: Lit, profile: Spo
             now,
             own.centres[which],
             own.light[which],
+            own.sizes[which],
             own.table.values,
             own.table.step,
             profile.values,

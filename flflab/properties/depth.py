@@ -13,8 +13,6 @@ from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values, single
 
 Array = npt.NDArray[np.float64]
-CLIPPED_SHARE = 0.3  # of a shift of the focus that nobody knows: so far clipped views mislead all dots alike; at F/5.6, 0.33 was seen
-CLIPPED_APART = 0.04  # of it, what misleads each dot by itself: 0.02 was seen behind a straight array, 0.03 to 0.04 at 0.2 degrees
 
 
 def offset_read(model: Predicted) -> Array:
@@ -40,13 +38,14 @@ def dot_distances(one: Measured, model: Predicted) -> Values:
     if not bool(microlens_limits(central_smms(model.camera), 1 / model.distance)):
         seen = []
     read = distance_of(offset_read(model), model.camera) * model.stretches
-    alone = np.array([dot.uncertainty_mm[2] for dot in seen], dtype=np.float64)
+    common = np.array([dot.common_mm[2] for dot in seen], dtype=np.float64).reshape(len(seen), -1)
+    alone = np.array([dot.uncertainty_mm[2] for dot in seen], dtype=np.float64) ** 2 - (common**2).sum(axis=1)
     return Values(
         one.configuration.index,
         "dot_distance_mm",
         "four-dot",
         np.array([-dot.position_mm[2] for dot in seen], dtype=np.float64),
-        np.diag(alone**2 + (CLIPPED_APART * read.std()) ** 2) + (CLIPPED_SHARE * read.std()) ** 2,
+        np.diag(np.maximum(alone, 0.0)) + common @ common.T,
         np.full(len(seen), read.mean()),
         np.tile(read[:, None], (1, len(seen))),
         tuple(dot.dot for dot in seen),
@@ -66,7 +65,7 @@ def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
         return []
     weights = 1 / np.diag(distances.noise)
     distance = float(weights @ distances.measured / weights.sum())
-    doubt = float(np.sqrt(np.diag(distances.noise)).mean())  # what is amiss with one dot's depth is amiss with all
+    doubt = float(np.sqrt(weights @ distances.noise @ weights) / weights.sum())
 
     def depth(x: Array) -> Array:
         return np.abs(x / (1 - x)) * float(smms.distance / smms.gap)

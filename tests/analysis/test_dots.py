@@ -106,6 +106,35 @@ def test_without_noise_dots_are_where_they_are_cut_or_not_blurred_or_not(brute: 
     assert np.all(np.abs(depths) < 0.2)  # of what the noise of one picture would make
 
 
+@pytest.mark.parametrize(
+    ("f_number", "off_mm"),
+    [
+        (5.6, 0.005),
+        *(pytest.param(n, off, marks=pytest.mark.ci) for n, off in ((4.0, 0.01), (4.0, -0.005), (5.6, -0.01))),
+    ],
+)
+def test_spots_show_by_themselves_that_the_frame_is_out_of_focus(brute: Any, f_number: float, off_mm: float) -> None:
+    """A gap that the camera file has wrong blurs spots that an aperture cuts to one side: they were taken for elsewhere, by 0.2 px."""
+    nominal = brute.camera(f_number, (640, 640))
+    camera = replace(nominal, sensor=replace(nominal.sensor, distance=nominal.sensor.distance + off_mm))
+    white, dots = (render(one_plane(camera, target, FOCUS), tolerance=2e-4) * 3000 + 64 for target in (White(), TARGET))
+    errors: list[Array] = []
+    for dot in count_views(dots, white, find_lattice(white, "square", 245.0, NOISE), nominal, TARGET, FOCUS, NOISE):
+        landed = brute.landings(camera, FOCUS, TARGET.centres[dot.dot])[1]
+        errors += [centre - landed[int(np.argmin(np.hypot(*(landed - centre).T)))] for centre in dot.centres_px]
+    assert len(errors) >= 4
+    assert np.abs(errors).max() < 0.004
+
+
+def test_how_depths_move_together_is_part_of_their_uncertainty(brute: Any) -> None:
+    camera = brute.camera(4.0, (640, 640))
+    rng = np.random.default_rng(3)
+    white, dots = (brute.expose(render(one_plane(camera, target, FOCUS), tolerance=1e-3), NOISE, 3000, rng) for target in (White(), TARGET))
+    for dot in count_views(dots, white, find_lattice(white, "square", 245.0, NOISE), camera, TARGET, FOCUS, NOISE):
+        together = float(np.sqrt((dot.common_mm[2] ** 2).sum()))
+        assert 0 < together < dot.uncertainty_mm[2]
+
+
 def test_a_gap_off_by_a_hundredth_does_not_lose_a_view(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     nominal = replace(camera, sensor=replace(camera.sensor, distance=camera.sensor.distance + 0.0115))

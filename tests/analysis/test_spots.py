@@ -35,7 +35,7 @@ def fitted(windows: Array, sigma: float) -> tuple[Array, Spots]:
     everywhere = np.zeros((8 * SIZE, 11))
     everywhere[:, 0] = 1.0
     middles: Array = (MIDDLE + down).astype(np.float64)
-    own = Lit(middles, np.full(n, LIGHT), ProfileTable(1.0, everywhere))
+    own = Lit(middles, np.full(n, LIGHT), np.ones(n), ProfileTable(1.0, everywhere))
     noise = SensorNoise(1e-9, max(sigma, 1e-6) * LIGHT, 0.0, 1e9)
     spots = fit_spots(windows.reshape(-1, SIZE), middles, 12, own, softened_dot(RADIUS, SIGMA), noise)
     return spots.centres - down, spots

@@ -82,7 +82,7 @@ def measure(configuration: Configuration, model: Predicted, lattice: Lattice, st
         indices, places = predicted_view_places(model, lattice, dot, centre)
         count = len(indices)
         position = np.array([*centre, -configuration.distance])
-        dots.append(DotViews(dot, count, 0, indices, places, np.full((count, 2), 0.05), position, np.full(3, 0.1)))
+        dots.append(DotViews(dot, count, 0, indices, places, np.full((count, 2), 0.05), position, np.full(3, 0.1), np.zeros((3, 9))))
     zeros = np.zeros(len(FREQUENCIES))
     curve = ContrastCurve(
         focal_length=0.917, views=np.zeros(0, dtype=np.int64), views_contrast=np.zeros((0, len(FREQUENCIES))),
