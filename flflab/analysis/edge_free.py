@@ -67,7 +67,13 @@ class FreeEdge:
 
 def fit_free_edge(picture: npt.NDArray[np.generic], mask: npt.NDArray[np.bool_] | None = None, deviation: npt.ArrayLike = 1.0) -> FreeEdge:
     """Fit one straight edge of unknown blur; arguments and errors as ``flflab.analysis.edge.fit_edge``."""
-    fit = fit_edge(picture, mask, deviation)
+    return with_free_form(fit_edge(picture, mask, deviation), picture, mask, deviation)
+
+
+def with_free_form(
+    fit: EdgeFit, picture: npt.NDArray[np.generic], mask: npt.NDArray[np.bool_] | None = None, deviation: npt.ArrayLike = 1.0
+) -> FreeEdge:
+    """The line spread of free form of an edge that has been fitted to these pixels; it costs more, the wider the blur."""
     pixels, _ = edge_pixels(picture, mask, deviation)
     t = pixels.distance(fit.angle, fit.offset_px)
     half = math.ceil((4 * fit.blur_px + 2) / SPACING) * SPACING

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.edge_free import FreeEdge, fit_free_edge
+from flflab.analysis.edge import fit_edge
+from flflab.analysis.edge_free import FreeEdge, with_free_form
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import bright_pixels, require_picture, same_type_as_central
@@ -20,6 +21,7 @@ FREQUENCIES = np.linspace(0.0, 0.5, 26)  # cycles/px
 LEAST_SIDE = 0.1  # of a bright field's pixels on each side of the edge
 LEAST_STEP = 0.3  # of the brightest field's light
 LEAST_HEIGHT = 0.5  # of the bright side's light: the target is black and white
+WIDEST_BLUR = 0.5  # of a bright field's radius, standard deviation: beside a wider one neither black nor white is seen
 WORST_RESIDUAL = 4.0  # of a pixel from its edge, in units of its noise
 
 
@@ -65,7 +67,7 @@ def measure_edges(picture: npt.NDArray[np.generic], lattice: Lattice, camera: Ca
     top = float(np.quantile(light, 0.99))
     fits: list[FreeEdge] = []
     lenses: list[int] = []
-    strange = math.inf
+    strange = blurred = math.inf
     for lens in np.unique(pixels.lens):
         here = pixels.lens == lens
         bright = float(np.mean(light[here] > top / 2))
@@ -76,16 +78,24 @@ def measure_edges(picture: npt.NDArray[np.generic], lattice: Lattice, camera: Ca
         mask = np.zeros((int(rows.max()) - first + 1, int(columns.max()) - left + 1), dtype=np.bool_)
         mask[rows - first, columns - left] = True
         patch = values[first : first + mask.shape[0], left : left + mask.shape[1]]
+        spread = np.sqrt(noise.variance(patch))
         try:
-            found = fit_free_edge(patch, mask, np.sqrt(noise.variance(patch)))
+            found = fit_edge(patch, mask, spread)
         except MeasurementError:
             continue  # a field that an edge only brushes
-        bright = found.fit.dark + found.fit.height - noise.offset_dn
-        if found.fit.residual > WORST_RESIDUAL or found.fit.height < LEAST_HEIGHT * bright:
-            strange = min(strange, found.fit.residual)
+        if found.residual > WORST_RESIDUAL or found.height < LEAST_HEIGHT * (found.dark + found.height - noise.offset_dn):
+            strange = min(strange, found.residual)
             continue
-        fits.append(found)
+        if found.blur_px > WIDEST_BLUR * lattice.inside_radius_px:
+            blurred = min(blurred, found.blur_px)
+            continue
+        fits.append(with_free_form(found, patch, mask, spread))
         lenses.append(int(lens))
+    if not fits and blurred < math.inf:
+        raise MeasurementError(
+            f"edge: what crosses the bright fields is blurred by {blurred:.3g} px, {WIDEST_BLUR * lattice.inside_radius_px:.3g} px are "
+            "allowed in fields of their size, beside more neither black nor white is seen; check target and focus"
+        )
     if not fits and strange < math.inf:
         raise MeasurementError(
             "edge: what crosses the bright fields is no straight edge between black and white, the pixels depart from one by "

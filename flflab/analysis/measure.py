@@ -133,8 +133,11 @@ def _lattice_of_bars(
 def _grey(values: Array, picture: npt.NDArray[np.generic], noise: SensorNoise | None, remarks: list[str]) -> Mosaic:
     """A picture without filters, in steps of one."""
     if noise is None and picture.dtype.kind == "f":
+        top = float(np.quantile(values, 0.999))
+        if top < 0:
+            raise MeasurementError(f"picture: nearly all its numbers are below 0, from {values.min():.4g}; light from 0 up is due")
         # in units of the white level the rounding of whole numbers would count as noise
-        values = values * (SCALED_WHITE_DN / max(float(np.quantile(values, 0.999)), 1e-300))
+        values = values * (SCALED_WHITE_DN / top if top > 0 else 1.0)
     if noise is None and picture.dtype.kind == "u":
         step = int(np.gcd.reduce(picture.ravel().astype(np.int64))) or 1
         if step > 1 and step & (step - 1) == 0:

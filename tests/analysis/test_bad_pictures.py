@@ -30,6 +30,13 @@ def landscape() -> npt.NDArray[np.uint16]:
     return np.rint(clouds * 3000 + 64 + rng.normal(0, 10, SHAPE)).astype(np.uint16)
 
 
+def hills() -> npt.NDArray[np.uint16]:
+    """A photograph out of focus: in a micro-image it rises or falls evenly, as an edge blurred beyond all measure does."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    smooth = 120 + 60 * np.sin(x / 90) + 50 * np.cos(y / 70 + x / 200)
+    return np.rint(10 * (smooth + np.random.default_rng(0).normal(0, 3, SHAPE)).clip(0, 255)).astype(np.uint16)
+
+
 PICTURES: dict[str, tuple[Any, str]] = {
     "all black": (np.zeros(SHAPE, dtype=np.uint16), "dark"),
     "black with noise": (np.random.default_rng(1).poisson(60, SHAPE).astype(np.uint16), "."),
@@ -42,7 +49,9 @@ PICTURES: dict[str, tuple[Any, str]] = {
     "turned on its side": (np.full(SHAPE[::-1], 7, dtype=np.uint16), r"\(760, 520\)"),
     "not numbers": (np.full(SHAPE, np.nan), "finite"),
     "one of them not a number": (np.where(np.arange(SHAPE[0] * SHAPE[1]).reshape(SHAPE) == 9, np.inf, 0.5), "finite"),
+    "below 0": (-1.0 - landscape(), "below 0"),
     "of something else": (landscape(), "."),
+    "of something smooth": (hills(), "."),
 }
 
 
