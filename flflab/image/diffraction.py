@@ -256,12 +256,12 @@ def _looking_windows(windows: Whole, centres: Array, origins: Array, grid: Grid,
 def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:
     """Into how many parts a side a pixel on the rim is divided, and whether the rim is too steep for curves of its own.
 
-    Across a pixel share and radiance vary together: on a rim w pixels wide n parts leave up to 0.12 / (w n^2) of a sharp edge, found on
-    bars, and less of one whose light rises over several pixels; the share's own bend leaves up to 0.3 / (w n)^2.
+    Across a pixel share and radiance vary together: on a rim w pixels wide n parts leave up to 0.2 / (w n^2) of a sharp edge, found on
+    bars, and less of one whose light rises over several pixels; the share's own bend leaves up to 0.45 / (w n)^2.
     """
     width = max(2 * kind.slope, 1e-9)
-    sharp = min(1.0, 2 * kind.cutoff, 1 / max(abs(kind.blur), 1e-9))
-    parts = math.ceil(math.sqrt((0.15 * sharp / width + 0.3 / width**2) / tolerance))
+    sharp = min(1.0, 2 * kind.cutoff, 1 / math.sqrt(max(abs(kind.blur), 1e-9)))
+    parts = math.ceil(math.sqrt((0.22 * sharp / width + 0.45 / width**2) / tolerance))
     parts = min(max(parts, math.ceil(STEEP / width), 1), MOST_PARTS)
     return parts, width * parts < STEEP
 
@@ -269,7 +269,7 @@ def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:
 def node_counts(kind: Kind, tolerance: float) -> tuple[int, int]:
     """How many radii and angles of a micro-image's rim a tolerance needs; more where no pixel averages out the pupil's finest waves."""
     finer, fine = (0.002 / tolerance) ** 0.25, min(1.0, 0.3 / max(kind.cutoff, 1e-9))
-    radii, angles = (9 + 6 * fine) * (1 + 0.05 * abs(kind.blur)), (20 + 8 * fine) * (1 + 0.1 * abs(kind.blur))
+    radii, angles = (9 + 6 * fine) * (1.5 + 0.1 * abs(kind.blur)), (20 + 8 * fine) * (1 + 0.1 * abs(kind.blur))
     return math.ceil(finer * radii), math.ceil(finer * angles) + 1
 
 

@@ -179,11 +179,11 @@ class TransferTable:
 def samples_needed(kind: Kind, tolerance: float) -> float:
     """Samples a pixel of an image behind pixels; half of it is the highest frequency that matters, cycles/pixel.
 
-    n of them leave up to 0.1 / n of a sharp edge, and (1.5 n blur)^-1.5 of that of a blurred one; a wide blur leaves so little of fine
+    n of them leave up to 0.1 / n of a sharp edge, and (n blur)^-1.5 of that of a blurred one; a wide blur leaves so little of fine
     waves that a spline needs fewer samples, too.
     """
     demand, wide = 0.1 / tolerance, 2 * abs(kind.blur)
-    blurred = 1.3 * (demand * wide**-1.5) ** 0.4 if wide else math.inf
+    blurred = 1.8 * (demand * wide**-1.5) ** 0.4 if wide else math.inf
     least = (FEW if tolerance >= 1e-3 else MORE) * min(1.0, WIDE / max(wide, 1e-9))
     return min(PER_WAVE * kind.cutoff, max(least, min(demand, blurred)))
 

@@ -16,7 +16,7 @@ from flflab.image.effects.motion import Motion
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
 from flflab.image.setup import make_setup
-from flflab.optics.camera import Camera, MainLens, Sensor, pixel_positions
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, pixel_positions
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 
 pytestmark = pytest.mark.ci
@@ -257,3 +257,13 @@ def test_a_stopped_down_camera_is_softer(with_f_number: Callable[[float], Camera
     u = cycles / (2 * half_angle * 1.66e-3 / GREEN)
     airy = 2 / math.pi * (math.acos(u) - u * math.sqrt(1 - u * u))
     assert math.hypot(*wave) / mean == pytest.approx(airy * np.sinc(cycles), abs=0.02)
+
+
+@pytest.mark.parametrize(("f_number", "distance"), [(2.8, 420.0), (4.0, 450.0), (5.6, 1200.0), (8.0, 600.0)])
+def test_no_pixel_of_bars_in_waves_is_farther_off_than_asked(f_number: float, distance: float) -> None:
+    """Against a quarter of the tolerance, everywhere: with too few radii and samples up to five times as far, on few pixels."""
+    camera = Camera(
+        MainLens(50.0, f_number), MicrolensArray("square", (3, 3), (0.4, 0.4), 0.336, (0.917,), 60.0), Sensor((360, 300), 0.00166, 61.15)
+    )
+    scene = Scene(camera, (Plane(Bars(), distance),), diffraction=Diffraction(GREEN))
+    assert np.abs(render(scene, tolerance=0.002) - render(scene, tolerance=5e-4)).max() < 0.002
