@@ -1,25 +1,21 @@
-"""Spots that main lens or microlens cut: fitted as what both let through of a defocused dot.
-
-At e from the micro-image's centre the pupil points v with |v| <= microlens disc and |v - e| <= main lens disc see the dot where
-|(e - spot) + beta v| <= radius, beta = b / (L x kappa) - 1: an area common to three discs. From s = kappa q - (b/L) m + (b/f) y_i and
-o V = m W - q/L (physics.md, "One SMMS") with v = kappa (q - y_i).
-"""
+"""Spots that main lens or microlens cut: fitted as what both let through of a defocused dot."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from flflab.analysis.cut_light import Nodes, narrow, wide
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import tilted_smms
 from flflab.analysis.spot_focus import SHARPEST_PX, Focus, common_step
 from flflab.analysis.spots import DARKEST, LIT, Lit, Spots, illumination, light_share, moved_by
 from flflab.optics.camera import Camera
-from flflab.optics.discs import arc_share, disc_rectangle_area, three_disc_area, two_disc_area
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import image_offset
@@ -27,7 +23,6 @@ from flflab.optics.smms import image_offset
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.generic]
 Whole = npt.NDArray[np.int64]
-Nodes = tuple[Array, Array]
 
 SHARP_PX, WIDE_PX = 0.06, 1.5  # of blur: few rays stand for the cone, a few points for a pixel
 SPARE_PX = 3.0  # how much further a spot may reach where the frame is out of focus, and a pixel's side
@@ -79,120 +74,6 @@ def pupils_of(lattice: Lattice, lens: Whole, camera: Camera, distance: float) ->
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _chord(radius: float, at: float, low: float, high: float) -> float:  # pragma: no cover - compiled
-    """Length of the line at ``at`` from ``low`` to ``high`` within the disc round the origin."""
-    if abs(at) >= radius:
-        return 0.0
-    half = math.sqrt((radius - at) * (radius + at))
-    return max(0.0, min(high, half) - max(low, -half))
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _narrow(
-    x: float, y: float, spot: Array, radius: float, main: float, small: float, beta: float, along: Nodes, across: Nodes
-) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
-    """Light in the pixel at (x, y) and its slopes by the spot's place and by beta, where the blur is narrow.
-
-    The share of the pixel, closed form, that sees the dot through v, integrated over the pupil of its middle. A pixel on the spot's edge
-    is lit on its inner side only, and there the main lens's disc lies a little elsewhere: share by share, an integral along that disc's
-    rim. Nodes and weights of Gauss ``along`` the line from the micro-image's centre, on either side of the pupil's corners, and
-    ``across`` it.
-    """
-    r = math.hypot(x, y)
-    area = two_disc_area(small, main, r)
-    low, high = max(-small, r - main), min(small, r + main)
-    middle = low
-    if abs(main - small) < r:
-        middle = min(max((r * r + small * small - main * main) / (2 * r), low), high)
-    to_x, to_y = (x / r, y / r) if r > 0 else (1.0, 0.0)
-    total, seen, by_x, by_y, by_beta = 0.0, 0.0, 0.0, 0.0, 0.0
-    for part in range(2):
-        start, length = (low, middle - low) if part == 0 else (middle, high - middle)
-        if length <= 0.0:
-            continue
-        for n in range(len(along[0])):
-            angle = 0.5 * math.pi * (1 + along[0][n])
-            u = start + length * 0.5 * (1 - math.cos(angle))
-            half = math.sqrt(max(min(small * small - u * u, main * main - (u - r) ** 2), 0.0))
-            for m in range(len(across[0])):
-                w = half * across[0][m]
-                weight = along[1][n] * across[1][m] * math.sin(angle) * length * half
-                vx, vy = u * to_x - w * to_y, u * to_y + w * to_x
-                left, bottom = x - 0.5 - spot[0] + beta * vx, y - 0.5 - spot[1] + beta * vy
-                total += weight
-                share = disc_rectangle_area(radius, left, left + 1, bottom, bottom + 1)
-                seen += weight * share
-                if 0.0 < share < 1.0:
-                    more_x = weight * (_chord(radius, left, bottom, bottom + 1) - _chord(radius, left + 1, bottom, bottom + 1))
-                    more_y = weight * (_chord(radius, bottom, left, left + 1) - _chord(radius, bottom + 1, left, left + 1))
-                    by_x, by_y, by_beta = by_x + more_x, by_y + more_y, by_beta - vx * more_x - vy * more_y
-    scale = area / max(total, 1e-300)
-    light = scale * seen
-    turn, opening = arc_share(x, y, main, 0.0, 0.0, small)
-    if opening > 0.0:
-        for n in range(len(along[0])):
-            angle = turn + opening * along[0][n]
-            out_x, out_y = math.cos(angle), math.sin(angle)
-            cx, cy = x - spot[0] + beta * (x + main * out_x), y - spot[1] + beta * (y + main * out_y)
-            share = disc_rectangle_area(radius, cx - 0.5, cx + 0.5, cy - 0.5, cy + 0.5)
-            inwards = -(cx * out_x + cy * out_y) / max(math.hypot(cx, cy), 1e-9)
-            light += along[1][n] * opening * main * share * (1 - share) / 2 * inwards
-    return light, scale * by_x, scale * by_y, scale * by_beta
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _rim(
-    x: float, y: float, radius: float, small: float, main_x: float, main_y: float, main: float
-) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """The part of a disc's rim that lies in the disc ``small`` round the origin and in another, ``main``: length, sum of normals."""
-    middle, half = arc_share(x, y, radius, 0.0, 0.0, small)
-    if half < 0.0:
-        return 0.0, 0.0, 0.0
-    other, opening = arc_share(x, y, radius, main_x, main_y, main)
-    if opening < 0.0:
-        return 0.0, 0.0, 0.0
-    if half == math.pi:
-        middle, half, other, opening = other, opening, middle, half
-    if half == math.pi:
-        return 2 * math.pi * radius, 0.0, 0.0
-    turn = other - middle
-    turn -= 2 * math.pi * math.floor(turn / (2 * math.pi) + 0.5)
-    length, out_x, out_y = 0.0, 0.0, 0.0
-    for full in (-2 * math.pi, 0.0, 2 * math.pi):
-        start, end = max(-half, turn + full - opening), min(half, turn + full + opening)
-        if opening == math.pi:
-            start, end = (-half, half) if full == 0.0 else (0.0, 0.0)
-        if end > start:
-            length += end - start
-            out_x += math.sin(middle + end) - math.sin(middle + start)
-            out_y += math.cos(middle + start) - math.cos(middle + end)
-    return radius * length, radius * out_x, radius * out_y
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _wide(
-    x: float, y: float, spot: Array, radius: float, main: float, small: float, beta: float, within: Nodes
-) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
-    """Light in the pixel at (x, y) and its slopes by the spot's place and by beta: the mean of a few of its points, each in closed form.
-
-    As the dot's disc moves or grows, the common area grows by as much along that part of its rim which lies in the other two discs.
-    """
-    light, by_x, by_y, by_beta = 0.0, 0.0, 0.0, 0.0
-    size = radius / abs(beta)
-    for n in range(len(within[0])):
-        for m in range(len(within[0])):
-            ex, ey = x + within[0][n] / 2, y + within[0][m] / 2
-            weight = within[1][n] * within[1][m] / 4
-            ax, ay = (spot[0] - ex) / beta, (spot[1] - ey) / beta
-            light += weight * three_disc_area(0.0, 0.0, small, ex, ey, main, ax, ay, size)
-            length, out_x, out_y = _rim(ax, ay, size, small, ex, ey, main)
-            by_x += weight * out_x / beta
-            by_y += weight * out_y / beta
-            by_beta -= weight * (ax * out_x + ay * out_y + size * length) / beta
-    return light, by_x, by_y, by_beta
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _sums(
     picture: Picture,
     at: Array,
@@ -205,7 +86,7 @@ def _sums(
     step: float,
     radius: float,
     pupils: Array,
-    wide: bool,
+    broad: bool,
     fitted: bool,
     fine: tuple[Nodes, Nodes],
     rough: tuple[Nodes, Nodes],
@@ -248,10 +129,10 @@ def _sums(
                         if fitted or shares[side] != 0.0:
                             beta = (1 - 2 * side) * softness / unit
                             along, across = fine if abs(shares[side]) > MINOR else rough
-                            if wide:
-                                seen[side] = _wide(x, y, spot, disc, main, small, beta, along)
+                            if broad:
+                                seen[side] = wide(x, y, spot, disc, main, small, beta, along)
                             else:
-                                seen[side] = _narrow(x, y, spot, disc, main, small, beta, along, across)
+                                seen[side] = narrow(x, y, spot, disc, main, small, beta, along, across)
                     light = (shares[0] * seen[0, 0] + shares[1] * seen[1, 0]) / full
                     g[0] = (shares[0] * seen[0, 1] + shares[1] * seen[1, 1]) * by_chief / full
                     g[1] = (shares[0] * seen[0, 2] + shares[1] * seen[1, 2]) * by_chief / full
@@ -272,6 +153,12 @@ def _sums(
             for j in range(i):
                 normal[n, j, i] = normal[n, i, j]
     return normal, right, chi2, count
+
+
+@cache
+def _gauss(count: int) -> Nodes:
+    """Nodes from -1 to 1 and their weights."""
+    return np.polynomial.legendre.leggauss(count)
 
 
 def cut_spots(spots: Spots, own: Lit, lattice: Lattice, reach: float, pupils: Pupils | None) -> Whole:
@@ -313,11 +200,10 @@ def step_of_cut_spots(
         return spots, focus
     signed, soft = pupils.seen_in(focus)
     spread = float(soft.max())
-    wide, more = spread > WIDE_PX, math.ceil(4.5 * spread)
-    nodes = (2 if moved > FAR_PX else 4 if spread < 4 else 3, 1) if wide else (3 + more, 1 + more) if spread > SHARP_PX else (2, 1)
+    broad, more = spread > WIDE_PX, math.ceil(4.5 * spread)
+    nodes = (2 if moved > FAR_PX else 4 if spread < 4 else 3, 1) if broad else (3 + more, 1 + more) if spread > SHARP_PX else (2, 1)
     seen_through = np.stack([pupils.main, pupils.small, pupils.by_chief, signed, soft], axis=1)
-    gauss = np.polynomial.legendre.leggauss
-    fine, rough = ((gauss(one), gauss(other)) for one, other in (nodes, (2, 1)))
+    fine, rough = ((_gauss(one), _gauss(other)) for one, other in (nodes, (2, 1)))
     now = np.concatenate([spots.centres, spots.brightness[:, None]], axis=1)
 
     def sums(part: Whole) -> tuple[Array, Array, Array, Array]:
@@ -334,7 +220,7 @@ def step_of_cut_spots(
             mine.table.step,
             radius,
             seen_through[part],
-            wide,
+            broad,
             focus.uncertainty_px > 0,
             fine,
             rough,
