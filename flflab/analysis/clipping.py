@@ -13,7 +13,7 @@ from flflab.analysis.cut_light import Nodes, narrow, wide
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import tilted_smms
-from flflab.analysis.spot_focus import SHARPEST_PX, Focus, common_step
+from flflab.analysis.spot_focus import SHARPEST_PX, Focus, by_common_focus, common_step
 from flflab.analysis.spots import DARKEST, LIT, Lit, Spots, illumination, light_share, moved_by
 from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
@@ -233,6 +233,8 @@ def step_of_cut_spots(
     parts = np.array_split(cut, numba.get_num_threads())
     with ThreadPoolExecutor(len(parts)) as pool:
         normal, right, misfit, count = (np.concatenate(part) for part in zip(*pool.map(sums, parts), strict=True))
+    if focus.uncertainty_px > 0:
+        normal, right = by_common_focus(normal, right, signed[cut], soft[cut], focus)
     chi2 = misfit / np.maximum(count - 3, 1)
     lit = illumination(own.table, np.hypot(*(spots.centres - own.centres)[cut].T)) > LIT
     step = common_step(normal, right, chi2, spots.brightness[cut] > DARKEST, lit, focus, math.isinf(moved))

@@ -63,6 +63,17 @@ def nominal_focus(blur_px: float, known: bool) -> Focus:
     return Focus(blur_px, blur_px, max(abs(blur_px), 0.0 if known else SHARPEST_PX), 0.0 if known else FOCUS_PX)
 
 
+def by_common_focus(normal: Array, right: Array, signed: Array, soft: Array, focus: Focus) -> tuple[Array, Array]:
+    """Normal matrices and right sides by the frame's blur and softness in place of each spot's own, shapes (n, 5, 5) and (n, 5).
+
+    A spot's softness S goes with its blur B as with the frame's s and b, S^2 = s^2 + B^2 - b^2 and B - b fixed: dS = (B - b)/S db + s/S ds.
+    """
+    own = np.tile(np.eye(5), (len(right), 1, 1))
+    own[:, 4, 3], own[:, 4, 4] = (signed - focus.blur_px) / soft, focus.softness_px / soft
+    turned = own.transpose(0, 2, 1)
+    return turned @ normal @ own, (turned @ right[:, :, None])[:, :, 0]
+
+
 def common_step(normal: Array, right: Array, chi2_per_pixel: Array, usable: Flags, lit: Flags, focus: Focus, first: bool) -> CommonStep:
     """Solve for spots and their common focus.
 
