@@ -45,7 +45,7 @@ def _plain(values: npt.NDArray[np.float32], seen: SeenSpots, noise: SensorNoise)
     sure = np.isfinite(seen.spots.covariance[:, 0, 0]) & (np.sqrt(np.abs(seen.spots.covariance[:, 0, 0])) < 0.3)
     for x, y in seen.spots.centres[sure]:
         top, left = max(0, math.ceil(y - radius)), max(0, math.ceil(x - radius))
-        window = np.s_[top : math.floor(y + radius) + 1, left : math.floor(x + radius) + 1]
+        window = np.s_[top : max(0, math.floor(y + radius) + 1), left : max(0, math.floor(x + radius) + 1)]  # none of it where outside
         rows, columns = np.ogrid[window]
         inside = np.hypot(columns[:, : plain[window].shape[1]] - x, rows[: plain[window].shape[0]] - y) <= radius
         plain[window] = np.where(inside, values[window], plain[window])

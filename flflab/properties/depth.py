@@ -38,7 +38,7 @@ def dot_distances(one: Measured, model: Predicted) -> Values:
     if not bool(microlens_limits(central_smms(model.camera), 1 / model.distance)):
         seen = []
     read = distance_of(offset_read(model), model.camera) * model.stretches
-    common = np.array([dot.common_mm[2] for dot in seen], dtype=np.float64).reshape(len(seen), -1)
+    common = np.array([dot.common_mm[2] for dot in seen], dtype=np.float64) if seen else np.zeros((0, 1))
     alone = np.array([dot.uncertainty_mm[2] for dot in seen], dtype=np.float64) ** 2 - (common**2).sum(axis=1)
     return Values(
         one.configuration.index,
