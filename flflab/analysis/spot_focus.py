@@ -20,7 +20,7 @@ FOCUS_PX = 5.0  # of blur: so far, as a standard uncertainty, may the focus be o
 MOST_PX = 1.0  # of blur, in a step
 SOUND = 1.1  # chi squared a pixel that noise may make of all spots together
 STRANGE = 20.0  # times the typical misfit, beyond which a spot has no say: a neighbour's light, dust
-SURE_PX = 0.01  # of blur: better spots near focus do not show it, whatever the noise; 0.004 was seen without noise, 0.014 at F/5.6 with it
+SURE_PX = 0.01  # of blur: near focus the misfit has several least places so far apart, and edges no sharper than it bend it
 NEAR = 2.0  # chi squared a pixel below which the blur is so nearly right that edges can be no sharper than it
 SHARPEST_PX = 0.03  # of blur: softer edges cannot be told from sharp ones
 

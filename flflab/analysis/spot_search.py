@@ -28,6 +28,7 @@ Whole = npt.NDArray[np.int64]
 WIDEST_SHIFT_PX = 30.0  # how far all dots together may be from where the nominal camera puts them
 SEARCH_PX = 8.0  # how far each may then still be
 MOST_ROUNDS, SETTLED_PX = 12, 0.001  # a further round moves centres and radius by a tenth of that
+SETTLED_BLUR_PX = 0.001  # of the focus, a tenth of its uncertainty: it moves all cut spots alike, and depth with them
 SOFTER_PX = 0.1  # of blur: whole spots need not be fitted again, their centres do not depend on it
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
@@ -90,7 +91,7 @@ def find_spots(
     focus = nominal_focus(0.0 if pupils is None else pupils.blur, known=not limited)
     for _ in range(MOST_ROUNDS):
         # spots and focus want the radius, the radius the law and the law the spots: a step of each, until they agree
-        before, last, half = spots.centres, radius, _half_width(radius, spread)
+        before, last, focused, half = spots.centres, radius, focus.blur_px, _half_width(radius, spread)
         if abs(radius - fitted[0]) > SETTLED_PX or abs(spread - fitted[1]) > SOFTER_PX:
             again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
             spots, fitted = spots.with_those(whole, again), (radius, spread)
@@ -106,7 +107,7 @@ def find_spots(
         law = _regress(law, nominal, regressors[good], offsets[good], camera.sensor.pixel)
         radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
         far, moved = moved > FAR_PX, float(np.abs(spots.centres - before)[bright].max())
-        if max(moved, abs(radius - last)) < SETTLED_PX and not far:
+        if max(moved, abs(radius - last)) < SETTLED_PX and abs(focus.blur_px - focused) < SETTLED_BLUR_PX and not far:
             break
     return SeenSpots(spots, candidates, law, radius, spread, focus, table)
 
