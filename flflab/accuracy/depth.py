@@ -69,11 +69,9 @@ def depth_rows(camera: Camera, tell: Callable[[str], None]) -> tuple[Row, ...]:
         tell: is told what is being done.
 
     Raises:
-        InputError: the array has several kinds of microlenses, or the camera is sharp at no real distance.
+        InputError: the camera is sharp at no real distance.
         MeasurementError: its white picture cannot be measured.
     """
-    if len(camera.array.focal_lengths) > 1:
-        raise InputError(f"depth: an array of one focal length is due, not of {len(camera.array.focal_lengths)}")
     distances, target = _distances(camera)
     tell("white picture")
     white = _exposed(camera, White(), distances[0])

@@ -10,7 +10,7 @@ from flflab.accuracy.measure import NOISE, WHITE_DN
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.registration import lattice_behind
-from flflab.errors import InputError, MeasurementError
+from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import one_plane
@@ -62,11 +62,8 @@ def lattice_rows(camera: Camera, tell: Callable[[str], None]) -> tuple[Row, ...]
         tell: is told what is being done.
 
     Raises:
-        InputError: the array has several kinds of microlenses.
         MeasurementError: at no f-number is there a lattice to be seen.
     """
-    if len(camera.array.focal_lengths) > 1:
-        raise InputError(f"lattice: an array of one focal length is due, not of {len(camera.array.focal_lengths)}")
     rows, reasons = list[Row](), list[MeasurementError]()
     for f_number in F_NUMBERS:
         tell(f"white at F/{f_number:g}")

@@ -18,6 +18,7 @@ from rich.table import Table
 from flflab.accuracy.page import Page, write_page
 from flflab.accuracy.page import Table as PlainTable
 from flflab.errors import InputError
+from flflab.optics.camera import Camera
 
 
 class What(StrEnum):
@@ -111,30 +112,34 @@ def _depth(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tupl
     from flflab.accuracy.depth import depth_rows
     from flflab.accuracy.depth_page import depth_page, depth_summary
     from flflab.accuracy.table import write_table
-    from flflab.camera_file import read_camera
 
-    described = _described(camera)
-    rows = depth_rows(read_camera(described), tell)
+    of_one_kind, name = _described(camera, What.DEPTH)
+    rows = depth_rows(of_one_kind, tell)
     write_table(rows, file)
-    return depth_page(rows, described.stem, _made(What.DEPTH)), depth_summary(rows)
+    return depth_page(rows, name, _made(What.DEPTH)), depth_summary(rows)
 
 
 def _lattice(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
     from flflab.accuracy.lattice import lattice_rows
     from flflab.accuracy.lattice_page import lattice_page, lattice_summary
     from flflab.accuracy.table import write_table
-    from flflab.camera_file import read_camera
 
-    described = _described(camera)
-    rows = lattice_rows(read_camera(described), tell)
+    of_one_kind, name = _described(camera, What.LATTICE)
+    rows = lattice_rows(of_one_kind, tell)
     write_table(rows, file)
-    return lattice_page(rows, described.stem, _made(What.LATTICE)), lattice_summary(rows)
+    return lattice_page(rows, name, _made(What.LATTICE)), lattice_summary(rows)
 
 
-def _described(camera: Path | None) -> Path:
+def _described(camera: Path | None, what: What) -> tuple[Camera, str]:
+    """The camera that is asked for, whose array is of one kind of microlenses, and its name."""
+    from flflab.camera_file import read_camera
     from flflab.cli.new import Kind, built_in
 
-    return built_in(Kind.CAMERA) if camera is None else camera
+    file = built_in(Kind.CAMERA) if camera is None else camera
+    found = read_camera(file)
+    if (kinds := len(found.array.focal_lengths)) > 1:
+        raise InputError(f"accuracy {what}: {file} has microlenses of {kinds} focal lengths; give a camera whose array has one")
+    return found, file.stem
 
 
 def _shown(table: PlainTable) -> Table:

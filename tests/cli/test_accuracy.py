@@ -81,6 +81,13 @@ def test_the_lattice_of_a_camera_of_ones_own_is_shown_against_the_f_number(flfla
     assert row["origin_px"] == pytest.approx(0.0003 * math.sqrt(24), rel=0.4)
 
 
+@pytest.mark.parametrize("what", ["depth", "lattice"])
+def test_a_camera_of_several_kinds_of_microlenses_is_refused(flflab: Run, root: Path, tmp_path: Path, what: str) -> None:
+    ended = flflab("accuracy", what, "--camera", root / "examples" / "cameras" / "r12a.yaml", "--out", tmp_path)
+    assert ended.code == 1
+    assert "has microlenses of 3 focal lengths; give a camera whose array has one" in " ".join(ended.err.split())
+
+
 def test_only_depth_and_lattice_take_a_camera(flflab: Run, small_camera: Path) -> None:
     ended = flflab("accuracy", "model", "--camera", small_camera)
     assert ended.code == 1
