@@ -17,6 +17,12 @@ from flflab.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
+PROPERTY_NAMES = {
+    "mtf": "contrast (MTF)", "views": "number of views", "micro_images_mm": "micro-images: fields and pitch",
+    "overlap_mm": "overlap", "depth_of_field_mm": "depth of field", "light": "marginal light", "elr_row_px": "effective lateral resolution",
+    "dot_distance_mm": "depth of the dots", "array_attitude_mrad": "tilt and roll of the array",
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Row:
@@ -123,8 +129,8 @@ def judge(quantity: str, measured: Array, noise: Array, draws: Array, threshold:
     p_value = (1 + int(np.count_nonzero(simulated >= statistic))) / (1 + len(simulated))
     accepted = p_value >= threshold
     sentence = (
-        f"{quantity}: {count} values {'agree' if accepted else 'do not agree'} with the model; of benches built and measured as stated, "
-        f"{100 * p_value:.3g} % disagree at least as much (rejected below {100 * threshold:.3g} %)"
+        f"{PROPERTY_NAMES.get(quantity, quantity)}: {count} values {'agree' if accepted else 'do not agree'} with the model; "
+        f"of benches built and measured as stated, {100 * p_value:.3g} % disagree at least as much (rejected below {100 * threshold:.3g} %)"
     )
     return Verdict(quantity, count, p_value, threshold, accepted, sentence)
 

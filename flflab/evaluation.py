@@ -39,11 +39,6 @@ JUDGED = {  # the verdicts, and the quantities that each is about
     "dot_distance_mm": ("dot_distance_mm",),
     "array_attitude_mrad": ("array_roll_mrad", "array_yaw_mrad", "array_pitch_mrad"),
 }
-PROPERTY_NAMES = {
-    "mtf": "contrast (MTF)", "views": "number of views", "micro_images_mm": "micro-images: fields and pitch",
-    "overlap_mm": "overlap", "depth_of_field_mm": "depth of field", "light": "marginal light", "elr_row_px": "effective lateral resolution",
-    "dot_distance_mm": "depth of the dots", "array_attitude_mrad": "tilt and roll of the array",
-}  # fmt: skip
 EXPLAINED_BY_OTHERS = ("views", "contrast_paper", "overlap_mm", "elr_row_px", "depth_of_field_near_mm", "depth_of_field_far_mm")
 
 

@@ -11,9 +11,9 @@ from rich.table import Table
 from flflab.bench import read_bench
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import progress_shown, run_study
-from flflab.comparison import write_rows
+from flflab.comparison import PROPERTY_NAMES, write_rows
 from flflab.diagnosis import not_told_apart
-from flflab.evaluation import PROPERTY_NAMES, Evaluation, evaluate
+from flflab.evaluation import Evaluation, evaluate
 from flflab.record import Run
 from flflab.study import read_study
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined, Template
 
 from flflab.bench import Bench
+from flflab.comparison import PROPERTY_NAMES
 from flflab.diagnosis import not_told_apart
 from flflab.errors import RecordError
-from flflab.evaluation import PROPERTY_NAMES, Evaluation
+from flflab.evaluation import Evaluation
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run

@@ -126,8 +126,8 @@ def evaluation(bench: Bench, study: Study) -> Evaluation:
     )
     rows = tuple(row for one in measured for row in rows_of(one, study.description.reference))
     verdicts = (
-        Verdict("mtf", 12, 0.41, 0.025, True, "mtf: 12 values agree with the model"),
-        Verdict("views", 12, 0.97, 0.025, True, "views: 12 values agree with the model"),
+        Verdict("mtf", 12, 0.41, 0.025, True, "contrast (MTF): 12 values agree with the model"),
+        Verdict("views", 12, 0.97, 0.025, True, "number of views: 12 values agree with the model"),
     )
     values = properties(measured, predicted, bench)
     return Evaluation(measured, predicted, Comparison(rows, verdicts), values, values, values, ())

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from flflab.bench import Bench
-from flflab.comparison import Comparison
+from flflab.comparison import PROPERTY_NAMES, Comparison
 from flflab.errors import RecordError
-from flflab.evaluation import PROPERTY_NAMES, Evaluation
+from flflab.evaluation import Evaluation
 from flflab.record import Run
 from flflab.report import write_report
 from flflab.study import Study
@@ -141,7 +141,7 @@ def test_axis_and_driver_names_are_text_and_never_markup(single: Evaluation, run
 
 def test_a_rejected_comparison_says_so_and_which_quantity(single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path) -> None:
     mtf, views = single.comparison.verdicts
-    rejected = replace(views, accepted=False, p_value=0.001, sentence="views: 12 values do not agree with the model")
+    rejected = replace(views, accepted=False, p_value=0.001, sentence="number of views: 12 values do not agree with the model")
     worse = replace(single, comparison=Comparison(single.comparison.rows, (mtf, rejected)))
     write_report(worse, run, study, bench, tmp_path / "report.html")
     source = (tmp_path / "report.html").read_text(encoding="utf-8")
