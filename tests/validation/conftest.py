@@ -49,7 +49,7 @@ def study_of(bench: Bench, configurations: list[dict[str, Any]]) -> Study:
 
 
 IN_AND_OUT_OF_FOCUS = [
-    {"f_number": [2.8, 4], "distance": "507 mm"},
+    {"f_number": [2.8, 4, 5.6], "distance": "507 mm"},
     {"f_number": 4, "distance": ["500 mm", "515 mm"], "focused_at": "507 mm"},
 ]
 

@@ -38,6 +38,20 @@ def pooled(comparisons: list[Comparison], quantity: str) -> npt.NDArray[np.float
     return np.array([row.z for comparison in comparisons for row in comparison.rows if row.quantity == quantity])
 
 
+def print_table(comparisons: list[Comparison]) -> None:
+    """What stands in docs/accuracy.md: every quantity's z, and every property's verdicts."""
+    for quantity in dict.fromkeys(row.quantity for comparison in comparisons for row in comparison.rows):
+        z = pooled(comparisons, quantity)
+        z = z[np.isfinite(z)]
+        print(f"{quantity}: {len(z)} values, rms of z {np.sqrt(np.mean(z**2)):.3f}, beyond 2: {100 * np.mean(np.abs(z) > 2):.1f} %")
+    verdicts = [verdict for comparison in comparisons for verdict in comparison.verdicts]
+    for quantity in dict.fromkeys(verdict.quantity for verdict in verdicts):
+        p = np.array([verdict.p_value for verdict in verdicts if verdict.quantity == quantity])
+        print(f"{quantity}: {len(p)} verdicts, p below 0.05 in {100 * np.mean(p < 0.05):.1f} %, median {np.median(p):.2f}")
+    rejected = [sorted(one.quantity for one in comparison.verdicts if not one.accepted) for comparison in comparisons]
+    print(f"rejected {sum(map(bool, rejected))} of {len(rejected)} benches: { {n: what for n, what in enumerate(rejected) if what} }")
+
+
 @pytest.mark.ci
 @pytest.mark.timeout(600)
 def test_a_few_honest_benches_are_measured_within_their_uncertainties(runs: Callable[[int], list[Comparison]]) -> None:
@@ -101,15 +115,11 @@ def test_swapped_units_are_found_and_named(one_bench: OneRun, times: float, unit
 @pytest.mark.timeout(7200)
 def test_the_error_bars_of_300_honest_benches_are_honest(runs: Callable[[int], list[Comparison]]) -> None:
     comparisons = runs(300)
-    for quantity in ("mtf", "ratio_mtf"):
-        z = pooled(comparisons, quantity)
-        sys_line = f"{quantity}: {len(z)} values, sd of z {z.std():.3f}, beyond 2: {100 * np.mean(np.abs(z) > 2):.2f} %"
-        print(sys_line)
+    print_table(comparisons)
     z = np.concatenate([pooled(comparisons, "mtf"), pooled(comparisons, "ratio_mtf")])
     views = [row for comparison in comparisons for row in comparison.rows if row.quantity == "views"]
     exact = float(np.mean([row.measured == row.predicted for row in views]))
     rejected = float(np.mean([not comparison.accepted for comparison in comparisons]))
-    print(f"views exact {100 * exact:.2f} %, benches rejected {100 * rejected:.1f} %")
     assert 0.9 <= z.std() <= 1.1
     assert 0.03 <= np.mean(np.abs(z) > 2) <= 0.06
     assert exact >= 0.95
