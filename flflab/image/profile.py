@@ -33,7 +33,7 @@ def profile_table(target: Bars | Chirp) -> tuple[Array, Array]:
     widths = np.diff(knots)
     inside = (NODES + 1) / 2
     at_nodes = target.profile(target.phase(knots[:-1, None] + widths[:, None] * inside))
-    cubic = np.linalg.solve(np.vander(inside, increasing=True), at_nodes.T).T
+    cubic = at_nodes @ np.linalg.inv(np.vander(inside, increasing=True)).T
     powers = np.arange(4)
     area = widths * (cubic / (powers + 1)).sum(axis=1)
     moment = widths**2 * (cubic / ((powers + 1) * (powers + 2))).sum(axis=1)

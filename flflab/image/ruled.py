@@ -13,7 +13,7 @@ import numpy.typing as npt
 from flflab.image.falloff_means import mean_weights, read_between
 from flflab.image.profile import prepare, profile_mean
 from flflab.image.rim import part_share, rim_share
-from flflab.image.strips import BLOCK, EX, EY, MEAN, ROWS, strip_means, weighted_mean, window_mean
+from flflab.image.strips import BLOCK, EX, EY, LOOSE, MEAN, ROWS, WEIGHT, strip_means, weighted_mean, window_mean
 from flflab.image.tiles import shrink
 
 Array = npt.NDArray[np.float64]
@@ -21,16 +21,32 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 EDGE = 0.04  # of white: what is left in the last pixels of a rim, times the 3/2 power of half its width, where only its columns are cut
-DARK, FULL, RIM, FULL_END, RIM_END = 0, 1, 2, 3, 4  # pixels: whether the rim clips, whether the window in y' ends there
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def sort_of(squared: float, deep: float, height: float, lower: float, upper: float, felt: float) -> int:
-    """Which sort a pixel is of, from its squared distance, that of full pixels, and its y' (mm) in the window."""
-    if height < lower - felt or height > upper + felt:
-        return DARK
-    sort = FULL if squared <= deep else RIM
-    return sort if height > lower + felt and height < upper - felt else sort + RIM
+def columns_between(low: float, high: float, at: float, per_column: float, columns: int) -> tuple[int, int]:
+    """The columns where at + per_column * column lies between two bounds: the first, and the one after the last."""
+    if low > high or (per_column == 0.0 and not low <= at <= high):
+        return 0, 0
+    if per_column == 0.0:
+        return 0, columns
+    one, other = (low - at) / per_column, (high - at) / per_column
+    first, last = math.ceil(max(min(one, other), 0.0)), math.floor(min(max(one, other), columns - 1.0))
+    return (first, last + 1) if first <= last else (0, 0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
+def rim_shares(points: Array, number: int, first: float, step: float, y: float, rim: Array) -> None:
+    """``rim_share`` along a row, at x = first, first + step, ... mm from the centre; fills ``points`` from WEIGHT on."""
+    nearest, per_step, squared, last = rim[0], rim[1], y * y, float(rim.shape[0] - 4)
+    for p in range(number):
+        x = first + p * step
+        points[WEIGHT + p] = min(max((math.sqrt(x * x + squared) - nearest) * per_step, 0.0), last + 1.0)
+    for p in range(number):  # apart from the above: reading here and there is faster without vectors
+        place = points[WEIGHT + p]
+        i = np.int64(min(place, last))
+        below = np.uint64(i + 2)
+        points[WEIGHT + p] = rim[below] + (place - i) * (rim[below + np.uint64(1)] - rim[below])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -129,7 +145,6 @@ def add_ruled(
             half = 0.5 * (abs(cxx) * ((end - start) * pixel) + abs(cxy) * ((last - first) * pixel))
             sums = prepare(middle - half, middle + half, spread, boxes, fine, table, law, places)
         outside, deep = reach + abs(slope) + 0.75 * width, reach - abs(slope) - 0.75 * width
-        deep = deep * deep if deep > 0.0 else -1.0
         felt = abs(up_along) + abs(up_across) + (abs(cyx) + abs(cyy)) * width
         # Where neither pupil nor row matters, the mean of a column is the same all the way down.
         upright = cxy == 0.0 or not varies
@@ -166,33 +181,41 @@ def add_ruled(
             half = math.sqrt(room)
             stop = max(start, math.ceil((centre_x - half - xs[0]) / pixel))
             right = min(end, math.floor((centre_x + half - xs[0]) / pixel) + 1)
-            after = DARK
+            height = origin_y + cyx * (xs[0] - centre_x) + cyy * dy
+            seen_start, seen_end = columns_between(lower - felt, upper + felt, height, cyx * pixel, len(xs))
+            clear_start, clear_end = columns_between(lower + felt, upper - felt, height, cyx * pixel, len(xs))
+            half = math.sqrt(max(deep * deep - dy * dy, 0.0))
+            full_start, full_end = columns_between(-half, half, xs[0] - centre_x, pixel, len(xs)) if deep > abs(dy) else (0, 0)
+            stop, right = max(stop, seen_start), min(right, seen_end)
             while stop < right:
                 # The longest run of pixels of one sort.
-                column, sort = stop, DARK
-                while stop < right and stop - column < BLOCK:
-                    dx = xs[stop] - centre_x
-                    after = sort_of(dx * dx + dy * dy, deep, origin_y + cyx * dx + cyy * dy, lower, upper, felt)
-                    if wanted.size > 0 and not wanted[row, stop]:
-                        after = DARK
-                    if stop == column:
-                        sort = after
-                    elif after != sort:
-                        break
-                    stop += 1
-                if sort == DARK:
-                    continue
-                number, full = stop - column, sort in (FULL, FULL_END)
-                if sort == FULL and full_by_column:
+                column, stop = stop, min(right, stop + BLOCK)
+                for change in (full_start, full_end, clear_start, clear_end):
+                    if column < change < stop:
+                        stop = change
+                if wanted.size > 0:
+                    while column < stop and not wanted[row, column]:
+                        column += 1
+                    after = column
+                    while after < stop and wanted[row, after]:
+                        after += 1
+                    stop = max(after, column)
+                    if column == stop:
+                        continue
+                full = full_start <= column < full_end
+                clear = clear_start <= column < clear_end
+                number = stop - column
+                if full and clear and full_by_column:
                     for p in range(number):
                         light[p] = steady[0, column + p - start]
-                elif sort == RIM and quick:
+                elif clear and quick:
                     light[:number] = 0.0
                     for i in range(rim_parts):
-                        shift = ((i + 0.5) / rim_parts - 0.5) * width - centre_x
+                        rim_shares(points, number, xs[column] + ((i + 0.5) / rim_parts - 0.5) * width - centre_x, pixel, dy, rim)
                         for p in range(number):
-                            x = xs[column + p] + shift
-                            light[p] += rim_share(math.sqrt(x * x + dy * dy), rim) * steady[1 + i, column + p - start] / rim_parts
+                            light[p] += points[WEIGHT + p] * steady[1 + i, column + p - start]
+                    for p in range(number):
+                        light[p] /= rim_parts
                 else:
                     divide = 1 if full else rim_parts
                     side, near, far = width / divide, places[0 if full else 1], places[0 if full else 2]
@@ -211,13 +234,13 @@ def add_ruled(
                                     x = points[EX + p]
                                     shares[p], look = part_share(x, y, side, slope, reach, rim, nodes)
                                     points[EX + p], points[EY + p] = look * x, look * y
-                            if blurred and sort <= RIM:
+                            if blurred and clear:
                                 strip_means(points, number, landing, cone, strip, count, sums, near, far, chunks, slant)
                             for p in range(number):
                                 ex, ey, value = points[EX + p], points[EY + p], 1.0
                                 if shares[p] <= 0.0:
                                     continue
-                                if blurred and sort <= RIM:
+                                if blurred and clear:
                                     value = points[MEAN + p]
                                 elif blurred:
                                     across = (origin_y + cyx * ex + cyy * ey, up_along, up_across)
@@ -229,11 +252,11 @@ def add_ruled(
                                 elif varies:
                                     box = 0 if full else 1
                                     value = profile_mean(origin_x + cxx * ex + cxy * ey, boxes[box, 0], boxes[box, 1], table, law)
-                                if not blurred and sort > RIM:
+                                if not (blurred or clear):
                                     value *= window_mean(origin_y + cyx * ex + cyy * ey, lower, upper, window[2], window[3])
                                 light[p] += shares[p] * min(max(value, 0.0), 1.0) / (divide * divide)
+                if falls:
+                    for p in range(number):
+                        light[p] *= read_between((xs[column + p] - centre_x - corner_x) / apart, (dy - corner_y) / apart, weights)
                 for p in range(number):
-                    weight = level
-                    if falls:
-                        weight *= read_between((xs[column + p] - centre_x - corner_x) / apart, (dy - corner_y) / apart, weights)
-                    image[row, column + p] += weight * light[p]
+                    image[row, column + p] += level * light[p]
