@@ -42,7 +42,7 @@ from procedures.study import metadata, tell_nobody
 from procedures.sweep import Course, Instruments, Tell, instruments, sweep
 
 Plan = Generator[Msg, Any, Any]
-RESUMABLE = ("sweep", "validate")
+RESUMABLE = ("sweep", "validate", "calibrate")
 LIT, FEWEST_LIT = 5.0, 100  # standard deviations of a dark block's mean above it; pixels
 BLOCK = 9  # pixels a side: a pixel chosen for its own noise would be one of more light than it has
 MOST_DIFFERENCE = 1.2  # rms over the noise's; 1 % less light where views are brightest makes it
@@ -67,8 +67,8 @@ class Rest:
     looks: dict[int, tuple[Look, ...]] = field(default_factory=dict[int, tuple[Look, ...]])
 
 
-def rest_of(run: Run, study: Study, bench: Bench) -> Rest:
-    """What is left of a run.
+def require_unfinished(run: Run) -> None:
+    """Refuse what cannot be gone on with.
 
     Raises:
         InputError: it was taken to its end, or is no run of a study.
@@ -77,6 +77,14 @@ def rest_of(run: Run, study: Study, bench: Bench) -> Rest:
         raise InputError(f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} cannot be gone on with; begin it again")
     if run.complete:
         raise InputError(f"{run.folder}: this run was taken to its end, there is nothing to go on with; `flflab report` measures it again")
+
+
+def rest_of(run: Run, study: Study, bench: Bench) -> Rest:
+    """What is left of a run.
+
+    Raises:
+        InputError: its last frame is none of its study.
+    """
     to_do = steps(study, bench)
     looks: dict[int, tuple[Look, ...]] = {}
     for one in run.accuracy:

@@ -9,6 +9,7 @@ from flflab.cli.calibrate import conclude as conclude_calibration
 from flflab.cli.run import progress_shown, resume_run
 from flflab.cli.sweep import tell_of
 from flflab.cli.validate import conclude
+from flflab.record import Run, read_run
 
 
 def resume(
@@ -16,11 +17,18 @@ def resume(
     bench: Annotated[Path | None, typer.Option(help="the same bench at other addresses (YAML); the recorded one without it")] = None,
 ) -> None:
     """Home what lost its reference, check that the bench shows what it showed, take what is missing; then as the command that began it."""
-    with progress_shown() as tell:
-        found = resume_run(run, bench, tell)
+    found = read_run(run)
+    if not _lacks_its_fit_alone(found):
+        with progress_shown() as tell:
+            found = resume_run(run, bench, tell)
     if found.start["plan_name"] == "validate":
         conclude(found)
     elif found.start["plan_name"] == "calibrate":
         conclude_calibration(found)
     else:
         tell_of(found)
+
+
+def _lacks_its_fit_alone(run: Run) -> bool:
+    """Whether a calibration was taken to its end and interrupted while its pictures were measured."""
+    return run.complete and run.start.get("plan_name") == "calibrate" and not (run.folder / "calibration.json").exists()

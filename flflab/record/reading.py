@@ -196,7 +196,7 @@ def read_run(folder: Path) -> Run:
         except (KeyError, TypeError, ValueError) as error:
             raise RecordError(f"{folder / DOCUMENTS}: a {name} document lacks {error}; it is not a run of flflab") from error
     if not starts:
-        raise RecordError(f"{folder / DOCUMENTS}: holds no start of a run")
+        raise RecordError(f"{folder / DOCUMENTS}: holds no start of a run: nothing was recorded; begin it again in another folder")
     verify_sums(folder)
     return Run(folder, starts[0], tuple(frames.values()), stop, tuple(starts[1:]), tuple(accuracy), turning)
 

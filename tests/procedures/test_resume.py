@@ -19,10 +19,10 @@ from flflab.analysis.noise import SensorNoise
 from flflab.bench import Bench
 from flflab.cli.report import analyse
 from flflab.cli.run import resume_run, run_study
-from flflab.errors import DeviceError, InputError, MeasurementError, MotionError
+from flflab.errors import DeviceError, InputError, MeasurementError, MotionError, RecordError
 from flflab.record import ContinuedRecording, Run, read_documents, read_run
 from flflab.study import Study
-from procedures.resume import difference_over_noise, require_same, rest_of, resume
+from procedures.resume import difference_over_noise, require_same, require_unfinished, rest_of, resume
 from procedures.study import begin_recording, take_study, tell_nobody
 
 Described = Callable[..., tuple[Study, Bench]]
@@ -178,12 +178,32 @@ def test_what_cannot_be_gone_on_with_is_refused(
     connected = in_memory(bench, memory_camera(shape=(90, 120)))
     take_study(connected, study, begin_recording(connected, study, tmp_path), tell_nobody, "sweep")
     with pytest.raises(InputError, match="taken to its end, there is nothing to go on with"):
-        rest_of(read_run(tmp_path), study, bench)
+        require_unfinished(read_run(tmp_path))
     lines = (tmp_path / "documents.jsonl").read_text().splitlines(keepends=True)
     (tmp_path / "documents.jsonl").write_text("".join(lines[:-1]).replace('"plan_name": "sweep"', '"plan_name": "align"'))
     (tmp_path / "SHA256SUMS").unlink()
     with pytest.raises(InputError, match="a run of align cannot be gone on with"):
-        rest_of(read_run(tmp_path), study, bench)
+        require_unfinished(read_run(tmp_path))
+    (tmp_path / "documents.jsonl").write_text("")
+    with pytest.raises(RecordError, match="nothing was recorded; begin it again"):
+        read_run(tmp_path)
+
+
+def test_a_calibration_that_was_cut_is_gone_on_with_as_one(
+    described: Described, in_memory: Connect, memory_camera: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study, described_bench = described(study={"targets": ["dots"]})
+    bench = in_memory(described_bench, memory_camera(shape=(90, 120)))
+    cut_after(bench, 3, monkeypatch)
+    with pytest.raises(MotionError):
+        take_study(bench, study, begin_recording(bench, study, tmp_path), tell_nobody, "calibrate")
+    cut = read_run(tmp_path)
+    require_unfinished(cut)
+    another = in_memory(described_bench, memory_camera(shape=(90, 120)))
+    resume(another, study, cut, rest_of(cut, study, described_bench), ContinuedRecording(tmp_path), tell_nobody)
+    run = read_run(tmp_path)
+    assert run.complete
+    assert {part["plan_name"] for part in (run.start, *run.resumed)} == {"calibrate"}
 
 
 NOISE = SensorNoise(0.34, 1.0, 64.0, 4095.0)
