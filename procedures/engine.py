@@ -41,12 +41,12 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
         recording: gets every document; closed at the end.
 
     Raises:
-        RunInterruptedError: SIGINT or SIGTERM arrived; every axis was told to stop.
+        RunInterruptedError: SIGINT or SIGTERM arrived; every axis was told to stop. Where the run had not begun its record is gone.
         LimitError: the rehearsal found something out of limits; nothing moved.
         FlflabError: a device, a measurement or the disk failed; every axis was told to stop.
     """
     failure: Exception | None = None
-    with contextlib.closing(recording), logged(recording), running_engine() as engine, signals_heard() as asked:
+    with signals_heard() as asked, contextlib.closing(recording), logged(recording), running_engine() as engine:
         try:
             check_limits(rehearsal)
         except FlflabError:
@@ -62,6 +62,9 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
                 engine.abort()
         except Exception as error:
             failure = sentence(error, stop(bench))
+        if asked.is_set() and recording.empty:
+            recording.discard()
+            raise RunInterruptedError("interrupted before anything was recorded")
     if asked.is_set():
         raise RunInterruptedError(f"interrupted; recorded so far is in {recording.folder}")
     if failure is not None:  # raised here: what the engine wrapped round it is in the log

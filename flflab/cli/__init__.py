@@ -1,9 +1,10 @@
 """The command line: names and JSON keys are a contract, see docs/commands.md. One file a command."""
 
+import os
 import signal
 import sys
 
-from flflab.cli.ending import end_with_one_sentence
+from flflab.cli.ending import INTERRUPTED, end_with_one_sentence, is_interruption
 from flflab.errors import FlflabError
 from flflab.house import stranger_among_packages
 
@@ -21,6 +22,9 @@ def main() -> None:
         app(standalone_mode=True)
     except FlflabError as error:
         sys.exit(end_with_one_sentence(error))
-    except KeyboardInterrupt:
-        sys.stderr.write("\ninterrupted\n")
-        sys.exit(130)
+    except BaseException as error:
+        if not is_interruption(error):
+            raise
+        sys.stderr.write("\nflflab: interrupted\n")
+        sys.stderr.flush()
+        os._exit(INTERRUPTED)  # threads may still measure; they hold nothing, and an operator does not wait for them

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import ANGLE, LENGTH, Bench, read_bench
+from flflab.cli.ending import INTERRUPTED
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import seeded
 from flflab.errors import FlflabError, InputError
@@ -20,8 +21,6 @@ from flflab.units import parse_quantity
 
 if TYPE_CHECKING:
     from procedures.align import Outcome
-
-INTERRUPTED = 130
 
 
 def align(
@@ -58,7 +57,7 @@ def align(
             except FlflabError as error:
                 failure = error  # raised below: every axis was told to stop, and what goes wrong in leaving must not hide why
     if isinstance(failure, RunInterruptedError):
-        sys.stderr.write(f"flflab: {failure}\n")
+        sys.stderr.write(f"flflab: {failure}; align begins anew, a few pictures are all it takes\n")
         raise typer.Exit(INTERRUPTED)
     if failure is not None:
         raise failure
@@ -66,6 +65,8 @@ def align(
     (folder / "alignment.yaml").write_text(zeros_as_text(outcomes, described), encoding="utf-8")
     console = Console(width=None if Console().is_terminal else 140)
     console.print(table_of(outcomes))
+    for one in outcomes:
+        console.print(ending_of(one), highlight=False)
     console.print(f"Zeros of the axes by this alignment, for the bench file: {folder / 'alignment.yaml'}", highlight=False, soft_wrap=True)
 
 
@@ -74,16 +75,20 @@ def _tell(sentence: str) -> None:
 
 
 def table_of(outcomes: "tuple[Outcome, ...]") -> Table:
-    """One line a thing aligned: before, after, uncertainty, pictures and why it stopped."""
+    """One line a thing aligned: before, after, uncertainty and pictures."""
     table = Table(box=box.SIMPLE_HEAD)
-    for head in ("", "axis", "before", "after", "u", "reading", "pictures", "stopped because"):
-        table.add_column(head, justify="left" if head in ("", "axis", "stopped because") else "right", overflow="fold")
+    for head in ("", "before", "after", "u", "pictures"):
+        table.add_column(head, justify="right" if head else "left", overflow="fold")
     for one in outcomes:
         show = (ANGLE if one.unit == "rad" else LENGTH).show
-        reading = show(one.reading, ".4f") if one.axis else ""
-        numbers = (show(one.before, "+.5f"), show(one.after, "+.5f"), show(one.uncertainty, ".5f"), reading)
-        table.add_row(one.what, one.axis, *numbers, str(one.pictures), one.why)
+        table.add_row(one.what, show(one.before, "+.5f"), show(one.after, "+.5f"), show(one.uncertainty, ".5f"), str(one.pictures))
     return table
+
+
+def ending_of(one: "Outcome") -> str:
+    """Why aligning one thing stopped, and where its axis stands, in a sentence."""
+    at = f"; {one.axis} stands at {(ANGLE if one.unit == 'rad' else LENGTH).show(one.reading, '.4f')}" if one.axis else ""
+    return f"{one.what}: {one.why}{at}"
 
 
 def zeros_as_text(outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:

@@ -6,6 +6,8 @@ from typing import Any, cast
 import typer
 from typer.core import TyperGroup
 
+from flflab.cli.ending import InterruptedCommandError, is_interruption
+
 COMMANDS = (
     "validate", "compare", "model", "image", "measure", "accuracy", "plan", "design", "align", "calibrate", "sweep", "resume", "report",
     "export", "bench", "sim", "new",
@@ -31,6 +33,15 @@ class Commands(TyperGroup):
         command = typer.main.get_command(cast(typer.Typer, group))
         command.name = cmd_name
         return command
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; its Ctrl-C goes to ``main``, which says so."""
+        try:
+            return super().invoke(ctx)
+        except BaseException as error:
+            if is_interruption(error):
+                raise InterruptedCommandError from error
+            raise
 
 
 app = typer.Typer(

@@ -1,5 +1,6 @@
 """``flflab calibrate``: where the stages' zeros and the optics really are, by white and dot pictures at several settings."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -9,11 +10,13 @@ from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import read_bench
-from flflab.bench_calibration import Calibration, calibrate_run, shown, state_calibration, write_calibration
+from flflab.bench_calibration import Calibration, calibrate_run, state_calibration, write_calibration
 from flflab.cli.new import Kind, built_in
-from flflab.cli.run import progress_shown, run_study
+from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.record import Run
 from flflab.study import read_study
+
+TITLE = "What the bench is; of zeros and scales the error; told: share by the pictures"
 
 
 def calibrate(
@@ -31,7 +34,7 @@ def calibrate(
 def conclude(run: Run) -> None:
     """Fit a bench to a run, print the table and what could not be told, and leave files to go on with."""
     bench = read_bench(run.folder / "bench.yaml")
-    with Console(stderr=True).status("measure and fit"):
+    with measuring(run.folder, "resume"):
         found = calibrate_run(run, read_study(run.folder / "study.yaml", bench.optics), bench)
     files = write_calibration(found, bench, run.folder)
     console = Console(width=None if Console().is_terminal else 140)
@@ -42,14 +45,23 @@ def conclude(run: Run) -> None:
 
 
 def table_of(found: Calibration) -> Table:
-    """One line a parameter."""
+    """One line a parameter; 80 columns hold it."""
     fit = found.fit
-    table = Table(box=box.SIMPLE_HEAD, title="What the bench is (of zeros and scales: the error)")
-    for head in ("", "described", "u", "found", "u", "told by the pictures"):
-        table.add_column(head, justify="right" if head else "left", no_wrap=True)
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, title=TITLE)
+    for head in ("", "described", "found", "told"):
+        table.add_column(head, justify="right" if head else "left", overflow="fold")
     for name, nominal, prior, value, u, share in zip(
         fit.names, fit.nominal, fit.prior, fit.values, fit.uncertainty, fit.by_pictures, strict=True
     ):
-        doubt, prior_doubt = shown(name, u if value == value else value).removeprefix("+"), shown(name, prior).removeprefix("+")
-        table.add_row(name, shown(name, nominal), prior_doubt, shown(name, value), doubt, f"{100 * share:.0f} %")
+        table.add_row(name, _with_doubt(name, nominal, prior), _with_doubt(name, value, u), f"{100 * share:.0f} %")
     return table
+
+
+def _with_doubt(name: str, value: float, u: float) -> str:
+    """A parameter and its standard uncertainty where there is one: ``-1.31 ± 0.70 um``; ``-`` for what is not determined."""
+    if not math.isfinite(value):
+        return "-"
+    of_stages = {"scale": (100.0, "+.4f", "%"), "zero": (1e3, "+.2f", "um"), "x": (1e3, "+.2f", "um"), "y": (1e3, "+.2f", "um")}
+    times, form, unit = of_stages.get(name.rpartition(".")[2], (1.0, ".5f", "mm"))
+    doubt = f" ± {times * u:{form.removeprefix('+')}}" if math.isfinite(u) else ""
+    return f"{times * value:{form}}{doubt} {unit}"

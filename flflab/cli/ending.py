@@ -8,6 +8,20 @@ from typing import Any
 from flflab.errors import FlflabError
 
 LOG = logging.getLogger(__name__)
+INTERRUPTED = 130
+
+
+class InterruptedCommandError(Exception):
+    """A command was ended by Ctrl-C; under this name it passes through what prints or hides a KeyboardInterrupt."""
+
+
+def is_interruption(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is the reason of an error; Python wraps it in another one where it comes in the middle of an import."""
+    while error is not None:
+        if isinstance(error, (KeyboardInterrupt, InterruptedCommandError)):
+            return True
+        error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    return False
 
 
 def end_with_one_sentence(error: FlflabError) -> int:

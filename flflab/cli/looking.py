@@ -11,6 +11,7 @@ import typer
 
 from flflab.analysis.focus import focus_figure, parabola_top
 from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, place
+from flflab.cli.ending import INTERRUPTED
 from flflab.errors import DeviceError, InputError
 from flflab.image_file import write_picture
 from flflab.raw_file import RawPicture, write_raw
@@ -128,7 +129,7 @@ def _watch(camera: "CameraDevice", output: Path | None) -> None:
             sys.stdout.flush()
     except KeyboardInterrupt:
         sys.stdout.write("\n")
-        raise typer.Exit(130) from None
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def _figure(frame: "Frame", camera: "CameraDevice") -> float:

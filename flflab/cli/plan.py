@@ -38,7 +38,7 @@ def plan(
     lasting = durations(to_do, described, Expected({one.configuration: one.exposure_s for one in expected}, frames))
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("step", justify="right")
-    table.add_column("what")
+    table.add_column("what", overflow="fold")
     table.add_column("s", justify="right")
     for number, (step, seconds) in enumerate(zip(to_do, lasting, strict=True), start=1):
         table.add_row(str(number), str(step), f"{seconds:.2f}")
@@ -69,11 +69,11 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
     asked = "" if wanted is None else f", {wanted:g} asked for"
     table = Table(box=box.SIMPLE_HEAD, title=f"Expected standard uncertainty of the MTF{asked}")
     for head in ("", "F/", "target mm", "array mm", "sensor mm", "exposure ms", "frames"):
-        table.add_column(head, justify="right")
-    table.add_column("uncertainty")
+        table.add_column(head, justify="right", overflow="fold")
+    table.add_column("u of the MTF", overflow="fold")
     besides = any(setting.besides for setting in study.configurations)
     if besides:
-        table.add_column("set besides")
+        table.add_column("set besides", overflow="fold")
     for one in expected:
         setting = study.configurations[one.configuration]
         last = one.looks[-1] if one.looks else None

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from flflab.bench import Bench, read_bench
+from flflab.cli.ending import INTERRUPTED
 from flflab.description import read_yaml
 from flflab.errors import FlflabError, InputError
 from flflab.record import ContinuedRecording, Run, claim_folder, keep_descriptions, new_folder, read_run
@@ -58,7 +59,7 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
         with connect(file) as connected:
             place = folder or new_folder(study.description.name)
             keep_descriptions(place, bench, study_file)
-            failure = failure_of(lambda: take_study(connected, study, begin_recording(connected, study, place), tell, name))
+            failure = failure_of(place, lambda: take_study(connected, study, begin_recording(connected, study, place), tell, name))
     return ended(place, failure)
 
 
@@ -74,16 +75,17 @@ def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:
         InputError: there is nothing to go on with, or the bench is another one; and as ``run_study``.
     """
     from drivers.bench import connect
-    from procedures.resume import rest_of, resume
+    from procedures.resume import require_unfinished, rest_of, resume
 
+    run = read_run(folder)
+    require_unfinished(run)
     recorded = read_bench(folder / "bench.yaml")
     file = recorded.file if bench_file is None else bench_file
     require_same_bench(recorded, read_bench(file))
     study = read_study(folder / "study.yaml", recorded.optics)
-    run = read_run(folder)
     rest = rest_of(run, study, recorded)
     with connect(file) as connected:
-        failure = failure_of(lambda: resume(connected, study, run, rest, ContinuedRecording(folder), tell))
+        failure = failure_of(folder, lambda: resume(connected, study, run, rest, ContinuedRecording(folder), tell))
     return ended(folder, failure)
 
 
@@ -108,17 +110,22 @@ def _without_addresses(value: object) -> Any:
     return value
 
 
-def failure_of(doing: Callable[[], None]) -> FlflabError | None:
-    """What something failed with; raised after the bench was left, so that what goes wrong in leaving does not hide why."""
+def failure_of(folder: Path, doing: Callable[[], None]) -> FlflabError | None:
+    """What a run failed with, raised after the bench was left, so that what goes wrong in leaving does not hide why.
+
+    How to go on is said at once: an operator may not wait for the bench to be left.
+    """
     try:
         doing()
     except FlflabError as error:
+        if (folder / "documents.jsonl").exists():
+            sys.stderr.write(f"flflab: `flflab resume {folder}` goes on with this run\n")
         return error
     return None
 
 
 def ended(folder: Path, failure: FlflabError | None) -> Run:
-    """The record of a run that was taken to its end; else how to go on with it, and why it ended.
+    """The record of a run that was taken to its end; else why it ended.
 
     Raises:
         typer.Exit: with code 130, interrupted by the operator.
@@ -126,11 +133,9 @@ def ended(folder: Path, failure: FlflabError | None) -> Run:
     """
     from procedures.engine import RunInterruptedError
 
-    if failure is not None and (folder / "documents.jsonl").exists():
-        sys.stderr.write(f"flflab: `flflab resume {folder}` goes on with this run\n")
     if isinstance(failure, RunInterruptedError):
         sys.stderr.write(f"flflab: {failure}\n")
-        raise typer.Exit(130)
+        raise typer.Exit(INTERRUPTED)
     if failure is not None:
         raise failure
     return read_run(folder)
@@ -153,6 +158,17 @@ def seeded(bench_file: Path, seed: int | None) -> Generator[Path, None, None]:
         file = Path(folder) / bench_file.name
         file.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), encoding="utf-8")
         yield file
+
+
+@contextlib.contextmanager
+def measuring(folder: Path, command: str) -> Generator[None]:
+    """Says what it is at; at Ctrl-C, with which command the recorded run is measured again."""
+    try:
+        with Console(stderr=True).status("measure and compare"):
+            yield
+    except KeyboardInterrupt:
+        sys.stderr.write(f"flflab: everything is recorded, `flflab {command} {folder}` measures it\n")
+        raise
 
 
 @contextlib.contextmanager

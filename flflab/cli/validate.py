@@ -10,7 +10,7 @@ from rich.table import Table
 
 from flflab.bench import read_bench
 from flflab.cli.new import Kind, built_in
-from flflab.cli.run import progress_shown, run_study
+from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.comparison import PROPERTY_NAMES, write_rows
 from flflab.diagnosis import not_told_apart
 from flflab.evaluation import Evaluation, evaluate
@@ -60,7 +60,7 @@ def judged(run: Run, bench_file: Path | None = None) -> tuple[Evaluation, Path]:
 def conclude(run: Run, bench_file: Path | None = None) -> None:
     """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is rejected."""
     console = Console()
-    with Console(stderr=True).status("measure and compare"):
+    with measuring(run.folder, "report"):
         evaluation, page = judged(run, bench_file)
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))

@@ -59,7 +59,7 @@ class Recording:
             with h5py.File(folder / FRAMES, "x") as file:
                 file.create_dataset(DATASET, (frames, *shape), "<u2", dcpl=at_once)
             self._begin(folder, documents)
-        self.recorded = 0
+        self.recorded, self.empty = 0, True
 
     def _begin(self, folder: Path, documents: Any) -> None:
         self.folder = folder
@@ -108,6 +108,7 @@ class Recording:
         """
         line = json.dumps({"name": name, "doc": doc}, default=_plain)
         self._raise_fault()
+        self.empty = False
         self._todo.put(lambda: self._attempt("a document", lambda: self._write_document(name, line)))
 
     def settle(self) -> None:
@@ -223,6 +224,7 @@ class ContinuedRecording(Recording):
             with file.open("rb+") as documents:
                 documents.truncate(file.read_bytes().rfind(b"\n") + 1)
             self._begin(folder, file.open("a", encoding="utf-8", newline="\n"))
+        self.empty = False
         self.recorded = 1 + max((frame.index for frame in run.frames), default=-1)  # a frame without its event is written over
 
     def discard(self) -> None:

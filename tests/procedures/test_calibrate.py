@@ -1,13 +1,16 @@
 """``flflab calibrate`` on the simulated bench: the run, the table, and the files one goes on with."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 import yaml
+from rich.console import Console
 
 from flflab.bench import read_bench
-from flflab.cli.calibrate import conclude
+from flflab.bench_calibration import calibrate_run
+from flflab.cli.calibrate import conclude, table_of
 from flflab.cli.run import run_study
 from flflab.errors import RecordError
 from flflab.image.render import render
@@ -56,6 +59,10 @@ def test_planted_errors_are_found_and_written_down(files: tuple[Path, Path], tmp
     assert 0 < calibrated.description.optics_uncertainty.main_lens_focal_length < 1e-3
     said = " ".join(capsys.readouterr().out.split())
     assert "main_lens.focal_length" in said
+    with Console(width=80, record=True) as narrow, narrow.capture() as shown:
+        narrow.print(table_of(calibrate_run(run, read_study(files[0], read_bench(files[1]).optics), read_bench(files[1]))))
+    assert "…" not in shown.get()
+    assert re.search(r"main_lens\.focal_length +50\.00000 mm +50\.[34]\d{4} ± 0\.\d{5} mm", shown.get())
     assert "cannot tell where on the axis the bench as a whole stands" in said
     with pytest.raises(RecordError, match="not overwritten"):
         conclude(run)

@@ -1,5 +1,6 @@
 """The plans themselves, on a bench in memory: looked through by bluesky, done by its engine, and what their documents say."""
 
+import signal
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ from flflab.bench import Bench
 from flflab.errors import LimitError, MotionError
 from flflab.record import Recording, read_documents, read_run
 from flflab.study import Study
-from procedures.engine import as_run, perform, running_engine
+from procedures.engine import RunInterruptedError, as_run, perform, running_engine
 from procedures.steps import Move, Step, steps
 from procedures.study import begin_recording, take_study, tell_nobody
 from procedures.sweep import Course, Progress, instruments, sweep
@@ -43,6 +44,22 @@ def test_bluesky_finds_a_position_out_of_limits_before_anything_moves(study: Stu
 
     with pytest.raises(LimitError, match=r"target_stage: asked to go to 151\.0+ mm"):
         perform(plan(), plan(), {}, bench, recording)
+    assert not any(axis.is_homed() for axis in bench.axes.values())
+    assert not (tmp_path / "documents.jsonl").exists()
+
+
+def test_a_ctrl_c_before_the_run_begins_moves_nothing_and_leaves_no_record_behind(
+    study: Study, bench: ConnectedBench, tmp_path: Path
+) -> None:
+    recording = begin_recording(bench, study, tmp_path)
+
+    def plan(*, rehearsed: bool) -> Any:
+        if rehearsed:
+            signal.raise_signal(signal.SIGINT)
+        yield from sweep(instruments(bench, study, recording), steps(study, bench.described), Course(), tell_nobody)
+
+    with pytest.raises(RunInterruptedError, match="before anything was recorded"):
+        perform(plan(rehearsed=False), plan(rehearsed=True), {}, bench, recording)
     assert not any(axis.is_homed() for axis in bench.axes.values())
     assert not (tmp_path / "documents.jsonl").exists()
 
