@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from flflab.comparison import PROPERTY_NAMES
 from flflab.description import Angle, Description, Length, Lines, Ratio, check, read_yaml
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
@@ -78,6 +79,17 @@ class StudyDescription(Description):
     mtf_standard_uncertainty: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     draws: Annotated[int, Field(ge=100, le=100000)] = 1000
     significance: Annotated[Ratio, Field(gt=0, lt=0.5)] = 0.05
+
+    @model_validator(mode="after")
+    def _draws_tell_the_significance(self) -> "StudyDescription":
+        # Half the draws are the distribution that a p-value is a share of, and every property has its part of the significance.
+        least = 2 * math.ceil(len(PROPERTY_NAMES) / self.significance)
+        if self.draws < least:
+            raise ValueError(
+                f"draws is {self.draws}, but {len(PROPERTY_NAMES)} properties share the significance of {self.significance:g}; at least "
+                f"{least} draws tell that, 1000 are usual"
+            )
+        return self
 
 
 @dataclass(frozen=True)

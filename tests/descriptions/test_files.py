@@ -148,6 +148,8 @@ STUDY_FAULTS = [
     ("f_number: [2.8, 4, 5.6]", "f_number: []", "at least 1 item"),
     ("distance: 507 mm", "distance: 301 mm, array: 55 mm, sensor: 50 mm", "behind the array"),
     ("name: first", "name: first study", "pattern"),
+    ("draws: 1000", "draws: 359", "at least 360"),
+    ("significance: 0.05", "significance: 0.01", "at least 1800"),
 ]
 
 
@@ -200,5 +202,6 @@ def test_a_study_of_other_targets_than_the_simulated_wheel_holds_is_told(tmp_pat
     assert unlike_the_wheel(same, bench) == []
     [sentence] = unlike_the_wheel(other, bench)
     assert "four-dot target with spacing 8.0 instead of 4.0 (mm)" in sentence
+    assert unlike_the_wheel(replace(other, description=other.description.model_copy(update={"targets": ["bars"]})), bench) == []
     moved = bench.description.model_copy(update={"target": bench.description.target.model_copy(update={"address": "/dev/ttyUSB0"})})
     assert unlike_the_wheel(other, replace(bench, description=moved)) == []
