@@ -22,9 +22,10 @@ def _as_list(given: object) -> object:
 
 
 Kind = TypeVar("Kind", FourDot, Bars)
-Lengths = Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)]
+Places = Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)]
+Lengths = Annotated[list[Annotated[Length, Field(gt=0)]], BeforeValidator(_as_list), Field(min_length=1)]
 Angles = Annotated[list[Angle], BeforeValidator(_as_list), Field(min_length=1)]
-Numbers = Annotated[list[Annotated[float, Field(gt=0)]], BeforeValidator(_as_list), Field(min_length=1)]
+Numbers = Annotated[list[Annotated[float, Field(gt=0, strict=True)]], BeforeValidator(_as_list), Field(min_length=1)]
 
 
 class ConfigurationsDescription(Description):
@@ -38,7 +39,7 @@ class ConfigurationsDescription(Description):
     f_number: Numbers
     distance: Lengths
     focused_at: Lengths | None = None
-    main_lens: Lengths | None = None
+    main_lens: Places | None = None
     array: Lengths | None = None
     sensor: Lengths | None = None
     pitch: Angles | None = None

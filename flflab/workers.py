@@ -2,6 +2,7 @@
 
 import contextlib
 import multiprocessing
+import socket
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import islice
@@ -11,6 +12,8 @@ from flflab.errors import InputError
 
 Result = TypeVar("Result")
 PATIENCE = "10s"
+LISTENS_S = 5.0
+DASK_PORT = 8786
 AHEAD = 4  # calls a worker thread has waiting: enough to keep it busy, few enough to keep memory small
 RETRIES = 5
 FEW = 8  # calls that are done sooner here than other processes have started
@@ -62,6 +65,8 @@ def connected(scheduler: str) -> Generator[Any]:
     except ImportError as error:
         raise InputError("--scheduler needs Dask; install flflab's extra 'cluster'") from error
     try:
+        with socket.create_connection(_host_and_port(scheduler), timeout=LISTENS_S):
+            pass  # a client that found nobody would wait twenty seconds more and end in a traceback
         client: Any = Client(scheduler, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
@@ -71,6 +76,13 @@ def connected(scheduler: str) -> Generator[Any]:
         yield client
     finally:
         client.close()
+
+
+def _host_and_port(scheduler: str) -> tuple[str, int]:
+    from distributed.comm.addressing import parse_address, parse_host_port
+
+    host, port = parse_host_port(parse_address(scheduler)[1], DASK_PORT)
+    return str(host), int(port)
 
 
 def on_cluster(client: Any, function: Callable[..., Result], calls: Iterable[tuple[Any, ...]]) -> Iterator[Result]:

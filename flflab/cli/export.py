@@ -20,6 +20,8 @@ def export(
     if not (nexus or pack):
         raise InputError("export: in which form? there are --nexus and --pack")
     recorded = read_run(run)
+    if pack and not recorded.complete:
+        raise InputError(f"{run}: not taken to its end, so its frames are not packed yet; `flflab resume {run}` goes on with it")
     if pack:
         pack_frames(recorded)
     if nexus:

@@ -48,7 +48,7 @@ def plan(
     console.print(table)
     console.print(_expected_table(expected, read))
     console.print(
-        f"{len(to_do)} steps, at most {most} frames ({most * columns * rows * 2 / 1e9:.2f} GB), "
+        f"{len(to_do)} steps, at most {most} frames ({most * columns * rows * 2 / 1e6:.0f} MB), "
         f"about {in_words(sum(lasting))} at the stages' own speed; within limits, and the gap holds on the way."
     )
 

@@ -13,6 +13,7 @@ from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.comparison import PROPERTY_NAMES, write_rows
 from flflab.diagnosis import not_told_apart
+from flflab.errors import InputError
 from flflab.evaluation import Evaluation, evaluate
 from flflab.record import Run
 from flflab.study import read_study
@@ -43,10 +44,12 @@ def judged(run: Run, bench_file: Path | None = None) -> tuple[Evaluation, Path]:
         What was found, and the page.
 
     Raises:
-        FlflabError: a description is wrong, a frame is missing or cannot be measured.
+        FlflabError: there is no study in it, a description is wrong, a frame is missing or cannot be measured.
     """
     from flflab.report import write_report  # draws; loaded by those who draw
 
+    if not (run.folder / "study.yaml").exists():
+        raise InputError(f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} without a study has nothing to compare")
     bench = read_bench(bench_file or run.folder / "bench.yaml")
     study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
     evaluation = evaluate(run, study, bench)

@@ -148,6 +148,9 @@ STUDY_FAULTS = [
     ("f_number: [2.8, 4, 5.6]", "f_number: []", "at least 1 item"),
     ("distance: 507 mm", "distance: 301 mm, array: 55 mm, sensor: 50 mm", "behind the array"),
     ("name: first", "name: first study", "pattern"),
+    ("distance: 507 mm", "distance: 0 mm", "greater than 0"),
+    ("distance: 507 mm", "distance: 507 mm, array: -60 mm", "greater than 0"),
+    ("f_number: [2.8, 4, 5.6]", "f_number: yes", "valid number"),
     ("draws: 1000", "draws: 359", "at least 360"),
     ("significance: 0.05", "significance: 0.01", "at least 1800"),
 ]

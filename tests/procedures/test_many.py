@@ -1,5 +1,6 @@
 """Many runs measured again, and many configurations simulated, on this machine's cores and on a Dask cluster: the same numbers."""
 
+import gc
 import operator
 import os
 import time
@@ -85,10 +86,12 @@ def test_many_calls_are_spread_over_processes_and_few_stay_here() -> None:
     assert [*results(os.getpid, [(), ()], None)] == [os.getpid(), os.getpid()]
 
 
-def test_a_scheduler_that_is_not_there_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("flflab.workers.PATIENCE", "1s")
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "no host", "tcp://", "127.0.0.1:port"])
+def test_a_scheduler_that_is_not_there_is_one_sentence(address: str, capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match="no Dask scheduler answers there"):
-        list(results(operator.neg, [(1,)], "tcp://127.0.0.1:1"))
+        list(results(operator.neg, [(1,)], address))
+    gc.collect()
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.timeout(3600)

@@ -13,7 +13,9 @@ import numpy.typing as npt
 import pytest
 
 import flflab
-from flflab.errors import RecordError
+from flflab.cli.export import export
+from flflab.cli.validate import judged
+from flflab.errors import InputError, RecordError
 from flflab.record import ContinuedRecording, Recording, checksum, pack, read_documents, read_run, versions
 from flflab.record.folder import git_state
 
@@ -130,6 +132,13 @@ def test_a_run_that_has_not_ended_is_not_packed_since_it_may_be_gone_on_with(cut
     content = (cut / "frames.h5").read_bytes()
     pack(read_run(cut))
     assert (cut / "frames.h5").read_bytes() == content
+
+
+def test_the_commands_say_what_cannot_be_packed_and_what_has_nothing_to_compare(cut: Path) -> None:
+    with pytest.raises(InputError, match="its frames are not packed yet; `flflab resume"):
+        export(cut, pack=True)
+    with pytest.raises(InputError, match="a run of something else without a study has nothing to compare"):
+        judged(read_run(cut))
 
 
 def test_where_packing_fails_the_raw_frames_are_left(whole: Path) -> None:
