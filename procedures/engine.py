@@ -55,7 +55,8 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
         engine.subscribe(recording.document)
         try:
             with interrupting(engine, bench, asked):
-                engine(as_run(plan, metadata, asked))
+                if not asked.is_set():
+                    engine(as_run(plan, metadata, asked))
         except RunEngineInterrupted:
             # It prints what it does, and fails with the motions that were told to stop.
             with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(FailedStatus):
