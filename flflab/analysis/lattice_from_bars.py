@@ -11,6 +11,7 @@ from flflab.analysis.contrast import fit_contrast
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.lattice_from_plain import lattice_within
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.analysis.registration import sensor_position
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
@@ -48,7 +49,7 @@ def lattice_from_bars(
         plain = _plain(values, found, camera, target, distance, geometry, noise)
         white = plain[plain < noise.full_scale_dn]
         if white.size > 0:
-            found = lattice_within(plain, nominal, float(np.quantile(white, 0.9)) - noise.offset_dn, noise)
+            found = lattice_within(plain, nominal, float(np.quantile(white, 0.9)) - noise.offset_dn, noise, cone_of(camera))
         if white.size == 0 or not np.max(found.origin_uncertainty_px) < WORST_PX:
             raise MeasurementError(
                 f"{target.kind} picture: the {white.size} pixels in the middle of white bars do not show where the micro-images "

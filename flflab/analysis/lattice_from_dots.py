@@ -8,6 +8,7 @@ import numpy.typing as npt
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.lattice_from_plain import lattice_within
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import cone_of
 from flflab.analysis.spot_search import SeenSpots, find_spots
 from flflab.optics.camera import Camera
 from flflab.targets import FourDot
@@ -35,7 +36,7 @@ def lattice_from_dots(
     seen = find_spots(values, nominal, camera, target, distance, noise)
     bright = seen.spots.brightness[seen.spots.brightness > 0.05]
     light = float(nominal.light[0]) * (float(np.quantile(bright, 0.75)) if len(bright) else 1.0)
-    return lattice_within(_plain(values, seen, noise), nominal, light, noise)
+    return lattice_within(_plain(values, seen, noise), nominal, light, noise, cone_of(camera))
 
 
 def _plain(values: npt.NDArray[np.float32], seen: SeenSpots, noise: SensorNoise) -> npt.NDArray[np.float32]:

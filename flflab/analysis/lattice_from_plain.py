@@ -12,17 +12,20 @@ import numpy.typing as npt
 from flflab.analysis.lattice import Lattice, half_counts, lattice_of
 from flflab.analysis.lattice_fit import Region, refine
 from flflab.analysis.lattice_kernels import COUNT
-from flflab.analysis.lattice_model import LatticeModel
+from flflab.analysis.lattice_model import RATE, SHARE, SLANT, LatticeModel
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.profile import Cone
 
 LOOSE_PX = 20.0  # standard deviations of the nominal lattice: origin
 LOOSE_PITCH = 2e-3  # of the pitch
 LOOSE_RADIUS_PX = 1.0
 LOOSE_LIGHT = 0.05  # each of the terms by which the light may vary over the picture, relative
+LOOSE_SLANT = 0.01  # of the ray to the lattice's origin
 FREE = np.concatenate([np.arange(8), np.arange(9, 15)])
+FALLING = np.concatenate([FREE, np.arange(SHARE, RATE + 1)])  # where light falls off within a micro-image
 
 
-def lattice_within(plain: npt.NDArray[np.float32], nominal: Lattice, light: float, noise: SensorNoise) -> Lattice:
+def lattice_within(plain: npt.NDArray[np.float32], nominal: Lattice, light: float, noise: SensorNoise, cone: Cone | None) -> Lattice:
     """Measure the lattice on the pixels that are not saturated.
 
     Args:
@@ -30,6 +33,7 @@ def lattice_within(plain: npt.NDArray[np.float32], nominal: Lattice, light: floa
         nominal: the camera's lattice, right to a few pixels.
         light: of white, DN above the background, roughly.
         noise: of the sensor.
+        cone: how rays land, from the camera's description; None leaves fall-off out, as in ``find_lattice``.
     """
     values = np.zeros(COUNT)
     values[:2], values[2:6] = nominal.origin_px, nominal.vectors_px.T.ravel()
@@ -38,8 +42,12 @@ def lattice_within(plain: npt.NDArray[np.float32], nominal: Lattice, light: floa
     spread = np.ones(COUNT)
     spread[:2], spread[2:6], spread[6:8] = LOOSE_PX, LOOSE_PITCH * nominal.pitch_px, LOOSE_RADIUS_PX
     spread[9], spread[10:15] = light, LOOSE_LIGHT * light
-    model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, None, np.stack([values, spread]))
+    if cone is not None:
+        # between none of it and that of rays which come straight from the main lens's middle
+        values[[SHARE, RATE]] = spread[[SHARE, RATE]] = 0.5, cone.tilting.per_px / 2
+        spread[SLANT] = LOOSE_SLANT
+    model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, cone, np.stack([values, spread]))
     counts = half_counts(nominal.vectors_px, plain.shape, nominal.outside_radius_px + 2)
     present = np.ones((2 * counts[0] + 1, 2 * counts[1] + 1), dtype=np.bool_)
-    model = refine(plain, model, present, noise, Region(max(plain.shape) / 2 + 1, 1), FREE, 12, 1e-3)
+    model = refine(plain, model, present, noise, Region(max(plain.shape) / 2 + 1, 1), FREE if cone is None else FALLING, 12, 1e-3)
     return lattice_of(model, nominal.layout, present, (plain.shape[0], plain.shape[1]))

@@ -11,6 +11,7 @@ from flflab.analysis.lattice_from_dots import lattice_from_dots
 from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.errors import MeasurementError
+from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
@@ -27,20 +28,23 @@ def camera(layout: Any, roll: float, f_number: float) -> Camera:
 
 
 @pytest.mark.parametrize(
-    ("measure", "target", "layout", "roll", "f_number"),
+    ("measure", "target", "layout", "roll", "f_number", "falloff"),
     [
-        (lattice_from_dots, DOTS, "square", 0.0, 4.0),
-        pytest.param(lattice_from_dots, DOTS, "hexagonal", 0.05, 4.0, marks=pytest.mark.ci),
-        (lattice_from_bars, Bars(), "square", 0.0, 4.0),
-        pytest.param(lattice_from_bars, Bars(), "hexagonal", 0.05, 4.0, marks=pytest.mark.ci),
-        pytest.param(lattice_from_bars, Bars(), "square", -0.03, 2.8, marks=pytest.mark.ci),  # neighbours just overlap
+        (lattice_from_dots, DOTS, "square", 0.0, 4.0, Falloff()),
+        pytest.param(lattice_from_dots, DOTS, "square", 0.0, 4.0, None, marks=pytest.mark.ci),
+        pytest.param(lattice_from_dots, DOTS, "hexagonal", 0.05, 4.0, None, marks=pytest.mark.ci),
+        (lattice_from_bars, Bars(), "square", 0.0, 4.0, None),
+        pytest.param(lattice_from_bars, Bars(), "square", 0.0, 4.0, Falloff(), marks=pytest.mark.ci),
+        pytest.param(lattice_from_bars, Bars(), "hexagonal", 0.05, 4.0, None, marks=pytest.mark.ci),
+        pytest.param(lattice_from_bars, Bars(), "square", -0.03, 2.8, None, marks=pytest.mark.ci),  # neighbours just overlap
     ],
 )
 def test_what_is_white_in_them_shows_the_lattice_where_no_white_picture_was_taken(
-    brute: Any, measure: Any, target: Target, layout: str, roll: float, f_number: float
+    brute: Any, measure: Any, target: Target, layout: str, roll: float, f_number: float, falloff: Falloff | None
 ) -> None:
     true = camera(layout, roll, f_number)
-    picture = brute.expose(render(one_plane(true, target, FOCUS, (0.3, -0.2))), NOISE, 3000, np.random.default_rng(8))
+    scene = replace(one_plane(true, target, FOCUS, (0.3, -0.2)), falloff=falloff)
+    picture = brute.expose(render(scene), NOISE, 3000, np.random.default_rng(8))
     nominal = nominal_lattice(true, 3000.0)
     off = np.array([2.0, -1.5])
     found = measure(
