@@ -4,12 +4,14 @@ Pixels of one column of a micro-image look at the same place of the bars where t
 say of the contrast. A run is as many rows long as the bars' slant allows.
 """
 
+import math
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from flflab.analysis.falloff import shade
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import sensor_position
@@ -20,6 +22,7 @@ Whole = npt.NDArray[np.int64]
 
 MARGIN_PX = 1.0  # within the bright field: keeps the averaging of the rim's pixels out
 MOST_ROWS = 128
+GAUSS_ROWS = 0.5 / math.sqrt(3)  # of a run's length from its middle: two points have the mean of what is bent over it
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class ChirpData:
     Attributes:
         read: mean of the pixels above the offset, each divided by its sub-lattice's gain, DN, shape (n,).
         places: (1, s - c x, s - c y, c x, c y), mm, shape (n, 5); s - c by the scale of its micro-image.
-        light: (1, u, v, u^2, u v, v^2) over the picture, shape (n, 6).
+        light: (1, u, v, u^2, u v, v^2) over the picture, as far as fall-off leaves it within the micro-image, shape (n, 6).
         dark: variance of ``read`` in the dark, DN^2, shape (n,).
         shot: growth of that variance with ``read``, DN, shape (n,).
         lens: position of its micro-image in the lattice, shape (n,).
@@ -185,11 +188,13 @@ def gather(
     inside = (sensor_position(sensor, np.stack([column, row], axis=1)) - centre) * scales[lens, None]
     u, v = (column - (width - 1) / 2) * 2 / max(width, height), (row - (height - 1) / 2) * 2 / max(width, height)
     one = np.ones(count)
+    ends = (row + side * parities * number * GAUSS_ROWS for side in (-1, 1))  # of a run, in place of its pixels
+    left = np.mean([shade(lattice, lens, np.stack([column, end], axis=1) - lattice.centres_px[lens]) for end in ends], axis=0)
     return (
         ChirpData(
             read=np.ascontiguousarray(read),
             places=np.stack([one, inside[:, 0], inside[:, 1], centre[:, 0], centre[:, 1]], axis=1),
-            light=np.stack([one, u, v, u * u, u * v, v * v], axis=1),
+            light=np.stack([one, u, v, u * u, u * v, v * v], axis=1) * left[:, None],
             dark=noise.dark_variance / (number * gain * gain),
             shot=noise.dn_per_electron / (number * gain),
             lens=lens,

@@ -15,6 +15,7 @@ from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import cone_of
 from flflab.analysis.registration import microlens_type_of
 from flflab.errors import MeasurementError
+from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera
@@ -161,6 +162,17 @@ def test_views_through_a_turned_array_show_the_contrast_on_the_axis(
     straight = replace(real, array=nominal.array)
     assert np.abs(curve.contrast - closed_form(straight, there, curve.cycles_per_mm)).max() < within
     assert curve.chi2_per_pixel < 0.2  # the pictures have no noise
+
+
+@pytest.mark.ci
+def test_natural_fall_off_within_the_bright_fields_leaves_the_contrast_as_it_is(brute: Any) -> None:
+    """By a per cent and more light falls off across a bright field; taken for even, contrast was wrong by up to 0.0006."""
+    camera = brute.camera(4.0, (1216, 912))
+    scenes = [replace(one_plane(camera, target, FOCUS), falloff=Falloff()) for target in (White(), Bars())]
+    white, bars = (64.0 + 3000.0 * render(scene, tolerance=5e-5) for scene in scenes)
+    lattice = find_lattice(white, "square", 245.6, NOISE, cone_of(camera))
+    curve = fit_contrast(bars, lattice, camera, Bars(), FOCUS, NOISE)
+    assert np.abs(curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)).max() < 1e-4
 
 
 def test_a_sine_chirp_gives_the_same_curve(brute: Any) -> None:
