@@ -49,7 +49,7 @@ def read_picture(file: Path, number: int | None = None) -> Picture:
         picture = _read(file, ending, number)
     except (OSError, ValueError, EOFError, KeyError, cv2.error) as error:
         raise InputError(f"{file}: cannot be read as a {ending} picture ({error}); is it whole?") from error
-    if picture.ndim == 3 and picture.shape[2] >= 3:
+    if picture.ndim == 3 and picture.shape[2] in (3, 4):
         if not (np.array_equal(picture[..., 0], picture[..., 1]) and np.array_equal(picture[..., 0], picture[..., 2])):
             raise InputError(
                 f"{file}: it holds a picture of {picture.shape[2]} colours; the sensor's own numbers are due, "

@@ -30,6 +30,7 @@ from flflab.targets import Bars, Chirp, Edge, FourDot, Target, White
 Array = npt.NDArray[np.float64]
 
 RADIUS_TOLERANCE = 0.05  # a measured radius that differs more from the camera's is remarked on
+PITCH_TOLERANCE = 0.01  # the same of the pitch
 NOMINAL_UNCERTAINTY_PX = 1.0
 SCALED_WHITE_DN = 4000.0
 
@@ -85,7 +86,7 @@ def measure(
         # micro-images of several kinds have no one profile in which their fall-off could be told
         cone = cone_of(camera) if len(camera.array.focal_lengths) == 1 else None
         lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened, cone)
-        remarks += _radius_remarks(lattice, camera)
+        remarks += _unlike_the_camera(lattice, camera)
         each = micro_images_json(every_micro_image(values, lattice, evened), nominal_radii(lattice, camera))
         return {"lattice": lattice_json(lattice) | {"micro_images": each}, **result, "remarks": remarks}
     lattice = nominal_lattice(camera, max(float(np.quantile(values, 0.999)) - evened.offset_dn, 1.0))
@@ -201,13 +202,18 @@ def _sharp_distance(camera: Camera) -> float:
     return 1 / vergence
 
 
-def _radius_remarks(lattice: Lattice, camera: Camera) -> list[str]:
-    nominal = nominal_lattice(camera, 1.0)
+def _unlike_the_camera(lattice: Lattice, camera: Camera) -> list[str]:
+    nominal, remarks = nominal_lattice(camera, 1.0), list[str]()
+    if abs(lattice.pitch_px / nominal.pitch_px - 1) > PITCH_TOLERANCE:
+        remarks.append(
+            f"the pitch is {lattice.pitch_px:.2f} px, the camera's description makes it {nominal.pitch_px:.2f} px; "
+            "check pitch, pixel and distances"
+        )
     pairs = [
         ("inside", lattice.inside_radius_px, nominal.inside_radius_px, lattice.inside_uncertainty_px),
         ("outside", lattice.outside_radius_px, nominal.outside_radius_px, lattice.outside_uncertainty_px),
     ]
-    return [
+    return remarks + [
         f"the {name} radius is {found:.2f} px, the camera's description makes it {due:.2f} px; check f-number, apertures and distances"
         for name, found, due, doubt in pairs
         if abs(found - due) > max(RADIUS_TOLERANCE * due, 4 * doubt, 0.5)

@@ -145,6 +145,13 @@ def test_the_origin_is_the_centre_nearest_the_sensors_and_angles_are_nearest_zer
     assert np.array_equal(lattice.indices[nearest], [0, 0])
 
 
+@pytest.mark.parametrize(("pitch", "a", "b"), [(40.0, 13.0, 4.0), (60.0, 19.0, 5.5)])
+def test_square_micro_images_described_as_hexagonal_are_refused(brute: Any, pitch: float, a: float, b: float) -> None:
+    white = brute.expose(brute.white_picture(SHAPE, "square", pitch, 0.03, ORIGIN, a, b), NOISE, 3000, np.random.default_rng(1))
+    with pytest.raises(MeasurementError, match="check layout"):
+        find_lattice(white, "hexagonal", pitch, NOISE)
+
+
 @pytest.mark.parametrize(
     "picture",
     [

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,11 +33,13 @@ def test_a_white_frame_gives_the_lattice_alone(brute: Any) -> None:
     assert not any("radius" in remark for remark in said["remarks"])
 
 
-def test_a_radius_that_is_not_the_cameras_is_remarked_on(brute: Any) -> None:
+def test_a_radius_or_pitch_that_is_not_the_cameras_is_remarked_on(brute: Any) -> None:
     camera = brute.camera(5.6, RESOLUTION)
+    camera = replace(camera, array=replace(camera.array, pitch=(0.41, 0.41)))
     white = brute.white_picture(RESOLUTION[::-1], "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777)
     said = measure(white, camera)
     assert any("outside radius" in remark for remark in said["remarks"])
+    assert any("pitch is 245.58 px, the camera's description makes it 251.72 px" in remark for remark in said["remarks"])
 
 
 def test_bars_are_measured_on_the_nominal_lattice_and_it_is_said(brute: Any) -> None:
