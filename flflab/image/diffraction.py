@@ -96,21 +96,24 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, target: Bar
     scales = np.hypot(*directions.T)
     origins = setup.origin[kind.entries] @ axes.T / scales
     looks = axes @ setup.by_sensor[kind.entries] * pixel / scales[:, None]
-    reach = scales[0] * (kind.outer + 1)
-    seen = (float(origins[:, 0].min()) * scales[0] - reach, float(origins[:, 0].max()) * scales[0] + reach)
+    windows = lit_windows(setup)[kind.entries]
+    low, high = _looked_at(windows, centres, origins, looks, setup)
+    seen = float(low[0] * scales[0]), float(high[0] * scales[0])
     line = make_line(modes, samples, target, seen, directions[0], setup.tolerance)
     curves = make_curves(modes, line, box, parts)
     half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
     at_border = modes.above(max(setup.tolerance / 3, LEAST_TERM))
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
-        seen_up = float(np.max(np.abs(origins[:, 1]))) + kind.outer + 1
-        if seen_up > half - border_reach(kind, setup.tolerance):
+        reach = border_reach(kind, setup.tolerance)
+        insides = [(half + float(low[1]), half + float(high[1])), (half - float(high[1]), half - float(low[1]))]
+        lower, upper = ((nearest, min(farthest, reach)) for nearest, farthest in insides)
+        if min(lower[0], upper[0]) < reach:
             mirror = kind.smear.extent == 0 and is_even(directions[None], 0.0)
-            inwards = [directions[1]] if mirror else [directions[1], -directions[1]]
+            either = min(lower[0], upper[0]), max(lower[1], upper[1])
+            inwards = [(directions[1], either)] if mirror else [(directions[1], lower), (-directions[1], upper)]
             borders = make_borders(at_border, line, inwards, box, parts, setup.tolerance) * (2 if mirror else 1)
     border_rows = [(some.core, some.part, some.waves, some.terms, some.turns, some.last, some.place) for some in borders]
-    windows = lit_windows(setup)[kind.entries]
     xs, ys = pixel_positions(setup.sensor)
 
     def add(rows: tuple[int, int]) -> None:
@@ -160,11 +163,12 @@ def _add_dots(image: Array, setup: Setup, kind: Kind, known: Known, dots: FourDo
 
 def _add_picture(image: Array, setup: Setup, kind: Kind, known: Known, picture: Picture, chosen: Chosen) -> None:
     scales = np.hypot(*kind.by_sensor.T)
-    origins = setup.origin[kind.entries] / scales
+    centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
+    looks = setup.by_sensor[kind.entries] * setup.sensor.pixel / scales[:, None]
+    low, high = _looked_at(lit_windows(setup)[kind.entries], centres, setup.origin[kind.entries] / scales, looks, setup)
     edge = np.array([picture.width, picture.height]) / 2 / scales
     margin = min(max(2 / (math.pi**3 * kind.cutoff) / (0.4 * setup.tolerance), 16.0), 400.0) + kind.extent
-    low = np.maximum(origins.min(axis=0) - kind.outer - 1, -edge - margin)
-    high = np.minimum(origins.max(axis=0) + kind.outer + 1, edge + margin)
+    low, high = np.maximum(low, -edge - margin), np.minimum(high, edge + margin)
     if np.any(low >= high):
         return
     samples = min(samples_needed(kind, setup.tolerance), MOST_SAMPLES)
@@ -237,6 +241,16 @@ def _add_fields(
             )
 
         in_bands(add, seen[lit])
+
+
+def _looked_at(windows: Whole, centres: Array, origins: Array, looks: Array, setup: Setup) -> tuple[Array, Array]:
+    """The least and largest place on the target, pixels along x' and y', that the pixels of some windows look at."""
+    pixel, positions = setup.sensor.pixel, pixel_positions(setup.sensor)
+    first = np.array([along[0] for along in positions])
+    low, high = ((first + (windows[:, side::2] + at) * pixel - centres) / pixel for side, at in ((0, -1.0), (1, 0.0)))
+    corners = np.stack([np.column_stack([x[:, 0], y[:, 1]]) for x in (low, high) for y in (low, high)], axis=1)
+    places = origins[:, None] + corners @ looks.swapaxes(1, 2)
+    return places.min(axis=(0, 1)) - 1, places.max(axis=(0, 1)) + 1
 
 
 def _looking_windows(windows: Whole, centres: Array, origins: Array, grid: Grid, setup: Setup) -> Whole:

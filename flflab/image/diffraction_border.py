@@ -24,6 +24,7 @@ Whole = npt.NDArray[np.int64]
 
 LEAST_PANELS = 100
 FARTHEST = 400.0
+FELT = 16  # nodes away a spline's coefficients feel a value by less than 1e-9
 ROOM = 1 << 24  # numbers of patterns and sheets at a time
 
 
@@ -68,13 +69,16 @@ def border_reach(kind: Kind, tolerance: float) -> float:
     return min(max(0.3 / (kind.cutoff * tolerance) / 2, 20.0), FARTHEST) + kind.extent
 
 
-def make_borders(modes: Modes, line: Line, inwards: list[Array], box: float, parts: int, tolerance: float) -> list[Border]:
+def make_borders(
+    modes: Modes, line: Line, inwards: list[tuple[Array, tuple[float, float]]], box: float, parts: int, tolerance: float
+) -> list[Border]:
     """Tabulate the light from beyond some borders.
 
     Args:
         modes: the transfer functions.
         line: the lines' grid along x'.
-        inwards: direction from each border to the target's inside: mm on the target per pixel on the sensor along x and y.
+        inwards: direction from each border to the target's inside: mm on the target per pixel on the sensor along x and y; and the
+            least and largest distance inside of it, pixels, at which it matters: one that ends before it begins does not.
         box: side of the square over which a pixel gathers light, pixels.
         parts: parts a side of it.
         tolerance: largest error asked for.
@@ -87,13 +91,23 @@ def make_borders(modes: Modes, line: Line, inwards: list[Array], box: float, par
     distance = near * np.sinh(np.arange(-nodes, nodes + 1) * spacing / near)
     turn = np.linspace(0, np.pi, modes.spectra.shape[1])
     coarse = band * (1 - np.cos(turn)) / 2
-    weights = _step_weights(coarse, distance)
-    filtered = [ndimage.spline_filter1d(part, axis=1, mode="mirror") for part in (weights.real, weights.imag)]
-    kernel = np.asarray(filtered[0] + 1j * filtered[1], dtype=np.complex128)  # the prefilter over the rows is linear: done here, once
     lines = _line_weights(line, turn, band)
-    place = (float(nodes), near / spacing, near, line.first, line.samples)
-    axes = [np.stack([line.direction, inward]) for inward in inwards]
-    return [_border(modes, pair, coarse, kernel, lines, (box, box / parts), tolerance, place) for pair in axes]
+    borders: list[Border] = []
+    for inward, (nearest, farthest) in inwards:
+        first, last = (nodes + math.asinh(inside / near) * near / spacing for inside in (nearest, farthest))
+        first, last = max(math.floor(first) - 3, 0), min(math.ceil(last) + 4, 2 * nodes + 1)
+        place = (float(nodes - first), near / spacing, near, line.first, line.samples)
+        axes = np.stack([line.direction, inward])
+        if nearest >= farthest or last - first <= 3:
+            borders.append(NO_BORDER)
+            continue
+        wide = max(first - FELT, 0)
+        weights = _step_weights(coarse, distance[wide : last + FELT])
+        filtered = [ndimage.spline_filter1d(part, axis=1, mode="mirror") for part in (weights.real, weights.imag)]
+        kernel = np.asarray(filtered[0] + 1j * filtered[1], dtype=np.complex128)  # the prefilter over the rows is linear: done here, once
+        some = np.ascontiguousarray(kernel[:, first - wide : last - wide])
+        borders.append(_border(modes, axes, coarse, some, lines, (box, box / parts), tolerance, place))
+    return borders
 
 
 def _border(
@@ -112,22 +126,27 @@ def _border(
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
     smeared = modes.kind.smear.transfer(f)
     boxes = [smeared * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side) for side in sides]
-    whole = modes.spectrum(-1, size)
-    core, part = np.asarray(_sheets(np.asarray([whole * box for box in boxes], dtype=np.complex128), kernel, lines), dtype=np.float64)
-    turned = [(term, int(order), sine) for term, order in enumerate(modes.orders) for sine in range(2 if order else 1)]
-    at_once = max(1, ROOM // max(2 * size.size, kernel.shape[1] * lines.shape[1]))
+    whole, half = modes.spectrum(-1, size), len(coarse)
+    rising, falling = (np.stack([(whole * box)[:, side] for box in boxes]) for side in (slice(half), slice(half, None)))
+    core, part = _sheets(np.stack([rising + falling, rising - falling], axis=1), np.zeros(2, dtype=np.int64), kernel, lines)
+    at_once = max(1, ROOM // (2 * max(size.size, kernel.shape[1] * lines.shape[1])))
     found: list[tuple[float, int, int, SingleArray]] = []
     single = np.asarray(kernel, dtype=np.complex64), np.asarray(lines, dtype=np.float32)
-    for start in range(0, len(turned), at_once):
-        some = turned[start : start + at_once]
-        spectra = {term: modes.spectrum(term, size) * boxes[1] for term, _, _ in some}
-        patterns: SingleComplexArray = np.empty((len(some), *size.shape), dtype=np.complex64)
-        for index, (term, order, sine) in enumerate(some):
-            patterns[index] = spectra[term] * (np.sin if sine else np.cos)(order * alpha) * (1j if order % 2 else 1.0)
-        for (term, order, sine), wave in zip(some, _sheets(patterns, *single), strict=True):
+    turned, angle, reached, places = np.asarray(boxes[1], dtype=np.complex128), np.exp(1j * alpha), 0, modes.places(size)
+    for start in range(0, len(modes.orders), at_once):
+        terms = np.arange(start, min(start + at_once, len(modes.orders)))
+        patterns = np.empty((len(terms), 2, 2, half, half), dtype=np.float32)
+        for pattern, term, table in zip(patterns, terms, modes.finer(terms), strict=True):
+            while reached < modes.orders[term]:
+                turned, reached = turned * angle, reached + 1
+            fill_patterns(pattern, turned, table, *places)
+        orders = np.repeat(modes.orders[terms], 2)
+        sheets = _sheets(patterns.reshape(-1, 2, half, half), orders, *single)
+        for index, wave in enumerate(sheets):  # the sine of order 0 is nowhere felt
+            term = int(terms[index // 2])
             felt = np.flatnonzero(np.abs(wave).max(axis=1) > tolerance / 15 / np.abs(modes.radial[term]).max())
             if len(felt):
-                found.append((float(felt[-1]), term, 2 * order + sine, np.asarray(wave, dtype=np.float32)))
+                found.append((float(felt[-1]), term, 2 * int(orders[index]) + index % 2, np.asarray(wave, dtype=np.float32)))
     found.sort(key=lambda wave: -wave[0])
     return Border(
         core,
@@ -140,14 +159,42 @@ def _border(
     )
 
 
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fill_patterns(patterns: SingleArray, turned: ComplexArray, table: SingleArray, base: Whole, beyond: SingleArray) -> None:
+    """Fill a term's patterns at frequencies along x' and y', for ``_sheets``: of the cosine and the sine.
+
+    Args:
+        patterns: shape (2, 2, F, F).
+        turned: cosine and sine at frequencies along y' rising, then falling, shape (F, 2 F).
+        table: what they are multiplied by, see ``Modes.places``.
+        base: places in it.
+        beyond: the same.
+    """
+    half = turned.shape[0]
+    for i in range(half):
+        for j in range(half):
+            node, other = base[i, j], base[i, j + half]
+            rising = turned[i, j] * (table[node] + beyond[i, j] * (table[node + 1] - table[node]))
+            falling = turned[i, j + half] * (table[other] + beyond[i, j + half] * (table[other + 1] - table[other]))
+            both, apart = rising + falling, rising - falling
+            patterns[0, 0, i, j], patterns[0, 1, i, j] = both.real, apart.real
+            patterns[1, 0, i, j], patterns[1, 1, i, j] = both.imag, apart.imag
+
+
 def _sheets(
-    patterns: ComplexArray | SingleComplexArray, kernel: ComplexArray | SingleComplexArray, lines: Array | SingleArray
+    patterns: Array | SingleArray, orders: Whole, kernel: ComplexArray | SingleComplexArray, lines: Array | SingleArray
 ) -> Array | SingleArray:
-    """The light of patterns at frequencies along x' and y', shape (P, F, V), as sheets over distance and place, (P, Y, X)."""
-    count, rows, columns = patterns.shape
-    coarser = (patterns.reshape(-1, columns) @ kernel).reshape(count, rows, -1)
-    both = np.concatenate([np.real(coarser), np.imag(coarser)], axis=1).transpose(0, 2, 1)
-    return (both.reshape(-1, 2 * rows) @ lines).reshape(count, both.shape[1], -1)
+    """The light of real patterns, times i for odd orders, as sheets over distance and place, shape (P, Y, X).
+
+    A pattern is given at frequencies along x' and y', as the sum of its values where y' rises and falls, and as their difference;
+    shape (P, 2, F, F).
+    """
+    count, _, rows, columns = patterns.shape
+    both, apart = (np.ascontiguousarray(patterns[:, side]).reshape(-1, columns) for side in (0, 1))
+    real, imaginary = (both @ kernel.real).reshape(count, rows, -1), (apart @ kernel.imag).reshape(count, rows, -1)
+    odd = (orders % 2 == 1)[:, None, None]
+    coarser = np.concatenate([np.where(odd, -imaginary, real), np.where(odd, real, imaginary)], axis=1).transpose(0, 2, 1)
+    return (coarser.reshape(-1, 2 * rows) @ lines).reshape(count, coarser.shape[1], -1)
 
 
 def _line_weights(line: Line, turn: Array, band: float) -> Array:
@@ -168,7 +215,7 @@ def _step_weights(coarse: Array, distance: Array) -> ComplexArray:
     """Weights that turn a pattern at frequencies along y', rising and falling, into the light from beyond a border at distances.
 
     The light is half the pattern at 0 plus i/(2 pi) times the integral over v > 0 of (P(v) E - P(-v) / E) / v, E = exp(2 pi i v distance),
-    P the quintic spline through the pattern's values. Shape (2 n, Y).
+    P the quintic spline through the pattern's values. Shape (n, Y), for the rising frequencies; those for falling ones are the conjugate.
     """
     count = len(coarse)
     nodes, weights = np.polynomial.legendre.leggauss(8)
@@ -182,7 +229,7 @@ def _step_weights(coarse: Array, distance: Array) -> ComplexArray:
     cos, sin = splines.T @ np.cos(phase), splines.T @ np.sin(phase)
     rising = 1j / (2 * np.pi) * (cos + 1j * sin)
     rising[0] = 0.25 - sin[0] / (2 * np.pi)  # both sides share the value at 0, and the cosines cancel
-    return np.concatenate([rising, np.conj(rising)])
+    return rising
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

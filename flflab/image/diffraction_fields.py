@@ -121,30 +121,50 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
     def boxed(side: float) -> ComplexArray:
         return wanted * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side)
 
-    def field(pattern: ComplexArray | SingleComplexArray) -> SingleComplexArray:
-        up = np.zeros((grid.length[1], len(column)), dtype=np.complex64)
-        up[row] = pattern
-        rows = np.zeros((grid.count[1], grid.length[0]), dtype=np.complex64)
+    up = np.empty((grid.length[1], len(column)), dtype=np.complex64)
+    rows = np.empty((grid.count[1], grid.length[0]), dtype=np.complex64)
+
+    def field() -> SingleComplexArray:
+        """The Fourier sums of ``up``, which is used up."""
+        rows[:] = 0.0
         rows[:, column] = np.asarray(fft.ifft(up, axis=0, overwrite_x=True))[: grid.count[1]]
         return np.asarray(fft.ifft(rows, axis=1, overwrite_x=True), dtype=np.complex64)[:, : grid.count[0]]
 
-    core, by_part = modes.spectrum(-1, size), boxed(box / parts)
-    whole, part = (np.ascontiguousarray(field(core * pattern).real) for pattern in (boxed(box), by_part))
+    def core(pattern: ComplexArray) -> SingleArray:
+        up[:] = 0.0
+        up[row] = unclipped * pattern
+        return np.ascontiguousarray(field().real)
+
+    unclipped, by_part = modes.spectrum(-1, size), boxed(box / parts)
+    whole, part = core(boxed(box)), core(by_part)
     at_once = max(1, min(MOST_WAVES, ROOM // whole.size) // 2)
     starts = range(0, len(modes.orders), at_once)
-    turn, angle, place = np.ones_like(by_part, dtype=np.complex64), np.exp(1j * alpha).astype(np.complex64), modes.places(size)
-    by_part, order = by_part.astype(np.complex64), 0
+    angle, (base, beyond) = np.exp(1j * alpha).astype(np.complex64), modes.places(size)
+    turned, order = by_part.astype(np.complex64), 0
     for start in starts or [0]:
         terms = np.arange(start, min(start + at_once, len(modes.orders)))
         waves = np.empty((*whole.shape, 2 * len(terms)), dtype=np.float32)
-        for index, term in enumerate(terms):
+        for index, (term, table) in enumerate(zip(terms, modes.finer(terms), strict=True) if len(terms) else ()):
             while order < modes.orders[term]:
-                turn, order = turn * angle, order + 1
-            both = field(np.asarray(by_part * turn * modes.read(int(term), place), dtype=np.complex64))  # two real fields in one sum
+                turned, order = turned * angle, order + 1
+            up[:] = 0.0
+            add_pattern(up, row, turned, table, base, beyond)
+            both = field()  # two real fields in one sum
             if order % 2:
                 both = 1j * both
             waves[..., 2 * index], waves[..., 2 * index + 1] = both.real, both.imag
         yield Fields(whole if start == 0 else whole[:0, :0], part, waves, terms)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_pattern(
+    up: SingleComplexArray, rows: Whole, turned: SingleComplexArray, table: SingleArray, base: Whole, beyond: SingleArray
+) -> None:
+    """Add a pattern to some rows: ``turned`` times what a table holds ``beyond`` the nodes ``base``, see ``Modes.places``."""
+    for i in range(turned.shape[0]):
+        for j in range(turned.shape[1]):
+            node = base[i, j]
+            up[rows[i], j] += turned[i, j] * (table[node] + beyond[i, j] * (table[node + 1] - table[node]))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})

@@ -275,20 +275,19 @@ class Modes:
         return np.where(frequency < self.band, found, 0.0)
 
     def places(self, frequency: Array) -> tuple[Whole, SingleArray]:
-        """Where frequencies of any shape lie in the finer tables that ``read`` reads: the node before each, and the part beyond it."""
+        """Where frequencies of any shape lie in the tables of ``finer``: the node before each, and the part beyond it."""
         last = FINER * (self.spectra.shape[1] - 1)
         place = np.arccos(np.maximum(1 - 2 * frequency / self.band, -1)) * (last / np.pi)
         base = np.minimum(place.astype(np.int64), last - 1)
         return base, (place - base).astype(np.float32)
 
-    def read(self, term: int, places: tuple[Whole, SingleArray]) -> SingleArray:
-        """One term's spectrum at places, in single precision; 0 from the highest frequency on."""
-        base, part = places
+    def finer(self, terms: Whole) -> SingleArray:
+        """The spectra of some terms at the nodes that ``places`` counts, shape (n, nodes), in single precision; 0 at the last."""
         count = self.spectra.shape[1]
-        nodes = np.linspace(0, np.pi, count)
-        finer = make_interp_spline(nodes, self.spectra[term], k=5)(np.linspace(0, np.pi, FINER * (count - 1) + 1)).astype(np.float32)
-        finer[-1] = 0.0
-        return finer[base] + part * np.diff(finer)[base]
+        at = np.linspace(0, np.pi, FINER * (count - 1) + 1)
+        tables = np.asarray(make_interp_spline(np.linspace(0, np.pi, count), self.spectra[terms].T, k=5)(at).T, dtype=np.float32)
+        tables[:, -1] = 0.0
+        return np.ascontiguousarray(tables)
 
 
 Known = dict[tuple[float, ...], Modes]
