@@ -1,9 +1,10 @@
-"""Times and errors of ``render`` on 10-megapixel frames: ``python benchmarks/bench_image.py [--quick]``.
+"""Times and errors of ``render`` on 10-megapixel frames: ``python benchmarks/bench_image.py [--quick | --waves]``.
 
 The first table holds the three scenes with a goal. Their error is that of the middle of the frame against a rendering at a fiftieth of
 the tolerance: root of the mean square, and largest. Cold is the first call of its kind in this process (compiled kernels come from
 numba's cache if it holds them), warm the median and the best of some; processor seconds are those of all cores for the best.
-The second table holds other targets at one tolerance.
+The second table holds other targets at one tolerance, the third (``--waves`` shows it alone) lines in light that bends, each formed
+once after one at another tolerance.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flflab.image.effects.diffraction import Diffraction
 from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
 from flflab.image.scene import Scene, one_plane
@@ -91,13 +93,27 @@ def memory(scene: Scene) -> float:
         return fresh.submit(peak, scene).result() / (columns * rows) - 8
 
 
+def waves() -> None:
+    """Print what lines in light of 550 nm take."""
+    for target in (Bars(), Edge()):
+        scene = replace(one_plane(bench_camera(4.0), target, 900.0), diffraction=Diffraction(550e-6))
+        timed(scene, 0.005)
+        for tolerance in (0.002, 0.001):
+            wall, used = timed(scene, tolerance)
+            print(f"{target.kind} in waves, F/4, 900 mm, tolerance {tolerance:g}: {wall:.2f} s, of the processor {used:.2f} s", flush=True)
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser()
+    parser.add_argument("--waves", action="store_true", help="lines in light that bends only")
     parser.add_argument("--quick", action="store_true", help="the scenes with a goal only, at the loosest tolerance")
     parser.add_argument("--repeats", type=int, default=9)
     asked = parser.parse_args()
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    if asked.waves:
+        waves()
+        return
     scenes = [one_plane(bench_camera(f_number), CHART, distance) for _, f_number, distance, _, _ in GOALS]
     small = replace(scenes[1], camera=replace(scenes[1].camera, sensor=Sensor((64, 64), 0.00166, scenes[1].camera.sensor.distance)))
     started = time.perf_counter()
@@ -116,6 +132,7 @@ def main() -> None:
     for target in TARGETS:
         for distance in (1000.0, 900.0):
             row(f"{target.kind}, F/4, {distance:g} mm", one_plane(bench_camera(4.0), target, distance), 0.002, 3)
+    waves()
     image = render(scenes[0])
     started = time.perf_counter()
     digitise(image, 8000.0, SensorResponse(), noise_key("bench"))

@@ -267,3 +267,16 @@ def test_no_pixel_of_bars_in_waves_is_farther_off_than_asked(f_number: float, di
     )
     scene = Scene(camera, (Plane(Bars(), distance),), diffraction=Diffraction(GREEN))
     assert np.abs(render(scene, tolerance=0.002) - render(scene, tolerance=5e-4)).max() < 0.002
+
+
+@pytest.mark.parametrize("target", [Bars((1.0, 3.0), 6.0, 4.0), Picture(np.random.default_rng(3).random((12, 16)), 6.0)])
+def test_a_small_sensor_sees_what_a_large_one_sees_there(lone: Camera, target: Target) -> None:
+    """What is left out because no pixel looks there changes nothing that a pixel sees: near the target's border, across it, beyond it."""
+    plane = Plane(target, 495.0, offset=(0.2, 0.3), roll=0.1, tilt=(0.05, -0.03))
+    whole = diffracted(Scene(lone, (plane,)))
+    assert (whole > 0.2).any()
+    for column, row in ((80, 80), (90, 20), (90, 160), (30, 90), (150, 140)):
+        offset = ((column + 7.5 - 99.5) * 0.00166, (row + 5.5 - 99.5) * 0.00166)
+        small = replace(lone, sensor=replace(lone.sensor, resolution=(16, 12), offset=offset))
+        seen = diffracted(Scene(small, (plane,)))
+        assert np.abs(seen - whole[row : row + 12, column : column + 16]).max() < 0.0006, (column, row)
