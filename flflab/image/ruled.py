@@ -36,11 +36,11 @@ def columns_between(low: float, high: float, at: float, per_column: float, colum
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def rim_shares(points: Array, number: int, first: float, step: float, y: float, rim: Array) -> None:
-    """``rim_share`` along a row, at x = first, first + step, ... mm from the centre; fills ``points`` from WEIGHT on."""
+def rim_shares(points: Array, number: int, xs: Array, column: int, shift: float, y: float, rim: Array) -> None:
+    """``rim_share`` at xs + shift mm from the centre, of pixels from a column on; fills ``points`` from WEIGHT on."""
     nearest, per_step, squared, last = rim[0], rim[1], y * y, float(rim.shape[0] - 4)
     for p in range(number):
-        x = first + p * step
+        x = xs[column + p] + shift
         points[WEIGHT + p] = min(max((math.sqrt(x * x + squared) - nearest) * per_step, 0.0), last + 1.0)
     for p in range(number):  # apart from the above: reading here and there is faster without vectors
         place = points[WEIGHT + p]
@@ -211,7 +211,7 @@ def add_ruled(
                 elif clear and quick:
                     light[:number] = 0.0
                     for i in range(rim_parts):
-                        rim_shares(points, number, xs[column] + ((i + 0.5) / rim_parts - 0.5) * width - centre_x, pixel, dy, rim)
+                        rim_shares(points, number, xs, column, ((i + 0.5) / rim_parts - 0.5) * width - centre_x, dy, rim)
                         for p in range(number):
                             light[p] += points[WEIGHT + p] * steady[1 + i, column + p - start]
                     for p in range(number):
