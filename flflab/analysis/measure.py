@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.contrast import fit_contrasts
+from flflab.analysis.cut_darkness import mend_darkness, remark_on
 from flflab.analysis.dots import count_views
 from flflab.analysis.edges import EdgeCurve, measure_edges
 from flflab.analysis.lattice import Lattice, find_lattice, pitch_and_angle
@@ -78,6 +79,9 @@ def measure(
     else:
         mosaic = _grey(require_picture(picture, camera, target.kind), np.asarray(picture), noise, remarks)
     if noise is None:
+        if (mended := mend_darkness(mosaic)) is not None:
+            mosaic = mended
+            remarks.append(remark_on(mosaic))
         remarks.append("the sensor's noise was estimated from the picture itself")
     values, evened = mosaic.even()
     require_light(values, evened, target)

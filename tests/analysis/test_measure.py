@@ -30,7 +30,16 @@ def test_a_white_frame_gives_the_lattice_alone(brute: Any) -> None:
     assert len(lattice["centres_px"]) == 9
     assert said["dots"] == []
     assert said["mtf"] == []
-    assert not any("radius" in remark for remark in said["remarks"])
+    assert not any("radius" in remark or "cut" in remark for remark in said["remarks"])
+
+
+def test_darkness_cut_at_zero_draws_no_rim_inwards_and_it_is_said(brute: Any) -> None:
+    white = brute.white_picture(RESOLUTION[::-1], "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777)
+    cut = replace(NOISE, offset_dn=0.0)
+    said = measure(brute.expose(white, cut, 3000, np.random.default_rng(1)), brute.camera(4.0, RESOLUTION))
+    assert said["lattice"]["outside_radius_px"] == pytest.approx(95.945, abs=0.01)
+    assert said["lattice"]["inside_radius_px"] == pytest.approx(48.391, abs=0.02)
+    assert any("cut at 0" in remark for remark in said["remarks"])
 
 
 def test_a_radius_or_pitch_that_is_not_the_cameras_is_remarked_on(brute: Any) -> None:
