@@ -25,6 +25,7 @@ FIRST = np.concatenate([-STEPS[::-1], [0.0], STEPS])
 FINER, ROUNDS = np.linspace(-1.0, 1.0, 21), 3
 ALIKE = 6.0  # of chi squared: 2 suspects closer than this are not told apart (4 to 1 odds at least by noise alone)
 CLEAR = 25.0  # of chi squared that a change must explain to be named at all
+MOST_LEFT = 0.1  # of chi squared that a change may leave to be named, or twice the numbers compared: more is another fault's
 KINDS = {
     "lens_focal": "focal length of the main lens", "lens_aperture": "aperture of the main lens (the f-number the other way)",
     "focal": "focal length of the microlenses", "aperture": "aperture of the microlenses", "pitch": "pitch of the microlenses",
@@ -98,10 +99,13 @@ def diagnose(found: list[Values], numbers: Callable[[Errors], list[Values]], ben
 
 
 def not_told_apart(suspects: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
-    """The best suspect and those that explain as well; none where no single change explains much."""
-    if not suspects or suspects[0].chi2_before - suspects[0].chi2 < CLEAR:
+    """The best suspect and those that explain as well; none where no single change explains most of it."""
+    if not suspects:
         return ()
-    return tuple(suspect for suspect in suspects if suspect.chi2 <= suspects[0].chi2 + ALIKE)
+    best = suspects[0]
+    if best.chi2_before - best.chi2 < CLEAR or best.chi2 > max(MOST_LEFT * best.chi2_before, 2.0 * best.numbers):
+        return ()
+    return tuple(suspect for suspect in suspects if suspect.chi2 <= best.chi2 + ALIKE)
 
 
 def turns_among(suspects: tuple[Suspect, ...]) -> tuple[Suspect, ...]:

@@ -244,6 +244,10 @@ def true_optics(bench: Bench, truths: Truths) -> Camera:
             pitch=(array.pitch[0] * pitch, array.pitch[1] * pitch),
             aperture=_planted(truths, "microlens_array.aperture", "length", aperture),
             roll=_planted(truths, "microlens_array.roll", "angle", array.roll),
+            tilt=tuple(
+                math.tan(_planted(truths, f"microlens_array.{turn}", "angle", math.atan(slope)))
+                for turn, slope in zip(("yaw", "pitch"), array.tilt, strict=True)
+            ),
         ),
     )
 
@@ -255,7 +259,8 @@ def check_truths(truths: Truths, axes: Mapping[str, AxisDescription]) -> None:
         InputError: naming the truth and what is allowed.
     """
     allowed = [f"{name}.{what}" for name in axes for what in ("zero", "scale", "start")]
-    allowed += ["iris.scale", "main_lens.focal_length", "microlens_array.focal_length", "microlens_array.aperture", "microlens_array.roll"]
+    allowed += ["iris.scale", "main_lens.focal_length", "microlens_array.focal_length", "microlens_array.aperture"]
+    allowed += [f"microlens_array.{turn}" for turn in ("roll", "yaw", "pitch")]
     for name in truths:
         if name not in allowed:
             raise InputError(f"simulated.truths: there is no truth '{name}'; allowed here: {', '.join(allowed)}")

@@ -71,6 +71,8 @@ def conclude(run: Run, bench_file: Path | None = None) -> None:
     console.print("The camera does what its model says." if accepted else "The camera does not do what its model says.", style="bold")
     for suspect in not_told_apart(evaluation.suspects):
         console.print(f"Would explain it: {suspect.sentence}.", highlight=False)
+    if not accepted and not not_told_apart(evaluation.suspects):
+        console.print("No single change of the bench explains it: no size of the optics, no turn of the array, no zero of a stage.")
     console.print(f"Report: {page}", highlight=False, soft_wrap=True)
     if not accepted:
         raise typer.Exit(REJECTED)

@@ -76,6 +76,22 @@ def test_the_one_change_that_explains_everything_is_named(focal: float, aperture
     assert not_told_apart(suspects) == suspects[:1]
 
 
+def test_what_no_single_change_explains_is_blamed_on_none() -> None:
+    rng = np.random.default_rng(2)
+    found = [
+        single(0, quantity, "white", due + 0.1, 1e-4, due + 1e-5 * rng.normal(size=500))
+        for quantity, due in (("bright_field_mm", 1.0), ("total_field_mm", 2.0), ("image_pitch_mm", 3.0))
+    ]
+
+    def numbers(errors: Errors) -> list[Values]:
+        third = np.full(len(errors.optics.focal), 3.0)
+        return [*numbers_of(errors), single(0, "image_pitch_mm", "white", 0.0, 1e-4, third)]
+
+    suspects = diagnose(found, numbers, read_bench(BENCH))
+    assert suspects[0].chi2_before - suspects[0].chi2 > 1e5
+    assert not_told_apart(suspects) == ()
+
+
 def test_changes_that_explain_equally_well_are_all_named() -> None:
     rng = np.random.default_rng(2)
     found = [single(0, "bright_field_mm", "white", 1.03, 1e-3, 1 + 1e-5 * rng.normal(size=500))]

@@ -45,6 +45,13 @@ def test_a_keyed_generator_depends_on_every_part_of_its_key() -> None:
     assert len(draws) == 7
 
 
+def test_an_array_that_no_stage_turns_can_be_tilted_on_purpose(write_bench_file: WriteBench) -> None:
+    world = World(write_bench_file(truths={"microlens_array.yaw": "0.3 deg", "microlens_array.pitch": "-2 mrad"}), SteppedClock())
+    scene = world.scene(world.clock.now())
+    assert scene.camera is not None
+    assert scene.camera.array.tilt == pytest.approx((math.tan(math.radians(0.3)), math.tan(-2e-3)))
+
+
 def test_the_camera_sees_where_the_stages_really_stand(write_bench_file: WriteBench) -> None:
     truths = {
         "main_lens_stage.zero": "10 um", "main_lens_stage.scale": 0, "array_stage.zero": "30 um", "array_stage.scale": "100 ppm",
