@@ -9,6 +9,7 @@ import json
 import os
 import queue
 import shutil
+import sys
 import threading
 from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
@@ -23,6 +24,7 @@ from flflab.record.checksums import SUMS, write_sums
 from flflab.record.folder import DATASET, DOCUMENTS, FRAMES
 from flflab.record.reading import read_run
 
+BEYOND = 2**31 - 2
 SPARE_BYTES = 50_000_000  # documents, log, report
 SUMMED = ("bench.yaml", "camera.yaml", "study.yaml", "versions.json", DOCUMENTS)
 Picture = npt.NDArray[np.uint16]
@@ -56,6 +58,7 @@ class Recording:
         at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
         with _beginning(folder):
             documents = (folder / DOCUMENTS).open("x", encoding="utf-8", newline="\n")
+            _keep_for_oneself(documents, folder)
             with h5py.File(folder / FRAMES, "x") as file:
                 file.create_dataset(DATASET, (frames, *shape), "<u2", dcpl=at_once)
             self._begin(folder, documents)
@@ -202,6 +205,29 @@ def _beginning(folder: Path) -> Generator[None]:
         raise RecordError(f"{folder}: a record cannot be begun there ({error}); give another folder") from error
 
 
+def _keep_for_oneself(documents: Any, folder: Path) -> None:
+    """Let no other program write this record; the system lets it go when this one ends, however it ends.
+
+    Raises:
+        RecordError: another one writes it.
+    """
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            documents.seek(BEYOND)  # a locked byte cannot be read there: one that no record reaches
+            msvcrt.locking(documents.fileno(), msvcrt.LK_NBLCK, 1)
+            documents.seek(0, os.SEEK_END)
+        else:
+            import fcntl
+
+            fcntl.flock(documents, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError) as error:
+        raise RecordError(f"{folder}: another program is writing this run; wait for its end, or interrupt it first") from error
+    except OSError:
+        pass  # a disk on the network that knows no locks
+
+
 def _in_a_line(error: BaseException) -> str:
     return " ".join(str(error).split())
 
@@ -217,13 +243,19 @@ class ContinuedRecording(Recording):
     """
 
     def __init__(self, folder: Path) -> None:
-        run = read_run(folder)
         file = folder / DOCUMENTS
         with _beginning(folder):
-            (folder / SUMS).unlink(missing_ok=True)  # the documents grow: written anew at the end
-            with file.open("rb+") as documents:
+            documents = file.open("a", encoding="utf-8", newline="\n")
+        try:
+            _keep_for_oneself(documents, folder)
+            run = read_run(folder)
+            with _beginning(folder):
+                (folder / SUMS).unlink(missing_ok=True)  # the documents grow: written anew at the end
                 documents.truncate(file.read_bytes().rfind(b"\n") + 1)
-            self._begin(folder, file.open("a", encoding="utf-8", newline="\n"))
+                self._begin(folder, documents)
+        except RecordError:
+            documents.close()
+            raise
         self.empty = False
         self.recorded = 1 + max((frame.index for frame in run.frames), default=-1)  # a frame without its event is written over
 

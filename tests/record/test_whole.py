@@ -80,6 +80,16 @@ def test_a_part_that_has_not_ended_makes_the_run_unfinished_again(whole: Path) -
     assert not read_run(whole).complete
 
 
+def test_a_record_that_is_being_written_is_gone_on_with_by_nobody_else(cut: Path) -> None:
+    first = ContinuedRecording(cut)
+    content = (cut / "documents.jsonl").read_bytes()
+    with pytest.raises(RecordError, match="another program is writing this run"):
+        ContinuedRecording(cut)
+    assert (cut / "documents.jsonl").read_bytes() == content
+    first.close()
+    ContinuedRecording(cut).close()
+
+
 def test_a_flipped_byte_in_a_frame_is_named_when_the_frame_is_read(whole: Path) -> None:
     with h5py.File(whole / "frames.h5") as file:
         offset = cast(h5py.Dataset, file["frames"]).id.get_offset()
