@@ -141,7 +141,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, target: Bar
             int(modes.orders.max(initial=0)),
             np.ascontiguousarray(at_border.radial.T),
             slant_rows(setup, kind),
-            pupil_moments(kind, rim_radii(kind, MOMENTS) if 2 * kind.slope > 1 else np.zeros(1)),
+            pupil_moments(kind, np.zeros(1) if steep else rim_radii(kind, MOMENTS)),
             disc_nodes(8, 8),
             chosen,
         )
@@ -208,7 +208,7 @@ def _add_fields(
     pupil_nodes = disc_nodes(8, 8)
     levels = setup.pupils.level[entries] * np.tile(kind.weights, len(places))
     rims, slants = (np.tile(part, (len(places), 1)) for part in (kind.rims, slant_rows(setup, kind)))
-    moments = pupil_moments(kind, rim_radii(kind, MOMENTS) if 2 * kind.slope > 1 else np.zeros(1))
+    moments = pupil_moments(kind, np.zeros(1) if steep else rim_radii(kind, MOMENTS))
     for fields in make_fields(modes, grid, spectrum, box, parts):
         terms = fields.terms
 

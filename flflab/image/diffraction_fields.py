@@ -284,12 +284,12 @@ def add_fields(
                         along = (origins[entry, 1] + look * (looks[entry, 1, 0] * x + looks[entry, 1, 1] * y) - first[1]) * samples
                         if share <= 0.0 or not (1.0 <= across < part.shape[1] - 2.0 and 1.0 <= along < part.shape[0] - 2.0):
                             continue
+                        falling = mean_falloff(x, y, rim, slants[entry], moments)
                         if radial >= 0.0:
                             if orders.size > 0:
-                                light += read_pairs(radial, math.atan2(y, x), orders, coefficients, waves, across, along, weights)
+                                light += falling * read_pairs(radial, math.atan2(y, x), orders, coefficients, waves, across, along, weights)
                         elif unclipped.size > 0:
                             base_row, base_column = int(along), int(across)
                             by_row, by_column = spline_weights(along - base_row), spline_weights(across - base_column)
-                            light += share * read_sheet(unclipped if whole else part, base_row, base_column, by_row, by_column)
-                weight = levels[entry] * mean_falloff(dx, dy, rim, slants[entry], moments)
-                image[row, column] += weight * light / (pieces * pieces)
+                            light += falling * share * read_sheet(unclipped if whole else part, base_row, base_column, by_row, by_column)
+                image[row, column] += levels[entry] * light / (pieces * pieces)

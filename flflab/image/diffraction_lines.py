@@ -119,6 +119,5 @@ def add_ruled_diffracted(
                                 seen -= from_beyond(
                                     radial, cos, side_on, at, inside, sheet, waves, terms, turns, last, border, radial_terms, scratch
                                 )
-                        light += share * max(seen, 0.0)
-                weight = levels[entry] * mean_falloff(dx, dy, rim, slants[entry], moments)
-                image[row, column] += weight * light / (pieces * pieces)
+                        light += share * max(seen, 0.0) * mean_falloff(x, y, rim, slants[entry], moments)
+                image[row, column] += levels[entry] * light / (pieces * pieces)

@@ -280,3 +280,15 @@ def test_a_small_sensor_sees_what_a_large_one_sees_there(lone: Camera, target: T
         small = replace(lone, sensor=replace(lone.sensor, resolution=(16, 12), offset=offset))
         seen = diffracted(Scene(small, (plane,)))
         assert np.abs(seen - whole[row : row + 12, column : column + 16]).max() < 0.0006, (column, row)
+
+
+def test_fall_off_does_not_jump_where_a_rim_is_a_pixel_wide(lone: Camera) -> None:
+    """Unlike microlenses share tables: one whose rim is a little wider must not be weighed by another rule."""
+    scene = replace(one_plane(lone, Edge(0.1), 495.0), falloff=Falloff())
+    rim = 2 * abs(make_setup(scene, scene.planes[0], 0.002).pupils.slope[0])
+
+    def seen(width: float) -> Array:
+        sensor = replace(lone.sensor, resolution=(24, 24), pixel=rim / width)
+        return diffracted(replace(scene, camera=replace(lone, sensor=sensor)))
+
+    assert np.abs(seen(1.000001) - seen(0.999999)).max() < 1e-5
