@@ -196,6 +196,7 @@ class BenchDescription(Description):
     optics: str
     optics_uncertainty: OpticsUncertaintyDescription = OpticsUncertaintyDescription()
     model_uncertainty: ModelUncertaintyDescription = ModelUncertaintyDescription()
+    wavelength: Annotated[Length, Field(gt=0)] | None = None
     light_uncertainty: Annotated[Ratio, Field(ge=0, lt=1)] = 0.005
     simulated: SimulatedDescription = SimulatedDescription()
 

@@ -18,7 +18,7 @@ from flflab.bench import Bench
 from flflab.errors import MeasurementError
 from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
-from flflab.image.scene import one_plane
+from flflab.image.scene import in_light, one_plane
 from flflab.study import Configuration, Study
 from flflab.targets import White
 from flflab.workers import results
@@ -62,11 +62,12 @@ def expected_exposure(configuration: Configuration, study: Study, bench: Bench) 
 def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectation:
     """Draw and measure one configuration's white frames, then its bars until they are as sure as the study asks for, else once."""
     camera, description = configuration.camera(bench.optics), study.description
-    noise = expected_noise(bench)
+    noise, light = expected_noise(bench), bench.description.wavelength
     electrons = description.exposure.level * bench.description.simulated.full_well_electrons
     exposure = expected_exposure(configuration, study, bench)
     white, bars = (
-        noise.offset_dn + noise.dn_per_electron * electrons * np.maximum(render(one_plane(camera, target, configuration.distance)), 0.0)
+        noise.offset_dn
+        + noise.dn_per_electron * electrons * np.maximum(render(in_light(one_plane(camera, target, configuration.distance), light)), 0.0)
         for target in (White(), study.bars)
     )
     rng = np.random.Generator(np.random.Philox(key=configuration.index))
@@ -79,7 +80,9 @@ def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectat
     try:
         lattice = lattice_behind(camera, taken(white, due), noise.of_mean(due))
         while not looks or due > looks[-1].frames:
-            curve = fit_contrast(taken(bars, due), lattice, camera, study.bars, configuration.distance, noise.of_mean(due))
+            curve = fit_contrast(
+                taken(bars, due), lattice, camera, study.bars, configuration.distance, noise.of_mean(due), wavelength=light
+            )
             looks = (*looks, Look(due, float(curve.uncertainty.max())))
             if description.mtf_standard_uncertainty is not None:
                 due = frames_due(looks, description.mtf_standard_uncertainty, description.exposure.most_frames)

@@ -160,11 +160,11 @@ def drawn_systems(system: Smms, camera: Camera, placement: Placement) -> Smms:
     )
 
 
-def contrast_draws(camera: Camera, placement: Placement, cycles_per_mm: Array) -> Array:
-    """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies)."""
+def contrast_draws(camera: Camera, placement: Placement, cycles_per_mm: Array, wavelength: float | None = None) -> Array:
+    """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies); by rays alone without a wavelength (mm)."""
     drawn = drawn_systems(central_smms(camera), camera, placement)
     columns = Smms(**{field.name: getattr(drawn, field.name)[:, None] for field in fields(Smms)})
-    return transfer(columns, 1 / placement.distance[:, None], camera.sensor.pixel, cycles_per_mm[None, :])
+    return transfer(columns, 1 / placement.distance[:, None], camera.sensor.pixel, cycles_per_mm[None, :], wavelength=wavelength)
 
 
 def predicted_view_indices(camera: Camera, distance: float, points: Array) -> list[npt.NDArray[np.int64]]:

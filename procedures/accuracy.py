@@ -41,6 +41,7 @@ class Accuracy:
 
     def __init__(self, study: Study, bench: Bench, camera: CameraDevice, recording: Recording, places: dict[str, int]) -> None:
         self._study, self._optics, self._camera = study, bench.optics, camera
+        self._wavelength = bench.description.wavelength
         self._recording, self._places = recording, places
         self._lattices: dict[int, Future[Lattice]] = {}
         self.looks: dict[int, tuple[Look, ...]] = {}
@@ -96,7 +97,8 @@ class Accuracy:
             try:
                 lattice = self._lattices[index].result()
                 noise = self._noise.of_mean(frames)
-                curve = fit_contrast(mean, lattice, camera, self._study.bars, step.configuration.distance, noise)
+                distance = step.configuration.distance
+                curve = fit_contrast(mean, lattice, camera, self._study.bars, distance, noise, wavelength=self._wavelength)
                 look = Look(frames, float(curve.uncertainty.max()))
                 self.looks[index] = (*self.looks.get(index, ()), look)
                 self._latest = (index, look, look.uncertainty <= step.mtf_standard_uncertainty)

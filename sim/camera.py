@@ -22,7 +22,7 @@ from flflab.image.effects.saturation import Saturation
 from flflab.image.exposure import white_irradiance
 from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
-from flflab.image.scene import one_plane
+from flflab.image.scene import in_light, one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
 from flflab.targets import White
 from sim.faults import Faults
@@ -91,7 +91,7 @@ class SimulatedCamera:
         camera, distance = self._world.optics, sharp_distance(self._world.optics)
         few = replace(camera, sensor=replace(camera.sensor, resolution=(32, 32)))
         for target in self._world.targets.values():
-            picture = render(one_plane(few, target, distance), tolerance=TOLERANCE)
+            picture = render(in_light(one_plane(few, target, distance), self._world.wavelength), tolerance=TOLERANCE)
             digitise(picture, 1000.0, self.response(1.0), noise_key("warm-up"))
 
     @property
@@ -264,7 +264,9 @@ class SimulatedCamera:
                     picture = np.zeros((rows, columns))
                 else:
                     tolerance = WHITE_TOLERANCE if isinstance(scene.target, White) else TOLERANCE
-                    drawn = render(one_plane(scene.camera, scene.target, scene.distance), tolerance=tolerance)
+                    drawn = render(
+                        in_light(one_plane(scene.camera, scene.target, scene.distance), self._world.wavelength), tolerance=tolerance
+                    )
                     picture = np.maximum(drawn, 0.0)  # sums of strips leave a rounding error below black
                 kept = list(self._pictures.items())[1 - PICTURES :]
                 self._pictures = dict([*kept, (scene.state, picture)])

@@ -118,6 +118,7 @@ class World:
         self.seed = simulated.seed
         check_truths(simulated.truths, bench.description.axes)
         self.optics = true_optics(bench, simulated.truths)
+        self.wavelength = bench.description.wavelength
         self._fixed = {
             "main_lens.z": 0.0,
             "array.z": bench.optics.array.distance,

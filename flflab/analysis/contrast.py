@@ -1,7 +1,7 @@
 """Contrast against frequency from a picture of bars or of a sine chirp, by a fit of the known chirp; max and min as a baseline."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,7 @@ from flflab.analysis.registration import (
 )
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
+from flflab.optics.contrast import cone_half_angle, lost_over_an_edge
 from flflab.optics.focus import blur, magnification
 from flflab.optics.per_type import type_smms
 from flflab.optics.resolution import central_smms
@@ -54,6 +55,7 @@ LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 MOST_SATURATED = 0.2
 MOST_SMEAR = 0.02  # cycles that bars may drift along a run of pixels: it takes 7e-5 of the highest frequency's contrast
 GAIN_ROUNDS = 4
+SURROUNDINGS = 0.3  # of the light that diffraction takes over a target's edges: how dark it is beyond them is not known better
 AS_SHARP_PX = 0.4  # of blur, by which views through a tilted array may differ from that on the axis
 FIRST_RUN = 16  # pixels of a run while the bars' slant is not known
 
@@ -117,6 +119,7 @@ def fit_contrast(
     distance: float,
     noise: SensorNoise,
     gains: Array | None = None,
+    wavelength: float | None = None,
 ) -> ContrastCurve:
     """Measure contrast against frequency in every bright field of the central microlens's kind that sees the target as sharply as it.
 
@@ -131,6 +134,8 @@ def fit_contrast(
         distance: main lens to target, mm, nominal.
         noise: of the sensor.
         gains: of a colour filter's four sub-lattices, as from ``flflab.analysis.mosaic``; None without filters.
+        wavelength: of the light, mm: contrast is told against the light of a target without end, of which diffraction takes some over the
+            target's dark border. None leaves that out.
 
     Raises:
         MeasurementError: wrong shape, target at infinity, too few pixels in bright fields on the target, or no bars in them.
@@ -138,7 +143,7 @@ def fit_contrast(
     values = _checked(picture, camera, target)
     central = float(central_smms(camera).focal)
     (one,) = (smms for smms in type_smms(camera) if float(smms.focal) == central)
-    return _fit_type(values, lattice, camera, one, target, distance, noise, gains)
+    return _fit_type(values, lattice, camera, one, target, distance, noise, gains, wavelength)
 
 
 def fit_contrasts(
@@ -149,6 +154,7 @@ def fit_contrasts(
     distance: float,
     noise: SensorNoise,
     gains: Array | None = None,
+    wavelength: float | None = None,
 ) -> tuple[tuple[ContrastCurve, ...], tuple[str, ...]]:
     """One curve for each kind of microlens; arguments and errors as ``fit_contrast``.
 
@@ -159,7 +165,7 @@ def fit_contrasts(
     curves, reasons = list[ContrastCurve](), list[MeasurementError]()
     for smms in type_smms(camera):
         try:
-            curves.append(_fit_type(values, lattice, camera, smms, target, distance, noise, gains))
+            curves.append(_fit_type(values, lattice, camera, smms, target, distance, noise, gains, wavelength))
         except MeasurementError as error:
             reasons.append(error)
     if not curves:
@@ -184,6 +190,7 @@ def _fit_type(
     distance: float,
     noise: SensorNoise,
     gains: Array | None,
+    wavelength: float | None,
 ) -> ContrastCurve:
     across, along = scales_of(smms, distance)
     kinds = len(camera.array.focal_lengths)
@@ -195,7 +202,7 @@ def _fit_type(
     looks_at = np.abs(sensor_position(camera.sensor, lattice.centres_px) * along) - radius * camera.sensor.pixel * abs(across)
     chosen &= _blurred_alike(lattice, smms, distance, camera.sensor.pixel)
     field = field_of(lattice, radius, chosen & (looks_at < [target.width / 2, target.height / 2]).all(axis=1))
-    frame = Frame(values, lattice, field, camera, smms, target, distance, noise, gains, start)
+    frame = Frame(values, lattice, field, camera, smms, target, distance, noise, gains, start, wavelength)
     data = _on_target(frame, FIRST_RUN)
     model = model_of(frame, data)
     few = scattered(data, MOST_RUNS_WHILE_SEARCHING)
@@ -208,12 +215,16 @@ def _fit_type(
     for _ in range(0 if gains is None else GAIN_ROUNDS):
         data = with_fitted_gains(data, fit, model)
         fit = settle(frame, data, fit, model)
+    lost = _lost_light(frame, data, fit)
+    if lost.any():
+        data = replace(data, read=data.read + data.light @ fit.brightness * lost / (1 - lost))
+        fit = settle(frame, data, fit, model)
     if target.kind == "bars":
         # the stages' errors blur differently from what is nominal, and the highest harmonics are seen through the template alone
         model, fit = with_fitted_blur(frame, data, fit, model)
         data, model, fit, by_tilt = as_sharp_as_the_axis(frame, data, fit, model)
-        return _curve(frame, fit, data, model, by_tilt)
-    return _curve(frame, fit, data, model, np.zeros((0, CURVE + len(fit.curve))))
+        return _curve(frame, fit, data, model, by_tilt, float(lost.mean()))
+    return _curve(frame, fit, data, model, np.zeros((0, CURVE + len(fit.curve))), float(lost.mean()))
 
 
 def _blurred_alike(lattice: Lattice, smms: Smms, distance: float, pixel: float) -> npt.NDArray[np.bool_]:
@@ -249,13 +260,23 @@ def _on_target(frame: Frame, rows: int) -> ChirpData:
     return kept
 
 
+def _lost_light(frame: Frame, data: ChirpData, fit: ChirpFit) -> Array:
+    """Share of the mean light that diffraction takes from each run over the target's edges, beyond which it is dark, shape (n,)."""
+    if frame.wavelength is None:
+        return np.zeros(len(data.read))
+    vergence, ends = 1 / frame.distance, np.array([frame.target.width, frame.target.height]) / 2
+    seen = np.stack([data.places @ fit.geometry, data.places[:, 2] * fit.geometry[1] + data.places[:, 4] * fit.geometry[3]], axis=1)
+    away = np.stack([ends - seen, ends + seen]) * float(magnification(frame.smms, vergence))
+    return lost_over_an_edge(away, float(cone_half_angle(frame.smms, vergence)), frame.wavelength).sum(axis=(0, 2))
+
+
 def _margin(frame: Frame) -> float:
     """How far within the target's edges a pixel must look, mm."""
     scale = float(magnification(frame.smms, 1 / frame.distance))
     return (float(blur(frame.smms, 1 / frame.distance)) / 2 + 3 * frame.camera.sensor.pixel) / scale + 0.01 * frame.target.width
 
 
-def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_tilt: Array) -> ContrastCurve:
+def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_tilt: Array, lost: float) -> ContrastCurve:
     target, sensor = frame.target, frame.camera.sensor
     prior = prior_of(frame, data, model.knots)
     covariance, chi2 = noise_covariance(data, model, fit, prior)
@@ -271,7 +292,8 @@ def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_t
     nu = np.linspace(*target.cycles_per_mm, KNOTS + 2)[1:-1]
     nu = nu[(nu >= model.span[0]) & (nu <= model.span[1])]
     design = transfer_rows(model, fit.curve, nu)
-    spread = design @ spline @ design.T
+    dimmed = SURROUNDINGS * lost * (design[:, :-1] @ fit.curve)
+    spread = design @ spline @ design.T + np.outer(dimmed, dimmed)
     frequency = target.frequency(data.places @ fit.geometry)
     near = np.array([data.pixels[np.abs(frequency - one) <= model.knots.step / 2].sum() for one in nu])
     keep = (near >= FEWEST_PIXELS / KNOTS) & (np.sqrt(np.diag(spread)) < WORST_UNCERTAINTY)

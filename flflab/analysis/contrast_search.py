@@ -63,6 +63,7 @@ class Frame:
         noise: of the sensor.
         gains: of a colour filter's four sub-lattices, None without filters.
         start: shift mm, across x and y, along x and y, nominal, shape (5,).
+        wavelength: of the light, mm; None where diffraction is too little to count.
     """
 
     values: npt.NDArray[np.generic]
@@ -75,6 +76,7 @@ class Frame:
     noise: SensorNoise
     gains: Array | None
     start: Array
+    wavelength: float | None
 
 
 def model_of(frame: Frame, data: ChirpData) -> ChirpModel:

@@ -109,6 +109,11 @@ def one_plane(camera: Camera, target: Target, distance: float, offset: tuple[flo
     return Scene(camera, (Plane(target, distance, offset),))
 
 
+def in_light(scene: Scene, wavelength: float | None) -> Scene:
+    """The scene in light of a wavelength (mm), which bends; None: rays."""
+    return replace(scene, diffraction=None if wavelength is None else Diffraction(wavelength))
+
+
 def without(scene: Scene, effects: frozenset[str]) -> Scene:
     """The scene in which what is not among ``effects`` is ideal.
 

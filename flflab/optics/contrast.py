@@ -55,6 +55,22 @@ def disc_transfer(diameter: Array | float, cycles_per_mm: Array) -> Array:
     return np.where(z <= _HANKEL_FROM, total, 2 * bessel / far)
 
 
+def cone_half_angle(smms: Smms, vergence: Array | float) -> Array:
+    """Half angle of the cone that the limiting stop leaves on the sensor, rad: d/(2 b) or A/(2 L |kappa|)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_lens = smms.lens_aperture / (2 * smms.distance * np.abs(smms.kappa))
+        return np.where(microlens_limits(smms, vergence), smms.aperture / (2 * smms.gap), by_lens)
+
+
+def lost_over_an_edge(away: Array, half_angle: float, wavelength: float) -> Array:
+    """Share of a point's light that diffraction puts beyond a straight edge ``away`` mm from its image, many pixels off.
+
+    wavelength/(pi^3 half_angle away): a round pupil's transfer function falls from 1 by (2/pi) wavelength/half_angle a cycle, focused or
+    not, and a corner of height c at no frequency is a line spread of c/(2 pi^2 x^2) far off.
+    """
+    return wavelength / (np.pi**3 * half_angle * away)
+
+
 def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: Array, *, wavelength: float | None = None) -> Array:
     """What a picture shows of a sine on the target in the bright field: pixel times blur, signed.
 
@@ -63,8 +79,7 @@ def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: A
         vergence: 1/D of the target, 1/mm.
         pixel: pixel size, mm.
         cycles_per_mm: frequencies on the target.
-        wavelength: of the light, mm: blur with diffraction at the limiting stop, which fills a cone of half angle d/(2 b) or
-            A/(2 L |kappa|) on the sensor. None for rays alone.
+        wavelength: of the light, mm: blur with diffraction at the limiting stop, see ``cone_half_angle``. None for rays alone.
 
     Returns:
         Contrast of the image's fundamental over the target's; the MTF is its absolute value.
@@ -73,9 +88,8 @@ def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: A
     if wavelength is None:
         return np.sinc(on_sensor * pixel) * disc_transfer(blur(smms, vergence), on_sensor)
     with np.errstate(divide="ignore", invalid="ignore"):
-        by_lens = smms.lens_aperture / (2 * smms.distance * np.abs(smms.kappa))
-        half_angle = np.where(microlens_limits(smms, vergence), smms.aperture / (2 * smms.gap), by_lens)
-        shift, waves = np.abs(on_sensor) * wavelength / half_angle, np.abs(on_sensor) * blur(smms, vergence) / 2
+        shift = np.abs(on_sensor) * wavelength / cone_half_angle(smms, vergence)
+        waves = np.abs(on_sensor) * blur(smms, vergence) / 2
     passes = np.isfinite(shift) & np.isfinite(waves)  # an image without size holds no frequency
     from flflab.optics.diffraction import pupil_transfer  # numba is loaded by those who ask for waves
 

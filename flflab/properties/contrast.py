@@ -37,14 +37,14 @@ def mtf(index: int, curve: ContrastCurve, model: Predicted) -> Values:
 def paper_contrast(index: int, curve: ContrastCurve, model: Predicted) -> Values:
     """Eq. (2) of the paper, which knows no blur and is claimed inside the depth of field only: nowhere else are there values.
 
-    What a blur of up to one pixel takes away there is the model's own slack: a rectangular distribution from none to all of it.
+    What a blur of up to one pixel, and diffraction, take away there is the model's own slack: a rectangular distribution from none to all.
     """
     camera = model.camera
     count = len(curve.cycles_per_mm) if model.blur_px <= 1 else 0
     scale = camera.sensor.pixel / float(magnification(central_smms(camera), 1 / model.distance))
     cycles_per_px = curve.cycles_per_mm[:count] * scale
     claimed = contrast_paper(cycles_per_px)
-    slack = claimed * (1 - disc_transfer(1.0, cycles_per_px)) / 3**0.5
+    slack = claimed * (1 - disc_transfer(1.0, cycles_per_px) * model.waves_left[:count]) / 3**0.5
     noise = np.diag(curve.extremes_uncertainty[:count] ** 2 + slack**2)
     draws = np.tile(claimed, (len(model.contrast_draws), 1))
     return Values(

@@ -16,14 +16,16 @@ from flflab.properties.values import Values
 
 Array = npt.NDArray[np.float64]
 STEPS, TERMS = 12, 40
+LEAST_LEFT = 0.05  # of the contrast by diffraction; where it leaves less, nothing can be said of the blur
 FEWEST = 3  # distances: the blur's line has two unknowns, and one more says whether it is one
 
 
 def depth_of_field(measured: tuple[Measured, ...], predicted: tuple[Predicted, ...]) -> list[Values]:
     """Nearest and farthest distance with a blur of at most one pixel, mm, for every camera that was shown at three distances.
 
-    The square of the blur is fitted to each contrast curve; with w = 1/x it is (d kappa - d b/L w)^2 where the microlens limits, a
-    parabola whose two coefficients are fitted over the distances. What the model says goes through the same fits, draw by draw.
+    The square of the blur is fitted to each contrast curve, over what diffraction leaves of a sharp one; with w = 1/x it is
+    (d kappa - d b/L w)^2 where the microlens limits, a parabola whose two coefficients are fitted over the distances. What the model
+    says goes through the same fits, draw by draw.
     """
 
     def camera(k: int) -> tuple[float, ...]:
@@ -51,11 +53,13 @@ def _of_one_camera(seen: list[tuple[int, ContrastCurve, Predicted]]) -> list[Val
     w = np.array([1 / float(image_offset(smms, 1 / model.distance)) for _, _, model in seen])
     squares, doubts, drawn = list[float](), list[float](), list[Array]()
     for _, curve, model in seen:
-        start = np.array([model.blur_px**2])
-        value, doubt = blur_squared(curve.contrast[None, :], curve.cycles_per_px, curve.covariance, start)
+        start, kept = np.array([model.blur_px**2]), model.waves_left > LEAST_LEFT
+        left, frequency = model.waves_left[kept], curve.cycles_per_px[kept]
+        covariance = curve.covariance[np.ix_(kept, kept)] / np.outer(left, left)
+        value, doubt = blur_squared(curve.contrast[None, kept] / left, frequency, covariance, start)
         squares.append(float(value[0]))
         doubts.append(doubt)
-        drawn.append(blur_squared(model.contrast_draws, curve.cycles_per_px, curve.covariance, start)[0])
+        drawn.append(blur_squared(model.contrast_draws[:, kept] / left, frequency, covariance, start)[0])
     nominal = np.array([float(smms.aperture * smms.kappa), -float(smms.aperture * smms.gap / smms.distance)]) / pixel
     weights = 1 / np.maximum(np.array(doubts), 1e-3)
     ends, slopes = line_ends(np.array([squares]), w, weights, nominal, camera)

@@ -73,6 +73,7 @@ def measure_configuration(run: Run, configuration: Configuration, study: Study, 
         bench.optics,
         first.exposure_s,
         max(frame.saturated for taken in frames.values() for frame in taken),
+        bench.description.wavelength,
     )
 
 
@@ -85,6 +86,7 @@ def measure_pictures(
     optics: Camera,
     exposure_s: float = 1.0,
     saturated: int = 0,
+    wavelength: float | None = None,
 ) -> Measured:
     """Lattice from the white picture, views from the dots, contrast from the bars, where there are such pictures.
 
@@ -99,6 +101,7 @@ def measure_pictures(
         optics: the bench's camera.
         exposure_s: of all the pictures, s.
         saturated: most saturated pixels in one frame.
+        wavelength: of the light, mm; None where diffraction is too little to count.
 
     Raises:
         MeasurementError: the white picture shows no such lattice.
@@ -119,7 +122,7 @@ def measure_pictures(
             measured = replace(measured, failures=(*measured.failures, error))
     if Bars.kind in pictures:
         try:
-            curve = fit_contrast(pictures[Bars.kind], lattice, camera, study.bars, distance, noises[Bars.kind])
+            curve = fit_contrast(pictures[Bars.kind], lattice, camera, study.bars, distance, noises[Bars.kind], wavelength=wavelength)
             measured = replace(measured, curve=curve)
         except MeasurementError as error:
             measured = replace(measured, failures=(*measured.failures, error))

@@ -7,7 +7,8 @@ import numpy.typing as npt
 
 from flflab.bench import Bench
 from flflab.optics.camera import Camera
-from flflab.optics.focus import blur
+from flflab.optics.contrast import cone_half_angle
+from flflab.optics.focus import blur, magnification
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms
 from flflab.prediction import Errors, contrast_draws, drawn_systems, placements, predicted_view_indices, view_draws
@@ -28,6 +29,7 @@ class Predicted:
         view_draws: the same for each draw of the errors, shape (draws, 4).
         view_indices: positions of the microlenses that see each dot.
         contrast_draws: contrast at the measured frequencies for each draw, shape (draws, K).
+        waves_left: what diffraction leaves of the contrast in focus at the measured frequencies, shape (K,); 1 without a wavelength.
         blur_px: diameter of the geometric blur, pixels.
         systems: the system nearest the axis for each draw, fields of shape (draws,).
         vergences: of the target for each draw, 1/mm, shape (draws,).
@@ -44,6 +46,7 @@ class Predicted:
     view_draws: npt.NDArray[np.int64]
     view_indices: tuple[npt.NDArray[np.int64], ...]
     contrast_draws: Array
+    waves_left: Array
     blur_px: float
     systems: Smms
     vergences: Array
@@ -60,7 +63,8 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
     placement = placements(bench, measured.worlds, errors)
     points = study.dots.centres
     systems, order = drawn_systems(central_smms(camera), camera, placement), errors.order
-    contrast = contrast_draws(camera, placement, measured.curve.cycles_per_mm if measured.curve else np.zeros(0))
+    cycles_per_mm = measured.curve.cycles_per_mm if measured.curve else np.zeros(0)
+    contrast = contrast_draws(camera, placement, cycles_per_mm, bench.description.wavelength)
     indices = tuple(predicted_view_indices(camera, distance, points))
     return Predicted(
         camera=camera,
@@ -69,6 +73,7 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
         view_draws=view_draws(camera, placement, points),
         view_indices=indices,
         contrast_draws=contrast * order.contrast[:, None],
+        waves_left=_waves_left(camera, distance, cycles_per_mm, bench.description.wavelength),
         blur_px=float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel,
         systems=systems,
         vergences=1 / placement.distance,
@@ -78,3 +83,14 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
         stretches=order.distance,
         attitude_draws=np.array([camera.array.roll, *np.arctan(camera.array.tilt)]) + errors.attitude,
     )
+
+
+def _waves_left(camera: Camera, distance: float, cycles_per_mm: Array, wavelength: float | None) -> Array:
+    """Contrast that diffraction at the limiting stop leaves of what is sharp."""
+    smms = central_smms(camera)
+    if wavelength is None:
+        return np.ones(len(cycles_per_mm))
+    from flflab.optics.diffraction import pupil_transfer  # numba is loaded by those who ask for waves
+
+    on_sensor = cycles_per_mm / float(magnification(smms, 1 / distance))
+    return pupil_transfer(on_sensor * wavelength / float(cone_half_angle(smms, 1 / distance)), np.zeros(len(on_sensor))).real

@@ -66,7 +66,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         simulated=f"{len(local)} of {devices} devices" if local else "",
         notes=facts.notes(evaluation, run, study, bench),
         statistics=tables.statistics_table(evaluation),
-        diffraction=diffraction_sentence(evaluation),
+        diffraction=diffraction_sentence(evaluation, bench.description.wavelength),
         panels=[_panel(evaluation, one, model, run, study) for one, model in pairs],
         configuration_count=len(evaluation.measured),
         suspects=[suspect.sentence for suspect in not_told_apart(evaluation.suspects)],
@@ -79,7 +79,10 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         accuracy_chart=charts.accuracy_chart(run, wanted) if run.accuracy and wanted is not None else None,
         reference=study.description.reference,
         colours=charts.DOTS,
-        configurations=[tables.settings_table(study, evaluation), tables.micro_image_table(evaluation, run)],
+        configurations=[
+            tables.settings_table(study, evaluation, bench.description.wavelength or facts.WAVELENGTH),
+            tables.micro_image_table(evaluation, run),
+        ],
         rows=tables.comparison_tables(evaluation.comparison.rows),
         bench=[tables.axes_table(bench, run), tables.parts_table(bench, study), tables.exposures_table(run)],
         devices=tables.devices_table(run),
@@ -109,20 +112,26 @@ def headline(evaluation: Evaluation) -> str:
     return f"The camera does not do what its model says: {named} disagree{'s' if len(rejected) == 1 else ''}."
 
 
-def diffraction_sentence(evaluation: Evaluation) -> str:
-    """Airy diameter against the pixel, and what diffraction would take from the contrast at the highest frequency compared."""
+def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> str:
+    """Airy diameter against the pixel, what diffraction leaves of the contrast at the highest frequency compared, and whether it counts."""
+    light = wavelength or facts.WAVELENGTH
     diameters, left = list[float](), list[float]()
     for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
-        diameters.append(facts.airy_diameter(model.camera, model.distance) / model.camera.sensor.pixel)
+        diameters.append(facts.airy_diameter(model.camera, model.distance, light) / model.camera.sensor.pixel)
         if one.curve:
-            left.append(float(facts.diffraction_contrast(model.camera, model.distance, one.curve.cycles_per_px.max())))
+            left.append(float(facts.diffraction_contrast(model.camera, model.distance, one.curve.cycles_per_px.max(), light)))
     low, high = min(diameters), max(diameters)
     span = f"{low:.2f}" if math.isclose(low, high, rel_tol=5e-3) else f"{low:.2f} to {high:.2f}"
-    sentence = f"At {1e6 * facts.WAVELENGTH:g} nm the Airy diameter on the sensor is {span} pixels"
+    sentence = f"At {1e6 * light:g} nm the Airy diameter on the sensor is {span} pixels"
     verb = "more than the one pixel of blur that the depth of field allows" if high > 1 else "within one pixel"
+    counted = (
+        "The predicted contrast holds it; where the dots' edges are softer than by rays, their focus counts as less sure for it."
+        if wavelength
+        else "The predictions leave it out: give the bench file a wavelength to count it."
+    )
     return (
         f"{sentence}, {verb}; at the highest frequency compared a lens limited by diffraction alone keeps "
-        f"{100 * min(left, default=0.0):.0f} % of the contrast."
+        f"{100 * min(left, default=0.0):.0f} % of the contrast. {counted}"
     )
 
 

@@ -82,10 +82,10 @@ def budget_table(evaluation: Evaluation) -> Table:
     return Table("Where the uncertainties come from (medians; each part's own standard uncertainty)", headings, rows)
 
 
-def settings_table(study: Study, evaluation: Evaluation) -> Table:
-    """What was set and what follows from it by the model."""
+def settings_table(study: Study, evaluation: Evaluation, wavelength: float) -> Table:
+    """What was set and what follows from it by the model, in light of a wavelength (mm)."""
     pairs = zip(evaluation.measured, evaluation.predicted, strict=True)
-    rows = [_settings(one, model, study.description.reference) for one, model in pairs]
+    rows = [_settings(one, model, study.description.reference, wavelength) for one, model in pairs]
     headings = (
         "configuration", "f-number", "target D, mm", "array L, mm", "sensor, mm", "gap b, mm", "virtual depth", "magnification",
         "blur, px", "Airy diameter, px",
@@ -93,7 +93,7 @@ def settings_table(study: Study, evaluation: Evaluation) -> Table:
     return Table("Settings as the stages read them, and what the model makes of them", headings, tuple(rows))
 
 
-def _settings(one: Measured, model: Predicted, reference: int) -> tuple[str, ...]:
+def _settings(one: Measured, model: Predicted, reference: int, wavelength: float) -> tuple[str, ...]:
     smms, camera, vergence = central_smms(model.camera), model.camera, 1 / model.distance
     index = one.configuration.index
     said = ", ".join(filter(None, ("reference" if index == reference else "", one.configuration.besides)))
@@ -101,7 +101,7 @@ def _settings(one: Measured, model: Predicted, reference: int) -> tuple[str, ...
         f"{index} ({said})" if said else str(index), number(one.configuration.f_number, 4),
         f"{model.distance:.4f}", f"{camera.array.distance:.4f}", f"{camera.sensor.distance:.4f}", f"{camera.gap:.4f}",
         number(float(virtual_depth(smms, vergence)), 5), number(float(magnification(smms, vergence)), 5),
-        f"{model.blur_px:.2f}", number(airy_diameter(camera, model.distance) / camera.sensor.pixel, 3),
+        f"{model.blur_px:.2f}", number(airy_diameter(camera, model.distance, wavelength) / camera.sensor.pixel, 3),
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from flflab.bench import Bench, Element, read_bench
 from flflab.evaluation import Evaluation, evaluate_measured
 from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
-from flflab.image.scene import one_plane
+from flflab.image.scene import in_light, one_plane
 from flflab.optics.camera import Camera
 from flflab.prediction import attitude_uncertainty
 from flflab.properties.measured import measure_pictures
@@ -55,7 +55,13 @@ IN_AND_OUT_OF_FOCUS = [
 
 
 def picture(
-    camera: Camera, configuration: Configuration, errors: dict[Element, float], target: Target, rng: np.random.Generator, electrons: float
+    camera: Camera,
+    configuration: Configuration,
+    errors: dict[Element, float],
+    target: Target,
+    rng: np.random.Generator,
+    electrons: float,
+    wavelength: float | None,
 ) -> npt.NDArray[np.float64]:
     """What a camera records whose elements stand off by these errors (mm), ``electrons`` those of full light."""
     lens, array, sensor, away = (errors[element] for element in ELEMENTS)
@@ -64,9 +70,8 @@ def picture(
         array=replace(camera.array, distance=configuration.array + array - lens),
         sensor=replace(camera.sensor, distance=configuration.sensor + sensor - lens),
     )
-    light = np.maximum(
-        render(one_plane(true, target, configuration.distance - away + lens), tolerance=3e-5 if target == White() else 2e-4), 0.0
-    )
+    scene = in_light(one_plane(true, target, configuration.distance - away + lens), wavelength)
+    light = np.maximum(render(scene, tolerance=3e-5 if target == White() else 2e-4), 0.0)
     caught = rng.poisson(light * electrons * white_irradiance(true)) + rng.normal(0.0, READ_NOISE_E, light.shape)
     return np.clip(np.rint(caught * GAIN + OFFSET), 0, FULL_SCALE)
 
@@ -87,10 +92,16 @@ def one_run(
     described: Change = as_described,
     file: str = "simulated.yaml",
     configurations: list[dict[str, Any]] = IN_AND_OUT_OF_FOCUS,
+    wavelength: float | None = None,
+    told: bool = True,
 ) -> Evaluation:
-    """Hidden errors, pictures, measurement, prediction, comparison of one bench; ``change`` makes the true optics of those described."""
+    """Hidden errors, pictures, measurement, prediction, comparison of one bench.
+
+    ``change`` makes the true optics of those described; of the light's wavelength (mm) the bench file may say nothing.
+    """
     bench = small(file)
-    bench = replace(bench, optics=described(bench.optics))
+    description = bench.description.model_copy(update={"wavelength": wavelength if told else None})
+    bench = replace(bench, description=description, optics=described(bench.optics))
     study = study_of(bench, configurations)
     hidden = np.random.default_rng(10_000 + seed)
     axes = {element: found[1] for element in ELEMENTS if (found := bench.description.axis_of(element))}
@@ -109,8 +120,10 @@ def one_run(
         errors: dict[Element, float] = {e: zeros[e] + axes[e].sign * scales[e] * axes[e].reading(z) for e, z in worlds.items()}
         camera = with_turned_array(change(configuration.camera(bench.optics)), *turned)
         electrons = WHITE_E / white_irradiance(bench.optics) * (1 + hidden.normal(0.0, bench.description.light_uncertainty))
-        pictures = {name: picture(camera, configuration, errors, target, hidden, electrons) for name, target in targets.items()}
-        measured.append(measure_pictures(pictures, dict.fromkeys(targets, NOISE), configuration, worlds, study, bench.optics))
+        pictures = {name: picture(camera, configuration, errors, target, hidden, electrons, wavelength) for name, target in targets.items()}
+        noises = dict.fromkeys(targets, NOISE)
+        seen = measure_pictures(pictures, noises, configuration, worlds, study, bench.optics, wavelength=description.wavelength)
+        measured.append(seen)
     return evaluate_measured(tuple(measured), study, bench, seed)
 
 

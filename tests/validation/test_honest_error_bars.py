@@ -111,6 +111,25 @@ def test_swapped_units_are_found_and_named(one_bench: OneRun, times: float, unit
         one_bench(3, change=partial(spread, times=1 / times), described=partial(spread, times=times))
 
 
+IN_WAVES = [{"f_number": 4, "distance": ["500 mm", "507 mm"], "focused_at": "507 mm"}]
+
+
+@pytest.mark.ci
+@pytest.mark.timeout(600)
+def test_an_honest_bench_in_light_of_550_nm_is_accepted_where_its_file_says_so(one_bench: OneRun) -> None:
+    comparison = one_bench(0, configurations=IN_WAVES, wavelength=550e-6).comparison
+    assert comparison.accepted
+    assert np.abs(pooled([comparison], "mtf")).max() < 3
+
+
+@pytest.mark.full
+@pytest.mark.timeout(600)
+def test_the_same_bench_is_rejected_on_contrast_where_its_file_does_not(one_bench: OneRun) -> None:
+    comparison = one_bench(0, configurations=IN_WAVES, wavelength=550e-6, told=False).comparison
+    assert [one.quantity for one in comparison.verdicts if not one.accepted][0] == "mtf"
+    assert pooled([comparison], "mtf").min() < -30
+
+
 @pytest.mark.full
 @pytest.mark.timeout(7200)
 def test_the_error_bars_of_300_honest_benches_are_honest(runs: Callable[[int], list[Comparison]]) -> None:
