@@ -1,7 +1,7 @@
 """What a target's upper and lower border take from the diffracted image of its lines: the light that would come from beyond.
 
 The light of the lines' continuation beyond a straight border, seen from a distance inside of it, is a curve over x' for every
-distance and for every term of the transfer functions' sum.
+distance and for every term of the transfer functions' sum. What comes far no spline holds: it is put right by ``diffraction_far``.
 """
 
 import math
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from scipy import fft, ndimage
 from scipy.interpolate import make_interp_spline
 
+from flflab.image.diffraction_far import mean_light, poisson_light, poisson_transfer, poisson_weight
 from flflab.image.diffraction_ruled import Line, line_spectrum, mirrored, spline_weights, weigh_waves
 from flflab.image.diffraction_table import Kind, Modes
 
@@ -91,7 +92,8 @@ def make_borders(
     distance = near * np.sinh(np.arange(-nodes, nodes + 1) * spacing / near)
     turn = np.linspace(0, np.pi, modes.spectra.shape[1])
     coarse = band * (1 - np.cos(turn)) / 2
-    lines = _line_weights(line, turn, band)
+    lines, steady = (_line_weights(one, turn, band) for one in (line, mean_light(line)))
+    soft = poisson_transfer(np.hypot(coarse[:, None], coarse))
     borders: list[Border] = []
     for inward, (nearest, farthest) in inwards:
         first, last = (nodes + math.asinh(inside / near) * near / spacing for inside in (nearest, farthest))
@@ -106,7 +108,9 @@ def make_borders(
         filtered = [ndimage.spline_filter1d(part, axis=1, mode="mirror") for part in (weights.real, weights.imag)]
         kernel = np.asarray(filtered[0] + 1j * filtered[1], dtype=np.complex128)  # the prefilter over the rows is linear: done here, once
         some = np.ascontiguousarray(kernel[:, first - wide : last - wide])
-        borders.append(_border(modes, axes, coarse, some, lines, (box, box / parts), tolerance, place))
+        far = poisson_light(line, distance[wide : last + FELT])[first - wide : last - wide]
+        far -= _sheets(np.stack([2 * soft, 0 * soft])[None], np.zeros(1, dtype=np.int64), some, steady)[0]
+        borders.append(_border(modes, axes, coarse, some, lines, far, (box, box / parts), tolerance, place))
     return borders
 
 
@@ -116,11 +120,12 @@ def _border(
     coarse: Array,
     kernel: ComplexArray,
     lines: Array,
+    far: Array,
     sides: tuple[float, float],
     tolerance: float,
     place: tuple[float, float, float, float, float],
 ) -> Border:
-    """One border; ``axes`` are the lines' direction and the one inward, ``sides`` those of a pixel and of its part."""
+    """One border; ``axes``: the lines' direction and the one inward, ``far``: see ``poisson_light``, ``sides``: of a pixel and its part."""
     f = np.stack(np.broadcast_arrays(coarse[:, None], np.concatenate([coarse, -coarse])), axis=-1)
     f = f @ (axes / np.hypot(axes[:, 0], axes[:, 1])[:, None])
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
@@ -129,6 +134,7 @@ def _border(
     whole, half = modes.spectrum(-1, size), len(coarse)
     rising, falling = (np.stack([(whole * box)[:, side] for box in boxes]) for side in (slice(half), slice(half, None)))
     core, part = _sheets(np.stack([rising + falling, rising - falling], axis=1), np.zeros(2, dtype=np.int64), kernel, lines)
+    core, part = (sheet + poisson_weight(modes.core_tail) * far for sheet in (core, part))
     at_once = max(1, ROOM // (2 * max(size.size, kernel.shape[1] * lines.shape[1])))
     found: list[tuple[float, int, int, SingleArray]] = []
     single = np.asarray(kernel, dtype=np.complex64), np.asarray(lines, dtype=np.float32)
@@ -144,6 +150,8 @@ def _border(
         sheets = _sheets(patterns.reshape(-1, 2, half, half), orders, *single)
         for index, wave in enumerate(sheets):  # the sine of order 0 is nowhere felt
             term = int(terms[index // 2])
+            if orders[index] == 0 and index % 2 == 0:
+                wave = wave + poisson_weight(float(modes.tails[term])) * far
             felt = np.flatnonzero(np.abs(wave).max(axis=1) > tolerance / 15 / np.abs(modes.radial[term]).max())
             if len(felt):
                 found.append((float(felt[-1]), term, 2 * int(orders[index]) + index % 2, np.asarray(wave, dtype=np.float32)))
