@@ -35,7 +35,7 @@ from flflab.analysis.registration import (
 )
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.contrast import cone_half_angle, lost_over_an_edge
+from flflab.optics.contrast import cone_half_angle, lost_over_edges
 from flflab.optics.focus import blur, magnification
 from flflab.optics.per_type import type_smms
 from flflab.optics.resolution import central_smms
@@ -266,8 +266,8 @@ def _lost_light(frame: Frame, data: ChirpData, fit: ChirpFit) -> Array:
         return np.zeros(len(data.read))
     vergence, ends = 1 / frame.distance, np.array([frame.target.width, frame.target.height]) / 2
     seen = np.stack([data.places @ fit.geometry, data.places[:, 2] * fit.geometry[1] + data.places[:, 4] * fit.geometry[3]], axis=1)
-    away = np.stack([ends - seen, ends + seen]) * float(magnification(frame.smms, vergence))
-    return lost_over_an_edge(away, float(cone_half_angle(frame.smms, vergence)), frame.wavelength).sum(axis=(0, 2))
+    away = np.stack([ends - seen, ends + seen], axis=2).reshape(-1, 4) * float(magnification(frame.smms, vergence))
+    return lost_over_edges(away, float(cone_half_angle(frame.smms, vergence)), frame.wavelength)
 
 
 def _margin(frame: Frame) -> float:

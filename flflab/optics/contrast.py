@@ -62,13 +62,20 @@ def cone_half_angle(smms: Smms, vergence: Array | float) -> Array:
         return np.where(microlens_limits(smms, vergence), smms.aperture / (2 * smms.gap), by_lens)
 
 
-def lost_over_an_edge(away: Array, half_angle: float, wavelength: float) -> Array:
-    """Share of a point's light that diffraction puts beyond a straight edge ``away`` mm from its image, many pixels off.
+def lost_over_edges(away: Array, half_angle: float, wavelength: float) -> Array:
+    """Share of the mean light that diffraction takes from a place on a target over its edges, beyond which it is dark.
 
-    wavelength/(pi^3 half_angle away): a round pupil's transfer function falls from 1 by (2/pi) wavelength/half_angle a cycle, focused or
-    not, and a corner of height c at no frequency is a line spread of c/(2 pi^2 x^2) far off.
+    A round pupil's transfer function falls from 1 by (2/pi) wavelength/half_angle a cycle, focused or not, and a corner of height c at no
+    frequency is light of c/(4 pi^2 r^3) far off: c/(2 pi^2 a) beyond an edge at a, half of that times (a + b - hypot(a, b))/b beyond two.
+
+    Args:
+        away: distances on the sensor to the images of both edges across x, then of both across y, mm, many pixels each; shape (..., 4).
+        half_angle: of the cone, see ``cone_half_angle``, rad.
+        wavelength: of the light, mm.
     """
-    return wavelength / (np.pi**3 * half_angle * away)
+    a, b = away[..., :2, None], away[..., None, 2:]
+    corners = (a + b - np.hypot(a, b)) / (2 * a * b)
+    return wavelength / (np.pi**3 * half_angle) * ((1 / away).sum(axis=-1) - corners.sum(axis=(-2, -1)))
 
 
 def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: Array, *, wavelength: float | None = None) -> Array:

@@ -126,7 +126,7 @@ def test_an_honest_bench_in_light_of_550_nm_is_accepted_where_its_file_says_so(o
 @pytest.mark.timeout(600)
 def test_the_same_bench_is_rejected_on_contrast_where_its_file_does_not(one_bench: OneRun) -> None:
     comparison = one_bench(0, configurations=IN_WAVES, wavelength=550e-6, told=False).comparison
-    assert [one.quantity for one in comparison.verdicts if not one.accepted][0] == "mtf"
+    assert "mtf" in [one.quantity for one in comparison.verdicts if not one.accepted]
     assert pooled([comparison], "mtf").min() < -30
 
 
