@@ -35,7 +35,7 @@ from flflab.analysis.registration import (
 )
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.contrast import cone_half_angle, lost_over_edges
+from flflab.optics.contrast import cone_half_angle, far_light, lost_over_edges
 from flflab.optics.focus import blur, magnification
 from flflab.optics.per_type import type_smms
 from flflab.optics.resolution import central_smms
@@ -55,6 +55,7 @@ LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 MOST_SATURATED = 0.2
 MOST_SMEAR = 0.02  # cycles that bars may drift along a run of pixels: it takes 7e-5 of the highest frequency's contrast
 GAIN_ROUNDS = 4
+MOST_LOST = 0.007  # of the light over one edge: nearer to it, what is lost follows the bars
 SURROUNDINGS = 0.3  # of the light that diffraction takes over a target's edges: how dark it is beyond them is not known better
 AS_SHARP_PX = 0.4  # of blur, by which views through a tilted array may differ from that on the axis
 FIRST_RUN = 16  # pixels of a run while the bars' slant is not known
@@ -272,8 +273,9 @@ def _lost_light(frame: Frame, data: ChirpData, fit: ChirpFit) -> Array:
 
 def _margin(frame: Frame) -> float:
     """How far within the target's edges a pixel must look, mm."""
-    scale = float(magnification(frame.smms, 1 / frame.distance))
-    return (float(blur(frame.smms, 1 / frame.distance)) / 2 + 3 * frame.camera.sensor.pixel) / scale + 0.01 * frame.target.width
+    scale, half_angle = (float(of(frame.smms, 1 / frame.distance)) for of in (magnification, cone_half_angle))
+    waves = float(far_light(half_angle, frame.wavelength)) / MOST_LOST if frame.wavelength else 0.0
+    return (float(blur(frame.smms, 1 / frame.distance)) / 2 + 3 * frame.camera.sensor.pixel + waves) / scale + 0.01 * frame.target.width
 
 
 def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_tilt: Array, lost: float) -> ContrastCurve:

@@ -62,11 +62,19 @@ def cone_half_angle(smms: Smms, vergence: Array | float) -> Array:
         return np.where(microlens_limits(smms, vergence), smms.aperture / (2 * smms.gap), by_lens)
 
 
+def far_light(half_angle: float, wavelength: float) -> float:
+    """Light beyond a straight edge times the distance to its image, mm: wavelength/(pi^3 half_angle), many pixels off.
+
+    A round pupil's transfer function falls from 1 by (2/pi) wavelength/half_angle a cycle, focused or not, and a corner of height c at no
+    frequency is light of c/(4 pi^2 r^3) far off: c/(2 pi^2 a) beyond an edge at a.
+    """
+    return wavelength / (np.pi**3 * half_angle)
+
+
 def lost_over_edges(away: Array, half_angle: float, wavelength: float) -> Array:
     """Share of the mean light that diffraction takes from a place on a target over its edges, beyond which it is dark.
 
-    A round pupil's transfer function falls from 1 by (2/pi) wavelength/half_angle a cycle, focused or not, and a corner of height c at no
-    frequency is light of c/(4 pi^2 r^3) far off: c/(2 pi^2 a) beyond an edge at a, half of that times (a + b - hypot(a, b))/b beyond two.
+    What ``far_light`` puts beyond each edge, less what lies beyond two of them, half as much times (a + b - hypot(a, b))/b.
 
     Args:
         away: distances on the sensor to the images of both edges across x, then of both across y, mm, many pixels each; shape (..., 4).
@@ -75,7 +83,7 @@ def lost_over_edges(away: Array, half_angle: float, wavelength: float) -> Array:
     """
     a, b = away[..., :2, None], away[..., None, 2:]
     corners = (a + b - np.hypot(a, b)) / (2 * a * b)
-    return wavelength / (np.pi**3 * half_angle) * ((1 / away).sum(axis=-1) - corners.sum(axis=(-2, -1)))
+    return far_light(half_angle, wavelength) * ((1 / away).sum(axis=-1) - corners.sum(axis=(-2, -1)))
 
 
 def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: Array, *, wavelength: float | None = None) -> Array:
