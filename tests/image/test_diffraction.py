@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.special import j1
+from scipy.special import j0, j1
 
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.diffraction import Diffraction
@@ -204,6 +204,20 @@ def test_short_waves_leave_the_picture_of_rays(lone: Camera, target: Target) -> 
     errors = [float(np.abs(diffracted(scene, wavelength, tolerance=2e-3) - rays).max()) for wavelength in (GREEN, GREEN / 8)]
     assert errors[1] < 0.25 * errors[0]
     assert errors[1] < 0.03
+
+
+@pytest.mark.parametrize(("width", "height"), [(36.0, 30.0), (200.0, 30.0), (200.0, 8.0)])
+def test_the_mean_light_of_bars_lacks_what_the_airy_pattern_has_beyond_their_edges(lone: Camera, width: float, height: float) -> None:
+    """Rayleigh's J0^2 + J1^2 beyond the border in every direction; bars of two pixels' period leave no other trace in a mean."""
+    b, away = lone.gap, lone.array.distance
+    image = 1 / (1 / lone.main_lens.focal_length - 1 / FOCUS)
+    scale = b / (away - image) * image / FOCUS
+    bars = Bars((scale / 0.00332, scale / 0.00332), width, height)
+    angle = (np.arange(20_000) + 0.5) / 20_000 * math.pi / 2
+    border = np.minimum(width / np.cos(angle), height / np.sin(angle)) / 2 * scale
+    v = 2 * math.pi * 0.168 / b * border / GREEN
+    picture = diffracted(one_plane(lone, bars, FOCUS), tolerance=1e-4)
+    assert 2 * picture[90:110, 60:140].mean() == pytest.approx(1 - float(np.mean(j0(v) ** 2 + j1(v) ** 2)), abs=3e-5)
 
 
 @pytest.mark.ci
