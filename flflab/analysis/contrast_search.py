@@ -1,7 +1,6 @@
 """Finding a chirp in a picture: its place by the lowest frequencies, then all of it, then the blur that it shows."""
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -26,6 +25,7 @@ from flflab.analysis.contrast_fit import (
 )
 from flflab.analysis.contrast_template import Template, edges_of
 from flflab.analysis.lattice import Lattice
+from flflab.analysis.lowest import lowest
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import defocus_apart, defocus_by_tilt, tilted_scales
 from flflab.errors import MeasurementError
@@ -42,8 +42,6 @@ FEWEST_RUNS = 200  # to begin with: fewer than several views' follow noise, and 
 WIDEST_SHIFT = 0.06  # of the target's width: how far the target may be off sideways
 WIDEST_BLUR = 6.0  # pixels
 DISCS = 100  # of blur, up to the widest: how closely it is looked for in the transfer
-LEAST = 1e-5  # of chi squared above its least: a three-hundredth of a standard uncertainty
-MOST_PARABOLAS = 8
 SAME_BLUR = 5e-4  # pixels: views that differ by less are blurred alike
 MOST_SHARPENINGS = 12
 
@@ -252,26 +250,6 @@ def _with_signed_blur(
         if abs(best - before) < SAME_BLUR * model.template.pixel:
             break
     return *alike(best, fit), fit
-
-
-def lowest(value: Callable[[float], float], places: Sequence[float], floor: float) -> float:
-    """Place not below a floor where a function is least, or above its least by LEAST, by parabolas through its three lowest points."""
-    points = sorted((value(place), place) for place in places)[:3]
-    for _ in range(MOST_PARABOLAS):
-        (best, at), (second, left), (third, right) = points
-        slopes = (second - best) / (left - at), (third - best) / (right - at)
-        bend = (slopes[1] - slopes[0]) / (right - left)  # half the second derivative
-        reach = 2 * max(abs(left - at), abs(right - at))
-        lower = at - (slopes[0] - bend * (left - at)) / (2 * bend) if bend > 0 else at - math.copysign(reach, slopes[0])
-        there = min(max(lower, at - reach, floor), at + reach)
-        if there == at == floor and lower > 2 * floor - min(left, right):  # too far apart to say that it is least at the floor
-            there = (min(left, right) + 3 * floor) / 4
-        if there in (at, left, right):
-            return at
-        if bend > 0 and abs(bend * (there - at) * (there + at - 2 * lower)) < LEAST:
-            return there
-        points = sorted([*points, (value(there), there)])[:3]
-    return points[0][1]
 
 
 def prior_of(frame: Frame, data: ChirpData, knots: Knots) -> Prior:

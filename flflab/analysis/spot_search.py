@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from flflab.analysis.clipping import FAR_PX, cut_spots, pupils_of, step_of_cut_spots
 from flflab.analysis.lattice import Lattice
+from flflab.analysis.lowest import lowest
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
 from flflab.analysis.registration import require_shape, sensor_pixel, sensor_position, target_scales, tilted_scales
-from flflab.analysis.spot_focus import Focus, nominal_focus
+from flflab.analysis.spot_focus import SHARPEST_PX, Focus, nominal_focus
 from flflab.analysis.spot_profile import defocused_dot
-from flflab.analysis.spots import LIT, Spots, fit_spots, flat_centroids, illumination, illumination_table, lit
+from flflab.analysis.spots import LIT, Lit, Spots, fit_spots, flat_centroids, illumination, illumination_table, lit
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.optics.focus import blur, microlens_limits
@@ -92,13 +93,15 @@ def find_spots(
     for _ in range(MOST_ROUNDS):
         # spots and focus want the radius, the radius the law and the law the spots: a step of each, until they agree
         before, last, focused, half = spots.centres, radius, focus.blur_px, _half_width(radius, spread)
+        if limited and not _lit(spots, own, table)[cut].any():
+            spread = _softness(values, spots, whole, half, own, radius, spread, noise)
         if abs(radius - fitted[0]) > SETTLED_PX or abs(spread - fitted[1]) > SOFTER_PX:
             again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
             spots, fitted = spots.with_those(whole, again), (radius, spread)
         spots, focus = step_of_cut_spots(values, spots, cut, half, own, pupils, focus, radius, noise, moved)
-        if limited:
+        bright = _lit(spots, own, table)
+        if limited and bright[cut].any():
             spread = focus.softness_px
-        bright = (illumination(table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
         # the place of one that the sensor's border cuts depends on the radius, which must not depend on it
         good = bright & np.all((spots.centres > reach) & (spots.centres < np.asarray(camera.sensor.resolution) - 1 - reach), axis=1)
         if not good.any():
@@ -110,6 +113,28 @@ def find_spots(
         if max(moved, abs(radius - last)) < SETTLED_PX and abs(focus.blur_px - focused) < SETTLED_BLUR_PX and not far:
             break
     return SeenSpots(spots, candidates, law, radius, spread, focus, table)
+
+
+def _lit(spots: Spots, own: Lit, table: ProfileTable) -> npt.NDArray[np.bool_]:
+    """Which spots are seen in enough light to say where dots are, and in which focus."""
+    return (illumination(table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
+
+
+def _softness(
+    values: npt.NDArray[Any], spots: Spots, whole: Whole, half: int, own: Lit, radius: float, spread: float, noise: SensorNoise
+) -> float:
+    """Diameter of the disc, px, through which whole spots fit best: where none is cut, nothing else tells it."""
+    mine = own.those(whole)
+    bright = _lit(spots, own, own.table)[whole]
+    if not bright.any():
+        return spread
+
+    def misfit(square: float) -> float:
+        fitted = fit_spots(values, spots.centres[whole], half, mine, defocused_dot(radius, math.sqrt(square)), noise)
+        return float(fitted.chi2_per_pixel[bright].sum()) * (2 * half + 1) ** 2
+
+    squares = [max(spread, SHARPEST_PX) ** 2 + step for step in (0.0, SOFTER_PX**2, 4 * SOFTER_PX**2)]
+    return math.sqrt(lowest(misfit, squares, SHARPEST_PX**2))
 
 
 def _half_width(radius: float, spread: float) -> int:

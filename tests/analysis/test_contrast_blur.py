@@ -9,8 +9,8 @@ import pytest
 from flflab.analysis.contrast_blur import with_blur_unsure
 from flflab.analysis.contrast_data import ChirpData
 from flflab.analysis.contrast_fit import ChirpFit, ChirpModel, Knots, Prior, noise_covariance, waves
-from flflab.analysis.contrast_search import lowest
 from flflab.analysis.contrast_template import Template, edges_of
+from flflab.analysis.lowest import lowest
 from flflab.targets import Bars
 
 Array = npt.NDArray[np.float64]
