@@ -1,7 +1,7 @@
 """The images of round dots in a picture of many micro-images: found round where the nominal camera puts them, and fitted."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
@@ -30,7 +30,8 @@ WIDEST_SHIFT_PX = 30.0  # how far all dots together may be from where the nomina
 SEARCH_PX = 8.0  # how far each may then still be
 MOST_ROUNDS, SETTLED_PX = 12, 0.001  # a further round moves centres and radius by a tenth of that
 SETTLED_BLUR_PX = 0.001  # of the focus, a tenth of its uncertainty: it moves all cut spots alike, and depth with them
-SOFTER_PX = 0.1  # of blur: whole spots need not be fitted again, their centres do not depend on it
+SOFTER, SOFTER_PX = 0.03, 0.01  # share of the blur, and px: as much more leaves the centres of whole spots in few micro-images alone
+NEAR_PX = 1.0  # of blur, up to which edges hardly tell the sides of the focus apart
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
 
@@ -85,39 +86,52 @@ def find_spots(
     own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes, table)
     pupils = pupils_of(lattice, candidates.lens, camera, distance)
     spots = fit_spots(values, places, _half_width(radius, spread), own, defocused_dot(radius, spread), noise)
-    fitted, reach = (radius, spread), radius + spread / 2
+    reach = radius + spread / 2
     cut = cut_spots(spots, own, lattice, reach, pupils)
-    whole, moved = np.setdiff1d(np.arange(len(places)), cut), math.inf
+    whole = np.setdiff1d(np.arange(len(places)), cut)
     limited = bool(microlens_limits(central_smms(camera), 1 / distance))
     focus = nominal_focus(0.0 if pupils is None else pupils.blur, known=not limited)
-    for _ in range(MOST_ROUNDS):
+
+    def settled(seen: SeenSpots, moved: float) -> SeenSpots:
         # spots and focus want the radius, the radius the law and the law the spots: a step of each, until they agree
-        before, last, focused, half = spots.centres, radius, focus.blur_px, _half_width(radius, spread)
-        if limited and not _lit(spots, own, table)[cut].any():
-            spread = _softness(values, spots, whole, half, own, radius, spread, noise)
-        if abs(radius - fitted[0]) > SETTLED_PX or abs(spread - fitted[1]) > SOFTER_PX:
-            again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
-            spots, fitted = spots.with_those(whole, again), (radius, spread)
-        spots, focus = step_of_cut_spots(values, spots, cut, half, own, pupils, focus, radius, noise, moved)
-        bright = _lit(spots, own, table)
-        if limited and bright[cut].any():
-            spread = focus.softness_px
-        # the place of one that the sensor's border cuts depends on the radius, which must not depend on it
-        good = bright & np.all((spots.centres > reach) & (spots.centres < np.asarray(camera.sensor.resolution) - 1 - reach), axis=1)
-        if not good.any():
-            break
-        offsets = sensor_position(camera.sensor, spots.centres) - sensor_position(camera.sensor, own.centres)
-        law = _regress(law, nominal, regressors[good], offsets[good], camera.sensor.pixel)
-        radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
-        far, moved = moved > FAR_PX, float(np.abs(spots.centres - before)[bright].max())
-        if max(moved, abs(radius - last)) < SETTLED_PX and abs(focus.blur_px - focused) < SETTLED_BLUR_PX and not far:
-            break
-    return SeenSpots(spots, candidates, law, radius, spread, focus, table)
+        spots, law, radius, spread, focus, fitted = seen.spots, seen.law, seen.radius, seen.spread, seen.focus, (seen.radius, seen.spread)
+        for _ in range(MOST_ROUNDS):
+            before, last, focused, half = spots.centres, radius, focus.blur_px, _half_width(radius, spread)
+            if limited and not _lit(spots, own)[cut].any():
+                spread = _softness(values, spots, whole, half, own, radius, spread, noise)
+            if abs(radius - fitted[0]) > SETTLED_PX or abs(spread - fitted[1]) > max(SOFTER * spread, SOFTER_PX):
+                again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
+                spots, fitted = spots.with_those(whole, again), (radius, spread)
+            spots, focus = step_of_cut_spots(values, spots, cut, half, own, pupils, focus, radius, noise, moved)
+            bright = _lit(spots, own)
+            if limited and bright[cut].any():
+                spread = focus.softness_px
+            # the place of one that the sensor's border cuts depends on the radius, which must not depend on it
+            good = bright & np.all((spots.centres > reach) & (spots.centres < np.asarray(camera.sensor.resolution) - 1 - reach), axis=1)
+            if not good.any():
+                break
+            offsets = sensor_position(camera.sensor, spots.centres) - sensor_position(camera.sensor, own.centres)
+            law = _regress(law, nominal, regressors[good], offsets[good], camera.sensor.pixel)
+            radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
+            far, moved = moved > FAR_PX, float(np.abs(spots.centres - before)[bright].max())
+            if max(moved, abs(radius - last)) < SETTLED_PX and abs(focus.blur_px - focused) < SETTLED_BLUR_PX and not far:
+                break
+        return SeenSpots(spots, candidates, law, radius, spread, focus, table)
+
+    def misfit(seen: SeenSpots) -> float:
+        return float(seen.spots.chi2_per_pixel[cut][_lit(seen.spots, own)[cut]].sum())
+
+    seen = settled(SeenSpots(spots, candidates, law, radius, spread, focus, table), math.inf)
+    if limited and 3 * seen.focus.uncertainty_px < abs(seen.focus.blur_px) < NEAR_PX:
+        # a blur on the wrong side of the focus is a lesser misfit than any near it
+        other = settled(replace(seen, focus=replace(seen.focus, blur_px=-seen.focus.blur_px)), 0.0)
+        seen = min(seen, other, key=misfit)
+    return seen
 
 
-def _lit(spots: Spots, own: Lit, table: ProfileTable) -> npt.NDArray[np.bool_]:
+def _lit(spots: Spots, own: Lit) -> npt.NDArray[np.bool_]:
     """Which spots are seen in enough light to say where dots are, and in which focus."""
-    return (illumination(table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
+    return (illumination(own.table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
 
 
 def _softness(
@@ -125,7 +139,7 @@ def _softness(
 ) -> float:
     """Diameter of the disc, px, through which whole spots fit best: where none is cut, nothing else tells it."""
     mine = own.those(whole)
-    bright = _lit(spots, own, own.table)[whole]
+    bright = _lit(spots, own)[whole]
     if not bright.any():
         return spread
 
@@ -133,7 +147,7 @@ def _softness(
         fitted = fit_spots(values, spots.centres[whole], half, mine, defocused_dot(radius, math.sqrt(square)), noise)
         return float(fitted.chi2_per_pixel[bright].sum()) * (2 * half + 1) ** 2
 
-    squares = [max(spread, SHARPEST_PX) ** 2 + step for step in (0.0, SOFTER_PX**2, 4 * SOFTER_PX**2)]
+    squares = [max(spread, SHARPEST_PX) ** 2 + step for step in (0.0, 0.01, 0.04)]
     return math.sqrt(lowest(misfit, squares, SHARPEST_PX**2))
 
 
