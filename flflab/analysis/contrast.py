@@ -55,6 +55,7 @@ LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 MOST_SATURATED = 0.2
 MOST_SMEAR = 0.02  # cycles that bars may drift along a run of pixels: it takes 7e-5 of the highest frequency's contrast
 GAIN_ROUNDS = 4
+WAVES_ERROR = 2e-4  # of contrast: what the fit leaves of bars in light of a wavelength, without noise
 MOST_LOST = 0.007  # of the light over one edge: nearer to it, what is lost follows the bars
 SURROUNDINGS = 0.3  # of the light that diffraction takes over a target's edges: how dark it is beyond them is not known better
 AS_SHARP_PX = 0.4  # of blur, by which views through a tilted array may differ from that on the axis
@@ -295,7 +296,8 @@ def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_t
     nu = nu[(nu >= model.span[0]) & (nu <= model.span[1])]
     design = transfer_rows(model, fit.curve, nu)
     dimmed = SURROUNDINGS * lost * (design[:, :-1] @ fit.curve)
-    spread = design @ spline @ design.T + np.outer(dimmed, dimmed)
+    waves = 0.0 if frame.wavelength is None else WAVES_ERROR**2
+    spread = design @ spline @ design.T + np.outer(dimmed, dimmed) + waves * np.eye(len(nu))
     frequency = target.frequency(data.places @ fit.geometry)
     near = np.array([data.pixels[np.abs(frequency - one) <= model.knots.step / 2].sum() for one in nu])
     keep = (near >= FEWEST_PIXELS / KNOTS) & (np.sqrt(np.diag(spread)) < WORST_UNCERTAINTY)

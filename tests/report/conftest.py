@@ -71,8 +71,8 @@ def predict(configuration: Configuration, bench: Bench, study: Study) -> Predict
     systems = drawn_systems(central_smms(camera), camera, placement)
     pitches = camera.array.pitch[0] * systems.image_scale
     return Predicted(
-        camera, configuration.distance, views, np.tile(views, (101, 1)), indices, draws, 0.3, systems, 1 / placement.distance,
-        systems.inside_radius, systems.outside_radius, pitches, np.ones(101), np.zeros((101, 3)),
+        camera, configuration.distance, views, np.tile(views, (101, 1)), indices, draws, np.ones(draws.shape[1]), 0.3,
+        systems, 1 / placement.distance, systems.inside_radius, systems.outside_radius, pitches, np.ones(101), np.zeros((101, 3)),
     )  # fmt: skip
 
 
