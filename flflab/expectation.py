@@ -1,11 +1,12 @@
 """What a study's frames will give before one is taken: exposure, uncertainty of the MTF, and how many frames an accuracy takes.
 
-White frames and bars of each configuration are drawn with the light and noise of the bench file's ``simulated`` block, as if every
-stage stood where it was sent, and measured like real ones.
+White frames and bars of each configuration are drawn with the light and noise of the bench file's ``simulated`` block, of a bench whose
+stages stand off by errors drawn from what the bench file says of them, and measured like real ones: in exact focus, where no bench is,
+the blur is less well known than beside it.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,11 +15,12 @@ from flflab.analysis.contrast import fit_contrast
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import lattice_behind
 from flflab.analysis.sequential import Look, frames_due
-from flflab.bench import Bench
+from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
 from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
+from flflab.optics.camera import Camera
 from flflab.study import Configuration, Study
 from flflab.targets import White
 from flflab.workers import results
@@ -62,15 +64,15 @@ def expected_exposure(configuration: Configuration, study: Study, bench: Bench) 
 def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectation:
     """Draw and measure one configuration's white frames, then its bars until they are as sure as the study asks for, else once."""
     camera, description = configuration.camera(bench.optics), study.description
+    rng = np.random.Generator(np.random.Philox(key=configuration.index))
+    real, distance = _as_it_may_stand(configuration, bench, rng)
     noise, light = expected_noise(bench), bench.description.wavelength
     electrons = description.exposure.level * bench.description.simulated.full_well_electrons
     exposure = expected_exposure(configuration, study, bench)
     white, bars = (
-        noise.offset_dn
-        + noise.dn_per_electron * electrons * np.maximum(render(in_light(one_plane(camera, target, configuration.distance), light)), 0.0)
+        noise.offset_dn + noise.dn_per_electron * electrons * np.maximum(render(in_light(one_plane(real, target, distance), light)), 0.0)
         for target in (White(), study.bars)
     )
-    rng = np.random.Generator(np.random.Philox(key=configuration.index))
     looks: tuple[Look, ...] = ()
     due = description.exposure.frames
 
@@ -89,6 +91,23 @@ def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectat
     except MeasurementError as error:
         return Expectation(configuration.index, exposure, looks, str(error))
     return Expectation(configuration.index, exposure, looks)
+
+
+def _as_it_may_stand(configuration: Configuration, bench: Bench, rng: np.random.Generator) -> tuple[Camera, float]:
+    """The camera and the target's distance, mm, with one draw of the stages' errors."""
+    sent: dict[Element, float] = {
+        "main_lens.z": 0.0,
+        "array.z": configuration.array,
+        "sensor.z": configuration.sensor,
+        "target.z": -configuration.distance,
+    }
+    stands = dict(sent)
+    for element, place in sent.items():
+        if (found := bench.description.axis_of(element)) is not None:
+            stands[element] += rng.standard_normal() * found[1].uncertainty(found[1].reading(place))
+    lens = stands["main_lens.z"]
+    placed = replace(configuration, array=stands["array.z"] - lens, sensor=stands["sensor.z"] - lens)
+    return placed.camera(bench.optics), lens - stands["target.z"]
 
 
 def expect_all(study: Study, bench: Bench, scheduler: str | None = None) -> Iterator[Expectation]:
