@@ -1,6 +1,7 @@
 """The lattice of micro-images from a picture of dots, where there is no white one: within its edge a dot is as white as a white target."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from flflab.analysis.spot_search import SeenSpots, find_spots
 from flflab.optics.camera import Camera
 from flflab.targets import FourDot
 
+RADII_PX = 0.15  # standard uncertainty of radii beside the noise's: full frames with fall-off were off by as much
 EDGE_PX = 1.5  # of a spot that is not looked at, beside its blur
 
 
@@ -36,7 +38,9 @@ def lattice_from_dots(
     seen = find_spots(values, nominal, camera, target, distance, noise)
     bright = seen.spots.brightness[seen.spots.brightness > 0.05]
     light = float(nominal.light[0]) * (float(np.quantile(bright, 0.75)) if len(bright) else 1.0)
-    return lattice_within(_plain(values, seen, noise), nominal, light, noise, cone_of(camera))
+    found = lattice_within(_plain(values, seen, noise), nominal, light, noise, cone_of(camera))
+    inside, outside = (math.hypot(one, RADII_PX) for one in (found.inside_uncertainty_px, found.outside_uncertainty_px))
+    return replace(found, inside_uncertainty_px=inside, outside_uncertainty_px=outside)
 
 
 def _plain(values: npt.NDArray[np.float32], seen: SeenSpots, noise: SensorNoise) -> npt.NDArray[np.float32]:

@@ -78,6 +78,17 @@ def test_without_noise_no_centre_is_off_by_a_thousandth_of_a_pixel_even_in_the_c
     assert lattice.outside_radius_px == pytest.approx(24.5, abs=2e-3)
 
 
+@pytest.mark.ci
+def test_micro_images_of_300_pixels_are_found_though_the_description_is_off_by_4_percent(brute: Any) -> None:
+    shape = (1100, 1300)
+    image = brute.white_picture(shape, "square", 300.0, 0.02, (520.3, 470.6), 110.0, 25.0)
+    lattice = find_lattice(brute.expose(image, NOISE, 3000, np.random.default_rng(7)), "square", 312.0, NOISE)
+    true = brute.lattice_points(shape, brute.vectors_of("square", 300.0, 0.02), (520.3, 470.6), 130.0)
+    assert np.sqrt(np.mean(distances(true, lattice.centres_px).min(axis=1) ** 2)) < 0.005
+    assert abs(lattice.pitch_px - 300.0) < 4.5 * lattice.pitch_uncertainty_px
+    assert lattice.pitch_uncertainty_px < 0.003
+
+
 @pytest.mark.full
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("f_number", [1.6, 2.8, 4.0, 8.0, 16.0], ids="F/{:g}".format)
