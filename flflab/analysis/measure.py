@@ -91,6 +91,11 @@ def measure(
         cone = cone_of(camera) if len(camera.array.focal_lengths) == 1 else None
         lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened, cone)
         remarks += _unlike_the_camera(lattice, camera)
+        if cone is None:
+            remarks.append(
+                "microlenses of several kinds: natural fall-off is left out, where there is any radii are off by up to a pixel, "
+                "far more than their uncertainty"
+            )
         each = micro_images_json(every_micro_image(values, lattice, evened), nominal_radii(lattice, camera))
         return {"lattice": lattice_json(lattice) | {"micro_images": each}, **result, "remarks": remarks}
     lattice = nominal_lattice(camera, max(float(np.quantile(values, 0.999)) - evened.offset_dn, 1.0))
