@@ -4,12 +4,22 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from flflab.cli.ending import is_interruption
 from flflab.evaluation import measuring_threads
+
+
+@pytest.fixture(autouse=True)
+def heard() -> Iterator[None]:
+    """Interrupts are heard, though a shell tells jobs in the background to ignore them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
 
 REPORT = """
 import os, signal, sys, threading, time
