@@ -1,8 +1,10 @@
 """The command line: names and JSON keys are a contract, see docs/commands.md. One file a command."""
 
+import _thread
 import os
 import signal
 import sys
+import threading
 
 from flflab.cli.ending import INTERRUPTED, end_with_one_sentence, is_interruption
 from flflab.errors import FlflabError
@@ -13,6 +15,7 @@ def main() -> None:
     """Run one command; exit 0 done, 1 could not be done, 2 usage, 3 the comparison rejects the model, 130 interrupted."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # so starts a shell a job in the background; who moves hears an interrupt
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.unraisablehook = again_if_an_interruption
     try:
         stranger = stranger_among_packages()
         if stranger:
@@ -28,3 +31,11 @@ def main() -> None:
         sys.stderr.write("\nflflab: interrupted\n")
         sys.stderr.flush()
         os._exit(INTERRUPTED)  # threads may still measure; they hold nothing, and an operator does not wait for them
+
+
+def again_if_an_interruption(lost: "sys.UnraisableHookArgs") -> None:
+    """An interrupt that came where Python drops errors, a callback from compiled code, comes again a moment later."""
+    if is_interruption(lost.exc_value):
+        threading.Timer(0.02, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(lost)

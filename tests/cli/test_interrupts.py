@@ -4,11 +4,13 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from flflab.cli import again_if_an_interruption
 from flflab.cli.ending import is_interruption
 from flflab.evaluation import measuring_threads
 
@@ -40,6 +42,18 @@ def test_a_command_says_that_it_was_interrupted(function: str, root: Path) -> No
     ended = subprocess.run([sys.executable, "-P", "-c", source], capture_output=True, text=True, check=False, timeout=60)
     assert (ended.returncode, ended.stderr.splitlines()[-1]) == (130, "flflab: interrupted")
     assert "Traceback" not in ended.stderr
+
+
+def test_an_interrupt_where_python_drops_errors_comes_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Dropped:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(sys, "unraisablehook", again_if_an_interruption)
+    with pytest.raises(KeyboardInterrupt):  # noqa: PT012
+        one = Dropped()
+        del one
+        time.sleep(5)
 
 
 def test_an_interrupt_in_the_middle_of_a_class_is_one() -> None:
