@@ -15,6 +15,7 @@ from flflab.optics.camera import Camera
 from flflab.targets import FourDot
 
 RADII_PX = 0.15  # standard uncertainty of radii beside the noise's: full frames with fall-off were off by as much
+NOMINAL_PX = 4.0  # by which the nominal lattice may be off
 EDGE_PX = 1.5  # of a spot that is not looked at, beside its blur
 
 
@@ -38,20 +39,27 @@ def lattice_from_dots(
     seen = find_spots(values, nominal, camera, target, distance, noise)
     bright = seen.spots.brightness[seen.spots.brightness > 0.05]
     light = float(nominal.light[0]) * (float(np.quantile(bright, 0.75)) if len(bright) else 1.0)
-    found = lattice_within(_plain(values, seen, noise), nominal, light, noise, cone_of(camera))
+    found = lattice_within(_plain(values, seen, nominal, noise), nominal, light, noise, cone_of(camera))
     inside, outside = (math.hypot(one, RADII_PX) for one in (found.inside_uncertainty_px, found.outside_uncertainty_px))
     return replace(found, inside_uncertainty_px=inside, outside_uncertainty_px=outside)
 
 
-def _plain(values: npt.NDArray[np.float32], seen: SeenSpots, noise: SensorNoise) -> npt.NDArray[np.float32]:
-    """The picture within the spots; all else saturated, which the fit leaves out."""
+def _plain(values: npt.NDArray[np.float32], seen: SeenSpots, nominal: Lattice, noise: SensorNoise) -> npt.NDArray[np.float32]:
+    """The picture within the spots, but for where a neighbour's total field reaches, in which it is not white; all else saturated.
+
+    What is saturated the fit leaves out.
+    """
     plain = np.full(values.shape, noise.full_scale_dn, dtype=np.float32)
     radius = seen.radius - seen.spread / 2 - EDGE_PX
     sure = np.isfinite(seen.spots.covariance[:, 0, 0]) & (np.sqrt(np.abs(seen.spots.covariance[:, 0, 0])) < 0.3)
-    for x, y in seen.spots.centres[sure]:
+    steps = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3) if (i, j) != (0, 0)]) @ nominal.vectors_px.T
+    for (x, y), own in zip(seen.spots.centres[sure], nominal.centres_px[seen.candidates.lens[sure]], strict=True):
         top, left = max(0, math.ceil(y - radius)), max(0, math.ceil(x - radius))
         window = np.s_[top : max(0, math.floor(y + radius) + 1), left : max(0, math.floor(x + radius) + 1)]  # none of it where outside
         rows, columns = np.ogrid[window]
-        inside = np.hypot(columns[:, : plain[window].shape[1]] - x, rows[: plain[window].shape[0]] - y) <= radius
-        plain[window] = np.where(inside, values[window], plain[window])
+        columns, rows = columns[:, : plain[window].shape[1]], rows[: plain[window].shape[0]]
+        alone = np.hypot(columns - x, rows - y) <= radius
+        for step in steps:
+            alone &= np.hypot(columns - own[0] - step[0], rows - own[1] - step[1]) > nominal.outside_radius_px + NOMINAL_PX
+        plain[window] = np.where(alone, values[window], plain[window])
     return plain

@@ -20,6 +20,7 @@ LOOSE_PX = 20.0  # standard deviations of the nominal lattice: origin
 LOOSE_PITCH = 2e-3  # of the pitch
 LOOSE_RADIUS_PX = 1.0
 LOOSE_LIGHT = 0.05  # each of the terms by which the light may vary over the picture, relative
+LIKELY = 5.0  # of those, within which fall-off counts as found
 LOOSE_SLANT = 0.01  # of the ray to the lattice's origin
 FREE = np.concatenate([np.arange(8), np.arange(9, 15)])
 FALLING = np.concatenate([FREE, np.arange(SHARE, RATE + 1)])  # where light falls off within a micro-image
@@ -42,12 +43,20 @@ def lattice_within(plain: npt.NDArray[np.float32], nominal: Lattice, light: floa
     spread = np.ones(COUNT)
     spread[:2], spread[2:6], spread[6:8] = LOOSE_PX, LOOSE_PITCH * nominal.pitch_px, LOOSE_RADIUS_PX
     spread[9], spread[10:15] = light, LOOSE_LIGHT * light
-    if cone is not None:
-        # between none of it and that of rays which come straight from the main lens's middle
-        values[[SHARE, RATE]] = spread[[SHARE, RATE]] = 0.5, cone.tilting.per_px / 2
-        spread[SLANT] = LOOSE_SLANT
-    model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, cone, np.stack([values, spread]))
+    model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, None, np.stack([values, spread]))
     counts = half_counts(nominal.vectors_px, plain.shape, nominal.outside_radius_px + 2)
     present = np.ones((2 * counts[0] + 1, 2 * counts[1] + 1), dtype=np.bool_)
-    model = refine(plain, model, present, noise, Region(max(plain.shape) / 2 + 1, 1), FREE if cone is None else FALLING, 12, 1e-3)
+    region = Region(max(plain.shape) / 2 + 1, 1)
+    model = refine(plain, model, present, noise, region, FREE, 12, 1e-3)
+    if cone is not None:
+        # between none of it and that of rays which come straight from the main lens's middle
+        values, spread = values.copy(), spread.copy()
+        values[[SHARE, RATE]] = spread[[SHARE, RATE]] = 0.5, cone.tilting.per_px / 2
+        spread[SLANT] = LOOSE_SLANT
+        begun = np.where(np.isin(np.arange(COUNT), FREE), model.values, values)
+        falling = LatticeModel(begun, np.zeros((COUNT, COUNT)), math.inf, cone, np.stack([values, spread]))
+        falling = refine(plain, falling, present, noise, region, FALLING, 12, 1e-3)
+        # a few small dots leave it open, and the fit goes astray
+        if falling.chi2_per_pixel <= model.chi2_per_pixel and np.all(np.abs(falling.values - values)[FALLING] < LIKELY * spread[FALLING]):
+            model = falling
     return lattice_of(model, nominal.layout, present, (plain.shape[0], plain.shape[1]))

@@ -66,6 +66,20 @@ def test_what_is_white_in_them_shows_the_lattice_where_no_white_picture_was_take
 
 
 @pytest.mark.ci
+@pytest.mark.parametrize("f_number", [2.8, 4.0, 5.6])
+def test_a_few_small_dots_in_a_whole_frame_do_not_lead_the_fit_of_fall_off_astray(brute: Any, f_number: float) -> None:
+    whole = brute.camera(f_number, (3664, 2748))
+    dots = FourDot(diameter=1.0, spacing=8.0)
+    picture = brute.expose(np.maximum(render(one_plane(whole, dots, FOCUS)), 0.0), NOISE, 2600, np.random.default_rng(0))
+    nominal = nominal_lattice(whole, 2600.0)
+    found = lattice_from_dots(picture, nominal, whole, dots, FOCUS, NOISE)
+    assert np.all(np.abs(found.origin_px - nominal.origin_px) < 4 * found.origin_uncertainty_px)
+    assert abs(found.pitch_px - nominal.pitch_px) < 4 * found.pitch_uncertainty_px
+    assert abs(found.inside_radius_px - nominal.inside_radius_px) < 4 * found.inside_uncertainty_px
+    assert abs(found.outside_radius_px - nominal.outside_radius_px) < 4 * found.outside_uncertainty_px
+
+
+@pytest.mark.ci
 def test_bars_too_narrow_to_be_white_anywhere_are_refused(brute: Any) -> None:
     true, target = camera("square", 0.0, 4.0), Bars(cycles_per_mm=(6.0, 10.0))
     picture = brute.expose(render(one_plane(true, target, FOCUS), tolerance=1e-3), NOISE, 3000, np.random.default_rng(9))
