@@ -11,10 +11,12 @@ from flflab.analysis.lattice_from_plain import lattice_within
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import cone_of
 from flflab.analysis.spot_search import SeenSpots, find_spots
+from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.targets import FourDot
 
 RADII_PX = 0.15  # standard uncertainty of radii beside the noise's: full frames with fall-off were off by as much
+WORST_PX = 1.0  # uncertainty of the origin
 NOMINAL_PX = 4.0  # by which the nominal lattice may be off
 EDGE_PX = 1.5  # of a spot that is not looked at, beside its blur
 
@@ -33,13 +35,15 @@ def lattice_from_dots(
         noise: of the sensor.
 
     Raises:
-        MeasurementError: no dot found where the camera puts some.
+        MeasurementError: no dot found where the camera puts some, or too little of them where micro-images do not overlap.
     """
     values = np.ascontiguousarray(picture, dtype=np.float32)
     seen = find_spots(values, nominal, camera, target, distance, noise)
     bright = seen.spots.brightness[seen.spots.brightness > 0.05]
     light = float(nominal.light[0]) * (float(np.quantile(bright, 0.75)) if len(bright) else 1.0)
     found = lattice_within(_plain(values, seen, nominal, noise), nominal, light, noise, cone_of(camera))
+    if not np.max(found.origin_uncertainty_px) < WORST_PX:
+        raise MeasurementError(f"{target.kind} picture: too little of the dots lies where no neighbour's light reaches to show the lattice")
     inside, outside = (math.hypot(one, RADII_PX) for one in (found.inside_uncertainty_px, found.outside_uncertainty_px))
     return replace(found, inside_uncertainty_px=inside, outside_uncertainty_px=outside)
 

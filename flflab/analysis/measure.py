@@ -102,8 +102,11 @@ def measure(
     remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
     away = _sharp_distance(camera) if distance is None else distance
     if isinstance(target, FourDot):
-        lattice = lattice_from_dots(values, lattice, camera, target, away, evened)
-        remarks[-1] = "no white picture: the lattice was measured within the dots, from the camera's nominal one"
+        try:
+            lattice = lattice_from_dots(values, lattice, camera, target, away, evened)
+            remarks[-1] = "no white picture: the lattice was measured within the dots, from the camera's nominal one"
+        except MeasurementError as error:
+            remarks[-1] += f" ({error})"
         dots = count_views(values, None, lattice, camera, target, away, evened)
         require_dots(values, dots, camera, target, away, evened)
         result["dots"] = [dot_json(dot) for dot in dots]

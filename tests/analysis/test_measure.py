@@ -12,6 +12,8 @@ from flflab.analysis.lattice import find_lattice
 from flflab.analysis.measure import measure
 from flflab.analysis.noise import SensorNoise, estimate_noise
 from flflab.errors import InputError
+from flflab.image.render import render
+from flflab.image.scene import one_plane
 from flflab.targets import Bars, Edge, FourDot, Picture, White
 
 NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
@@ -110,3 +112,12 @@ def test_variance_is_shot_read_and_rounding() -> None:
     assert NOISE.variance(1064.0) == pytest.approx(4 + 1 / 12 + 300)
     with pytest.raises(InputError):
         SensorNoise(0.0, 1.0, 0.0, 100.0)
+
+
+@pytest.mark.ci
+def test_dots_where_every_micro_image_is_overlapped_are_counted_with_the_nominal_lattice(brute: Any) -> None:
+    camera, dots = brute.camera(1.6, (1300, 1200)), FourDot(diameter=1.0, spacing=5.0)
+    picture = brute.expose(np.maximum(render(one_plane(camera, dots, 506.7016)), 0.0), NOISE, 2000, np.random.default_rng(1))
+    said = measure(picture, camera, dots, 506.7016, NOISE)
+    assert said["lattice"]["pitch_px"] == pytest.approx(245.5823, abs=1e-3)
+    assert any("no neighbour's light" in remark for remark in said["remarks"])
