@@ -37,7 +37,7 @@ def main(words: list[str]) -> None:
         sys.exit(USAGE)
     tests = words[0] == "tests"
     programs = environment()
-    run(programs / "python", "-m", "pip", "install", "--disable-pip-version-check", f"{HERE}[test]" if tests else HERE)
+    run(programs / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", f"{HERE}[test]" if tests else HERE)
     if tests:
         run(programs / "pytest", "--rootdir", HERE, *SPREAD, *words[1:])
     else:

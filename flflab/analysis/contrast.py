@@ -156,7 +156,6 @@ def fit_contrasts(
     distance: float,
     noise: SensorNoise,
     gains: Array | None = None,
-    wavelength: float | None = None,
 ) -> tuple[tuple[ContrastCurve, ...], tuple[str, ...]]:
     """One curve for each kind of microlens; arguments and errors as ``fit_contrast``.
 
@@ -167,7 +166,7 @@ def fit_contrasts(
     curves, reasons = list[ContrastCurve](), list[MeasurementError]()
     for smms in type_smms(camera):
         try:
-            curves.append(_fit_type(values, lattice, camera, smms, target, distance, noise, gains, wavelength))
+            curves.append(_fit_type(values, lattice, camera, smms, target, distance, noise, gains, None))
         except MeasurementError as error:
             reasons.append(error)
     if not curves:

@@ -12,7 +12,8 @@ from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
 from flflab.analysis.registration import sensor_position
-from flflab.analysis.spot_search import HALF, SEARCH_PX, Candidates, SeenSpots, find_spots, law_places, usable_pixels
+from flflab.analysis.spot_law import HALF, SEARCH_PX, Candidates, law_places
+from flflab.analysis.spot_search import SeenSpots, find_spots, usable_pixels
 from flflab.analysis.spots import Spots, illumination
 from flflab.analysis.triangulation import triangulate
 from flflab.optics.camera import Camera

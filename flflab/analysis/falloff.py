@@ -37,12 +37,25 @@ def shade(lattice: Lattice, lens: npt.NDArray[np.int64], away_px: Array) -> Arra
     if lattice.cone is None:
         return np.ones(len(lens))
     shades, step = _shades(lattice)
-    distance = np.hypot(*away_px.T)
-    nearest = np.minimum(np.rint(distance / step), len(shades) - 1).astype(np.int64)
-    even, odd, steep, along_twice, steep_odd, along_thrice = shades[nearest].T
-    slant = slants_of(lattice)[lens]
-    along = (slant * away_px).sum(axis=1) / np.maximum(distance, 1e-9)
-    return even + along * odd + (slant**2).sum(axis=1) * (steep + along * steep_odd) + along**2 * (along_twice + along * along_thrice)
+    return _shade_at(np.ascontiguousarray(away_px), slants_of(lattice)[lens], shades, step)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _left(dx: float, dy: float, slant: Array, shades: Array, step: float) -> float:  # pragma: no cover - compiled
+    """What fall-off leaves at a place from a micro-image's centre."""
+    r = np.sqrt(dx * dx + dy * dy)
+    k = min(int(r / step + 0.5), len(shades) - 1)
+    along, steep = (slant[0] * dx + slant[1] * dy) / max(r, 1e-9), slant[0] ** 2 + slant[1] ** 2
+    left = shades[k, 0] + along * shades[k, 1] + steep * (shades[k, 2] + along * shades[k, 4])
+    return left + along * along * (shades[k, 3] + along * shades[k, 5])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _shade_at(away: Array, slants: Array, shades: Array, step: float) -> Array:  # pragma: no cover - compiled
+    shade = np.empty(len(away))
+    for n in range(len(away)):
+        shade[n] = _left(away[n, 0], away[n, 1], slants[n], shades, step)
+    return shade
 
 
 def unshaded(picture: npt.NDArray[Any], lattice: Lattice, noise: SensorNoise) -> npt.NDArray[Any]:
@@ -59,7 +72,7 @@ def unshaded(picture: npt.NDArray[Any], lattice: Lattice, noise: SensorNoise) ->
     even = picture.astype(np.float32)
     dim = noise.offset_dn + DIM * noise.dark_variance**0.5
     reach = min(lattice.outside_radius_px, lattice.pitch_px / 2)
-    arguments = slants_of(lattice), np.ascontiguousarray(shades), step, reach, noise.offset_dn, dim, noise.full_scale_dn
+    arguments = slants_of(lattice), shades, step, reach, noise.offset_dn, dim, noise.full_scale_dn
     parts = np.array_split(np.arange(len(lattice.centres_px)), numba.get_num_threads())
     with ThreadPoolExecutor(len(parts)) as pool:
         list(pool.map(lambda part: _unshade(even, np.ascontiguousarray(lattice.centres_px), part, *arguments), parts))
@@ -81,19 +94,13 @@ def _unshade(
 ) -> None:  # pragma: no cover - compiled
     for n in lenses:
         cx, cy = centres[n]
-        steep = slants[n, 0] ** 2 + slants[n, 1] ** 2
         for row in range(max(0, int(np.ceil(cy - reach))), min(picture.shape[0] - 1, int(np.floor(cy + reach))) + 1):
             dy = row - cy
             half = np.sqrt(max(reach * reach - dy * dy, 0.0))
             for column in range(max(0, int(np.ceil(cx - half))), min(picture.shape[1] - 1, int(np.floor(cx + half))) + 1):
                 if not dim < picture[row, column] < ceiling:
                     continue
-                dx = column - cx
-                r = np.sqrt(dx * dx + dy * dy)
-                k = min(int(r / step + 0.5), len(shades) - 1)
-                along = (slants[n, 0] * dx + slants[n, 1] * dy) / max(r, 1e-9)
-                left = shades[k, 0] + along * shades[k, 1] + steep * (shades[k, 2] + along * shades[k, 4])
-                left += along * along * (shades[k, 3] + along * shades[k, 5])
+                left = _left(column - cx, dy, slants[n], shades, step)
                 picture[row, column] = offset + (picture[row, column] - offset) / left
 
 
@@ -163,4 +170,5 @@ def _shades(lattice: Lattice) -> tuple[Array, float]:
     plain = table.values[:, VALUE] - share * table.values[:, FALLOFF]
     lit = plain > LEAST_LIGHT
     columns = [VALUE, LOPSIDED, *range(ORDERS.start, ORDERS.stop)]
-    return np.where(lit[:, None], table.values[:, columns] / np.where(lit, plain, 1.0)[:, None], np.eye(len(columns))[0]), table.step
+    shades = np.where(lit[:, None], table.values[:, columns] / np.where(lit, plain, 1.0)[:, None], np.eye(len(columns))[0])
+    return np.ascontiguousarray(shades), table.step

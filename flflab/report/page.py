@@ -66,6 +66,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         simulated=f"{len(local)} of {devices} devices" if local else "",
         notes=facts.notes(evaluation, run, study, bench),
         statistics=tables.statistics_table(evaluation),
+        wavelength=bench.description.wavelength,
         diffraction=diffraction_sentence(evaluation, bench.description.wavelength),
         panels=[_panel(evaluation, one, model, run, study) for one, model in pairs],
         configuration_count=len(evaluation.measured),
@@ -127,7 +128,8 @@ def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> st
     counted = (
         "The predicted contrast holds it; where the dots' edges are softer than by rays, their focus counts as less sure for it."
         if wavelength
-        else "The predictions leave it out: give the bench file a wavelength to count it."
+        else "Where the sensor sees that, the contrast measured at high frequencies must lie below the prediction: "
+        "a wavelength in the bench file counts it."
     )
     return (
         f"{sentence}, {verb}; at the highest frequency compared a lens limited by diffraction alone keeps "

@@ -99,6 +99,17 @@ def test_the_page_says_what_the_model_leaves_out(page: Page) -> None:
     assert re.search(r"Airy diameter on the sensor is \d\.\d\d pixels", page.text)
 
 
+def test_in_light_of_a_wavelength_diffraction_is_in_the_model(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
+    green = replace(bench, description=bench.description.model_copy(update={"wavelength": 532e-6}))
+    write_report(single, run, study, green, tmp_path / "report.html")
+    text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    assert "diffraction in the contrast" in text
+    assert "At 532 nm the Airy diameter" in text
+    assert "must lie below the prediction" not in text
+
+
 def test_every_configuration_is_shown_with_its_frames_and_curves(page: Page, study: Study, source: str) -> None:
     for setting in study.configurations:
         assert f"Configuration {setting.index}: F/{setting.f_number:g}, D = {setting.distance:.1f} mm" in page.text
