@@ -36,6 +36,13 @@ def main() -> None:
 def again_if_an_interruption(lost: "sys.UnraisableHookArgs") -> None:
     """An interrupt that came where Python drops errors, a callback from compiled code, comes again a moment later."""
     if is_interruption(lost.exc_value):
-        threading.Timer(0.02, _thread.interrupt_main).start()
+        threading.Timer(0.02, _interrupt).start()
     else:
         sys.__unraisablehook__(lost)
+
+
+def _interrupt() -> None:
+    if sys.platform == "win32":
+        _thread.interrupt_main()
+    else:
+        os.kill(os.getpid(), signal.SIGINT)  # wakes who waits, too

@@ -171,6 +171,7 @@ def test_one_of_several_pictures_is_read_by_its_number(tmp_path: Path, make: Cal
         read_picture(file, 2)
 
 
+@pytest.mark.ci
 def test_bits_shifted_up_are_shifted_back_and_it_is_said(brute: Any) -> None:
     camera = brute.camera(4.0, (760, 520))
     white = brute.white_picture((520, 760), "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777)

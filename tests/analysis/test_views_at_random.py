@@ -64,6 +64,7 @@ def agree(seeds: range, places: int) -> tuple[int, int, int]:
     return len(every), len(sure), sum(true != found for true, found in sure)
 
 
+@pytest.mark.ci
 def test_views_of_random_dots_are_counted_exactly_where_noise_does_not_decide() -> None:
     every, decided, wrong = agree(range(2), 2)
     assert decided >= every / 2

@@ -116,6 +116,7 @@ def test_a_reply_may_be_late_by_any_number_of_commands(dialogue: Play) -> None:
     chain.close()
 
 
+@pytest.mark.ci
 def test_a_line_on_which_nothing_is_understood_is_asked_on_and_on(dialogue: Play) -> None:
     chain = chain_at(dialogue([(line(f"/2 1 {number % 99:02d} get pos"), b"?\r\n") for number in range(120)]))
     for _ in range(120):
