@@ -68,8 +68,9 @@ def count_views(
 ) -> tuple[DotViews, ...]:
     """Find the images of each dot, decide which of them are views, and triangulate the dots.
 
-    The nominal camera only says where to look first, to 30 px; one common shift, turn, magnification and parallax are then fitted
-    to the spots themselves. A view counts when the fitted centre lies in the useful region as measured: on the sensor, illumination
+    The nominal camera only says where to look first, to 30 px. Where the dots are not there, they are looked for in all micro-images,
+    whatever the target's distance, place and turn (less than 45 degrees). One common shift, turn, magnification and parallax are then
+    fitted to the spots themselves. A view counts when the fitted centre lies in the useful region as measured: on the sensor, illumination
     at least the camera's ``minimum_illumination``, outside every neighbour's circle of more than ``maximum_crosstalk``, and within
     the circle in which the dot keeps half its light.
 
@@ -87,6 +88,7 @@ def count_views(
     """
     values = unshaded(usable_pixels(picture, white, camera, target.kind, noise), lattice, noise)
     seen = find_spots(values, lattice, camera, target, distance, noise)
+    distance = seen.distance
     seen = replace(seen, spots=_put_right(seen, lattice, camera, distance, noise))
     spots, candidates, law, radius, spread = seen.spots, seen.candidates, seen.law, seen.radius, seen.spread
     # the brightest half of the well lit spots are whole: they say what a dot's full light is

@@ -1,4 +1,4 @@
-"""The images of round dots in a picture of many micro-images: found round where the nominal camera puts them, and fitted."""
+"""The images of round dots in a picture of many micro-images: found, and fitted."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,10 +12,11 @@ from flflab.analysis.lattice import Lattice
 from flflab.analysis.lowest import lowest
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
-from flflab.analysis.registration import require_shape, sensor_position, target_scales, tilted_scales
+from flflab.analysis.registration import require_shape, sensor_position, tilted_scales
 from flflab.analysis.spot_focus import SHARPEST_PX, Focus, nominal_focus
 from flflab.analysis.spot_law import Candidates, candidates_near, law_places, register, regress
 from flflab.analysis.spot_profile import defocused_dot
+from flflab.analysis.spot_start import where_to_look
 from flflab.analysis.spots import LIT, Lit, Spots, fit_spots, illumination, illumination_table, lit
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
@@ -44,6 +45,7 @@ class SeenSpots:
         spread: diameter of the blur, px.
         focus: how far it is off the nominal, as the cut spots show it.
         table: how light falls off within a micro-image.
+        distance: main lens to target, mm: the nominal one, or where dots were not there, by their parallax.
     """
 
     spots: Spots
@@ -53,21 +55,21 @@ class SeenSpots:
     spread: float
     focus: Focus
     table: ProfileTable
+    distance: float
 
 
 def find_spots(
     values: npt.NDArray[Any], lattice: Lattice, camera: Camera, target: FourDot, distance: float, noise: SensorNoise
 ) -> SeenSpots:
-    """Find the images of the dots round where the nominal camera puts them, to 30 px.
+    """Find the images of the dots round where the nominal camera puts them, to 30 px, and if they are not there, anywhere.
 
     Raises:
         MeasurementError: target at infinity, or no dot found where the camera puts some.
     """
-    across, along = target_scales(camera, distance)
-    law = np.array([[0.0, 0.0], [1 / across, 0.0], [0.0, 1 / across], [-along / across, 0.0], [0.0, -along / across]])
-    spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
     table = illumination_table(lattice)
-    nominal = law
+    law, distance = where_to_look(values, lattice, camera, target, distance, table, noise)
+    spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
+    start = law
     sizes = 1 / tilted_scales(lattice, central_smms(camera), distance)
     law, radius = register(values, lattice, camera, target, law, spread, sizes, table, noise)
     candidates = candidates_near(lattice, camera, target, law, _half_width(radius, spread))
@@ -100,17 +102,17 @@ def find_spots(
             if not good.any():
                 break
             offsets = sensor_position(camera.sensor, spots.centres) - sensor_position(camera.sensor, own.centres)
-            law = regress(law, nominal, regressors[good], offsets[good], camera.sensor.pixel)
+            law = regress(law, start, regressors[good], offsets[good], camera.sensor.pixel)
             radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
             far, moved = moved > FAR_PX, float(np.abs(spots.centres - before)[bright].max())
             if max(moved, abs(radius - last)) < SETTLED_PX and abs(focus.blur_px - focused) < SETTLED_BLUR_PX and not far:
                 break
-        return SeenSpots(spots, candidates, law, radius, spread, focus, table)
+        return SeenSpots(spots, candidates, law, radius, spread, focus, table, distance)
 
     def misfit(seen: SeenSpots) -> float:
         return float(seen.spots.chi2_per_pixel[cut][_lit(seen.spots, own)[cut]].sum())
 
-    seen = settled(SeenSpots(spots, candidates, law, radius, spread, focus, table), math.inf)
+    seen = settled(SeenSpots(spots, candidates, law, radius, spread, focus, table, distance), math.inf)
     if limited and 3 * seen.focus.uncertainty_px < abs(seen.focus.blur_px) < NEAR_PX:
         # a blur on the wrong side of the focus is a lesser misfit than any near it
         other = settled(replace(seen, focus=replace(seen.focus, blur_px=-seen.focus.blur_px)), 0.0)

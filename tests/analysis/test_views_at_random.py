@@ -1,5 +1,8 @@
 """Views counted in pictures of random dots before random cameras, against the rule of the model at the dots' true places."""
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,7 @@ from flflab.analysis.lattice import find_lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
-from flflab.image.scene import one_plane
+from flflab.image.scene import Plane, Scene, one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
 from flflab.optics.useful import sensor_fields
@@ -62,6 +65,37 @@ def agree(seeds: range, places: int) -> tuple[int, int, int]:
     sure = [(true, found) for true, found, uncertain in every if uncertain == 0]
     assert all(abs(true - found) <= uncertain for true, found, uncertain in every)
     return len(every), len(sure), sum(true != found for true, found in sure)
+
+
+def blind_counts(seed: int, places: int) -> Iterator[tuple[list[int], list[int], list[int]]]:
+    """True views, measured ones and uncertain ones of targets told at 507 mm, straight and in the middle, and standing anywhere."""
+    camera, noise, electrons = bench(seed)
+    fields = sensor_fields(camera)
+    pitch = 0.4 * camera.sensor.distance / camera.array.distance / camera.sensor.pixel
+    white = digitise(render(one_plane(camera, White(), 506.7016)), electrons, SensorResponse(), noise_key(seed, "white"))
+    lattice = find_lattice(white, "square", pitch, noise)
+    for place in range(places):
+        rng = np.random.default_rng([seed, place, 7])
+        target = FourDot(diameter=float(rng.uniform(0.6, 1.2)), spacing=float(rng.uniform(2.5, 6.0)))
+        distance, turn = float(rng.uniform(440.0, 640.0)), float(rng.uniform(-0.7, 0.7))
+        aside = float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-2.0, 2.0))
+        scene = Scene(camera, (Plane(target, distance, offset=aside, roll=turn),))
+        picture = digitise(render(scene), electrons, SensorResponse(), noise_key(seed, f"blind {place}"))
+        turned = target.centres @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]) + aside
+        true = [len(chief_view_indices(fields, 1 / distance, dot / distance)) for dot in turned]
+        found = count_views(picture, white, lattice, camera, target, 506.7016, noise)
+        yield true, [dot.views for dot in found], [dot.views_uncertain for dot in found]
+
+
+@pytest.mark.parametrize(
+    ("seeds", "places"),
+    [pytest.param(range(2), 2, marks=pytest.mark.ci), pytest.param(range(2, 127), 4, marks=[pytest.mark.full, pytest.mark.timeout(0)])],
+)
+def test_views_of_targets_that_stand_where_nobody_said_are_counted_exactly(seeds: range, places: int) -> None:
+    """Up to 2 mm aside, 440 to 640 mm away, turned by up to 40 degrees."""
+    for seed in seeds:
+        for true, found, uncertain in blind_counts(seed, places):
+            assert all(abs(one - other) <= doubt for one, other, doubt in zip(true, found, uncertain, strict=True)), seed
 
 
 @pytest.mark.ci
