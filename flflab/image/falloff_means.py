@@ -1,4 +1,4 @@
-"""Natural fall-off where blur does not matter: the mean of cos^4 of the slopes of a sensor point's rays, as a table."""
+"""Natural fall-off where blur does not matter: the mean of cos^4 of the slopes of a sensor point's rays, and tables of it."""
 
 import math
 
@@ -6,65 +6,74 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.clipping import clip, lens_span
-from flflab.optics.discs import lens_chord
+from flflab.image.clipping import SLIVER
 
 Array = npt.NDArray[np.float64]
 
-GAUSS = ((-math.sqrt(0.6), 5 / 18), (0.0, 8 / 18), (math.sqrt(0.6), 5 / 18))  # on a chord from -1 to 1
+ACROSS = math.sqrt(0.6)  # of half a chord, where Gauss looks beside its middle
+GAUSS = tuple((0.5 + 0.5 * float(node), float(weight)) for node, weight in zip(*np.polynomial.legendre.leggauss(4), strict=True))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def mean_weight(
-    x: float,
-    y: float,
-    radius: float,
-    low: float,
-    high: float,
-    strips: Array,
-    count: int,
-    slant: tuple[float, float, float],
-) -> float:
-    """Mean of cos^4 of the slope at the sensor over the pupil from ``low`` to ``high`` inside the disc at (x, y).
+def seen_weight(ex: float, ey: float, slope: float, reach: float, slant: Array) -> float:
+    """Mean of cos^4 = (1 + slope^2)^-2 over the part of the pupil that lights a sensor point.
 
-    ``slant`` is the slope of the ray through the pupil's centre along the strips and across them, and its change over the radius.
+    The part is common to the unit disc and one of radius R >= 1 whose centre is d away: chords across the line of centres, at places that
+    go with the square of v from where a circle ends, so that the sum over v is one of a smooth function. Four of them a piece leave
+    1.6e-4 of the weight's change over the pupil, measured on random cameras.
+
+    Args:
+        ex: sensor point, mm from the micro-image's centre.
+        ey: the same along y.
+        slope: of the micro-image, mm; 0 for all of the pupil.
+        reach: the same.
+        slant: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per unit of pupil.
     """
+    away = math.sqrt(ex * ex + ey * ey)
+    along, aside = (ex / away, ey / away) if away > 0.0 else (1.0, 0.0)
+    slope_x, slope_y = slant[0] + slant[2] * ex, slant[1] + slant[2] * ey
+    toward, beside = slope_x * along + slope_y * aside, slope_y * along - slope_x * aside
+    spread = -slant[3] if slope < 0.0 else slant[3]
+    radius, apart = (reach / abs(slope), away / abs(slope)) if slope != 0.0 else (2.0, 0.0)
+    apart = min(apart, (radius + 1.0) * SLIVER)
+    low, crossing = -1.0, -1.0
+    if apart > max(radius - 1.0, 1e-12):
+        low, crossing = apart - radius, 0.5 * (1.0 + apart * apart - radius * radius) / apart
     light, area = 0.0, 0.0
-    for strip in range(count):
-        at = 0.5 * (low + high) + 0.5 * (high - low) * strips[0, strip]
-        start, end = lens_chord(x, y, radius, at)
-        if end <= start:
+    for piece, start, end in ((0, low, crossing), (1, crossing, 0.0), (2, 1.0, max(crossing, 0.0))):
+        if piece < 2 and start >= end:
             continue
-        weight = strips[1, strip] * (end - start)
-        across = slant[1] + slant[2] * at
-        area += weight
-        for node, share in GAUSS:
-            along = slant[0] + 0.5 * slant[2] * ((end + start) + (end - start) * node)
-            light += weight * share / (1.0 + along * along + across * across) ** 2
-    return light / area if area > 0.0 else 1.0
+        for node, weight in GAUSS:
+            at = start + (end - start) * node * node
+            squared = 1.0 - at * at if piece else radius * radius - (at - apart) ** 2
+            half = math.sqrt(max(squared, 0.0))
+            share = weight * node * half * abs(end - start)
+            forth = toward + spread * at
+            right, left = beside + spread * half * ACROSS, beside - spread * half * ACROSS
+            area += share
+            on_sides = (1.0 + forth * forth + right * right) ** -2 + (1.0 + forth * forth + left * left) ** -2
+            light += share * (8.0 * (1.0 + forth * forth + beside * beside) ** -2 + 5.0 * on_sides) / 18.0
+    return light / area
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def mean_weights(
-    left: float,
-    bottom: float,
-    step: float,
-    weights: Array,
-    slope: float,
-    reach: float,
-    slants: Array,
-    strips: Array,
-    count: int,
-) -> None:
-    """The same at sensor points ``step`` mm apart from (left, bottom) on, into ``weights`` [row, column]."""
-    radius = reach / abs(slope) if slope != 0.0 else 2.0
+def table_steps(slope: float, reach: float, slant: Array, error: float) -> tuple[float, float]:
+    """Steps (mm) of tables of ``seen_weight`` that leave an error of white: where the pupil is whole, and where the rim clips it too.
+
+    Between places h apart, a whole pupil's mean is off by up to (h times the slopes' change per mm)^2, and a clipped one's by 0.2 c of
+    the power 3/2 of h over the rim's width, where the weight changes by c over the pupil; measured, the rim's share of light included.
+    """
+    steepest = math.hypot(slant[0], slant[1]) + abs(slant[2]) * (reach + abs(slope)) + abs(slant[3])
+    whole = math.sqrt(error) / max(abs(slant[2]), 1e-300)
+    return whole, min(whole, 2.0 * abs(slope) * (error / max(0.8 * steepest * abs(slant[3]), 1e-300)) ** (2 / 3))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def seen_weights(left: float, bottom: float, step: float, weights: Array, slope: float, reach: float, slant: Array) -> None:
+    """``seen_weight`` at sensor points ``step`` mm apart from (left, bottom) on, into ``weights`` [row, column]."""
     for row in range(weights.shape[0]):
         for column in range(weights.shape[1]):
-            ex, ey = left + column * step, bottom + row * step
-            x, y = clip(ex, ey, 1.0, 0.0, slope, reach)
-            low, high = lens_span(x, y, radius)
-            slant = (slants[0] + slants[2] * ex, slants[1] + slants[2] * ey, slants[3])
-            weights[row, column] = mean_weight(x, y, radius, low, high, strips, count, slant)
+            weights[row, column] = seen_weight(left + column * step, bottom + row * step, slope, reach, slant)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -8,7 +8,6 @@ import numpy.typing as npt
 
 from flflab.image.orders import (
     falloff_chunks,
-    falloff_steps,
     grid_counts,
     in_bands,
     is_even,
@@ -35,6 +34,7 @@ Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
 
 FINE = 0.05  # of the tolerance goes to the tables of antiderivatives
+FALL = 0.2  # of it to those of the fall-off; micro-images that overlap share it, as all of them are off the same way
 PICTURE = 2.5  # how much rougher than bars a picture is: it has edges along the strips, too
 WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim, times the 3/2 power of half its width in pixels
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
@@ -102,7 +102,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         counts,
         nodes.reshape(*counts.shape, *nodes.shape[1:]),
         falloff_chunks(setup),
-        falloff_steps(setup.tolerance),
+        FALL * setup.tolerance / setup.overlap,
         rim_rows(setup, parts, steep),
         disc_nodes(8, 8),
         *pixel_positions(setup.sensor),

@@ -113,11 +113,6 @@ def falloff_chunks(setup: Setup) -> int:
     return max(1, math.ceil(math.sqrt(0.22 * change / setup.tolerance)))
 
 
-def falloff_steps(tolerance: float) -> int:
-    """Steps over a micro-image of a table of the fall-off's mean over the pupil; n of them leave up to 2 / n^2 of white."""
-    return math.ceil(math.sqrt(2 / (0.2 * tolerance)))
-
-
 def grid_counts(blur: Array, tolerance: float) -> Whole:
     """How many points a side across the pupil a blur in pixels needs; measured on dots: n of them leave 0.1 blur / n^2 of white."""
     return np.clip(np.ceil(np.sqrt(0.1 * blur / (0.6 * tolerance))), 1, MOST_POINTS).astype(np.int64)

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.falloff_means import mean_weights, read_between
+from flflab.image.falloff_means import read_between, seen_weight, seen_weights, table_steps
 from flflab.image.profile import prepare, profile_mean
 from flflab.image.rim import part_share, rim_share
 from flflab.image.strips import BLOCK, EX, EY, LOOSE, MEAN, ROWS, WEIGHT, strip_means, weighted_mean, window_mean
@@ -65,7 +65,7 @@ def add_ruled(
     counts: Whole,
     strips: Array,
     chunks: int,
-    steps: int,
+    fall: float,
     rims: Array,
     nodes: Array,
     xs: Array,
@@ -95,7 +95,7 @@ def add_ruled(
         counts: number of strips for each kind, (K, 2): of most pixels, and where the window ends.
         strips: see ``strip_nodes``; (K, 2, 3, most strips).
         chunks: pieces of a strip for the fall-off; 0 for no fall-off.
-        steps: steps over a micro-image of the fall-off's table.
+        fall: largest error of the fall-off's tables.
         rims: see ``rim_tables``; steep kinds start with a negative distance.
         nodes: pupil points for steep rims.
         xs: positions of the columns, mm.
@@ -167,12 +167,15 @@ def add_ruled(
                     shifted = at + cxx * ((i + 0.5) / rim_parts - 0.5) * width
                     steady[1 + i, column - start] = profile_mean(shifted, boxes[1, 0], 0.0, table, law)
         falls = chunks > 0 and not blurred
-        apart = max(2.0 * outside / steps, 0.5 * pixel)
+        clipped = slope if 2.0 * abs(slope) > width else 0.0  # a pixel that holds all of the rim sees the whole pupil
+        whole_step, rim_step = table_steps(slope, reach, slants[entry], fall)
+        rim_tabled = rim_step >= pixel
+        tabled = falls and (rim_tabled or deep > 0.0)
+        apart = min(max(rim_step if rim_tabled else whole_step, 0.5 * pixel), max(end - start, last - first) * pixel)
         corner_x, corner_y = xs[start] - centre_x - 0.5 * pixel, ys[first] - centre_y - 0.5 * pixel
-        weights = np.ones((int((last - first) * pixel / apart) + 2, int((end - start) * pixel / apart) + 2) if falls else (1, 1))
-        if falls:
-            clipped = slope if 2.0 * abs(slope) > width else 0.0  # a pixel that holds all of the rim sees the whole pupil
-            mean_weights(corner_x, corner_y, apart, weights, clipped, reach, slants[entry], strip, count)
+        weights = np.ones((int((last - first) * pixel / apart) + 2, int((end - start) * pixel / apart) + 2) if tabled else (1, 1))
+        if tabled:
+            seen_weights(corner_x, corner_y, apart, weights, clipped if rim_tabled else 0.0, reach, slants[entry])
         for row in range(first, last):
             dy = ys[row] - centre_y
             room = outside * outside - dy * dy
@@ -255,8 +258,11 @@ def add_ruled(
                                 if not (blurred or clear):
                                     value *= window_mean(origin_y + cyx * ex + cyy * ey, lower, upper, window[2], window[3])
                                 light[p] += shares[p] * min(max(value, 0.0), 1.0) / (divide * divide)
-                if falls:
+                if falls and (full or rim_tabled):
                     for p in range(number):
                         light[p] *= read_between((xs[column + p] - centre_x - corner_x) / apart, (dy - corner_y) / apart, weights)
+                elif falls:
+                    for p in range(number):
+                        light[p] *= seen_weight(xs[column + p] - centre_x, dy, clipped, reach, slants[entry])
                 for p in range(number):
                     image[row, column + p] += level * light[p]

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.clipping import clip, lens_span
-from flflab.image.falloff_means import mean_weight
+from flflab.image.falloff_means import seen_weight
 from flflab.image.rim import part_share
 from flflab.image.tiles import shrink
 from flflab.optics.discs import lens_chord
@@ -256,6 +256,6 @@ def add_texels(
                         else:
                             value = boxed_sum(sums, at_x, at_y, boxes[0], boxes[2], 0)
                             if chunks > 0:
-                                value *= mean_weight(clip_x, clip_y, radius, low, high, strip, count, slant)
+                                value *= seen_weight(ex, ey, slope, reach, slants[entry])
                         light += share * min(max(value, 0.0), 1.0)
                 image[y_index, x_index] += levels[entry] * light / (divide * divide)

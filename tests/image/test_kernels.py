@@ -152,6 +152,37 @@ def test_white_falls_off_on_the_axis_as_the_closed_form_says() -> None:
     assert formed(setup, White())[row, column] == pytest.approx(1 / (1 + spread**2), abs=2e-4)
 
 
+def falls_off(setup: Setup, entry: int, ex: Array, ey: Array, rings: int = 60, spokes: int = 240) -> Array:
+    """Light of a micro-image at points (mm from its centre) under a white target, by points of even weight over the whole pupil."""
+    pupils = setup.pupils
+    radius = np.sqrt((np.arange(rings) + 0.5) / rings)[:, None]
+    angle = (np.arange(spokes) + 0.5 * (np.arange(rings)[:, None] % 2)) * 2 * np.pi / spokes
+    t, u = (radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()
+    passes = np.hypot(pupils.slope[entry] * t - ex[:, None], pupils.slope[entry] * u - ey[:, None]) <= pupils.reach[entry]
+    along = (pupils.slant_x[entry] + pupils.slant_scale[entry] * ex)[:, None] + pupils.slant_spread[entry] * t
+    across = (pupils.slant_y[entry] + pupils.slant_scale[entry] * ey)[:, None] + pupils.slant_spread[entry] * u
+    return pupils.level[entry] * (passes / (1 + along**2 + across**2) ** 2).mean(axis=1)
+
+
+@pytest.mark.parametrize(("pixel", "tolerance"), [(0.01, 0.04), (0.01, 0.005), (0.002, 0.02)])
+def test_the_fall_off_of_overlapping_rims_adds_up_to_less_than_its_share(pixel: float, tolerance: float) -> None:
+    """Rims of 2 and 11 pixels: where each pixel has its own mean over the pupil, and where a table is read."""
+    array = MicrolensArray("square", (21, 21), (0.2, 0.2), 0.17, (0.83,), 57.5)
+    camera = Camera(MainLens(50.0, 1.9), array, Sensor((48, 40), pixel, 58.45, (0.1, 0.05)))
+    scene = one_plane(camera, White(), FOCUS)
+    setup = replace(make_setup(scene, scene.planes[0], tolerance), falloff=True, pixel_width=0.0)
+    image = formed(setup, White())
+    xs, ys = pixel_positions(setup.sensor)
+    rows, columns = np.random.default_rng(1).integers(0, ((40,), (48,)), (2, 80))
+    seen = np.zeros(80)
+    for entry in range(len(setup.blur)):
+        ex, ey = xs[columns] - setup.pupils.centre_x[entry], ys[rows] - setup.pupils.centre_y[entry]
+        near = np.hypot(ex, ey) < setup.pupils.outside[entry]
+        seen[near] += falls_off(setup, entry, ex[near], ey[near])
+    assert seen.max() > 2
+    assert np.abs(image[rows, columns] - seen).max() < 0.3 * tolerance
+
+
 def test_white_seen_by_points_is_the_area_common_to_two_discs() -> None:
     setup = replace(setup_of(White(), FOCUS), pixel_width=0.0)
     image = formed(setup, White())
