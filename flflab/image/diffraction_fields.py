@@ -81,17 +81,18 @@ def dot_spectrum(centre: Array, radii: Array, x: Array, y: Array) -> ComplexArra
 def picture_spectrum(
     picture: Picture, scales: Array, low: Array, high: Array, first: tuple[float, float], x: Array, y: Array
 ) -> ComplexArray:
-    """Spectrum of a picture's texels between low and high (pixels) at frequencies along x' and y', shape (y, x)."""
+    """Spectrum of the part of a picture between low and high (pixels) at frequencies along x' and y', shape (y, x)."""
     parts: list[ComplexArray] = []
     kept: list[slice] = []
     for axis, frequency in ((0, x), (1, y)):
         count = picture.values.shape[1 - axis]
         side = picture.texel / scales[axis]
-        places = (np.arange(count) - (count - 1) / 2) * side
-        inside = np.flatnonzero((places > low[axis]) & (places < high[axis]))
+        borders = (np.arange(count + 1) - count / 2) * side
+        start, end = np.maximum(borders[:-1], low[axis]), np.minimum(borders[1:], high[axis])
+        inside = np.flatnonzero(start < end)
         kept.append(slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0))
-        turn = np.exp(-2j * np.pi * frequency[:, None] * (places[kept[axis]] - first[axis]))
-        parts.append(turn * (side * np.sinc(frequency * side))[:, None])
+        middle, width = (0.5 * (start + end))[kept[axis]], (end - start)[kept[axis]]
+        parts.append(np.exp(-2j * np.pi * frequency[:, None] * (middle - first[axis])) * width * np.sinc(frequency[:, None] * width))
     return parts[1] @ picture.values[kept[1], kept[0]] @ parts[0].T
 
 

@@ -230,6 +230,13 @@ def test_a_picture_of_bars_is_the_bars(lone: Camera) -> None:
     assert np.abs(difference).max() < 0.004
 
 
+def test_texels_wider_than_what_the_sensor_sees_of_them_are_there(lone: Camera) -> None:
+    """The middle of a white texel is out of sight, and so are its ends."""
+    picture = Picture(np.ones((2, 2)), 300.0)
+    scene = Scene(lone, (Plane(picture, 495.0, offset=(70.0, 72.0)),))
+    assert np.abs(diffracted(scene) - render(one_plane(lone, White(), 495.0))).max() < 0.002
+
+
 def test_where_the_image_lies_on_the_array_rays_alone_count(camera: Camera) -> None:
     on_array = one_plane(camera, Edge(0.1), 300.0)  # 1/50 = 1/60 + 1/300
     assert np.array_equal(diffracted(on_array), render(on_array))
