@@ -74,6 +74,16 @@ def r12a() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def temporary_files_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Where every bench that was ever driven has a lock file, those of the tests are not left behind."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("temporary")
+        patch.setenv("TMPDIR", str(folder))
+        patch.setattr(tempfile, "tempdir", str(folder))
+        yield
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The project's folder."""
