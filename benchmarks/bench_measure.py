@@ -1,12 +1,17 @@
-"""Times of measuring a full frame of 3664 x 2748 pixels: ``python benchmarks/bench_measure.py [--repeats N]``.
+"""Times of measuring a full frame of 3664 x 2748 pixels: ``python benchmarks/bench_measure.py [--repeats N] [--plenopticam PYTHON]``.
 
 Medians of warm calls, wall and processor seconds of all cores, next to what OpenCV and scikit-image offer for the same. Their detectors
-get the frame as 8 bits; they find blobs or circles, neither a lattice nor which dot is which.
+get the frame as 8 bits; they find blobs or circles, neither a lattice nor which dot is which. PlenoptiCam calibrates from the white
+frame, and from that binned, once each, under an interpreter that has it: ``peer_plenopticam.py`` says how to get one.
 """
 
 import argparse
+import json
 import os
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,6 +28,7 @@ from skimage.transform import hough_circle, hough_circle_peaks
 from flflab.analysis.contrast import fit_contrast
 from flflab.analysis.dots import count_views
 from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.micro_images import every_micro_image
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import Cone, cone_of
@@ -41,6 +47,9 @@ DISTANCE, BLURRED = 506.7016, 494.0  # mm, in focus and with 2 px of blur
 F_NUMBERS = (1.6, 2.8, 4.0, 8.0, 16.0)
 ELECTRONS = 5000.0
 SMALLER = 8  # scikit-image's detectors get the frame binned by this
+BINNED = (1, 4, 10)  # PlenoptiCam's frames
+NEAR_PX = 12.0  # of a micro-image's true centre, a twentieth of the pitch: found
+PATIENCE = 600.0  # s
 
 
 def sensor_noise() -> SensorNoise:
@@ -67,7 +76,7 @@ def row(name: str, call: Callable[[], str], repeats: int) -> None:
     print(f"{name:52} {statistics.median(walls):7.3f} {statistics.median(used):7.3f}  {found}", flush=True)
 
 
-def lattice_rows(camera: Camera, repeats: int) -> Lattice:
+def lattice_rows(camera: Camera, repeats: int, plenopticam: str) -> Lattice:
     """Lattices at every f-number; that at F/4 is given back."""
     for f_number in F_NUMBERS:
         one = replace(camera, main_lens=replace(camera.main_lens, f_number=f_number))
@@ -77,6 +86,8 @@ def lattice_rows(camera: Camera, repeats: int) -> Lattice:
         if f_number == 4.0:
             row("each micro-image by itself, F/4", partial(found_micro_images, white, cone_of(one)), max(1, repeats // 3))
             peers_on_white(white, repeats)
+            for by in BINNED:
+                plenopticam_row(white, nominal_lattice(camera, 1.0).centres_px, by, plenopticam)
     return find_lattice(frame(camera, White()), "square", 241.0, sensor_noise())
 
 
@@ -134,6 +145,31 @@ def peers_on_white(white: Frame, repeats: int) -> None:
     row(f"  skimage.transform.hough_circle, 1/{SMALLER}", hough, max(1, repeats // 3))
 
 
+def plenopticam_row(white: Frame, true: npt.NDArray[np.float64], by: int, python: str) -> None:
+    """PlenoptiCam on the white frame binned by so much: micro-images it finds, and how far from where they are."""
+    name = f"  PlenoptiCam, 1/{by}"
+    small = white[: 2748 // by * by, : 3664 // by * by].reshape(2748 // by, by, 3664 // by, by).mean((1, 3))
+    with tempfile.TemporaryDirectory() as folder:
+        given, got = Path(folder) / "white.npy", Path(folder) / "centres.npy"
+        np.save(given, small)
+        script = str(Path(__file__).with_name("peer_plenopticam.py"))
+        ran = subprocess.run([python, script, str(given), str(got)], capture_output=True, text=True, timeout=PATIENCE, check=False)
+        if ran.returncode:
+            reason = (ran.stderr.strip() or "no output").splitlines()[-1]
+            print(f"{name:52} {'-':>7} {'-':>7}  not run under {python}: {reason}", flush=True)
+            return
+        centres = np.load(got) * by + (by - 1) / 2
+    said = json.loads(ran.stdout)
+    found, off = 0, np.zeros((0, 2))
+    if len(centres):
+        away = np.hypot(*(true[:, None] - centres).transpose(2, 0, 1))
+        near = away.min(axis=1) < NEAR_PX
+        found, off = int(near.sum()), (centres[away.argmin(axis=1)] - true)[near]
+    rms = f", rms {np.sqrt(np.mean(off**2)):.3f} px a coordinate" if found else ""
+    takes = f"; takes them for {said['size_px'] * by} px wide" + (f"; {said['says']}" if said["says"] else "")
+    print(f"{name:52} {said['wall']:7.3f} {said['processor']:7.3f}  {found} of {len(true)} micro-images{rms}{takes}", flush=True)
+
+
 def dot_rows(camera: Camera, lattice: Lattice, repeats: int) -> None:
     """Dots and views at F/4."""
     target, white = FourDot(), frame(camera, White())
@@ -169,10 +205,12 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--repeats", type=int, default=9)
-    repeats = parser.parse_args().repeats
+    parser.add_argument("--plenopticam", default=sys.executable, metavar="PYTHON", help="an interpreter that has it; default: this one")
+    given = parser.parse_args()
+    repeats = given.repeats
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; wall and processor seconds, medians of {repeats}")
     camera = read_camera(CAMERA)
-    lattice = lattice_rows(camera, repeats)
+    lattice = lattice_rows(camera, repeats, given.plenopticam)
     dot_rows(camera, lattice, repeats)
     contrast_rows(camera, lattice, repeats)
 
