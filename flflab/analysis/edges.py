@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.edge import fit_edge
-from flflab.analysis.edge_free import FreeEdge, with_free_form
+from flflab.analysis.edge import EdgeFit, EdgePixels, edge_pixels, fit_edge
+from flflab.analysis.edge_free import FreeEdge, free_forms, variance_along
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.registration import bright_pixels, require_picture, same_type_as_central
@@ -23,6 +23,7 @@ LEAST_STEP = 0.3  # of the brightest field's light
 LEAST_HEIGHT = 0.5  # of the bright side's light: the target is black and white
 WIDEST_BLUR = 0.5  # of a bright field's radius, standard deviation: beside a wider one neither black nor white is seen
 WORST_RESIDUAL = 4.0  # of a pixel from its edge, in units of its noise
+CLEARLY = 2.0  # standard deviations of chi squared by which views must differ to be less sure than they state
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class EdgeCurve:
     Attributes:
         cycles_per_px: frequencies on the sensor, shape (K,).
         mtf: pooled over the views, shape (K,).
-        uncertainty: standard uncertainty, the larger of what the fits state and what the views' scatter shows, shape (K,).
+        uncertainty: standard uncertainty, what the fits state or, where they clearly scatter more, what their scatter shows, shape (K,).
         views: the single edges.
         lenses: which micro-image of the lattice each lies in.
         starved: how many of them sample their profile at too few phases.
@@ -65,7 +66,8 @@ def measure_edges(picture: npt.NDArray[np.generic], lattice: Lattice, camera: Ca
     pixels = pixels.kept(~noise.saturated(values[pixels.rows, pixels.columns]))
     light = values[pixels.rows, pixels.columns] - noise.offset_dn
     top = float(np.quantile(light, 0.99))
-    fits: list[FreeEdge] = []
+    fits: list[EdgeFit] = []
+    seen: list[EdgePixels] = []
     lenses: list[int] = []
     strange = blurred = math.inf
     for lens in np.unique(pixels.lens):
@@ -89,7 +91,8 @@ def measure_edges(picture: npt.NDArray[np.generic], lattice: Lattice, camera: Ca
         if found.blur_px > WIDEST_BLUR * lattice.inside_radius_px:
             blurred = min(blurred, found.blur_px)
             continue
-        fits.append(with_free_form(found, patch, mask, spread))
+        fits.append(found)
+        seen.append(edge_pixels(patch, mask, spread)[0])
         lenses.append(int(lens))
     if not fits and blurred < math.inf:
         raise MeasurementError(
@@ -103,10 +106,18 @@ def measure_edges(picture: npt.NDArray[np.generic], lattice: Lattice, camera: Ca
         )
     if not fits:
         raise MeasurementError("edge: no bright field is crossed by an edge; move the target so that its edge lies before the camera")
-    curves = np.array([fit.mtf(FREQUENCIES) for fit in fits])
-    doubts = np.maximum([fit.mtf_uncertainty(FREQUENCIES) for fit in fits], 1e-9)
-    weights = 1 / doubts**2
-    pooled = (weights * curves).sum(axis=0) / weights.sum(axis=0)
-    stated = weights.sum(axis=0) ** -0.5
-    seen = np.sqrt((weights * (curves - pooled) ** 2).sum(axis=0) / weights.sum(axis=0) / max(len(fits) - 1, 1))
-    return EdgeCurve(FREQUENCIES, pooled, np.maximum(stated, seen), tuple(fits), tuple(lenses), sum(fit.fit.starved for fit in fits))
+    views = free_forms(fits, seen)
+    return EdgeCurve(FREQUENCIES, *pooled(views, FREQUENCIES), tuple(views), tuple(lenses), sum(fit.starved for fit in fits))
+
+
+def pooled(views: list[FreeEdge], cycles_per_px: Array) -> tuple[Array, Array]:
+    """Transfer function of edges fitted together and its standard uncertainty, each of shape (K,)."""
+    curves, doubts, slopes = (np.array(part) for part in zip(*(view.mtf_and_slopes(cycles_per_px) for view in views), strict=True))
+    weights = 1 / np.maximum(doubts, 1e-9) ** 2
+    weights /= weights.sum(axis=0)
+    mean, freedom = (weights * curves).sum(axis=0), max(len(views) - 1, 1)
+    own = 1 / (1 / np.maximum(doubts, 1e-9) ** 2).sum(axis=0)
+    chi2 = (weights * (curves - mean) ** 2).sum(axis=0) / own / freedom
+    growth = np.where(chi2 > 1 + CLEARLY * math.sqrt(2 / freedom), chi2, 1.0)
+    shared = variance_along((weights[..., None] * slopes).sum(axis=0), views[0].lines_covariance)
+    return mean, np.sqrt(own * growth + shared)
