@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from flflab.analysis.contrast import fit_contrasts
 from flflab.analysis.cut_darkness import mend_darkness, remark_on
+from flflab.analysis.dot_scale import scale_of_dots, unlike_the_description
 from flflab.analysis.dots import count_views
 from flflab.analysis.edges import EdgeCurve, measure_edges
 from flflab.analysis.lattice import Lattice, find_lattice, pitch_and_angle
@@ -110,6 +111,8 @@ def measure(
         dots = count_views(values, None, lattice, camera, target, away, evened)
         require_dots(values, dots, camera, target, away, evened)
         result["dots"] = [dot_json(dot) for dot in dots]
+        scale = scale_of_dots(dots, lattice, camera, target, away)
+        remarks += unlike_the_description(scale, camera, away) if scale else []
     elif isinstance(target, Edge):
         edges = measure_edges(values, lattice, camera, evened)
         result["mtf"] = edge_json(edges, camera, away)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -72,6 +73,30 @@ def test_dots_and_other_targets(brute: Any) -> None:
     assert len({dot["views"] for dot in said["dots"]}) == 1
     with pytest.raises(InputError, match="picture"):
         measure(np.zeros((1240, 1240)), camera, Picture(np.ones((2, 2)), 10.0))
+
+
+@pytest.mark.parametrize(("gap", "distance"), [(1.17, 506.7016), (1.15, 515.0)])
+def test_dots_before_a_camera_of_another_gap_or_at_another_distance_tell_which(brute: Any, gap: float, distance: float) -> None:
+    remarks = " ".join(dots_remarked_on(brute, gap, distance, 0.0))
+    number = r"(\d+\.?\d*)"
+    found = re.search(f"a target about {number} mm away and a gap of about {number} mm .*described: 1.15 mm", remarks)
+    assert found is not None, remarks
+    assert float(found[1]) == pytest.approx(distance, abs=1.0)
+    assert float(found[2]) == pytest.approx(gap, abs=0.005)
+
+
+def test_turned_dots_are_remarked_on_and_half_a_per_cent_is_not(brute: Any) -> None:
+    assert any("turned by 1.15 deg" in remark for remark in dots_remarked_on(brute, 1.15, 506.7016, 0.02))
+    assert not any("description" in remark or "turned" in remark for remark in dots_remarked_on(brute, 1.155, 506.7016, 0.0))
+
+
+def dots_remarked_on(brute: Any, gap: float, distance: float, turn: float) -> list[str]:
+    """What is said of a picture of dots as another camera takes it, by a description of a gap of 1.15 mm, at 506.7016 mm."""
+    camera, target = brute.camera(4.0, (1240, 1240)), FourDot(spacing=4.0)
+    real = replace(camera, sensor=replace(camera.sensor, distance=camera.array.distance + gap))
+    turned = target.centres @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    said: list[str] = measure(brute.dots_picture(real, distance, turned, 1.0), camera, target, 506.7016)["remarks"]
+    return said
 
 
 def test_edges_in_all_bright_fields_are_pooled(brute: Any) -> None:
