@@ -109,7 +109,7 @@ def find_kinds(setup: Setup, wavelength: float, seen: Whole) -> list[Kind]:
     kinds: list[Kind] = []
     for number in range(int(pupil.max(initial=-1)) + 1):
         members = np.flatnonzero(pupil == number)
-        for value, weights in _blur_nodes(blur[members], 3 * math.sqrt(tolerance), bool(far[members[0]])):
+        for value, weights in _blur_nodes(blur[members], tolerance, bool(far[members[0]])):
             lit = members[weights > 0]
             if not len(lit):
                 continue
@@ -140,13 +140,17 @@ def _smear(setup: Setup, entries: Whole, by_sensor: Array) -> Smear:
     return Smear(way @ np.array(motion.drift), way @ np.array(motion.vibration))
 
 
-def _blur_nodes(blur: Array, spacing: float, far: bool) -> list[tuple[float, Array]]:
-    """Blurs, evenly spaced in the inverse hyperbolic sine, and each entry's weights for them."""
+def _blur_nodes(blur: Array, tolerance: float, far: bool) -> list[tuple[float, Array]]:
+    """Blurs, evenly spaced in the inverse hyperbolic sine, and each entry's weights for them.
+
+    An edge changes by at most 1/pi of white when the logarithm of its blur changes by 1: one blur for all is off by that times half
+    their range, up to half the tolerance, and between two of them the error goes with the square of their distance.
+    """
     place = np.arcsinh(blur)
     low, high = float(place.min()), float(place.max())
-    if far or high - low < spacing / 10:
-        return [(float(blur.mean()), np.ones(len(blur)))]
-    nodes = np.linspace(low, high, math.ceil((high - low) / spacing) + 1)
+    if far or high - low < 3 * tolerance:
+        return [(math.sinh(0.5 * (low + high)), np.ones(len(blur)))]
+    nodes = np.linspace(low, high, math.ceil((high - low) / (3 * math.sqrt(tolerance))) + 1)
     apart = np.abs(place[:, None] - nodes) / (nodes[1] - nodes[0])
     weights = np.maximum(1 - apart, 0.0)
     weights[weights < 1e-9] = 0.0

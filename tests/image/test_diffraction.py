@@ -290,6 +290,20 @@ def test_no_pixel_of_bars_in_waves_is_farther_off_than_asked(f_number: float, di
     assert np.abs(render(scene, tolerance=0.002) - render(scene, tolerance=5e-4)).max() < 0.002
 
 
+def test_microlenses_nearly_alike_blur_an_edge_as_each_does_among_its_own() -> None:
+    """Those that share a table of transfer functions must not share a blur that the tolerance can tell from theirs."""
+
+    def seen(*focal_lengths: float) -> Array:
+        kinds = (tuple(range(len(focal_lengths))),)
+        array = MicrolensArray("square", (2, 1), (0.2, 0.4), 0.16, focal_lengths, 60.0, pattern=kinds)
+        camera = Camera(MainLens(50.0, 8.0), array, Sensor((220, 40), 0.00166, 61.15))
+        return diffracted(one_plane(camera, Edge(0.2), 400.0), tolerance=2e-4)
+
+    both, left, right = seen(0.917, 0.9173668), seen(0.917), seen(0.9173668)
+    assert np.abs(left - right).max() > 1e-3
+    assert np.abs(both - np.where(np.arange(220) < 110, left, right)).max() < 1e-4
+
+
 @pytest.mark.parametrize("target", [Bars((1.0, 3.0), 6.0, 4.0), Picture(np.random.default_rng(3).random((12, 16)), 6.0)])
 def test_a_small_sensor_sees_what_a_large_one_sees_there(lone: Camera, target: Target) -> None:
     """What is left out because no pixel looks there changes nothing that a pixel sees: near the target's border, across it, beyond it."""
