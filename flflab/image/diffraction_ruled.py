@@ -23,7 +23,7 @@ ComplexArray = npt.NDArray[np.complex128]
 SingleArray = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int64]
 
-MARGINS = (16.0, 1000.0)  # least and most pixels round the target that a curve covers
+MARGINS = (128.0, 1000.0)  # least and most pixels round the target that a curve covers; beyond, its tail is that of an unclipped pupil
 BEYOND = (64.0, 512.0)  # least and most pixels beyond the seen part of the target before it is cut
 GAUSS = np.polynomial.legendre.leggauss(8)
 

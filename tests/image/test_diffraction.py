@@ -304,6 +304,13 @@ def test_microlenses_nearly_alike_blur_an_edge_as_each_does_among_its_own() -> N
     assert np.abs(both - np.where(np.arange(220) < 110, left, right)).max() < 1e-4
 
 
+def test_the_dark_beside_an_edge_is_as_dark_at_a_rough_tolerance(lone: Camera) -> None:
+    """On the rim, too, where less of the pupil sends its tail there than in the middle."""
+    scene = one_plane(lone, Edge(0.3), FOCUS)
+    fine = diffracted(scene, tolerance=5e-4)
+    assert np.abs(diffracted(scene, tolerance=0.02) - fine)[fine < 0.001].max() < 0.001
+
+
 @pytest.mark.parametrize("target", [Bars((1.0, 3.0), 6.0, 4.0), Picture(np.random.default_rng(3).random((12, 16)), 6.0)])
 def test_a_small_sensor_sees_what_a_large_one_sees_there(lone: Camera, target: Target) -> None:
     """What is left out because no pixel looks there changes nothing that a pixel sees: near the target's border, across it, beyond it."""
