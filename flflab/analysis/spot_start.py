@@ -6,22 +6,25 @@ from typing import Any
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
 
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
 from flflab.analysis.registration import target_scales
-from flflab.analysis.spot_blind import CLOSE_PX, FAINT, blind_law
-from flflab.analysis.spot_law import HALF, candidates_near, law_at, law_places
+from flflab.analysis.spot_blind import CLOSE_PX, FAINT, blind_law, spots_in
+from flflab.analysis.spot_law import HALF, SEARCH_PX, candidates_near, law_at, law_places
 from flflab.analysis.spots import illumination
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
+from flflab.optics.focus import blur
+from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 
 WIDEST_SHIFT_PX = 30.0  # how far all dots together may be from where the nominal camera puts them
-THERE = 0.7  # of the light that is due where dots are due: with less of it they are looked for everywhere
+THERE = 0.9  # of light and spots: with less agreement dots are looked for everywhere
 LEAST = 0.5  # the same: less is none
 
 
@@ -36,27 +39,46 @@ def where_to_look(
 ) -> tuple[Array, float]:
     """The law by which spots are looked for, shape (5, 2), and the distance of the target it stands for, mm.
 
-    It is the nominal camera's, moved sideways by up to 30 px. Where less than ``THERE`` of the light is where that puts it, spots are
-    searched for in all micro-images, and the law that explains them is taken if there is more light where that puts it.
+    It is the nominal camera's, moved sideways by up to 30 px. Where less than ``THERE`` of the light due is where that puts it, or of the
+    spots seen where spots are due, they are matched blindly, and the law that agrees better with the picture is taken.
 
     Raises:
-        MeasurementError: target at infinity, or light is due, less than ``LEAST`` of it is there, and nothing else explains the spots.
+        MeasurementError: target at infinity, or light is due and the better of the two agrees with less than ``LEAST``.
     """
     across, along = target_scales(camera, distance)
     law, found = _moved(values, lattice, camera, target, law_at(1 / across, -along / across), table, noise, WIDEST_SHIFT_PX)
-    if found is not None and found >= THERE:
+    spots = spots_in(values, noise)
+    agreed = _agreed(found, spots, lattice, camera, target, law, _blur_px(camera, distance))
+    if agreed >= THERE:
         return law, distance
-    blind = blind_law(values, lattice, camera, target, distance, noise)
+    blind = blind_law(spots, lattice, camera, target, distance)
     if blind is not None:
         there, found_there = _moved(values, lattice, camera, target, blind.law, table, noise, CLOSE_PX)
-        if found_there is not None and found_there > max(found or 0.0, LEAST):
+        if _agreed(found_there, spots, lattice, camera, target, there, _blur_px(camera, blind.distance)) > max(agreed, LEAST):
             return there, blind.distance
-    if found is not None and found < LEAST:
+    if found is not None and agreed < LEAST:
         raise MeasurementError(
-            f"four-dot picture: {100 * found:.0f} % of the light due where the camera puts the dots is there, {100 * LEAST:.0f} % at least "
-            f"are needed, and no spots elsewhere make a square {target.spacing:g} mm wide; check exposure, target and distance"
+            f"four-dot picture: where the camera puts the dots agrees with {100 * agreed:.0f} % of what is seen, {100 * LEAST:.0f} % are "
+            f"needed, and no spots elsewhere make a square {target.spacing:g} mm wide; check exposure, target and distance"
         )
     return law, distance
+
+
+def _blur_px(camera: Camera, distance: float) -> float:
+    """Diameter of the blur of a target ``distance`` mm away."""
+    return float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
+
+
+def _agreed(found: float | None, spots: Array, lattice: Lattice, camera: Camera, target: FourDot, law: Array, soft: float) -> float:
+    """The lesser of the shares of the light due that is found (``found``), and of the spots seen (``soft`` px wide) that are due."""
+    places, _ = law_places(lattice, camera, target, law, candidates_near(lattice, camera, target, law, SEARCH_PX))
+    if len(spots) == 0 or len(places) == 0:
+        return 0.0
+    _, nearest = KDTree(places).query(spots)
+    off = spots - places[nearest]
+    # all may be off together by the law's coarse shift, and each by what its micro-image cuts of its blur
+    due = np.hypot(*(off - np.median(off, axis=0)).T) < SEARCH_PX + soft / 2
+    return min(found or 0.0, float(due.mean()))
 
 
 @numba.njit(cache=True, nogil=True)

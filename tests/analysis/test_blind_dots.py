@@ -10,7 +10,7 @@ import pytest
 from flflab.analysis.dots import count_views
 from flflab.analysis.lattice import find_lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.spot_blind import blind_law
+from flflab.analysis.spot_blind import blind_law, spots_in
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
 from flflab.targets import Chirp, FourDot, Target, White
@@ -61,7 +61,7 @@ def test_what_makes_no_square_is_no_law(brute: Any, target: Target) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     lattice = find_lattice(taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), "square", 245.0, NOISE)
     picture = taken(brute, 4.0, target, FOCUS, (0.0, 0.0), 0.0)
-    assert blind_law(picture, lattice, camera, TARGET, FOCUS, NOISE) is None
+    assert blind_law(spots_in(picture, NOISE), lattice, camera, TARGET, FOCUS) is None
 
 
 def test_dots_of_another_size_than_told_make_no_square(brute: Any) -> None:
@@ -69,4 +69,4 @@ def test_dots_of_another_size_than_told_make_no_square(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     lattice = find_lattice(taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), "square", 245.0, NOISE)
     picture = taken(brute, 4.0, FourDot(diameter=1.0, spacing=6.0), FOCUS, (0.5, 0.3), 0.1)
-    assert blind_law(picture, lattice, camera, TARGET, FOCUS, NOISE) is None
+    assert blind_law(spots_in(picture, NOISE), lattice, camera, TARGET, FOCUS) is None

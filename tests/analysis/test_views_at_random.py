@@ -9,6 +9,7 @@ import pytest
 from flflab.analysis.dots import count_views
 from flflab.analysis.lattice import find_lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.errors import MeasurementError
 from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
@@ -83,7 +84,11 @@ def blind_counts(seed: int, places: int) -> Iterator[tuple[list[int], list[int],
         picture = digitise(render(scene), electrons, SensorResponse(), noise_key(seed, f"blind {place}"))
         turned = target.centres @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]) + aside
         true = [len(chief_view_indices(fields, 1 / distance, dot / distance)) for dot in turned]
-        found = count_views(picture, white, lattice, camera, target, 506.7016, noise)
+        try:
+            found = count_views(picture, white, lattice, camera, target, 506.7016, noise)
+        except MeasurementError:
+            assert max(true) <= 1  # without parallax nothing tells how far it is
+            continue
         yield true, [dot.views for dot in found], [dot.views_uncertain for dot in found]
 
 
@@ -93,9 +98,13 @@ def blind_counts(seed: int, places: int) -> Iterator[tuple[list[int], list[int],
 )
 def test_views_of_targets_that_stand_where_nobody_said_are_counted_exactly(seeds: range, places: int) -> None:
     """Up to 2 mm aside, 440 to 640 mm away, turned by up to 40 degrees."""
+    told = 0
     for seed in seeds:
         for true, found, uncertain in blind_counts(seed, places):
             assert all(abs(one - other) <= doubt for one, other, doubt in zip(true, found, uncertain, strict=True)), seed
+            told += 1
+    print(f"{told} of {places * len(seeds)} measured")
+    assert told >= 0.9 * places * len(seeds)
 
 
 @pytest.mark.ci
