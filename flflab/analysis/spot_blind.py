@@ -25,7 +25,7 @@ Complex = npt.NDArray[np.complex128]
 
 FAINT = 6.0  # standard deviations of a dark pixel: what is fainter is no spot
 MOST = 80  # spots looked at, the largest
-WHOLE = 0.5  # of the area of large ones: smaller ones are cut, their middle is elsewhere
+WHOLE = 0.5  # of the usual area: smaller ones are cut, their middle is elsewhere
 NEAREST, FARTHEST, STEPS = 0.25, 4.0, 4000  # of the nominal distance
 CLOSE_PX = 3.0  # of a spot to where a law puts it
 EXPLAINED = 0.5  # of all spots, by the square
@@ -79,20 +79,29 @@ def blind_law(spots: Array, lattice: Lattice, camera: Camera, target: FourDot, d
     return best if most >= EXPLAINED else None
 
 
-def spots_in(values: npt.NDArray[Any], noise: SensorNoise) -> Array:
-    """Centres (x, y), px, of what is bright and not cut, the largest ``MOST``; shape (n, 2)."""
-    columns, rows = values.shape[1] // 2, values.shape[0] // 2
-    # means of 2 x 2 pixels: a quarter of the work, half the noise
-    picture = cv2.resize(np.asarray(values[: 2 * rows, : 2 * columns], dtype=np.float32), (columns, rows), interpolation=cv2.INTER_AREA)
+def spots_in(values: npt.NDArray[Any], radius: float, noise: SensorNoise) -> Array:
+    """Centres (x, y), px, of what is bright and not cut, the largest ``MOST``; shape (n, 2).
+
+    Args:
+        values: DN, [row, col].
+        radius: of a spot, px, roughly: of larger ones fewer pixels will do.
+        noise: of the sensor.
+    """
+    side = int(np.clip(radius / 2, 1, 4))
+    rows, columns = values.shape[0] // side, values.shape[1] // side
+    whole = np.asarray(values[: side * rows, : side * columns], dtype=np.float32)
+    picture = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
     dark = float(np.median(picture[:: max(1, rows // 300), :: max(1, columns // 300)]))
-    seen = picture[picture > dark + FAINT / 2 * math.sqrt(noise.dark_variance)]
+    seen = picture[picture > dark + FAINT / side * math.sqrt(noise.dark_variance)]
     if len(seen) == 0:
         return np.zeros((0, 2))
     bright = dark + (float(np.quantile(seen[:: max(1, len(seen) // 10_000)], 0.9)) - dark) / 2
     _, _, stats, middles = cv2.connectedComponentsWithStats((picture > bright).view(np.uint8))
-    areas, middles = stats[1:, cv2.CC_STAT_AREA], 2 * middles[1:] + 0.5
+    areas, middles = stats[1:, cv2.CC_STAT_AREA], side * middles[1:] + (side - 1) / 2
     largest = np.argsort(areas, kind="stable")[::-1][:MOST]
-    largest = largest[areas[largest] >= WHOLE * np.quantile(areas[largest], 0.75)] if len(largest) else largest
+    lit = np.cumsum(areas[largest])
+    if len(largest):  # half of all that is bright is as large: hot pixels are many, but small
+        largest = largest[areas[largest] >= WHOLE * areas[largest][np.searchsorted(lit, lit[-1] / 2)]]
     return np.asarray(middles[largest], dtype=np.float64)
 
 

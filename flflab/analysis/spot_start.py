@@ -47,7 +47,7 @@ def where_to_look(
     """
     across, along = target_scales(camera, distance)
     law, found = _moved(values, lattice, camera, target, law_at(1 / across, -along / across), table, noise, WIDEST_SHIFT_PX)
-    spots = spots_in(values, noise)
+    spots = spots_in(values, target.diameter / 2 / abs(across) / camera.sensor.pixel, noise)
     agreed = _agreed(found, spots, lattice, camera, target, law, _blur_px(camera, distance))
     if agreed >= THERE:
         return law, distance

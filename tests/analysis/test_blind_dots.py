@@ -56,12 +56,22 @@ def test_dots_are_found_wherever_the_target_stands(
             assert np.all(np.abs(dot.position_mm - [*where, -distance]) < 4 * dot.uncertainty_mm + 0.002)
 
 
+def test_hot_pixels_are_no_spots(brute: Any) -> None:
+    picture = taken(brute, 4.0, TARGET, FOCUS, (0.5, 0.3), 0.0)
+    hot = picture.copy()
+    hot.ravel()[np.random.default_rng(4).choice(hot.size, 500, replace=False)] = 4000
+    for radius in (8.0, 3.0):
+        seen, among = spots_in(picture, radius, NOISE), spots_in(hot, radius, NOISE)
+        assert len(among) == len(seen) >= 12
+        assert np.hypot(*(among[:, None] - seen[None]).transpose(2, 0, 1)).min(axis=1).max() < 1.0  # one at a spot's rim moves it
+
+
 @pytest.mark.parametrize("target", [White(), Chirp((0.3, 2.0), 40.0, 40.0)])
 def test_what_makes_no_square_is_no_law(brute: Any, target: Target) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     lattice = find_lattice(taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), "square", 245.0, NOISE)
     picture = taken(brute, 4.0, target, FOCUS, (0.0, 0.0), 0.0)
-    assert blind_law(spots_in(picture, NOISE), lattice, camera, TARGET, FOCUS) is None
+    assert blind_law(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None
 
 
 def test_dots_of_another_size_than_told_make_no_square(brute: Any) -> None:
@@ -69,4 +79,4 @@ def test_dots_of_another_size_than_told_make_no_square(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     lattice = find_lattice(taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), "square", 245.0, NOISE)
     picture = taken(brute, 4.0, FourDot(diameter=1.0, spacing=6.0), FOCUS, (0.5, 0.3), 0.1)
-    assert blind_law(spots_in(picture, NOISE), lattice, camera, TARGET, FOCUS) is None
+    assert blind_law(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None
