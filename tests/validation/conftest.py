@@ -131,3 +131,15 @@ def one_run(
 def one_bench() -> Callable[..., Evaluation]:
     """``one_run``: seed, and what is changed of the optics or swept."""
     return one_run
+
+
+@pytest.fixture(scope="session")
+def small_bench() -> Bench:
+    """The bench that ``one_bench`` hides errors in."""
+    return small("simulated.yaml")
+
+
+@pytest.fixture(scope="session")
+def small_study(small_bench: Bench) -> Callable[[list[dict[str, Any]]], Study]:
+    """The study of it in some configurations."""
+    return lambda configurations: study_of(small_bench, configurations)
