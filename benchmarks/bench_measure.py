@@ -153,13 +153,16 @@ def plenopticam_row(white: Frame, true: npt.NDArray[np.float64], by: int, python
         given, got = Path(folder) / "white.npy", Path(folder) / "centres.npy"
         np.save(given, small)
         script = str(Path(__file__).with_name("peer_plenopticam.py"))
-        ran = subprocess.run([python, script, str(given), str(got)], capture_output=True, text=True, timeout=PATIENCE, check=False)
-        if ran.returncode:
-            reason = (ran.stderr.strip() or "no output").splitlines()[-1]
+        try:
+            ran = subprocess.run([python, script, str(given), str(got)], capture_output=True, text=True, timeout=PATIENCE, check=False)
+            reason = (ran.stderr.strip() or "no output").splitlines()[-1] if ran.returncode else None
+        except OSError as error:
+            reason = str(error)
+        if reason is not None:
             print(f"{name:52} {'-':>7} {'-':>7}  not run under {python}: {reason}", flush=True)
             return
         centres = np.load(got) * by + (by - 1) / 2
-    said = json.loads(ran.stdout)
+        said = json.loads(ran.stdout)
     found, off = 0, np.zeros((0, 2))
     if len(centres):
         away = np.hypot(*(true[:, None] - centres).transpose(2, 0, 1))

@@ -89,8 +89,9 @@ def spots_in(values: npt.NDArray[Any], radius: float, noise: SensorNoise) -> Arr
     """
     side = int(np.clip(radius / 2, 1, 4))
     rows, columns = values.shape[0] // side, values.shape[1] // side
-    whole = np.asarray(values[: side * rows, : side * columns], dtype=np.float32)
-    picture = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+    whole = values[: side * rows, : side * columns]
+    whole = whole if whole.dtype == np.uint16 else np.asarray(whole, dtype=np.float32)
+    picture = np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
     dark = float(np.median(picture[:: max(1, rows // 300), :: max(1, columns // 300)]))
     seen = picture[picture > dark + FAINT / side * math.sqrt(noise.dark_variance)]
     if len(seen) == 0:
