@@ -62,7 +62,7 @@ def told(trials: list[Trial]) -> str:
             f"estimate over error: median {np.median(ratios):.2f}, at most 5 in {100 * np.mean(ratios <= 5):.1f} % of {len(telling)}"
         )
         lines.append(f"error over tolerance: median {shares[0]:.3f}, 95 % {shares[1]:.3f}, largest {shares[2]:.3f}")
-        faster = [np.median([trial.every / spent for trial, spent in zip(done, some, strict=True)]) for some in spent_by(done)]
+        faster = [np.median([trial.every / spent for trial, spent in zip(done, some, strict=True) if spent > 0]) for some in spent_by(done)]
         lines.append(
             f"every effect on takes, in the median, {faster[0]:.2f} times the time of auto's picture, {faster[1]:.2f} times that with its "
             f"estimate; its own error is not below the tolerance in {len(above)} {above}"

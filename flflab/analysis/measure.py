@@ -18,7 +18,7 @@ from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lat
 from flflab.analysis.micro_images import every_micro_image
 from flflab.analysis.mosaic import Mosaic, from_raw
 from flflab.analysis.noise import SensorNoise, estimate_noise
-from flflab.analysis.presence import require_dots, require_light
+from flflab.analysis.presence import require_dots, require_light, unlike_whole
 from flflab.analysis.profile import cone_of
 from flflab.analysis.registration import microlens_type_of, require_picture, require_shape, sensor_pixel
 from flflab.errors import InputError, MeasurementError
@@ -113,6 +113,7 @@ def measure(
         result["dots"] = [dot_json(dot) for dot in dots]
         scale = scale_of_dots(dots, lattice, camera, target, away)
         remarks += unlike_the_description(scale, camera, away) if scale else []
+        remarks += unlike_whole(dots, lattice, camera, target, away)
     elif isinstance(target, Edge):
         edges = measure_edges(values, lattice, camera, evened)
         result["mtf"] = edge_json(edges, camera, away)

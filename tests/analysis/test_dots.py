@@ -9,7 +9,9 @@ import pytest
 
 from flflab.analysis.dots import DotViews, count_views
 from flflab.analysis.lattice import find_lattice
+from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.presence import unlike_whole
 from flflab.analysis.profile import cone_of
 from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
@@ -170,6 +172,14 @@ def test_natural_fall_off_leaves_the_depth_where_it_is(brute: Any, distance: flo
     lattice = find_lattice(white, "square", 245.0, NOISE, cone_of(camera))
     depths = [dot.position_mm[2] for dot in count_views(dots, white, lattice, camera, TARGET, distance, NOISE)]
     assert np.abs(np.array(depths) + distance).max() < within
+
+
+def test_dots_larger_than_every_bright_field_are_remarked_on(brute: Any) -> None:
+    camera = brute.camera(4.0, RESOLUTION)
+    found = counted(brute, camera, FOCUS, np.zeros(2), camera)
+    lattice = nominal_lattice(camera, 3000.0)
+    assert unlike_whole(found, lattice, camera, TARGET, FOCUS) == []
+    assert "no bright field" in unlike_whole(found, lattice, camera, FourDot(diameter=8.0, spacing=12.0), FOCUS)[0]
 
 
 def test_how_depths_move_together_is_part_of_their_uncertainty(brute: Any) -> None:
