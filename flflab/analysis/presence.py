@@ -9,9 +9,10 @@ import numpy.typing as npt
 from flflab.analysis.dots import DotViews
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
+from flflab.analysis.registration import blur_px
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.focus import blur, magnification
+from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot, Target
 
@@ -58,7 +59,7 @@ def require_dots(
     """
     smms, pixel = central_smms(camera), camera.sensor.pixel
     radius = target.diameter / 2 * float(magnification(smms, 1 / distance)) / pixel
-    soft = float(blur(smms, 1 / distance)) / pixel / 2 + 1
+    soft = blur_px(camera, distance) / 2 + 1
     centres = np.concatenate([dot.centres_px for dot in dots])
     if len(centres) == 0:
         raise MeasurementError("four-dot picture: no view of any dot was found; check target, distance and exposure")
@@ -80,8 +81,8 @@ def require_dots(
 
 def unlike_whole(dots: Sequence[DotViews], lattice: Lattice, camera: Camera, target: FourDot, distance: float) -> list[str]:
     """A sentence where no bright field holds a dot and its blur: stated uncertainties of places are then too small."""
-    smms, pixel = central_smms(camera), camera.sensor.pixel
-    reach = (target.diameter * abs(float(magnification(smms, 1 / distance))) + float(blur(smms, 1 / distance))) / 2 / pixel
+    size = abs(float(magnification(central_smms(camera), 1 / distance))) / camera.sensor.pixel
+    reach = (target.diameter * size + blur_px(camera, distance)) / 2
     if reach <= lattice.inside_radius_px or not any(np.isfinite(dot.position_mm).all() for dot in dots):
         return []
     return [

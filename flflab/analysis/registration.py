@@ -17,7 +17,7 @@ from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import cone_of
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera, Sensor, microlens_centres, microlens_types
-from flflab.optics.focus import signed_blur
+from flflab.optics.focus import blur, signed_blur
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms, image_offset
 
@@ -91,6 +91,11 @@ def lattice_behind(camera: Camera, white: npt.NDArray[np.generic], noise: Sensor
         MeasurementError: as ``find_lattice``.
     """
     return find_lattice(white, camera.array.layout, nominal_pitch_px(camera), noise, cone_of(camera))
+
+
+def blur_px(camera: Camera, distance: float) -> float:
+    """Diameter of the blur of a target ``distance`` mm away, behind the central microlens."""
+    return float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
 
 
 def target_scales(camera: Camera, distance: float) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
 
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
@@ -21,7 +22,7 @@ from flflab.optics.camera import Camera
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+Complex = npt.NDArray[np.complexfloating[Any, Any]]
 
 FAINT = 6.0  # standard deviations of a dark pixel: what is fainter is no spot
 MOST = 80  # spots looked at, the largest
@@ -61,9 +62,9 @@ def blind_law(spots: Array, lattice: Lattice, camera: Camera, target: FourDot, d
     """
     if len(spots) < 4:
         return None
-    centres = lattice.centres_px[np.argmin(np.hypot(*(spots[:, None] - lattice.centres_px[None]).transpose(2, 0, 1)), axis=1)]
-    away = _complex(spots - centres) * camera.sensor.pixel
-    centre = _complex(sensor_position(camera.sensor, centres))
+    centres = lattice.centres_px[KDTree(lattice.centres_px).query(spots)[1]]
+    away = (spots - centres) @ [1, 1j] * camera.sensor.pixel
+    centre = sensor_position(camera.sensor, centres) @ [1, 1j]
     best, close = None, CLOSE_PX * camera.sensor.pixel
     distances = distance / np.linspace(1 / FARTHEST, 1 / NEAREST, STEPS)
     scales = np.array([target_scales(camera, one) for one in distances])
@@ -92,7 +93,7 @@ def spots_in(values: npt.NDArray[Any], radius: float, noise: SensorNoise) -> Arr
     whole = values[: side * rows, : side * columns]
     whole = whole if whole.dtype == np.uint16 else np.asarray(whole, dtype=np.float32)
     picture = np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
-    dark = float(np.median(picture[:: max(1, rows // 300), :: max(1, columns // 300)]))
+    dark = darkness_of(picture)
     seen = picture[picture > dark + FAINT / side * math.sqrt(noise.dark_variance)]
     if len(seen) == 0:
         return np.zeros((0, 2))
@@ -106,9 +107,10 @@ def spots_in(values: npt.NDArray[Any], radius: float, noise: SensorNoise) -> Arr
     return np.asarray(middles[largest], dtype=np.float64)
 
 
-def _complex(positions: Array) -> Complex:
-    """x + i y."""
-    return positions[:, 0] + 1j * positions[:, 1]
+def darkness_of(picture: npt.NDArray[Any]) -> float:
+    """DN of most of a picture of few bright places: the median of some 300 x 300 pixels."""
+    rows, columns = picture.shape
+    return float(np.median(picture[:: max(1, rows // 300), :: max(1, columns // 300)]))
 
 
 def _agreement(away: Complex, centre: Complex, sides: Array, parallaxes: Array, close: float) -> Array:

@@ -12,7 +12,7 @@ from flflab.analysis.lattice import Lattice
 from flflab.analysis.lowest import lowest
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
-from flflab.analysis.registration import require_shape, sensor_position, tilted_scales
+from flflab.analysis.registration import blur_px, require_shape, sensor_position, tilted_scales
 from flflab.analysis.spot_focus import SHARPEST_PX, Focus, nominal_focus
 from flflab.analysis.spot_law import Candidates, candidates_near, law_places, register, regress
 from flflab.analysis.spot_profile import defocused_dot
@@ -20,7 +20,7 @@ from flflab.analysis.spot_start import where_to_look
 from flflab.analysis.spots import LIT, Lit, Spots, fit_spots, illumination, illumination_table, lit
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.focus import blur, microlens_limits
+from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
@@ -68,7 +68,7 @@ def find_spots(
     """
     table = illumination_table(lattice)
     law, distance = where_to_look(values, lattice, camera, target, distance, table, noise)
-    spread = float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
+    spread = blur_px(camera, distance)
     start = law
     sizes = 1 / tilted_scales(lattice, central_smms(camera), distance)
     law, radius = register(values, lattice, camera, target, law, spread, sizes, table, noise)

@@ -11,14 +11,12 @@ from scipy.spatial import KDTree
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.analysis.profile import ProfileTable
-from flflab.analysis.registration import target_scales
-from flflab.analysis.spot_blind import CLOSE_PX, FAINT, blind_law, spots_in
+from flflab.analysis.registration import blur_px, target_scales
+from flflab.analysis.spot_blind import CLOSE_PX, FAINT, blind_law, darkness_of, spots_in
 from flflab.analysis.spot_law import HALF, SEARCH_PX, candidates_near, law_at, law_places
 from flflab.analysis.spots import illumination
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
-from flflab.optics.focus import blur
-from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
@@ -48,25 +46,20 @@ def where_to_look(
     across, along = target_scales(camera, distance)
     law, found = _moved(values, lattice, camera, target, law_at(1 / across, -along / across), table, noise, WIDEST_SHIFT_PX)
     spots = spots_in(values, target.diameter / 2 / abs(across) / camera.sensor.pixel, noise)
-    agreed = _agreed(found, spots, lattice, camera, target, law, _blur_px(camera, distance))
+    agreed = _agreed(found, spots, lattice, camera, target, law, blur_px(camera, distance))
     if agreed >= THERE:
         return law, distance
     blind = blind_law(spots, lattice, camera, target, distance)
     if blind is not None:
         there, found_there = _moved(values, lattice, camera, target, blind.law, table, noise, CLOSE_PX)
-        if _agreed(found_there, spots, lattice, camera, target, there, _blur_px(camera, blind.distance)) > max(agreed, LEAST):
+        if _agreed(found_there, spots, lattice, camera, target, there, blur_px(camera, blind.distance)) > max(agreed, LEAST):
             return there, blind.distance
     if found is not None and agreed < LEAST:
         raise MeasurementError(
-            f"four-dot picture: where the camera puts the dots agrees with {100 * agreed:.0f} % of what is seen, {100 * LEAST:.0f} % are "
-            f"needed, and no spots elsewhere make a square {target.spacing:g} mm wide; check exposure, target and distance"
+            f"four-dot picture: it agrees to {100 * agreed:.0f} % with where the camera puts the dots, {100 * LEAST:.0f} % are needed, and "
+            f"nowhere else do spots make a square {target.spacing:g} mm wide; check exposure, distance, and the target's spacing"
         )
     return law, distance
-
-
-def _blur_px(camera: Camera, distance: float) -> float:
-    """Diameter of the blur of a target ``distance`` mm away."""
-    return float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
 
 
 def _agreed(found: float | None, spots: Array, lattice: Lattice, camera: Camera, target: FourDot, law: Array, soft: float) -> float:
@@ -128,7 +121,7 @@ def _moved(
     light = np.zeros(seen.shape)
     light[seen] = _box_means(values, at[seen], int(radius / 2))
     light[seen] -= noise.offset_dn
-    dark = float(np.median(np.asarray(values[:: max(1, rows // 300), :: max(1, columns // 300)], dtype=np.float64))) - noise.offset_dn
+    dark = darkness_of(values) - noise.offset_dn
     bright = max(float(np.quantile(light[seen], 0.98)) - dark, FAINT * math.sqrt(noise.dark_variance)) if seen.any() else 1.0
     share = illumination(table, np.hypot(*np.moveaxis(moved - centres[None], 2, 0))) * seen
     due = np.where(share > HALF, share, 0.0)
