@@ -159,8 +159,11 @@ def warm_up(served: Served) -> threading.Thread:
     cameras += [line.camera for line in served.lines if isinstance(line, FolderLine)]
 
     def draw() -> None:
-        for camera in cameras:
-            camera.warm_up()
+        with contextlib.suppress(
+            RuntimeError
+        ):  # pools take no work once the interpreter ends; what else fails, fails again when a frame is asked for
+            for camera in cameras:
+                camera.warm_up()
 
     thread = threading.Thread(target=draw, name="warm-up", daemon=True)
     thread.start()

@@ -139,7 +139,8 @@ def make_line(modes: Modes, samples: float, target: Bars | Edge, seen: tuple[flo
     length = fast_length(count + 2 * beyond * samples)
     spare = (length - count) / (4 * samples)
     cut = (max(ends[0], first - spare), min(ends[1], first + count / samples + spare))
-    ruling = profile_ruling(target, cut[0] * scale, cut[1] * scale, 1.5 * scale)
+    detail = 1.5 / max(modes.band, 1.0)  # 8 points to so many pixels resolve the highest frequency
+    ruling = profile_ruling(target, cut[0] * scale, cut[1] * scale, detail * scale)
     return Line(ruling, ends, direction, float(first), samples, count, length)
 
 

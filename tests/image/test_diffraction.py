@@ -206,6 +206,18 @@ def test_short_waves_leave_the_picture_of_rays(lone: Camera, target: Target) -> 
     assert errors[1] < 0.03
 
 
+def test_a_slow_chirp_in_focus_loses_contrast_by_the_wavelength(lone: Camera) -> None:
+    """A sine far below the cutoff keeps 1 - 4 / pi of their ratio; that of the middle, 0.2 cycles/mm, is all that the microlens sees."""
+    scene = one_plane(lone, Chirp((0.1, 0.3), 120.0, 120.0), FOCUS)
+    rays = render(scene, tolerance=1e-4)
+    image = 1 / (1 / lone.main_lens.focal_length - 1 / FOCUS)
+    pixel_there = lone.sensor.pixel * (lone.array.distance - image) / lone.gap * FOCUS / image
+    for finer in (8, 16):
+        lost = diffracted(scene, GREEN / finer, tolerance=1e-3) - rays
+        due = 2 / math.pi * 0.2 * abs(pixel_there) / (finer * CUTOFF)
+        assert np.abs(lost[60:140, 60:140]).max() == pytest.approx(due, rel=0.1)
+
+
 @pytest.mark.parametrize(("width", "height"), [(36.0, 30.0), (200.0, 30.0), (200.0, 8.0)])
 def test_the_mean_light_of_bars_lacks_what_the_airy_pattern_has_beyond_their_edges(lone: Camera, width: float, height: float) -> None:
     """Rayleigh's J0^2 + J1^2 beyond the border in every direction; bars of two pixels' period leave no other trace in a mean."""
