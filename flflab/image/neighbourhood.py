@@ -17,6 +17,7 @@ from flflab.targets import Bars, Edge, FourDot, Picture, Target
 Array = npt.NDArray[np.float64]
 
 PLAIN, DOTS, RULED, EDGE, PICTURE = range(5)
+SWING = math.sqrt(6.0)  # width of the box that spreads light as a swing of amplitude 1 does
 
 
 def described(target: Target) -> tuple[int, Array, Array, Array, Array]:
@@ -41,25 +42,48 @@ def described(target: Target) -> tuple[int, Array, Array, Array, Array]:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def two_boxes(a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Two boxes that smooth about as four (signed) do: the widest, and one as wide as the others' root of summed squares."""
-    widest = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
-    return widest, math.sqrt(max(0.0, a * a + b * b + c * c + d * d - widest * widest))
+def two_boxes(a: float, b: float, c: float, d: float, e: float, f: float) -> tuple[float, float]:
+    """Two boxes that smooth about as six (signed) do: the widest, and one as wide as the others' root of summed squares."""
+    widest = max(max(max(abs(a), abs(b)), max(abs(c), abs(d))), max(abs(e), abs(f)))
+    return widest, math.sqrt(max(0.0, a * a + b * b + c * c + d * d + e * e + f * f - widest * widest))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def boxes_round(by: Array, parts: int, width: float, height: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The boxes along x and y of a surface that a part of a pixel and a cell of the pupil cover, from one row of its maps."""
-    box_x = two_boxes(by[4] / parts, by[5] / parts, by[0] * width, by[1] * height)
-    return box_x, two_boxes(by[6] / parts, by[7] / parts, by[2] * width, by[3] * height)
+def way_round(surface: Array, motion: Array, drifts: int, swings: int, boxes: Array) -> None:
+    """Boxes as wide as a surface moves along its x and y around each of so many moments of drift and of vibration, from the fifth on."""
+    for axis in range(2):
+        cos, sin = surface[6 + 2 * axis], surface[7 + 2 * axis]
+        boxes[4 + 2 * axis] = (cos * motion[0, 0] + sin * motion[0, 1]) / drifts
+        boxes[5 + 2 * axis] = SWING * (cos * motion[1, 0] + sin * motion[1, 1]) / swings
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def card_share(x: float, y: float, surface: Array, box_x: tuple[float, float], box_y: tuple[float, float]) -> float:
+def boxes_round(by: Array, parts: int, width: float, height: float, boxes: Array) -> None:
+    """The two boxes along x and the two along y of a surface that a part of a pixel and a cell of the pupil cover, from its maps.
+
+    What the surface moves meanwhile is in ``boxes`` from the fifth on.
+    """
+    boxes[0], boxes[1] = two_boxes(by[4] / parts, by[5] / parts, by[0] * width, by[1] * height, boxes[4], boxes[5])
+    boxes[2], boxes[3] = two_boxes(by[6] / parts, by[7] / parts, by[2] * width, by[3] * height, boxes[6], boxes[7])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def card_share(x: float, y: float, surface: Array, boxes: Array) -> float:
     """Share of a neighbourhood at (x, y) that lies on a card."""
     half_x, half_y = surface[10], surface[11]
-    across = step_mean(x + half_x, box_x[0], box_x[1]) - step_mean(x - half_x, box_x[0], box_x[1])
-    return across * (step_mean(y + half_y, box_y[0], box_y[1]) - step_mean(y - half_y, box_y[0], box_y[1]))
+    across = step_mean(x + half_x, boxes[0], boxes[1]) - step_mean(x - half_x, boxes[0], boxes[1])
+    return across * (step_mean(y + half_y, boxes[2], boxes[3]) - step_mean(y - half_y, boxes[2], boxes[3]))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def leads_alike(by: Array, target: Array, parts: int, width: float, height: float) -> bool:
+    """Whether of the boxes of pixel and pupil cell the same is the wider one on a surface and on the target, along both axes."""
+    for k in range(0, 4, 2):
+        here = math.hypot(by[4 + k], by[5 + k]) >= math.hypot(by[k] * width, by[k + 1] * height) * parts
+        there = math.hypot(target[4 + k], target[5 + k]) >= math.hypot(target[k] * width, target[k + 1] * height) * parts
+        if here != there:
+            return False
+    return True
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -83,15 +107,15 @@ def _common_boxes(by: Array, target: Array, axis: int, part: float, width: float
 def radiance_round(
     x: float,
     y: float,
-    box_x: tuple[float, float],
-    box_y: tuple[float, float],
+    boxes: Array,
     kind: int,
     numbers: Array,
     table: Array,
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean radiance of a target in a neighbourhood at (x, y)."""
+    """Mean radiance of a target in a neighbourhood at (x, y) of two boxes along x and two along y."""
+    box_x, box_y = (boxes[0], boxes[1]), (boxes[2], boxes[3])
     if kind == PLAIN:
         return 1.0
     if kind == RULED:
@@ -99,7 +123,7 @@ def radiance_round(
         return seen * profile_mean(x, box_x[0], box_x[1], table, law) if seen > 0.0 else 0.0
     if kind == EDGE:
         cos, sin = numbers[0], numbers[1]
-        along = two_boxes(abs(cos) * box_x[0], abs(cos) * box_x[1], abs(sin) * box_y[0], abs(sin) * box_y[1])
+        along = two_boxes(cos * box_x[0], cos * box_x[1], sin * box_y[0], sin * box_y[1], 0.0, 0.0)
         return step_mean(x * cos + y * sin, along[0], along[1])
     size = numbers[0]
     width = max(math.sqrt(box_x[0] * box_x[0] + box_x[1] * box_x[1]), 1e-3 * size)
@@ -125,6 +149,7 @@ def seen_jointly(
     surfaces: Array,
     maps: Array,
     places: Array,
+    boxes: Array,
     crossed: int,
     parts: int,
     width: float,
@@ -144,6 +169,7 @@ def seen_jointly(
     wide, slip_x = _common_boxes(maps[0], maps[0], 0, part, width, height)
     high, slip_y = _common_boxes(maps[0], maps[0], 1, part, width, height)
     total = 0.0
+    boxes[1] = boxes[3] = 0.0
     for choice in range(4 << crossed):
         left, right, bottom, top, sign = -0.5, 0.5, -0.5, 0.5, 0.25
         shift_x, shift_y = 0.25 - 0.5 * (choice & 1), 0.25 - 0.25 * (choice & 2)
@@ -164,6 +190,6 @@ def seen_jointly(
             continue
         at_x = x + shift_x * slip_x + wide * 0.5 * (left + right)
         at_y = y + shift_y * slip_y + high * 0.5 * (bottom + top)
-        seen_x, seen_y = (abs(wide) * (right - left), 0.0), (abs(high) * (top - bottom), 0.0)
-        total += sign * (right - left) * (top - bottom) * radiance_round(at_x, at_y, seen_x, seen_y, kind, numbers, table, law, sums)
+        boxes[0], boxes[2] = abs(wide) * (right - left), abs(high) * (top - bottom)
+        total += sign * (right - left) * (top - bottom) * radiance_round(at_x, at_y, boxes, kind, numbers, table, law, sums)
     return max(0.0, total)

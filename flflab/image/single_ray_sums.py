@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.neighbourhood import boxes_round, card_share, radiance_round, seen_jointly
+from flflab.image.neighbourhood import boxes_round, card_share, leads_alike, radiance_round, seen_jointly, way_round
 from flflab.image.rim import lit_middle, steep_share
 from flflab.optics.discs import lens_chord, lens_rows, two_disc_area
 
@@ -17,6 +17,8 @@ Chosen = npt.NDArray[np.bool_]
 STEEP = 6.0  # a rim narrower than this many parts of a pixel is averaged over them
 COARSER = 4  # how much coarser than asked for a pixel is first summed
 FEWEST_ROWS = 4
+FEWEST_CELLS = 2
+AXES = 5  # orders: parts of the pixel, rows of the pupil, cells of a row, moments of drift, of vibration
 MOST_CROSSED = 3  # cards whose edges are told apart within one neighbourhood
 
 
@@ -61,8 +63,10 @@ def _mean(
     maps: Array,
     aligned: Chosen,
     places: Array,
+    boxes: Array,
     parts: int,
     rows: int,
+    cells: int,
     coefficient: float,
     falloff: bool,
     kind: int,
@@ -71,7 +75,7 @@ def _mean(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean light over the part of the pupil that lights a sensor point."""
+    """Mean light over the part of the pupil that lights a sensor point; ``places`` and ``boxes`` are scratch."""
     slope, reach = lens[2], lens[3]
     x, y, other = 0.0, 0.0, 2.0
     if slope != 0.0 and ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2:
@@ -89,8 +93,10 @@ def _mean(
         left, right = lens_chord(x, y, other, ty)
         if right <= left:
             continue
-        width = (right - left) / rows
-        for step in range(rows):
+        width = (right - left) / cells
+        for index in range(surfaces.shape[0]):
+            boxes_round(maps[index], parts, width, height, boxes[index])
+        for step in range(cells):
             tx = left + width * (step + 0.5)
             mx, my = lens[4] * tx + lens[5] * ex, lens[4] * ty + lens[5] * ey
             ax, ay = lens[6] * tx + lens[7] * ex + lens[8], lens[6] * ty + lens[7] * ey + lens[9]
@@ -99,14 +105,12 @@ def _mean(
             for index in range(surfaces.shape[0] - 1, 0, -1):
                 surface = surfaces[index]
                 px, py = _end(mx, my, ax, ay, surfaces[0, 1], surface, coefficient)
-                by = maps[index]
-                box_x, box_y = boxes_round(by, parts, width, height)
-                share = card_share(px, py, surface, box_x, box_y)
+                share = card_share(px, py, surface, boxes[index])
                 if share == (0.0 if surface[12] > 0.0 else 1.0):
                     seen = 0.0
                     break
                 if 0.0 < share < 1.0:
-                    if crossed < MOST_CROSSED and aligned[index]:
+                    if crossed < MOST_CROSSED and aligned[index] and leads_alike(maps[index], maps[0], parts, width, height):
                         places[crossed, 0], places[crossed, 1], places[crossed, 2] = px, py, index
                         crossed += 1
                     else:
@@ -116,11 +120,11 @@ def _mean(
                 continue
             px, py = _end(mx, my, ax, ay, surfaces[0, 1], surfaces[0], coefficient)
             if crossed == 0:
-                by = maps[0]
-                box_x, box_y = boxes_round(by, parts, width, height)
-                seen *= radiance_round(px, py, box_x, box_y, kind, numbers, table, law, sums)
+                seen *= radiance_round(px, py, boxes[0], kind, numbers, table, law, sums)
             else:
-                seen *= seen_jointly(px, py, surfaces, maps, places, crossed, parts, width, height, kind, numbers, table, law, sums)
+                seen *= seen_jointly(
+                    px, py, surfaces, maps, places, boxes[surfaces.shape[0]], crossed, parts, width, height, kind, numbers, table, law, sums
+                )
             area += width * height
             if falloff and seen > 0.0:
                 sx = lens[11] + lens[13] * ex + lens[14] * tx
@@ -139,11 +143,9 @@ def _pixel_light(
     maps: Array,
     aligned: Chosen,
     places: Array,
+    boxes: Array,
     moved: Array,
-    parts: int,
-    rows: int,
-    drifts: int,
-    swings: int,
+    orders: Whole,
     motion: Array,
     coefficient: float,
     falloff: bool,
@@ -155,10 +157,13 @@ def _pixel_light(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean light of a pixel at (dx, dy) from a micro-image's centre over so many parts a side, rows of the pupil, and moments."""
+    """Mean light of a pixel at (dx, dy) from a micro-image's centre, summed with these orders along the ``AXES``."""
+    parts, rows, cells, drifts, swings = orders[0], orders[1], orders[2], orders[3], orders[4]
     part = pixel_width / parts
     slope, reach = abs(lens[2]), lens[3]
     light = 0.0
+    for index in range(surfaces.shape[0]):
+        way_round(surfaces[index], motion, drifts, swings, boxes[index])
     for moment in range(drifts * swings):
         at = (moment % drifts + 0.5) / drifts - 0.5
         sway = math.cos(math.pi * (moment // drifts + 0.5) / swings) if swings > 1 else 0.0
@@ -171,7 +176,9 @@ def _pixel_light(
                 x = dx + ((i + 0.5) / parts - 0.5) * pixel_width
                 away = math.sqrt(x * x + y * y)
                 look = 1.0
-                if part > 0.0 and 2.0 * slope < STEEP * part:
+                if away + part + slope < reach:
+                    share = 1.0
+                elif part > 0.0 and 2.0 * slope < STEEP * part:
                     share = steep_share(x, y, part, lens[2], reach, nodes)
                     look = lit_middle(away, part, reach)
                 else:
@@ -185,8 +192,10 @@ def _pixel_light(
                         maps,
                         aligned,
                         places,
+                        boxes,
                         parts,
                         rows,
+                        cells,
                         coefficient,
                         falloff,
                         kind,
@@ -196,6 +205,15 @@ def _pixel_light(
                         sums,
                     )
     return light / (parts * parts * drifts * swings)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _first_orders(most: Whole, whole: bool, along: bool, orders: Whole) -> None:
+    """With what a pixel is first summed: a whole one in the bright field undivided, rows along all surfaces' axes in few cells."""
+    orders[0] = 1 if whole else (most[0] + COARSER - 1) // COARSER
+    orders[1] = max((most[1] + COARSER - 1) // COARSER, min(most[1], FEWEST_ROWS))
+    orders[3] = orders[4] = 1
+    orders[2] = min(most[2], FEWEST_CELLS) if along else orders[1]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -226,35 +244,36 @@ def add_rays(
 ) -> None:
     """Add the light of all windows to the rows of a band; see ``add_single_rays``.
 
-    ``orders`` are the most parts, rows, and moments of drift and vibration of each window; a pixel's are doubled, each for itself,
-    until that changes it by less than ``enough``.
+    ``orders`` are the most along each of the ``AXES`` for each window; a pixel's are doubled, each for itself, until that changes it
+    by less than ``enough``.
     """
-    places, moved = np.empty((MOST_CROSSED, 3)), surfaces.copy()
-    now, before, finer = np.empty(4, dtype=np.int64), np.empty(4, dtype=np.int64), np.zeros(4, dtype=np.bool_)
-    first, light = 0.0, 0.0
+    places, boxes, moved = np.empty((MOST_CROSSED, 3)), np.zeros((surfaces.shape[0] + 1, 8)), surfaces.copy()
+    now, seen, gains = np.empty(AXES, dtype=np.int64), np.empty(AXES), np.empty(AXES)
+    rough = np.zeros(AXES, dtype=np.bool_)
     for entry in range(windows.shape[0]):
-        lens, most = lenses[entry], orders[entry]
+        lens, most, along = lenses[entry], orders[entry], aligned[entry].all()
         for row in range(max(band[0], windows[entry, 2]), min(band[1], windows[entry, 3])):
             for column in range(windows[entry, 0], windows[entry, 1]):
                 if wanted.shape[0] > 0 and not wanted[row, column]:
                     continue
                 dx, dy = xs[column] - lens[0], ys[row] - lens[1]
-                if math.hypot(dx, dy) > lens[3] + abs(lens[2]) + pixel:
+                away = math.hypot(dx, dy)
+                if away > lens[3] + abs(lens[2]) + pixel:
                     continue
-                for axis in range(4):
-                    now[axis] = (most[axis] + COARSER - 1) // COARSER
-                now[1] = max(now[1], min(most[1], FEWEST_ROWS))
-                settled = False
+                _first_orders(most, away + 0.75 * pixel < lens[3] - abs(lens[2]), along, now)
+                first, settled, refined = 0.0, False, AXES
                 while not settled:
-                    light, settled = 0.0, True
-                    before[:] = now
-                    for axis in range(-1, 4):  # as they are, then with twice the orders along each axis
+                    known = refined == 1  # the one step taken was looked at before
+                    for axis in range(-1, AXES):  # with the orders as they are, then with twice the orders along each axis
+                        before = now[max(axis, 0)]
                         if axis >= 0:
-                            now[:] = before
-                            now[axis] = min(2 * now[axis], most[axis])
-                            if now[axis] == before[axis]:
+                            now[axis] = min(2 * before, most[axis])
+                            if now[axis] == before:
+                                gains[axis] = 0.0
                                 continue
-                        seen = lens[10] * _pixel_light(
+                        elif known:
+                            continue
+                        light = lens[10] * _pixel_light(
                             dx,
                             dy,
                             lens,
@@ -262,11 +281,9 @@ def add_rays(
                             maps[entry],
                             aligned[entry],
                             places,
+                            boxes,
                             moved,
-                            now[0],
-                            now[1],
-                            now[2],
-                            now[3],
+                            now,
                             motion,
                             coefficient,
                             falloff,
@@ -279,12 +296,15 @@ def add_rays(
                             sums,
                         )
                         if axis < 0:
-                            first = seen
-                        else:
-                            light += seen - first
-                            finer[axis] = abs(seen - first) > enough
-                            settled = settled and not finer[axis]
-                    for axis in range(4):
-                        now[axis] = min(2 * before[axis], most[axis]) if finer[axis] else before[axis]
-                        finer[axis] = False
-                image[row, column] += first + light
+                            first = light
+                            continue
+                        now[axis] = before
+                        seen[axis], gains[axis] = light, light - first
+                        rough[axis] = abs(gains[axis]) > enough
+                    refined = 0
+                    for axis in range(AXES):
+                        if rough[axis]:
+                            now[axis], rough[axis], refined = min(2 * now[axis], most[axis]), False, refined + 1
+                            gains[axis], first = 0.0, seen[axis]
+                    settled = refined == 0
+                image[row, column] += first + gains.sum()
