@@ -29,7 +29,7 @@ from flflab.image.diffraction_table import BLURRED, Kind, Known, find_kinds, rim
 from flflab.image.form import add_plane
 from flflab.image.moments import at_moments
 from flflab.image.orders import in_bands, is_even
-from flflab.image.rim import STEEP, disc_nodes
+from flflab.image.rim import disc_nodes
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions
 from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
@@ -38,7 +38,7 @@ Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
-MOST_PARTS = 8
+MOST_PARTS = 32
 MOMENTS = 33  # nodes over a rim for the fall-off
 MOST_SAMPLES = 16.0  # a pixel, of a field over the target
 SHARE = 0.7  # of the tolerance; the errors of nodes, parts and terms are each kept below it
@@ -63,7 +63,8 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
     windows = lit_windows(setup)
     seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
     known: Known = {}
-    for kind in find_kinds(finer, wavelength, seen) if len(seen) else []:
+    alike = replace(setup, tolerance=SHARE * setup.tolerance / setup.overlap)  # microlenses side by side err to the same side
+    for kind in find_kinds(alike, wavelength, seen) if len(seen) else []:
         if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
             _add_rays(image, setup, kind, target, wanted)
         elif isinstance(target, Bars | Edge):
@@ -271,13 +272,14 @@ def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:
     """Into how many parts a side a pixel on the rim is divided, and whether the rim is too steep for curves of its own.
 
     Across a pixel share and radiance vary together: on a rim w pixels wide n parts leave up to 0.2 / (w n^2) of a sharp edge, found on
-    bars, and less of one whose light rises over several pixels; the share's own bend leaves up to 0.45 / (w n)^2.
+    bars, and less of one whose light rises over several pixels; the share's own bend leaves up to 0.45 / (w n)^2, 0.45 / (w n^2) where
+    w is below 1. A rim too steep for curves leaves up to 0.1 w whatever n is.
     """
     width = max(2 * kind.slope, 1e-9)
     sharp = min(1.0, 2 * kind.cutoff, 1 / math.sqrt(max(abs(kind.blur), 1e-9)))
-    parts = math.ceil(math.sqrt((0.22 * sharp / width + 0.45 / width**2) / tolerance))
-    parts = min(max(parts, math.ceil(STEEP / width), 1), MOST_PARTS)
-    return parts, width * parts < STEEP
+    parts = math.ceil(math.sqrt((0.22 * sharp + 0.45 / max(width, 1.0)) / (width * tolerance)))
+    parts = min(max(parts, 1), MOST_PARTS)
+    return parts, width * parts < 1
 
 
 def node_counts(kind: Kind, tolerance: float) -> tuple[int, int]:

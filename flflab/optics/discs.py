@@ -91,7 +91,7 @@ def two_disc_areas(radius1: npt.ArrayLike, radius2: npt.ArrayLike, distance: npt
         if not np.all(part >= 0) or not np.all(np.isfinite(part)):
             raise InputError(f"two_disc_areas: {name} holds a negative or not finite number; numbers from 0 up are allowed")
     areas = np.empty(given[0].size)
-    _two_disc_areas(given[0].ravel(), given[1].ravel(), given[2].ravel(), areas)
+    _two_disc_areas(given[0].flatten(), given[1].flatten(), given[2].flatten(), areas)
     return areas.reshape(given[0].shape)
 
 
