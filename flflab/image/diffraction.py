@@ -28,7 +28,7 @@ from flflab.image.diffraction_ruled import make_curves, make_line
 from flflab.image.diffraction_table import BLURRED, Kind, Known, find_kinds, rim_radii, samples_needed, shared_modes
 from flflab.image.form import add_plane
 from flflab.image.moments import at_moments
-from flflab.image.orders import in_bands, is_even
+from flflab.image.orders import STEEP_PARTS, in_bands, is_even
 from flflab.image.rim import disc_nodes
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions
@@ -279,7 +279,7 @@ def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:
     sharp = min(1.0, 2 * kind.cutoff, 1 / math.sqrt(max(abs(kind.blur), 1e-9)))
     parts = math.ceil(math.sqrt((0.22 * sharp + 0.45 / max(width, 1.0)) / (width * tolerance)))
     parts = min(max(parts, 1), MOST_PARTS)
-    return parts, width * parts < 1
+    return (STEEP_PARTS, True) if width * parts < 1 else (parts, False)
 
 
 def node_counts(kind: Kind, tolerance: float) -> tuple[int, int]:
