@@ -143,6 +143,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, target: Bar
             np.ascontiguousarray(at_border.radial.T),
             slant_rows(setup, kind),
             pupil_moments(kind, np.zeros(1) if steep else rim_radii(kind, MOMENTS)),
+            kind.blur,
             disc_nodes(8, 8),
             chosen,
         )
@@ -237,6 +238,7 @@ def _add_fields(
                 grid.samples,
                 slants[lit],
                 moments,
+                kind.blur,
                 pupil_nodes,
                 chosen,
             )

@@ -1,7 +1,7 @@
 """Natural fall-off behind a clipped pupil: the mean of cos^4 of the slopes of its rays at the sensor, from the pupil's moments.
 
-Diffracted light is weighted by this mean alone: a weight that varies over the pupil also changes its transfer function, by up to half
-the weight's relative variation over the pupil times what blur and diffraction take from the contrast.
+Diffracted light is weighted by this mean, and looks towards the middle of the weighted pupil: with a blur, light that is weaker on one
+side of the pupil comes from farther to the other. What the weight changes of the pattern's shape is left out.
 """
 
 import math
@@ -42,10 +42,11 @@ def pupil_moments(kind: Kind, distances: Array) -> Array:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def mean_falloff(x: float, y: float, rim: Array, slant: Array, moments: Array) -> float:
+def mean_falloff(x: float, y: float, rim: Array, slant: Array, moments: Array) -> tuple[float, float, float]:
     """Mean of cos^4 = (1 + slope^2)^-2 over the pupil of a sensor point (x, y), pixels from the micro-image's centre.
 
-    With q the squared slope: (1 + mean q)^-2 + 3 (1 + mean q)^-4 variance of q, exact to the third power of q's spread.
+    With q the squared slope: (1 + mean q)^-2 + 3 (1 + mean q)^-4 variance of q, exact to the third power of q's spread. The middle of
+    the pupil so weighted lies aside by the variance of t times the gradient of the weight's logarithm, -4 spread slope / (1 + mean q).
 
     Args:
         x: sensor point.
@@ -53,6 +54,9 @@ def mean_falloff(x: float, y: float, rim: Array, slant: Array, moments: Array) -
         rim: inner edge, slope, reach and outer edge of a micro-image, pixels.
         slant: one of ``slant_rows``.
         moments: see ``pupil_moments``, at nodes as a cosine from inner to outer edge.
+
+    Returns:
+        The mean; how far aside along x and y the pupil's middle lies, of its radius.
     """
     distance = math.sqrt(x * x + y * y)
     first, second, across = moments[0, 0], moments[0, 1], moments[0, 2]
@@ -64,9 +68,11 @@ def mean_falloff(x: float, y: float, rim: Array, slant: Array, moments: Array) -
         second = (1.0 - part) * moments[base, 1] + part * moments[base + 1, 1]
         across = (1.0 - part) * moments[base, 2] + part * moments[base + 1, 2]
     slope_x, slope_y = slant[0] + slant[2] * x, slant[1] + slant[2] * y
-    away = max(distance, 1e-12)
-    along, aside = (slope_x * x + slope_y * y) / away, (slope_y * x - slope_x * y) / away
+    cos, sin = (x / distance, y / distance) if distance > 1e-9 else (1.0, 0.0)
+    along, aside = slope_x * cos + slope_y * sin, slope_y * cos - slope_x * sin
     spread = slant[3]
     mean = slope_x * slope_x + slope_y * slope_y + 2.0 * spread * along * first + spread * spread * (second + across)
     variance = 4.0 * spread * spread * (along * along * (second - first * first) + aside * aside * across) + spread**4 / 12.0
-    return (1.0 + mean) ** -2 + 3.0 * (1.0 + mean) ** -4 * variance
+    weaker = -4.0 * spread / (1.0 + mean)
+    ahead, beside = weaker * (along + spread * first) * (second - first * first), weaker * aside * across
+    return (1.0 + mean) ** -2 + 3.0 * (1.0 + mean) ** -4 * variance, ahead * cos - beside * sin, ahead * sin + beside * cos

@@ -230,6 +230,7 @@ def add_fields(
     samples: float,
     slants: Array,
     moments: Array,
+    blur: float,
     nodes: Array,
     chosen: Chosen,
 ) -> None:
@@ -258,6 +259,7 @@ def add_fields(
         samples: the same.
         slants: see ``slant_rows``.
         moments: see ``pupil_moments``.
+        blur: see ``Kind``.
         nodes: pupil points for steep rims.
         chosen: which pixels to compute.
     """
@@ -281,11 +283,12 @@ def add_fields(
                     for i in range(pieces):
                         x = dx + ((i + 0.5) / pieces - 0.5) * box
                         radial, share, look = place_on_rim(x, y, side, rim, steep and not whole, count, nodes)
-                        across = (origins[entry, 0] + look * (looks[entry, 0, 0] * x + looks[entry, 0, 1] * y) - first[0]) * samples
-                        along = (origins[entry, 1] + look * (looks[entry, 1, 0] * x + looks[entry, 1, 1] * y) - first[1]) * samples
+                        falling, aside_x, aside_y = mean_falloff(x, y, rim, slants[entry], moments)
+                        seen_x, seen_y = look * x + blur * aside_x, look * y + blur * aside_y
+                        across = (origins[entry, 0] + looks[entry, 0, 0] * seen_x + looks[entry, 0, 1] * seen_y - first[0]) * samples
+                        along = (origins[entry, 1] + looks[entry, 1, 0] * seen_x + looks[entry, 1, 1] * seen_y - first[1]) * samples
                         if share <= 0.0 or not (1.0 <= across < part.shape[1] - 2.0 and 1.0 <= along < part.shape[0] - 2.0):
                             continue
-                        falling = mean_falloff(x, y, rim, slants[entry], moments)
                         if radial >= 0.0:
                             if orders.size > 0:
                                 light += falling * read_pairs(radial, math.atan2(y, x), orders, coefficients, waves, across, along, weights)

@@ -43,6 +43,7 @@ def add_ruled_diffracted(
     radial_terms: Array,
     slants: Array,
     moments: Array,
+    blur: float,
     nodes: Array,
     chosen: Chosen,
 ) -> None:
@@ -73,6 +74,7 @@ def add_ruled_diffracted(
         radial_terms: ``coefficients`` of the borders' waves.
         slants: see ``slant_rows``.
         moments: see ``pupil_moments``.
+        blur: see ``Kind``.
         nodes: pupil points for steep rims.
         chosen: which pixels to compute.
     """
@@ -106,12 +108,14 @@ def add_ruled_diffracted(
                             continue
                         toward = directions[entry, 0, 0] * x + directions[entry, 0, 1] * y
                         ahead = min(max(toward / (distance * stretch), -1.0), 1.0) if radial >= 0.0 else 1.0
-                        at = origins[entry, 0] + look * toward
+                        falling, aside_x, aside_y = mean_falloff(x, y, rim, slants[entry], moments)
+                        seen_x, seen_y = look * x + blur * aside_x, look * y + blur * aside_y
+                        at = origins[entry, 0] + directions[entry, 0, 0] * seen_x + directions[entry, 0, 1] * seen_y
                         line = core if whole else part
                         seen = seen_through(radial, ahead, at, line, curve_waves, place, orders, own_radial, weights)
                         if half < math.inf:
                             cos, sin = (x / distance, y / distance) if radial >= 0.0 else (1.0, 0.0)
-                            up = origins[entry, 1] + look * (directions[entry, 1, 0] * x + directions[entry, 1, 1] * y)
+                            up = origins[entry, 1] + directions[entry, 1, 0] * seen_x + directions[entry, 1, 1] * seen_y
                             for upwards in range(2):
                                 sheet, part_sheet, waves, terms, turns, last, border = upper if upwards else lower
                                 inside, side_on = (half - up, mirror * sin) if upwards else (half + up, sin)
@@ -119,5 +123,5 @@ def add_ruled_diffracted(
                                 seen -= from_beyond(
                                     radial, cos, side_on, at, inside, sheet, waves, terms, turns, last, border, radial_terms, scratch
                                 )
-                        light += share * max(seen, 0.0) * mean_falloff(x, y, rim, slants[entry], moments)
+                        light += share * max(seen, 0.0) * falling
                 image[row, column] += levels[entry] * light / (pieces * pieces)

@@ -271,6 +271,16 @@ def test_fall_off_counts_by_the_mean_over_the_clipped_pupil(lone: Camera) -> Non
     assert np.abs(diffracted(with_falloff)[lit] / diffracted(plain)[lit] - by_rays).max() < 0.003
 
 
+@pytest.mark.parametrize("target", [Bars((0.15, 0.15), 70.0, 70.0), Picture(np.random.default_rng(3).random((12, 16)), 70.0)])
+def test_fall_off_over_a_blurred_pupil_turns_the_look_to_its_brighter_side(target: Target) -> None:
+    """In short waves bars are those of rays; what the weight does to the shape of the pattern is left."""
+    array = MicrolensArray("square", (1, 1), (0.2, 0.2), 0.16, (1.0,), 60.0, offset=(15.0, 8.0))
+    aside = Camera(MainLens(50.0, 1.8), array, Sensor((60, 60), 0.004, 61.03, offset=(15.2, 8.1)))
+    scene = Scene(aside, (Plane(target, 1000.0, offset=(-250.0, -133.0)),), falloff=Falloff())
+    waves, rays = diffracted(scene, GREEN / 128), render(scene, tolerance=1e-4)
+    assert np.abs(waves - rays).max() < 0.004
+
+
 def test_a_card_lets_diffraction_fade_with_the_rays_that_it_stops(lone: Camera) -> None:
     """As the card moves on, what diffraction changes in the picture does so little by little, also where its edge reaches new pixels."""
     camera = replace(lone, sensor=Sensor((16, 12), 0.00664, 61.15))
