@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.rim import STEEP, TABLE_STEPS, rim_tables
+from flflab.image.rim import TABLE_STEPS, rim_tables
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions
 
@@ -76,7 +76,7 @@ def pixel_parts(setup: Setup, sharp: Flags) -> tuple[Whole, Flags]:
     parts = np.clip(np.ceil(parts), 1, MOST_PARTS)
     if setup.pixel_width == 0:
         return np.ones(len(width), dtype=np.int64), setup.rims.slope == 0
-    steep = width * parts < STEEP
+    steep = width * parts < 1
     return np.where(steep, STEEP_PARTS, parts).astype(np.int64), steep
 
 
