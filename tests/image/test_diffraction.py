@@ -210,7 +210,7 @@ def test_short_waves_leave_the_picture_of_rays(lone: Camera, target: Target) -> 
 def test_bars_in_short_waves_are_those_of_rays_on_rims_narrower_than_a_pixel(gap: float) -> None:
     """Light there comes from one side of the pupil, which a blur of five pixels shows elsewhere."""
     array = MicrolensArray("square", (1, 1), (0.2, 0.2), 0.16, (1.0,), 60.0)
-    narrow = Camera(MainLens(50.0, 1.8), array, Sensor((60, 60), 0.004, 60.0 + gap))
+    narrow = Camera(MainLens(50.0, 1.8), array, Sensor((130, 130), 0.004, 60.0 + gap))
     scene = one_plane(narrow, Bars((0.15, 0.15), 70.0, 70.0), 1000.0)
     assert np.abs(diffracted(scene, GREEN / 128) - render(scene, tolerance=1e-4)).max() < 0.001
 
