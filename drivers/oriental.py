@@ -18,6 +18,7 @@ as ``home_input``. On close the motor stays excited and holds.
 """
 
 import contextlib
+import logging
 import math
 import select
 import threading
@@ -79,6 +80,8 @@ ALARMS = {
     0xF0: "processor error; switch the drive off and on",
 }
 EXCEPTIONS = {1: "function not known", 2: "no such register", 3: "impossible value", 4: "it cannot do this now"}
+
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what no handler takes Python prints, beside our own sentence
 
 Client: TypeAlias = ModbusSerialClient | ModbusTcpClient
 Share = Callable[[str, Callable[[], "ModbusLine"]], "ModbusLine"]
@@ -189,7 +192,9 @@ class ModbusLine:
     def _connect(self) -> Client:
         client = self._make_client()
         if not client.connect():
-            raise CommunicationError(f"{self._address}: cannot be opened; check the address, the parity, and who else holds it")
+            if isinstance(client, ModbusTcpClient):
+                raise CommunicationError(f"{self._address}: cannot be reached; check power, network and address")
+            raise CommunicationError(f"{self._address}: cannot be opened; check the address, and who else holds it")
         if self._failed:
             time.sleep(self._quiet)
             self._failed = False

@@ -159,9 +159,8 @@ def warm_up(served: Served) -> threading.Thread:
     cameras += [line.camera for line in served.lines if isinstance(line, FolderLine)]
 
     def draw() -> None:
-        with contextlib.suppress(
-            RuntimeError
-        ):  # pools take no work once the interpreter ends; what else fails, fails again when a frame is asked for
+        # Pools take no work once the interpreter ends; what else fails, fails again when a frame is asked for.
+        with contextlib.suppress(RuntimeError):
             for camera in cameras:
                 camera.warm_up()
 

@@ -28,7 +28,7 @@ from flflab.image.diffraction_ruled import make_curves, make_line
 from flflab.image.diffraction_table import BLURRED, Kind, Known, find_kinds, rim_radii, samples_needed, shared_modes
 from flflab.image.form import add_plane
 from flflab.image.moments import at_moments
-from flflab.image.orders import STEEP_PARTS, in_bands, is_even
+from flflab.image.orders import MOST_PARTS, STEEP_PARTS, in_bands, is_even
 from flflab.image.rim import disc_nodes
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions
@@ -38,7 +38,6 @@ Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
-MOST_PARTS = 32
 NARROW, WIDE = 0.75, 50.0  # pixels, of a rim and of a blur
 MOMENTS = 33  # nodes over a rim for the fall-off
 MOST_SAMPLES = 16.0  # a pixel, of a field over the target

@@ -250,7 +250,7 @@ def test_an_absent_slave_is_named_with_what_to_look_at(dialogue: Callable[..., s
 
 
 def test_nobody_listening_is_said(line: Open) -> None:
-    with pytest.raises(CommunicationError, match=r"127\.0\.0\.1:9: cannot be opened"):
+    with pytest.raises(CommunicationError, match=r"127\.0\.0\.1:9: cannot be reached; check power, network and address"):
         line("127.0.0.1:9")
 
 

@@ -27,6 +27,13 @@ def with_f_number(camera: Camera) -> Callable[[float], Camera]:
 
 
 @pytest.fixture(scope="session")
+def with_gap() -> Callable[[float], Camera]:
+    """One microlens so far before the sensor; about 1.017 mm its micro-image has no rim."""
+    array = MicrolensArray("square", (1, 1), (0.2, 0.2), 0.16, (1.0,), 60.0)
+    return lambda gap: Camera(MainLens(50.0, 1.8), array, Sensor((130, 130), 0.004, 60.0 + gap))
+
+
+@pytest.fixture(scope="session")
 def largest_difference() -> Difference:
     """Largest difference between the picture and traced rays over some lit pixels, half of them where the picture is steepest.
 

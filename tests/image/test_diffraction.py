@@ -207,11 +207,9 @@ def test_short_waves_leave_the_picture_of_rays(lone: Camera, target: Target) -> 
 
 
 @pytest.mark.parametrize("gap", [1.0, 1.017, 1.02, 1.03, 1.04])
-def test_bars_in_short_waves_are_those_of_rays_on_rims_narrower_than_a_pixel(gap: float) -> None:
+def test_bars_in_short_waves_are_those_of_rays_on_rims_narrower_than_a_pixel(with_gap: Callable[[float], Camera], gap: float) -> None:
     """Light there comes from one side of the pupil, which a blur of five pixels shows elsewhere."""
-    array = MicrolensArray("square", (1, 1), (0.2, 0.2), 0.16, (1.0,), 60.0)
-    narrow = Camera(MainLens(50.0, 1.8), array, Sensor((130, 130), 0.004, 60.0 + gap))
-    scene = one_plane(narrow, Bars((0.15, 0.15), 70.0, 70.0), 1000.0)
+    scene = one_plane(with_gap(gap), Bars((0.15, 0.15), 70.0, 70.0), 1000.0)
     assert np.abs(diffracted(scene, GREEN / 128) - render(scene, tolerance=1e-4)).max() < 0.001
 
 
@@ -272,10 +270,11 @@ def test_fall_off_counts_by_the_mean_over_the_clipped_pupil(lone: Camera) -> Non
 
 
 @pytest.mark.parametrize("target", [Bars((0.15, 0.15), 70.0, 70.0), Picture(np.random.default_rng(3).random((12, 16)), 70.0)])
-def test_fall_off_over_a_blurred_pupil_turns_the_look_to_its_brighter_side(target: Target) -> None:
+def test_fall_off_over_a_blurred_pupil_turns_the_look_to_its_brighter_side(with_gap: Callable[[float], Camera], target: Target) -> None:
     """In short waves bars are those of rays; what the weight does to the shape of the pattern is left."""
-    array = MicrolensArray("square", (1, 1), (0.2, 0.2), 0.16, (1.0,), 60.0, offset=(15.0, 8.0))
-    aside = Camera(MainLens(50.0, 1.8), array, Sensor((60, 60), 0.004, 61.03, offset=(15.2, 8.1)))
+    camera = with_gap(1.03)
+    sensor = replace(camera.sensor, resolution=(60, 60), offset=(15.2, 8.1))
+    aside = replace(camera, array=replace(camera.array, offset=(15.0, 8.0)), sensor=sensor)
     scene = Scene(aside, (Plane(target, 1000.0, offset=(-250.0, -133.0)),), falloff=Falloff())
     waves, rays = diffracted(scene, GREEN / 128), render(scene, tolerance=1e-4)
     assert np.abs(waves - rays).max() < 0.004

@@ -164,3 +164,13 @@ def test_a_killed_parent_takes_the_simulator_with_it(write_bench_file: WriteBenc
             client.settimeout(10)
             assert client.recv(1) == b""  # the simulator closes its lines
         assert int(number) > 0
+
+
+def test_drawing_ahead_ends_in_silence_with_the_interpreter(write_bench_file: WriteBench) -> None:
+    """From then on pools refuse work; a traceback then would abort the process."""
+    bench = write_bench_file()
+    ahead = "import sys; from concurrent.futures import thread; from pathlib import Path; from flflab.bench import read_bench; "
+    ahead += "from sim.serve import serve, warm_up; served = serve(read_bench(Path(sys.argv[1]))); thread._python_exit(); "
+    ahead += "warm_up(served).join(); served.stop()"
+    child = subprocess.run([sys.executable, "-c", ahead, str(bench.file)], capture_output=True, text=True, timeout=60, check=False)
+    assert (child.returncode, child.stderr) == (0, "")
