@@ -38,7 +38,6 @@ Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
-NARROW, WIDE = 0.75, 50.0  # pixels, of a rim and of a blur
 MOMENTS = 33  # nodes over a rim for the fall-off
 MOST_SAMPLES = 16.0  # a pixel, of a field over the target
 SHARE = 0.7  # of the tolerance; the errors of nodes, parts and terms are each kept below it
@@ -275,15 +274,13 @@ def pixel_parts(kind: Kind, tolerance: float) -> tuple[int, bool]:
 
     Across a pixel share and radiance vary together: on a rim w pixels wide n parts leave up to 0.2 / (w n^2) of a sharp edge, found on
     bars, and less of one whose light rises over several pixels; the share's own bend leaves up to 0.45 / (w n)^2, 0.45 / (w n^2) where
-    w is below 1. A rim too steep for curves leaves up to 0.1 w whatever n is; one narrower than 3/4 pixel counts as such behind a wide
-    blur.
+    w is below 1. A rim too steep for curves leaves up to 0.1 w whatever n is.
     """
     width = max(2 * kind.slope, 1e-9)
     sharp = min(1.0, 2 * kind.cutoff, 1 / math.sqrt(max(abs(kind.blur), 1e-9)))
     parts = math.ceil(math.sqrt((0.22 * sharp + 0.45 / max(width, 1.0)) / (width * tolerance)))
     parts = min(max(parts, 1), MOST_PARTS)
-    dear = width < NARROW and abs(kind.blur) > WIDE  # tables of its clipped pupils take a minute
-    return (STEEP_PARTS, True) if width * parts < 1 or dear else (parts, False)
+    return (STEEP_PARTS, True) if width * parts < 1 else (parts, False)
 
 
 def node_counts(kind: Kind, tolerance: float) -> tuple[int, int]:

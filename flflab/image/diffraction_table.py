@@ -7,6 +7,8 @@ own frame: frequencies in cycles/pixel, lengths in pixels.
 
 import bisect
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -209,7 +211,9 @@ def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> Trans
     waves = kind.blur * kind.cutoff / 2 * shift
     shares = pupil_share(clip, clip_radius)
     blocks = np.array_split(np.arange(count), math.ceil(count / BLOCK))  # low frequencies need few rows
-    values = np.concatenate([pupil_transfer(shift[some], waves[some], x, y, clip_radius, ROWS) for some in blocks], axis=2)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        parts = pool.map(lambda some: pupil_transfer(shift[some], waves[some], x, y, clip_radius, ROWS), blocks)
+        values = np.concatenate(list(parts), axis=2)
     values *= shares[:, None, None]
     small = 1e-4
     slope = (shares[:, None] - pupil_transfer(small, 0.0, x[..., 0], y[..., 0], clip_radius).real * shares[:, None]) / small
