@@ -1,8 +1,9 @@
 """Which effects a picture needs to be right to a tolerance, and what they leave of the tolerance to the orders of quadrature.
 
 An effect's bound holds whichever of the others are left out, so the picture without some of them is off by at most the sum of
-their bounds. The smallest bounds are left out as long as their sum stays below half the tolerance; most of the rest goes to the
-quadrature of what is kept.
+their bounds. What a bound takes from the tolerance the quadrature must make good by finer orders, which cost time. So an effect's share
+of the tolerance is its share of the time: what is left out has a bound within it, and the bounds together stay below half the
+tolerance. Most of the rest goes to the quadrature of what is kept.
 """
 
 import math
@@ -23,7 +24,7 @@ from flflab.image.survey import survey
 
 LEVELS = ("auto", "fast", "reference")
 FAST = 5.0  # what ``fast`` makes of the tolerance
-SHARE = 0.5  # of the tolerance, for effects left out
+SHARE = 0.5  # of the tolerance, for all effects left out
 KEPT = 0.7  # of the rest, for the quadrature: measured errors are up to 1.2 times its tolerance
 LIGHT = (
     "defocus",
@@ -111,7 +112,8 @@ def choose(scene: Scene, tolerance: float, asked: str = "auto") -> Choice:
     bounds = {name: effect.bound(regime) for name, effect in present.items()}
     if asked in LEVELS:
         allowed = LEAST_TOLERANCE if asked == "reference" else min(tolerance * (FAST if asked == "fast" else 1.0), 0.5)
-        left_out = _left_out({name: bounds[name] for name in present.keys() & ALL}, 0.0 if asked == "reference" else SHARE * allowed)
+        shares = _shares({name: effect.cost(regime) for name, effect in present.items()}, 0.0 if asked == "reference" else allowed)
+        left_out = _left_out({name: bounds[name] for name in present.keys() & ALL}, shares, SHARE * allowed)
         rest = max(KEPT * (allowed - sum(bounds[name] for name in left_out)), LEAST_TOLERANCE)
         on = present.keys() - left_out
     else:
@@ -149,15 +151,20 @@ def named(asked: str) -> frozenset[str]:
     return names
 
 
-def _left_out(bounds: dict[str, float], share: float) -> set[str]:
-    """The effects of the smallest bounds whose sum is no larger than the share."""
+def _shares(costs: dict[str, float], allowed: float) -> dict[str, float]:
+    """Each effect's share of the tolerance, which is its share of the time."""
+    total = sum(costs.values())
+    return {name: allowed * cost / total for name, cost in costs.items()}
+
+
+def _left_out(bounds: dict[str, float], shares: dict[str, float], most: float) -> set[str]:
+    """The effects whose bounds are within their shares, the smallest first, as long as the bounds' sum is no larger than ``most``."""
     out: set[str] = set()
     total = 0.0
     for name, bound in sorted(bounds.items(), key=lambda item: item[1]):
-        total += bound
-        if total > share:
-            break
-        out.add(name)
+        if bound <= shares[name] and total + bound <= most:
+            total += bound
+            out.add(name)
     return out
 
 

@@ -9,6 +9,7 @@ import pytest
 from flflab.errors import InputError
 from flflab.image.chooser import LIGHT, NOISE, choose
 from flflab.image.effects.dead_pixels import DeadPixels
+from flflab.image.effects.stray_light import StrayLight
 from flflab.image.picture import Report, take_picture
 from flflab.image.promise import try_scene
 from flflab.image.random_scene import RESOLUTION
@@ -45,6 +46,14 @@ def test_what_is_left_out_and_the_quadrature_share_the_tolerance(scene: Scene) -
         left_out = sum(one.bound for one in choice.decisions if not one.on and one.size is not None)
         assert left_out <= tolerance / 2
         assert 0.7 * tolerance - 1e-12 <= left_out + choice.tolerance <= tolerance
+
+
+def test_what_saves_next_to_no_time_is_left_out_only_where_it_changes_next_to_nothing(scene: Scene) -> None:
+    for share, on in ((0.003, True), (1e-6, False)):
+        choice = choose(replace(scene, stray_light=StrayLight(share)), 0.01)
+        (stray,) = (one for one in choice.decisions if one.name == "stray-light")
+        assert (stray.bound < 0.005, stray.on) == (True, on)
+        assert choice.tolerance == pytest.approx(0.7 * 0.01, rel=1e-3)
 
 
 def test_levels_keep_less_or_more(scene: Scene) -> None:
