@@ -25,6 +25,7 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 MOST_WAVES, ROOM = 64, 1 << 26  # waves at a time, and the most numbers they may hold
+TOGETHER = 8  # terms whose waves are put in their places at a time: a line of the processor's memory
 
 
 @dataclass(frozen=True)
@@ -124,11 +125,13 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
 
     up = np.empty((grid.length[1], len(column)), dtype=np.complex64)
     rows = np.empty((grid.count[1], grid.length[0]), dtype=np.complex64)
+    rising = int((x >= 0).sum())  # the others lie at the end
 
     def field() -> SingleComplexArray:
         """The Fourier sums of ``up``, which is used up."""
-        rows[:] = 0.0
-        rows[:, column] = np.asarray(fft.ifft(up, axis=0, overwrite_x=True))[: grid.count[1]]
+        along = np.asarray(fft.ifft(up, axis=0, overwrite_x=True))[: grid.count[1]]
+        rows[:, :rising], rows[:, rising:] = along[:, :rising], 0.0
+        rows[:, rows.shape[1] - (len(column) - rising) :] = along[:, rising:]
         return np.asarray(fft.ifft(rows, axis=1, overwrite_x=True), dtype=np.complex64)[:, : grid.count[0]]
 
     def core(pattern: ComplexArray) -> SingleArray:
@@ -142,19 +145,32 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
     starts = range(0, len(modes.orders), at_once)
     angle, (base, beyond) = np.exp(1j * alpha).astype(np.complex64), modes.places(size)
     turned, order = by_part.astype(np.complex64), 0
+    room = np.empty((min(TOGETHER, at_once, len(modes.orders)), *whole.shape), dtype=np.complex64)
     for start in starts or [0]:
         terms = np.arange(start, min(start + at_once, len(modes.orders)))
         waves = np.empty((*whole.shape, 2 * len(terms)), dtype=np.float32)
-        for index, (term, table) in enumerate(zip(terms, modes.finer(terms), strict=True) if len(terms) else ()):
-            while order < modes.orders[term]:
-                turned, order = turned * angle, order + 1
-            up[:] = 0.0
-            add_pattern(up, row, turned, table, base, beyond)
-            both = field()  # two real fields in one sum
-            if order % 2:
-                both = 1j * both
-            waves[..., 2 * index], waves[..., 2 * index + 1] = both.real, both.imag
+        for first in range(0, len(terms), TOGETHER):
+            some = terms[first : first + TOGETHER]
+            for sums, term, table in zip(room, some, modes.finer(some), strict=False):
+                while order < modes.orders[term]:
+                    turned, order = turned * angle, order + 1
+                up[:] = 0.0
+                add_pattern(up, row, turned, table, base, beyond)
+                sums[:] = field()  # two real fields in one sum
+            interleave(waves, first, room[: len(some)], modes.orders[some])
         yield Fields(whole if start == 0 else whole[:0, :0], part, waves, terms)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def interleave(waves: SingleArray, first: int, sums: SingleComplexArray, orders: Whole) -> None:
+    """Put some terms' sums (K, Y, X) into their places among the waves (Y, X, ...) from the term ``first`` on, odd orders times i."""
+    for i in range(sums.shape[1]):
+        for j in range(sums.shape[2]):
+            for k in range(sums.shape[0]):
+                cos, sin = sums[k, i, j].real, sums[k, i, j].imag
+                odd = orders[k] % 2 == 1
+                waves[i, j, 2 * (first + k)] = -sin if odd else cos
+                waves[i, j, 2 * (first + k) + 1] = cos if odd else sin
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

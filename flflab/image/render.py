@@ -79,6 +79,8 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
     if wanted is not None:
         setup = setup.reaching(wanted)
     cards = cards_of(scene, index)
+    if isinstance(plane.target, White) and not cards:  # it is alike wherever its rays end
+        setup = replace(setup, crooked=np.zeros_like(setup.crooked), motion=None)
     if scene.diffraction is not None:  # which spreads light by more than crooked rays go astray
         setup = replace(setup, crooked=np.zeros_like(setup.crooked))
     if cards or setup.crooked.any():
