@@ -151,12 +151,12 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
         waves = np.empty((*whole.shape, 2 * len(terms)), dtype=np.float32)
         for first in range(0, len(terms), TOGETHER):
             some = terms[first : first + TOGETHER]
-            for sums, term, table in zip(room, some, modes.finer(some), strict=False):
+            for index, (term, table) in enumerate(zip(some, modes.finer(some), strict=True)):
                 while order < modes.orders[term]:
                     turned, order = turned * angle, order + 1
                 up[:] = 0.0
                 add_pattern(up, row, turned, table, base, beyond)
-                sums[:] = field()  # two real fields in one sum
+                room[index] = field()  # two real fields in one sum
             interleave(waves, first, room[: len(some)], modes.orders[some])
         yield Fields(whole if start == 0 else whole[:0, :0], part, waves, terms)
 

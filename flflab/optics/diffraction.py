@@ -11,6 +11,7 @@ exp(2 pi i w t_x) over P, the transfer function of the geometric blur. Source: H
 """
 
 import math
+from functools import cache
 
 import numba
 import numpy as np
@@ -23,7 +24,12 @@ Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 WHOLE = (0.0, 0.0, 2.0)  # a second disc that clips nothing
-ROWS_AT_LEAST, ROWS_PER_WAVE, ROWS_AT_MOST = 16, 4.0, 400
+ROWS_AT_LEAST, ROWS_PER_WAVE, ROWS_AT_MOST = 16, 7.0, 700
+ROWS_STEP = 1.15  # from one number of rows to the next
+# Sums may be taken in any order; nothing here is infinite or not a number.
+LOOSE = {"contract", "nsz", "nnan", "ninf", "reassoc", "arcp"}
+SINE = tuple((-1) ** k * math.pi ** (2 * k + 1) / math.factorial(2 * k + 1) for k in range(9))
+COSINE = tuple((-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k) for k in range(9))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -46,64 +52,132 @@ def shifted_rows(x: float, y: float, radius: float, shift: float) -> tuple[float
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def clipped_transfer(x: float, y: float, radius: float, shift: float, waves: float, nodes: Array) -> tuple[float, float]:
-    """Real and imaginary part of H for one pupil; 1 at no shift and no waves, 0 where the pupil is empty.
-
-    Args:
-        x: centre of the clipping disc, in radii of the pupil.
-        y: the same along y.
-        radius: its radius.
-        shift: s, from 0 up.
-        waves: w, of either sign.
-        nodes: rows and weights on (-1, 1) for functions with roots at both ends, see ``row_nodes``.
-    """
-    area = two_disc_area(1.0, radius, math.hypot(x, y))
-    low, high = shifted_rows(x, y, radius, shift)
-    if area <= 0.0 or low >= high:
-        return 0.0, 0.0
+def corner_rows(x: float, y: float, radius: float) -> tuple[float, float]:
+    """The rows of the corners at which the two circles cross, the lower first, where the chord has kinks; beyond all rows without any."""
     distance = math.hypot(x, y)
-    first, second = low, low  # the corners' rows, where the chord has kinks
-    if distance + 1.0 > radius and distance + radius > 1.0:
-        along = (1.0 + (distance - radius) * (distance + radius)) / (2.0 * distance)
-        across = math.sqrt(max(0.0, 1.0 - along * along))
-        one = (along * y + across * x) / distance
-        two = (along * y - across * x) / distance
-        first = min(max(min(one, two), low), high)
-        second = min(max(max(one, two), low), high)
-    real = 0.0
-    imaginary = 0.0
-    for piece in range(3):
-        start = low if piece == 0 else (first if piece == 1 else second)
-        end = first if piece == 0 else (second if piece == 1 else high)
-        if end - start <= 0.0:
-            continue
-        for index in range(nodes.shape[1]):
-            left, right = lens_chord(x, y, radius, 0.5 * (start + end) + 0.5 * (end - start) * nodes[0, index])
-            kept = right - left - shift
-            if kept > 0.0:
-                angle = math.pi * waves * kept
-                weight = 0.5 * (end - start) * nodes[1, index] * kept
-                if abs(angle) > 1e-4:
-                    weight *= math.sin(angle) / angle
-                else:
-                    weight *= 1.0 - angle * angle / 6.0
-                turn = math.pi * waves * (left + right)
-                real += weight * math.cos(turn)
-                imaginary += weight * math.sin(turn)
-    return real / area, imaginary / area
+    if distance + 1.0 <= radius or distance + radius <= 1.0:
+        return -2.0, -2.0
+    along = (1.0 + (distance - radius) * (distance + radius)) / (2.0 * distance)
+    across = math.sqrt(max(0.0, 1.0 - along * along))
+    one, two = (along * y + across * x) / distance, (along * y - across * x) / distance
+    return min(one, two), max(one, two)
 
 
-def row_nodes(waves: float, least: int) -> Array:
-    """Rows and weights on (-1, 1) for a piece of a pupil with up to so many waves of defocus, shape (2, n)."""
-    count = min(least + math.ceil(ROWS_PER_WAVE * abs(waves)), ROWS_AT_MOST)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def way_of_ends(x: float, y: float, radius: float, start: float, end: float) -> float:
+    """How far the chord's left or right end, whichever moves more, moves to and fro from one row to another with no corner between."""
+    lower, upper = min(max(min(y, 0.0), start), end), min(max(max(y, 0.0), start), end)  # where the circles are widest
+    left, right = lens_chord(x, y, radius, start)
+    of_left, of_right = 0.0, 0.0
+    for row in (lower, upper, end):
+        next_left, next_right = lens_chord(x, y, radius, row)
+        of_left += abs(next_left - left)
+        of_right += abs(next_right - right)
+        left, right = next_left, next_right
+    return max(of_left, of_right)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
+def piece_transfer(
+    x: float, y: float, radius: float, shift: float, waves: float, start: float, end: float, nodes: Array, count: int
+) -> tuple[float, float]:
+    """The part of H times the pupil's area that comes from the rows between two; without a branch, so that vectors can be used.
+
+    The sine and cosine of pi v are those of pi f with f = v - n, n the nearest whole number, times (-1)^n; both by Taylor's series.
+    """
+    real, imaginary = 0.0, 0.0
+    middle, half = 0.5 * (start + end), 0.5 * (end - start)
+    for index in range(count):
+        row = middle + half * nodes[0, index]
+        one, other = math.sqrt(max(0.0, 1.0 - row * row)), math.sqrt(max(0.0, (radius - (row - y)) * (radius + (row - y))))
+        left, right = max(-one, x - other), min(one, x + other)
+        kept = max(right - left - shift, 0.0)
+        v = max(abs(waves * kept), 1e-30)
+        n = math.floor(v + 0.5)
+        f = v - n
+        sign = 1.0 - 2.0 * (n - 2.0 * math.floor(0.5 * n))
+        weight = half * nodes[1, index] * kept * sign * sine_of_half_turns(f) / (math.pi * v)
+        v = waves * (left + right)
+        n = math.floor(v + 0.5)
+        f = v - n
+        weight *= 1.0 - 2.0 * (n - 2.0 * math.floor(0.5 * n))
+        real += weight * cosine_of_half_turns(f)
+        imaginary += weight * sine_of_half_turns(f)
+    return real, imaginary
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def sine_of_half_turns(f: float) -> float:
+    """sin(pi f) for f from -1/2 to 1/2, to 1e-13."""
+    z = f * f
+    total = SINE[8]
+    total = total * z + SINE[7]
+    total = total * z + SINE[6]
+    total = total * z + SINE[5]
+    total = total * z + SINE[4]
+    total = total * z + SINE[3]
+    total = total * z + SINE[2]
+    total = total * z + SINE[1]
+    return f * (total * z + SINE[0])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def cosine_of_half_turns(f: float) -> float:
+    """cos(pi f) for f from -1/2 to 1/2, to 1e-12."""
+    z = f * f
+    total = COSINE[8]
+    total = total * z + COSINE[7]
+    total = total * z + COSINE[6]
+    total = total * z + COSINE[5]
+    total = total * z + COSINE[4]
+    total = total * z + COSINE[3]
+    total = total * z + COSINE[2]
+    total = total * z + COSINE[1]
+    return total * z + COSINE[0]
+
+
+@cache
+def row_nodes(count: int) -> Array:
+    """Rows and weights on (-1, 1) for functions with roots at both ends, shape (2, n)."""
     places, weights = np.polynomial.legendre.leggauss(count)
     return np.stack([np.sin(np.pi / 2 * places), weights * np.pi / 2 * np.cos(np.pi / 2 * places)])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _transfers(x: Array, y: Array, radius: Array, shift: Array, waves: Array, nodes: Array, real: Array, imaginary: Array) -> None:
+def _transfers(
+    x: Array,
+    y: Array,
+    radius: Array,
+    shift: Array,
+    waves: Array,
+    least: int,
+    counts: npt.NDArray[np.int64],
+    nodes: Array,
+    real: Array,
+    imaginary: Array,
+) -> None:
+    """H for every pupil: in the rows between corners, with as many rows as the waves across them need."""
+    area, first, second = 0.0, 0.0, 0.0
     for index in range(shift.size):
-        real[index], imaginary[index] = clipped_transfer(x[index], y[index], radius[index], shift[index], waves[index], nodes)
+        if index == 0 or x[index] != x[index - 1] or y[index] != y[index - 1] or radius[index] != radius[index - 1]:
+            area = two_disc_area(1.0, radius[index], math.hypot(x[index], y[index]))
+            first, second = corner_rows(x[index], y[index], radius[index])
+        real[index], imaginary[index] = 0.0, 0.0
+        low, high = shifted_rows(x[index], y[index], radius[index], shift[index])
+        if area <= 0.0 or low >= high:
+            continue
+        for piece in range(3):
+            start = low if piece == 0 else min(max(first if piece == 1 else second, low), high)
+            end = high if piece == 2 else min(max(first if piece == 0 else second, low), high)
+            if end - start <= 0.0:
+                continue
+            across = 0.5 * abs(waves[index]) * way_of_ends(x[index], y[index], radius[index], start, end)
+            level = 0
+            while level < counts.size - 1 and counts[level] < least + ROWS_PER_WAVE * across:
+                level += 1
+            part = piece_transfer(x[index], y[index], radius[index], shift[index], waves[index], start, end, nodes[level], counts[level])
+            real[index] += part[0] / area
+            imaginary[index] += part[1] / area
 
 
 def pupil_transfer(
@@ -138,5 +212,12 @@ def pupil_transfer(
             )
     x, y, radius, shifts, defocus = (np.array(part).ravel() for part in given)
     real, imaginary = np.empty(x.size), np.empty(x.size)
-    _transfers(x, y, radius, shifts, defocus, row_nodes(float(np.max(np.abs(defocus), initial=0.0)), rows), real, imaginary)
+    most = rows + ROWS_PER_WAVE * float(np.max(np.abs(defocus), initial=0.0))
+    counts = [rows]
+    while counts[-1] < min(most, ROWS_AT_MOST):
+        counts.append(min(math.ceil(ROWS_STEP * counts[-1]), ROWS_AT_MOST))
+    nodes = np.zeros((len(counts), 2, counts[-1]))
+    for level, count in zip(nodes, counts, strict=True):
+        level[:, :count] = row_nodes(count)
+    _transfers(x, y, radius, shifts, defocus, rows, np.array(counts), nodes, real, imaginary)
     return (real + 1j * imaginary).reshape(given[0].shape)
