@@ -25,7 +25,7 @@ from flflab.image.diffraction_fields import (
 )
 from flflab.image.diffraction_lines import add_ruled_diffracted
 from flflab.image.diffraction_ruled import make_curves, make_line
-from flflab.image.diffraction_table import BLURRED, Kind, Known, find_kinds, rim_radii, samples_needed, shared_modes
+from flflab.image.diffraction_table import BLURRED, Kind, Known, find_kinds, samples_needed, shared_modes
 from flflab.image.form import add_plane
 from flflab.image.moments import at_moments
 from flflab.image.orders import MOST_PARTS, STEEP_PARTS, in_bands, is_even
@@ -67,11 +67,11 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
         if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
             _add_rays(image, setup, kind, target, wanted)
         elif isinstance(target, Bars | Edge):
-            _add_ruled(image, finer, kind, known, target, chosen)
+            _add_ruled(image, finer, kind, known, windows, target, chosen)
         elif isinstance(target, Picture):
-            _add_picture(image, finer, kind, known, target, chosen)
+            _add_picture(image, finer, kind, known, windows, target, chosen)
         elif isinstance(target, FourDot):
-            _add_dots(image, finer, kind, known, target, chosen)
+            _add_dots(image, finer, kind, known, windows, target, chosen)
 
 
 def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Chosen | None) -> None:
@@ -81,7 +81,7 @@ def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Ch
         add_plane(image, moment, target, wanted)
 
 
-def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, target: Bars | Edge, chosen: Chosen) -> None:
+def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, target: Bars | Edge, chosen: Chosen) -> None:
     pixel = setup.sensor.pixel
     axes = np.eye(2)
     if isinstance(target, Edge):
@@ -96,13 +96,13 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, target: Bar
     scales = np.hypot(*directions.T)
     origins = setup.origin[kind.entries] @ axes.T / scales
     looks = axes @ setup.by_sensor[kind.entries] * pixel / scales[:, None]
-    windows = lit_windows(setup)[kind.entries]
+    windows = lit[kind.entries]
     low, high = _looked_at(windows, centres, origins, looks, setup)
     seen = float(low[0] * scales[0]), float(high[0] * scales[0])
     line = make_line(modes, samples, target, seen, directions[0], setup.tolerance)
     curves = make_curves(modes, line, box, parts)
     half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
-    at_border = modes.above(max(setup.tolerance / 3, LEAST_TERM))
+    at_border = modes.above(max(setup.tolerance / 3, LEAST_TERM) if isinstance(target, Bars) else math.inf)
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
         reach = border_reach(kind, setup.tolerance)
@@ -141,7 +141,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, target: Bar
             int(modes.orders.max(initial=0)),
             np.ascontiguousarray(at_border.radial.T),
             slant_rows(setup, kind),
-            pupil_moments(kind, np.zeros(1) if steep else rim_radii(kind, MOMENTS)),
+            pupil_moments(kind.slope, kind.reach, 1 if steep else MOMENTS),
             kind.blur,
             disc_nodes(8, 8),
             chosen,
@@ -150,7 +150,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, target: Bar
     in_bands(add, windows)
 
 
-def _add_dots(image: Array, setup: Setup, kind: Kind, known: Known, dots: FourDot, chosen: Chosen) -> None:
+def _add_dots(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, dots: FourDot, chosen: Chosen) -> None:
     scales, radius = np.hypot(*kind.by_sensor.T), dots.diameter / 2
     size = float(radius / scales.min())
     # The pattern falls as its light times 2 / (pi^4 cutoff) over the third power of the distance, once round the circle.
@@ -159,14 +159,14 @@ def _add_dots(image: Array, setup: Setup, kind: Kind, known: Known, dots: FourDo
     grid = make_grid(kind.by_sensor / scales[:, None], np.full(2, -reach), np.full(2, reach), reach, samples)
     _, _, x, y = kept_frequencies(grid, min(kind.cutoff, samples / 2))
     spectrum = dot_spectrum(-np.array(grid.first), radius / scales, x, y)
-    _add_fields(image, setup, kind, known, grid, spectrum, np.array(dots.centres), chosen)
+    _add_fields(image, setup, kind, known, lit, grid, spectrum, np.array(dots.centres), chosen)
 
 
-def _add_picture(image: Array, setup: Setup, kind: Kind, known: Known, picture: Picture, chosen: Chosen) -> None:
+def _add_picture(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, picture: Picture, chosen: Chosen) -> None:
     scales = np.hypot(*kind.by_sensor.T)
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     looks = setup.by_sensor[kind.entries] * setup.sensor.pixel / scales[:, None]
-    low, high = _looked_at(lit_windows(setup)[kind.entries], centres, setup.origin[kind.entries] / scales, looks, setup)
+    low, high = _looked_at(lit[kind.entries], centres, setup.origin[kind.entries] / scales, looks, setup)
     edge = np.array([picture.width, picture.height]) / 2 / scales
     margin = min(max(2 / (math.pi**3 * kind.cutoff) / (0.4 * setup.tolerance), 16.0), 400.0) + kind.extent
     low, high = np.maximum(low, -edge - margin), np.minimum(high, edge + margin)
@@ -176,7 +176,7 @@ def _add_picture(image: Array, setup: Setup, kind: Kind, known: Known, picture: 
     grid = make_grid(kind.by_sensor / scales[:, None], low, high, 2 * margin, samples)
     _, _, x, y = kept_frequencies(grid, min(kind.cutoff, samples / 2))
     spectrum = picture_spectrum(picture, scales, low - margin, high + margin, grid.first, x, y)
-    _add_fields(image, setup, kind, known, grid, spectrum, np.zeros((1, 2)), chosen)
+    _add_fields(image, setup, kind, known, lit, grid, spectrum, np.zeros((1, 2)), chosen)
 
 
 def _add_fields(
@@ -184,6 +184,7 @@ def _add_fields(
     setup: Setup,
     kind: Kind,
     known: Known,
+    lit: Whole,
     grid: Grid,
     spectrum: npt.NDArray[np.complex128],
     places: Array,
@@ -199,9 +200,9 @@ def _add_fields(
     origins = (setup.origin[entries] - np.repeat(places, len(kind.entries), axis=0)) / scales
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[entries]
     looks = setup.by_sensor[entries] * pixel / scales[:, None]
-    seen = _looking_windows(lit_windows(setup)[entries], centres, origins, grid, setup)
-    lit = (seen[:, 0] < seen[:, 1]) & (seen[:, 2] < seen[:, 3])
-    if not lit.any():
+    seen = _looking_windows(lit[entries], centres, origins, grid, setup)
+    held = (seen[:, 0] < seen[:, 1]) & (seen[:, 2] < seen[:, 3])
+    if not held.any():
         return
     nodes = (1, 1) if steep else (radii, angles)
     modes = shared_modes(known, kind, grid.samples, nodes, box, max(setup.tolerance / 3, LEAST_TERM))
@@ -209,7 +210,7 @@ def _add_fields(
     pupil_nodes = disc_nodes(8, 8)
     levels = setup.pupils.level[entries] * np.tile(kind.weights, len(places))
     rims, slants = (np.tile(part, (len(places), 1)) for part in (kind.rims, slant_rows(setup, kind)))
-    moments = pupil_moments(kind, np.zeros(1) if steep else rim_radii(kind, MOMENTS))
+    moments = pupil_moments(kind.slope, kind.reach, 1 if steep else MOMENTS)
     for fields in make_fields(modes, grid, spectrum, box, parts):
         terms = fields.terms
 
@@ -217,12 +218,12 @@ def _add_fields(
             add_fields(
                 image,
                 rows,
-                seen[lit],
-                centres[lit],
-                origins[lit],
-                looks[lit],
-                levels[lit],
-                rims[lit],
+                seen[held],
+                centres[held],
+                origins[held],
+                looks[held],
+                levels[held],
+                rims[held],
                 steep,
                 parts,
                 box,
@@ -235,14 +236,14 @@ def _add_fields(
                 modes.radial.shape[1] - 1,
                 grid.first,
                 grid.samples,
-                slants[lit],
+                slants[held],
                 moments,
                 kind.blur,
                 pupil_nodes,
                 chosen,
             )
 
-        in_bands(add, seen[lit])
+        in_bands(add, seen[held])
 
 
 def _looked_at(windows: Whole, centres: Array, origins: Array, looks: Array, setup: Setup) -> tuple[Array, Array]:

@@ -142,7 +142,7 @@ def _border(
     for start in range(0, len(modes.orders), at_once):
         terms = np.arange(start, min(start + at_once, len(modes.orders)))
         patterns = np.empty((len(terms), 2, 2, half, half), dtype=np.float32)
-        for pattern, term, table in zip(patterns, terms, modes.finer(terms), strict=True):
+        for pattern, term, table in zip(patterns, terms, modes.fine[terms], strict=True):
             while reached < modes.orders[term]:
                 turned, reached = turned * angle, reached + 1
             fill_patterns(pattern, turned, table, *places)

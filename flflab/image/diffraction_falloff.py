@@ -5,12 +5,13 @@ side of the pupil comes from farther to the other. What the weight changes of th
 """
 
 import math
+from functools import lru_cache
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.diffraction_table import Kind
+from flflab.image.diffraction_table import Kind, rim_radii
 from flflab.image.setup import Setup
 
 Array = npt.NDArray[np.float64]
@@ -26,14 +27,17 @@ def slant_rows(setup: Setup, kind: Kind) -> Array:
     return rows if setup.falloff else np.zeros_like(rows)
 
 
-def pupil_moments(kind: Kind, distances: Array) -> Array:
-    """Means of t, t^2 and u^2 over the pupil clipped at these distances, t along e and u across; shape (R, 3)."""
+@lru_cache(maxsize=256)
+def pupil_moments(slope: float, reach: float, count: int) -> Array:
+    """Means of t, t^2 and u^2 over pupils clipped at so many ``rim_radii``, or over a whole one; t along e, u across; shape (R, 3)."""
+    inner = max(0.0, reach - slope)
+    distances = rim_radii(slope, reach, count) if count > 1 else np.zeros(1)
     low = np.full(len(distances), -1.0)
-    clipped = distances > kind.inner
-    low[clipped] = np.clip((distances[clipped] - kind.reach) / kind.slope, -1.0, 1.0)
+    clipped = distances > inner
+    low[clipped] = np.clip((distances[clipped] - reach) / slope, -1.0, 1.0)
     t = low[:, None] + (1 - low[:, None]) * (np.arange(ROWS) + 0.5) / ROWS
     squared = 1 - t**2  # half the chord at t
-    beside = (kind.reach**2 - (t[clipped] * kind.slope - distances[clipped, None]) ** 2) / max(kind.slope, 1e-300) ** 2
+    beside = (reach**2 - (t[clipped] * slope - distances[clipped, None]) ** 2) / max(slope, 1e-300) ** 2
     squared[clipped] = np.clip(np.minimum(squared[clipped], beside), 0.0, None)
     half = np.sqrt(squared)
     area = np.maximum(half.sum(axis=1), 1e-300)

@@ -151,7 +151,7 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
         waves = np.empty((*whole.shape, 2 * len(terms)), dtype=np.float32)
         for first in range(0, len(terms), TOGETHER):
             some = terms[first : first + TOGETHER]
-            for index, (term, table) in enumerate(zip(some, modes.finer(some), strict=True)):
+            for index, (term, table) in enumerate(zip(some, modes.fine[some], strict=True)):
                 while order < modes.orders[term]:
                     turned, order = turned * angle, order + 1
                 up[:] = 0.0

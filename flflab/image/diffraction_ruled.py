@@ -13,7 +13,6 @@ import numba
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
-from scipy.interpolate import make_interp_spline
 
 from flflab.image.diffraction_table import Modes, fast_length
 from flflab.targets import Bars, Chirp, Edge
@@ -21,6 +20,7 @@ from flflab.targets import Bars, Chirp, Edge
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 SingleArray = npt.NDArray[np.float32]
+SingleComplexArray = npt.NDArray[np.complex64]
 Whole = npt.NDArray[np.int64]
 
 MARGINS = (128.0, 1000.0)  # least and most pixels round the target that a curve covers; beyond, its tail is that of an unclipped pupil
@@ -193,19 +193,44 @@ def make_curves(modes: Modes, line: Line, box: float, parts: int) -> Curves:
     turned = frequency[:, None] * line.direction / np.hypot(*line.direction)
     spectrum = line_spectrum(line, modes.band) * modes.kind.smear.transfer(turned)
     far = _far_light(line)
-    nodes, place = np.linspace(0, np.pi, len(modes.core)), np.arccos(1 - 2 * frequency / modes.band)
+    core = modes.spectrum(-1, frequency)
 
-    def curves(transfers: Array, tails: Array, turn: ComplexArray, side: float) -> Array:
-        boxed = spectrum * np.sinc(turned[:, 0] * side) * np.sinc(turned[:, 1] * side)
-        found = make_interp_spline(nodes, transfers, k=5, axis=-1)(place) * (boxed * turn[:, None])
-        lines = np.asarray(fft.irfft(found, line.length, axis=-1), dtype=np.float64)
-        return lines[:, : line.count] + tails[:, None] * far
+    def boxed(side: float) -> ComplexArray:
+        return spectrum * np.sinc(turned[:, 0] * side) * np.sinc(turned[:, 1] * side)
 
-    upright, alone, tail = np.ones(1, dtype=np.complex128), modes.core[None], np.array([modes.core_tail])
-    core, part = (curves(alone, tail, upright, side)[0] for side in (box, box / parts))
-    waves = curves(modes.spectra, modes.tails, np.where(modes.orders % 2, 1j, 1.0), box / parts)
+    def unclipped(side: float) -> Array:
+        return np.asarray(fft.irfft(core * boxed(side), line.length))[: line.count] + modes.core_tail * far
+
+    found = np.empty((len(modes.orders), len(frequency)), dtype=np.complex64)
+    fill_lines(found, modes.orders, modes.fine, *modes.places(frequency), boxed(box / parts).astype(np.complex64))
+    sums = np.asarray(fft.irfft(found, line.length, axis=-1, overwrite_x=True), dtype=np.float32)
+    waves = np.empty((line.count, len(modes.orders)), dtype=np.float32)
+    side_by_side(waves, sums, modes.tails, far)
     ends = (line.first, line.samples, line.ruling.level, *line.ends, modes.core_tail)
-    return Curves(core, part, np.ascontiguousarray(waves.T, dtype=np.float32), ends)
+    return Curves(unclipped(box), unclipped(box / parts), waves, ends)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def fill_lines(
+    found: SingleComplexArray, orders: Whole, tables: SingleArray, base: Whole, beyond: SingleArray, lines: SingleComplexArray
+) -> None:
+    """Fill ``found`` (T, F) with a target's spectrum (F,) times each term's, read from the ``fine`` tables, times i for odd orders."""
+    turned = lines * np.complex64(1j)
+    for term in range(found.shape[0]):
+        spectrum, table = turned if orders[term] % 2 else lines, tables[term]
+        for k in range(found.shape[1]):
+            node = base[k]
+            found[term, k] = spectrum[k] * (table[node] + beyond[k] * (table[node + 1] - table[node]))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def side_by_side(waves: SingleArray, sums: SingleArray, tails: Array, far: Array) -> None:
+    """Fill ``waves`` (X, T) with sums (T, ...) and what comes from afar, some terms at a time: a line of the processor's memory."""
+    for first in range(0, waves.shape[1], 16):
+        last = min(first + 16, waves.shape[1])
+        for i in range(waves.shape[0]):
+            for term in range(first, last):
+                waves[i, term] = sums[term, i] + tails[term] * far[i]
 
 
 def _far_light(line: Line) -> Array:

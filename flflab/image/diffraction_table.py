@@ -200,7 +200,7 @@ def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> Trans
     Radii are spaced as a cosine: the clipped area grows as the 3/2 power of the distance from either end of the rim, which is smooth
     in the cosine's argument. Frequencies are spaced alike, dense at 0 and at the highest one.
     """
-    distance = rim_radii(kind, radii) if radii > 1 else np.zeros(1)
+    distance = rim_radii(kind.slope, kind.reach, radii) if radii > 1 else np.zeros(1)
     clip = distance / kind.slope if radii > 1 else np.zeros(1)
     clip_radius = kind.reach / kind.slope if radii > 1 else 2.0
     beta = np.linspace(0, np.pi, angles)
@@ -220,9 +220,9 @@ def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> Trans
     return TransferTable(kind, band, distance, shares, beta, values, tails=slope / (math.pi**2 * kind.cutoff))
 
 
-def rim_radii(kind: Kind, count: int) -> Array:
+def rim_radii(slope: float, reach: float, count: int) -> Array:
     """Distances from the micro-image's centre over its rim, from the inner edge to the outer, as a cosine."""
-    return np.minimum(kind.inner + kind.slope * (1 - np.cos(np.linspace(0, np.pi, count))), (kind.reach + kind.slope) * OUTERMOST)
+    return np.minimum(max(0.0, reach - slope) + slope * (1 - np.cos(np.linspace(0, np.pi, count))), (reach + slope) * OUTERMOST)
 
 
 def pupil_share(clip: Array, clip_radius: float) -> Array:
@@ -252,6 +252,7 @@ class Modes:
         sizes: how much each changes a sine of half the full contrast at most, shape (T,).
         radial: spline coefficients over twice as many steps of radius as the table has, shape (T, R).
         spectra: at the frequencies of a ``TransferTable``, shape (T, F).
+        fine: the same at the nodes that ``places`` counts, shape (T, nodes), in single precision; 0 at the last.
         tails: of a line's image, as those of a ``TransferTable``, shape (T,).
         core: the unclipped pupil's transfer, shape (F,).
         core_tail: its tail.
@@ -263,6 +264,7 @@ class Modes:
     sizes: Array
     radial: Array
     spectra: Array
+    fine: SingleArray
     tails: Array
     core: Array
     core_tail: float
@@ -270,7 +272,7 @@ class Modes:
     def above(self, least: float) -> "Modes":
         """Without the terms that change no sine by ``least``."""
         kept = self.sizes > least
-        parts = self.orders[kept], self.sizes[kept], self.radial[kept], self.spectra[kept], self.tails[kept]
+        parts = self.orders[kept], self.sizes[kept], self.radial[kept], self.spectra[kept], self.fine[kept], self.tails[kept]
         return Modes(self.kind, self.band, *parts, self.core, self.core_tail)
 
     def spectrum(self, term: int, frequency: Array) -> Array:
@@ -283,19 +285,11 @@ class Modes:
         return np.where(frequency < self.band, found, 0.0)
 
     def places(self, frequency: Array) -> tuple[Whole, SingleArray]:
-        """Where frequencies of any shape lie in the tables of ``finer``: the node before each, and the part beyond it."""
+        """Where frequencies of any shape lie in the ``fine`` tables: the node before each, and the part beyond it."""
         last = FINER * (self.spectra.shape[1] - 1)
         place = np.arccos(np.maximum(1 - 2 * frequency / self.band, -1)) * (last / np.pi)
         base = np.minimum(place.astype(np.int64), last - 1)
         return base, (place - base).astype(np.float32)
-
-    def finer(self, terms: Whole) -> SingleArray:
-        """The spectra of some terms at the nodes that ``places`` counts, shape (n, nodes), in single precision; 0 at the last."""
-        count = self.spectra.shape[1]
-        at = np.linspace(0, np.pi, FINER * (count - 1) + 1)
-        tables = np.asarray(make_interp_spline(np.linspace(0, np.pi, count), self.spectra[terms].T, k=5)(at).T, dtype=np.float32)
-        tables[:, -1] = 0.0
-        return np.ascontiguousarray(tables)
 
 
 Known = dict[tuple[float, ...], Modes]
@@ -340,12 +334,22 @@ def find_modes(table: TransferTable, box: float, least: float) -> Modes:
     if not orders:
         return Modes(table.kind, table.band, *_no_terms(len(core)), core, core_tail)
     found = np.concatenate(spectra)
-    parts = np.array(orders), np.array(sizes), np.concatenate(radial), found[:, :-1], found[:, -1]
+    parts = np.array(orders), np.array(sizes), np.concatenate(radial), found[:, :-1], _fine_tables(found[:, :-1]), found[:, -1]
     return Modes(table.kind, table.band, *parts, core, core_tail)
 
 
-def _no_terms(count: int) -> tuple[Whole, Array, Array, Array, Array]:
-    return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 1)), np.zeros((0, count)), np.zeros(0)
+def _no_terms(count: int) -> tuple[Whole, Array, Array, Array, SingleArray, Array]:
+    fine = np.zeros((0, FINER * (count - 1) + 1), dtype=np.float32)
+    return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 1)), np.zeros((0, count)), fine, np.zeros(0)
+
+
+def _fine_tables(spectra: Array) -> SingleArray:
+    """Spectra (T, F) at ``FINER`` times as many nodes, by quintic splines."""
+    count = spectra.shape[1]
+    at = np.linspace(0, np.pi, FINER * (count - 1) + 1)
+    tables = np.asarray(make_interp_spline(np.linspace(0, np.pi, count), spectra.T, k=5)(at).T, dtype=np.float32)
+    tables[:, -1] = 0.0
+    return np.ascontiguousarray(tables)
 
 
 def _twice_as_fine(values: Array) -> Array:
