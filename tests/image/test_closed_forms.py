@@ -9,6 +9,8 @@ import numpy.typing as npt
 import pytest
 
 from flflab.errors import InputError
+from flflab.image.effects.distortion import Distortion
+from flflab.image.effects.motion import Motion
 from flflab.image.render import TOLERANCE, render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera, Sensor
@@ -56,6 +58,16 @@ def test_the_white_level_is_one_in_the_middle_and_nothing_outside_the_total_fiel
 def test_white_does_not_depend_on_the_targets_distance(camera: Camera) -> None:
     near, far = image_of(camera, White(), 100.0), image_of(camera, White(), math.inf)
     assert np.array_equal(near, far)
+
+
+def test_boundless_white_looks_alike_however_it_leans_and_moves(camera: Camera) -> None:
+    """And costs no more: neither its tilt nor its moments are formed."""
+    still = one_plane(camera, White(), 490.0)
+    (plane,) = still.planes
+    leaning = replace(still, planes=(replace(plane, tilt=(0.3, -0.2)),), distortion=Distortion(0.5), motion=Motion((3.0, 0.0), (0.0, 2.0)))
+    assert np.abs(render(leaning) - render(still)).max() < 1e-12
+    with pytest.raises(InputError, match="reaches the main lens"):
+        render(replace(still, planes=(replace(plane, offset=(2000.0, 0.0), tilt=(0.4, 0.0)),)))
 
 
 @pytest.mark.parametrize("distance", [FOCUS, 500.0])
