@@ -2,8 +2,9 @@
 
 Every scene tried adds a line to FILE (CSV), and those in it are not tried again: start it again and it goes on. At the end it says of
 all in the file how many kept the promise, and how long every effect on takes against ``auto`` at the same tolerance. A scene that
-takes more processor time than ``--late`` is written down as late and not counted. Set OPENBLAS_NUM_THREADS=1: on busy cores BLAS's
-threads count the time that they wait for each other.
+takes more processor time than ``--late`` is written down as late and not counted; with ``--again`` late ones are tried again. Several
+may add to one file: ``--first 0 --step 2`` beside ``--first 1 --step 2``. ``promise_trials.csv`` beside this holds the trials of
+docs/pictures.md. Set OPENBLAS_NUM_THREADS=1: on busy cores BLAS's threads count the time that they wait for each other.
 """
 
 import argparse
@@ -33,11 +34,12 @@ def late(number: int, frame: FrameType | None) -> None:
 
 
 def read(file: Path) -> list[Trial]:
-    """The trials in a file; a late one has no figures."""
+    """The trials in a file, the last of each seed; a late one has no figures."""
     if not file.exists():
         return []
     with file.open(newline="", encoding="utf-8") as stream:
-        return [Trial(int(row["seed"]), *(float(row[name]) for name in HEADER[1:])) for row in csv.DictReader(stream)]
+        trials = [Trial(int(row["seed"]), *(float(row[name]) for name in HEADER[1:])) for row in csv.DictReader(stream)]
+    return list({trial.seed: trial for trial in trials}.values())
 
 
 def spent_by(trials: list[Trial]) -> tuple[list[float], list[float]]:
@@ -75,21 +77,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path)
     parser.add_argument("--first", type=int, default=0, help="seed of the first scene")
-    parser.add_argument("--scenes", type=int, default=1000)
+    parser.add_argument("--scenes", type=int, default=1000, help="seeds run from the first to below the first and this")
+    parser.add_argument("--step", type=int, default=1, help="from one seed to the next")
+    parser.add_argument("--again", action="store_true", help="try late scenes again")
     parser.add_argument("--late", type=float, default=600, help="processor seconds after which a scene is given up")
     parser.add_argument("--seconds", type=float, default=math.inf, help="begin no other scene after so long")
     asked = parser.parse_args()
     trials = read(asked.file)
-    tried = {trial.seed for trial in trials}
+    tried = {trial.seed for trial in trials if not (asked.again and math.isnan(trial.achieved))}
     end = time.monotonic() + asked.seconds
     signal.signal(signal.SIGPROF, late)
     for seed in range(WARM):
         try_scene(10_000 + seed)
     with asked.file.open("a", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        if not trials:
+        if stream.tell() == 0:
             writer.writerow(HEADER)
-        for seed in range(asked.first, asked.first + asked.scenes):
+        for seed in range(asked.first, asked.first + asked.scenes, asked.step):
             if seed in tried or time.monotonic() > end:
                 continue
             signal.setitimer(signal.ITIMER_PROF, asked.late)
@@ -99,13 +103,12 @@ def main() -> None:
                 trial = Trial(seed, *[math.nan] * (len(HEADER) - 1))
             finally:
                 signal.setitimer(signal.ITIMER_PROF, 0)
-            trials.append(trial)
-            writer.writerow(astuple(trial))
+            writer.writerow([seed, *(f"{figure:.4g}" for figure in astuple(trial)[1:])])
             stream.flush()
             figures = f"asked {trial.asked:.1e}  error {trial.achieved:.1e}  estimate {trial.estimated:.1e}"
             figures += f"  {trial.seconds:7.2f} s (picture {trial.picture:.2f}, every effect {trial.every:.2f})"
             print(f"{seed:4d}  {figures}{'' if trial.kept else '  NOT KEPT' if math.isfinite(trial.achieved) else '  late'}", flush=True)
-    print(told(trials))
+    print(told(read(asked.file)))
 
 
 if __name__ == "__main__":
