@@ -17,6 +17,7 @@ from flflab.targets import Bars, Edge, FourDot, Picture, Target
 Array = npt.NDArray[np.float64]
 
 PLAIN, DOTS, RULED, EDGE, PICTURE = range(5)
+STILL = 0.1  # of a neighbourhood's squared width: so little a movement may be left to the next moments
 SWING = math.sqrt(6.0)  # width of the box that spreads light as a swing of amplitude 1 does
 
 
@@ -65,6 +66,15 @@ def boxes_round(by: Array, parts: int, width: float, height: float, boxes: Array
     """
     boxes[0], boxes[1] = two_boxes(by[4] / parts, by[5] / parts, by[0] * width, by[1] * height, boxes[4], boxes[5])
     boxes[2], boxes[3] = two_boxes(by[6] / parts, by[7] / parts, by[2] * width, by[3] * height, boxes[6], boxes[7])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def moves_little(boxes: Array) -> bool:
+    """Whether what a surface moves around a moment is a small part of a neighbourhood, along both its axes; boxes of ``boxes_round``."""
+    for k in range(0, 4, 2):
+        if boxes[4 + k] ** 2 + boxes[5 + k] ** 2 > STILL * (boxes[k] ** 2 + boxes[k + 1] ** 2):
+            return False
+    return True
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -160,7 +170,7 @@ def seen_jointly(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean of radiance times visibility in a neighbourhood that the edges of cards cross, all of them along its sides.
+    """Mean of radiance times visibility in a neighbourhood that the edges of cards cross, all of them along its sides, at one moment.
 
     A place of the neighbourhood is (u, v), both from -1/2 to 1/2, the same for all surfaces. What a card leaves visible is all less
     what it covers, so that the mean is a sum of means over rectangles, one for each choice among the cards.

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.neighbourhood import boxes_round, card_share, leads_alike, radiance_round, seen_jointly, way_round
+from flflab.image.neighbourhood import boxes_round, card_share, leads_alike, moves_little, radiance_round, seen_jointly, way_round
 from flflab.image.rim import lit_middle, steep_share
 from flflab.optics.discs import lens_chord, lens_rows, two_disc_area
 
@@ -110,7 +110,8 @@ def _mean(
                     seen = 0.0
                     break
                 if 0.0 < share < 1.0:
-                    if crossed < MOST_CROSSED and aligned[index] and leads_alike(maps[index], maps[0], parts, width, height):
+                    alike = aligned[index] and leads_alike(maps[index], maps[0], parts, width, height)
+                    if crossed < MOST_CROSSED and alike and moves_little(boxes[index]) and moves_little(boxes[0]):
                         places[crossed, 0], places[crossed, 1], places[crossed, 2] = px, py, index
                         crossed += 1
                     else:
