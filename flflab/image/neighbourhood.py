@@ -71,10 +71,8 @@ def boxes_round(by: Array, parts: int, width: float, height: float, boxes: Array
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def moves_little(boxes: Array) -> bool:
     """Whether what a surface moves around a moment is a small part of a neighbourhood, along both its axes; boxes of ``boxes_round``."""
-    for k in range(0, 4, 2):
-        if boxes[4 + k] ** 2 + boxes[5 + k] ** 2 > STILL * (boxes[k] ** 2 + boxes[k + 1] ** 2):
-            return False
-    return True
+    x = boxes[4] ** 2 + boxes[5] ** 2 <= STILL * (boxes[0] ** 2 + boxes[1] ** 2)
+    return x and boxes[6] ** 2 + boxes[7] ** 2 <= STILL * (boxes[2] ** 2 + boxes[3] ** 2)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
