@@ -12,9 +12,10 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 BLOCKS = 12  # a side: of each block of the picture, its steepest pixel
-SPREAD = 600  # more pixels, evenly spread over those with light
+SPREAD = 2000  # more pixels, evenly spread over those with light
 FINER, FINER_WAVES = 8.0, 3.0  # how much finer the reference is formed here; waves cost so much that less must do
-SAFETY = 4.2  # the largest difference anywhere is up to 3.7 times the largest one found in trials
+ENOUGH = 0.002  # where a picture with waves is coarser than FINER_WAVES times that, the reference is this fine, or FINER times finer
+SAFETY = 3.8  # the largest difference anywhere is up to 3.5 times the largest one found in trials
 LEAST = 0.02  # of the finer picture's tolerance: what neither picture shows
 
 
@@ -31,15 +32,15 @@ def estimate_error(scene: Scene, image: Array, tolerance: float, effects: frozen
         return LEAST_TOLERANCE  # nothing finer is there to compare with
     wanted, filtered = telling_pixels(image), "colour-filter" in effects
 
-    def difference(held_against: Scene, factor: float) -> float:
-        truth = finer_picture(held_against, image, max(tolerance / factor, LEAST_TOLERANCE), wanted, filtered)
-        return SAFETY * float(np.abs(truth - image)[wanted].max(initial=0.0)) + LEAST * max(tolerance / factor, LEAST_TOLERANCE)
+    def difference(held_against: Scene, finer: float) -> float:
+        truth = finer_picture(held_against, image, max(finer, LEAST_TOLERANCE), wanted, filtered)
+        return SAFETY * float(np.abs(truth - image)[wanted].max(initial=0.0)) + LEAST * max(finer, LEAST_TOLERANCE)
 
     if scene.diffraction is None:
-        return difference(scene, FINER)
-    of_all = difference(scene, FINER_WAVES)
+        return difference(scene, tolerance / FINER)
+    of_all = difference(scene, max(tolerance / FINER, min(tolerance / FINER_WAVES, ENOUGH)))
     # Twice as fine may mean the same orders again and repeat the picture's own error; where it is one of rays, they say so.
-    return of_all if "diffraction" in effects else max(of_all, difference(replace(scene, diffraction=None), FINER))
+    return of_all if "diffraction" in effects else max(of_all, difference(replace(scene, diffraction=None), tolerance / FINER))
 
 
 def finer_picture(scene: Scene, image: Array, tolerance: float, wanted: Flags, filtered: bool = True) -> Array:
