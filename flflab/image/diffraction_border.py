@@ -131,7 +131,7 @@ def _border(
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
     smeared = modes.kind.smear.transfer(f)
     boxes = [smeared * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side) for side in sides]
-    whole, half = modes.spectrum(-1, size), len(coarse)
+    whole, half = modes.unclipped(size), len(coarse)
     rising, falling = (np.stack([(whole * box)[:, side] for box in boxes]) for side in (slice(half), slice(half, None)))
     core, part = _sheets(np.stack([rising + falling, rising - falling], axis=1), np.zeros(2, dtype=np.int64), kernel, lines)
     core, part = (sheet + poisson_weight(modes.core_tail) * far for sheet in (core, part))

@@ -139,7 +139,7 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
         up[row] = unclipped * pattern
         return np.ascontiguousarray(field().real)
 
-    unclipped, by_part = modes.spectrum(-1, size), boxed(box / parts)
+    unclipped, by_part = modes.unclipped(size), boxed(box / parts)
     whole, part = core(boxed(box)), core(by_part)
     at_once = max(1, min(MOST_WAVES, ROOM // whole.size) // 2)
     starts = range(0, len(modes.orders), at_once)

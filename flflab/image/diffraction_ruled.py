@@ -193,7 +193,7 @@ def make_curves(modes: Modes, line: Line, box: float, parts: int) -> Curves:
     turned = frequency[:, None] * line.direction / np.hypot(*line.direction)
     spectrum = line_spectrum(line, modes.band) * modes.kind.smear.transfer(turned)
     far = _far_light(line)
-    core = modes.spectrum(-1, frequency)
+    core = modes.unclipped(frequency)
 
     def boxed(side: float) -> ComplexArray:
         return spectrum * np.sinc(turned[:, 0] * side) * np.sinc(turned[:, 1] * side)

@@ -275,13 +275,10 @@ class Modes:
         parts = self.orders[kept], self.sizes[kept], self.radial[kept], self.spectra[kept], self.fine[kept], self.tails[kept]
         return Modes(self.kind, self.band, *parts, self.core, self.core_tail)
 
-    def spectrum(self, term: int, frequency: Array) -> Array:
-        """One term's spectrum (that of the core for -1) at frequencies of any shape."""
-        values = self.core if term < 0 else self.spectra[term]
-        place = np.arccos(np.maximum(1 - 2 * frequency / self.band, -1)) * ((len(values) - 1) / np.pi)
-        found = ndimage.map_coordinates(
-            ndimage.spline_filter1d(values, mode="mirror"), place[None], order=3, mode="mirror", prefilter=False
-        )
+    def unclipped(self, frequency: Array) -> Array:
+        """The unclipped pupil's transfer at frequencies of any shape, by a quintic spline."""
+        turn = np.arccos(np.maximum(1 - 2 * frequency / self.band, -1))
+        found = make_interp_spline(np.linspace(0, np.pi, len(self.core)), self.core, k=5)(turn)
         return np.where(frequency < self.band, found, 0.0)
 
     def places(self, frequency: Array) -> tuple[Whole, SingleArray]:

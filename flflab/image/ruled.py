@@ -13,8 +13,9 @@ import numpy.typing as npt
 from flflab.image.falloff_means import read_between, seen_weight, seen_weights, table_steps
 from flflab.image.profile import prepare, profile_mean
 from flflab.image.rim import part_share, rim_share
-from flflab.image.strips import BLOCK, EX, EY, LOOSE, MEAN, ROWS, WEIGHT, strip_means, weighted_mean, window_mean
+from flflab.image.strips import BLOCK, EX, EY, MEAN, ROWS, WEIGHT, strip_means, weighted_mean, window_mean
 from flflab.image.tiles import shrink
+from flflab.optics.discs import LOOSE
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]

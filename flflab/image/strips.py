@@ -11,12 +11,10 @@ import numpy.typing as npt
 
 from flflab.image.clipping import clip, lens_span
 from flflab.image.profile import step_mean
+from flflab.optics.discs import LOOSE
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
-
-# Sums may be taken in any order; nothing here is infinite or not a number.
-LOOSE = {"contract", "nsz", "nnan", "ninf", "reassoc", "arcp"}
 
 BLOCK = 256  # sensor points side by side
 # Where their numbers begin in one array of ROWS times BLOCK: its parts lie fixed steps apart, or the compiler makes no use of vectors.

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.optics.discs import lens_chord, lens_rows, two_disc_area
+from flflab.optics.discs import LOOSE, lens_chord, lens_rows, two_disc_area
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -26,10 +26,9 @@ ComplexArray = npt.NDArray[np.complex128]
 WHOLE = (0.0, 0.0, 2.0)  # a second disc that clips nothing
 ROWS_AT_LEAST, ROWS_PER_WAVE, ROWS_AT_MOST = 16, 7.0, 700
 ROWS_STEP = 1.15  # from one number of rows to the next
-# Sums may be taken in any order; nothing here is infinite or not a number.
-LOOSE = {"contract", "nsz", "nnan", "ninf", "reassoc", "arcp"}
-SINE = tuple((-1) ** k * math.pi ** (2 * k + 1) / math.factorial(2 * k + 1) for k in range(9))
-COSINE = tuple((-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k) for k in range(9))
+TERMS = 9  # of the series of sin(pi f) / f and cos(pi f) in f^2
+SINE = tuple((-1) ** k * math.pi ** (2 * k + 1) / math.factorial(2 * k + 1) for k in range(TERMS))
+COSINE = tuple((-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k) for k in range(TERMS))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -83,7 +82,8 @@ def piece_transfer(
 ) -> tuple[float, float]:
     """The part of H times the pupil's area that comes from the rows between two; without a branch, so that vectors can be used.
 
-    The sine and cosine of pi v are those of pi f with f = v - n, n the nearest whole number, times (-1)^n; both by Taylor's series.
+    The sine and cosine of pi v are those of pi f with f = v - n, n the nearest whole number, times (-1)^n; both by Taylor's series, to
+    1e-12.
     """
     real, imaginary = 0.0, 0.0
     middle, half = 0.5 * (start + end), 0.5 * (end - start)
@@ -96,44 +96,23 @@ def piece_transfer(
         n = math.floor(v + 0.5)
         f = v - n
         sign = 1.0 - 2.0 * (n - 2.0 * math.floor(0.5 * n))
-        weight = half * nodes[1, index] * kept * sign * sine_of_half_turns(f) / (math.pi * v)
+        weight = half * nodes[1, index] * kept * sign * f * power_series(f * f, SINE) / (math.pi * v)
         v = waves * (left + right)
         n = math.floor(v + 0.5)
         f = v - n
         weight *= 1.0 - 2.0 * (n - 2.0 * math.floor(0.5 * n))
-        real += weight * cosine_of_half_turns(f)
-        imaginary += weight * sine_of_half_turns(f)
+        real += weight * power_series(f * f, COSINE)
+        imaginary += weight * f * power_series(f * f, SINE)
     return real, imaginary
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def sine_of_half_turns(f: float) -> float:
-    """sin(pi f) for f from -1/2 to 1/2, to 1e-13."""
-    z = f * f
-    total = SINE[8]
-    total = total * z + SINE[7]
-    total = total * z + SINE[6]
-    total = total * z + SINE[5]
-    total = total * z + SINE[4]
-    total = total * z + SINE[3]
-    total = total * z + SINE[2]
-    total = total * z + SINE[1]
-    return f * (total * z + SINE[0])
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def cosine_of_half_turns(f: float) -> float:
-    """cos(pi f) for f from -1/2 to 1/2, to 1e-12."""
-    z = f * f
-    total = COSINE[8]
-    total = total * z + COSINE[7]
-    total = total * z + COSINE[6]
-    total = total * z + COSINE[5]
-    total = total * z + COSINE[4]
-    total = total * z + COSINE[3]
-    total = total * z + COSINE[2]
-    total = total * z + COSINE[1]
-    return total * z + COSINE[0]
+def power_series(z: float, terms: tuple[float, ...]) -> float:
+    """The sum of the terms times the powers of z from 0 up."""
+    total = 0.0
+    for k in range(TERMS - 1, -1, -1):
+        total = total * z + terms[k]
+    return total
 
 
 @cache

@@ -14,6 +14,8 @@ from flflab.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
+# For kernels whose sums may be taken in any order, in which nothing is infinite or not a number.
+LOOSE = {"contract", "nsz", "nnan", "ninf", "reassoc", "arcp"}
 SERIES_TERMS = 34
 SERIES_LIMIT = 0.35
 # Coefficients of (integral of sqrt(z (1 - z)) from 0 to z) / z^(3/2): (-1)^n binomial(1/2, n) / (n + 3/2).

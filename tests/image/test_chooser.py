@@ -120,6 +120,8 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
     ("seeds", "resolution", "finest", "waves"),
     [
         (range(4), (32, 24), 0.02, False),
+        (range(134, 135), RESOLUTION, 0.001, True),
+        (range(920, 921), RESOLUTION, 0.001, True),
         pytest.param(range(4, 10), (32, 24), 0.02, False, marks=[pytest.mark.ci, pytest.mark.timeout(400)]),
         pytest.param(range(40, 41), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
         pytest.param(range(10004, 10005), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
@@ -129,6 +131,8 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
     ],
     ids=[
         "few scenes of rays",
+        "one wrong in few pixels along a border",
+        "one that is as wrong at a third of the tolerance",
         "some scenes of rays",
         "a white one whose waves are left out",
         "a card before many micro-images",
@@ -142,5 +146,4 @@ def test_auto_differs_from_the_reference_by_less_than_asked_for_and_knows_by_how
 ) -> None:
     trials = [try_scene(seed, resolution, finest, waves) for seed in seeds]
     assert [trial for trial in trials if not trial.kept] == []
-    above = [trial for trial in trials if trial.telling and trial.estimated > 5 * trial.achieved]
-    assert len(above) <= max(1, len(trials) // 20)  # 5 %, of few scenes one
+    assert np.mean([trial.estimated <= 5 * trial.achieved for trial in trials if trial.telling]) >= 0.95
