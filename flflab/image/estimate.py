@@ -12,7 +12,7 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 BLOCKS = 12  # a side: of each block of the picture, its steepest pixel
-SPREAD = 2000  # more pixels, evenly spread over those with light
+SPREAD, SPREAD_WAVES = 600, 2000  # more pixels, evenly spread over those with light; with waves each costs little beside the tables
 FINER, FINER_WAVES = 8.0, 3.0  # how much finer the reference is formed here; waves cost so much that less must do
 ENOUGH = 0.002  # where a picture with waves is coarser than FINER_WAVES times that, the reference is this fine, or FINER times finer
 SAFETY = 3.6  # the largest difference anywhere is up to 3.4 times the largest one found in trials
@@ -30,7 +30,8 @@ def estimate_error(scene: Scene, image: Array, tolerance: float, effects: frozen
     """
     if tolerance <= LEAST_TOLERANCE:
         return LEAST_TOLERANCE  # nothing finer is there to compare with
-    wanted, filtered = telling_pixels(image), "colour-filter" in effects
+    wanted = telling_pixels(image, SPREAD if scene.diffraction is None else SPREAD_WAVES)
+    filtered = "colour-filter" in effects
 
     def difference(held_against: Scene, finer: float) -> float:
         truth = finer_picture(held_against, image, max(finer, LEAST_TOLERANCE), wanted, filtered)
@@ -65,13 +66,13 @@ def finer_picture(scene: Scene, image: Array, tolerance: float, wanted: Flags, f
     return passed * light
 
 
-def telling_pixels(image: Array) -> Flags:
-    """The steepest pixel of every block of a picture, and others spread evenly over its light."""
+def telling_pixels(image: Array, spread: int) -> Flags:
+    """The steepest pixel of every block of a picture, and so many others spread evenly over its light."""
     steep = steepness(image)
     wanted = steepest_pixels(steep)
     lit = np.flatnonzero(image.ravel() + steep.ravel())
     if len(lit):
-        wanted.ravel()[lit[np.linspace(0, len(lit) - 1, SPREAD).astype(np.int64)]] = True
+        wanted.ravel()[lit[np.linspace(0, len(lit) - 1, spread).astype(np.int64)]] = True
     return wanted
 
 

@@ -69,7 +69,7 @@ def try_scene(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float
     marks.append(time.process_time())
     every = render(scene, tolerance=tolerance)
     marks.append(time.process_time())
-    wanted = telling_pixels(image)
+    wanted = telling_pixels(image, SPREAD)
     drawn_pixels = np.random.default_rng(seed).permutation(wanted.size)[: wanted.size if wanted.size <= WHOLE else SPREAD]
     wanted.ravel()[drawn_pixels] = True
     finer = max(tolerance / (FINER if scene.diffraction is None else FINER_WAVES), LEAST_TOLERANCE)
