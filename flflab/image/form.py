@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from flflab.image.orders import (
     falloff_chunks,
+    falloff_counts,
     grid_counts,
     in_bands,
     is_even,
@@ -150,7 +151,7 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
 def _add_dot(image: Array, setup: Setup, radius: float, chosen: Chosen) -> None:
     """Add a disc of this radius round the origin of the target's coordinates."""
     blur, pupils = setup.kind_blur(largest=True), setup.pupils
-    counts = grid_counts(blur, setup.tolerance / setup.overlap)
+    counts = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), falloff_counts(setup))
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
     even = is_even(setup.by_sensor, setup.tolerance)
     if not even:

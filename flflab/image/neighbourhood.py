@@ -18,6 +18,8 @@ Array = npt.NDArray[np.float64]
 
 PLAIN, DOTS, RULED, EDGE, PICTURE = range(5)
 STILL = 0.1  # of a neighbourhood's squared width: so little a movement may be left to the next moments
+NARROW = 0.05  # of the wider box of a neighbourhood; a narrower one only widens it
+BY_HALVES = 2 / math.sqrt(3.0)  # of a box: of two halves so long together the middles are as far apart as Gauss looks at the box
 SWING = math.sqrt(6.0)  # width of the box that spreads light as a swing of amplitude 1 does
 
 
@@ -98,15 +100,23 @@ def leads_alike(by: Array, target: Array, parts: int, width: float, height: floa
 def _common_boxes(by: Array, target: Array, axis: int, part: float, width: float, height: float) -> tuple[float, float]:
     """The two boxes that smooth a surface along an axis, pixel and pupil cell, the one that is wider on the target first.
 
-    The first holds half of the second, whose halves are looked at one by one. Negative where the surface runs against the target.
+    The first holds half of the second, whose halves are looked at one by one. A pixel that stands askew is two boxes itself: where the
+    lesser is wider than the cell it is the second, as long as its halves' middles stand for it alone. Negative where the surface runs
+    against the target.
     """
     k = 2 * axis
-    pixel, cell = math.hypot(by[4 + k], by[5 + k]) * part, math.hypot(by[k] * width, by[k + 1] * height)
+    one, other = (4 + k, 5 + k) if abs(target[4 + k]) >= abs(target[5 + k]) else (5 + k, 4 + k)
+    on_target, least = math.hypot(target[k] * width, target[k + 1] * height), abs(target[other]) * part
+    cell = math.hypot(by[k] * width, by[k + 1] * height)
+    if least > on_target:
+        lead = math.copysign(max(math.hypot(by[one] * part, cell), 1e-300), by[one] * target[one])
+        return lead, math.copysign(BY_HALVES * by[other] * part, by[other] * target[other])
+    pixel = math.hypot(by[4 + k], by[5 + k]) * part
     if by[4 + k] * target[4 + k] + by[5 + k] * target[5 + k] < 0.0:
         pixel = -pixel
     if by[k] * target[k] + by[k + 1] * target[k + 1] < 0.0:
         cell = -cell
-    if math.hypot(target[4 + k], target[5 + k]) * part < math.hypot(target[k] * width, target[k + 1] * height):
+    if math.hypot(target[4 + k], target[5 + k]) * part < on_target:
         pixel, cell = cell, pixel
     return math.copysign(max(math.hypot(pixel, 0.5 * cell), 1e-300), pixel), cell
 
@@ -133,15 +143,48 @@ def radiance_round(
         cos, sin = numbers[0], numbers[1]
         along = two_boxes(cos * box_x[0], cos * box_x[1], sin * box_y[0], sin * box_y[1], 0.0, 0.0)
         return step_mean(x * cos + y * sin, along[0], along[1])
+    width, first_x = _places_along(box_x, 1e-3 * numbers[0])
+    height, first_y = _places_along(box_y, 1e-3 * numbers[0])
+    total, count = 0.0, 0
+    for shift_y in (first_y, -first_y):
+        for shift_x in (first_x, -first_x):
+            if kind == DOTS:
+                total += _dots_mean(x + shift_x, y + shift_y, width, height, numbers)
+            else:
+                total += _picture_mean(x + shift_x, y + shift_y, width, height, numbers[0], sums)
+            count += 1
+            if first_x == 0.0:
+                break
+        if first_y == 0.0:
+            break
+    return total / count
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _places_along(box: tuple[float, float], least: float) -> tuple[float, float]:
+    """Side of the box that is looked at, and how far from the middle: the wider box, from the two places that stand for the other.
+
+    One box in place of both would smooth an edge along it too much in the middle of its step, in every part of a pixel alike.
+    """
+    if box[1] <= NARROW * box[0]:
+        return max(math.sqrt(box[0] * box[0] + box[1] * box[1]), least), 0.0
+    return max(box[0], least), box[1] / math.sqrt(12.0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _dots_mean(x: float, y: float, width: float, height: float, numbers: Array) -> float:
+    """Mean radiance of four dots in a box round (x, y)."""
     size = numbers[0]
-    width = max(math.sqrt(box_x[0] * box_x[0] + box_x[1] * box_x[1]), 1e-3 * size)
-    height = max(math.sqrt(box_y[0] * box_y[0] + box_y[1] * box_y[1]), 1e-3 * size)
-    if kind == DOTS:
-        x, y = abs(x) - numbers[1], abs(y) - numbers[1]
-        if abs(x) > size + width or abs(y) > size + height:
-            return 0.0
-        area = disc_rectangle_area(size, x - 0.5 * width, x + 0.5 * width, y - 0.5 * height, y + 0.5 * height)
-        return max(0.0, area) / (width * height)
+    x, y = abs(x) - numbers[1], abs(y) - numbers[1]
+    if abs(x) > size + width or abs(y) > size + height:
+        return 0.0
+    area = disc_rectangle_area(size, x - 0.5 * width, x + 0.5 * width, y - 0.5 * height, y + 0.5 * height)
+    return max(0.0, area) / (width * height)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _picture_mean(x: float, y: float, width: float, height: float, size: float, sums: Array) -> float:
+    """Mean radiance of a picture, of texels of this size, in a box round (x, y)."""
     left = (x - 0.5 * width) / size + 0.5 * (sums.shape[1] - 1)
     bottom = (y - 0.5 * height) / size + 0.5 * (sums.shape[0] - 1)
     right = left + width / size

@@ -23,6 +23,7 @@ MOST_STEPS = 16384
 LEAST_STRIPS = 3
 MOST_STRIPS = 512
 MOST_POINTS = 128
+FALLOFF_SHARE = 0.2  # of the tolerance, for the fall-off of dots
 
 
 def lit_windows(setup: Setup, half_x: float, half_y: float) -> Whole:
@@ -116,6 +117,20 @@ def falloff_chunks(setup: Setup) -> int:
 def grid_counts(blur: Array, tolerance: float) -> Whole:
     """How many points a side across the pupil a blur in pixels needs; measured on dots: n of them leave 0.1 blur / n^2 of white."""
     return np.clip(np.ceil(np.sqrt(0.1 * blur / (0.6 * tolerance))), 1, MOST_POINTS).astype(np.int64)
+
+
+def falloff_counts(setup: Setup) -> Whole:
+    """How many points a side across the pupil the fall-off of sharp dots needs, for each kind of rim.
+
+    Where slopes at the sensor change by s over the pupil's radius, n of them leave at most s^(2 n) / 5^(n - 1) of white, measured on
+    whole pupils with s up to 0.8.
+    """
+    squared = np.zeros(len(setup.rims.slope))
+    if setup.falloff:
+        np.maximum.at(squared, setup.rims.kind, np.minimum(setup.pupils.slant_spread**2, 4.0))
+    allowed = FALLOFF_SHARE * setup.tolerance / setup.overlap
+    counts = np.ceil(math.log(allowed / 5) / np.log(np.maximum(squared, 1e-12) / 5))
+    return np.clip(counts, 1, MOST_POINTS).astype(np.int64)
 
 
 def spot_parts(blur: Array, tolerance: float) -> Whole:

@@ -16,6 +16,7 @@ Chosen = npt.NDArray[np.bool_]
 
 STEEP = 6.0  # a rim narrower than this many parts of a pixel is averaged over them
 COARSER = 4  # how much coarser than asked for a pixel is first summed
+FEWEST_PARTS = 2  # of a pixel in a rim: with one or two of them rim and cards agree by chance too often
 FEWEST_ROWS = 4
 FEWEST_CELLS = 2
 AXES = 5  # orders: parts of the pixel, rows of the pupil, cells of a row, moments of drift, of vibration
@@ -211,7 +212,7 @@ def _pixel_light(
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _first_orders(most: Whole, whole: bool, along: bool, orders: Whole) -> None:
     """With what a pixel is first summed: a whole one in the bright field undivided, rows along all surfaces' axes in few cells."""
-    orders[0] = 1 if whole else (most[0] + COARSER - 1) // COARSER
+    orders[0] = 1 if whole else max((most[0] + COARSER - 1) // COARSER, min(most[0], FEWEST_PARTS))
     orders[1] = max((most[1] + COARSER - 1) // COARSER, min(most[1], FEWEST_ROWS))
     orders[3] = orders[4] = 1
     orders[2] = min(most[2], FEWEST_CELLS) if along else orders[1]

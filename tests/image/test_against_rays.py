@@ -16,7 +16,6 @@ from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
 from flflab.image.effects.scatter import Scatter
 from flflab.image.effects.stray_light import StrayLight
-from flflab.image.promise import drawn
 from flflab.image.reference import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
@@ -211,13 +210,3 @@ def test_what_rays_cannot_tell_is_refused(camera: Camera) -> None:
         trace_pixels(replace(one_plane(camera, White(), FOCUS), diffraction=Diffraction()), pixels)
     with pytest.raises(InputError, match="mean_light"):
         trace_pixels(replace(one_plane(camera, White(), FOCUS), stray_light=StrayLight(0.1)), pixels)
-
-
-@pytest.mark.ci
-def test_fall_off_on_a_rim_narrower_than_a_pixel_is_that_of_the_whole_pupil() -> None:
-    """A pixel of a random scene whose centre is beyond the rim: the weight of the pupil's last sliver had counted for all of it."""
-    scene = replace(drawn(13)[0], diffraction=None, stray_light=None)
-    wanted = np.zeros((192, 256), dtype=np.bool_)
-    wanted[14, 20] = True
-    traced, uncertainty = trace_pixels(scene, np.array([[20, 14]]), wanted=1e-4)
-    assert abs(render(scene, tolerance=3e-3, wanted=wanted)[14, 20] - traced[0]) < 5e-4 + 4 * uncertainty[0]

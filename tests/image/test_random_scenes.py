@@ -1,0 +1,50 @@
+"""Pixels of random scenes that were once wrong at any tolerance, against rays refracted one by one and summed by the slow reference."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flflab.image.promise import drawn
+from flflab.image.reference import trace_pixels
+from flflab.image.render import render
+from flflab.image.scene import Scene
+from flflab.targets import White
+
+
+def scene_of(seed: int) -> Scene:
+    """A random scene in light of rays, still, without what spreads or filters its light."""
+    return replace(drawn(seed)[0], diffraction=None, motion=None, stray_light=None, colour_filter=None)
+
+
+def errors(scene: Scene, pixels: list[tuple[int, int]], tolerance: float) -> list[float]:
+    """How far pixels (row, column) of the picture are from rays that are sure to a tenth of the tolerance, of white."""
+    columns_rows = np.array(pixels)[:, ::-1]
+    wanted = np.zeros(scene.camera.sensor.resolution[::-1], dtype=np.bool_)
+    wanted[tuple(np.array(pixels).T)] = True
+    traced, uncertainty = trace_pixels(scene, columns_rows, wanted=tolerance / 10)
+    assert uncertainty.max() <= tolerance / 10
+    return list(np.abs(render(scene, tolerance=tolerance, wanted=wanted)[tuple(np.array(pixels).T)] - traced))
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("tolerance", [0.004, 0.001])
+def test_pixels_askew_on_a_picture_are_not_smoothed_beyond_their_own_width(tolerance: float) -> None:
+    texels, card = (168, 36), (130, 14)
+    assert max(errors(scene_of(757), [texels, card], tolerance)) < tolerance
+
+
+def test_a_card_across_a_rim_is_not_settled_by_one_chance() -> None:
+    nearest = scene_of(612).planes[0]
+    scene = replace(scene_of(612), planes=(replace(nearest, target=White()),))
+    assert max(errors(scene, [(158, 46)], 0.0097)) < 0.0097
+
+
+def test_sharp_dots_lose_the_light_of_the_whole_cone_and_not_of_its_middle() -> None:
+    nearest = scene_of(624).planes[0]
+    assert max(errors(replace(scene_of(624), planes=(nearest,)), [(34, 11), (35, 11)], 0.05)) < 0.05
+
+
+def test_fall_off_on_a_rim_narrower_than_a_pixel_is_that_of_the_whole_pupil() -> None:
+    """The pixel's centre is beyond the rim: the weight of the pupil's last sliver had counted for all of it."""
+    assert max(errors(scene_of(13), [(14, 20)], 3e-3)) < 1e-3
