@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from flflab.image.neighbourhood import boxes_round, card_share, leads_alike, moves_little, radiance_round, seen_jointly, way_round
 from flflab.image.rim import lit_middle, steep_share
-from flflab.optics.discs import lens_chord, lens_rows, two_disc_area
+from flflab.optics.discs import lens_rows, lens_strip, two_disc_area
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -88,13 +88,11 @@ def _mean(
     light = 0.0
     area = 0.0
     for row in range(rows):  # of equal steps of an angle, for the rows' lengths rise from 0 like a circle's
-        angle = math.pi * (row + 0.5) / rows
-        ty = 0.5 * (low + high) - 0.5 * (high - low) * math.cos(angle)
-        height = 0.5 * (high - low) * math.sin(angle) * math.pi / rows
-        left, right = lens_chord(x, y, other, ty)
-        if right <= left:
+        middle, ty, width, height = lens_strip(x, y, other, low, high, math.pi * row / rows, math.pi * (row + 1) / rows)
+        if width <= 0.0:
             continue
-        width = (right - left) / cells
+        left = middle - 0.5 * width
+        width /= cells
         for index in range(surfaces.shape[0]):
             boxes_round(maps[index], parts, width, height, boxes[index])
         for step in range(cells):

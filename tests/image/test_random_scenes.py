@@ -17,6 +17,11 @@ def scene_of(seed: int) -> Scene:
     return replace(drawn(seed)[0], diffraction=None, motion=None, stray_light=None, colour_filter=None)
 
 
+def small_scene(seed: int) -> Scene:
+    """A random scene of fewer pixels, in light of rays, without what spreads or filters it."""
+    return replace(drawn(seed, (160, 120))[0], diffraction=None, scatter=None, stray_light=None, colour_filter=None)
+
+
 def errors(scene: Scene, pixels: list[tuple[int, int]], tolerance: float) -> list[float]:
     """How far pixels (row, column) of the picture are from rays that are sure to a tenth of the tolerance, of white."""
     columns_rows = np.array(pixels)[:, ::-1]
@@ -38,6 +43,12 @@ def test_a_card_across_a_rim_is_not_settled_by_one_chance() -> None:
     nearest = scene_of(612).planes[0]
     scene = replace(scene_of(612), planes=(replace(nearest, target=White()),))
     assert max(errors(scene, [(158, 46)], 0.0097)) < 0.0097
+
+
+def test_rows_across_a_rim_weigh_as_much_as_the_pupil_between_them() -> None:
+    """Chords in the middles of few rows are not the mean of a lens that has corners."""
+    assert max(errors(small_scene(29), [(66, 128)], 0.0546)) < 0.3 * 0.0546
+    assert max(errors(small_scene(254), [(66, 95)], 0.005)) < 0.4 * 0.005
 
 
 def test_sharp_dots_lose_the_light_of_the_whole_cone_and_not_of_its_middle() -> None:
