@@ -44,6 +44,7 @@ def run(command: list[str], folder: Path) -> None:
     assert done.returncode == 0, f"{shlex.join(command)}\n{done.stdout}\n{done.stderr}"
 
 
+@pytest.mark.timeout(600)  # a page's commands together
 @pytest.mark.parametrize(("language", "text"), list(blocks()))
 def test_what_the_pages_show_runs(language: str, text: str, folder: Path, request: pytest.FixtureRequest) -> None:
     if request.node.get_closest_marker("r12a"):

@@ -1,0 +1,62 @@
+"""Pixels that stand askew on dots and pictures: exact areas against counting, single rays against rays traced one by one."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from flflab.image.askew import disc_parallelogram_area, parallelogram_sum
+from flflab.image.reference import trace_pixels
+from flflab.image.scene import ALL, Plane, Scene
+from flflab.image.setup import make_setup
+from flflab.image.single_rays import add_single_rays
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
+from flflab.targets import FourDot, Picture, Target
+
+CAMERA = Camera(
+    MainLens(50.0, 4.0),
+    MicrolensArray(layout="square", count=(5, 5), pitch=(0.4, 0.4), aperture=0.336, focal_lengths=(0.917,), distance=60.0),
+    Sensor((110, 90), 0.00166, 61.15),
+)
+NOISE = np.random.default_rng(1).random((8, 10))
+SIDES = [(0.4, 0.3, -0.3, 0.4), (0.9, 0.5, 0.2, 0.7), (-0.02, 0.03, 0.05, 0.02), (3.1, -0.4, 0.0, 2.2)]
+
+
+def points_of(x: float, y: float, sides: tuple[float, float, float, float]) -> npt.NDArray[np.float64]:
+    """A dense grid of points of a parallelogram, shape (2, N)."""
+    along = (np.arange(1500) + 0.5) / 1500 - 0.5
+    first, second = (part.ravel() for part in np.meshgrid(along, along))
+    return np.array([x + sides[0] * first + sides[2] * second, y + sides[1] * first + sides[3] * second])
+
+
+@pytest.mark.parametrize("sides", SIDES)
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.5, -0.6), (0.71, 0.7), (-1.1, 0.1), (3.0, 3.0)])
+def test_the_area_of_a_disc_in_a_parallelogram_is_what_counting_says(place: tuple[float, float], sides: tuple[float, ...]) -> None:
+    ux, uy, vx, vy = sides
+    within = float(np.mean(np.hypot(*points_of(*place, (ux, uy, vx, vy))) < 1.0))
+    assert disc_parallelogram_area(1.0, *place, ux, uy, vx, vy) / abs(ux * vy - vx * uy) == pytest.approx(within, abs=1e-3)
+
+
+@pytest.mark.parametrize("sides", SIDES)
+@pytest.mark.parametrize("place", [(5.0, 4.0), (5.02, 3.99), (0.1, 7.9), (9.7, 0.5), (-0.2, 3.3), (20.0, 1.0)])
+def test_the_sum_of_a_picture_over_a_parallelogram_is_what_its_texels_say(place: tuple[float, float], sides: tuple[float, ...]) -> None:
+    ux, uy, vx, vy = sides
+    column, row = np.floor(points_of(*place, (ux, uy, vx, vy))).astype(int)
+    inside = (column >= 0) & (column < 10) & (row >= 0) & (row < 8)
+    mean = float(np.sum(NOISE[row[inside], column[inside]]) / inside.size)
+    sums = np.pad(NOISE.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    assert parallelogram_sum(*place, ux, uy, vx, vy, sums) / abs(ux * vy - vx * uy) == pytest.approx(mean, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("target", "pixels"),
+    [(FourDot(0.6, 1.0), [(33, 51), (37, 60), (33, 61)]), (Picture(NOISE, 2.0), [(65, 60), (64, 61), (63, 62)])],
+    ids=["dots", "picture"],
+)
+def test_a_sharp_target_turned_by_45_degrees_is_what_rays_show(target: Target, pixels: list[tuple[int, int]]) -> None:
+    plane = Plane(target, 506.7016, (0.1, 0.03), 0.785)
+    scene = Scene(CAMERA, (plane,))
+    image = np.zeros((90, 110))
+    add_single_rays(image, make_setup(scene, plane, 0.002, ALL), plane, None, ())
+    traced, uncertainty = trace_pixels(scene, np.array(pixels)[:, ::-1], wanted=1e-4)
+    assert uncertainty.max() <= 1e-4
+    assert np.abs(image[tuple(np.array(pixels).T)] - traced).max() < 3e-4
