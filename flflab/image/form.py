@@ -153,9 +153,6 @@ def _add_dot(image: Array, setup: Setup, radius: float, chosen: Chosen) -> None:
     blur, pupils = setup.kind_blur(largest=True), setup.pupils
     counts = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), falloff_counts(setup))
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
-    even = is_even(setup.by_sensor, setup.tolerance)
-    if not even:
-        parts = np.maximum(parts, turned_parts(setup.tolerance))
     if not setup.falloff and is_turn(setup.by_pupil, setup.tolerance):
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))
@@ -178,7 +175,6 @@ def _add_dot(image: Array, setup: Setup, radius: float, chosen: Chosen) -> None:
         setup.pixel_width,
         radius,
         chosen,
-        even,
     )
     windows = lit_windows(setup, radius, radius)
     in_bands(lambda rows: add_dots(image, rows, windows, *arguments), windows)

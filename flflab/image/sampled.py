@@ -6,11 +6,14 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from flflab.image.parallelogram import disc_parallelogram_area
 from flflab.image.rim import part_share
-from flflab.optics.discs import disc_rectangle_area, lens_chord, lens_rows, three_disc_area, two_disc_area
+from flflab.optics.discs import lens_chord, lens_rows, three_disc_area, two_disc_area
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
+
+LEAST_BOX = 1e-3  # of a dot's radius; a smaller pixel sees as much as this
 
 
 def chord_nodes(counts: Whole) -> Array:
@@ -49,8 +52,11 @@ def sampled_mean(
 ) -> float:
     """Mean radiance over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm."""
     slope, reach = cone[0], cone[1]
-    size = math.sqrt(abs(to[6] * to[9] - to[7] * to[8])) * part
-    half = 0.5 * max(size, 1e-3 * radius)
+    ux, uy, vx, vy = to[6] * part, to[8] * part, to[7] * part, to[9] * part
+    size = math.sqrt(abs(ux * vy - vx * uy))
+    if size < LEAST_BOX * radius:
+        size = LEAST_BOX * radius
+        ux, uy, vx, vy = size, 0.0, 0.0, size
     origin_x = to[0] + to[6] * ex + to[7] * ey
     origin_y = to[1] + to[8] * ex + to[9] * ey
     slant_x, slant_y = slants[0] + slants[2] * ex, slants[1] + slants[2] * ey
@@ -75,8 +81,7 @@ def sampled_mean(
             along = 0.5 * (left + right) + 0.5 * (right - left) * chord[0, step]
             tilted = slant_x + slants[3] * along
             x_there, y_there = origin_x + to[2] * along + to[3] * at, origin_y + to[4] * along + to[5] * at
-            inside = disc_rectangle_area(radius, x_there - half, x_there + half, y_there - half, y_there + half)
-            seen = max(0.0, inside) / (4.0 * half * half)
+            seen = disc_parallelogram_area(radius, x_there, y_there, ux, uy, vx, vy) / (size * size)
             light += 0.5 * weight * chord[1, step] * seen / (1.0 + tilted * tilted + steep * steep) ** 2
     return light / area
 
@@ -132,13 +137,11 @@ def add_dots(
     width: float,
     radius: float,
     wanted: npt.NDArray[np.bool_],
-    even: bool,
 ) -> None:
     """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; arguments as in ``add_ruled``.
 
     ``counts`` of 0 asks for the three-disc formula at the sub-pixels' centres instead of pupil points; ``chords`` are
-    Gauss-Legendre nodes and weights; ``radius`` is the dot's, mm; ``slants`` of 0 leave the
-    fall-off out; ``even``: a pixel is a square along the target's axes, and needs parts only in the rim.
+    Gauss-Legendre nodes and weights; ``radius`` is the dot's, mm; ``slants`` of 0 leave the fall-off out.
     """
     for entry in range(windows.shape[0]):
         first = max(rows[0], windows[entry, 2])
@@ -159,7 +162,7 @@ def add_dots(
                 if distance > outside:
                     continue
                 full = distance < deep
-                divide = 1 if full and count > 0 and even else parts
+                divide = 1 if full and count > 0 else parts
                 side = width / divide
                 light = 0.0
                 for j in range(divide):

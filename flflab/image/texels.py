@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from flflab.image.clipping import clip, lens_span
 from flflab.image.falloff_means import seen_weight
+from flflab.image.parallelogram import parallelogram_sum
 from flflab.image.rim import part_share
 from flflab.image.tiles import shrink
 from flflab.optics.discs import lens_chord
@@ -173,8 +174,8 @@ def add_texels(
 ) -> None:
     """Add the light of a picture, seen by every entry, to a band of rows.
 
-    Arguments as in ``add_ruled``, and: ``turned``, parts a side of every pixel, where it lies askew on the target and counts as a
-    square along its axes; ``counts`` strips for each kind; ``texel``, side of a texel in mm; ``values``, the radiance [row, column].
+    Arguments as in ``add_ruled``, and: ``turned``, parts a side of every blurred pixel, where it lies askew on the target and counts as
+    a square along its axes; ``counts`` strips for each kind; ``texel``, side of a texel in mm; ``values``, the radiance [row, column].
     """
     boxes, spread = np.empty(3), np.zeros(3)
     for entry in range(windows.shape[0]):
@@ -188,6 +189,7 @@ def add_texels(
         slope, reach = cones[entry, 0], cones[entry, 1]
         origin_x, origin_y, xx, xy, yx, yy, cxx, cxy, cyx, cyy = maps[entry] / texel
         blurred = not sharp[entry]
+        divided = turned if blurred else 1
         along_x, along_y = 1.0, 0.0
         if blurred:
             steepest = math.hypot(yx, yy)
@@ -225,7 +227,7 @@ def add_texels(
                 if distance > outside:
                     continue
                 full = distance <= deep
-                divide = turned if full else max(turned, int(parts[kind]))
+                divide = divided if full else max(divided, int(parts[kind]))
                 side = width / divide
                 light = 0.0
                 if turned == 1:
@@ -253,9 +255,12 @@ def add_texels(
                             value = texels_mean(
                                 at_x, at_y, spread, clip_x, clip_y, radius, low, high, strip, count, boxes, chunks, slant, sums
                             )
+                        elif turned > 1 and boxes[0] > LEAST_BOX:
+                            seen = parallelogram_sum(at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, sums[:, :, 0])
+                            value = seen / (boxes[0] * boxes[0])
                         else:
                             value = boxed_sum(sums, at_x, at_y, boxes[0], boxes[2], 0)
-                            if chunks > 0:
-                                value *= seen_weight(ex, ey, slope, reach, slants[entry])
+                        if not blurred and chunks > 0:
+                            value *= seen_weight(ex, ey, slope, reach, slants[entry])
                         light += share * min(max(value, 0.0), 1.0)
                 image[y_index, x_index] += levels[entry] * light / (divide * divide)

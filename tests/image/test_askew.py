@@ -4,8 +4,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.image.askew import disc_parallelogram_area, parallelogram_sum
+from flflab.image.parallelogram import disc_parallelogram_area, parallelogram_sum
 from flflab.image.reference import trace_pixels
+from flflab.image.render import render
 from flflab.image.scene import ALL, Plane, Scene
 from flflab.image.setup import make_setup
 from flflab.image.single_rays import add_single_rays
@@ -55,8 +56,9 @@ def test_the_sum_of_a_picture_over_a_parallelogram_is_what_its_texels_say(place:
 def test_a_sharp_target_turned_by_45_degrees_is_what_rays_show(target: Target, pixels: list[tuple[int, int]]) -> None:
     plane = Plane(target, 506.7016, (0.1, 0.03), 0.785)
     scene = Scene(CAMERA, (plane,))
-    image = np.zeros((90, 110))
-    add_single_rays(image, make_setup(scene, plane, 0.002, ALL), plane, None, ())
+    singly = np.zeros((90, 110))
+    add_single_rays(singly, make_setup(scene, plane, 0.002, ALL), plane, None, ())
     traced, uncertainty = trace_pixels(scene, np.array(pixels)[:, ::-1], wanted=1e-4)
     assert uncertainty.max() <= 1e-4
-    assert np.abs(image[tuple(np.array(pixels).T)] - traced).max() < 3e-4
+    for image in (render(scene), singly):  # at once, and ray by ray as past cards
+        assert np.abs(image[tuple(np.array(pixels).T)] - traced).max() < 3e-4
