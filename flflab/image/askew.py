@@ -1,4 +1,4 @@
-"""Mean radiance of dots and pictures in a neighbourhood whose sides run askew to the target's axes.
+"""Mean radiance of dots, bars and pictures in a neighbourhood whose sides run askew to the target's axes.
 
 The larger of its two parallelograms, of the part of the pixel and of the cell of the pupil, is taken exactly; four places stand for the
 other and for movement, with their variances.
@@ -10,22 +10,12 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.neighbourhood import PICTURE
-from flflab.image.parallelogram import disc_parallelogram_area, parallelogram_sum
+from flflab.image.neighbourhood import PICTURE, RULED
+from flflab.image.parallelogram import disc_parallelogram_area, parallelogram_sum, ruled_parallelogram
 
 Array = npt.NDArray[np.float64]
 
-ASKEW = 1e-3  # of a side's length: less along the other axis is none
 SLIGHT = 1e-3  # of the larger parallelogram: what is left out of a neighbourhood
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def stands_askew(by: Array) -> bool:
-    """Whether the sides of a pixel on the target, of its maps, run askew to the target's axes."""
-    for k in (4, 6):
-        if min(abs(by[k]), abs(by[k + 1])) > ASKEW * max(abs(by[k]), abs(by[k + 1])):
-            return abs(by[4] * by[7] - by[5] * by[6]) > ASKEW * math.hypot(by[4], by[6]) * math.hypot(by[5], by[7])
-    return False
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -39,9 +29,11 @@ def radiance_askew(
     height: float,
     kind: int,
     numbers: Array,
+    table: Array,
+    law: Array,
     sums: Array,
 ) -> float:
-    """Mean radiance of dots or a picture round (x, y), for a part of a pixel and a cell of the pupil, by the maps of both.
+    """Mean radiance of dots, bars or a picture round (x, y), for a part of a pixel and a cell of the pupil, by the maps of both.
 
     What the target moves meanwhile is in ``boxes`` from the fifth on.
     """
@@ -53,24 +45,38 @@ def radiance_askew(
     up = (ay * ay + by_ * by_ + boxes[6] ** 2 + boxes[7] ** 2) / 12.0
     both = (ax * ay + bx * by_ + boxes[4] * boxes[6] + boxes[5] * boxes[7]) / 12.0
     if across + up <= SLIGHT * SLIGHT * (ux * ux + uy * uy + vx * vx + vy * vy) / 12.0:
-        return _mean_over(x, y, ux, uy, vx, vy, kind, numbers, sums)
+        return _mean_over(x, y, ux, uy, vx, vy, kind, numbers, table, law, sums)
     first_x = math.sqrt(across)
     first_y = both / first_x if first_x > 0.0 else 0.0
     second_y = math.sqrt(max(0.0, up - first_y * first_y))
     total = 0.0
     for one in (-1.0, 1.0):
         for other in (-1.0, 1.0):
-            total += _mean_over(x + one * first_x, y + one * first_y + other * second_y, ux, uy, vx, vy, kind, numbers, sums)
+            total += _mean_over(x + one * first_x, y + one * first_y + other * second_y, ux, uy, vx, vy, kind, numbers, table, law, sums)
     return 0.25 * total
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _mean_over(x: float, y: float, ux: float, uy: float, vx: float, vy: float, kind: int, numbers: Array, sums: Array) -> float:
+def _mean_over(
+    x: float,
+    y: float,
+    ux: float,
+    uy: float,
+    vx: float,
+    vy: float,
+    kind: int,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
+) -> float:
     area = abs(ux * vy - vx * uy)
     if kind == PICTURE:
         size = numbers[0]
         column, row = x / size + 0.5 * (sums.shape[1] - 1), y / size + 0.5 * (sums.shape[0] - 1)
         return parallelogram_sum(column, row, ux / size, uy / size, vx / size, vy / size, sums) * size * size / area
+    if kind == RULED:
+        return ruled_parallelogram(x, y, ux, uy, vx, vy, -numbers[0], numbers[0], table, law) / area
     total = 0.0
     for i in (-1.0, 1.0):
         for j in (-1.0, 1.0):

@@ -1,4 +1,4 @@
-"""A pixel on a target is a parallelogram: its area within a disc, and a picture's integral over it, both exact."""
+"""A pixel on a target is a parallelogram: its area within a disc, and the integrals of bars and pictures over it, all exact."""
 
 import math
 
@@ -6,9 +6,22 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from flflab.image.profile import LARGE, first_antiderivative, second_antiderivative
 from flflab.optics.discs import side_area
 
 Array = npt.NDArray[np.float64]
+
+ASKEW = 1e-3  # of a side's length: less along the other axis is none
+UPRIGHT = 3e-8  # of a target's width: a side that leads less far aside
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def stands_askew(by: Array) -> bool:
+    """Whether the sides of a pixel run askew to the target's axes, by the maps of pupil and pixel, row by row in one."""
+    for k in (4, 6):
+        if min(abs(by[k]), abs(by[k + 1])) > ASKEW * max(abs(by[k]), abs(by[k + 1])):
+            return abs(by[4] * by[7] - by[5] * by[6]) > ASKEW * math.hypot(by[4], by[6]) * math.hypot(by[5], by[7])
+    return False
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -32,6 +45,33 @@ def disc_parallelogram_area(radius: float, x: float, y: float, ux: float, uy: fl
         area += side_area(beside, begin + length, radius) - side_area(beside, begin, radius)
         ax, ay = ax + along_x, ay + along_y
     return abs(area)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def ruled_parallelogram(
+    x: float, y: float, ux: float, uy: float, vx: float, vy: float, lower: float, upper: float, table: Array, law: Array
+) -> float:
+    """Integral over the parallelogram round (x, y) with the sides u and v of what varies along x, between two ends along y; mm.
+
+    As in ``parallelogram_sum``; the ends themselves, of no height, add nothing.
+    """
+    ax, ay = x - 0.5 * (ux + vx), y - 0.5 * (uy + vy)
+    total = 0.0
+    for side in range(4):
+        dx, dy = (ux, uy) if side % 2 == 0 else (vx, vy)
+        if side >= 2:
+            dx, dy = -dx, -dy
+        if dy != 0.0:
+            one, other = (lower - ay) / dy, (upper - ay) / dy
+            begin, end = min(max(min(one, other), 0.0), 1.0), min(max(max(one, other), 0.0), 1.0)
+            left, right = ax + begin * dx, ax + end * dx
+            if abs(right - left) > UPRIGHT * min(law[1] - law[0], LARGE):
+                mean = (second_antiderivative(right, table, law) - second_antiderivative(left, table, law)) / (right - left)
+            else:
+                mean = first_antiderivative(0.5 * (left + right), table, law)
+            total += (end - begin) * dy * mean
+        ax, ay = ax + dx, ay + dy
+    return abs(total)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.falloff_means import read_between, seen_weight, seen_weights, table_steps
+from flflab.image.parallelogram import ruled_parallelogram, stands_askew
 from flflab.image.profile import prepare, profile_mean
 from flflab.image.rim import part_share, rim_share
 from flflab.image.strips import BLOCK, EX, EY, MEAN, ROWS, WEIGHT, strip_means, weighted_mean, window_mean
@@ -133,6 +134,7 @@ def add_ruled(
         rim, strip, strip_end = rims[kind], strips[kind, 0], strips[kind, 1]
         count, count_end, rim_parts = int(counts[kind, 0]), int(counts[kind, 1]), int(parts[kind])
         steep, blurred = rim[0] < 0.0, varies and not sharp[entry]
+        askew = varies and width > 0.0 and stands_askew(maps[entry, 2:])
         level, lower, upper = levels[entry], bounds[0], bounds[1]
         for axis in range(2):
             boxes[0, axis] = abs(maps[entry, 6 + axis]) * width
@@ -251,12 +253,18 @@ def add_ruled(
                                     value = weighted_mean(
                                         ex, ey, landing, cone, strip_end, count_end, sums, near, far, chunks, slant, across, window
                                     )
+                                elif askew and not clear:
+                                    at_x, at_y = origin_x + cxx * ex + cxy * ey, origin_y + cyx * ex + cyy * ey
+                                    seen = ruled_parallelogram(
+                                        at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, lower, upper, table, law
+                                    )
+                                    value = seen / (abs(cxx * cyy - cxy * cyx) * side * side)
                                 elif by_column and not full:
                                     value = steady[1 + i, column + p - start]
                                 elif varies:
                                     box = 0 if full else 1
                                     value = profile_mean(origin_x + cxx * ex + cxy * ey, boxes[box, 0], boxes[box, 1], table, law)
-                                if not (blurred or clear):
+                                if not (blurred or clear or askew):
                                     value *= window_mean(origin_y + cyx * ex + cyy * ey, lower, upper, window[2], window[3])
                                 light[p] += shares[p] * min(max(value, 0.0), 1.0) / (divide * divide)
                 if falls and (full or rim_tabled):

