@@ -21,8 +21,6 @@ from flflab.errors import CommunicationError, DeviceError
 
 MANUAL = {"V4L2": 1.0, "DSHOW": 0.0, "MSMF": 0.0}  # what switches the automatic exposure off
 TICK_S = 1e-4  # of V4L2
-BUFFERED_S = 1e-3  # a frame that comes sooner waited in the buffer
-MOST_STALE = 1000  # frames thrown away at once; a source that never makes one wait is no camera, or slower read than it sends
 SAME = 0.02  # an exposure that differs by more was not set
 CHANNELS = {"blue": "B", "green": "G", "red": "R"}
 Limits = tuple[Annotated[Time, Field(gt=0)], Annotated[Time, Field(gt=0)]]
@@ -33,8 +31,9 @@ class OpencvKeys(SensorKeys):
 
     ``full_scale``: what a saturated pixel reads; 255 where it gives 8 bits. ``exposures``: shortest and longest exposure it can be set
     to; the same twice for one that is set by other means. ``columns``, ``rows``: what to ask for. ``raw``: the numbers as the device
-    sends them, not turned into colours. ``channel``: which plane of a colour picture is the picture. ``stale``: how many frames of
-    the device's buffer are thrown away before each, at the least; 0 for a file. ``timeout``: how long a frame may take beyond the exposure.
+    sends them, not turned into colours. ``channel``: which plane of a colour picture is the picture. ``stale``: how many frames wait
+    in the device and are thrown away before each; 0 for a file. A stream is opened anew for each picture, so that none waits here.
+    ``timeout``: how long a frame may take beyond the exposure.
     """
 
     full_scale: Annotated[int, Field(gt=0, le=65535)] = 255
@@ -68,7 +67,8 @@ class OpencvCamera:
         self._who = f"camera at {address}"
         self.exposure_limits = keys.exposures
         self._capture: Any = None
-        self._live = address.isdigit() or "://" in address
+        self._stream = "://" in address
+        self._live = address.isdigit() or self._stream
         self._exposing_since = 0.0
         self._played = 0  # frames of a file, which goes on where it was after a fault: no frame twice
         self.setup: Setup = keys.setup(keys.exposures[0], 1.0, "", keys.full_scale)
@@ -88,18 +88,20 @@ class OpencvCamera:
         self._opened()
 
     def trigger(self) -> None:
-        """Throw away what waits in the buffer, until a frame has to be waited for: the next one is exposed from now on.
+        """Throw away what was exposed before: the frames that wait in the device and, of a stream, all that was sent until now.
+
+        How many frames of a stream wait in buffers on the way here nobody tells, nor does the time that one takes to come on a busy
+        machine; what a new connection brings was sent after it was opened.
 
         Raises:
             CommunicationError: it gives no frames.
         """
-        thrown, waited = 0, False
-        while thrown < self._keys.stale or (self._live and self._keys.stale and not waited and thrown < MOST_STALE):
-            asked = time.monotonic()
+        if self._stream:
+            self.close()
+        self._exposing_since = time.time()
+        for _ in range(self._keys.stale):
             if not self._opened().grab():
                 raise self._no_frame()
-            thrown, waited = thrown + 1, time.monotonic() - asked > BUFFERED_S
-        self._exposing_since = time.time()
 
     def exposing(self) -> None:
         """Only its picture can tell."""
