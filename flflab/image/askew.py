@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.neighbourhood import PICTURE, RULED
+from flflab.image.neighbourhood import DISC, PICTURE, RULED
 from flflab.image.parallelogram import disc_parallelogram_area, parallelogram_sum, ruled_parallelogram
 
 Array = npt.NDArray[np.float64]
@@ -45,19 +45,19 @@ def radiance_askew(
     up = (ay * ay + by_ * by_ + boxes[6] ** 2 + boxes[7] ** 2) / 12.0
     both = (ax * ay + bx * by_ + boxes[4] * boxes[6] + boxes[5] * boxes[7]) / 12.0
     if across + up <= SLIGHT * SLIGHT * (ux * ux + uy * uy + vx * vx + vy * vy) / 12.0:
-        return _mean_over(x, y, ux, uy, vx, vy, kind, numbers, table, law, sums)
+        return mean_over(x, y, ux, uy, vx, vy, kind, numbers, table, law, sums)
     first_x = math.sqrt(across)
     first_y = both / first_x if first_x > 0.0 else 0.0
     second_y = math.sqrt(max(0.0, up - first_y * first_y))
     total = 0.0
     for one in (-1.0, 1.0):
         for other in (-1.0, 1.0):
-            total += _mean_over(x + one * first_x, y + one * first_y + other * second_y, ux, uy, vx, vy, kind, numbers, table, law, sums)
+            total += mean_over(x + one * first_x, y + one * first_y + other * second_y, ux, uy, vx, vy, kind, numbers, table, law, sums)
     return 0.25 * total
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _mean_over(
+def mean_over(
     x: float,
     y: float,
     ux: float,
@@ -70,6 +70,7 @@ def _mean_over(
     law: Array,
     sums: Array,
 ) -> float:
+    """Mean radiance over the parallelogram round (x, y) with the sides u and v; kinds and numbers as ``described``, or a disc's radius."""
     area = abs(ux * vy - vx * uy)
     if kind == PICTURE:
         size = numbers[0]
@@ -77,6 +78,8 @@ def _mean_over(
         return parallelogram_sum(column, row, ux / size, uy / size, vx / size, vy / size, sums) * size * size / area
     if kind == RULED:
         return ruled_parallelogram(x, y, ux, uy, vx, vy, -numbers[0], numbers[0], table, law) / area
+    if kind == DISC:
+        return disc_parallelogram_area(numbers[0], x, y, ux, uy, vx, vy) / area
     total = 0.0
     for i in (-1.0, 1.0):
         for j in (-1.0, 1.0):

@@ -8,8 +8,6 @@ import numpy.typing as npt
 
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.motion import Motion
-from flflab.image.orders import is_sharp
-from flflab.image.profile import BOUNDLESS
 from flflab.image.pupil import Pupils
 from flflab.image.rays import land, linearised
 from flflab.image.scene import Plane, Scene
@@ -38,22 +36,6 @@ def cards_of(scene: Scene, index: int) -> tuple[Card, ...]:
     plane = scene.planes[index]
     own = (Card(plane, True),) if plane.size is not None and _sticks_out(plane.target, plane.size) else ()
     return own + tuple(Card(near, False) for near in scene.planes[:index])
-
-
-def ends_of(setup: Setup, target: Plane) -> tuple[Card, ...]:
-    """A card as high as the bars, where strips are wrong at their ends: in slightly blurred pixels that stand askew on them.
-
-    Strips count a pixel's light along and across the bars apart. Measured on bars turned by 0.1 to 0.8 rad, that leaves 0.1 of the
-    sides' slope, up to 0.03 of white, the less the more they are blurred.
-    """
-    if not isinstance(target.target, Bars) or not len(setup.blur):
-        return ()
-    sides = np.sort(np.abs(setup.by_sensor), axis=2)
-    slope = (sides[:, :, 0] / np.maximum(sides[:, :, 1], 1e-300)).max(axis=1)
-    left = np.minimum(0.1 * slope, 0.03) / (1 + 5 * setup.blur**2)
-    if not np.any(~is_sharp(setup) & (left > 0.5 * setup.tolerance / setup.overlap)):
-        return ()
-    return (Card(replace(target, size=(BOUNDLESS, target.target.height)), True),)
 
 
 def _sticks_out(target: Target, size: tuple[float, float]) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.orders import (
+    end_points,
     falloff_chunks,
     falloff_counts,
     grid_counts,
@@ -15,11 +16,12 @@ from flflab.image.orders import (
     is_sharp,
     is_turn,
     lit_windows,
+    picture_parts,
+    picture_points,
     pixel_parts,
     rim_rows,
     spot_parts,
     strip_counts,
-    turned_parts,
 )
 from flflab.image.profile import half_plane, profile_table
 from flflab.image.rim import STEEP, disc_nodes
@@ -36,7 +38,7 @@ Chosen = npt.NDArray[np.bool_]
 
 FINE = 0.05  # of the tolerance goes to the tables of antiderivatives
 FALL = 0.2  # of it to those of the fall-off; micro-images that overlap share it, as all of them are off the same way
-PICTURE = 2.5  # how much rougher than bars a picture is: it has edges along the strips, too
+PICTURE = 10.0  # how much rougher than bars a picture is: it has edges along the strips, too
 WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim, times the 3/2 power of half its width in pixels
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
@@ -91,6 +93,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         at_end = WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5 > 0.2 * setup.tolerance
         parts = np.where((setup.rims.width < STEEP) | at_end, parts, 1)
     nodes = strip_nodes(counts.ravel())
+    grids, grid = np.unique(end_points(setup) if isinstance(target, Bars) else np.zeros_like(setup.rims.kind), return_inverse=True)
     arguments = (
         setup.rims.kind,
         np.column_stack([pupils.centre_x, pupils.centre_y]),
@@ -102,6 +105,10 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         parts,
         counts,
         nodes.reshape(*counts.shape, *nodes.shape[1:]),
+        grid,
+        grids,
+        strip_nodes(grids)[:, :2],
+        chord_nodes(grids),
         falloff_chunks(setup),
         FALL * setup.tolerance / setup.overlap,
         rim_rows(setup, parts, steep),
@@ -121,8 +128,9 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
 
 def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) -> None:
     pupils, sharp = setup.pupils, is_sharp(setup)
-    counts = strip_counts(setup, PICTURE)[:, 0]
-    parts, steep = pixel_parts(setup, sharp)
+    counts, points = strip_counts(setup, PICTURE)[:, 0], picture_points(setup)
+    grids, grid = np.unique(points, return_inverse=True)
+    parts, steep = pixel_parts(setup, sharp | (points > 0))
     arguments = (
         setup.rims.kind,
         np.column_stack([pupils.centre_x, pupils.centre_y]),
@@ -132,7 +140,12 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
         pupils.level,
         sharp,
         parts,
-        1 if is_even(setup.by_sensor, setup.tolerance) else turned_parts(setup.tolerance),
+        not is_even(setup.by_sensor, setup.tolerance),
+        picture_parts(setup),
+        grid,
+        grids,
+        strip_nodes(grids)[:, :2],
+        chord_nodes(grids),
         counts,
         strip_nodes(counts),
         falloff_chunks(setup),

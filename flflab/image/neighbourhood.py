@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.profile import profile_mean, profile_table, step_mean
-from flflab.image.sampled import summed_value
 from flflab.optics.discs import disc_rectangle_area
 from flflab.targets import Bars, Edge, FourDot, Picture, Target
 
 Array = npt.NDArray[np.float64]
 
-PLAIN, DOTS, RULED, EDGE, PICTURE = range(5)
+PLAIN, DOTS, RULED, EDGE, PICTURE, DISC = range(6)  # a disc is one dot round the origin
 STILL = 0.1  # of a neighbourhood's squared width: so little a movement may be left to the next moments
 NARROW = 0.05  # of the wider box of a neighbourhood; a narrower one only widens it
 BY_HALVES = 2 / math.sqrt(3.0)  # of a box: of two halves so long together the middles are as far apart as Gauss looks at the box
@@ -42,6 +41,18 @@ def described(target: Target) -> tuple[int, Array, Array, Array, Array]:
             return PICTURE, numbers, table, law, np.pad(target.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         case _:
             return PLAIN, numbers, table, law, sums
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def summed_value(sums: Array, column: float, row: float) -> float:
+    """Integral of a picture from its first corner to a place in texels, from its summed-area table; constant beyond its ends."""
+    column = min(max(column, 0.0), sums.shape[1] - 1.0)
+    row = min(max(row, 0.0), sums.shape[0] - 1.0)
+    i = min(int(column), sums.shape[1] - 2)
+    j = min(int(row), sums.shape[0] - 2)
+    u = column - i
+    v = row - j
+    return (1 - v) * ((1 - u) * sums[j, i] + u * sums[j, i + 1]) + v * ((1 - u) * sums[j + 1, i] + u * sums[j + 1, i + 1])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.cards import cards_of, ends_of, split
+from flflab.image.cards import cards_of, split
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.form import add_plane
@@ -83,9 +83,8 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
         setup = replace(setup, crooked=np.zeros_like(setup.crooked), motion=None)
     if scene.diffraction is not None:  # which spreads light by more than crooked rays go astray
         setup = replace(setup, crooked=np.zeros_like(setup.crooked))
-    ends = ends_of(setup, plane) if scene.diffraction is None else ()
-    if cards or ends or setup.crooked.any():
-        setup, singly = split(setup, 1 / plane.distance, scene.distortion, cards + ends)
+    if cards or setup.crooked.any():
+        setup, singly = split(setup, 1 / plane.distance, scene.distortion, cards)
         add_single_rays(image, singly, plane, scene.distortion, cards, wanted)
         if scene.diffraction is not None and len(singly.blur) and not isinstance(plane.target, White):
             bend_past_cards(image, singly, scene, plane, cards, wanted)

@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.falloff_means import read_between, seen_weight, seen_weights, table_steps
+from flflab.image.neighbourhood import RULED
 from flflab.image.parallelogram import ruled_parallelogram, stands_askew
 from flflab.image.profile import prepare, profile_mean
 from flflab.image.rim import part_share, rim_share
+from flflab.image.sampled import sampled_mean
 from flflab.image.strips import BLOCK, EX, EY, MEAN, ROWS, WEIGHT, strip_means, weighted_mean, window_mean
 from flflab.image.tiles import shrink
 from flflab.optics.discs import LOOSE
@@ -66,6 +68,10 @@ def add_ruled(
     parts: Whole,
     counts: Whole,
     strips: Array,
+    grid: Whole,
+    grids: Whole,
+    rows_of_points: Array,
+    chords: Array,
     chunks: int,
     fall: float,
     rims: Array,
@@ -96,6 +102,10 @@ def add_ruled(
         parts: parts a side of a pixel in the rim, for each kind of rim.
         counts: number of strips for each kind, (K, 2): of most pixels, and where the window ends.
         strips: see ``strip_nodes``; (K, 2, 3, most strips).
+        grid: which of the grids of points across the pupil sums the window's ends in every entry.
+        grids: how many points a side each has; 0 where strips do.
+        rows_of_points: see ``strip_nodes``; (G, 2, most points).
+        chords: see ``chord_nodes``; the same.
         chunks: pieces of a strip for the fall-off; 0 for no fall-off.
         fall: largest error of the fall-off's tables.
         rims: see ``rim_tables``; steep kinds start with a negative distance.
@@ -113,6 +123,7 @@ def add_ruled(
     varies = table.shape[0] > 0
     window = np.empty(4)
     window[:2] = bounds
+    numbers, no_sums, still = np.array([bounds[1], 0.0, 0.0]), np.zeros((2, 2)), np.zeros(4)
     places, boxes, sums = np.zeros((3, 4)), np.zeros((3, 2)), np.zeros(2)
     points, shares, light = np.zeros(ROWS * BLOCK), np.zeros(BLOCK), np.zeros(BLOCK)
     for entry in range(windows.shape[0]):
@@ -135,6 +146,8 @@ def add_ruled(
         count, count_end, rim_parts = int(counts[kind, 0]), int(counts[kind, 1]), int(parts[kind])
         steep, blurred = rim[0] < 0.0, varies and not sharp[entry]
         askew = varies and width > 0.0 and stands_askew(maps[entry, 2:])
+        points_a_side, row_nodes, chord = int(grids[grid[entry]]), rows_of_points[grid[entry]], chords[grid[entry]]
+        weighted = slants[entry] if chunks > 0 else still
         level, lower, upper = levels[entry], bounds[0], bounds[1]
         for axis in range(2):
             boxes[0, axis] = abs(maps[entry, 6 + axis]) * width
@@ -248,6 +261,23 @@ def add_ruled(
                                     continue
                                 if blurred and clear:
                                     value = points[MEAN + p]
+                                elif blurred and points_a_side > 0:
+                                    value = sampled_mean(
+                                        ex,
+                                        ey,
+                                        cones[entry],
+                                        maps[entry],
+                                        row_nodes,
+                                        chord,
+                                        points_a_side,
+                                        side,
+                                        RULED,
+                                        numbers,
+                                        table,
+                                        law,
+                                        no_sums,
+                                        weighted,
+                                    )
                                 elif blurred:
                                     across = (origin_y + cyx * ex + cyy * ey, up_along, up_across)
                                     value = weighted_mean(

@@ -6,14 +6,15 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.parallelogram import disc_parallelogram_area
+from flflab.image.askew import mean_over
+from flflab.image.neighbourhood import DISC
 from flflab.image.rim import part_share
 from flflab.optics.discs import lens_chord, lens_rows, three_disc_area, two_disc_area
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-LEAST_BOX = 1e-3  # of a dot's radius; a smaller pixel sees as much as this
+LEAST_BOX = 1e-3  # of a dot's radius, of half the height of bars or of a texel; a smaller pixel sees as much as this
 
 
 def chord_nodes(counts: Whole) -> Array:
@@ -26,18 +27,6 @@ def chord_nodes(counts: Whole) -> Array:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def summed_value(sums: Array, column: float, row: float) -> float:
-    """Integral of a picture from its first corner to a place in texels, from its summed-area table; constant beyond its ends."""
-    column = min(max(column, 0.0), sums.shape[1] - 1.0)
-    row = min(max(row, 0.0), sums.shape[0] - 1.0)
-    i = min(int(column), sums.shape[1] - 2)
-    j = min(int(row), sums.shape[0] - 2)
-    u = column - i
-    v = row - j
-    return (1 - v) * ((1 - u) * sums[j, i] + u * sums[j, i + 1]) + v * ((1 - u) * sums[j + 1, i] + u * sums[j + 1, i + 1])
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def sampled_mean(
     ex: float,
     ey: float,
@@ -47,15 +36,36 @@ def sampled_mean(
     chord: Array,
     count: int,
     part: float,
-    radius: float,
+    kind: int,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
     slants: Array,
 ) -> float:
-    """Mean radiance over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm."""
+    """Mean radiance over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm.
+
+    Args:
+        ex: place of the sensor point from the micro-image's centre.
+        ey: the same along y.
+        cone: slope and reach, mm.
+        to: the maps to the target, see ``add_ruled``.
+        rows: see ``strip_nodes``.
+        chord: see ``chord_nodes``.
+        count: points a side.
+        part: side of the part of a pixel that the sensor point stands for, mm.
+        kind: of the target, see ``mean_over``.
+        numbers: of the target.
+        table: the same.
+        law: the same.
+        sums: the same.
+        slants: see ``add_ruled``; 0 leaves the fall-off out.
+    """
     slope, reach = cone[0], cone[1]
     ux, uy, vx, vy = to[6] * part, to[8] * part, to[7] * part, to[9] * part
     size = math.sqrt(abs(ux * vy - vx * uy))
-    if size < LEAST_BOX * radius:
-        size = LEAST_BOX * radius
+    if size < LEAST_BOX * numbers[0]:
+        size = LEAST_BOX * numbers[0]
         ux, uy, vx, vy = size, 0.0, 0.0, size
     origin_x = to[0] + to[6] * ex + to[7] * ey
     origin_y = to[1] + to[8] * ex + to[9] * ey
@@ -81,7 +91,7 @@ def sampled_mean(
             along = 0.5 * (left + right) + 0.5 * (right - left) * chord[0, step]
             tilted = slant_x + slants[3] * along
             x_there, y_there = origin_x + to[2] * along + to[3] * at, origin_y + to[4] * along + to[5] * at
-            seen = disc_parallelogram_area(radius, x_there, y_there, ux, uy, vx, vy) / (size * size)
+            seen = mean_over(x_there, y_there, ux, uy, vx, vy, kind, numbers, table, law, sums)
             light += 0.5 * weight * chord[1, step] * seen / (1.0 + tilted * tilted + steep * steep) ** 2
     return light / area
 
@@ -143,6 +153,7 @@ def add_dots(
     ``counts`` of 0 asks for the three-disc formula at the sub-pixels' centres instead of pupil points; ``chords`` are
     Gauss-Legendre nodes and weights; ``radius`` is the dot's, mm; ``slants`` of 0 leave the fall-off out.
     """
+    numbers, table, law, sums = np.array([radius, 0.0, 0.0]), np.zeros((0, 8)), np.zeros(5), np.zeros((2, 2))
     for entry in range(windows.shape[0]):
         first = max(rows[0], windows[entry, 2])
         last = min(rows[1], windows[entry, 3])
@@ -178,5 +189,7 @@ def add_dots(
                             spot = spot_share(at_x, at_y, cone, to, radius)
                             light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
                         else:
-                            light += share * sampled_mean(at_x, at_y, cone, to, strip, chord, count, side, radius, slant)
+                            light += share * sampled_mean(
+                                at_x, at_y, cone, to, strip, chord, count, side, DISC, numbers, table, law, sums, slant
+                            )
                 image[row, column] += levels[entry] * light / (divide * divide)

@@ -12,8 +12,10 @@ import numpy.typing as npt
 
 from flflab.image.clipping import clip, lens_span
 from flflab.image.falloff_means import seen_weight
+from flflab.image.neighbourhood import PICTURE
 from flflab.image.parallelogram import parallelogram_sum
 from flflab.image.rim import part_share
+from flflab.image.sampled import sampled_mean
 from flflab.image.tiles import shrink
 from flflab.optics.discs import lens_chord
 
@@ -159,7 +161,12 @@ def add_texels(
     levels: Array,
     sharp: Chosen,
     parts: Whole,
-    turned: int,
+    askew: bool,
+    divisions: Whole,
+    grid: Whole,
+    grids: Whole,
+    rows_of_points: Array,
+    chords: Array,
     counts: Whole,
     strips: Array,
     chunks: int,
@@ -174,10 +181,13 @@ def add_texels(
 ) -> None:
     """Add the light of a picture, seen by every entry, to a band of rows.
 
-    Arguments as in ``add_ruled``, and: ``turned``, parts a side of every blurred pixel, where it lies askew on the target and counts as
-    a square along its axes; ``counts`` strips for each kind; ``texel``, side of a texel in mm; ``values``, the radiance [row, column].
+    Arguments as in ``add_ruled``, and: ``askew``, whether pixels do not lie along the target's axes; then ``divisions``, parts a side of
+    a blurred pixel of every entry, which count as squares along those axes, and ``grid``, which of the ``grids`` (points a side across
+    the pupil, 0 for strips; ``rows_of_points`` and ``chords`` are their nodes) an entry is summed by; ``counts`` strips for each kind;
+    ``texel``, side of a texel in mm; ``values``, the radiance [row, column].
     """
     boxes, spread = np.empty(3), np.zeros(3)
+    to, still, numbers, table, law = np.empty(10), np.zeros(4), np.array([1.0, 0.0, 0.0]), np.zeros((0, 8)), np.zeros(5)
     for entry in range(windows.shape[0]):
         first, last = max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])
         start, end = windows[entry, 0], windows[entry, 1]
@@ -188,8 +198,9 @@ def add_texels(
         kind = kinds[entry]
         slope, reach = cones[entry, 0], cones[entry, 1]
         origin_x, origin_y, xx, xy, yx, yy, cxx, cxy, cyx, cyy = maps[entry] / texel
-        blurred = not sharp[entry]
-        divided = turned if blurred else 1
+        points = int(grids[grid[entry]])
+        blurred = not sharp[entry] and points == 0
+        divided = divisions[entry] if blurred else 1
         along_x, along_y = 1.0, 0.0
         if blurred:
             steepest = math.hypot(yx, yy)
@@ -212,6 +223,10 @@ def add_texels(
         if columns <= 0 or deep_rows <= 0:
             continue
         sums = fill_sums(values, column, row, columns, deep_rows)
+        areas = np.ascontiguousarray(sums[:, :, 0])
+        to[:] = maps[entry] / texel
+        to[0] += 0.5 * values.shape[1] - column - 0.5 * columns
+        to[1] += 0.5 * values.shape[0] - row - 0.5 * deep_rows
         corner_x, corner_y = origin_x + 0.5 * values.shape[1] - column, origin_y + 0.5 * values.shape[0] - row
         rim, strip, count = rims[kind], strips[kind], int(counts[kind])
         steep = rim[0] < 0.0
@@ -230,7 +245,7 @@ def add_texels(
                 divide = divided if full else max(divided, int(parts[kind]))
                 side = width / divide
                 light = 0.0
-                if turned == 1:
+                if not askew:
                     boxes[0], boxes[2] = abs(cxx) * side, abs(cyy) * side
                     boxes[1] = abs(cxx + xx / slope) * side if blurred and not steep and slope != 0.0 else boxes[0]
                 else:
@@ -246,6 +261,25 @@ def add_texels(
                         if share <= 0.0:
                             continue
                         ex, ey = look * x, look * y
+                        if points > 0:
+                            value = sampled_mean(
+                                ex,
+                                ey,
+                                cones[entry],
+                                to,
+                                rows_of_points[grid[entry]],
+                                chords[grid[entry]],
+                                points,
+                                side,
+                                PICTURE,
+                                numbers,
+                                table,
+                                law,
+                                areas,
+                                slants[entry] if chunks > 0 else still,
+                            )
+                            light += share * min(max(value, 0.0), 1.0)
+                            continue
                         at_x, at_y = corner_x + cxx * ex + cxy * ey, corner_y + cyx * ex + cyy * ey
                         clip_x, clip_y = clip(ex, ey, along_x, along_y, slope, reach)
                         low, high = lens_span(clip_x, clip_y, radius)
@@ -255,8 +289,8 @@ def add_texels(
                             value = texels_mean(
                                 at_x, at_y, spread, clip_x, clip_y, radius, low, high, strip, count, boxes, chunks, slant, sums
                             )
-                        elif turned > 1 and boxes[0] > LEAST_BOX:
-                            seen = parallelogram_sum(at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, sums[:, :, 0])
+                        elif askew and boxes[0] > LEAST_BOX:
+                            seen = parallelogram_sum(at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, areas)
                             value = seen / (boxes[0] * boxes[0])
                         else:
                             value = boxed_sum(sums, at_x, at_y, boxes[0], boxes[2], 0)

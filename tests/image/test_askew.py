@@ -20,6 +20,7 @@ CAMERA = Camera(
     Sensor((110, 90), 0.00166, 61.15),
 )
 NOISE = np.random.default_rng(1).random((8, 10))
+BLACK_AND_WHITE = (np.random.default_rng(1).random((10, 10)) < 0.5).astype(np.float64)
 SIDES = [(0.4, 0.3, -0.3, 0.4), (0.9, 0.5, 0.2, 0.7), (-0.02, 0.03, 0.05, 0.02), (3.1, -0.4, 0.0, 2.2)]
 
 
@@ -93,3 +94,20 @@ def test_the_ends_of_bars_askew_are_what_rays_show(distance: float, roll: float,
     traced, uncertainty = trace_pixels(scene, np.array(pixels)[:, ::-1], wanted=1e-4)
     assert uncertainty.max() <= 1e-4
     assert np.abs(render(scene, tolerance=5e-4)[tuple(np.array(pixels).T)] - traced).max() < 5e-4
+
+
+@pytest.mark.parametrize(
+    ("distance", "roll", "pixels"),
+    [
+        (506.3, 0.785, [(38, 73), (35, 70)]),
+        (500.0, 0.785, [(66, 53), (65, 57)]),
+        (485.0, 0.0, [(41, 62)]),
+        (460.0, 0.0, [(60, 69), (68, 53)]),
+    ],
+    ids=["a twentieth of a pixel of blur", "0.9 pixels of blur", "3.3 pixels of blur, not askew", "8 pixels of blur, not askew"],
+)
+def test_a_blurred_picture_is_what_rays_show(distance: float, roll: float, pixels: list[tuple[int, int]]) -> None:
+    scene = Scene(CAMERA, (Plane(Picture(BLACK_AND_WHITE, 2.0), distance, (0.1, 0.03), roll),))
+    traced, uncertainty = trace_pixels(scene, np.array(pixels)[:, ::-1], wanted=1e-4)
+    assert uncertainty.max() <= 1e-4
+    assert np.abs(render(scene, tolerance=0.001)[tuple(np.array(pixels).T)] - traced).max() < 0.001
