@@ -2,6 +2,8 @@
 
 import csv
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -78,6 +80,13 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     assert re.search(r"zero of array_stage 0\.02[0-3]\d* mm less far along z than described", " ".join(against.out.split()))
     assert (out / "report-bench.html").exists()
     assert (out / "comparison.csv").read_bytes() == before
+    script = [sys.executable, str(EXAMPLES / "scripts" / "look_at_a_run.py"), str(out)]
+    looked = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
+    assert looked.returncode == 0, looked.stderr
+    assert "run: small" in looked.stdout
+    assert "complete" in looked.stdout
+    assert looked.stdout.count("/white/") == 2
+    assert (out / "look.png").exists()
 
 
 @pytest.mark.ci
