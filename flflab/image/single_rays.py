@@ -33,7 +33,8 @@ MOST_ROWS = 96
 SKEW = 0.2  # angle, in rad, above which edges of cards and targets do not count as parallel
 TURNED_ERROR = 0.1  # error, of white, times the square of the number of parts, where the edges of two surfaces cross under an angle
 ENOUGH = 0.15  # of the tolerance: all that twice an order may change
-ROWS_ERROR = 0.6  # twice the error, of white, times the square of the number of rows; measured on dots, pictures, edges and bars
+ROWS_ERROR = 0.6  # twice the error, of white, times the square of the number of rows; measured on dots, edges and bars
+PICTURE_ROWS_ERROR = 2.4  # the same of pictures, measured on black and white texels
 
 
 def add_single_rays(
@@ -77,7 +78,7 @@ def add_single_rays(
     turned = _turned(np.where((by_sensor >= by_pupil)[:, :, None], maps[:, :, 4:], maps[:, :, :4]))
     crossing = (turned & (by_sensor >= by_pupil)).any(axis=1)
     parts = np.where(crossing, np.maximum(parts, np.minimum(np.ceil(np.sqrt(TURNED_ERROR / tolerance)), MOST_PARTS)), parts)
-    rows = ROWS_ERROR * np.minimum(blur / 3, 1.0) / tolerance
+    rows = (PICTURE_ROWS_ERROR if isinstance(plane.target, Picture) else ROWS_ERROR) * np.minimum(blur / 3, 1.0) / tolerance
     if setup.falloff:  # rays count by a square of their slope
         rows = np.maximum(rows, 8 * pupils.slant_spread**2 / tolerance)
     rows = np.clip(np.ceil(np.sqrt(rows)), np.where(blur == 0, 1, 2), MOST_ROWS)

@@ -1,5 +1,7 @@
 """Pixels that stand askew on dots and pictures: exact areas against counting, single rays against rays traced one by one."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -111,3 +113,18 @@ def test_a_blurred_picture_is_what_rays_show(distance: float, roll: float, pixel
     traced, uncertainty = trace_pixels(scene, np.array(pixels)[:, ::-1], wanted=1e-4)
     assert uncertainty.max() <= 1e-4
     assert np.abs(render(scene, tolerance=0.001)[tuple(np.array(pixels).T)] - traced).max() < 0.001
+
+
+@pytest.mark.parametrize(
+    ("distance", "tolerance", "pixel"), [(470.0, 0.001, (9, 47)), (490.0, 5e-4, (36, 42))], ids=["6 pixels of blur", "2.5 pixels of blur"]
+)
+def test_single_rays_on_a_blurred_picture_are_those_traced(distance: float, tolerance: float, pixel: tuple[int, int]) -> None:
+    array = replace(CAMERA.array, count=(3, 3))
+    camera = replace(CAMERA, array=array, sensor=replace(CAMERA.sensor, resolution=(70, 60)))
+    plane = Plane(Picture(BLACK_AND_WHITE, 2.0), distance, (0.1, 0.03))
+    scene = Scene(camera, (plane,))
+    image = np.zeros((60, 70))
+    add_single_rays(image, make_setup(scene, plane, tolerance, ALL), plane, None, ())
+    traced, uncertainty = trace_pixels(scene, np.array([pixel])[:, ::-1], wanted=1e-4)
+    assert uncertainty.max() <= 1e-4
+    assert abs(image[pixel] - traced[0]) < tolerance
