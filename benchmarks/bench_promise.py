@@ -1,10 +1,11 @@
-"""The promise of ``auto`` over random scenes: ``python benchmarks/bench_promise.py FILE [--first N] [--scenes N] [--late S]``.
+"""The promise of ``auto`` over random scenes: ``python benchmarks/bench_promise.py FILE [--first N] [--scenes N] [--late S] [--rays]``.
 
 Every scene tried adds a line to FILE (CSV), and those in it are not tried again: start it again and it goes on. At the end it says of
 all in the file how many kept the promise, and how long every effect on takes against ``auto`` at the same tolerance. A scene that
 takes more processor time than ``--late`` is written down as late and not counted; with ``--again`` late ones are tried again. Several
-may add to one file: ``--first 0 --step 2`` beside ``--first 1 --step 2``. ``promise_trials.csv`` beside this holds the trials of
-docs/pictures.md. Set OPENBLAS_NUM_THREADS=1: on busy cores BLAS's threads count the time that they wait for each other.
+may add to one file: ``--first 0 --step 2`` beside ``--first 1 --step 2``. With ``--rays`` the light is rays, without diffraction.
+``promise_trials.csv`` beside this holds the trials of docs/pictures.md. Set OPENBLAS_NUM_THREADS=1: on busy cores BLAS's threads count
+the time that they wait for each other.
 """
 
 import argparse
@@ -81,6 +82,7 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=1, help="from one seed to the next")
     parser.add_argument("--again", action="store_true", help="try late scenes again")
     parser.add_argument("--late", type=float, default=600, help="processor seconds after which a scene is given up")
+    parser.add_argument("--rays", action="store_true", help="without diffraction")
     parser.add_argument("--seconds", type=float, default=math.inf, help="begin no other scene after so long")
     asked = parser.parse_args()
     trials = read(asked.file)
@@ -88,7 +90,7 @@ def main() -> None:
     end = time.monotonic() + asked.seconds
     signal.signal(signal.SIGPROF, late)
     for seed in range(WARM):
-        try_scene(10_000 + seed)
+        try_scene(10_000 + seed, waves=not asked.rays)
     with asked.file.open("a", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         if stream.tell() == 0:
@@ -98,7 +100,7 @@ def main() -> None:
                 continue
             signal.setitimer(signal.ITIMER_PROF, asked.late)
             try:
-                trial = try_scene(seed)
+                trial = try_scene(seed, waves=not asked.rays)
             except LateError:
                 trial = Trial(seed, *[math.nan] * (len(HEADER) - 1))
             finally:

@@ -27,7 +27,7 @@ from flflab.image.diffraction_lines import add_ruled_diffracted
 from flflab.image.diffraction_ruled import make_curves, make_line
 from flflab.image.diffraction_table import BLURRED, Kind, Known, find_kinds, samples_needed, shared_modes
 from flflab.image.form import add_plane
-from flflab.image.moments import at_moments
+from flflab.image.moving import add_moving_plane
 from flflab.image.orders import MOST_PARTS, STEEP_PARTS, in_bands, is_even
 from flflab.image.rim import disc_nodes
 from flflab.image.setup import Setup
@@ -75,10 +75,9 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
 
 
 def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Chosen | None) -> None:
-    """Add a kind's light without diffraction, moment by moment where the target moves."""
+    """Add a kind's light without diffraction."""
     part = setup.of(kind.entries, setup.window[kind.entries])
-    for moment in at_moments(replace(part, pupils=replace(part.pupils, level=part.pupils.level * kind.weights))):
-        add_plane(image, moment, target, wanted)
+    add_moving_plane(image, replace(part, pupils=replace(part.pupils, level=part.pupils.level * kind.weights)), target, wanted)
 
 
 def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, target: Bars | Edge, chosen: Chosen) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from flflab.image.moments import ways_along
 from flflab.image.orders import (
     end_points,
     falloff_chunks,
@@ -46,6 +47,8 @@ LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to thr
 def add_plane(image: Array, setup: Setup, target: Target, wanted: Chosen | None = None) -> None:
     """Add the light of one flat target, not black, to an image [row, column] in units of the white level.
 
+    Of what a target does during the exposure only the movement across its lines counts; see ``add_moving_plane`` for the rest.
+
     Args:
         image: the image to add to.
         setup: what is formed.
@@ -65,7 +68,8 @@ def add_plane(image: Array, setup: Setup, target: Target, wanted: Chosen | None 
 
 def _turned(setup: Setup, axes: Array) -> Setup:
     """The same with the target's coordinates counted along other axes, the rows of ``axes``."""
-    return replace(setup, origin=setup.origin @ axes.T, by_pupil=axes @ setup.by_pupil, by_sensor=axes @ setup.by_sensor)
+    maps = {"by_pupil": axes @ setup.by_pupil, "by_sensor": axes @ setup.by_sensor, "by_motion": axes @ setup.by_motion}
+    return replace(setup, origin=setup.origin @ axes.T, **maps)
 
 
 def _maps(setup: Setup) -> Array:
@@ -86,7 +90,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         cos, sin = math.cos(target.angle), math.sin(target.angle)
         table, law = half_plane()
         setup = _turned(setup, np.array([[cos, sin], [-sin, cos]]))
-    pupils = setup.pupils
+    pupils, ways = setup.pupils, ways_along(setup) if len(table) else np.zeros((len(setup.origin), 1))
     counts, sharp = strip_counts(setup), is_sharp(setup)
     parts, steep = pixel_parts(setup, sharp)
     if isinstance(target, White):
@@ -119,10 +123,11 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         FINE * setup.tolerance,
         table,
         law,
+        ways,
         bounds,
         chosen,
     )
-    windows = lit_windows(setup, half_x, half_y)
+    windows = lit_windows(setup, half_x + float(np.abs(ways).max()), half_y)
     in_bands(lambda rows: add_ruled(image, rows, windows, *arguments), windows)
 
 

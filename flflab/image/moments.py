@@ -13,6 +13,9 @@ from flflab.image.setup import Setup
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
+PHASES, MOST_MOMENTS = 8, 1 << 20  # phases of drift and of vibration for each share they are dealt out in, and most of both together
+ALONG = 0.1  # of the tolerance, for the places of bars and edges
+
 
 def at_moments(setup: Setup) -> Iterator[Setup]:
     """Setups of a standing target, each with its share of the light, whose pictures have the moving one's as their sum.
@@ -53,3 +56,76 @@ def moment_counts(motion: Motion | None, smear: Array, tolerance: float) -> Whol
         return np.ones((len(smear), 2), dtype=np.int64)
     demand = smear[:, None] * np.array([math.hypot(*motion.drift), 3.2 * math.hypot(*motion.vibration)]) / tolerance
     return np.maximum(np.ceil(np.sqrt(demand)), 1).astype(np.int64)
+
+
+def at_heights(setup: Setup) -> Iterator[Setup]:
+    """Setups of a target that moves along its x' only, each with its share of the light, whose pictures have the moving one's as their sum.
+
+    All moments, sorted by the target's y' then, are dealt out in equal shares; the middle of each stands for it.
+    """
+    drift, swing, smear = _smear_along(setup, 1)
+    count = moment_count(setup, 1)
+    moments = _moments(setup, count, moment_count(setup, 0))
+    for share in _shares(moments, drift, swing, smear, count):
+        height = drift * share[0].mean() + swing * share[1].mean()
+        level = setup.pupils.level * (share.shape[1] / moments.shape[1])
+        yield replace(
+            setup,
+            origin=setup.origin + height[:, None] * np.array([0.0, 1.0]),
+            pupils=replace(setup.pupils, level=level),
+            moments=share,
+        )
+
+
+def ways_along(setup: Setup) -> Array:
+    """How far rays end along the target's x' from where they would, mm, at some moments of equal shares; shape (N, moments).
+
+    Drift and vibration along x' are one movement: all moments, sorted by the target's x' then, are dealt out in equal shares, and the
+    middle of each stands for it. So it takes as many as one of the two does, not the product. The means of the drift's and of the sine's
+    parts of a share are kept: where an entry mixes both otherwise, its places are right to first order.
+    """
+    if setup.motion is None or not len(setup.origin):
+        return np.zeros((len(setup.origin), 1))
+    whole = moment_count(setup, 0)
+    drift, swing, smear = _smear_along(setup, 0)
+    moments, most = _moments(setup, whole, 1), int(np.argmax(smear))
+    spread, way = float(np.ptp(drift[most] * moments[0] + swing[most] * moments[1])), abs(drift[most]) + 2 * abs(swing[most])
+    count = max(math.ceil(whole * math.sqrt(spread / way)), 1) if whole > 1 else 1
+    parts = np.array([share.mean(axis=1) for share in _shares(moments, drift, swing, smear, count)])
+    return drift[:, None] * parts[:, 0] + swing[:, None] * parts[:, 1]
+
+
+def moment_count(setup: Setup, axis: int) -> int:
+    """How many moments a movement along one axis of the target needs.
+
+    Places of bars or an edge dealt out among n leave up to 0.25 S / n^2 of white. S is the way from end to end over the width to which
+    pixel and blur smooth an edge.
+    """
+    return max(math.ceil(math.sqrt(float(_smear_along(setup, axis)[2].max(initial=0.0)) / (8 * ALONG * setup.tolerance))), 1)
+
+
+def _smear_along(setup: Setup, axis: int) -> tuple[Array, Array, Array]:
+    """Drift and amplitude along an axis of the target, mm, and over how many widths of a smoothed edge they carry it; shape (N,)."""
+    motion = setup.motion or Motion()
+    drift, swing = setup.by_motion[:, axis] @ np.array(motion.drift), setup.by_motion[:, axis] @ np.array(motion.vibration)
+    pixel, pupil = (np.linalg.norm(part[:, axis], axis=1) for part in (setup.by_sensor * setup.sensor.pixel, setup.by_pupil))
+    width, way = np.maximum(pixel, np.pi / 2 * pupil), np.abs(drift) + 2 * np.abs(swing)
+    return drift, swing, np.divide(way, width, out=np.zeros_like(width), where=width > 0)
+
+
+def _moments(setup: Setup, count: int, other: int) -> Array:
+    """The setup's moments, or enough of the whole exposure to be dealt out in so many shares, and each of these in so many others."""
+    if setup.moments is not None:
+        return setup.moments
+    motion = setup.motion or Motion()
+    moves = [any(way) for way in (motion.drift, motion.vibration)]
+    number = min(PHASES * max(count, other), math.isqrt(MOST_MOMENTS)) if all(moves) else min(PHASES * count * other, MOST_MOMENTS)
+    even, turn = ((np.arange(n) + 0.5) / n for n in (number if moved else 1 for moved in moves))
+    return np.stack(np.broadcast_arrays((even - 0.5)[:, None], np.cos(np.pi * turn))).reshape(2, -1)
+
+
+def _shares(moments: Array, drift: Array, swing: Array, smear: Array, count: int) -> list[Array]:
+    """Moments (2, M) sorted by the way of the entry that moves most, in nearly equal shares."""
+    most = int(np.argmax(smear))
+    order = np.argsort(drift[most] * moments[0] + swing[most] * moments[1], kind="stable")
+    return np.array_split(moments[:, order], count, axis=1)

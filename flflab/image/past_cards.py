@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from flflab.image.cards import Card
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.form import add_plane
-from flflab.image.moments import at_moments
+from flflab.image.moving import add_moving_plane
 from flflab.image.scene import Plane, Scene
 from flflab.image.setup import Setup
 from flflab.image.single_rays import add_single_rays
@@ -45,8 +45,7 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
     apart = _side_by_side(setup, layer, layers)
     chosen = None if wanted is None else np.tile(wanted, (layers, 1))
     change, passed, whole = np.zeros((3, layers * rows, image.shape[1]))
-    for moment in at_moments(apart):
-        add_plane(change, moment, plane.target, chosen)
+    add_moving_plane(change, apart, plane.target, chosen)
     np.negative(change, out=change)
     add_plane_with_diffraction(change, apart, plane.target, scene.diffraction.wavelength, chosen)
     felt = np.abs(change) > UNFELT * setup.tolerance

@@ -105,32 +105,53 @@ def profile_mean(x: float, box: float, other: float, table: Array, law: Array) -
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def moved_mean(x: float, box: float, other: float, table: Array, law: Array, ways: Array) -> float:
+    """The mean over some moments of ``profile_mean`` at x + way."""
+    total = 0.0
+    for way in ways:
+        total += profile_mean(x + way, box, other, table, law)
+    return total / ways.size
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def fill_antiderivative(
-    out: Array, first: int, count: int, low: float, step: float, box: float, other: float, table: Array, law: Array
+    out: Array, first: int, count: int, low: float, step: float, box: float, other: float, table: Array, law: Array, ways: Array
 ) -> None:
-    """Antiderivative of the radiance smoothed by two boxes, at ``count`` places ``step`` apart from ``low`` on, into out[first:]."""
+    """Antiderivative of the radiance smoothed by two boxes, at ``count`` places ``step`` apart from ``low`` on, into out[first:].
+
+    It is the mean over some moments at which the radiance is moved by so many mm, ``ways``.
+    """
     wide = max(box, other)
     narrow = min(box, other)
     margin = math.ceil(0.5 * narrow / step) + 1 if narrow > 0.5 * step else 0
     places = count + 2 * margin
-    plain = np.empty(places)
+    before = math.ceil(max(0.0, -ways.min()) / step)
+    still = np.empty(places + before + math.ceil(max(0.0, ways.max()) / step) + 1)
+    start = low - (margin + before) * step
     ahead = int(wide / step + 0.5)
-    start = low - margin * step
     if ahead > 0 and abs(ahead * step - wide) < 1e-9 * wide:
-        second = np.empty(places + ahead)
-        for index in range(places + ahead):
+        second = np.empty(still.size + ahead)
+        for index in range(second.size):
             second[index] = second_antiderivative(start + index * step - 0.5 * wide, table, law)
-        for index in range(places):
-            plain[index] = (second[index + ahead] - second[index]) / wide
+        for index in range(still.size):
+            still[index] = (second[index + ahead] - second[index]) / wide
     else:
-        for index in range(places):
+        for index in range(still.size):
             x = start + index * step
             if wide > 0.01 * step:
-                plain[index] = (
+                still[index] = (
                     second_antiderivative(x + 0.5 * wide, table, law) - second_antiderivative(x - 0.5 * wide, table, law)
                 ) / wide
             else:
-                plain[index] = first_antiderivative(x, table, law)
+                still[index] = first_antiderivative(x, table, law)
+    # The mean over the moments of the straight lines between the places.
+    plain = np.zeros(places)
+    for way in ways:
+        moved = way / step + before
+        base = min(int(moved), still.size - places - 1)
+        beyond = (moved - base) / ways.size
+        for index in range(places):
+            plain[index] += still[base + index] / ways.size + beyond * (still[base + index + 1] - still[base + index])
     if margin == 0:
         out[first : first + count] = plain
         return
@@ -159,6 +180,7 @@ def prepare(
     fine: float,
     table: Array,
     law: Array,
+    ways: Array,
     places: Array,
 ) -> Array:
     """Antiderivatives of the profile from ``low`` to ``high`` (x' at the pupil's centre), one behind the other for each pair of boxes.
@@ -173,6 +195,7 @@ def prepare(
         fine: largest error.
         table: see ``profile_table``.
         law: its law.
+        ways: how far the radiance is moved at some moments, mm, against x'.
         places: filled with first position, 1 / step, first and last index of each, shape (3, 4).
     """
     counts = np.zeros(3, dtype=np.int64)
@@ -190,8 +213,8 @@ def prepare(
         steps[kind] = max(math.sqrt(fine * wide * spread / 0.16), fine * spread / 0.3, 2.0 * fine * wide, (high - low) / MOST_STEPS)
         if steps[kind] < wide:
             steps[kind] = wide / math.ceil(wide / steps[kind])  # then the box's ends fall on steps
-        first = max(low - spread, law[0] - 2.0 * wide)
-        last = max(min(high + spread, law[1] + 2.0 * wide), first)
+        first = max(low - spread, law[0] - 2.0 * wide - ways.max())
+        last = max(min(high + spread, law[1] + 2.0 * wide - ways.min()), first)
         counts[kind] = int((last - first) / steps[kind]) + 3
         places[kind, 0] = first - 0.5 * steps[kind]
         places[kind, 1] = 1.0 / steps[kind]
@@ -202,7 +225,7 @@ def prepare(
     for kind in range(3):
         if counts[kind] > 0:
             start, step = int(places[kind, 2]), steps[kind]
-            fill_antiderivative(sums, start, counts[kind], places[kind, 0], step, boxes[kind, 0], boxes[kind, 1], table, law)
+            fill_antiderivative(sums, start, counts[kind], places[kind, 0], step, boxes[kind, 0], boxes[kind, 1], table, law, ways)
     return sums
 
 

@@ -14,8 +14,7 @@ from flflab.errors import InputError
 from flflab.image.cards import cards_of, split
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.colour_filter import ColourFilter
-from flflab.image.form import add_plane
-from flflab.image.moments import at_moments
+from flflab.image.moving import add_moving_plane
 from flflab.image.past_cards import bend_past_cards
 from flflab.image.scene import ALL, Scene, without
 from flflab.image.setup import make_setup
@@ -91,8 +90,7 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
     if len(setup.blur) and scene.diffraction is not None:
         add_plane_with_diffraction(image, setup, plane.target, scene.diffraction.wavelength, wanted)
     elif len(setup.blur):
-        for moment in at_moments(setup):
-            add_plane(image, moment, plane.target, wanted)
+        add_moving_plane(image, setup, plane.target, wanted)
 
 
 def transmissions(mosaic: ColourFilter, shape: tuple[int, int]) -> Array:

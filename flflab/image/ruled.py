@@ -13,7 +13,7 @@ import numpy.typing as npt
 from flflab.image.falloff_means import read_between, seen_weight, seen_weights, table_steps
 from flflab.image.neighbourhood import RULED
 from flflab.image.parallelogram import ruled_parallelogram, stands_askew
-from flflab.image.profile import prepare, profile_mean
+from flflab.image.profile import moved_mean, prepare
 from flflab.image.rim import part_share, rim_share
 from flflab.image.sampled import sampled_mean
 from flflab.image.strips import BLOCK, EX, EY, MEAN, ROWS, WEIGHT, strip_means, weighted_mean, window_mean
@@ -83,6 +83,7 @@ def add_ruled(
     fine: float,
     table: Array,
     law: Array,
+    ways: Array,
     bounds: Array,
     wanted: Chosen,
 ) -> None:
@@ -117,6 +118,7 @@ def add_ruled(
         fine: largest error of the antiderivatives' tables.
         table: profile, see ``profile_table``; no row where the target does not vary along x'.
         law: its law.
+        ways: how far rays end along x' from where they would, mm, at some moments of the exposure; shape (N, moments).
         bounds: lower and upper end of the window, target mm.
         wanted: which pixels to compute, [row, column]; empty for all.
     """
@@ -159,7 +161,7 @@ def add_ruled(
             middle_y = 0.5 * (ys[first] + ys[last - 1]) - centre_y
             middle = origin_x + cxx * middle_x + cxy * middle_y
             half = 0.5 * (abs(cxx) * ((end - start) * pixel) + abs(cxy) * ((last - first) * pixel))
-            sums = prepare(middle - half, middle + half, spread, boxes, fine, table, law, places)
+            sums = prepare(middle - half, middle + half, spread, boxes, fine, table, law, ways[entry], places)
         outside, deep = reach + abs(slope) + 0.75 * width, reach - abs(slope) - 0.75 * width
         felt = abs(up_along) + abs(up_across) + (abs(cyx) + abs(cyy)) * width
         # Where neither pupil nor row matters, the mean of a column is the same all the way down.
@@ -178,10 +180,10 @@ def add_ruled(
         elif full_by_column and varies:
             for column in range(start, end):
                 at = origin_x + cxx * (xs[column] - centre_x)
-                steady[0, column - start] = profile_mean(at, boxes[0, 0], 0.0, table, law)
+                steady[0, column - start] = moved_mean(at, boxes[0, 0], 0.0, table, law, ways[entry])
                 for i in range(rim_parts):
                     shifted = at + cxx * ((i + 0.5) / rim_parts - 0.5) * width
-                    steady[1 + i, column - start] = profile_mean(shifted, boxes[1, 0], 0.0, table, law)
+                    steady[1 + i, column - start] = moved_mean(shifted, boxes[1, 0], 0.0, table, law, ways[entry])
         falls = chunks > 0 and not blurred
         clipped = slope if 2.0 * abs(slope) > width else 0.0  # a pixel that holds all of the rim sees the whole pupil
         whole_step, rim_step = table_steps(slope, reach, slants[entry], fall)
@@ -293,7 +295,8 @@ def add_ruled(
                                     value = steady[1 + i, column + p - start]
                                 elif varies:
                                     box = 0 if full else 1
-                                    value = profile_mean(origin_x + cxx * ex + cxy * ey, boxes[box, 0], boxes[box, 1], table, law)
+                                    at = origin_x + cxx * ex + cxy * ey
+                                    value = moved_mean(at, boxes[box, 0], boxes[box, 1], table, law, ways[entry])
                                 if not (blurred or clear or askew):
                                     value *= window_mean(origin_y + cyx * ex + cyy * ey, lower, upper, window[2], window[3])
                                 light[p] += shares[p] * min(max(value, 0.0), 1.0) / (divide * divide)

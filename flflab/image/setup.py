@@ -44,6 +44,8 @@ class Setup:
         pixel_width: side of the square over which a pixel gathers light, mm; 0 for its centre alone.
         falloff: whether rays count by cos^4 of their slopes at the sensor.
         motion: of the target during the exposure, where it is to be formed with the light instead of moment by moment.
+        moments: parts of the exposure's even drift and of the vibration's amplitude at moments of equal shares, shape (2, M); None for
+            the whole exposure.
     """
 
     sensor: Sensor
@@ -61,6 +63,7 @@ class Setup:
     pixel_width: float
     falloff: bool = False
     motion: Motion | None = None
+    moments: Array | None = None
 
     def seen_from(self, x: float, y: float) -> "Setup":
         """The same with the target's coordinates counted from (x, y)."""

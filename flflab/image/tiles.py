@@ -66,14 +66,16 @@ def cut(windows: Whole, counts: Whole) -> tuple[Whole, Whole]:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def shrink(wanted: npt.NDArray[np.bool_], start: int, end: int, first: int, last: int) -> tuple[int, int, int, int]:
-    """The smallest part of a window of columns and rows that holds all its wanted pixels."""
+    """The smallest part of a window of columns and rows that holds all its wanted pixels; an empty one where there are none."""
+    if start >= end or first >= last:
+        return start, start, first, first
     left, right, bottom, top = end, start, last, first
     for row in range(first, last):
         for column in range(start, end):
             if wanted[row, column]:
                 left, right = min(left, column), max(right, column + 1)
                 bottom, top = min(bottom, row), max(top, row + 1)
-    return left, right, bottom, top
+    return (left, right, bottom, top) if left < right else (start, start, first, first)
 
 
 def counts_needed(

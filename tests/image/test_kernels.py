@@ -133,7 +133,7 @@ def test_the_tightest_tolerance_is_kept_far_below_a_ten_thousandth(distance: flo
 def test_more_strips_come_nearer_by_the_power_they_promise(target: Bars) -> None:
     spread, radius, places = 0.25, 1.9, np.zeros((3, 4))
     boxes = np.array([[0.06, 0.0]] * 3)
-    sums = prepare(-1.0, 1.0, spread, boxes, 1e-9, *profile_table(target), places)
+    sums = prepare(-1.0, 1.0, spread, boxes, 1e-9, *profile_table(target), np.zeros(1), places)
     counts = np.array([8, 16, 32, 64, 2048])
     points = np.zeros((ROWS, BLOCK))
     points[0, :12], points[1, :12] = 0.3 * np.arange(12) - 2.2, 0.17 * np.arange(12) - 0.9

@@ -1,0 +1,83 @@
+"""Targets that move during the exposure, against standing ones and against rays traced one by one at scrambled moments of it."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from flflab.image.effects.motion import Motion
+from flflab.image.reference import trace_pixels
+from flflab.image.render import render
+from flflab.image.scene import Plane, Scene
+from flflab.image.tiles import shrink
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
+from flflab.targets import Bars, Chirp, Edge, Target
+
+Array = npt.NDArray[np.float64]
+
+PIXELS = 2
+TOLERANCE = 0.002
+
+
+@pytest.fixture(scope="module")
+def camera() -> Camera:
+    array = MicrolensArray(layout="square", count=(5, 5), pitch=(0.125, 0.125), aperture=0.125, focal_lengths=(1.0,), distance=60.0)
+    return Camera(MainLens(50.0, 4.0), array, Sensor((60, 40), 0.00166, 61.15))
+
+
+def mean_of_standing(scene: Scene, moments: Iterable[tuple[float, float]]) -> Array:
+    """The mean picture at moments of the exposure: parts of the drift and of the vibration's amplitude."""
+    (plane,), motion = scene.planes, scene.motion or Motion()
+    ways = [even * np.array(motion.drift) + swing * np.array(motion.vibration) + plane.offset for even, swing in moments]
+    places = [replace(plane, offset=(float(x), float(y))) for x, y in ways]
+    return np.mean([render(replace(scene, planes=(place,), motion=None), tolerance=TOLERANCE) for place in places], axis=0)
+
+
+@pytest.mark.parametrize("distance", [506.7016, 480.0])
+@pytest.mark.parametrize("target", [Bars((3.0, 6.0), 8.0, 0.5), Chirp((1.0, 2.0), 8.0, 0.4), Edge(0.3)])
+@pytest.mark.parametrize("drift", [(0.2, -0.3), (2.0, 2.0)])
+def test_what_drifts_is_the_mean_of_standing_ones(camera: Camera, distance: float, target: Target, drift: tuple[float, float]) -> None:
+    scene = Scene(camera, (Plane(target, distance, (0.05, 0.2), roll=0.1, tilt=(0.05, -0.1)),), motion=Motion(drift))
+    even = (np.arange(200) + 0.5) / 200 - 0.5
+    assert np.abs(render(scene, tolerance=TOLERANCE) - mean_of_standing(scene, [(at, 0.0) for at in even])).max() < TOLERANCE / 2
+
+
+@pytest.mark.parametrize("target", [Bars((3.0, 6.0), 8.0, 0.5), Edge(0.3)])
+def test_what_drifts_and_trembles_is_the_mean_of_standing_ones(camera: Camera, target: Target) -> None:
+    scene = Scene(camera, (Plane(target, 506.7016, (0.05, 0.2), roll=0.1),), motion=Motion((0.15, -0.08), (0.05, 0.12)))
+    phases = (np.arange(24) + 0.5) / 24
+    standing = mean_of_standing(scene, [(even - 0.5, np.cos(np.pi * turn)) for even in phases for turn in phases])
+    assert np.abs(render(scene, tolerance=TOLERANCE) - standing).max() < TOLERANCE
+
+
+@pytest.mark.parametrize(
+    ("target", "distance", "motion"),
+    [
+        pytest.param(Bars((3.0, 6.0), 8.0, 0.5), 506.7016, Motion((0.2, 0.2)), marks=pytest.mark.full),
+        pytest.param(Chirp((1.0, 2.0), 8.0, 0.4), 480.0, Motion(vibration=(0.05, 0.1)), marks=pytest.mark.ci),
+        pytest.param(Edge(0.3), 506.7016, Motion((0.15, -0.08), (0.05, 0.12)), marks=pytest.mark.full),
+    ],
+)
+def test_lines_and_their_ends_that_move_are_those_traced(camera: Camera, target: Target, distance: float, motion: Motion) -> None:
+    scene = Scene(camera, (Plane(target, distance, (0.05, 0.2), roll=0.1, tilt=(0.05, -0.1)),), motion=motion)
+    moving, standing = (render(one, tolerance=TOLERANCE) for one in (scene, replace(scene, motion=None)))
+    changed = np.argsort(np.abs(moving - standing).ravel())[::-1][: 100 * PIXELS : 100]
+    rows, columns = np.unravel_index(changed, moving.shape)
+    traced, uncertainty = trace_pixels(scene, np.stack([columns, rows], axis=1), wanted=TOLERANCE / 2)
+    assert (np.abs(moving[rows, columns] - traced) < TOLERANCE + 2 * uncertainty).all()
+    assert uncertainty.max() < TOLERANCE / 2
+    assert np.abs(standing[rows, columns] - traced).max() > 20 * TOLERANCE
+
+
+def test_an_edge_that_moves_along_itself_does_not_change(camera: Camera) -> None:
+    along = Motion((-0.3 * np.sin(0.2), 0.3 * np.cos(0.2)), (-0.1 * np.sin(0.2), 0.1 * np.cos(0.2)))
+    scene = Scene(camera, (Plane(Edge(0.2), 495.0),), motion=along)
+    assert np.abs(render(scene) - render(replace(scene, motion=None))).max() < 1e-9
+
+
+def test_a_window_without_columns_and_rows_holds_no_wanted_pixels() -> None:
+    left, right, bottom, top = shrink(np.ones((9, 9), dtype=np.bool_), 5, 3, 7, 2)
+    assert left >= right
+    assert bottom >= top
