@@ -15,6 +15,7 @@ from flflab.image.estimate import estimate_error, finer_picture, telling_pixels
 from flflab.image.random_scene import RESOLUTION, random_scene
 from flflab.image.render import LEAST_TOLERANCE, render
 from flflab.image.scene import Scene
+from flflab.targets import Picture, Target
 
 TOLERANCES = (1e-3, 1e-1)  # from which one is drawn, evenly in its logarithm
 FINER, FINER_WAVES = 16.0, 8.0  # how much finer than asked for the picture is formed that ``auto`` is held against, at most 1e-5
@@ -58,9 +59,15 @@ def drawn(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float = T
     return (scene if waves else replace(scene, diffraction=None)), tolerance
 
 
+def _sharpest(target: Target) -> Target:
+    """A picture in black and white, which no other is steeper than; other targets as they are."""
+    return replace(target, values=target.values.round()) if isinstance(target, Picture) else target
+
+
 def try_scene(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float = TOLERANCES[0], waves: bool = True) -> Trial:
-    """Take a picture of the scene that is ``drawn``, and hold it against a finer one."""
+    """Take a picture of the scene that is ``drawn``, its pictures in black and white, and hold it against a finer one."""
     scene, tolerance = drawn(seed, resolution, finest, waves)
+    scene = replace(scene, planes=tuple(replace(plane, target=_sharpest(plane.target)) for plane in scene.planes))
     marks = [time.process_time()]
     choice = choose(scene, tolerance)
     image = render(scene, tolerance=choice.tolerance, effects=choice.formed)

@@ -75,7 +75,7 @@ def _target(rng: np.random.Generator, width: float) -> Target:
         case "edge":
             return Edge(rng.uniform(0, 2 * math.pi))
         case "picture":
-            return Picture(rng.random((24, 32)).round(), width * rng.uniform(0.5, 3.0))  # black and white: no picture is steeper
+            return Picture(rng.random((24, 32)), width * rng.uniform(0.5, 3.0))
         case _:
             return White() if kind == "white" else Black()
 

@@ -35,18 +35,23 @@ def mean_of_standing(scene: Scene, moments: Iterable[tuple[float, float]]) -> Ar
     return np.mean([render(replace(scene, planes=(place,), motion=None), tolerance=TOLERANCE) for place in places], axis=0)
 
 
-@pytest.mark.parametrize("distance", [506.7016, 480.0])
-@pytest.mark.parametrize("target", [Bars((3.0, 6.0), 8.0, 0.5), Chirp((1.0, 2.0), 8.0, 0.4), Edge(0.3)])
-@pytest.mark.parametrize("drift", [(0.2, -0.3), (2.0, 2.0)])
-def test_what_drifts_is_the_mean_of_standing_ones(camera: Camera, distance: float, target: Target, drift: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("target", "distance", "drift"),
+    [
+        (Bars((3.0, 6.0), 8.0, 0.5), 506.7016, (0.2, -0.3)),
+        (Bars((3.0, 6.0), 8.0, 0.5), 480.0, (2.0, 2.0)),
+        (Chirp((1.0, 2.0), 8.0, 0.4), 506.7016, (2.0, 2.0)),
+        (Edge(0.3), 480.0, (0.2, -0.3)),
+    ],
+)
+def test_what_drifts_is_the_mean_of_standing_ones(camera: Camera, target: Target, distance: float, drift: tuple[float, float]) -> None:
     scene = Scene(camera, (Plane(target, distance, (0.05, 0.2), roll=0.1, tilt=(0.05, -0.1)),), motion=Motion(drift))
     even = (np.arange(200) + 0.5) / 200 - 0.5
     assert np.abs(render(scene, tolerance=TOLERANCE) - mean_of_standing(scene, [(at, 0.0) for at in even])).max() < TOLERANCE / 2
 
 
-@pytest.mark.parametrize("target", [Bars((3.0, 6.0), 8.0, 0.5), Edge(0.3)])
-def test_what_drifts_and_trembles_is_the_mean_of_standing_ones(camera: Camera, target: Target) -> None:
-    scene = Scene(camera, (Plane(target, 506.7016, (0.05, 0.2), roll=0.1),), motion=Motion((0.15, -0.08), (0.05, 0.12)))
+def test_bars_that_drift_and_tremble_are_the_mean_of_standing_ones(camera: Camera) -> None:
+    scene = Scene(camera, (Plane(Bars((3.0, 6.0), 8.0, 0.5), 506.7016, (0.05, 0.2), roll=0.1),), motion=Motion((0.15, -0.08), (0.05, 0.12)))
     phases = (np.arange(24) + 0.5) / 24
     standing = mean_of_standing(scene, [(even - 0.5, np.cos(np.pi * turn)) for even in phases for turn in phases])
     assert np.abs(render(scene, tolerance=TOLERANCE) - standing).max() < TOLERANCE
