@@ -123,7 +123,7 @@ def add_ruled(
         wanted: which pixels to compute, [row, column]; empty for all.
     """
     varies = table.shape[0] > 0
-    window = np.empty(4)
+    window, moved_to = np.empty(4), np.empty(maps.shape[1])
     window[:2] = bounds
     numbers, no_sums, still = np.array([bounds[1], 0.0, 0.0]), np.zeros((2, 2)), np.zeros(4)
     places, boxes, sums = np.zeros((3, 4)), np.zeros((3, 2)), np.zeros(2)
@@ -264,22 +264,27 @@ def add_ruled(
                                 if blurred and clear:
                                     value = points[MEAN + p]
                                 elif blurred and points_a_side > 0:
-                                    value = sampled_mean(
-                                        ex,
-                                        ey,
-                                        cones[entry],
-                                        maps[entry],
-                                        row_nodes,
-                                        chord,
-                                        points_a_side,
-                                        side,
-                                        RULED,
-                                        numbers,
-                                        table,
-                                        law,
-                                        no_sums,
-                                        weighted,
-                                    )
+                                    value = 0.0
+                                    for way in ways[entry]:
+                                        moved_to[:] = maps[entry]
+                                        moved_to[0] += way
+                                        value += sampled_mean(
+                                            ex,
+                                            ey,
+                                            cones[entry],
+                                            moved_to,
+                                            row_nodes,
+                                            chord,
+                                            points_a_side,
+                                            side,
+                                            RULED,
+                                            numbers,
+                                            table,
+                                            law,
+                                            no_sums,
+                                            weighted,
+                                        )
+                                    value /= ways.shape[1]
                                 elif blurred:
                                     across = (origin_y + cyx * ex + cyy * ey, up_along, up_across)
                                     value = weighted_mean(
@@ -287,10 +292,12 @@ def add_ruled(
                                     )
                                 elif askew and not clear:
                                     at_x, at_y = origin_x + cxx * ex + cxy * ey, origin_y + cyx * ex + cyy * ey
-                                    seen = ruled_parallelogram(
-                                        at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, lower, upper, table, law
-                                    )
-                                    value = seen / (abs(cxx * cyy - cxy * cyx) * side * side)
+                                    seen = 0.0
+                                    for way in ways[entry]:
+                                        seen += ruled_parallelogram(
+                                            at_x + way, at_y, cxx * side, cyx * side, cxy * side, cyy * side, lower, upper, table, law
+                                        )
+                                    value = seen / (ways.shape[1] * abs(cxx * cyy - cxy * cyx) * side * side)
                                 elif by_column and not full:
                                     value = steady[1 + i, column + p - start]
                                 elif varies:
