@@ -66,7 +66,7 @@ def at_heights(setup: Setup) -> Iterator[Setup]:
     drift, swing, smear = _smear_along(setup, 1)
     count = moment_count(setup, 1)
     moments = _moments(setup, count, moment_count(setup, 0))
-    for share in _shares(moments, drift, swing, smear, count):
+    for share in np.array_split(_sorted(moments, drift, swing, smear), count, axis=1):
         height = drift * share[0].mean() + swing * share[1].mean()
         level = setup.pupils.level * (share.shape[1] / moments.shape[1])
         yield replace(
@@ -91,8 +91,11 @@ def ways_along(setup: Setup) -> Array:
     moments, most = _moments(setup, whole, 1), int(np.argmax(smear))
     spread, way = float(np.ptp(drift[most] * moments[0] + swing[most] * moments[1])), abs(drift[most]) + 2 * abs(swing[most])
     count = max(math.ceil(whole * math.sqrt(spread / way)), 1) if whole > 1 else 1
-    parts = np.array([share.mean(axis=1) for share in _shares(moments, drift, swing, smear, count)])
-    return drift[:, None] * parts[:, 0] + swing[:, None] * parts[:, 1]
+    # Shares as large as each other to a part of a moment: they count alike.
+    ends = np.linspace(0.0, moments.shape[1], count + 1)
+    sums = np.pad(np.cumsum(_sorted(moments, drift, swing, smear), axis=1), ((0, 0), (1, 0)))
+    even, sway = (np.diff(np.interp(ends, np.arange(sums.shape[1]), each)) * (count / moments.shape[1]) for each in sums)
+    return drift[:, None] * even + swing[:, None] * sway
 
 
 def moment_count(setup: Setup, axis: int) -> int:
@@ -124,8 +127,7 @@ def _moments(setup: Setup, count: int, other: int) -> Array:
     return np.stack(np.broadcast_arrays((even - 0.5)[:, None], np.cos(np.pi * turn))).reshape(2, -1)
 
 
-def _shares(moments: Array, drift: Array, swing: Array, smear: Array, count: int) -> list[Array]:
-    """Moments (2, M) sorted by the way of the entry that moves most, in nearly equal shares."""
+def _sorted(moments: Array, drift: Array, swing: Array, smear: Array) -> Array:
+    """Moments (2, M) sorted by the way of the entry that moves most."""
     most = int(np.argmax(smear))
-    order = np.argsort(drift[most] * moments[0] + swing[most] * moments[1], kind="stable")
-    return np.array_split(moments[:, order], count, axis=1)
+    return moments[:, np.argsort(drift[most] * moments[0] + swing[most] * moments[1], kind="stable")]
