@@ -23,16 +23,17 @@ from flflab.image.diffraction_fields import (
     make_grid,
     picture_spectrum,
 )
+from flflab.image.diffraction_kinds import BLURRED, Kind, find_kinds
 from flflab.image.diffraction_lines import add_ruled_diffracted
 from flflab.image.diffraction_ruled import make_curves, make_line
-from flflab.image.diffraction_table import BLURRED, Kind, Known, find_kinds, samples_needed, shared_modes
+from flflab.image.diffraction_table import Known, samples_needed, shared_modes
 from flflab.image.form import add_plane
 from flflab.image.moving import add_moving_plane
 from flflab.image.orders import MOST_PARTS, STEEP_PARTS, in_bands, is_even
 from flflab.image.rim import disc_nodes
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions
-from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
+from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 
 Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
@@ -41,6 +42,7 @@ Whole = npt.NDArray[np.int64]
 MOMENTS = 33  # nodes over a rim for the fall-off
 MOST_SAMPLES = 16.0  # a pixel, of a field over the target
 SHARE = 0.7  # of the tolerance; the errors of nodes, parts and terms are each kept below it
+KIND_COST: dict[type[Target], float] = {Edge: 6e3, Bars: 5e4, Chirp: 5e4, FourDot: 5e4, Picture: 5e4}  # in pixels, of a kind's tables
 LEAST_TERM = 1e-4  # of white; finer terms of the sum over a rim are too many
 
 
@@ -63,7 +65,8 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
     seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
     known: Known = {}
     alike = replace(setup, tolerance=SHARE * setup.tolerance / setup.overlap)  # microlenses side by side err to the same side
-    for kind in find_kinds(alike, wavelength, seen) if len(seen) else []:
+    pixels = lit_counts(windows[seen], chosen)
+    for kind in find_kinds(alike, wavelength, seen, pixels, KIND_COST[type(target)]) if len(seen) else []:
         if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
             _add_rays(image, setup, kind, target, wanted)
         elif isinstance(target, Bars | Edge):
@@ -288,6 +291,13 @@ def node_counts(kind: Kind, tolerance: float) -> tuple[int, int]:
     finer, fine = (0.002 / tolerance) ** 0.25, min(1.0, 0.3 / max(kind.cutoff, 1e-9))
     radii, angles = (9 + 6 * fine) * (1.5 + 0.1 * abs(kind.blur)), (20 + 8 * fine) * (1 + 0.1 * abs(kind.blur))
     return math.ceil(finer * radii), math.ceil(finer * angles) + 1
+
+
+def lit_counts(windows: Whole, chosen: Chosen) -> Array:
+    """How many chosen pixels there are in each window."""
+    sums = np.pad(chosen.cumsum(axis=0, dtype=np.float64).cumsum(axis=1), ((1, 0), (1, 0)))
+    left, right, low, high = windows.T
+    return np.asarray(sums[high, right] - sums[low, right] - sums[high, left] + sums[low, left])
 
 
 def lit_windows(setup: Setup) -> Whole:

@@ -14,8 +14,9 @@ from scipy import fft, ndimage
 from scipy.interpolate import make_interp_spline
 
 from flflab.image.diffraction_far import mean_light, poisson_light, poisson_transfer, poisson_weight
+from flflab.image.diffraction_kinds import Kind
 from flflab.image.diffraction_ruled import Line, line_spectrum, mirrored, spline_weights, weigh_waves
-from flflab.image.diffraction_table import Kind, Modes
+from flflab.image.diffraction_table import Modes
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

@@ -11,7 +11,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.diffraction_table import Kind, rim_radii
+from flflab.image.diffraction_kinds import Kind
+from flflab.image.diffraction_table import rim_radii
 from flflab.image.setup import Setup
 
 Array = npt.NDArray[np.float64]

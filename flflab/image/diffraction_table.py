@@ -16,8 +16,7 @@ import numpy.typing as npt
 from scipy import fft, ndimage
 from scipy.interpolate import make_interp_spline
 
-from flflab.image.setup import Setup
-from flflab.image.smear import Smear
+from flflab.image.diffraction_kinds import Kind
 from flflab.optics.diffraction import pupil_transfer
 from flflab.optics.discs import two_disc_areas
 
@@ -26,8 +25,6 @@ ComplexArray = npt.NDArray[np.complex128]
 SingleArray = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int64]
 
-BLURRED = 300.0  # pixels; a blur beyond is left to rays
-BLURRED_OUT = 1e6  # pixels; no matter which: the target's image lies on the array
 FINER = 64  # steps of a term's table in single precision for one of a ``TransferTable``: read between its nodes, it is as exact
 TAIL = 1 / 64  # weight of a line's tail: light from so many pixels away
 BLOCK, ROWS = 24, 12  # frequencies at a time, and rows of the pupil
@@ -35,128 +32,6 @@ PER_WAVE = 4.5  # samples of the shortest wave that a pupil lets pass
 WIDE = 8.0  # pixels; across a wider blur nothing is fine
 FEW, MORE = 2.25, 4.0  # the least samples a pixel where that wave is shorter than a pixel
 OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
-
-
-@dataclass(frozen=True)
-class Kind:
-    """Microlenses with nearly one kind of pupil and nearly one map to the target; lengths in pixels on the sensor.
-
-    Attributes:
-        entries: which entries of the setup, shape (n,).
-        weights: part of each entry's light that this kind forms; another kind of larger or smaller blur forms the rest.
-        slope: shift of the clipping disc, |slope| of ``Pupils``.
-        reach: its radius on the sensor.
-        blur: radius of the geometric blur, signed.
-        cutoff: where the whole pupil's transfer ends, cycles/pixel.
-        by_sensor: target mm per pixel on the sensor, shape (2, 2).
-        rims: of each entry's micro-image: distance from the centre up to which nothing is clipped, slope, reach, radius; (n, 4).
-        smear: the target's motion.
-    """
-
-    entries: Whole
-    weights: Array
-    slope: float
-    reach: float
-    blur: float
-    cutoff: float
-    by_sensor: Array
-    rims: Array
-    smear: Smear
-
-    @property
-    def pupil(self) -> tuple[float, float, float, float]:
-        """All that its transfer functions depend on."""
-        return self.slope, self.reach, self.blur, self.cutoff
-
-    @property
-    def extent(self) -> float:
-        """How far blur and motion carry light."""
-        return abs(self.blur) + self.smear.extent
-
-    @property
-    def inner(self) -> float:
-        """Distance from the micro-image's centre up to which nothing is clipped."""
-        return max(0.0, self.reach - self.slope)
-
-    @property
-    def outer(self) -> float:
-        """Radius of the largest micro-image."""
-        return float(self.rims[:, 3].max())
-
-
-def find_kinds(setup: Setup, wavelength: float, seen: Whole) -> list[Kind]:
-    """Sort the entries ``seen`` into kinds whose pictures differ by less than the tolerance; many maps share one pupil and its table.
-
-    The geometric blur is by_pupil over by_sensor: a number, but for what a target's tilt does to it, of which the mean is taken.
-    Where it varies between the entries of a pupil, their light is interpolated between two blurs. What else varies only changes the
-    size of the pattern: positions are always an entry's own.
-    """
-    pixel, pupils, tolerance = setup.sensor.pixel, setup.pupils, setup.tolerance
-    by_sensor, by_pupil = setup.by_sensor[seen] * pixel, setup.by_pupil[seen]
-    along_pupil = np.linalg.norm(by_pupil, axis=(1, 2))
-    size = np.linalg.norm(by_sensor, axis=(1, 2))
-    on_array = size * BLURRED_OUT <= along_pupil
-    inverse = np.linalg.inv(np.where(on_array[:, None, None], np.eye(2), by_sensor))
-    blur = np.where(on_array, BLURRED_OUT, np.trace(inverse @ by_pupil, axis1=1, axis2=2) / 2)
-    blur = np.where(pupils.slope[seen] < 0, -blur, blur)
-    cutoff = 2 * np.abs(pupils.slant_spread[seen]) * pixel / wavelength
-    slope, reach = np.abs(pupils.slope[seen]) / pixel, pupils.reach[seen] / pixel
-    rims = np.column_stack([np.maximum(reach - slope, 0.0), slope, reach, reach + slope])
-    step = 6 * tolerance
-    shape = np.log(np.maximum(slope, 1e-300) / np.maximum(reach, 1e-300)) / 10
-    size_steps, turn_steps = np.log(np.maximum(size, 1e-300)), by_sensor.reshape(-1, 4) / np.maximum(size, 1e-300)[:, None]
-    far = np.abs(blur) > BLURRED / 2
-    pupil = _groups(np.column_stack([np.log(np.maximum(cutoff, 1e-300)), shape]) / step, far)
-    maps = _groups(np.column_stack([size_steps, turn_steps]) / step, far)
-    kinds: list[Kind] = []
-    for number in range(int(pupil.max(initial=-1)) + 1):
-        members = np.flatnonzero(pupil == number)
-        for value, weights in _blur_nodes(blur[members], tolerance, bool(far[members[0]])):
-            lit = members[weights > 0]
-            if not len(lit):
-                continue
-            sizes = float(slope[lit].mean()), float(reach[lit].mean()), value, float(cutoff[lit].mean())
-            for one in np.unique(maps[lit]):
-                some = lit[maps[lit] == one]
-                place = by_sensor[some].mean(axis=0)
-                smear = _smear(setup, seen[some], place)
-                kinds.append(Kind(seen[some], weights[weights > 0][maps[lit] == one], *sizes, place, rims[some], smear))
-    return kinds
-
-
-def _groups(places: Array, far: npt.NDArray[np.bool_]) -> Whole:
-    """The number of the group of places (N, n), counted in steps, that each belongs to; those ``far`` are one group of their own."""
-    even = np.column_stack(
-        [np.round(part - part.min() - 0.25) for part in places.T]
-    )  # so that what is equal but for rounding stays together
-    _, group = np.unique(np.column_stack([np.where(far[:, None], 0.0, even), far]), axis=0, return_inverse=True)
-    return np.asarray(group.reshape(-1), dtype=np.int64)
-
-
-def _smear(setup: Setup, entries: Whole, by_sensor: Array) -> Smear:
-    """The target's motion on the sensor, pixels; none where the sensor sees one place."""
-    motion = setup.motion
-    if motion is None or abs(np.linalg.det(by_sensor)) < 1e-300:
-        return Smear(np.zeros(2), np.zeros(2))
-    way = np.linalg.solve(by_sensor, setup.by_motion[entries].mean(axis=0))
-    return Smear(way @ np.array(motion.drift), way @ np.array(motion.vibration))
-
-
-def _blur_nodes(blur: Array, tolerance: float, far: bool) -> list[tuple[float, Array]]:
-    """Blurs, evenly spaced in the inverse hyperbolic sine, and each entry's weights for them.
-
-    An edge changes by at most 1/pi of white when the logarithm of its blur changes by 1: one blur for all is off by that times half
-    their range, up to half the tolerance, and between two of them the error goes with the square of their distance.
-    """
-    place = np.arcsinh(blur)
-    low, high = float(place.min()), float(place.max())
-    if far or high - low < 3 * tolerance:
-        return [(math.sinh(0.5 * (low + high)), np.ones(len(blur)))]
-    nodes = np.linspace(low, high, math.ceil((high - low) / (3 * math.sqrt(tolerance))) + 1)
-    apart = np.abs(place[:, None] - nodes) / (nodes[1] - nodes[0])
-    weights = np.maximum(1 - apart, 0.0)
-    weights[weights < 1e-9] = 0.0
-    return [(float(np.sinh(node)), weights[:, index]) for index, node in enumerate(nodes)]
 
 
 @dataclass(frozen=True)

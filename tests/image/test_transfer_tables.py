@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from flflab.image.diffraction_table import Kind, find_modes, transfer_table
+from flflab.image.diffraction_kinds import Kind
+from flflab.image.diffraction_table import find_modes, transfer_table
 from flflab.image.smear import Smear
 from flflab.optics.diffraction import pupil_transfer
 
