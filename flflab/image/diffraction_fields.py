@@ -8,13 +8,13 @@ import numba
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
+from scipy.special import j1
 
 from flflab.image.diffraction_border import read_sheet, read_waves
 from flflab.image.diffraction_falloff import mean_falloff
 from flflab.image.diffraction_ruled import mirrored, spline_weights
 from flflab.image.diffraction_table import Modes, fast_length
 from flflab.image.rim import place_on_rim
-from flflab.optics.contrast import disc_transfer
 from flflab.targets import Picture
 
 Array = npt.NDArray[np.float64]
@@ -76,7 +76,8 @@ def dot_spectrum(centre: Array, radii: Array, x: Array, y: Array) -> ComplexArra
     """Spectrum of a white disc at frequencies along x' and y', shape (y, x); centre from the grid's first position, all in pixels."""
     size = np.hypot(x * radii[0], y[:, None] * radii[1])
     turn = np.exp(-2j * np.pi * (y * centre[1]))[:, None] * np.exp(-2j * np.pi * (x * centre[0]))
-    return math.pi * radii[0] * radii[1] * disc_transfer(2.0, size) * turn
+    z = 2 * np.pi * np.maximum(size, 1e-9)
+    return math.pi * radii[0] * radii[1] * (2 * j1(z) / z) * turn
 
 
 def picture_spectrum(
@@ -104,6 +105,11 @@ def kept_frequencies(grid: Grid, band: float) -> tuple[Whole, Whole, Array, Arra
     return column, row, x[column], y[row]
 
 
+def on_sensor(grid: Grid, x: Array, y: Array) -> Array:
+    """Frequencies along x' and y' as vectors in the sensor's frame, cycles/pixel, shape (y, x, 2)."""
+    return np.asarray(np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1) @ grid.axes)
+
+
 def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, parts: int) -> Iterator[Fields]:
     """Image a target through every term, some at a time.
 
@@ -115,7 +121,7 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
         parts: parts a side of it.
     """
     column, row, x, y = kept_frequencies(grid, modes.band)
-    f = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1) @ grid.axes
+    f = on_sensor(grid, x, y)
     size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
     prefilter = [(2 + np.cos(2 * np.pi * frequency / grid.samples)) / 3 for frequency in (x, y)]
     wanted = spectrum * modes.kind.smear.transfer(f) * grid.samples**2 / (prefilter[0] * prefilter[1][:, None])

@@ -152,6 +152,30 @@ def test_a_small_dot_is_the_airy_pattern(lone: Camera) -> None:
     assert np.abs(image[95:105, 95:105] / expected.max() - expected / expected.max()).max() < 0.01
 
 
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 3e-5])
+def test_a_large_dot_is_the_hankel_integral_near_its_edge_and_far_from_it(lone: Camera, tolerance: float) -> None:
+    """The finer the tolerance, the farther its light counts, and a coarse and a fine field make it together."""
+    dots = FourDot(diameter=3.0, spacing=30.0)
+    scene = one_plane(lone, dots, FOCUS)
+    scene = replace(scene, planes=(replace(scene.planes[0], offset=(15.0, 15.0)),))  # one of them on the axis
+    wanted = np.zeros((200, 200), dtype=np.bool_)
+    columns = np.array([100, 112, 123, 124, 125, 126, 130, 140])
+    wanted[100, columns] = True
+    seen = diffracted(scene, tolerance=tolerance, wanted=wanted)[100, columns]
+    radius = 1.5 * 0.0278179 / 1.66e-3
+    places, weights = np.polynomial.legendre.leggauss(4)
+    x = columns[:, None, None] - 99.5 + places / 2
+    distance = np.hypot(x, 0.5 + places[:, None] / 2)
+    nodes, shares = np.polynomial.legendre.leggauss(1500)
+    frequency = CUTOFF / 2 * (1 + nodes)
+    part = frequency / CUTOFF
+    airy = 2 / math.pi * (np.arccos(part) - part * np.sqrt(1 - part**2))
+    spectrum = 2 * math.pi * radius * j1(2 * math.pi * radius * frequency) * airy * CUTOFF / 2 * shares
+    light = j0(2 * math.pi * distance[..., None] * frequency) @ spectrum
+    mean = (light * weights * weights[:, None]).sum(axis=(1, 2)) / 4
+    assert np.abs(seen - mean).max() < tolerance
+
+
 @pytest.mark.parametrize(
     "plane",
     [

@@ -1,0 +1,287 @@
+"""Diffracted light of dots and pictures, by fields over the target.
+
+What reaches far varies slowly, and what varies fast stays near. So where that is less work a Gaussian parts the frequencies, as in
+Ewald's sums: the slow ones make a coarse field as wide as the light reaches, the others a fine one little wider than what is looked at.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.diffraction_falloff import pupil_moments, slant_rows
+from flflab.image.diffraction_fields import (
+    Fields,
+    Grid,
+    add_fields,
+    dot_spectrum,
+    kept_frequencies,
+    make_fields,
+    make_grid,
+    on_sensor,
+    picture_spectrum,
+)
+from flflab.image.diffraction_kinds import Kind
+from flflab.image.diffraction_orders import LEAST_TERM, MOMENTS, finest_lines, lit_counts, looked_at, node_counts, pixel_parts
+from flflab.image.diffraction_table import Known, Modes, samples_needed, shared_modes
+from flflab.image.orders import in_bands
+from flflab.image.rim import disc_nodes
+from flflab.image.setup import Setup
+from flflab.optics.camera import pixel_positions
+from flflab.targets import FourDot, Picture
+
+Array = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+Chosen = npt.NDArray[np.bool_]
+Whole = npt.NDArray[np.int64]
+
+MOST_SAMPLES = 16.0  # a pixel, of a field over the target
+MARGINS = (16.0, 400.0)  # pixels, least and largest, from which light comes to what is looked at
+SOFTNESSES = (1.0, 2.0, 4.0, 8.0, 16.0)  # pixels: standard deviations of the Gaussian
+SOFT_SAMPLES = 2.25  # to a standard deviation: splines are right to 6e-5 of white there
+FELT = 5.0  # standard deviations that a Gaussian reaches
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A part of what is imaged: the frequencies that a Gaussian of ``softness`` pixels keeps, or those it does not; all with None.
+
+    Attributes:
+        grid: where.
+        margin: from how far around it light comes, pixels.
+        softness: of the Gaussian.
+        slow: whether it is what the Gaussian keeps.
+    """
+
+    grid: Grid
+    margin: float
+    softness: float | None = None
+    slow: bool = False
+
+    @property
+    def work(self) -> float:
+        """How many numbers its Fourier sums have."""
+        return float(self.grid.length[0]) * self.grid.length[1]
+
+    def of(self, spectrum: ComplexArray, x: Array, y: Array) -> ComplexArray:
+        """Its part of a spectrum at frequencies along x' and y'."""
+        if self.softness is None:
+            return spectrum
+        f = on_sensor(self.grid, x, y)
+        power = -2 * (math.pi * self.softness) ** 2 * (f * f).sum(axis=-1)
+        return spectrum * (np.exp(power) if self.slow else -np.expm1(power))
+
+
+@dataclass(frozen=True)
+class Looks:
+    """How micro-images look at a thing; see ``add_fields``, whose arguments these are, ``turns`` being its looks."""
+
+    centres: Array
+    origins: Array
+    turns: Array
+    levels: Array
+    rims: Array
+    slants: Array
+
+
+@dataclass(frozen=True)
+class Thing:
+    """What is imaged at one place or several.
+
+    Attributes:
+        places: on the target, mm, shape (P, 2).
+        margin: how far its light reaches, pixels, but for blur and motion.
+        near: how far what a Gaussian of a softness does not keep does.
+        grid: for light that reaches so far, at so many samples a pixel; None where no pixel looks.
+        spectrum: over a grid, of light from no farther than a margin, at frequencies along x' and y'.
+    """
+
+    places: Array
+    margin: float
+    near: Callable[[float], float]
+    grid: Callable[[float, float], Grid | None]
+    spectrum: Callable[[Grid, float, Array, Array], ComplexArray]
+
+
+def add_dots_diffracted(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, dots: FourDot, chosen: Chosen) -> None:
+    """Add the diffracted light of one kind of microlens from dots; see ``add_plane_with_diffraction``."""
+    scales, radius = np.hypot(*kind.by_sensor.T), dots.diameter / 2
+    size, tail = float(radius / scales.min()), _tail(kind)
+
+    def near(softness: float) -> float:
+        """Of a straight edge the light that a Gaussian does not keep falls as tail softness^2 / d^3, of a dot by two powers faster."""
+        edge, round_dot = _near_edge(kind, setup, softness), (18 * size**2 * tail * softness**2 / setup.tolerance) ** (1 / 5)
+        return max(MARGINS[0], FELT * softness, min(edge, round_dot))
+
+    def grid(margin: float, samples: float) -> Grid:
+        reach = size + kind.extent + margin
+        return make_grid(kind.by_sensor / scales[:, None], np.full(2, -reach), np.full(2, reach), margin + kind.extent, samples)
+
+    def spectrum(grid: Grid, margin: float, x: Array, y: Array) -> ComplexArray:
+        return dot_spectrum(-np.array(grid.first), radius / scales, x, y)
+
+    # The pattern falls as its light times tail / (2 pi) over the third power of the distance, once round the circle.
+    margin = 4 + (4 * size**2 * tail / setup.tolerance) ** (1 / 3)
+    thing = Thing(np.array(dots.centres), margin, near, grid, spectrum)
+    _add_thing(image, setup, kind, known, lit, thing, finest_lines(kind, dots), chosen)
+
+
+def add_picture_diffracted(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, picture: Picture, chosen: Chosen) -> None:
+    """Add the diffracted light of one kind of microlens from a picture; see ``add_plane_with_diffraction``."""
+    scales = np.hypot(*kind.by_sensor.T)
+    centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
+    looks = setup.by_sensor[kind.entries] * setup.sensor.pixel / scales[:, None]
+    low, high = looked_at(lit[kind.entries], centres, setup.origin[kind.entries] / scales, looks, setup)
+    edge = np.array([picture.width, picture.height]) / 2 / scales
+
+    def near(softness: float) -> float:
+        return max(MARGINS[0], FELT * softness, min(_near_edge(kind, setup, softness), MARGINS[1]))
+
+    def inside(margin: float) -> tuple[Array, Array]:
+        reach = margin + kind.extent
+        return np.maximum(low, -edge - reach), np.minimum(high, edge + reach)
+
+    def grid(margin: float, samples: float) -> Grid | None:
+        first, last = inside(margin)
+        axes = kind.by_sensor / scales[:, None]
+        return None if np.any(first >= last) else make_grid(axes, first, last, 2 * (margin + kind.extent), samples)
+
+    def spectrum(grid: Grid, margin: float, x: Array, y: Array) -> ComplexArray:
+        (first, last), reach = inside(margin), margin + kind.extent
+        return picture_spectrum(picture, scales, first - reach, last + reach, grid.first, x, y)
+
+    margin = min(max(_tail(kind) / (0.4 * setup.tolerance), MARGINS[0]), MARGINS[1])
+    thing = Thing(np.zeros((1, 2)), margin, near, grid, spectrum)
+    _add_thing(image, setup, kind, known, lit, thing, finest_lines(kind, picture), chosen)
+
+
+def _tail(kind: Kind) -> float:
+    """Of a whole pupil: beyond d pixels from a straight edge its light is the tail over d."""
+    return 2 / (math.pi**3 * kind.cutoff)
+
+
+def _near_edge(kind: Kind, setup: Setup, softness: float) -> float:
+    return float((softness**2 * _tail(kind) / (0.4 * setup.tolerance)) ** (1 / 3))
+
+
+def layers(thing: Thing, samples: float, tolerance: float, reads: float) -> list[Layer]:
+    """The least work that images a thing: one field, or a coarse and a fine one.
+
+    Args:
+        thing: the thing.
+        samples: a pixel, that all its frequencies need.
+        tolerance: largest error asked for, of white.
+        reads: how often pixels read a field; two are read twice.
+    """
+    whole = thing.grid(thing.margin, samples)
+    if whole is None:
+        return []
+    found = [Layer(whole, thing.margin)]
+    least = found[0].work
+    for softness in SOFTNESSES:
+        coarse = SOFT_SAMPLES / softness * max(1.0, (6e-4 / tolerance) ** 0.25)
+        margin = thing.near(softness)
+        if coarse >= samples or margin >= thing.margin:
+            continue
+        wide, near = thing.grid(thing.margin, coarse), thing.grid(margin, samples)
+        both = [Layer(grid, far, softness, slow) for grid, far, slow in ((wide, thing.margin, True), (near, margin, False)) if grid]
+        work = sum(layer.work for layer in both) + reads
+        if work < least:
+            found, least = both, work
+    return found
+
+
+def _add_thing(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, thing: Thing, finest: float, chosen: Chosen) -> None:
+    """Add the light of a thing; ``finest``: see ``finest_lines``."""
+    parts, steep = pixel_parts(kind, setup.tolerance)
+    box, samples = setup.pixel_width / setup.sensor.pixel, min(samples_needed(kind, setup.tolerance), MOST_SAMPLES)
+    on_rim = 1 - (kind.inner / kind.outer) ** 2
+    reads = float(lit_counts(lit[kind.entries], chosen).sum()) * (1 + on_rim * (parts**2 - 1)) * len(thing.places)
+    nodes = (1, 1) if steep else node_counts(kind, setup, finest)
+    for layer in layers(thing, samples, setup.tolerance, reads):
+        looks, windows = _looks(setup, kind, lit, thing, layer.grid)
+        if len(windows):
+            modes = shared_modes(known, kind, samples, nodes, box, max(setup.tolerance / 3, LEAST_TERM))
+            _add_layer(image, setup, kind, modes, thing, layer, looks, windows, (parts, steep), chosen)
+
+
+def _looks(setup: Setup, kind: Kind, lit: Whole, thing: Thing, grid: Grid) -> tuple[Looks, Whole]:
+    """Who looks at a thing's grid, from where, and the windows of the pixels that do."""
+    count, scales = len(thing.places), np.hypot(*kind.by_sensor.T)
+    entries = np.tile(kind.entries, count)
+    origins = (setup.origin[entries] - np.repeat(thing.places, len(kind.entries), axis=0)) / scales
+    centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[entries]
+    turns = setup.by_sensor[entries] * setup.sensor.pixel / scales[:, None]
+    seen = _looking_windows(lit[entries], centres, origins, grid, setup)
+    held = (seen[:, 0] < seen[:, 1]) & (seen[:, 2] < seen[:, 3])
+    levels = setup.pupils.level[entries] * np.tile(kind.weights, count)
+    rims, slants = (np.tile(part, (count, 1)) for part in (kind.rims, slant_rows(setup, kind)))
+    return Looks(centres[held], origins[held], turns[held], levels[held], rims[held], slants[held]), seen[held]
+
+
+def _add_layer(
+    image: Array,
+    setup: Setup,
+    kind: Kind,
+    modes: Modes,
+    thing: Thing,
+    layer: Layer,
+    looks: Looks,
+    windows: Whole,
+    divided: tuple[int, bool],
+    chosen: Chosen,
+) -> None:
+    """Add the light of a layer to some windows; ``divided``: see ``pixel_parts``."""
+    (parts, steep), box, grid = divided, setup.pixel_width / setup.sensor.pixel, layer.grid
+    _, _, x, y = kept_frequencies(grid, modes.band)
+    spectrum = layer.of(thing.spectrum(grid, layer.margin, x, y), x, y)
+    moments, pupil_nodes = pupil_moments(kind.slope, kind.reach, 1 if steep else MOMENTS), disc_nodes(8, 8)
+    xs, ys = pixel_positions(setup.sensor)
+    for fields in make_fields(modes, grid, spectrum, box, parts):
+
+        def add(rows: tuple[int, int], fields: Fields = fields, terms: Whole = fields.terms) -> None:
+            add_fields(
+                image,
+                rows,
+                windows,
+                looks.centres,
+                looks.origins,
+                looks.turns,
+                looks.levels,
+                looks.rims,
+                steep,
+                parts,
+                box,
+                xs,
+                ys,
+                setup.sensor.pixel,
+                (fields.whole, fields.part, fields.waves),
+                modes.orders[terms],
+                np.ascontiguousarray(modes.radial[terms].T),
+                modes.radial.shape[1] - 1,
+                grid.first,
+                grid.samples,
+                looks.slants,
+                moments,
+                kind.blur,
+                pupil_nodes,
+                chosen,
+            )
+
+        in_bands(add, windows)
+
+
+def _looking_windows(windows: Whole, centres: Array, origins: Array, grid: Grid, setup: Setup) -> Whole:
+    """The part of each window that looks at a grid."""
+    corners = np.array([[x, y] for x in (0, grid.count[0]) for y in (0, grid.count[1])]) / grid.samples + np.array(grid.first)
+    looking = np.linalg.solve(grid.axes, (corners - origins[:, None]).reshape(-1, 2).T).T.reshape(-1, 4, 2)
+    positions = pixel_positions(setup.sensor)
+    seen = windows.copy()
+    for axis in (0, 1):
+        middle = (centres[:, axis] - positions[axis][0]) / setup.sensor.pixel
+        low, high = looking[..., axis].min(axis=1) + middle, looking[..., axis].max(axis=1) + middle
+        seen[:, 2 * axis] = np.maximum(seen[:, 2 * axis], np.clip(np.ceil(low - 1), -1e9, 1e9).astype(np.int64))
+        seen[:, 2 * axis + 1] = np.minimum(seen[:, 2 * axis + 1], np.clip(np.floor(high + 2), -1e9, 1e9).astype(np.int64))
+    return seen
