@@ -78,10 +78,10 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     if isinstance(target, Edge):
         cos, sin = math.cos(target.angle), math.sin(target.angle)
         axes = np.array([[cos, sin], [-sin, cos]])
-    parts, steep = pixel_parts(kind, setup.tolerance)
+    divided = pixel_parts(kind, setup.tolerance)
     radii, angles = node_counts(kind, setup, finest_lines(kind, target))
     samples, box = samples_needed(kind, setup.tolerance), setup.pixel_width / pixel
-    modes = shared_modes(known, kind, samples, (1, 1) if steep else (radii, angles), box, setup.tolerance / 10)
+    modes = shared_modes(known, kind, samples, (1, 1) if divided.steep else (radii, angles), box, setup.tolerance / 10)
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     directions = axes @ kind.by_sensor
     scales = np.hypot(*directions.T)
@@ -91,7 +91,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     low, high = looked_at(windows, centres, origins, looks, setup)
     seen = float(low[0] * scales[0]), float(high[0] * scales[0])
     line = make_line(modes, samples, target, seen, directions[0], setup.tolerance)
-    curves = make_curves(modes, line, box, parts)
+    curves = make_curves(modes, line, box, box * divided.side)
     half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
     at_border = modes.above(max(setup.tolerance / 3, LEAST_TERM) if isinstance(target, Bars) else math.inf)
     if isinstance(target, Bars):
@@ -103,7 +103,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
             mirror = kind.smear.extent == 0 and is_even(directions[None], 0.0)
             either = min(lower[0], upper[0]), max(lower[1], upper[1])
             inwards = [(directions[1], either)] if mirror else [(directions[1], lower), (-directions[1], upper)]
-            borders = make_borders(at_border, line, inwards, box, parts, setup.tolerance) * (2 if mirror else 1)
+            borders = make_borders(at_border, line, inwards, box, box * divided.side, setup.tolerance) * (2 if mirror else 1)
     border_rows = [(some.core, some.part, some.waves, some.terms, some.turns, some.last, some.place) for some in borders]
     xs, ys = pixel_positions(setup.sensor)
 
@@ -117,8 +117,9 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
             looks,
             setup.pupils.level[kind.entries] * kind.weights,
             kind.rims,
-            steep,
-            parts,
+            divided.steep,
+            divided.offsets,
+            divided.amounts,
             box,
             xs,
             ys,
@@ -132,7 +133,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
             int(modes.orders.max(initial=0)),
             np.ascontiguousarray(at_border.radial.T),
             slant_rows(setup, kind),
-            pupil_moments(kind.slope, kind.reach, 1 if steep else MOMENTS),
+            pupil_moments(kind.slope, kind.reach, 1 if divided.steep else MOMENTS),
             kind.blur,
             disc_nodes(8, 8),
             chosen,

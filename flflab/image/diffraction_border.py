@@ -72,7 +72,7 @@ def border_reach(kind: Kind, tolerance: float) -> float:
 
 
 def make_borders(
-    modes: Modes, line: Line, inwards: list[tuple[Array, tuple[float, float]]], box: float, parts: int, tolerance: float
+    modes: Modes, line: Line, inwards: list[tuple[Array, tuple[float, float]]], box: float, part: float, tolerance: float
 ) -> list[Border]:
     """Tabulate the light from beyond some borders.
 
@@ -82,7 +82,7 @@ def make_borders(
         inwards: direction from each border to the target's inside: mm on the target per pixel on the sensor along x and y; and the
             least and largest distance inside of it, pixels, at which it matters: one that ends before it begins does not.
         box: side of the square over which a pixel gathers light, pixels.
-        parts: parts a side of it.
+        part: the same of a part of it.
         tolerance: largest error asked for.
     """
     band = modes.band
@@ -111,7 +111,7 @@ def make_borders(
         some = np.ascontiguousarray(kernel[:, first - wide : last - wide])
         far = poisson_light(line, distance[wide : last + FELT])[first - wide : last - wide]
         far -= _sheets(np.stack([2 * soft, 0 * soft])[None], np.zeros(1, dtype=np.int64), some, steady)[0]
-        borders.append(_border(modes, axes, coarse, some, lines, far, (box, box / parts), tolerance, place))
+        borders.append(_border(modes, axes, coarse, some, lines, far, (box, part), tolerance, place))
     return borders
 
 

@@ -24,7 +24,7 @@ from flflab.image.diffraction_fields import (
     picture_spectrum,
 )
 from flflab.image.diffraction_kinds import Kind
-from flflab.image.diffraction_orders import LEAST_TERM, MOMENTS, finest_lines, lit_counts, looked_at, node_counts, pixel_parts
+from flflab.image.diffraction_orders import LEAST_TERM, MOMENTS, PixelParts, finest_lines, lit_counts, looked_at, node_counts, pixel_parts
 from flflab.image.diffraction_table import Known, Modes, samples_needed, shared_modes
 from flflab.image.orders import in_bands
 from flflab.image.rim import disc_nodes
@@ -195,16 +195,16 @@ def layers(thing: Thing, samples: float, tolerance: float, reads: float) -> list
 
 def _add_thing(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, thing: Thing, finest: float, chosen: Chosen) -> None:
     """Add the light of a thing; ``finest``: see ``finest_lines``."""
-    parts, steep = pixel_parts(kind, setup.tolerance)
+    divided = pixel_parts(kind, setup.tolerance)
     box, samples = setup.pixel_width / setup.sensor.pixel, min(samples_needed(kind, setup.tolerance), MOST_SAMPLES)
     on_rim = 1 - (kind.inner / kind.outer) ** 2
-    reads = float(lit_counts(lit[kind.entries], chosen).sum()) * (1 + on_rim * (parts**2 - 1)) * len(thing.places)
-    nodes = (1, 1) if steep else node_counts(kind, setup, finest)
+    reads = float(lit_counts(lit[kind.entries], chosen).sum()) * (1 + on_rim * (divided.count - 1)) * len(thing.places)
+    nodes = (1, 1) if divided.steep else node_counts(kind, setup, finest)
     for layer in layers(thing, samples, setup.tolerance, reads):
         looks, windows = _looks(setup, kind, lit, thing, layer.grid)
         if len(windows):
             modes = shared_modes(known, kind, samples, nodes, box, max(setup.tolerance / 3, LEAST_TERM))
-            _add_layer(image, setup, kind, modes, thing, layer, looks, windows, (parts, steep), chosen)
+            _add_layer(image, setup, kind, modes, thing, layer, looks, windows, divided, chosen)
 
 
 def _looks(setup: Setup, kind: Kind, lit: Whole, thing: Thing, grid: Grid) -> tuple[Looks, Whole]:
@@ -230,16 +230,16 @@ def _add_layer(
     layer: Layer,
     looks: Looks,
     windows: Whole,
-    divided: tuple[int, bool],
+    divided: PixelParts,
     chosen: Chosen,
 ) -> None:
-    """Add the light of a layer to some windows; ``divided``: see ``pixel_parts``."""
-    (parts, steep), box, grid = divided, setup.pixel_width / setup.sensor.pixel, layer.grid
+    """Add the light of a layer to some windows."""
+    box, grid = setup.pixel_width / setup.sensor.pixel, layer.grid
     _, _, x, y = kept_frequencies(grid, modes.band)
     spectrum = layer.of(thing.spectrum(grid, layer.margin, x, y), x, y)
-    moments, pupil_nodes = pupil_moments(kind.slope, kind.reach, 1 if steep else MOMENTS), disc_nodes(8, 8)
+    moments, pupil_nodes = pupil_moments(kind.slope, kind.reach, 1 if divided.steep else MOMENTS), disc_nodes(8, 8)
     xs, ys = pixel_positions(setup.sensor)
-    for fields in make_fields(modes, grid, spectrum, box, parts):
+    for fields in make_fields(modes, grid, spectrum, box, box * divided.side):
 
         def add(rows: tuple[int, int], fields: Fields = fields, terms: Whole = fields.terms) -> None:
             add_fields(
@@ -251,8 +251,9 @@ def _add_layer(
                 looks.turns,
                 looks.levels,
                 looks.rims,
-                steep,
-                parts,
+                divided.steep,
+                divided.offsets,
+                divided.amounts,
                 box,
                 xs,
                 ys,

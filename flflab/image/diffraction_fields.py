@@ -110,7 +110,7 @@ def on_sensor(grid: Grid, x: Array, y: Array) -> Array:
     return np.asarray(np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1) @ grid.axes)
 
 
-def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, parts: int) -> Iterator[Fields]:
+def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, part_box: float) -> Iterator[Fields]:
     """Image a target through every term, some at a time.
 
     Args:
@@ -118,7 +118,7 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
         grid: where.
         spectrum: of the target at the ``kept_frequencies``.
         box: side of the square over which a pixel gathers light, pixels.
-        parts: parts a side of it.
+        part_box: the same of a part of it.
     """
     column, row, x, y = kept_frequencies(grid, modes.band)
     f = on_sensor(grid, x, y)
@@ -145,7 +145,7 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
         up[row] = unclipped * pattern
         return np.ascontiguousarray(field().real)
 
-    unclipped, by_part = modes.unclipped(size), boxed(box / parts)
+    unclipped, by_part = modes.unclipped(size), boxed(part_box)
     whole, part = core(boxed(box)), core(by_part)
     at_once = max(1, min(MOST_WAVES, ROOM // whole.size) // 2)
     starts = range(0, len(modes.orders), at_once)
@@ -239,7 +239,8 @@ def add_fields(
     levels: Array,
     rims: Array,
     steep: bool,
-    parts: int,
+    offsets: Array,
+    amounts: Array,
     box: float,
     xs: Array,
     ys: Array,
@@ -268,7 +269,8 @@ def add_fields(
         levels: light at full pupil.
         rims: see ``Kind``.
         steep: whether its rim is too narrow for terms of its own.
-        parts: parts a side of a pixel.
+        offsets: see ``PixelParts``.
+        amounts: the same.
         box: side of the square over which a pixel gathers light, pixels.
         xs: positions of the columns, mm.
         ys: of the rows.
@@ -297,13 +299,14 @@ def add_fields(
                 whole = from_centre < rim[0] - 0.75
                 if (whole and unclipped.size == 0) or from_centre > rim[3] + 0.75 or not chosen[row, column]:
                     continue
-                pieces = 1 if whole else parts
+                pieces = 1 if whole else offsets.size
                 side = max(box / pieces, 1e-3)
                 light = 0.0
                 for j in range(pieces):
-                    y = dy + ((j + 0.5) / pieces - 0.5) * box
+                    y = dy + (0.0 if whole else offsets[j] * box)
                     for i in range(pieces):
-                        x = dx + ((i + 0.5) / pieces - 0.5) * box
+                        x = dx + (0.0 if whole else offsets[i] * box)
+                        amount = 1.0 if whole else amounts[i] * amounts[j]
                         radial, share, look = place_on_rim(x, y, side, rim, steep and not whole, count, nodes)
                         falling, aside_x, aside_y = mean_falloff(x, y, rim, slants[entry], moments)
                         seen_x, seen_y = look * x + blur * aside_x, look * y + blur * aside_y
@@ -313,9 +316,18 @@ def add_fields(
                             continue
                         if radial >= 0.0:
                             if orders.size > 0:
-                                light += falling * read_pairs(radial, math.atan2(y, x), orders, coefficients, waves, across, along, weights)
+                                light += (
+                                    amount
+                                    * falling
+                                    * read_pairs(radial, math.atan2(y, x), orders, coefficients, waves, across, along, weights)
+                                )
                         elif unclipped.size > 0:
                             base_row, base_column = int(along), int(across)
                             by_row, by_column = spline_weights(along - base_row), spline_weights(across - base_column)
-                            light += falling * share * read_sheet(unclipped if whole else part, base_row, base_column, by_row, by_column)
-                image[row, column] += levels[entry] * light / (pieces * pieces)
+                            light += (
+                                amount
+                                * falling
+                                * share
+                                * read_sheet(unclipped if whole else part, base_row, base_column, by_row, by_column)
+                            )
+                image[row, column] += levels[entry] * light

@@ -28,7 +28,8 @@ def add_ruled_diffracted(
     levels: Array,
     rims: Array,
     steep: bool,
-    parts: int,
+    offsets: Array,
+    amounts: Array,
     box: float,
     xs: Array,
     ys: Array,
@@ -59,7 +60,8 @@ def add_ruled_diffracted(
         levels: light at full pupil.
         rims: see ``Kind``.
         steep: whether its rim is too narrow for curves of its own.
-        parts: parts a side of a pixel.
+        offsets: see ``PixelParts``.
+        amounts: the same.
         box: side of the square over which a pixel gathers light, pixels.
         xs: positions of the columns, mm.
         ys: of the rows.
@@ -95,13 +97,14 @@ def add_ruled_diffracted(
                 if from_centre > rim[3] + 0.75 or not chosen[row, column]:
                     continue
                 whole = from_centre < rim[0] - 0.75
-                pieces = 1 if whole else parts
+                pieces = 1 if whole else offsets.size
                 side = max(box / pieces, 1e-3)
                 light = 0.0
                 for j in range(pieces):
-                    y = dy + ((j + 0.5) / pieces - 0.5) * box
+                    y = dy + (0.0 if whole else offsets[j] * box)
                     for i in range(pieces):
-                        x = dx + ((i + 0.5) / pieces - 0.5) * box
+                        x = dx + (0.0 if whole else offsets[i] * box)
+                        amount = 1.0 if whole else amounts[i] * amounts[j]
                         distance = math.sqrt(x * x + y * y)
                         radial, share, look = place_on_rim(x, y, side, rim, steep and not whole, count, nodes)
                         if share <= 0.0:
@@ -123,5 +126,5 @@ def add_ruled_diffracted(
                                 seen -= from_beyond(
                                     radial, cos, side_on, at, inside, sheet, waves, terms, turns, last, border, radial_terms, scratch
                                 )
-                        light += share * max(seen, 0.0) * falling
-                image[row, column] += levels[entry] * light / (pieces * pieces)
+                        light += amount * share * max(seen, 0.0) * falling
+                image[row, column] += levels[entry] * light

@@ -180,14 +180,14 @@ class Curves:
     place: tuple[float, float, float, float, float, float]
 
 
-def make_curves(modes: Modes, line: Line, box: float, parts: int) -> Curves:
+def make_curves(modes: Modes, line: Line, box: float, part: float) -> Curves:
     """Image a target's lines through every pupil of a kind.
 
     Args:
         modes: the transfer functions.
         line: the lines.
         box: side of the square over which a pixel gathers light, pixels.
-        parts: parts a side of it.
+        part: the same of a part of it.
     """
     frequency = line.frequency[line.frequency < modes.band]
     turned = frequency[:, None] * line.direction / np.hypot(*line.direction)
@@ -202,12 +202,12 @@ def make_curves(modes: Modes, line: Line, box: float, parts: int) -> Curves:
         return np.asarray(fft.irfft(core * boxed(side), line.length))[: line.count] + modes.core_tail * far
 
     found = np.empty((len(modes.orders), len(frequency)), dtype=np.complex64)
-    fill_lines(found, modes.orders, modes.fine, *modes.places(frequency), boxed(box / parts).astype(np.complex64))
+    fill_lines(found, modes.orders, modes.fine, *modes.places(frequency), boxed(part).astype(np.complex64))
     sums = np.asarray(fft.irfft(found, line.length, axis=-1, overwrite_x=True), dtype=np.float32)
     waves = np.empty((line.count, len(modes.orders)), dtype=np.float32)
     side_by_side(waves, sums, modes.tails, far)
     ends = (line.first, line.samples, line.ruling.level, *line.ends, modes.core_tail)
-    return Curves(unclipped(box), unclipped(box / parts), waves, ends)
+    return Curves(unclipped(box), unclipped(part), waves, ends)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
