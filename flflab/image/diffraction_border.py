@@ -87,7 +87,7 @@ def make_borders(
     """
     band = modes.band
     near = 4 + modes.kind.extent
-    spacing = 0.5 * min(1.0, (tolerance / 0.002) ** 0.125) / min(max(1.0, band), 3.0)
+    spacing = 0.5 * min(1.0, (tolerance / 0.002) ** 0.125) / max(1.0, band)
     farthest = border_reach(modes.kind, tolerance)
     nodes = math.ceil(math.asinh(farthest / near) / (spacing / near))
     distance = near * np.sinh(np.arange(-nodes, nodes + 1) * spacing / near)

@@ -344,6 +344,23 @@ def test_no_pixel_of_bars_in_waves_is_farther_off_than_asked(f_number: float, di
     assert np.abs(render(scene, tolerance=0.002) - render(scene, tolerance=5e-4)).max() < 0.002
 
 
+@pytest.mark.parametrize("target", [Edge(0.3), Bars((0.5, 12.0), 20.0, 6.0)])
+@pytest.mark.parametrize(
+    ("rim", "cutoff", "tolerance"), [(1.5, 0.3, 3e-4), (4.0, 1.0, 3e-4), (8.0, 2.0, 3e-4), (8.0, 6.0, 5e-4), (16.0, 6.0, 1.4e-3)]
+)
+def test_sharp_light_on_rims_is_as_right_as_asked(lone: Camera, rim: float, cutoff: float, tolerance: float, target: Target) -> None:
+    """Few points in a pixel are enough, and bars' upper and lower borders are as sharp as the light; against a twentieth of the tolerance.
+
+    A border told at three places to the shortest wave at most was off by up to 1.5 of the tolerance.
+    """
+    side = 0.336 * 0.234923 / rim  # mm, of a pixel; what is divided is the rim's width
+    camera = replace(lone, sensor=Sensor((round(3.6 * rim) + 6,) * 2, side, 61.15))
+    for offset in ((0.0, 0.0), (4.2, 0.4)):
+        scene = replace(one_plane(camera, target, FOCUS), planes=(Plane(target, FOCUS, offset=offset),))
+        coarse, fine = (diffracted(scene, 0.336 * side / (1.15 * cutoff), asked) for asked in (tolerance, tolerance / 20))
+        assert np.abs(coarse - fine).max() < tolerance
+
+
 def test_microlenses_nearly_alike_blur_an_edge_as_each_does_among_its_own() -> None:
     """Those that share a table of transfer functions must not share a blur that the tolerance can tell from theirs."""
 
