@@ -195,7 +195,7 @@ def layers(thing: Thing, samples: float, tolerance: float, reads: float) -> list
 
 def _add_thing(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, thing: Thing, finest: float, chosen: Chosen) -> None:
     """Add the light of a thing; ``finest``: see ``finest_lines``."""
-    divided = pixel_parts(kind, setup.tolerance)
+    divided = pixel_parts(kind, setup.tolerance, finest)
     box, samples = setup.pixel_width / setup.sensor.pixel, min(samples_needed(kind, setup.tolerance), MOST_SAMPLES)
     on_rim = 1 - (kind.inner / kind.outer) ** 2
     reads = float(lit_counts(lit[kind.entries], chosen).sum()) * (1 + on_rim * (divided.count - 1)) * len(thing.places)

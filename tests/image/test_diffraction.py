@@ -354,11 +354,22 @@ def test_sharp_light_on_rims_is_as_right_as_asked(lone: Camera, rim: float, cuto
     A border told at three places to the shortest wave at most was off by up to 1.5 of the tolerance.
     """
     side = 0.336 * 0.234923 / rim  # mm, of a pixel; what is divided is the rim's width
-    camera = replace(lone, sensor=Sensor((round(3.6 * rim) + 6,) * 2, side, 61.15))
+    count = round(3.6 * rim) + 6
+    camera = replace(lone, sensor=Sensor((count, count), side, 61.15))
     for offset in ((0.0, 0.0), (4.2, 0.4)):
         scene = replace(one_plane(camera, target, FOCUS), planes=(Plane(target, FOCUS, offset=offset),))
         coarse, fine = (diffracted(scene, 0.336 * side / (1.15 * cutoff), asked) for asked in (tolerance, tolerance / 20))
         assert np.abs(coarse - fine).max() < tolerance
+
+
+def test_texels_of_a_pixel_in_sharp_light_on_a_rim_are_as_right_as_asked(lone: Camera) -> None:
+    """They have edges along both axes in each pixel: squares enough for an edge were 1.9 of the tolerance off."""
+    picture = Picture(np.random.default_rng(1).random((24, 32)).round(), 12.0)
+    side = 0.336 * 0.234923 / 8  # mm, of a pixel; the rim is 8 wide
+    camera = replace(lone, sensor=Sensor((35, 35), side, 61.15))
+    scene = replace(one_plane(camera, picture, FOCUS), planes=(Plane(picture, FOCUS, offset=(2.2, 0.4)),))
+    coarse, fine = (diffracted(scene, 0.336 * side / (1.15 * 12), tolerance) for tolerance in (7e-4, 6e-5))
+    assert np.abs(coarse - fine).max() < 7e-4
 
 
 def test_microlenses_nearly_alike_blur_an_edge_as_each_does_among_its_own() -> None:
