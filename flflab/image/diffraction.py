@@ -55,7 +55,7 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
     known: Known = {}
     alike = replace(setup, tolerance=SHARE * setup.tolerance / setup.overlap)  # microlenses side by side err to the same side
     pixels = lit_counts(windows[seen], chosen)
-    for kind in find_kinds(alike, wavelength, seen, pixels, KIND_COST[type(target)]) if len(seen) else []:
+    for kind in find_kinds(alike, type(target), wavelength, seen, pixels, KIND_COST[type(target)]) if len(seen) else []:
         if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
             _add_rays(image, setup, kind, target, wanted)
         elif isinstance(target, Bars | Edge):

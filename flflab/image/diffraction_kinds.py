@@ -1,9 +1,9 @@
 """Microlenses sorted into a few kinds, each with one pupil and one map to the target, so that what diffraction does is tabulated once.
 
 What varies over the sensor, rims, blur, map and motion, varies together, nearly along a line or over a plane: light is interpolated
-between a few kinds. An edge changes by at most 1/pi of white when the logarithm of its blur or of the pattern's size changes by 1, and
-second derivatives, of which linear interpolation is off, are of the same size, but larger by the square root of a wide blur, at whose
-ends an edge turns sharply.
+between a few kinds. When the logarithm of its blur or of the pattern's size changes by 1, an edge changes by at most 1/pi of white, lines
+by what a blurred sine does, a dot as large as its blur by twice its light; second derivatives, of which linear interpolation is off, are
+of the same size, but larger by the square root of a wide blur, at whose ends an edge turns sharply.
 """
 
 import math
@@ -15,6 +15,8 @@ import numpy.typing as npt
 from flflab.image.effects.motion import Motion
 from flflab.image.setup import Setup
 from flflab.image.smear import Smear
+from flflab.optics.discs import two_disc_areas
+from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -22,7 +24,8 @@ Whole = npt.NDArray[np.int64]
 BLURRED = 300.0  # pixels; a blur beyond is left to rays
 BLURRED_OUT = 1e6  # pixels; no matter which: the target's image lies on the array
 NO_RIM = 1e-6  # of the micro-image: a rim so narrow is none
-FLAT = 3.0  # times the tolerance: an edge is off by 1/pi times half of it, up to half the tolerance
+FLAT = 0.96  # of the tolerance: what a kind's microlenses may change by; they are off by half of it
+CHANGES: dict[type[Target], float] = {Edge: 1 / math.pi, Bars: 0.62, Chirp: 0.49, FourDot: 2.0, Picture: 2.0}  # of white, see above
 BEND = 0.45  # the second derivative of an edge through a blur of so many pixels over the square root of them
 
 
@@ -73,7 +76,7 @@ class Kind:
         return float(self.rims[:, 3].max())
 
 
-def find_kinds(setup: Setup, wavelength: float, seen: Whole, pixels: Array, cost: float) -> list[Kind]:
+def find_kinds(setup: Setup, target: type[Target], wavelength: float, seen: Whole, pixels: Array, cost: float) -> list[Kind]:
     """Sort the entries ``seen`` into kinds whose pictures, interpolated, differ from each entry's own by less than the tolerance.
 
     The geometric blur is by_pupil over by_sensor: a number, but for what a target's tilt does to it, of which the mean is taken.
@@ -81,6 +84,7 @@ def find_kinds(setup: Setup, wavelength: float, seen: Whole, pixels: Array, cost
 
     Args:
         setup: what is formed.
+        target: what is looked at, which tells how much its light changes with the pattern.
         wavelength: of the light, mm.
         seen: the entries.
         pixels: how many pixels each lights, shape (N,).
@@ -94,7 +98,7 @@ def find_kinds(setup: Setup, wavelength: float, seen: Whole, pixels: Array, cost
     blur = np.where(on_array, BLURRED_OUT, np.trace(inverse @ by_pupil, axis1=1, axis2=2) / 2)
     blur = np.where(pupils.slope[seen] < 0, -blur, blur)
     cutoff = 2 * np.abs(pupils.slant_spread[seen]) * pixel / wavelength
-    slope, reach = np.abs(pupils.slope[seen]) / pixel, pupils.reach[seen] / pixel
+    slope, reach = np.abs(pupils.slope[seen]) / pixel, np.maximum(pupils.reach[seen] / pixel, 1e-300)
     rims = np.column_stack([np.maximum(reach - slope, 0.0), slope, reach, reach + slope])
     moved = np.zeros((len(seen), 2, 2)) if setup.motion is None else _movements(setup.motion, setup.by_motion[seen])
     far = np.abs(blur) > BLURRED / 2
@@ -108,18 +112,33 @@ def find_kinds(setup: Setup, wavelength: float, seen: Whole, pixels: Array, cost
         return kinds
     unit, wide = float(size[near].mean()), float(reach[near].mean())
     moved_unit = max(unit, float(np.linalg.norm(moved[near], axis=(1, 2)).mean()))
-    rim = np.log(np.maximum(slope / np.maximum(reach, 1e-300), NO_RIM)) / 10
+    rim = rim_light(reach / np.maximum(slope, NO_RIM * reach))
     maps, movements = by_sensor.reshape(-1, 4) / unit, moved.reshape(-1, 4) / moved_unit
     described = np.column_stack([np.arcsinh(blur), np.log(np.maximum(cutoff, 1e-300)), rim, maps, movements])[near]
     bend = max(1.0, BEND * math.sqrt(float(np.abs(blur[near]).max())))
-    flat, cell = FLAT * setup.tolerance, math.sqrt(setup.tolerance / bend)
+    allowed = setup.tolerance / CHANGES[target]
+    flat, cell = FLAT * allowed, math.sqrt(allowed / (math.pi * bend))
     for node, weights in kind_nodes(described, 3, flat, cell, pixels[near], cost):
         lit = near[weights != 0]
         to_target = node[3:7].reshape(2, 2) * unit
         smear = Smear(*np.linalg.solve(to_target, node[7:].reshape(2, 2).T * moved_unit).T)
-        sizes = wide * math.exp(10 * node[2]), wide, math.sinh(node[0]), math.exp(node[1])
+        sizes = wide / radius_of_light(float(node[2])), wide, math.sinh(node[0]), math.exp(node[1])
         kinds.append(Kind(seen[lit], weights[weights != 0], *sizes, to_target, rims[lit], smear))
     return kinds
+
+
+def rim_light(radius: Array) -> Array:
+    """Share of a pupil's light, times pi, where the edge of a clipping disc goes through its middle; radii count in the pupil's.
+
+    It says how the light of rims of unlike shape differs: from 0 for a small disc to pi/2 for a straight edge.
+    """
+    return np.asarray(two_disc_areas(1.0, radius, radius))
+
+
+def radius_of_light(light: float) -> float:
+    """The clipping disc's radius for which ``rim_light`` is that."""
+    radii = np.geomspace(NO_RIM, 1 / NO_RIM, 4001)
+    return float(np.exp(np.interp(light, rim_light(radii), np.log(radii))))
 
 
 def _movements(motion: Motion, by_motion: Array) -> Array:
