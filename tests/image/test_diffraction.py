@@ -386,6 +386,21 @@ def test_microlenses_nearly_alike_blur_an_edge_as_each_does_among_its_own() -> N
     assert np.abs(both - np.where(np.arange(220) < 110, left, right)).max() < 1e-4
 
 
+def test_dots_as_large_as_their_blur_change_with_it_by_more_than_an_edge_does() -> None:
+    """Microlenses share a blur only where no dot tells: taken for edges, dots were off by more than asked for."""
+    dots, distance, tolerance = FourDot(diameter=1.0, spacing=12.0), 250.0, 0.01
+    plane = Plane(dots, distance, offset=(6.0, 6.0))  # one of them on the axis
+
+    def seen(*focal_lengths: float) -> Array:
+        array = MicrolensArray("square", (2, 1), (0.2, 0.4), 0.16, focal_lengths, 60.0, pattern=(tuple(range(len(focal_lengths))),))
+        camera = Camera(MainLens(50.0, 8.0), array, Sensor((220, 60), 0.00166, 61.15))
+        return diffracted(Scene(camera, (plane,)), tolerance=tolerance)
+
+    both, left, right = seen(0.917, 0.932), seen(0.917), seen(0.932)
+    assert np.abs(left - right).max() > 2 * tolerance
+    assert np.abs(both - np.where(np.arange(220) < 110, left, right)).max() < tolerance
+
+
 def test_the_dark_beside_an_edge_is_as_dark_at_a_rough_tolerance(lone: Camera) -> None:
     """On the rim, too, where less of the pupil sends its tail there than in the middle."""
     scene = one_plane(lone, Edge(0.3), FOCUS)
