@@ -112,17 +112,18 @@ def find_kinds(setup: Setup, target: type[Target], wavelength: float, seen: Whol
         return kinds
     unit, wide = float(size[near].mean()), float(reach[near].mean())
     moved_unit = max(unit, float(np.linalg.norm(moved[near], axis=(1, 2)).mean()))
-    rim = rim_light(reach / np.maximum(slope, NO_RIM * reach))
+    steep = np.maximum(slope / reach, NO_RIM)
+    rim = np.column_stack([rim_light(1 / steep), np.log(steep) / 10])  # what it lets through, and how narrow it is
     maps, movements = by_sensor.reshape(-1, 4) / unit, moved.reshape(-1, 4) / moved_unit
     described = np.column_stack([np.arcsinh(blur), np.log(np.maximum(cutoff, 1e-300)), rim, maps, movements])[near]
     bend = max(1.0, BEND * math.sqrt(float(np.abs(blur[near]).max())))
     allowed = setup.tolerance / CHANGES[target]
     flat, cell = FLAT * allowed, math.sqrt(allowed / (math.pi * bend))
-    for node, weights in kind_nodes(described, 3, flat, cell, pixels[near], cost):
+    for node, weights in kind_nodes(described, 4, flat, cell, pixels[near], cost):
         lit = near[weights != 0]
-        to_target = node[3:7].reshape(2, 2) * unit
-        smear = Smear(*np.linalg.solve(to_target, node[7:].reshape(2, 2).T * moved_unit).T)
-        sizes = wide / radius_of_light(float(node[2])), wide, math.sinh(node[0]), math.exp(node[1])
+        to_target = node[4:8].reshape(2, 2) * unit
+        smear = Smear(*np.linalg.solve(to_target, node[8:].reshape(2, 2).T * moved_unit).T)
+        sizes = wide * math.exp(10 * node[3]), wide, math.sinh(node[0]), math.exp(node[1])
         kinds.append(Kind(seen[lit], weights[weights != 0], *sizes, to_target, rims[lit], smear))
     return kinds
 
@@ -133,12 +134,6 @@ def rim_light(radius: Array) -> Array:
     It says how the light of rims of unlike shape differs: from 0 for a small disc to pi/2 for a straight edge.
     """
     return np.asarray(two_disc_areas(1.0, radius, radius))
-
-
-def radius_of_light(light: float) -> float:
-    """The clipping disc's radius for which ``rim_light`` is that."""
-    radii = np.geomspace(NO_RIM, 1 / NO_RIM, 4001)
-    return float(np.exp(np.interp(light, rim_light(radii), np.log(radii))))
 
 
 def _movements(motion: Motion, by_motion: Array) -> Array:
