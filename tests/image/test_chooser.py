@@ -124,7 +124,6 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
         (range(920, 921), RESOLUTION, 0.001, True),
         (range(143, 144), RESOLUTION, 0.001, True),
         pytest.param(range(4, 10), (32, 24), 0.02, False, marks=[pytest.mark.ci, pytest.mark.timeout(400)]),
-        pytest.param(range(5, 6), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
         pytest.param(range(40, 41), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
         pytest.param(range(10004, 10005), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
         pytest.param(range(719, 720), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
@@ -137,7 +136,6 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
         "one that is as wrong at a third of the tolerance",
         "one whose rims are unlike",
         "some scenes of rays",
-        "one whose rims are narrow and unlike",
         "a white one whose waves are left out",
         "a card before many micro-images",
         "a card that moves by more than its blur",
@@ -151,3 +149,9 @@ def test_auto_differs_from_the_reference_by_less_than_asked_for_and_knows_by_how
     trials = [try_scene(seed, resolution, finest, waves) for seed in seeds]
     assert [trial for trial in trials if not trial.kept] == []
     assert np.mean([trial.estimated <= 5 * trial.achieved for trial in trials if trial.telling]) >= 0.95
+
+
+@pytest.mark.ci
+def test_narrow_rims_that_are_unlike_keep_the_promise() -> None:
+    """Divided as wider ones need, they were 2.8 tolerances off in this scene."""
+    assert try_scene(5).kept

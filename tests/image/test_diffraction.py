@@ -334,42 +334,6 @@ def test_a_stopped_down_camera_is_softer(with_f_number: Callable[[float], Camera
     assert math.hypot(*wave) / mean == pytest.approx(airy * np.sinc(cycles), abs=0.02)
 
 
-@pytest.mark.parametrize(("f_number", "distance"), [(2.8, 420.0), (4.0, 450.0), (5.6, 1200.0), (8.0, 600.0)])
-def test_no_pixel_of_bars_in_waves_is_farther_off_than_asked(f_number: float, distance: float) -> None:
-    """Against a quarter of the tolerance, everywhere: with too few radii and samples up to five times as far, on few pixels."""
-    camera = Camera(
-        MainLens(50.0, f_number), MicrolensArray("square", (3, 3), (0.4, 0.4), 0.336, (0.917,), 60.0), Sensor((360, 300), 0.00166, 61.15)
-    )
-    scene = Scene(camera, (Plane(Bars(), distance),), diffraction=Diffraction(GREEN))
-    assert np.abs(render(scene, tolerance=0.002) - render(scene, tolerance=5e-4)).max() < 0.002
-
-
-@pytest.mark.parametrize("target", [Edge(0.3), Bars((0.5, 12.0), 20.0, 6.0)])
-@pytest.mark.parametrize(("rim", "cutoff", "tolerance"), [(1.5, 0.3, 3e-4), (8.0, 2.0, 3e-4), (8.0, 6.0, 5e-4), (16.0, 6.0, 1.4e-3)])
-def test_sharp_light_on_rims_is_as_right_as_asked(lone: Camera, rim: float, cutoff: float, tolerance: float, target: Target) -> None:
-    """Few points in a pixel are enough, and bars' upper and lower borders are as sharp as the light; against a tenth of the tolerance.
-
-    Borders told at six places a pixel, however short the waves, were off by up to 1.5 of the tolerance.
-    """
-    side = 0.336 * 0.234923 / rim  # mm, of a pixel; what is divided is the rim's width
-    count = round(3.6 * rim) + 6
-    camera = replace(lone, sensor=Sensor((count, count), side, 61.15))
-    for offset in ((0.0, 0.0), (4.2, 0.4)):
-        scene = replace(one_plane(camera, target, FOCUS), planes=(Plane(target, FOCUS, offset=offset),))
-        coarse, fine = (diffracted(scene, 0.336 * side / (1.15 * cutoff), asked) for asked in (tolerance, tolerance / 10))
-        assert np.abs(coarse - fine).max() < tolerance
-
-
-def test_texels_of_a_pixel_in_sharp_light_on_a_rim_are_as_right_as_asked(lone: Camera) -> None:
-    """They have edges along both axes in each pixel: squares enough for an edge were 1.9 of the tolerance off."""
-    picture = Picture(np.random.default_rng(1).random((24, 32)).round(), 12.0)
-    side = 0.336 * 0.234923 / 8  # mm, of a pixel; the rim is 8 wide
-    camera = replace(lone, sensor=Sensor((35, 35), side, 61.15))
-    scene = replace(one_plane(camera, picture, FOCUS), planes=(Plane(picture, FOCUS, offset=(2.2, 0.4)),))
-    coarse, fine = (diffracted(scene, 0.336 * side / (1.15 * 12), tolerance) for tolerance in (7e-4, 6e-5))
-    assert np.abs(coarse - fine).max() < 7e-4
-
-
 def test_microlenses_nearly_alike_blur_an_edge_as_each_does_among_its_own() -> None:
     """Those that share a table of transfer functions must not share a blur that the tolerance can tell from theirs."""
 
@@ -382,21 +346,6 @@ def test_microlenses_nearly_alike_blur_an_edge_as_each_does_among_its_own() -> N
     both, left, right = seen(0.917, 0.9173668), seen(0.917), seen(0.9173668)
     assert np.abs(left - right).max() > 1e-3
     assert np.abs(both - np.where(np.arange(220) < 110, left, right)).max() < 1e-4
-
-
-def test_dots_as_large_as_their_blur_change_with_it_by_more_than_an_edge_does() -> None:
-    """Microlenses share a blur only where no dot tells: taken for edges, dots were off by more than asked for."""
-    dots, distance, tolerance = FourDot(diameter=1.0, spacing=12.0), 250.0, 0.01
-    plane = Plane(dots, distance, offset=(6.0, 6.0))  # one of them on the axis
-
-    def seen(*focal_lengths: float) -> Array:
-        array = MicrolensArray("square", (2, 1), (0.2, 0.4), 0.16, focal_lengths, 60.0, pattern=(tuple(range(len(focal_lengths))),))
-        camera = Camera(MainLens(50.0, 8.0), array, Sensor((220, 60), 0.00166, 61.15))
-        return diffracted(Scene(camera, (plane,)), tolerance=tolerance)
-
-    both, left, right = seen(0.917, 0.932), seen(0.917), seen(0.932)
-    assert np.abs(left - right).max() > 2 * tolerance
-    assert np.abs(both - np.where(np.arange(220) < 110, left, right)).max() < tolerance
 
 
 def test_the_dark_beside_an_edge_is_as_dark_at_a_rough_tolerance(lone: Camera) -> None:
