@@ -1,9 +1,10 @@
-"""The promise of ``auto`` over random scenes: ``python benchmarks/bench_promise.py FILE [--first N] [--scenes N] [--late S] [--rays]``.
+"""The promise of ``auto`` over random scenes: ``python benchmarks/bench_promise.py FILE [--first N] [--scenes N] [--late S] [--finer N]``.
 
 Every scene tried adds a line to FILE (CSV), and those in it are not tried again: start it again and it goes on. At the end it says of
 all in the file how many kept the promise, and how long every effect on takes against ``auto`` at the same tolerance. A scene that
 takes more processor time than ``--late`` is written down as late and not counted; with ``--again`` late ones are tried again. Several
-may add to one file: ``--first 0 --step 2`` beside ``--first 1 --step 2``. With ``--rays`` the light is rays, without diffraction.
+may add to one file: ``--first 0 --step 2`` beside ``--first 1 --step 2``. With ``--rays`` the light is rays, without diffraction. The
+finer pictures cost most: dear scenes can be held against less fine ones, ``--finer 4``, which the file tells.
 ``promise_trials.csv`` beside this holds the trials of docs/pictures.md. Set OPENBLAS_NUM_THREADS=1: on busy cores BLAS's threads count
 the time that they wait for each other.
 """
@@ -48,6 +49,17 @@ def spent_by(trials: list[Trial]) -> tuple[list[float], list[float]]:
     return [trial.picture for trial in trials], [trial.seconds for trial in trials]
 
 
+def tried_within(late_s: float, seed: int, *, waves: bool, finer: float | None) -> Trial:
+    """A scene tried, or one without figures where it takes more processor time."""
+    signal.setitimer(signal.ITIMER_PROF, late_s)
+    try:
+        return try_scene(seed, waves=waves, finer=finer)
+    except LateError:
+        return Trial(seed, *[math.nan] * (len(HEADER) - 1))
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+
+
 def told(trials: list[Trial]) -> str:
     """What became of the promise."""
     done = [trial for trial in trials if math.isfinite(trial.achieved)]
@@ -82,6 +94,7 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=1, help="from one seed to the next")
     parser.add_argument("--again", action="store_true", help="try late scenes again")
     parser.add_argument("--late", type=float, default=600, help="processor seconds after which a scene is given up")
+    parser.add_argument("--finer", type=float, help="how much finer than asked for the picture is that auto's is held against")
     parser.add_argument("--rays", action="store_true", help="without diffraction")
     parser.add_argument("--seconds", type=float, default=math.inf, help="begin no other scene after so long")
     asked = parser.parse_args()
@@ -90,7 +103,7 @@ def main() -> None:
     end = time.monotonic() + asked.seconds
     signal.signal(signal.SIGPROF, late)
     for seed in range(WARM):
-        try_scene(10_000 + seed, waves=not asked.rays)
+        tried_within(asked.late, 10_000 + seed, waves=not asked.rays, finer=asked.finer)
     with asked.file.open("a", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         if stream.tell() == 0:
@@ -98,13 +111,7 @@ def main() -> None:
         for seed in range(asked.first, asked.first + asked.scenes, asked.step):
             if seed in tried or time.monotonic() > end:
                 continue
-            signal.setitimer(signal.ITIMER_PROF, asked.late)
-            try:
-                trial = try_scene(seed, waves=not asked.rays)
-            except LateError:
-                trial = Trial(seed, *[math.nan] * (len(HEADER) - 1))
-            finally:
-                signal.setitimer(signal.ITIMER_PROF, 0)
+            trial = tried_within(asked.late, seed, waves=not asked.rays, finer=asked.finer)
             writer.writerow([seed, *(f"{figure:.4g}" for figure in astuple(trial)[1:])])
             stream.flush()
             figures = f"asked {trial.asked:.1e}  error {trial.achieved:.1e}  estimate {trial.estimated:.1e}"

@@ -28,7 +28,8 @@ class Trial:
     """A scene tried: tolerance asked for, largest error found and estimated, of white, and processor seconds.
 
     ``seconds`` are those of ``auto`` with its choice and estimate, ``picture`` without the estimate, ``every`` those of the same scene
-    with every effect that it has, at the same tolerance, and ``every_achieved`` its largest error.
+    with every effect that it has, at the same tolerance, and ``every_achieved`` its largest error. The picture that both are held
+    against was ``finer`` times finer than asked for.
     """
 
     seed: int
@@ -39,6 +40,7 @@ class Trial:
     picture: float
     every: float
     every_achieved: float
+    finer: float
 
     @property
     def kept(self) -> bool:
@@ -64,10 +66,16 @@ def _sharpest(target: Target) -> Target:
     return replace(target, values=target.values.round()) if isinstance(target, Picture) else target
 
 
-def try_scene(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float = TOLERANCES[0], waves: bool = True) -> Trial:
-    """Take a picture of the scene that is ``drawn``, its pictures in black and white, and hold it against a finer one."""
+def try_scene(
+    seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float = TOLERANCES[0], waves: bool = True, finer: float | None = None
+) -> Trial:
+    """Take a picture of the scene that is ``drawn``, its pictures in black and white, and hold it against a finer one.
+
+    That is ``FINER`` times finer than asked for, in waves ``FINER_WAVES`` times, or so many times.
+    """
     scene, tolerance = drawn(seed, resolution, finest, waves)
     scene = replace(scene, planes=tuple(replace(plane, target=_sharpest(plane.target)) for plane in scene.planes))
+    finer = finer or (FINER if scene.diffraction is None else FINER_WAVES)
     marks = [time.process_time()]
     choice = choose(scene, tolerance)
     image = render(scene, tolerance=choice.tolerance, effects=choice.formed)
@@ -79,8 +87,7 @@ def try_scene(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float
     wanted = telling_pixels(image, SPREAD)
     drawn_pixels = np.random.default_rng(seed).permutation(wanted.size)[: wanted.size if wanted.size <= WHOLE else SPREAD]
     wanted.ravel()[drawn_pixels] = True
-    finer = max(tolerance / (FINER if scene.diffraction is None else FINER_WAVES), LEAST_TOLERANCE)
-    truth = finer_picture(scene, image, finer, wanted, "colour-filter" in choice.effects)
+    truth = finer_picture(scene, image, max(tolerance / finer, LEAST_TOLERANCE), wanted, "colour-filter" in choice.effects)
     errors = [float(np.abs(image - truth)[wanted].max()) for image in (image, every)]
     picture, looking, every_seconds = (float(part) for part in np.diff(marks))
-    return Trial(seed, tolerance, errors[0], estimated, picture + looking, picture, every_seconds, errors[1])
+    return Trial(seed, tolerance, errors[0], estimated, picture + looking, picture, every_seconds, errors[1], finer)

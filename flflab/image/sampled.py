@@ -20,9 +20,8 @@ LEAST_BOX = 1e-3  # of a dot's radius, of half the height of bars or of a texel;
 def chord_nodes(counts: Whole) -> Array:
     """Gauss-Legendre places and weights along a chord for each count, shape (K, 2, most)."""
     nodes = np.zeros((len(counts), 2, max(int(counts.max()), 1)))
-    for kind, count in enumerate(counts):
-        if count > 0:
-            nodes[kind, 0, :count], nodes[kind, 1, :count] = np.polynomial.legendre.leggauss(int(count))
+    for count in np.unique(counts[counts > 0]):
+        nodes[counts == count, :, :count] = np.polynomial.legendre.leggauss(int(count))
     return nodes
 
 
