@@ -225,11 +225,16 @@ def seen_jointly(
     """Mean of radiance times visibility in a neighbourhood that the edges of cards cross, all of them along its sides, at one moment.
 
     A place of the neighbourhood is (u, v), both from -1/2 to 1/2, the same for all surfaces. What a card leaves visible is all less
-    what it covers, so that the mean is a sum of means over rectangles, one for each choice among the cards.
+    what it covers, so that the mean is a sum of means over rectangles, one for each choice among the cards. In ``places`` are x, y and
+    the surface of each card; the other columns are scratch.
     """
     part = 1.0 / parts
     wide, slip_x = _common_boxes(maps[0], maps[0], 0, part, width, height)
     high, slip_y = _common_boxes(maps[0], maps[0], 1, part, width, height)
+    for card in range(crossed):
+        index = int(places[card, 2])
+        for axis in range(2):
+            places[card, 3 + 2 * axis], places[card, 4 + 2 * axis] = _common_boxes(maps[index], maps[0], axis, part, width, height)
     total = 0.0
     boxes[1] = boxes[3] = 0.0
     for choice in range(4 << crossed):
@@ -242,11 +247,11 @@ def seen_jointly(
                 sign = 0.0 if own else sign
                 continue
             sign = sign if own else -sign
-            box, slip = _common_boxes(maps[index], maps[0], 0, part, width, height)
-            middle, reach = -(places[card, 0] + shift_x * slip) / box, surfaces[index, 10] / abs(box)
+            middle = -(places[card, 0] + shift_x * places[card, 4]) / places[card, 3]
+            reach = surfaces[index, 10] / abs(places[card, 3])
             left, right = max(left, middle - reach), min(right, middle + reach)
-            box, slip = _common_boxes(maps[index], maps[0], 1, part, width, height)
-            middle, reach = -(places[card, 1] + shift_y * slip) / box, surfaces[index, 11] / abs(box)
+            middle = -(places[card, 1] + shift_y * places[card, 6]) / places[card, 5]
+            reach = surfaces[index, 11] / abs(places[card, 5])
             bottom, top = max(bottom, middle - reach), min(top, middle + reach)
         if sign == 0.0 or left >= right or bottom >= top:
             continue

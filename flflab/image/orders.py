@@ -194,12 +194,12 @@ def _allowed(setup: Setup) -> float:
     return 0.5 * setup.tolerance / setup.overlap
 
 
-def in_bands(add: Callable[[tuple[int, int]], None], windows: Whole) -> None:
-    """Call ``add`` for bands of rows that hold light, on all cores; bands share no row, so overlapping light adds up safely."""
+def in_bands(add: Callable[[tuple[int, int]], None], windows: Whole, height: int = BAND_ROWS) -> None:
+    """Call ``add`` for bands of so many rows that hold light, on all cores; bands share no row, so overlapping light adds up safely."""
     lit = windows[(windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3])]
     if not len(lit):
         return
     first, last = int(lit[:, 2].min()), int(lit[:, 3].max())
-    bands = [(start, min(start + BAND_ROWS, last)) for start in range(first, last, BAND_ROWS)]
+    bands = [(start, min(start + height, last)) for start in range(first, last, height)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(add, bands))

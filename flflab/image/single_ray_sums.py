@@ -263,7 +263,7 @@ def add_rays(
     ``orders`` are the most along each of the ``AXES`` for each window; a pixel's are doubled, each for itself, until that changes it
     by less than ``enough``.
     """
-    places, boxes, moved = np.empty((MOST_CROSSED, 3)), np.zeros((surfaces.shape[0] + 1, 8)), surfaces.copy()
+    places, boxes, moved = np.empty((MOST_CROSSED, 7)), np.zeros((surfaces.shape[0] + 1, 8)), surfaces.copy()
     now, seen, gains = np.empty(AXES, dtype=np.int64), np.empty(AXES), np.empty(AXES)
     rough = np.zeros(AXES, dtype=np.bool_)
     for entry in range(windows.shape[0]):

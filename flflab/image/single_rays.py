@@ -28,6 +28,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
+BAND = 8  # rows that a core sums at a time: pixels take so long that even a small picture is worth all cores
 MOST_PARTS = 8
 MOST_ROWS = 96
 SKEW = 0.2  # angle, in rad, above which edges of cards and targets do not count as parallel
@@ -140,7 +141,7 @@ def add_single_rays(
             chosen,
         )
 
-    in_bands(add, setup.window)
+    in_bands(add, setup.window, BAND)
 
 
 def _turned(maps: Array) -> Chosen:
