@@ -110,7 +110,7 @@ def add_single_rays(
     coefficient = 0.0 if distortion is None else distortion.coefficient
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
     nodes = disc_nodes(8, 8)
-    orders = np.column_stack([parts, rows, rows, moment_counts(setup.motion, smears.max(axis=1), setup.tolerance)]).astype(np.int64)
+    orders = np.column_stack([parts, rows, rows, moment_counts(setup.motion, smears.max(axis=1), tolerance)]).astype(np.int64)
     brightest = min(float(plane.target.values.max()), 1.0) if isinstance(plane.target, Picture) else 1.0  # half of it is half the light
     motion = np.zeros((2, 2)) if setup.motion is None else np.array([setup.motion.drift, setup.motion.vibration])
 
