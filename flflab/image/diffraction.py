@@ -7,6 +7,7 @@ light of the rays, so that white stays white. Paraxial, incoherent, first stop c
 
 import math
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ from flflab.image.diffraction_dots import add_dots_diffracted, add_picture_diffr
 from flflab.image.diffraction_falloff import pupil_moments, slant_rows
 from flflab.image.diffraction_kinds import BLURRED, Kind, find_kinds
 from flflab.image.diffraction_lines import add_ruled_diffracted
-from flflab.image.diffraction_orders import LEAST_TERM, MOMENTS, finest_lines, lit_counts, lit_windows, looked_at, node_counts, pixel_parts
+from flflab.image.diffraction_orders import LEAST_TERMS, MOMENTS, finest_lines, lit_counts, lit_windows, looked_at, node_counts, pixel_parts
 from flflab.image.diffraction_ruled import make_curves, make_line
 from flflab.image.diffraction_table import Known, samples_needed, shared_modes
 from flflab.image.form import add_plane
@@ -52,18 +53,20 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
     finer = replace(setup, tolerance=SHARE * setup.tolerance / math.sqrt(setup.overlap))
     windows = lit_windows(setup)
     seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
-    known: Known = {}
     alike = replace(setup, tolerance=SHARE * setup.tolerance / setup.overlap)  # microlenses side by side err to the same side
     pixels = lit_counts(windows[seen], chosen)
-    for kind in find_kinds(alike, type(target), wavelength, seen, pixels, KIND_COST[type(target)]) if len(seen) else []:
-        if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
-            _add_rays(image, setup, kind, target, wanted)
-        elif isinstance(target, Bars | Edge):
-            _add_ruled(image, finer, kind, known, windows, target, chosen)
-        elif isinstance(target, Picture):
-            add_picture_diffracted(image, finer, kind, known, windows, target, chosen)
-        elif isinstance(target, FourDot):
-            add_dots_diffracted(image, finer, kind, known, windows, target, chosen)
+    kinds = find_kinds(alike, type(target), wavelength, seen, pixels, KIND_COST[type(target)]) if len(seen) else []
+    for _, same in groupby(sorted(kinds, key=lambda kind: kind.pupil), key=lambda kind: kind.pupil):
+        known: Known = {}  # tables of many pupils at a time would fill any memory
+        for kind in same:
+            if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
+                _add_rays(image, setup, kind, target, wanted)
+            elif isinstance(target, Bars | Edge):
+                _add_ruled(image, finer, kind, known, windows, target, chosen)
+            elif isinstance(target, Picture):
+                add_picture_diffracted(image, finer, kind, known, windows, target, chosen)
+            elif isinstance(target, FourDot):
+                add_dots_diffracted(image, finer, kind, known, windows, target, chosen)
 
 
 def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Chosen | None) -> None:
@@ -81,7 +84,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     divided = pixel_parts(kind, setup.tolerance)
     radii, angles = node_counts(kind, setup, finest_lines(kind, target))
     samples, box = samples_needed(kind, setup.tolerance), setup.pixel_width / pixel
-    modes = shared_modes(known, kind, samples, (1, 1) if divided.steep else (radii, angles), box, setup.tolerance / 10)
+    modes = shared_modes(known, kind, samples, (1, 1) if divided.steep else (radii, angles), box, max(setup.tolerance, LEAST_TERMS))
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     directions = axes @ kind.by_sensor
     scales = np.hypot(*directions.T)
@@ -93,7 +96,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     line = make_line(modes, samples, target, seen, directions[0], setup.tolerance)
     curves = make_curves(modes, line, box, box * divided.side)
     half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
-    at_border = modes.above(max(setup.tolerance / 3, LEAST_TERM) if isinstance(target, Bars) else math.inf)
+    at_border = modes.but_for(max(setup.tolerance, LEAST_TERMS) if isinstance(target, Bars) else math.inf)
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
         reach = border_reach(kind, setup.tolerance)

@@ -24,7 +24,16 @@ from flflab.image.diffraction_fields import (
     picture_spectrum,
 )
 from flflab.image.diffraction_kinds import Kind
-from flflab.image.diffraction_orders import LEAST_TERM, MOMENTS, PixelParts, finest_lines, lit_counts, looked_at, node_counts, pixel_parts
+from flflab.image.diffraction_orders import (
+    LEAST_TERMS,
+    MOMENTS,
+    PixelParts,
+    finest_lines,
+    lit_counts,
+    looked_at,
+    node_counts,
+    pixel_parts,
+)
 from flflab.image.diffraction_table import Known, Modes, samples_needed, shared_modes
 from flflab.image.orders import in_bands
 from flflab.image.rim import disc_nodes
@@ -203,7 +212,7 @@ def _add_thing(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     for layer in layers(thing, samples, setup.tolerance, reads):
         looks, windows = _looks(setup, kind, lit, thing, layer.grid)
         if len(windows):
-            modes = shared_modes(known, kind, samples, nodes, box, max(setup.tolerance / 3, LEAST_TERM))
+            modes = shared_modes(known, kind, samples, nodes, box, max(setup.tolerance, LEAST_TERMS))
             _add_layer(image, setup, kind, modes, thing, layer, looks, windows, divided, chosen)
 
 

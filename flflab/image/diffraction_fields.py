@@ -74,10 +74,10 @@ def make_grid(axes: Array, low: Array, high: Array, pad: float, samples: float) 
 
 def dot_spectrum(centre: Array, radii: Array, x: Array, y: Array) -> ComplexArray:
     """Spectrum of a white disc at frequencies along x' and y', shape (y, x); centre from the grid's first position, all in pixels."""
-    size = np.hypot(x * radii[0], y[:, None] * radii[1])
     turn = np.exp(-2j * np.pi * (y * centre[1]))[:, None] * np.exp(-2j * np.pi * (x * centre[0]))
-    z = 2 * np.pi * np.maximum(size, 1e-9)
-    return math.pi * radii[0] * radii[1] * (2 * j1(z) / z) * turn
+    (across, column), (along, row) = (np.unique(np.abs(some), return_inverse=True) for some in (x, y))  # alike in all four quarters
+    z = 2 * np.pi * np.maximum(np.hypot(across * radii[0], along[:, None] * radii[1]), 1e-9)
+    return math.pi * radii[0] * radii[1] * (2 * j1(z) / z)[row[:, None], column] * turn
 
 
 def picture_spectrum(
@@ -122,12 +122,12 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
     """
     column, row, x, y = kept_frequencies(grid, modes.band)
     f = on_sensor(grid, x, y)
-    size, alpha = np.hypot(f[..., 0], f[..., 1]), np.arctan2(f[..., 1], f[..., 0])
     prefilter = [(2 + np.cos(2 * np.pi * frequency / grid.samples)) / 3 for frequency in (x, y)]
-    wanted = spectrum * modes.kind.smear.transfer(f) * grid.samples**2 / (prefilter[0] * prefilter[1][:, None])
-
-    def boxed(side: float) -> ComplexArray:
-        return wanted * np.sinc(f[..., 0] * side) * np.sinc(f[..., 1] * side)
+    wanted = spectrum * modes.kind.smear.transfer(f) * (grid.samples**2 / (prefilter[0] * prefilter[1][:, None]))
+    base, beyond = modes.places(np.hypot(f[..., 0], f[..., 1]))
+    by_pixel, by_part, angle = (np.empty(wanted.shape, dtype=np.complex64) for _ in range(3))
+    box_over(by_pixel, by_part, angle, wanted, f, box, part_box)
+    unclipped = modes.core_fine[base].astype(np.float32) + beyond * np.diff(modes.core_fine).astype(np.float32)[base]
 
     up = np.empty((grid.length[1], len(column)), dtype=np.complex64)
     rows = np.empty((grid.count[1], grid.length[0]), dtype=np.complex64)
@@ -140,17 +140,15 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
         rows[:, rows.shape[1] - (len(column) - rising) :] = along[:, rising:]
         return np.asarray(fft.ifft(rows, axis=1, overwrite_x=True), dtype=np.complex64)[:, : grid.count[0]]
 
-    def core(pattern: ComplexArray) -> SingleArray:
+    def core(pattern: SingleComplexArray) -> SingleArray:
         up[:] = 0.0
         up[row] = unclipped * pattern
         return np.ascontiguousarray(field().real)
 
-    unclipped, by_part = modes.unclipped(size), boxed(part_box)
-    whole, part = core(boxed(box)), core(by_part)
+    whole, part = core(by_pixel), core(by_part)
     at_once = max(1, min(MOST_WAVES, ROOM // whole.size) // 2)
     starts = range(0, len(modes.orders), at_once)
-    angle, (base, beyond) = np.exp(1j * alpha).astype(np.complex64), modes.places(size)
-    turned, order = by_part.astype(np.complex64), 0
+    turned, order = by_part, 0
     room = np.empty((min(TOGETHER, at_once, len(modes.orders)), *whole.shape), dtype=np.complex64)
     for start in starts or [0]:
         terms = np.arange(start, min(start + at_once, len(modes.orders)))
@@ -165,6 +163,31 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
                 room[index] = field()  # two real fields in one sum
             interleave(waves, first, room[: len(some)], modes.orders[some])
         yield Fields(whole if start == 0 else whole[:0, :0], part, waves, terms)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def box_over(
+    by_pixel: SingleComplexArray,
+    by_part: SingleComplexArray,
+    angle: SingleComplexArray,
+    wanted: ComplexArray,
+    f: Array,
+    box: float,
+    part_box: float,
+) -> None:
+    """Fill in what a pixel leaves of some frequencies, what a part of it does, and their directions, exp(i alpha); see ``make_fields``."""
+    for i in range(wanted.shape[0]):
+        for j in range(wanted.shape[1]):
+            x, y = f[i, j, 0], f[i, j, 1]
+            by_pixel[i, j] = wanted[i, j] * (_sinc(x * box) * _sinc(y * box))
+            by_part[i, j] = wanted[i, j] * (_sinc(x * part_box) * _sinc(y * part_box))
+            size = math.sqrt(x * x + y * y)
+            angle[i, j] = complex(x, y) / size if size > 0.0 else complex(1.0, 0.0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _sinc(x: float) -> float:
+    return math.sin(math.pi * x) / (math.pi * x) if x != 0.0 else 1.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

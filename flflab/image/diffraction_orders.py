@@ -20,7 +20,7 @@ Whole = npt.NDArray[np.int64]
 
 MOMENTS = 33  # nodes over a rim for the fall-off
 POINTS = 0.2  # of the tolerance, for points in a pixel: what squares leave is mostly a fifth of what is said of them
-LEAST_TERM = 1e-4  # of white; finer terms of the sum over a rim are too many
+LEAST_TERMS = 1e-4  # of white, that terms left out of the sum over a rim may amount to; finer ones are too many
 
 
 @dataclass(frozen=True)

@@ -155,9 +155,11 @@ def is_turn(maps: Array, tolerance: float) -> bool:
 def askew_points(setup: Setup) -> Whole:
     """How many points a side across the pupil a target needs that pixels stand askew on, each a parallelogram; shape (N,).
 
-    Measured on black and white texels of 0.25 to 4 pixels: in a blur of b pixels n points leave up to 1.25 b^2 / n^3 of white.
+    Measured on black and white texels of 0.25 to 4 pixels: in a blur of b pixels n points leave up to 1.25 b^2 / n^3 of white. As many
+    as the fall-off needs, however slight the blur.
     """
-    return np.clip(np.ceil(np.cbrt(1.25 * np.minimum(setup.blur, 1e4) ** 2 / _allowed(setup))), 1, MOST_POINTS).astype(np.int64)
+    points = np.ceil(np.cbrt(1.25 * np.minimum(setup.blur, 1e4) ** 2 / _allowed(setup)))
+    return np.clip(np.maximum(points, falloff_counts(setup)[setup.rims.kind]), 1, MOST_POINTS).astype(np.int64)
 
 
 def picture_points(setup: Setup) -> Whole:

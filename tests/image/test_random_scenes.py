@@ -56,6 +56,12 @@ def test_sharp_dots_lose_the_light_of_the_whole_cone_and_not_of_its_middle() -> 
     assert max(errors(replace(scene_of(624), planes=(nearest,)), [(34, 11), (35, 11)], 0.05)) < 0.05
 
 
+def test_slightly_blurred_pictures_askew_lose_the_light_of_the_whole_cone_and_not_of_its_middle() -> None:
+    """So slight a blur needs one point of the pupil, the fall-off more: 0.06 of white off."""
+    nearest = scene_of(555).planes[0]
+    assert max(errors(replace(scene_of(555), planes=(nearest,)), [(26, 130), (2, 53)], 0.0037)) < 0.0037
+
+
 def test_fall_off_on_a_rim_narrower_than_a_pixel_is_that_of_the_whole_pupil() -> None:
     """The pixel's centre is beyond the rim: the weight of the pupil's last sliver had counted for all of it."""
     assert max(errors(scene_of(13), [(14, 20)], 3e-3)) < 1e-3
