@@ -16,7 +16,7 @@ from flflab.image.diffraction_fields import (
     Fields,
     Grid,
     add_fields,
-    dot_spectrum,
+    dots_spectrum,
     kept_frequencies,
     make_fields,
     make_grid,
@@ -47,6 +47,7 @@ Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
 MOST_SAMPLES = 16.0  # a pixel, of a field over the target
+APART = 1.3  # times the margin, from dots to where their light repeats itself
 MARGINS = (16.0, 400.0)  # pixels, least and largest, from which light comes to what is looked at
 SOFTNESSES = (1.0, 2.0, 4.0, 8.0, 16.0)  # pixels: standard deviations of the Gaussian
 SOFT_SAMPLES = 2.25  # to a standard deviation: splines are right to 6e-5 of white there
@@ -71,8 +72,9 @@ class Layer:
 
     @property
     def work(self) -> float:
-        """How many numbers its Fourier sums have."""
-        return float(self.grid.length[0]) * self.grid.length[1]
+        """How many numbers its Fourier sums and its field have; half as many as both ways of the sums and the field."""
+        (columns, rows), (across, along) = self.grid.length, self.grid.count
+        return 0.5 * (float(columns) * (rows + along) + float(across) * along)
 
     def of(self, spectrum: ComplexArray, x: Array, y: Array) -> ComplexArray:
         """Its part of a spectrum at frequencies along x' and y'."""
@@ -115,9 +117,13 @@ class Thing:
 
 
 def add_dots_diffracted(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, dots: FourDot, chosen: Chosen) -> None:
-    """Add the diffracted light of one kind of microlens from dots; see ``add_plane_with_diffraction``."""
+    """Add the diffracted light of one kind of microlens from dots; see ``add_plane_with_diffraction``.
+
+    All dots share the field of one, as large as a dot's light, or lie in one field of what is looked at.
+    """
     scales, radius = np.hypot(*kind.by_sensor.T), dots.diameter / 2
-    size, tail = float(radius / scales.min()), _tail(kind)
+    size, tail, axes = float(radius / scales.min()), _tail(kind), kind.by_sensor / scales[:, None]
+    low, high = _looked_at(setup, kind, lit, scales)
 
     def near(softness: float) -> float:
         """Of a straight edge the light that a Gaussian does not keep falls as tail softness^2 / d^3, of a dot by two powers faster."""
@@ -126,23 +132,41 @@ def add_dots_diffracted(image: Array, setup: Setup, kind: Kind, known: Known, li
 
     def grid(margin: float, samples: float) -> Grid:
         reach = size + kind.extent + margin
-        return make_grid(kind.by_sensor / scales[:, None], np.full(2, -reach), np.full(2, reach), margin + kind.extent, samples)
+        return make_grid(axes, np.full(2, -reach), np.full(2, reach), np.full(2, margin + kind.extent), samples)
 
     def spectrum(grid: Grid, margin: float, x: Array, y: Array) -> ComplexArray:
-        return dot_spectrum(-np.array(grid.first), radius / scales, x, y)
+        return dots_spectrum(-np.array([grid.first]), radius / scales, x, y)
+
+    def felt(margin: float) -> Array:
+        """The dots whose light reaches what is looked at, pixels."""
+        centres, reach = np.array(dots.centres) / scales, size + kind.extent + margin
+        return centres[np.all((low - reach < centres) & (centres < high + reach), axis=1)]
+
+    def grid_of_all(margin: float, samples: float) -> Grid | None:
+        centres, reach = felt(margin), size + kind.extent + margin
+        if not len(centres):
+            return None
+        least, most = centres.min(axis=0), centres.max(axis=0)
+        first, last = np.maximum(low, least - reach), np.minimum(high, most + reach)
+        beyond = reach + (APART - 1) * margin  # where the sums repeat the dots
+        return make_grid(axes, first, last, np.maximum(last - least, most - first) + beyond - (last - first), samples)
+
+    def spectrum_of_all(grid: Grid, margin: float, x: Array, y: Array) -> ComplexArray:
+        return dots_spectrum(felt(margin) - grid.first, radius / scales, x, y)
 
     # The pattern falls as its light times tail / (2 pi) over the third power of the distance, once round the circle.
     margin = 4 + (4 * size**2 * tail / setup.tolerance) ** (1 / 3)
-    thing = Thing(np.array(dots.centres), margin, near, grid, spectrum)
-    _add_thing(image, setup, kind, known, lit, thing, finest_lines(kind, dots), chosen)
+    things = [
+        Thing(np.array(dots.centres), margin, near, grid, spectrum),
+        Thing(np.zeros((1, 2)), margin, near, grid_of_all, spectrum_of_all),
+    ]
+    _add_thing(image, setup, kind, known, lit, things, finest_lines(kind, dots), chosen)
 
 
 def add_picture_diffracted(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, picture: Picture, chosen: Chosen) -> None:
     """Add the diffracted light of one kind of microlens from a picture; see ``add_plane_with_diffraction``."""
     scales = np.hypot(*kind.by_sensor.T)
-    centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
-    looks = setup.by_sensor[kind.entries] * setup.sensor.pixel / scales[:, None]
-    low, high = looked_at(lit[kind.entries], centres, setup.origin[kind.entries] / scales, looks, setup)
+    low, high = _looked_at(setup, kind, lit, scales)
     edge = np.array([picture.width, picture.height]) / 2 / scales
 
     def near(softness: float) -> float:
@@ -155,7 +179,7 @@ def add_picture_diffracted(image: Array, setup: Setup, kind: Kind, known: Known,
     def grid(margin: float, samples: float) -> Grid | None:
         first, last = inside(margin)
         axes = kind.by_sensor / scales[:, None]
-        return None if np.any(first >= last) else make_grid(axes, first, last, 2 * (margin + kind.extent), samples)
+        return None if np.any(first >= last) else make_grid(axes, first, last, np.full(2, 2 * (margin + kind.extent)), samples)
 
     def spectrum(grid: Grid, margin: float, x: Array, y: Array) -> ComplexArray:
         (first, last), reach = inside(margin), margin + kind.extent
@@ -163,7 +187,14 @@ def add_picture_diffracted(image: Array, setup: Setup, kind: Kind, known: Known,
 
     margin = min(max(_tail(kind) / (0.4 * setup.tolerance), MARGINS[0]), MARGINS[1])
     thing = Thing(np.zeros((1, 2)), margin, near, grid, spectrum)
-    _add_thing(image, setup, kind, known, lit, thing, finest_lines(kind, picture), chosen)
+    _add_thing(image, setup, kind, known, lit, [thing], finest_lines(kind, picture), chosen)
+
+
+def _looked_at(setup: Setup, kind: Kind, lit: Whole, scales: Array) -> tuple[Array, Array]:
+    """The least and largest place on the target that pixels look at, pixels along x' and y', target mm over ``scales``."""
+    centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
+    looks = setup.by_sensor[kind.entries] * setup.sensor.pixel / scales[:, None]
+    return looked_at(lit[kind.entries], centres, setup.origin[kind.entries] / scales, looks, setup)
 
 
 def _tail(kind: Kind) -> float:
@@ -175,8 +206,8 @@ def _near_edge(kind: Kind, setup: Setup, softness: float) -> float:
     return float((softness**2 * _tail(kind) / (0.4 * setup.tolerance)) ** (1 / 3))
 
 
-def layers(thing: Thing, samples: float, tolerance: float, reads: float) -> list[Layer]:
-    """The least work that images a thing: one field, or a coarse and a fine one.
+def layers(thing: Thing, samples: float, tolerance: float, reads: float) -> tuple[float, list[Layer]]:
+    """The least work that images a thing, and how it is done: one field, or a coarse and a fine one.
 
     Args:
         thing: the thing.
@@ -186,9 +217,9 @@ def layers(thing: Thing, samples: float, tolerance: float, reads: float) -> list
     """
     whole = thing.grid(thing.margin, samples)
     if whole is None:
-        return []
+        return 0.0, []
     found = [Layer(whole, thing.margin)]
-    least = found[0].work
+    least = found[0].work + reads
     for softness in SOFTNESSES:
         coarse = SOFT_SAMPLES / softness * max(1.0, (6e-4 / tolerance) ** 0.25)
         margin = thing.near(softness)
@@ -196,24 +227,28 @@ def layers(thing: Thing, samples: float, tolerance: float, reads: float) -> list
             continue
         wide, near = thing.grid(thing.margin, coarse), thing.grid(margin, samples)
         both = [Layer(grid, far, softness, slow) for grid, far, slow in ((wide, thing.margin, True), (near, margin, False)) if grid]
-        work = sum(layer.work for layer in both) + reads
+        work = sum(layer.work for layer in both) + 2 * reads
         if work < least:
             found, least = both, work
-    return found
+    return least, found
 
 
-def _add_thing(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, thing: Thing, finest: float, chosen: Chosen) -> None:
-    """Add the light of a thing; ``finest``: see ``finest_lines``."""
+def _add_thing(
+    image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, things: list[Thing], finest: float, chosen: Chosen
+) -> None:
+    """Add the light of a thing, told in one way or another, by the way of least work; ``finest``: see ``finest_lines``."""
     divided = pixel_parts(kind, setup.tolerance, finest)
     box, samples = setup.pixel_width / setup.sensor.pixel, min(samples_needed(kind, setup.tolerance), MOST_SAMPLES)
     on_rim = 1 - (kind.inner / kind.outer) ** 2
-    reads = float(lit_counts(lit[kind.entries], chosen).sum()) * (1 + on_rim * (divided.count - 1)) * len(thing.places)
+    reads = float(lit_counts(lit[kind.entries], chosen).sum()) * (1 + on_rim * (divided.count - 1))
     nodes = (1, 1) if divided.steep else node_counts(kind, setup, finest)
-    for layer in layers(thing, samples, setup.tolerance, reads):
-        looks, windows = _looks(setup, kind, lit, thing, layer.grid)
+    ways = [layers(thing, samples, setup.tolerance, reads * len(thing.places)) for thing in things]
+    way = min(range(len(ways)), key=lambda index: ways[index][0])
+    for layer in ways[way][1]:
+        looks, windows = _looks(setup, kind, lit, things[way], layer.grid)
         if len(windows):
             modes = shared_modes(known, kind, samples, nodes, box, max(setup.tolerance, LEAST_TERMS))
-            _add_layer(image, setup, kind, modes, thing, layer, looks, windows, divided, chosen)
+            _add_layer(image, setup, kind, modes, things[way], layer, looks, windows, divided, chosen)
 
 
 def _looks(setup: Setup, kind: Kind, lit: Whole, thing: Thing, grid: Grid) -> tuple[Looks, Whole]:

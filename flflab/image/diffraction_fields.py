@@ -64,17 +64,17 @@ class Fields:
     terms: Whole
 
 
-def make_grid(axes: Array, low: Array, high: Array, pad: float, samples: float) -> Grid:
-    """A grid from low to high, pixels; what lies ``pad`` beyond its ends must be black or of no matter."""
+def make_grid(axes: Array, low: Array, high: Array, pad: Array, samples: float) -> Grid:
+    """A grid from low to high, pixels along x' and y'; what lies ``pad`` beyond its ends must be black or of no matter."""
     first = np.floor(low - 2 / min(samples, 1.0))
     count = np.ceil((high - first) * samples).astype(int) + 4
-    length = [fast_length(n + pad * samples) for n in count]
+    length = [fast_length(n) for n in count + pad * samples]
     return Grid(axes, (float(first[0]), float(first[1])), samples, (int(count[0]), int(count[1])), (length[0], length[1]))
 
 
-def dot_spectrum(centre: Array, radii: Array, x: Array, y: Array) -> ComplexArray:
-    """Spectrum of a white disc at frequencies along x' and y', shape (y, x); centre from the grid's first position, all in pixels."""
-    turn = np.exp(-2j * np.pi * (y * centre[1]))[:, None] * np.exp(-2j * np.pi * (x * centre[0]))
+def dots_spectrum(centres: Array, radii: Array, x: Array, y: Array) -> ComplexArray:
+    """Spectrum of white discs at frequencies along x' and y', shape (y, x); centres (n, 2) from the grid's first position, in pixels."""
+    turn = np.exp(-2j * np.pi * y[:, None] * centres[:, 1]) @ np.exp(-2j * np.pi * centres[:, :1] * x)
     (across, column), (along, row) = (np.unique(np.abs(some), return_inverse=True) for some in (x, y))  # alike in all four quarters
     z = 2 * np.pi * np.maximum(np.hypot(across * radii[0], along[:, None] * radii[1]), 1e-9)
     return math.pi * radii[0] * radii[1] * (2 * j1(z) / z)[row[:, None], column] * turn

@@ -196,8 +196,8 @@ def find_modes(table: TransferTable, box: float, left_out: float) -> Modes:
         return Modes(table.kind, table.band, *_no_terms(len(core)), *unclipped)
     with_tails = np.concatenate([table.values, table.tails[..., None]], axis=2)
     waves = np.empty(with_tails.shape)
-    waves[:, ::2] = fft.dct(with_tails.real, type=1, axis=1)[:, ::2]
-    waves[:, 1::2] = fft.dct(with_tails.imag, type=1, axis=1)[:, 1::2]
+    waves[:, ::2] = np.asarray(fft.dct(with_tails.real, type=1, axis=1))[:, ::2]
+    waves[:, 1::2] = np.asarray(fft.dct(with_tails.imag, type=1, axis=1))[:, 1::2]
     waves[:, 1:-1] *= 2
     waves /= 2 * count
     nodes = np.linspace(0, np.pi, len(core))
