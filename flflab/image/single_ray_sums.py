@@ -225,7 +225,10 @@ def _pixel_light(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _first_orders(most: Whole, whole: bool, along: bool, orders: Whole) -> None:
-    """With what a pixel is first summed: a whole one in the bright field undivided, rows along all surfaces' axes in few cells."""
+    """With what a pixel is first summed: a whole one in the bright field undivided, rows along all surfaces' axes in few cells.
+
+    Between two rows aslant an edge moves by more than a cell: few cells and few rows err, and no more of either alone shows it.
+    """
     orders[0] = 1 if whole else max((most[0] + COARSER - 1) // COARSER, min(most[0], FEWEST_PARTS))
     orders[1] = max((most[1] + COARSER - 1) // COARSER, min(most[1], FEWEST_ROWS))
     orders[3] = orders[4] = 1
@@ -241,6 +244,7 @@ def add_rays(
     surfaces: Array,
     maps: Array,
     aligned: Chosen,
+    along: Chosen,
     orders: Whole,
     enough: float,
     motion: Array,
@@ -261,13 +265,13 @@ def add_rays(
     """Add the light of all windows to the rows of a band; see ``add_single_rays``.
 
     ``orders`` are the most along each of the ``AXES`` for each window; a pixel's are doubled, each for itself, until that changes it
-    by less than ``enough``.
+    by less than ``enough``. Where ``along``, rows and columns of the pupil run along the axes of target and cards.
     """
     places, boxes, moved = np.empty((MOST_CROSSED, 7)), np.zeros((surfaces.shape[0] + 1, 8)), surfaces.copy()
     now, seen, gains = np.empty(AXES, dtype=np.int64), np.empty(AXES), np.empty(AXES)
     rough = np.zeros(AXES, dtype=np.bool_)
     for entry in range(windows.shape[0]):
-        lens, most, along = lenses[entry], orders[entry], aligned[entry].all()
+        lens, most = lenses[entry], orders[entry]
         for row in range(max(band[0], windows[entry, 2]), min(band[1], windows[entry, 3])):
             for column in range(windows[entry, 0], windows[entry, 1]):
                 if wanted.shape[0] > 0 and not wanted[row, column]:
@@ -276,7 +280,7 @@ def add_rays(
                 away = math.hypot(dx, dy)
                 if away > lens[3] + abs(lens[2]) + pixel:
                     continue
-                _first_orders(most, away + 0.75 * pixel < lens[3] - abs(lens[2]), along, now)
+                _first_orders(most, away + 0.75 * pixel < lens[3] - abs(lens[2]), along[entry], now)
                 first, settled, refined = 0.0, False, AXES
                 while not settled:
                     known = refined == 1  # the one step taken was looked at before

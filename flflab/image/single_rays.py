@@ -86,6 +86,7 @@ def add_single_rays(
     if setup.pixel_width == 0:
         parts = np.ones_like(parts)
     aligned: Chosen = ~turned
+    along = aligned.all(axis=1) & ~_aslant(maps[:, 0, :4])
     known = np.column_stack(
         [
             pupils.centre_x,
@@ -123,6 +124,7 @@ def add_single_rays(
             surfaces,
             maps,
             aligned,
+            along,
             orders,
             ENOUGH * tolerance * brightest,
             motion,
@@ -151,6 +153,12 @@ def _turned(maps: Array) -> Chosen:
     first = rows[:, :1]
     aside = np.maximum(np.abs((rows[:, :, 0] * first[:, :, 1]).sum(axis=2)), np.abs((rows[:, :, 1] * first[:, :, 0]).sum(axis=2)))
     return np.any(aside[:, :, None] > SKEW, axis=2, keepdims=False)
+
+
+def _aslant(by_pupil: Array) -> Chosen:
+    """Whether rows and columns of the pupil do not count as parallel to a surface's axes, for maps to it (T, 4)."""
+    rows = np.abs(by_pupil.reshape(-1, 2, 2))
+    return np.any(rows.min(axis=2) > SKEW * np.maximum(np.linalg.norm(rows, axis=2), 1e-300), axis=1)
 
 
 def _surface(card: Card) -> Array:
