@@ -33,6 +33,7 @@ Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
 SHARE = 0.7  # of the tolerance; the errors of nodes, parts and terms are each kept below it
+LINE_TERMS = 0.5  # of it, for terms left out: the same lines pass all of them, and a border leaves out its own
 KIND_COST: dict[type[Target], float] = {Edge: 6e3, Bars: 5e4, Chirp: 5e4, FourDot: 5e4, Picture: 5e4}  # in pixels, of a kind's tables
 
 
@@ -83,8 +84,12 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
         axes = np.array([[cos, sin], [-sin, cos]])
     divided = pixel_parts(kind, setup.tolerance)
     radii, angles = node_counts(kind, setup, finest_lines(kind, target))
-    samples, box = samples_needed(kind, setup.tolerance), setup.pixel_width / pixel
-    modes = shared_modes(known, kind, samples, (1, 1) if divided.steep else (radii, angles), box, max(setup.tolerance, LEAST_TERMS))
+    samples, box, left_out = (
+        samples_needed(kind, setup.tolerance),
+        setup.pixel_width / pixel,
+        max(LINE_TERMS * setup.tolerance, LEAST_TERMS),
+    )
+    modes = shared_modes(known, kind, samples, (1, 1) if divided.steep else (radii, angles), box, left_out)
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     directions = axes @ kind.by_sensor
     scales = np.hypot(*directions.T)
@@ -96,7 +101,7 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     line = make_line(modes, samples, target, seen, directions[0], setup.tolerance)
     curves = make_curves(modes, line, box, box * divided.side)
     half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
-    at_border = modes.but_for(max(setup.tolerance, LEAST_TERMS) if isinstance(target, Bars) else math.inf)
+    at_border = modes.but_for(left_out if isinstance(target, Bars) else math.inf)
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
         reach = border_reach(kind, setup.tolerance)

@@ -201,7 +201,8 @@ def find_modes(table: TransferTable, box: float, left_out: float) -> Modes:
     waves[:, 1:-1] *= 2
     waves /= 2 * count
     nodes = np.linspace(0, np.pi, len(core))
-    weight = np.append(np.maximum(np.abs(np.sinc(box * table.band / 2 * (1 - np.cos(nodes)))) / 2, 1e-2), TAIL)
+    waves_across = box * table.band / 2 * (1 - np.cos(nodes))  # where they are whole a pixel keeps what the rim changes within it
+    weight = np.append(np.minimum(1.0, 1 / np.maximum(np.pi * waves_across, 1e-9)) / 2, TAIL)
     waves *= weight
     whole = np.linalg.norm(waves, axis=(0, 2))
     small = _smallest(whole, QUIET * left_out)

@@ -41,7 +41,7 @@ def smear_of(by_motion: Array, by_pixel: Array, by_pupil: Array) -> Array:
     return np.divide(way, width, out=np.zeros_like(way), where=width > 0)
 
 
-def moment_counts(motion: Motion | None, smear: Array, tolerance: float) -> Whole:
+def moment_counts(motion: Motion | None, smear: Array, tolerance: Array | float) -> Whole:
     """How many moments drift and vibration need, shape (N, 2): n of them leave about S / (4 n^2) of white.
 
     Measured on edges and bars boxed by a pixel, which wander over S times the width to which pixel and blur smooth them (Gauss's rule
@@ -50,11 +50,11 @@ def moment_counts(motion: Motion | None, smear: Array, tolerance: float) -> Whol
     Args:
         motion: of the targets; None for none.
         smear: see ``smear_of``, shape (N,).
-        tolerance: largest error asked for, of white.
+        tolerance: largest error asked for, of white, of each or of all.
     """
     if motion is None:
         return np.ones((len(smear), 2), dtype=np.int64)
-    demand = smear[:, None] * np.array([math.hypot(*motion.drift), 3.2 * math.hypot(*motion.vibration)]) / tolerance
+    demand = smear[:, None] * np.array([math.hypot(*motion.drift), 3.2 * math.hypot(*motion.vibration)]) / np.reshape(tolerance, (-1, 1))
     return np.maximum(np.ceil(np.sqrt(demand)), 1).astype(np.int64)
 
 

@@ -205,6 +205,38 @@ def _picture_mean(x: float, y: float, width: float, height: float, size: float, 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def seen_on_card(
+    x: float,
+    y: float,
+    card: Array,
+    boxes: Array,
+    scratch: Array,
+    kind: int,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
+) -> float:
+    """Mean of a target's radiance in a neighbourhood at (x, y), black beyond its own card, over one movement of both.
+
+    The lesser box is looked at by halves, as in ``seen_jointly``.
+    """
+    wide, high = max(math.hypot(boxes[0], 0.5 * boxes[1]), 1e-300), max(math.hypot(boxes[2], 0.5 * boxes[3]), 1e-300)
+    total = 0.0
+    scratch[1] = scratch[3] = 0.0
+    for choice in range(4):
+        at_x, at_y = x + (0.25 - 0.5 * (choice & 1)) * boxes[1], y + (0.25 - 0.25 * (choice & 2)) * boxes[3]
+        left, right = max(at_x - 0.5 * wide, -card[10]), min(at_x + 0.5 * wide, card[10])
+        bottom, top = max(at_y - 0.5 * high, -card[11]), min(at_y + 0.5 * high, card[11])
+        if left >= right or bottom >= top:
+            continue
+        scratch[0], scratch[2] = right - left, top - bottom
+        part = (right - left) * (top - bottom) / (wide * high)
+        total += 0.25 * part * radiance_round(0.5 * (left + right), 0.5 * (bottom + top), scratch, kind, numbers, table, law, sums)
+    return total
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def seen_jointly(
     x: float,
     y: float,

@@ -17,6 +17,7 @@ from flflab.image.neighbourhood import (
     moves_little,
     radiance_round,
     seen_jointly,
+    seen_on_card,
     way_round,
 )
 from flflab.image.parallelogram import stands_askew
@@ -99,8 +100,7 @@ def _mean(
         y *= shrink
     low, high = lens_rows(x, y, other)
     askew = kind in (DOTS, RULED, PICTURE) and stands_askew(maps[0])
-    light = 0.0
-    area = 0.0
+    light, area, own = 0.0, 0.0, 0
     for row in range(rows):  # of equal steps of an angle, for the rows' lengths rise from 0 like a circle's
         middle, ty, width, height = lens_strip(x, y, other, low, high, math.pi * row / rows, math.pi * (row + 1) / rows)
         if width <= 0.0:
@@ -113,7 +113,7 @@ def _mean(
             tx = left + width * (step + 0.5)
             mx, my = lens[4] * tx + lens[5] * ex, lens[4] * ty + lens[5] * ey
             ax, ay = lens[6] * tx + lens[7] * ex + lens[8], lens[6] * ty + lens[7] * ey + lens[9]
-            seen = 1.0
+            seen, own_share = 1.0, 1.0
             crossed = 0
             for index in range(surfaces.shape[0] - 1, 0, -1):
                 surface = surfaces[index]
@@ -124,23 +124,32 @@ def _mean(
                     break
                 if 0.0 < share < 1.0:
                     alike = aligned[index] and leads_alike(maps[index], maps[0], parts, width, height)
-                    if crossed < MOST_CROSSED and alike and moves_little(boxes[index]) and moves_little(boxes[0]):
+                    if surface[12] > 0.0:
+                        own, own_share = index, share
+                    elif crossed < MOST_CROSSED and alike and moves_little(boxes[index]) and moves_little(boxes[0]):
                         places[crossed, 0], places[crossed, 1], places[crossed, 2] = px, py, index
                         crossed += 1
                     else:
-                        seen *= share if surface[12] > 0.0 else 1.0 - share
+                        seen *= 1.0 - share
             if seen == 0.0:
                 area += width * height
                 continue
             px, py = _end(mx, my, ax, ay, surfaces[0, 1], surfaces[0], coefficient)
-            if crossed == 0 and askew:
-                seen *= radiance_askew(px, py, maps[0], boxes[0], parts, width, height, kind, numbers, table, law, sums)
-            elif crossed == 0:
-                seen *= radiance_round(px, py, boxes[0], kind, numbers, table, law, sums)
-            else:
+            if crossed > 0 and own_share < 1.0 and crossed < MOST_CROSSED:
+                places[crossed, 0], places[crossed, 1], places[crossed, 2] = px, py, own
+                crossed += 1
+            elif crossed > 0:
+                seen *= own_share
+            if crossed > 0:
                 seen *= seen_jointly(
                     px, py, surfaces, maps, places, boxes[surfaces.shape[0]], crossed, parts, width, height, kind, numbers, table, law, sums
                 )
+            elif own_share < 1.0:
+                seen *= seen_on_card(px, py, surfaces[own], boxes[0], boxes[surfaces.shape[0]], kind, numbers, table, law, sums)
+            elif askew:
+                seen *= radiance_askew(px, py, maps[0], boxes[0], parts, width, height, kind, numbers, table, law, sums)
+            else:
+                seen *= radiance_round(px, py, boxes[0], kind, numbers, table, law, sums)
             area += width * height
             if falloff and seen > 0.0:
                 sx = lens[11] + lens[13] * ex + lens[14] * tx
@@ -246,7 +255,7 @@ def add_rays(
     aligned: Chosen,
     along: Chosen,
     orders: Whole,
-    enough: float,
+    enough: Array,
     motion: Array,
     coefficient: float,
     falloff: bool,
@@ -265,7 +274,7 @@ def add_rays(
     """Add the light of all windows to the rows of a band; see ``add_single_rays``.
 
     ``orders`` are the most along each of the ``AXES`` for each window; a pixel's are doubled, each for itself, until that changes it
-    by less than ``enough``. Where ``along``, rows and columns of the pupil run along the axes of target and cards.
+    by less than is ``enough`` for the window. Where ``along``, rows and columns of the pupil run along the axes of target and cards.
     """
     places, boxes, moved = np.empty((MOST_CROSSED, 7)), np.zeros((surfaces.shape[0] + 1, 8)), surfaces.copy()
     now, seen, gains = np.empty(AXES, dtype=np.int64), np.empty(AXES), np.empty(AXES)
@@ -320,7 +329,7 @@ def add_rays(
                             continue
                         now[axis] = before
                         seen[axis], gains[axis] = light, light - first
-                        rough[axis] = abs(gains[axis]) > enough
+                        rough[axis] = abs(gains[axis]) > enough[entry]
                     refined = 0
                     for axis in range(AXES):
                         if rough[axis]:

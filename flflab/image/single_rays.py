@@ -70,7 +70,7 @@ def add_single_rays(
         blurs[:, index] = blur_of(landing.by_pupil, landing.by_sensor, pixel)
         smears[:, index] = smear_of(landing.by_motion, landing.by_sensor * pixel, landing.by_pupil)
     width = np.maximum(2 * np.abs(pupils.slope) / pixel, 1e-9)
-    tolerance, blur = setup.tolerance / math.sqrt(setup.overlap), blurs.max(axis=1)  # errors of either sign on the way
+    tolerance, blur = setup.tolerance / np.sqrt(_shared(setup, image.shape)), blurs.max(axis=1)  # errors of either sign on the way
     steps = np.array([not (isinstance(plane.target, White) and card.own) for card in cards], dtype=np.float64)
     change = 0.34 / width + 0.25 * (steps / np.maximum(blurs[:, 1:], 1.0)).sum(axis=1)  # of rim and cards within a pixel, against a step
     parts = np.clip(np.ceil(np.sqrt(change / (tolerance * np.sqrt(np.maximum(blurs[:, 0], 1.0))))), 1, MOST_PARTS)
@@ -144,6 +144,15 @@ def add_single_rays(
         )
 
     in_bands(add, setup.window, BAND)
+
+
+def _shared(setup: Setup, shape: tuple[int, int]) -> Array:
+    """How many of the windows, at most, share a pixel of each."""
+    counts = np.zeros(shape)
+    parts = [(slice(low, high), slice(left, right)) for left, right, low, high in setup.window]
+    for part in parts:
+        counts[part] += 1
+    return np.array([counts[part].max(initial=1) for part in parts])
 
 
 def _turned(maps: Array) -> Chosen:

@@ -72,3 +72,12 @@ def test_dots_as_large_as_their_blur_change_with_it_by_more_than_an_edge_does() 
     both, left, right = seen(0.917, 0.932), seen(0.917), seen(0.932)
     assert np.abs(left - right).max() > 2 * tolerance
     assert np.abs(both - np.where(np.arange(220) < 110, left, right)).max() < tolerance
+
+
+@pytest.mark.parametrize("tolerance", [2.5e-3, 1.25e-3])
+def test_bars_finer_than_pixels_are_told_on_rims_where_they_change_within_a_pixel(tolerance: float) -> None:
+    """A pixel averages lines away whose waves it holds whole, unless the rim changes meanwhile: without them 1.6 of the tolerance off."""
+    array = MicrolensArray("square", (3, 3), (0.4, 0.4), 0.336, (0.917,), 60.0)
+    camera = Camera(MainLens(50.0, 2.0), array, Sensor((96, 96), 0.00996, 61.15))
+    scene = Scene(camera, (Plane(Bars(), FOCUS),), diffraction=Diffraction(800e-6))
+    assert np.abs(render(scene, tolerance=tolerance) - render(scene, tolerance=tolerance / 16)).max() < 0.7 * tolerance
