@@ -155,10 +155,12 @@ def add_dots_diffracted(image: Array, setup: Setup, kind: Kind, known: Known, li
         return dots_spectrum(felt(margin) - grid.first, radius / scales, x, y)
 
     # The pattern falls as its light times tail / (2 pi) over the third power of the distance, once round the circle.
-    margin = 4 + (4 * size**2 * tail / setup.tolerance) ** (1 / 3)
+    # In one field all dots are left out or repeated at once, and behind all micro-images that overlap: it errs to one side.
+    least = 4 * size**2 * tail / setup.tolerance
+    at_once = least * len(dots.centres) * math.sqrt(setup.overlap)
     things = [
-        Thing(np.array(dots.centres), margin, near, grid, spectrum),
-        Thing(np.zeros((1, 2)), margin, near, grid_of_all, spectrum_of_all),
+        Thing(np.array(dots.centres), 4 + least ** (1 / 3), near, grid, spectrum),
+        Thing(np.zeros((1, 2)), 4 + at_once ** (1 / 3), near, grid_of_all, spectrum_of_all),
     ]
     _add_thing(image, setup, kind, known, lit, things, finest_lines(kind, dots), chosen)
 

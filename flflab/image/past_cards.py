@@ -24,6 +24,7 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 UNFELT = 0.05  # of the tolerance
+OF_RAYS = 0.3  # of it, for the rays that waves are held against: they cost less, and the errors of both add up
 COARSEST = 0.1  # tolerance of the share of light that cards let pass
 
 
@@ -45,7 +46,7 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
     apart = _side_by_side(setup, layer, layers)
     chosen = None if wanted is None else np.tile(wanted, (layers, 1))
     change, passed, whole = np.zeros((3, layers * rows, image.shape[1]))
-    add_moving_plane(change, apart, plane.target, chosen)
+    add_moving_plane(change, replace(apart, tolerance=OF_RAYS * setup.tolerance), plane.target, chosen)
     np.negative(change, out=change)
     add_plane_with_diffraction(change, apart, plane.target, scene.diffraction.wavelength, chosen)
     felt = np.abs(change) > UNFELT * setup.tolerance
