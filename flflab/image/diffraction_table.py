@@ -31,6 +31,7 @@ QUIET = 0.1  # of what is left out, for whole orders that are too small to look 
 TAIL = 1 / 64  # weight of a line's tail: light from so many pixels away
 BLOCK, ROWS = 24, 12  # frequencies at a time, and rows of the pupil
 PER_WAVE = 4.5  # samples of the shortest wave that a pupil lets pass
+EXACT = 1e-4  # of white: half of it is what splines of so many samples leave at the edge of a dot, found in light in focus
 WIDE = 8.0  # pixels; across a wider blur nothing is fine
 FEW, MORE = 2.25, 4.0  # the least samples a pixel where that wave is shorter than a pixel
 OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
@@ -63,12 +64,12 @@ def samples_needed(kind: Kind, tolerance: float) -> float:
     """Samples a pixel of an image behind pixels; half of it is the highest frequency that matters, cycles/pixel.
 
     n of them leave up to 0.1 / n of a sharp edge, and (n blur)^-1.5 of that of a blurred one; a wide blur leaves so little of fine
-    waves that a spline needs fewer samples, too.
+    waves that a spline needs fewer samples, too. Splines of ``PER_WAVE`` samples of the shortest wave are right to half of ``EXACT``.
     """
     demand, wide = 0.1 / tolerance, 2 * abs(kind.blur)
     blurred = 1.8 * (demand * wide**-1.5) ** 0.4 if wide else math.inf
     least = (FEW if tolerance >= 1e-3 else MORE) * min(1.0, WIDE / max(wide, 1e-9))
-    return min(PER_WAVE * kind.cutoff, max(least, min(demand, blurred)))
+    return min(PER_WAVE * max(1.0, EXACT / tolerance) ** 0.25 * kind.cutoff, max(least, min(demand, blurred)))
 
 
 def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> TransferTable:
