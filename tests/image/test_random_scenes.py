@@ -86,6 +86,7 @@ def test_errors_of_many_micro_images_past_a_moving_card_do_not_add_up() -> None:
     assert abs(render(scene, tolerance=tolerance, wanted=wanted)[pixel] - traced) < 0.3 * tolerance
 
 
+@pytest.mark.ci
 def test_a_card_aslant_of_the_rows_of_the_pupil_is_not_summed_in_few_cells() -> None:
     """Rows of two cells erred by 0.0035 of white, and neither more rows nor more cells alone showed it."""
     nearest = scene_of(35).planes[0]
