@@ -169,7 +169,8 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
 def _add_dot(image: Array, setup: Setup, radius: float, chosen: Chosen) -> None:
     """Add a disc of this radius round the origin of the target's coordinates."""
     blur, pupils = setup.kind_blur(largest=True), setup.pupils
-    counts = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), falloff_counts(setup))
+    fewest = falloff_counts(setup)
+    counts = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), fewest)
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
     if not setup.falloff and is_turn(setup.by_pupil, setup.tolerance):
         counts = np.where(blur > LARGE_BLUR, 0, counts)
@@ -187,6 +188,9 @@ def _add_dot(image: Array, setup: Setup, radius: float, chosen: Chosen) -> None:
         counts,
         strip_nodes(counts)[:, :2],
         chord_nodes(counts),
+        fewest,
+        strip_nodes(fewest)[:, :2],
+        chord_nodes(fewest),
         rim_rows(setup, parts, steep),
         disc_nodes(8, 8),
         *pixel_positions(setup.sensor),

@@ -14,11 +14,12 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 PHASES, MOST_MOMENTS = 8, 1 << 20  # phases of drift and of vibration for each share they are dealt out in, and most of both together
+TOGETHER = 1 << 15  # entries of all the moments that are formed at once: what is the same for all of them is then made once
 ALONG = 0.1  # of the tolerance, for the places of bars and edges
 
 
 def at_moments(setup: Setup) -> Iterator[Setup]:
-    """Setups of a standing target, each with its share of the light, whose pictures have the moving one's as their sum.
+    """Setups of a standing target at some moments each, with their share of the light, whose pictures have the moving one's as their sum.
 
     The places are midpoints of equal times of the even drift, and of equal phases of the sine (Gauss's rule for its density).
     """
@@ -26,12 +27,14 @@ def at_moments(setup: Setup) -> Iterator[Setup]:
     drift, vibration = (int(count) for count in counts.max(axis=0, initial=1))
     even = (np.arange(drift) + 0.5) / drift - 0.5
     swing = np.cos(np.pi * (np.arange(vibration) + 0.5) / vibration) if vibration > 1 else np.zeros(1)
-    level = setup.pupils.level / (drift * vibration)
-    motion = setup.motion or Motion()
-    for at in even:
-        for sway in swing:
-            place = at * np.array(motion.drift) + sway * np.array(motion.vibration)
-            yield replace(setup, origin=setup.origin + setup.by_motion @ place, pupils=replace(setup.pupils, level=level), motion=None)
+    motion, number = setup.motion or Motion(), len(setup.origin)
+    ways = (even[:, None, None] * np.array(motion.drift) + swing[:, None] * np.array(motion.vibration)).reshape(-1, 2)
+    together = max(TOGETHER // max(number, 1), 1)
+    for first in range(0, len(ways), together):
+        some = ways[first : first + together]
+        parts = setup.of(np.tile(np.arange(number), len(some)), np.tile(setup.window, (len(some), 1)))
+        origin = parts.origin + np.einsum("nij,nj->ni", parts.by_motion, np.repeat(some, number, axis=0))
+        yield replace(parts, origin=origin, pupils=replace(parts.pupils, level=parts.pupils.level / len(ways)), motion=None)
 
 
 def smear_of(by_motion: Array, by_pixel: Array, by_pupil: Array) -> Array:

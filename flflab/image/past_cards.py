@@ -17,7 +17,7 @@ from flflab.image.moving import add_moving_plane
 from flflab.image.scene import Plane, Scene
 from flflab.image.setup import Setup
 from flflab.image.single_rays import add_single_rays
-from flflab.targets import White
+from flflab.targets import FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -46,7 +46,11 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
     apart = _side_by_side(setup, layer, layers)
     chosen = None if wanted is None else np.tile(wanted, (layers, 1))
     change, passed, whole = np.zeros((3, layers * rows, image.shape[1]))
-    add_moving_plane(change, replace(apart, tolerance=OF_RAYS * setup.tolerance), plane.target, chosen)
+    finer = replace(apart, tolerance=OF_RAYS * setup.tolerance)
+    if isinstance(plane.target, FourDot | Picture):  # at many moments, or in wide blurs: single rays are fewer
+        add_single_rays(change, finer, plane, scene.distortion, (), chosen)
+    else:
+        add_moving_plane(change, finer, plane.target, chosen)
     np.negative(change, out=change)
     add_plane_with_diffraction(change, apart, plane.target, scene.diffraction.wavelength, chosen)
     felt = np.abs(change) > UNFELT * setup.tolerance

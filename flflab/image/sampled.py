@@ -125,6 +125,12 @@ def full_share(ex: float, ey: float, cone: Array) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _aside(to: Array, ex: float, ey: float) -> float:
+    """How far from the target's origin the middle ray of a sensor point ends, mm."""
+    return math.hypot(to[0] + to[6] * ex + to[7] * ey, to[1] + to[8] * ex + to[9] * ey)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_dots(
     image: Array,
     rows: tuple[int, int],
@@ -139,6 +145,9 @@ def add_dots(
     counts: Whole,
     strips: Array,
     chords: Array,
+    fewest: Whole,
+    fewer_strips: Array,
+    fewer_chords: Array,
     rims: Array,
     nodes: Array,
     xs: Array,
@@ -150,7 +159,8 @@ def add_dots(
     """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; arguments as in ``add_ruled``.
 
     ``counts`` of 0 asks for the three-disc formula at the sub-pixels' centres instead of pupil points; ``chords`` are
-    Gauss-Legendre nodes and weights; ``radius`` is the dot's, mm; ``slants`` of 0 leave the fall-off out.
+    Gauss-Legendre nodes and weights, and ``fewest``, ``fewer_strips`` and ``fewer_chords`` are for what sees nothing but the dot, where
+    only the fall-off counts; ``radius`` is the dot's, mm; ``slants`` of 0 leave the fall-off out.
     """
     numbers, table, law, sums = np.array([radius, 0.0, 0.0]), np.zeros((0, 8)), np.zeros(5), np.zeros((2, 2))
     for entry in range(windows.shape[0]):
@@ -159,9 +169,11 @@ def add_dots(
         kind = kinds[entry]
         cone, to, slant = cones[entry], maps[entry], slants[entry]
         parts = int(subs[kind])
-        strip, chord, rim, count = strips[kind], chords[kind], rims[kind], int(counts[kind])
+        rim, count = rims[kind], int(counts[kind])
         steep = rim[0] < 0.0
         deep, outside = cone[1] - abs(cone[0]) - 0.75 * width, cone[1] + abs(cone[0]) + 0.75 * width
+        across = math.hypot(abs(to[6]) + abs(to[7]), abs(to[8]) + abs(to[9]))  # a square's diagonal on the target, over its side
+        blurred = math.sqrt(to[2] * to[2] + to[3] * to[3] + to[4] * to[4] + to[5] * to[5]) + LEAST_BOX * radius
         for row in range(first, last):
             dy = ys[row] - centres[entry, 1]
             for column in range(windows[entry, 0], windows[entry, 1]):
@@ -169,7 +181,7 @@ def add_dots(
                     continue
                 dx = xs[column] - centres[entry, 0]
                 distance = math.hypot(dx, dy)
-                if distance > outside:
+                if distance > outside or _aside(to, dx, dy) > radius + blurred + across * width:
                     continue
                 full = distance < deep
                 divide = 1 if full and count > 0 else parts
@@ -188,7 +200,10 @@ def add_dots(
                             spot = spot_share(at_x, at_y, cone, to, radius)
                             light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
                         else:
+                            within = _aside(to, at_x, at_y) < radius - blurred - 0.5 * across * side
+                            points = int(fewest[kind]) if within else count
+                            strip, chord = (fewer_strips[kind], fewer_chords[kind]) if within else (strips[kind], chords[kind])
                             light += share * sampled_mean(
-                                at_x, at_y, cone, to, strip, chord, count, side, DISC, numbers, table, law, sums, slant
+                                at_x, at_y, cone, to, strip, chord, points, side, DISC, numbers, table, law, sums, slant
                             )
                 image[row, column] += levels[entry] * light / (divide * divide)

@@ -21,14 +21,14 @@ from flflab.image.neighbourhood import (
     way_round,
 )
 from flflab.image.parallelogram import stands_askew
-from flflab.image.rim import lit_middle, steep_share
-from flflab.optics.discs import lens_rows, lens_strip, two_disc_area
+from flflab.image.rim import lit_middle
+from flflab.optics.discs import disc_rectangle_area, lens_rows, lens_strip, two_disc_area
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
-STEEP = 6.0  # a rim narrower than this many parts of a pixel is averaged over them
+STEEP = 16.0  # a rim narrower than this many parts of a pixel cuts the parts, for each ray elsewhere, instead of the pupil
 COARSER = 4  # how much coarser than asked for a pixel is first summed
 FEWEST_PARTS = 2  # of a pixel in a rim: with one or two of them rim and cards agree by chance too often
 FEWEST_ROWS = 8  # with five and ten of them an edge between two rows was 0.004 of white off, and they agreed
@@ -70,9 +70,22 @@ def _lit_share(away: float, slope: float, reach: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _inside(x: float, y: float, side: float, reach: float) -> tuple[float, float]:
+    """Share of a square round (x, y) that lies in the disc round the origin, and the middle of that part as a share of the distance."""
+    away = math.sqrt(x * x + y * y)
+    if away + side < reach:
+        return 1.0, 1.0
+    if away > reach + side:
+        return 0.0, 1.0
+    left, bottom = x - 0.5 * side, y - 0.5 * side
+    return disc_rectangle_area(reach, left, left + side, bottom, bottom + side) / (side * side), lit_middle(away, side, reach)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _mean(
     ex: float,
     ey: float,
+    rim: float,
     lens: Array,
     surfaces: Array,
     maps: Array,
@@ -90,10 +103,14 @@ def _mean(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean light over the part of the pupil that lights a sensor point; ``places`` and ``boxes`` are scratch."""
+    """Mean light over the part of the pupil that lights a sensor point; ``places`` and ``boxes`` are scratch.
+
+    ``rim`` is the side of the square round the point that a steep rim cuts, mm: for each ray of the whole pupil it cuts it elsewhere, and
+    the light is the mean over the whole pupil and the square. 0 where the rim cuts the pupil.
+    """
     slope, reach = lens[2], lens[3]
     x, y, other = 0.0, 0.0, 2.0
-    if slope != 0.0 and ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2:
+    if rim == 0.0 and slope != 0.0 and ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2:
         x, y, other = ex / slope, ey / slope, reach / abs(slope)
         shrink = min(1.0, (1.0 + other) * (1.0 - 1e-9) / math.sqrt(x * x + y * y))
         x *= shrink
@@ -111,9 +128,18 @@ def _mean(
             boxes_round(maps[index], parts, width, height, boxes[index])
         for step in range(cells):
             tx = left + width * (step + 0.5)
-            mx, my = lens[4] * tx + lens[5] * ex, lens[4] * ty + lens[5] * ey
-            ax, ay = lens[6] * tx + lens[7] * ex + lens[8], lens[6] * ty + lens[7] * ey + lens[9]
             seen, own_share = 1.0, 1.0
+            at_x, at_y = ex, ey
+            if rim > 0.0:
+                side = math.sqrt(rim * rim + 0.5 * slope * slope * (width * width + height * height))  # the cell's shadow beside the part
+                seen, look = _inside(ex - slope * tx, ey - slope * ty, side, reach)
+                if seen == 0.0:
+                    area += width * height
+                    continue
+                aside = (look - 1.0) * rim * rim / (side * side)
+                at_x, at_y = ex + aside * (ex - slope * tx), ey + aside * (ey - slope * ty)
+            mx, my = lens[4] * tx + lens[5] * at_x, lens[4] * ty + lens[5] * at_y
+            ax, ay = lens[6] * tx + lens[7] * at_x + lens[8], lens[6] * ty + lens[7] * at_y + lens[9]
             crossed = 0
             for index in range(surfaces.shape[0] - 1, 0, -1):
                 surface = surfaces[index]
@@ -152,8 +178,8 @@ def _mean(
                 seen *= radiance_round(px, py, boxes[0], kind, numbers, table, law, sums)
             area += width * height
             if falloff and seen > 0.0:
-                sx = lens[11] + lens[13] * ex + lens[14] * tx
-                sy = lens[12] + lens[13] * ey + lens[14] * ty
+                sx = lens[11] + lens[13] * at_x + lens[14] * tx
+                sy = lens[12] + lens[13] * at_y + lens[14] * ty
                 seen /= (1.0 + sx * sx + sy * sy) ** 2
             light += width * height * seen
     return light / area if area > 0.0 else 0.0
@@ -174,7 +200,6 @@ def _pixel_light(
     motion: Array,
     coefficient: float,
     falloff: bool,
-    nodes: Array,
     pixel_width: float,
     kind: int,
     numbers: Array,
@@ -200,18 +225,18 @@ def _pixel_light(
             for i in range(parts):
                 x = dx + ((i + 0.5) / parts - 0.5) * pixel_width
                 away = math.sqrt(x * x + y * y)
-                look = 1.0
+                rim = 0.0
                 if away + part + slope < reach:
                     share = 1.0
                 elif part > 0.0 and 2.0 * slope < STEEP * part:
-                    share = steep_share(x, y, part, lens[2], reach, nodes)
-                    look = lit_middle(away, part, reach)
+                    share, rim = (0.0 if away > reach + slope + part else 1.0), part
                 else:
                     share = _lit_share(away, slope, reach)
                 if share > 0.0:
                     light += share * _mean(
-                        look * x,
-                        look * y,
+                        x,
+                        y,
+                        rim,
                         lens,
                         moved,
                         maps,
@@ -259,7 +284,6 @@ def add_rays(
     motion: Array,
     coefficient: float,
     falloff: bool,
-    nodes: Array,
     xs: Array,
     ys: Array,
     pixel: float,
@@ -316,7 +340,6 @@ def add_rays(
                             motion,
                             coefficient,
                             falloff,
-                            nodes,
                             pixel_width,
                             kind,
                             numbers,

@@ -16,7 +16,6 @@ from flflab.image.moments import moment_counts, smear_of
 from flflab.image.neighbourhood import described
 from flflab.image.orders import in_bands
 from flflab.image.rays import linearised, own_axes
-from flflab.image.rim import disc_nodes
 from flflab.image.scene import Plane
 from flflab.image.setup import Setup
 from flflab.image.single_ray_sums import STEEP, add_rays
@@ -29,7 +28,7 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 BAND = 8  # rows that a core sums at a time: pixels take so long that even a small picture is worth all cores
-MOST_PARTS = 8
+MOST_PARTS, STEEP_PARTS = 32, 8  # of a pixel a side; of one whose rim is steep with so many
 MOST_ROWS = 96
 SKEW = 0.2  # angle, in rad, above which edges of cards and targets do not count as parallel
 TURNED_ERROR = 0.1  # error, of white, times the square of the number of parts, where the edges of two surfaces cross under an angle
@@ -74,7 +73,7 @@ def add_single_rays(
     steps = np.array([not (isinstance(plane.target, White) and card.own) for card in cards], dtype=np.float64)
     change = 0.34 / width + 0.25 * (steps / np.maximum(blurs[:, 1:], 1.0)).sum(axis=1)  # of rim and cards within a pixel, against a step
     parts = np.clip(np.ceil(np.sqrt(change / (tolerance * np.sqrt(np.maximum(blurs[:, 0], 1.0))))), 1, MOST_PARTS)
-    parts = np.where(width * parts < STEEP, MOST_PARTS, parts)
+    parts = np.where(width * np.minimum(parts, STEEP_PARTS) < STEEP, STEEP_PARTS, parts)
     by_pupil, by_sensor = np.linalg.norm(maps[:, :, :4], axis=2), np.linalg.norm(maps[:, :, 4:], axis=2)
     turned = _turned(np.where((by_sensor >= by_pupil)[:, :, None], maps[:, :, 4:], maps[:, :, :4]))
     crossing = (turned & (by_sensor >= by_pupil)).any(axis=1)
@@ -110,7 +109,6 @@ def add_single_rays(
     xs, ys = pixel_positions(setup.sensor)
     coefficient = 0.0 if distortion is None else distortion.coefficient
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
-    nodes = disc_nodes(8, 8)
     orders = np.column_stack([parts, rows, rows, moment_counts(setup.motion, smears.max(axis=1), tolerance)]).astype(np.int64)
     brightest = min(float(plane.target.values.max()), 1.0) if isinstance(plane.target, Picture) else 1.0  # half of it is half the light
     motion = np.zeros((2, 2)) if setup.motion is None else np.array([setup.motion.drift, setup.motion.vibration])
@@ -130,7 +128,6 @@ def add_single_rays(
             motion,
             coefficient,
             setup.falloff,
-            nodes,
             xs,
             ys,
             pixel,

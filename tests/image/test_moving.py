@@ -13,12 +13,13 @@ from flflab.image.render import render
 from flflab.image.scene import Plane, Scene
 from flflab.image.tiles import shrink
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
-from flflab.targets import Bars, Chirp, Edge, Target
+from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target
 
 Array = npt.NDArray[np.float64]
 
 PIXELS = 2
 TOLERANCE = 0.002
+CHECKS = Picture(np.indices((6, 8)).sum(axis=0) % 2 * 1.0, 0.5)
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,14 @@ def test_what_drifts_is_the_mean_of_standing_ones(camera: Camera, target: Target
     scene = Scene(camera, (Plane(target, distance, (0.05, 0.2), roll=0.1, tilt=(0.05, -0.1)),), motion=Motion(drift))
     even = (np.arange(200) + 0.5) / 200 - 0.5
     assert np.abs(render(scene, tolerance=TOLERANCE) - mean_of_standing(scene, [(at, 0.0) for at in even])).max() < TOLERANCE / 2
+
+
+@pytest.mark.parametrize("target", [FourDot(1.2, 1.5), CHECKS])
+def test_rims_and_borders_that_move_are_the_mean_of_standing_ones(camera: Camera, target: Target) -> None:
+    scene = Scene(camera, (Plane(target, 500.0, (0.05, 0.2), roll=0.1),), motion=Motion((0.02, -0.03)))
+    even = (np.arange(16) + 0.5) / 16 - 0.5
+    moving, standing = render(scene, tolerance=TOLERANCE), mean_of_standing(scene, [(at, 0.0) for at in even])
+    assert np.abs(moving - standing).max() < TOLERANCE / 2
 
 
 def test_bars_that_drift_and_tremble_are_the_mean_of_standing_ones(camera: Camera) -> None:

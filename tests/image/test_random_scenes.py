@@ -91,3 +91,11 @@ def test_a_card_aslant_of_the_rows_of_the_pupil_is_not_summed_in_few_cells() -> 
     """Rows of two cells erred by 0.0035 of white, and neither more rows nor more cells alone showed it."""
     nearest = scene_of(35).planes[0]
     assert max(errors(replace(scene_of(35), planes=(nearest,)), [(118, 19)], 0.002)) < 0.2 * 0.002
+
+
+def test_a_narrow_rim_past_a_card_cuts_every_ray_at_its_own_place() -> None:
+    """Parts of a pixel that looked through one pupil from the middle of what the rim leaves of them erred by 0.004 of white."""
+    nearest = scene_of(741).planes[0]
+    assert isinstance(nearest.target, Picture)
+    nearest = replace(nearest, target=replace(nearest.target, values=nearest.target.values.round()))
+    assert max(errors(replace(scene_of(741), planes=(nearest,)), [(60, 118)], 0.002)) < 0.2 * 0.002
