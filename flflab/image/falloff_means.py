@@ -7,10 +7,13 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.clipping import SLIVER
+from flflab.image.rim import lit_middle
+from flflab.optics.discs import disc_rectangle_area
 
 Array = npt.NDArray[np.float64]
 
 ACROSS = math.sqrt(0.6)  # of half a chord, where Gauss looks beside its middle
+NARROW = 4.0  # pixels
 GAUSS = tuple((0.5 + 0.5 * float(node), float(weight)) for node, weight in zip(*np.polynomial.legendre.leggauss(4), strict=True))
 
 
@@ -54,6 +57,42 @@ def seen_weight(ex: float, ey: float, slope: float, reach: float, slant: Array) 
             on_sides = (1.0 + forth * forth + right * right) ** -2 + (1.0 + forth * forth + left * left) ** -2
             light += share * (8.0 * (1.0 + forth * forth + beside * beside) ** -2 + 5.0 * on_sides) / 18.0
     return light / area
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def cut_weight(ex: float, ey: float, side: float, slope: float, reach: float, slant: Array, nodes: Array) -> float:
+    """Mean of cos^4 over all the light of a square that a narrow rim cuts, for each pupil point elsewhere.
+
+    Args:
+        ex: middle of the square, mm from the micro-image's centre.
+        ey: the same along y.
+        side: of the square, mm.
+        slope: of the micro-image, mm.
+        reach: the same.
+        slant: see ``seen_weight``.
+        nodes: points of the pupil that count alike, shape (N, 2).
+    """
+    light, area = 0.0, 0.0
+    for node in range(nodes.shape[0]):
+        x, y = ex - slope * nodes[node, 0], ey - slope * nodes[node, 1]
+        left, bottom = x - 0.5 * side, y - 0.5 * side
+        lit = disc_rectangle_area(reach, left, left + side, bottom, bottom + side)
+        aside = lit_middle(math.sqrt(x * x + y * y), side, reach) - 1.0
+        slope_x = slant[0] + slant[2] * (ex + aside * x) + slant[3] * nodes[node, 0]
+        slope_y = slant[1] + slant[2] * (ey + aside * y) + slant[3] * nodes[node, 1]
+        area += lit
+        light += lit / (1.0 + slope_x * slope_x + slope_y * slope_y) ** 2
+    return light / area if area > 0.0 else 1.0
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def is_uneven(slope: float, reach: float, slant: Array, width: float, error: float) -> bool:
+    """Whether the light of pixels in a rim must be weighed by ``cut_weight``: a rim up to ``NARROW`` pixels wide, a weight that changes.
+
+    The weight at the pixel's middle leaves up to 0.1 of the weight's change over the pupil; measured on a rim of 0.75 pixels.
+    """
+    steepest = math.hypot(slant[0], slant[1]) + abs(slant[2]) * (reach + abs(slope)) + abs(slant[3])
+    return 2.0 * abs(slope) < NARROW * width and 0.4 * steepest * abs(slant[3]) > error
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.falloff_means import read_between, seen_weight, seen_weights, table_steps
+from flflab.image.falloff_means import cut_weight, is_uneven, read_between, seen_weight, seen_weights, table_steps
 from flflab.image.neighbourhood import RULED
 from flflab.image.parallelogram import ruled_parallelogram, stands_askew
 from flflab.image.profile import moved_mean, prepare
@@ -187,7 +187,8 @@ def add_ruled(
         falls = chunks > 0 and not blurred
         clipped = slope if 2.0 * abs(slope) > width else 0.0  # a pixel that holds all of the rim sees the whole pupil
         whole_step, rim_step = table_steps(slope, reach, slants[entry], fall)
-        rim_tabled = rim_step >= pixel
+        uneven = falls and is_uneven(slope, reach, slants[entry], width, fall)
+        rim_tabled = rim_step >= pixel and not uneven
         tabled = falls and (rim_tabled or deep > 0.0)
         apart = min(max(rim_step if rim_tabled else whole_step, 0.5 * pixel), max(end - start, last - first) * pixel)
         corner_x, corner_y = xs[start] - centre_x - 0.5 * pixel, ys[first] - centre_y - 0.5 * pixel
@@ -310,6 +311,9 @@ def add_ruled(
                 if falls and (full or rim_tabled):
                     for p in range(number):
                         light[p] *= read_between((xs[column + p] - centre_x - corner_x) / apart, (dy - corner_y) / apart, weights)
+                elif uneven:
+                    for p in range(number):
+                        light[p] *= cut_weight(xs[column + p] - centre_x, dy, width, slope, reach, slants[entry], nodes)
                 elif falls:
                     for p in range(number):
                         light[p] *= seen_weight(xs[column + p] - centre_x, dy, clipped, reach, slants[entry])
