@@ -186,8 +186,9 @@ def thrown(scene: Scene, place: tuple[float, float], rays: int) -> tuple[float, 
     return float(seen.mean()), float(seen.std() / math.sqrt(rays))
 
 
-@pytest.mark.parametrize("place", [(0, 30), *(pytest.param(place, marks=pytest.mark.full) for place in ((20, -20), (-20, -40)))])
-@SLOWER
+@pytest.mark.parametrize(
+    "place", [pytest.param((0, 30), marks=SLOWER), *(pytest.param(place, marks=pytest.mark.full) for place in ((20, -20), (-20, -40)))]
+)
 def test_the_reference_is_what_single_rays_at_random_give(camera: Camera, place: tuple[int, int]) -> None:
     one = replace(camera, array=replace(camera.array, count=(1, 1)), sensor=replace(camera.sensor, resolution=(271, 231)))
     near = Plane(FourDot(1.0, 2.0), 480.0, (0.5, 0.3), tilt=(0.4, 0.0), size=(3.5, 3.0))

@@ -127,7 +127,7 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
         pytest.param(range(4, 10), (32, 24), 0.02, False, marks=[pytest.mark.ci, pytest.mark.timeout(400)]),
         pytest.param(range(40, 41), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
         pytest.param(range(10004, 10005), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
-        pytest.param(range(719, 720), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
+        pytest.param(range(719, 720), RESOLUTION, 0.001, True, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
         pytest.param(range(10, 50), (32, 24), 0.02, False, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
         pytest.param(range(1000), RESOLUTION, 0.001, True, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
     ],

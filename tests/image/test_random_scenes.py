@@ -93,6 +93,7 @@ def test_a_card_aslant_of_the_rows_of_the_pupil_is_not_summed_in_few_cells() -> 
     assert max(errors(replace(scene_of(35), planes=(nearest,)), [(118, 19)], 0.002)) < 0.2 * 0.002
 
 
+@pytest.mark.ci
 def test_a_narrow_rim_past_a_card_cuts_every_ray_at_its_own_place() -> None:
     """Parts of a pixel that looked through one pupil from the middle of what the rim leaves of them erred by 0.004 of white."""
     nearest = scene_of(741).planes[0]
