@@ -32,7 +32,7 @@ STEEP = 16.0  # a rim narrower than this many parts of a pixel cuts the parts, f
 COARSER = 4  # how much coarser than asked for a pixel is first summed
 FEWEST_PARTS = 2  # of a pixel in a rim: with one or two of them rim and cards agree by chance too often
 FEWEST_ROWS = 8  # with five and ten of them an edge between two rows was 0.004 of white off, and they agreed
-FEWEST_CELLS = 2
+FEWEST_CELLS = 4  # two of them, twice as many rows and a divided pixel each missed by chance a sliver of light past a card
 AXES = 5  # orders: parts of the pixel, rows of the pupil, cells of a row, moments of drift, of vibration
 MOST_CROSSED = 3  # cards whose edges are told apart within one neighbourhood
 

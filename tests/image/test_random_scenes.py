@@ -105,3 +105,8 @@ def test_a_narrow_rim_past_a_card_cuts_every_ray_at_its_own_place() -> None:
 def test_a_rim_narrower_than_a_pixel_weighs_the_rays_that_it_passes() -> None:
     """With the fall-off of the whole pupil its light was 0.0025 of white off."""
     assert max(errors(replace(scene_of(741), planes=scene_of(741).planes[1:]), [(105, 116), (93, 66)], 0.002)) < 0.2 * 0.002
+
+
+def test_a_sliver_of_light_past_a_card_is_not_missed_in_few_cells() -> None:
+    """Twice the cells, rows or parts, each alone, changed less than a sixth of the tolerance of what was 1.5 tolerances off."""
+    assert max(errors(replace(scene_of(650), falloff=None), [(191, 137)], 0.0053)) < 0.3 * 0.0053
