@@ -7,8 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.clipping import SLIVER
-from flflab.image.rim import lit_middle
-from flflab.optics.discs import disc_rectangle_area
+from flflab.image.rim import inside
 
 Array = npt.NDArray[np.float64]
 
@@ -75,11 +74,9 @@ def cut_weight(ex: float, ey: float, side: float, slope: float, reach: float, sl
     light, area = 0.0, 0.0
     for node in range(nodes.shape[0]):
         x, y = ex - slope * nodes[node, 0], ey - slope * nodes[node, 1]
-        left, bottom = x - 0.5 * side, y - 0.5 * side
-        lit = disc_rectangle_area(reach, left, left + side, bottom, bottom + side)
-        aside = lit_middle(math.sqrt(x * x + y * y), side, reach) - 1.0
-        slope_x = slant[0] + slant[2] * (ex + aside * x) + slant[3] * nodes[node, 0]
-        slope_y = slant[1] + slant[2] * (ey + aside * y) + slant[3] * nodes[node, 1]
+        lit, look = inside(x, y, side, reach)
+        slope_x = slant[0] + slant[2] * (ex + (look - 1.0) * x) + slant[3] * nodes[node, 0]
+        slope_y = slant[1] + slant[2] * (ey + (look - 1.0) * y) + slant[3] * nodes[node, 1]
         area += lit
         light += lit / (1.0 + slope_x * slope_x + slope_y * slope_y) ** 2
     return light / area if area > 0.0 else 1.0

@@ -117,6 +117,18 @@ def lit_middle(distance: float, part: float, reach: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def inside(x: float, y: float, side: float, reach: float) -> tuple[float, float]:
+    """Share of a square round (x, y) that lies in a disc round the origin, and where to look in it as a share of its distance."""
+    away = math.sqrt(x * x + y * y)
+    if away + side < reach:
+        return 1.0, 1.0
+    if away > reach + side:
+        return 0.0, 1.0
+    left, bottom = x - 0.5 * side, y - 0.5 * side
+    return disc_rectangle_area(reach, left, left + side, bottom, bottom + side) / (side * side), lit_middle(away, side, reach)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def part_share(x: float, y: float, side: float, slope: float, reach: float, table: Array, nodes: Array) -> tuple[float, float]:
     """Share of the full cone in a part of a pixel on the rim, and where to look in it as a share of its distance from the centre.
 

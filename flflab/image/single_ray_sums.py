@@ -21,8 +21,8 @@ from flflab.image.neighbourhood import (
     way_round,
 )
 from flflab.image.parallelogram import stands_askew
-from flflab.image.rim import lit_middle
-from flflab.optics.discs import disc_rectangle_area, lens_rows, lens_strip, two_disc_area
+from flflab.image.rim import inside
+from flflab.optics.discs import lens_rows, lens_strip, two_disc_area
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -67,18 +67,6 @@ def _lit_share(away: float, slope: float, reach: float) -> float:
     if slope > 0.0:
         return two_disc_area(1.0, reach / slope, away / slope) / math.pi
     return 1.0 if away <= reach else 0.0
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _inside(x: float, y: float, side: float, reach: float) -> tuple[float, float]:
-    """Share of a square round (x, y) that lies in the disc round the origin, and the middle of that part as a share of the distance."""
-    away = math.sqrt(x * x + y * y)
-    if away + side < reach:
-        return 1.0, 1.0
-    if away > reach + side:
-        return 0.0, 1.0
-    left, bottom = x - 0.5 * side, y - 0.5 * side
-    return disc_rectangle_area(reach, left, left + side, bottom, bottom + side) / (side * side), lit_middle(away, side, reach)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -132,7 +120,7 @@ def _mean(
             at_x, at_y = ex, ey
             if rim > 0.0:
                 side = math.sqrt(rim * rim + 0.5 * slope * slope * (width * width + height * height))  # the cell's shadow beside the part
-                seen, look = _inside(ex - slope * tx, ey - slope * ty, side, reach)
+                seen, look = inside(ex - slope * tx, ey - slope * ty, side, reach)
                 if seen == 0.0:
                     area += width * height
                     continue
