@@ -20,9 +20,9 @@ def behind_a_card(camera: Camera, f_number: float) -> Scene:
     return Scene(few, (card, Plane(Bars(), 506.7)), diffraction=Diffraction(800e-6))
 
 
-@pytest.mark.parametrize("f_number", [4.0, 2.0], ids=["apart", "overlapping"])
+@pytest.mark.parametrize("f_number", [4.0, pytest.param(2.0, marks=pytest.mark.ci)], ids=["apart", "overlapping"])
 def test_waves_behind_a_card_are_those_of_each_micro_image_alone(camera: Camera, f_number: float) -> None:
-    """The picture of nine microlenses is the sum of nine pictures of one, each with the others covered."""
+    """The picture of nine microlenses is, within its tolerance, the sum of nine finer pictures of one, each with the others covered."""
     scene = behind_a_card(camera, f_number)
     pitch = scene.camera.array.pitch[0]
     lone = [
@@ -31,6 +31,6 @@ def test_waves_behind_a_card_are_those_of_each_micro_image_alone(camera: Camera,
         for column in (-1, 0, 1)
     ]
     together, rays = render(scene, tolerance=0.002), render(replace(scene, diffraction=None), tolerance=0.002)
-    alone = np.array([render(replace(scene, camera=one), tolerance=0.002) for one in lone])
+    alone = np.array([render(replace(scene, camera=one), tolerance=0.0005) for one in lone])  # their errors add up
     assert np.abs(together - rays).max() > 0.05
-    assert np.abs(together - alone.sum(axis=0)).max() < 0.001
+    assert np.abs(together - alone.sum(axis=0)).max() < 0.002
