@@ -25,7 +25,8 @@ Chosen = npt.NDArray[np.bool_]
 
 UNFELT = 0.05  # of the tolerance
 OF_RAYS = 0.3  # of it, for the rays that waves are held against: they cost less, and the errors of both add up
-COARSEST = 0.1  # tolerance of the share of light that cards let pass
+OF_PASSED = 0.3  # of it, for the share of light that cards let pass
+COARSEST = 0.1  # tolerance of that share
 
 
 def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, cards: tuple[Card, ...], wanted: Chosen | None) -> None:
@@ -58,7 +59,7 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
         felt &= chosen
     if not felt.any():
         return
-    coarser = replace(apart, tolerance=min(setup.tolerance / float(np.abs(change[felt]).max()), COARSEST))
+    coarser = replace(apart, tolerance=min(OF_PASSED * setup.tolerance / float(np.abs(change[felt]).max()), COARSEST))
     add_plane(whole, coarser, White(), felt)
     add_single_rays(passed, coarser, replace(plane, target=White()), scene.distortion, cards, felt)
     share = np.divide(passed, whole, out=np.zeros_like(whole), where=felt & (whole > 0))

@@ -28,7 +28,6 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
-STEEP = 16.0  # a rim narrower than this many parts of a pixel cuts the parts, for each ray elsewhere, instead of the pupil
 COARSER = 4  # how much coarser than asked for a pixel is first summed
 FEWEST_PARTS = 2  # of a pixel in a rim: with one or two of them rim and cards agree by chance too often
 FEWEST_ROWS = 8  # with five and ten of them an edge between two rows was 0.004 of white off, and they agreed
@@ -185,6 +184,7 @@ def _pixel_light(
     boxes: Array,
     moved: Array,
     orders: Whole,
+    steep: bool,
     motion: Array,
     coefficient: float,
     falloff: bool,
@@ -195,7 +195,7 @@ def _pixel_light(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean light of a pixel at (dx, dy) from a micro-image's centre, summed with these orders along the ``AXES``."""
+    """Mean light of a pixel at (dx, dy) from a micro-image's centre, summed with these orders along the ``AXES``; see ``add_rays``."""
     parts, rows, cells, drifts, swings = orders[0], orders[1], orders[2], orders[3], orders[4]
     part = pixel_width / parts
     slope, reach = abs(lens[2]), lens[3]
@@ -216,7 +216,7 @@ def _pixel_light(
                 rim = 0.0
                 if away + part + slope < reach:
                     share = 1.0
-                elif part > 0.0 and 2.0 * slope < STEEP * part:
+                elif steep and part > 0.0:
                     share, rim = (0.0 if away > reach + slope + part else 1.0), part
                 else:
                     share = _lit_share(away, slope, reach)
@@ -268,6 +268,7 @@ def add_rays(
     aligned: Chosen,
     along: Chosen,
     orders: Whole,
+    steep: Chosen,
     enough: Array,
     motion: Array,
     coefficient: float,
@@ -286,7 +287,8 @@ def add_rays(
     """Add the light of all windows to the rows of a band; see ``add_single_rays``.
 
     ``orders`` are the most along each of the ``AXES`` for each window; a pixel's are doubled, each for itself, until that changes it
-    by less than is ``enough`` for the window. Where ``along``, rows and columns of the pupil run along the axes of target and cards.
+    by less than is ``enough`` for the window. Where ``steep``, the rim cuts the parts of a pixel, for each ray elsewhere; else it cuts the
+    pupil that a part looks through. Where ``along``, rows and columns of the pupil run along the axes of target and cards.
     """
     places, boxes, moved = np.empty((MOST_CROSSED, 7)), np.zeros((surfaces.shape[0] + 1, 8)), surfaces.copy()
     now, seen, gains = np.empty(AXES, dtype=np.int64), np.empty(AXES), np.empty(AXES)
@@ -325,6 +327,7 @@ def add_rays(
                             boxes,
                             moved,
                             now,
+                            steep[entry],
                             motion,
                             coefficient,
                             falloff,

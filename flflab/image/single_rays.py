@@ -18,7 +18,7 @@ from flflab.image.orders import in_bands
 from flflab.image.rays import linearised, own_axes
 from flflab.image.scene import Plane
 from flflab.image.setup import Setup
-from flflab.image.single_ray_sums import STEEP, add_rays
+from flflab.image.single_ray_sums import add_rays
 from flflab.image.tiles import blur_of, middles
 from flflab.optics.camera import pixel_positions
 from flflab.targets import Picture, White
@@ -28,7 +28,9 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 BAND = 8  # rows that a core sums at a time: pixels take so long that even a small picture is worth all cores
-MOST_PARTS, STEEP_PARTS = 32, 8  # of a pixel a side; of one whose rim is steep with so many
+MOST_PARTS, STEEP_PARTS = 32, 8  # of a pixel a side; of one that a steep rim cuts
+STEEP = 2.0  # pixels; a rim narrower than this cuts the parts of a pixel, for each ray elsewhere, instead of the pupil
+STEEP_ERROR = 0.01  # of white, times the square of the rim's width in pixels over that of the number of rows, where it does
 MOST_ROWS = 96
 SKEW = 0.2  # angle, in rad, above which edges of cards and targets do not count as parallel
 TURNED_ERROR = 0.1  # error, of white, times the square of the number of parts, where the edges of two surfaces cross under an angle
@@ -73,7 +75,8 @@ def add_single_rays(
     steps = np.array([not (isinstance(plane.target, White) and card.own) for card in cards], dtype=np.float64)
     change = 0.34 / width + 0.25 * (steps / np.maximum(blurs[:, 1:], 1.0)).sum(axis=1)  # of rim and cards within a pixel, against a step
     parts = np.clip(np.ceil(np.sqrt(change / (tolerance * np.sqrt(np.maximum(blurs[:, 0], 1.0))))), 1, MOST_PARTS)
-    parts = np.where(width * np.minimum(parts, STEEP_PARTS) < STEEP, STEEP_PARTS, parts)
+    steep = width < STEEP
+    parts = np.where(steep, STEEP_PARTS, parts)
     by_pupil, by_sensor = np.linalg.norm(maps[:, :, :4], axis=2), np.linalg.norm(maps[:, :, 4:], axis=2)
     turned = _turned(np.where((by_sensor >= by_pupil)[:, :, None], maps[:, :, 4:], maps[:, :, :4]))
     crossing = (turned & (by_sensor >= by_pupil)).any(axis=1)
@@ -81,6 +84,7 @@ def add_single_rays(
     rows = (PICTURE_ROWS_ERROR if isinstance(plane.target, Picture) else ROWS_ERROR) * np.minimum(blur / 3, 1.0) / tolerance
     if setup.falloff:  # rays count by a square of their slope
         rows = np.maximum(rows, 8 * pupils.slant_spread**2 / tolerance)
+    rows = np.where(steep, np.maximum(rows, STEEP_ERROR * width**2 / tolerance), rows)
     rows = np.clip(np.ceil(np.sqrt(rows)), np.where(blur == 0, 1, 2), MOST_ROWS)
     if setup.pixel_width == 0:
         parts = np.ones_like(parts)
@@ -124,6 +128,7 @@ def add_single_rays(
             aligned,
             along,
             orders,
+            steep,
             ENOUGH * tolerance * brightest,
             motion,
             coefficient,
