@@ -1,13 +1,10 @@
 """Diffracted pictures against finer ones, where the light is sharp, lines are fine, or microlenses are unlike."""
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from flflab.image.effects.diffraction import Diffraction
-from flflab.image.promise import drawn
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
@@ -84,25 +81,3 @@ def test_bars_finer_than_pixels_are_told_on_rims_where_they_change_within_a_pixe
     camera = Camera(MainLens(50.0, 2.0), array, Sensor((96, 96), 0.00996, 61.15))
     scene = Scene(camera, (Plane(Bars(), FOCUS),), diffraction=Diffraction(800e-6))
     assert np.abs(render(scene, tolerance=tolerance) - render(scene, tolerance=tolerance / 16)).max() < 0.7 * tolerance
-
-
-@pytest.mark.parametrize(
-    ("seed", "pixel"),
-    [
-        pytest.param(763, (171, 39), id="the far light of four dots behind nine micro-images"),
-        pytest.param(748, (161, 239), id="what little waves change past a card"),
-    ],
-)
-def test_errors_to_one_side_are_not_added_up(seed: int, pixel: tuple[int, int]) -> None:
-    """They were 3.7 and 1.5 of the tolerance."""
-    scene, tolerance = drawn(seed)
-    planes = tuple(replace(plane, target=_black_and_white(plane.target)) for plane in scene.planes)
-    scene = replace(scene, planes=planes, stray_light=None, colour_filter=None)
-    wanted = np.zeros((192, 256), dtype=np.bool_)
-    wanted[pixel] = True
-    coarse, fine = (render(scene, tolerance=asked, wanted=wanted)[pixel] for asked in (0.7 * tolerance, tolerance / 24))
-    assert abs(coarse - fine) < 0.7 * tolerance
-
-
-def _black_and_white(target: Target) -> Target:
-    return replace(target, values=target.values.round()) if isinstance(target, Picture) else target

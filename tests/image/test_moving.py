@@ -66,7 +66,7 @@ def test_bars_that_drift_and_tremble_are_the_mean_of_standing_ones(camera: Camer
     assert np.abs(render(scene, tolerance=TOLERANCE) - standing).max() < TOLERANCE
 
 
-@pytest.mark.parametrize("distance", [506.7016, pytest.param(495.0, marks=pytest.mark.ci)], ids=["sharp", "blurred"])
+@pytest.mark.parametrize("distance", [506.7016, pytest.param(495.0, marks=pytest.mark.full)], ids=["sharp", "blurred"])
 def test_the_ends_of_bars_askew_tremble_along_themselves_while_they_drift(distance: float) -> None:
     """What moves across the lines does so at every height of their ends."""
     across, along = np.array([np.cos(0.3), np.sin(0.3)]), np.array([-np.sin(0.3), np.cos(0.3)])

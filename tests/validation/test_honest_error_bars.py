@@ -84,8 +84,8 @@ def tilted_array(camera: Camera) -> Camera:
 @pytest.mark.parametrize(
     ("change", "named", "size", "hidden"),
     [
-        pytest.param(longer_microlenses, "focal length of the microlenses", 0.02, 0.0, marks=pytest.mark.ci),
-        pytest.param(narrower_iris, "aperture of the main lens (the f-number the other way)", 1 / 1.03 - 1, 0.0, marks=pytest.mark.ci),
+        pytest.param(longer_microlenses, "focal length of the microlenses", 0.02, 0.0, marks=pytest.mark.full),
+        pytest.param(narrower_iris, "aperture of the main lens (the f-number the other way)", 1 / 1.03 - 1, 0.0, marks=pytest.mark.full),
         pytest.param(tilted_array, "yaw of the array (its tilt along x)", math.radians(0.3), 5e-4, marks=pytest.mark.ci),
         pytest.param(longer_main_lens, "focal length of the main lens", 0.004, 0.0, marks=pytest.mark.full),
     ],
