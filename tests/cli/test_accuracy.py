@@ -13,7 +13,6 @@ Run = Callable[..., Any]
 
 
 @pytest.mark.ci
-@pytest.mark.timeout(400)
 @pytest.mark.parametrize(
     ("what", "columns", "pictures", "says"),
     [
@@ -41,7 +40,6 @@ def test_accuracy_leaves_a_page_and_a_table_and_says_where(
 
 
 @pytest.mark.ci
-@pytest.mark.timeout(400)
 def test_depth_of_a_camera_of_ones_own_is_shown_against_distance(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
     ended = flflab("accuracy", "depth", "--camera", small_camera, "--out", tmp_path)
     assert ended.code == 0, ended.err

@@ -74,7 +74,6 @@ def test_fall_off_on_a_rim_narrower_than_a_pixel_is_not_that_of_the_pupils_last_
 
 
 @pytest.mark.ci
-@pytest.mark.timeout(400)
 def test_an_edge_between_two_rows_of_the_pupil_is_seen_past_a_card() -> None:
     """Five rows and ten agreed by chance and were 0.004 of white off."""
     assert max(errors(scene_of(651), [(16, 245)], 0.0017)) < 0.0017
