@@ -82,7 +82,7 @@ def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> Trans
     clip = distance / kind.slope if radii > 1 else np.zeros(1)
     clip_radius = kind.reach / kind.slope if radii > 1 else 2.0
     beta = np.linspace(0, np.pi, angles)
-    half = beta[: (angles + 1) // 2]  # a pupil and its mirror image across the frequency's direction have conjugate transfers
+    half = beta[: (angles + 1) // 2]
     band = min(kind.cutoff, samples / 2)
     count = 40 + math.ceil(6 * abs(kind.blur) * band)
     shift = (1 - np.cos(np.linspace(0, np.pi, count))) * band / kind.cutoff
@@ -93,11 +93,12 @@ def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> Trans
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         parts = pool.map(lambda some: pupil_transfer(shift[some], waves[some], x, y, clip_radius, ROWS), blocks)
         values = np.concatenate(list(parts), axis=2)
-    values = np.concatenate([values, values[:, : angles - len(half)][:, ::-1].conj()], axis=1) * shares[:, None, None]
     small = 1e-4
-    slope = (shares[:, None] - pupil_transfer(small, 0.0, x[..., 0], y[..., 0], clip_radius).real * shares[:, None]) / small
-    slope = np.concatenate([slope, slope[:, : angles - len(half)][:, ::-1]], axis=1)
-    return TransferTable(kind, band, distance, shares, beta, values, tails=slope / (math.pi**2 * kind.cutoff))
+    slope: ComplexArray = (1 - pupil_transfer(small, 0.0, x[..., 0], y[..., 0], clip_radius)) / small
+    values = np.concatenate([values, slope[..., None]], axis=2) * shares[:, None, None]
+    values = np.concatenate([values, values[:, : angles // 2][:, ::-1].conj()], axis=1)  # transfers of mirrored pupils are conjugate
+    tails = np.asarray(values[..., -1].real, dtype=np.float64) / (math.pi**2 * kind.cutoff)
+    return TransferTable(kind, band, distance, shares, beta, values[..., :-1], tails)
 
 
 def rim_radii(slope: float, reach: float, count: int) -> Array:

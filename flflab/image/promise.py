@@ -61,7 +61,7 @@ def drawn(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float = T
     return (scene if waves else replace(scene, diffraction=None)), tolerance
 
 
-def _sharpest(target: Target) -> Target:
+def sharpest(target: Target) -> Target:
     """A picture in black and white, which no other is steeper than; other targets as they are."""
     return replace(target, values=target.values.round()) if isinstance(target, Picture) else target
 
@@ -74,7 +74,7 @@ def try_scene(
     That is ``FINER`` times finer than asked for, in waves ``FINER_WAVES`` times, or so many times.
     """
     scene, tolerance = drawn(seed, resolution, finest, waves)
-    scene = replace(scene, planes=tuple(replace(plane, target=_sharpest(plane.target)) for plane in scene.planes))
+    scene = replace(scene, planes=tuple(replace(plane, target=sharpest(plane.target)) for plane in scene.planes))
     finer = finer or (FINER if scene.diffraction is None else FINER_WAVES)
     marks = [time.process_time()]
     choice = choose(scene, tolerance)

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flflab.image.promise import drawn
+from flflab.image.promise import drawn, sharpest
 from flflab.image.reference import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Scene
-from flflab.targets import Picture, Target, White
+from flflab.targets import Picture, White
 
 
 def scene_of(seed: int) -> Scene:
@@ -40,7 +40,7 @@ def test_pixels_askew_on_a_picture_are_not_smoothed_beyond_their_own_width(toler
     texels, card = (168, 36), (130, 14)
     grey, behind = scene_of(757).planes
     assert isinstance(grey.target, Picture)
-    black_and_white = replace(grey, target=replace(grey.target, values=grey.target.values.round()))
+    black_and_white = replace(grey, target=sharpest(grey.target))
     for plane in (grey, black_and_white):
         assert max(errors(replace(scene_of(757), planes=(plane, behind)), [texels, card], tolerance)) < tolerance
 
@@ -99,9 +99,8 @@ def test_a_card_aslant_of_the_rows_of_the_pupil_is_not_summed_in_few_cells() -> 
 def test_a_narrow_rim_past_a_card_cuts_every_ray_at_its_own_place() -> None:
     """Parts of a pixel that looked through one pupil from the middle of what the rim leaves of them erred by 0.004 of white."""
     nearest = scene_of(741).planes[0]
-    assert isinstance(nearest.target, Picture)
-    nearest = replace(nearest, target=replace(nearest.target, values=nearest.target.values.round()))
-    assert max(errors(replace(scene_of(741), planes=(nearest,)), [(60, 118)], 0.002)) < 0.2 * 0.002
+    black_and_white = replace(nearest, target=sharpest(nearest.target))
+    assert max(errors(replace(scene_of(741), planes=(black_and_white,)), [(60, 118)], 0.002)) < 0.2 * 0.002
 
 
 def test_a_rim_narrower_than_a_pixel_weighs_the_rays_that_it_passes() -> None:
@@ -131,13 +130,9 @@ def test_a_rim_of_some_pixels_past_the_edge_of_a_card_cuts_the_pupil_however_few
 def test_errors_to_one_side_are_not_added_up(seed: int, pixel: tuple[int, int]) -> None:
     """They were 3.7 and 1.5 of the tolerance."""
     scene, tolerance = drawn(seed)
-    planes = tuple(replace(plane, target=_black_and_white(plane.target)) for plane in scene.planes)
+    planes = tuple(replace(plane, target=sharpest(plane.target)) for plane in scene.planes)
     scene = replace(scene, planes=planes, stray_light=None, colour_filter=None)
     wanted = np.zeros((192, 256), dtype=np.bool_)
     wanted[pixel] = True
     coarse, fine = (render(scene, tolerance=asked, wanted=wanted)[pixel] for asked in (0.7 * tolerance, tolerance / 24))
     assert abs(coarse - fine) < 0.7 * tolerance
-
-
-def _black_and_white(target: Target) -> Target:
-    return replace(target, values=target.values.round()) if isinstance(target, Picture) else target
