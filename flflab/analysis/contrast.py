@@ -222,8 +222,9 @@ def _fit_type(
         fit = settle(frame, data, fit, model)
     if target.kind == "bars":
         # the stages' errors blur differently from what is nominal, and the highest harmonics are seen through the template alone
-        model, fit = with_fitted_blur(frame, data, fit, model)
-        data, model, fit, by_tilt = as_sharp_as_the_axis(frame, data, fit, model)
+        before = fit
+        model, fit = with_fitted_blur(frame, data, before, model)
+        data, model, fit, by_tilt = as_sharp_as_the_axis(frame, data, fit, model, before)
         return _curve(frame, fit, data, model, by_tilt, float(lost.mean()))
     return _curve(frame, fit, data, model, np.zeros((0, CURVE + len(fit.curve))), float(lost.mean()))
 

@@ -196,11 +196,20 @@ def with_fitted_blur(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpM
     return best, settle(frame, data, fit, best)
 
 
-def as_sharp_as_the_axis(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> tuple[ChirpData, ChirpModel, ChirpFit, Array]:
+def as_sharp_as_the_axis(
+    frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel, before: ChirpFit
+) -> tuple[ChirpData, ChirpModel, ChirpFit, Array]:
     """The runs as they would read if every view were blurred as on the axis, what fits them, and what the tilt's uncertainty makes of it.
 
     Behind a tilted array the views' discs of blur are wider on one side and narrower on the other, by as much as the tilt says that the
     lattice shows. Which side is the wider tells on which side of the focus the sensor stands: the axis's disc is fitted with a sign.
+
+    Args:
+        frame: what is known.
+        data: the runs.
+        fit: of one disc for all views.
+        model: with that disc.
+        before: the fit before that disc was looked for.
 
     Returns:
         The runs, the model, the fit, and how its parameters move with one standard uncertainty of each slope, shape (2, parameters).
@@ -208,7 +217,7 @@ def as_sharp_as_the_axis(frame: Frame, data: ChirpData, fit: ChirpFit, model: Ch
     scale = model.template.pixel / frame.camera.sensor.pixel
     wider = defocus_apart(frame.lattice, frame.smms, frame.distance)[data.lens] * scale
     if float(np.abs(wider).max()) > SAME_BLUR * model.template.pixel:
-        data, model, fit = _with_signed_blur(frame, data, fit, model, wider)
+        data, model, fit = _with_signed_blur(frame, data, (before, fit), model, wider)
     prior, template = prior_of(frame, data, model.knots), model.template
     pixels = np.full(len(wider), template.pixel)
     moves = [
@@ -219,12 +228,13 @@ def as_sharp_as_the_axis(frame: Frame, data: ChirpData, fit: ChirpFit, model: Ch
 
 
 def _with_signed_blur(
-    frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel, wider: Array
+    frame: Frame, data: ChirpData, fits: tuple[ChirpFit, ...], model: ChirpModel, wider: Array
 ) -> tuple[ChirpData, ChirpModel, ChirpFit]:
     """The runs as through the axis's pixel and disc of blur, that disc which leaves the least misfit, and their fit.
 
-    A view's pixels are as much larger on the target as they lie further apart there; its disc is wider by ``wider``, mm. The fitted disc,
-    on either side of the focus, may be astray where the views differ much: it is looked for from the nominal one too.
+    A view's pixels are as much larger on the target as they lie further apart there; its disc is wider by ``wider``, mm. The disc fitted
+    to all views alike, on either side of the focus, may be astray where they differ much, and the bars' place with it: it is looked for
+    from the nominal one too, and from each of the fits.
     """
     prior, away, near = prior_of(frame, data, model.knots), BLUR_STEP * model.template.pixel, model.template.blur
     larger = tilted_scales(frame.lattice, frame.smms, frame.distance)[data.lens]
@@ -242,7 +252,7 @@ def _with_signed_blur(
         return least_misfit(*alike(disc, fit), fit, prior)
 
     nominal = float(signed_blur(frame.smms, 1 / frame.distance)) * model.template.pixel / frame.camera.sensor.pixel
-    tried = [(disc, settled(disc, fit)) for disc in (nominal, near, -near)]
+    tried = [(disc, settled(disc, one)) for one in fits for disc in (nominal, near, -near)]
     best, fit = min(tried, key=lambda one: misfit(*one))
     for _ in range(MOST_SHARPENINGS):
         before, best = best, lowest(partial(misfit, fit=fit), [best - away, best, best + away], -math.inf)

@@ -155,7 +155,7 @@ def swept(one_bench: OneRun, seed: int) -> Comparison:
     return one_bench(seed, file="full.yaml", configurations=TURNED).comparison
 
 
-@pytest.mark.full
+@pytest.mark.ci
 @pytest.mark.timeout(300)
 def test_an_honest_bench_whose_array_is_turned_step_by_step_is_accepted(one_bench: OneRun) -> None:
     for seed in (
