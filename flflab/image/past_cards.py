@@ -17,6 +17,7 @@ from flflab.image.moving import add_moving_plane
 from flflab.image.scene import Plane, Scene
 from flflab.image.setup import Setup
 from flflab.image.single_rays import add_single_rays
+from flflab.image.white_past_cards import add_white_past_cards
 from flflab.targets import FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
@@ -61,7 +62,7 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
         return
     coarser = replace(apart, tolerance=min(OF_PASSED * setup.tolerance / float(np.abs(change[felt]).max()), COARSEST))
     add_plane(whole, coarser, White(), felt)
-    add_single_rays(passed, coarser, replace(plane, target=White()), scene.distortion, cards, felt)
+    add_white_past_cards(passed, coarser, replace(plane, target=White()), scene.distortion, cards, felt)
     share = np.divide(passed, whole, out=np.zeros_like(whole), where=felt & (whole > 0))
     image += (np.clip(share, 0.0, 1.0) * change).reshape(layers, *image.shape).sum(axis=0)
 

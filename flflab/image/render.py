@@ -19,6 +19,7 @@ from flflab.image.past_cards import bend_past_cards
 from flflab.image.scene import ALL, Scene, without
 from flflab.image.setup import make_setup
 from flflab.image.single_rays import add_single_rays
+from flflab.image.white_past_cards import add_white_past_cards
 from flflab.targets import Bars, Black, FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
@@ -80,12 +81,15 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
     cards = cards_of(scene, index)
     if isinstance(plane.target, White) and not cards:  # it is alike wherever its rays end
         setup = replace(setup, crooked=np.zeros_like(setup.crooked), motion=None)
+    if cards and isinstance(plane.target, White):
+        add_white_past_cards(image, setup, plane, scene.distortion, cards, wanted)
+        return
     if scene.diffraction is not None:  # which spreads light by more than crooked rays go astray
         setup = replace(setup, crooked=np.zeros_like(setup.crooked))
     if cards or setup.crooked.any():
         setup, singly = split(setup, 1 / plane.distance, scene.distortion, cards)
         add_single_rays(image, singly, plane, scene.distortion, cards, wanted)
-        if scene.diffraction is not None and len(singly.blur) and not isinstance(plane.target, White):
+        if scene.diffraction is not None and len(singly.blur):
             bend_past_cards(image, singly, scene, plane, cards, wanted)
     if len(setup.blur) and scene.diffraction is not None:
         add_plane_with_diffraction(image, setup, plane.target, scene.diffraction.wavelength, wanted)
