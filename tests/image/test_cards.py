@@ -1,15 +1,19 @@
-"""What cards leave of the waves of the target behind them."""
+"""What cards leave of the light behind them: of white, and of the waves of a target."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from flflab.image.effects.diffraction import Diffraction
+from flflab.image.effects.distortion import Distortion
+from flflab.image.effects.falloff import Falloff
+from flflab.image.effects.motion import Motion
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, Sensor
-from flflab.targets import Bars, White
+from flflab.targets import Bars, Black, Target, White
 
 
 def behind_a_card(camera: Camera, f_number: float) -> Scene:
@@ -34,3 +38,34 @@ def test_waves_behind_a_card_are_those_of_each_micro_image_alone(camera: Camera,
     alone = np.array([render(replace(scene, camera=one), tolerance=0.0005) for one in lone])  # their errors add up
     assert np.abs(together - rays).max() > 0.05
     assert np.abs(together - alone.sum(axis=0)).max() < 0.002
+
+
+def white_past(camera: Camera, near: Plane, motion: Motion | None = None) -> Scene:
+    return Scene(camera, (near, Plane(White(), 700.0)), falloff=Falloff(), distortion=Distortion(0.01), motion=motion)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(
+    ("target", "distance"), [pytest.param(White(), 506.7, id="white in focus"), pytest.param(Black(), 430.0, id="black out of it")]
+)
+def test_white_past_a_card_askew_is_what_rays_say(
+    camera: Camera, largest_difference: Callable[..., float], target: Target, distance: float
+) -> None:
+    """A white card's own light ends at its sides, a black one hides the white behind it: corners and sides are in the picture."""
+    card = Plane(target, distance, offset=(0.2, -0.1), roll=0.3, tilt=(0.1, -0.05), size=(3.0, 2.5))
+    assert largest_difference(white_past(camera, card), tolerance=0.002) < 0.002
+
+
+@pytest.mark.ci
+def test_white_past_a_card_that_drifts_and_trembles_is_what_rays_say(camera: Camera, largest_difference: Callable[..., float]) -> None:
+    card = Plane(Black(), 470.0, offset=(0.2, -0.1), roll=0.3, size=(3.0, 2.5))
+    moving = white_past(camera, card, Motion(drift=(0.1, 0.04), vibration=(-0.02, 0.05)))
+    assert largest_difference(moving, tolerance=0.002, count=4) < 0.002
+
+
+@pytest.mark.ci
+def test_white_past_two_cards_that_overlap_is_what_rays_say(camera: Camera, largest_difference: Callable[..., float]) -> None:
+    """Where both leave some rays, no picture of one of them tells how many."""
+    near, far = (Plane(Black(), distance, offset=(x, 0.3), roll=x, size=(2.0, 1.5)) for distance, x in ((430.0, -0.6), (506.7, 0.5)))
+    scene = Scene(camera, (near, far, Plane(White(), 700.0)), falloff=Falloff())
+    assert largest_difference(scene, tolerance=0.002, count=4) < 0.002
