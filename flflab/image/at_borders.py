@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from flflab.image.profile import Cropped
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions
 from flflab.targets import Bars, FourDot, Picture, Target
@@ -15,7 +16,7 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 
-def at_borders(shape: tuple[int, ...], setup: Setup, target: Target) -> Chosen:
+def at_borders(shape: tuple[int, ...], setup: Setup, target: Target | Cropped) -> Chosen:
     """Which pixels see an end of bars, a dot's rim or a border between unlike texels at one moment or another, [row, column].
 
     What moves across the sides of bars or an edge smears their profile, so these don't count.
@@ -29,7 +30,7 @@ def at_borders(shape: tuple[int, ...], setup: Setup, target: Target) -> Chosen:
     maps = np.column_stack([setup.origin, setup.by_sensor.reshape(-1, 4)])
     places = (setup.window, centres, maps, reach, *pixel_positions(setup.sensor))
     match target:
-        case Bars():
+        case Bars() | Cropped():
             _mark_ends(found, *places, target.height / 2)
         case FourDot():
             _mark_rims(found, *places, np.array(target.centres), target.diameter / 2)

@@ -24,7 +24,7 @@ from flflab.image.orders import (
     spot_parts,
     strip_counts,
 )
-from flflab.image.profile import half_plane, profile_table
+from flflab.image.profile import Cropped, cropped, half_plane, profile_table
 from flflab.image.rim import STEEP, disc_nodes
 from flflab.image.ruled import add_ruled
 from flflab.image.sampled import add_dots, chord_nodes
@@ -44,7 +44,7 @@ WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim,
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
-def add_plane(image: Array, setup: Setup, target: Target, wanted: Chosen | None = None) -> None:
+def add_plane(image: Array, setup: Setup, target: Target | Cropped, wanted: Chosen | None = None) -> None:
     """Add the light of one flat target, not black, to an image [row, column] in units of the white level.
 
     Of what a target does during the exposure only the movement across its lines counts; see ``add_moving_plane`` for the rest.
@@ -55,6 +55,8 @@ def add_plane(image: Array, setup: Setup, target: Target, wanted: Chosen | None 
         target: the target.
         wanted: which pixels to compute, [row, column]; the others stay as they are. None for all.
     """
+    if not len(setup.blur):
+        return
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
     match target:
         case FourDot():
@@ -78,13 +80,14 @@ def _maps(setup: Setup) -> Array:
     return np.concatenate([setup.origin, setup.by_pupil.reshape(count, 4), setup.by_sensor.reshape(count, 4)], axis=1)
 
 
-def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> None:
+def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Chosen) -> None:
     bounds = np.array([-np.inf, np.inf])
-    table, law = np.zeros((0, 8)), np.zeros(5)
+    table, law = np.zeros((0, 8)), np.zeros(6)
     half_x = half_y = math.inf
-    if isinstance(target, Bars):
-        table, law = profile_table(target)
-        half_x, half_y = target.width / 2, target.height / 2
+    if isinstance(target, Bars | Cropped):
+        seen = cropped(target)
+        table, law = profile_table(seen.bars, seen.width)
+        half_x, half_y = seen.width / 2, seen.height / 2
         bounds = np.array([-half_y, half_y])
     elif isinstance(target, Edge):
         cos, sin = math.cos(target.angle), math.sin(target.angle)
@@ -97,7 +100,9 @@ def _add_ruled(image: Array, setup: Setup, target: Target, chosen: Chosen) -> No
         at_end = WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5 > 0.2 * setup.tolerance
         parts = np.where((setup.rims.width < STEEP) | at_end, parts, 1)
     nodes = strip_nodes(counts.ravel())
-    grids, grid = np.unique(end_points(setup) if isinstance(target, Bars) else np.zeros_like(setup.rims.kind), return_inverse=True)
+    grids, grid = np.unique(
+        end_points(setup) if isinstance(target, Bars | Cropped) else np.zeros_like(setup.rims.kind), return_inverse=True
+    )
     arguments = (
         setup.rims.kind,
         np.column_stack([pupils.centre_x, pupils.centre_y]),

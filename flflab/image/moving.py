@@ -10,6 +10,7 @@ import numpy.typing as npt
 from flflab.image.at_borders import at_borders
 from flflab.image.form import add_plane
 from flflab.image.moments import at_heights, at_moments, moment_count
+from flflab.image.profile import Cropped
 from flflab.image.setup import Setup
 from flflab.targets import Bars, FourDot, Picture, Target
 
@@ -17,7 +18,7 @@ Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
 
 
-def add_moving_plane(image: Array, setup: Setup, target: Target, wanted: Chosen | None = None) -> None:
+def add_moving_plane(image: Array, setup: Setup, target: Target | Cropped, wanted: Chosen | None = None) -> None:
     """Add the light of one flat target, not black, to an image [row, column] in units of the white level.
 
     Args:
@@ -26,14 +27,13 @@ def add_moving_plane(image: Array, setup: Setup, target: Target, wanted: Chosen 
         target: the target.
         wanted: which pixels to compute, [row, column]; the others stay as they are. None for all.
     """
-    has_borders = isinstance(target, FourDot | Picture) or (isinstance(target, Bars) and moment_count(setup, 1) > 1)
+    has_borders = isinstance(target, FourDot | Picture) or (isinstance(target, Bars | Cropped) and moment_count(setup, 1) > 1)
     if not has_borders or not (found := at_borders(image.shape, setup, target)).any():
         add_plane(image, setup, target, wanted)
         return
     near, far = (found, ~found) if wanted is None else (wanted & found, wanted & ~found)
     away, close = setup.reaching(far), setup.reaching(near)
-    if len(away.origin):
-        add_plane(image, away, target, far)
+    add_plane(image, away, target, far)
     if len(close.origin):
-        for part in at_heights(close) if isinstance(target, Bars) else at_moments(close):
+        for part in at_heights(close) if isinstance(target, Bars | Cropped) else at_moments(close):
             add_plane(image, part, target, near)

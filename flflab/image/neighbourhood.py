@@ -24,13 +24,13 @@ SWING = math.sqrt(6.0)  # width of the box that spreads light as a swing of ampl
 
 def described(target: Target) -> tuple[int, Array, Array, Array, Array]:
     """A target for the kernel: its kind, three numbers, the table and law of a profile, and the sums of a picture."""
-    numbers, table, law, sums = np.zeros(3), np.zeros((0, 8)), np.zeros(5), np.zeros((2, 2))
+    numbers, table, law, sums = np.zeros(3), np.zeros((0, 8)), np.zeros(6), np.zeros((2, 2))
     match target:
         case FourDot():
             numbers[:2] = target.diameter / 2, target.spacing / 2
             return DOTS, numbers, table, law, sums
         case Bars():
-            table, law = profile_table(target)
+            table, law = profile_table(target, target.width)
             numbers[0] = target.height / 2
             return RULED, numbers, table, law, sums
         case Edge():

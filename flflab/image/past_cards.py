@@ -1,6 +1,6 @@
-"""What diffraction changes of a plane's light where cards stop some of its rays.
+"""A plane's light where cards stop some of its rays, and what diffraction changes of it there.
 
-The change without cards counts by the share of a pixel's rays that the cards let pass, each micro-image's for itself: where several
+The change of it without cards counts by the share of a pixel's rays that the cards let pass, each micro-image's for itself: where several
 reach a pixel they are laid side by side.
 """
 
@@ -10,14 +10,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from flflab.image.card_parts import CardParts, split
 from flflab.image.cards import Card
 from flflab.image.diffraction import add_plane_with_diffraction
+from flflab.image.effects.distortion import Distortion
 from flflab.image.form import add_plane
 from flflab.image.moving import add_moving_plane
 from flflab.image.scene import Plane, Scene
 from flflab.image.setup import Setup
 from flflab.image.single_rays import add_single_rays
-from flflab.image.white_past_cards import add_white_past_cards
 from flflab.targets import FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
@@ -30,12 +31,35 @@ OF_PASSED = 0.3  # of it, for the share of light that cards let pass
 COARSEST = 0.1  # tolerance of that share
 
 
+def add_past_cards(
+    image: Array, parts: CardParts, plane: Plane, distortion: Distortion | None, cards: tuple[Card, ...], wanted: Chosen | None
+) -> None:
+    """Add the light of rays of a plane that cards leave of it, but for that of the clear parts.
+
+    Args:
+        image: picture to add to, [row, column], in units of the white level.
+        parts: how micro-images see the plane.
+        plane: the target.
+        distortion: of the main lens.
+        cards: those that stop rays; they move as the target does.
+        wanted: the pixels to compute; None for all.
+    """
+    for before, target in parts.light:
+        add_moving_plane(image, before, target, wanted)
+    if parts.shadow:
+        hidden = np.zeros_like(image)
+        for before, target in parts.shadow:
+            add_moving_plane(hidden, before, target, wanted)
+        image -= hidden
+    add_single_rays(image, parts.singly, plane, distortion, cards, wanted)
+
+
 def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, cards: tuple[Card, ...], wanted: Chosen | None) -> None:
     """Add what diffraction changes of a plane's light behind cards.
 
     Args:
         image: picture to add to, [row, column], in units of the white level.
-        setup: the parts of micro-images that need single rays.
+        setup: the parts of micro-images behind cards.
         scene: what is pictured; it has diffraction.
         plane: the target.
         cards: those that stop rays.
@@ -62,7 +86,10 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
         return
     coarser = replace(apart, tolerance=min(OF_PASSED * setup.tolerance / float(np.abs(change[felt]).max()), COARSEST))
     add_plane(whole, coarser, White(), felt)
-    add_white_past_cards(passed, coarser, replace(plane, target=White()), scene.distortion, cards, felt)
+    white = replace(plane, target=White())
+    parts = split(coarser, white, scene.distortion, cards)
+    add_plane(passed, parts.clear, white.target, felt)
+    add_past_cards(passed, parts, white, scene.distortion, cards, felt)
     share = np.divide(passed, whole, out=np.zeros_like(whole), where=felt & (whole > 0))
     image += (np.clip(share, 0.0, 1.0) * change).reshape(layers, *image.shape).sum(axis=0)
 

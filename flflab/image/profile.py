@@ -1,12 +1,13 @@
 """Antiderivatives of a radiance that varies along x only, so that its mean over a pixel and over a chord of the pupil is exact."""
 
 import math
+from dataclasses import dataclass
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.targets import Bars, Chirp
+from flflab.targets import Bars
 
 Array = npt.NDArray[np.float64]
 
@@ -17,19 +18,36 @@ MOST_STEPS = 4e6  # of a table of antiderivatives
 NODES = np.polynomial.legendre.leggauss(4)[0]
 
 
-def profile_table(target: Bars | Chirp) -> tuple[Array, Array]:
-    """The radiance along x as cubics between positions of equal steps of phase.
+@dataclass(frozen=True)
+class Cropped:
+    """Bars of which a card shows no more than so much round the middle, mm."""
+
+    bars: Bars
+    width: float
+    height: float
+
+
+def cropped(target: Bars | Cropped) -> Cropped:
+    """What is seen of bars: all that there are of them, or what a card shows."""
+    return target if isinstance(target, Cropped) else Cropped(target, target.width, target.height)
+
+
+def profile_table(target: Bars, width: float) -> tuple[Array, Array]:
+    """The radiance along x, in the middle so many mm, as cubics between positions of equal steps of phase.
 
     Returns:
         The table, one row a cell: knot (mm from the centre), then the coefficients c0..c5 of its second antiderivative in
         powers of the distance from the knot. And the law: left edge, right edge, frequency at the left in cells/mm, half its
-        slope in cells/mm^2 (from these follows the cell of a position), and the first antiderivative at the right edge.
+        slope in cells/mm^2, the first antiderivative at the right edge, and how many cells of the target lie left of the first knot's
+        (from these follows the cell of a position).
     """
     per_cycle = CELLS_PER_CYCLE[target.kind]
-    cells = math.ceil(target.cycles * per_cycle * (1 - 1e-12))
-    steps = np.minimum(np.arange(cells + 1) / per_cycle, target.cycles)
-    knots = target.position(steps)
-    knots[0], knots[-1] = -target.width / 2, target.width / 2
+    ends = np.array([-width / 2, width / 2])
+    before, last = target.phase(ends) * per_cycle
+    first_cell = math.floor(before)
+    cells = max(math.ceil(last * (1 - 1e-12)) - first_cell, 1)
+    knots = target.position(np.clip(first_cell + np.arange(cells + 1), before, last) / per_cycle)
+    knots[0], knots[-1] = ends
     widths = np.diff(knots)
     inside = (NODES + 1) / 2
     at_nodes = target.profile(target.phase(knots[:-1, None] + widths[:, None] * inside))
@@ -43,15 +61,15 @@ def profile_table(target: Bars | Chirp) -> tuple[Array, Array]:
     table[:, 0], table[:, 1], table[:, 2] = knots[:-1], second[:-1], first[:-1]
     table[:, 3:7] = cubic / widths[:, None] ** powers / ((powers + 1) * (powers + 2))
     left, right = target.cycles_per_mm
-    law = np.array([knots[0], knots[-1], left * per_cycle, (right - left) * per_cycle / (2 * target.width), first[-1]])
-    return table, law
+    at_left, half_slope = float(target.frequency(ends[0])) * per_cycle, (right - left) * per_cycle / (2 * target.width)
+    return table, np.array([*ends, at_left, half_slope, first[-1], before - first_cell])
 
 
 def half_plane() -> tuple[Array, Array]:
     """Table and law of white from x = 0 on."""
     table = np.zeros((1, 8))
     table[0, 3] = 0.5
-    return table, np.array([0.0, BOUNDLESS, 0.0, 0.0, BOUNDLESS])
+    return table, np.array([0.0, BOUNDLESS, 0.0, 0.0, BOUNDLESS, 0.0])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -59,7 +77,7 @@ def second_antiderivative(x: float, table: Array, law: Array) -> float:
     """Second antiderivative of the radiance at x mm; written without branches, it is the innermost of all."""
     inside = min(max(x, law[0]), law[1])
     along = inside - law[0]
-    cell = min(int(along * (law[2] + law[3] * along)), table.shape[0] - 1)
+    cell = min(int(law[5] + along * (law[2] + law[3] * along)), table.shape[0] - 1)
     d = inside - table[cell, 0]
     c0, c1, c2, c3, c4, c5 = table[cell, 1], table[cell, 2], table[cell, 3], table[cell, 4], table[cell, 5], table[cell, 6]
     return c0 + d * (c1 + d * (c2 + d * (c3 + d * (c4 + d * c5)))) + law[4] * max(x - law[1], 0.0)
@@ -70,7 +88,7 @@ def first_antiderivative(x: float, table: Array, law: Array) -> float:
     """First antiderivative of the radiance at x mm."""
     inside = min(max(x, law[0]), law[1])
     along = inside - law[0]
-    cell = min(int(along * (law[2] + law[3] * along)), table.shape[0] - 1)
+    cell = min(int(law[5] + along * (law[2] + law[3] * along)), table.shape[0] - 1)
     d = inside - table[cell, 0]
     c1, c2, c3, c4, c5 = table[cell, 2], table[cell, 3], table[cell, 4], table[cell, 5], table[cell, 6]
     return c1 + d * (2.0 * c2 + d * (3.0 * c3 + d * (4.0 * c4 + d * 5.0 * c5)))
@@ -82,7 +100,7 @@ def radiance_at(x: float, table: Array, law: Array) -> float:
     if x < law[0] or x > law[1]:
         return 0.0
     along = x - law[0]
-    cell = min(int(along * (law[2] + law[3] * along)), table.shape[0] - 1)
+    cell = min(int(law[5] + along * (law[2] + law[3] * along)), table.shape[0] - 1)
     d = x - table[cell, 0]
     return 2.0 * table[cell, 3] + d * (6.0 * table[cell, 4] + d * (12.0 * table[cell, 5] + d * 20.0 * table[cell, 6]))
 

@@ -11,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.cards import cards_of, split
+from flflab.image.card_parts import split
+from flflab.image.cards import cards_of
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.moving import add_moving_plane
-from flflab.image.past_cards import bend_past_cards
+from flflab.image.past_cards import add_past_cards, bend_past_cards
 from flflab.image.scene import ALL, Scene, without
 from flflab.image.setup import make_setup
-from flflab.image.single_rays import add_single_rays
-from flflab.image.white_past_cards import add_white_past_cards
 from flflab.targets import Bars, Black, FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]
@@ -81,16 +80,14 @@ def _add_plane(image: Array, scene: Scene, index: int, tolerance: float, effects
     cards = cards_of(scene, index)
     if isinstance(plane.target, White) and not cards:  # it is alike wherever its rays end
         setup = replace(setup, crooked=np.zeros_like(setup.crooked), motion=None)
-    if cards and isinstance(plane.target, White):
-        add_white_past_cards(image, setup, plane, scene.distortion, cards, wanted)
-        return
-    if scene.diffraction is not None:  # which spreads light by more than crooked rays go astray
+    if scene.diffraction is not None and not isinstance(plane.target, White):  # which spreads light by more than crooked rays go astray
         setup = replace(setup, crooked=np.zeros_like(setup.crooked))
     if cards or setup.crooked.any():
-        setup, singly = split(setup, 1 / plane.distance, scene.distortion, cards)
-        add_single_rays(image, singly, plane, scene.distortion, cards, wanted)
-        if scene.diffraction is not None and len(singly.blur):
-            bend_past_cards(image, singly, scene, plane, cards, wanted)
+        parts = split(setup, plane, scene.distortion, cards)
+        add_past_cards(image, parts, plane, scene.distortion, cards, wanted)
+        if scene.diffraction is not None and len(parts.behind.blur) and not isinstance(plane.target, White):
+            bend_past_cards(image, parts.behind, scene, plane, cards, wanted)
+        setup = parts.clear
     if len(setup.blur) and scene.diffraction is not None:
         add_plane_with_diffraction(image, setup, plane.target, scene.diffraction.wavelength, wanted)
     elif len(setup.blur):

@@ -162,7 +162,7 @@ def add_dots(
     Gauss-Legendre nodes and weights, and ``fewest``, ``fewer_strips`` and ``fewer_chords`` are for what sees nothing but the dot, where
     only the fall-off counts; ``radius`` is the dot's, mm; ``slants`` of 0 leave the fall-off out.
     """
-    numbers, table, law, sums = np.array([radius, 0.0, 0.0]), np.zeros((0, 8)), np.zeros(5), np.zeros((2, 2))
+    numbers, table, law, sums = np.array([radius, 0.0, 0.0]), np.zeros((0, 8)), np.zeros(6), np.zeros((2, 2))
     for entry in range(windows.shape[0]):
         first = max(rows[0], windows[entry, 2])
         last = min(rows[1], windows[entry, 3])

@@ -60,7 +60,7 @@ def test_the_integral_of_bars_over_a_parallelogram_ends_where_they_end(place: tu
     across, up = points_of(*place, (ux, uy, vx, vy))
     bright = (np.abs(across) < 1.5) & (np.abs(up) < 1.0)
     seen = np.where(bright, bars.profile(bars.phase(np.where(bright, across, 0.0))), 0.0)
-    found = ruled_parallelogram(*place, ux, uy, vx, vy, -1.0, 1.0, *profile_table(bars)) / abs(ux * vy - vx * uy)
+    found = ruled_parallelogram(*place, ux, uy, vx, vy, -1.0, 1.0, *profile_table(bars, bars.width)) / abs(ux * vy - vx * uy)
     assert found == pytest.approx(float(seen.mean()), abs=1.5e-3)
 
 

@@ -13,7 +13,7 @@ from flflab.image.effects.motion import Motion
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, Sensor
-from flflab.targets import Bars, Black, Target, White
+from flflab.targets import Bars, Black, Chirp, Target, White
 
 
 def behind_a_card(camera: Camera, f_number: float) -> Scene:
@@ -69,3 +69,13 @@ def test_white_past_two_cards_that_overlap_is_what_rays_say(camera: Camera, larg
     near, far = (Plane(Black(), distance, offset=(x, 0.3), roll=x, size=(2.0, 1.5)) for distance, x in ((430.0, -0.6), (506.7, 0.5)))
     scene = Scene(camera, (near, far, Plane(White(), 700.0)), falloff=Falloff())
     assert largest_difference(scene, tolerance=0.002, count=4) < 0.002
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("target", [Bars((0.5, 3.0), 8.0, 8.0), Chirp((3.0, 0.5), 8.0, 8.0)], ids=["bars", "chirp"])
+def test_bars_on_a_card_too_small_for_them_are_what_rays_say(
+    camera: Camera, largest_difference: Callable[..., float], target: Bars
+) -> None:
+    """The card's sides cut bars anywhere, and not where one begins."""
+    plane = Plane(target, 480.0, offset=(0.2, -0.1), roll=0.2, size=(3.1, 2.7))
+    assert largest_difference(Scene(camera, (plane,)), tolerance=0.002) < 0.002

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flflab.image.form import add_plane
-from flflab.image.profile import prepare, profile_table
+from flflab.image.profile import prepare, profile_mean, profile_table
 from flflab.image.scene import one_plane
 from flflab.image.setup import Setup, make_setup
 from flflab.image.strips import BLOCK, MEAN, ROWS, strip_means, strip_nodes
@@ -129,11 +129,24 @@ def test_the_tightest_tolerance_is_kept_far_below_a_ten_thousandth(distance: flo
     assert math.sqrt(np.mean(np.square(errors))) < 1e-5
 
 
+@pytest.mark.parametrize("target", [Chirp((0.4, 2.5), 8.0, 8.0), Bars((2.5, 0.4), 8.0, 8.0)], ids=["sine", "bars"])
+@pytest.mark.parametrize("width", [8.0, 3.1, 0.3], ids="{} mm".format)
+def test_a_profile_cut_by_a_card_has_the_means_of_what_is_left(target: Bars, width: float) -> None:
+    """Sums over 200,000 places; the card cuts bars anywhere."""
+    table, law = profile_table(target, width)
+    across = (np.arange(200_000) + 0.5) / 200_000 - 0.5
+    for middle in (-1.7, -0.52, 0.03, 1.49):
+        for box in (0.06, 0.9):
+            x = middle + box * across
+            mean = np.where(np.abs(x) <= width / 2, target.radiance(x, 0.0), 0.0).mean()
+            assert profile_mean(middle, box, 0.0, table, law) == pytest.approx(mean, abs=2e-5)
+
+
 @pytest.mark.parametrize("target", [SINE, Bars((2.0, 2.0), 40.0, 40.0)])
 def test_more_strips_come_nearer_by_the_power_they_promise(target: Bars) -> None:
     spread, radius, places = 0.25, 1.9, np.zeros((3, 4))
     boxes = np.array([[0.06, 0.0]] * 3)
-    sums = prepare(-1.0, 1.0, spread, boxes, 1e-9, *profile_table(target), np.zeros(1), places)
+    sums = prepare(-1.0, 1.0, spread, boxes, 1e-9, *profile_table(target, target.width), np.zeros(1), places)
     counts = np.array([8, 16, 32, 64, 2048])
     points = np.zeros((ROWS, BLOCK))
     points[0, :12], points[1, :12] = 0.3 * np.arange(12) - 2.2, 0.17 * np.arange(12) - 0.9
