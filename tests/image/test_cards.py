@@ -78,4 +78,4 @@ def test_bars_on_a_card_too_small_for_them_are_what_rays_say(
 ) -> None:
     """The card's sides cut bars anywhere, and not where one begins."""
     plane = Plane(target, 480.0, offset=(0.2, -0.1), roll=0.2, size=(3.1, 2.7))
-    assert largest_difference(Scene(camera, (plane,)), tolerance=0.002) < 0.002
+    assert largest_difference(Scene(camera, (plane,)), tolerance=0.002, count=4) < 0.002
