@@ -82,7 +82,8 @@ def test_without_overlap_white_is_nowhere_brighter_than_one(small: Camera) -> No
 def test_wanted_pixels_are_those_of_the_whole_picture(small: Camera) -> None:
     scene = Scene(small, (Plane(White(), 480.0, (1.5, 0.3), size=(3.0, 4.0)), Plane(Bars(), 506.7)), distortion=Distortion(1.0))
     wanted = np.random.default_rng(1).random((90, 110)) < 0.2
-    assert np.array_equal(render(scene, wanted=wanted)[wanted], render(scene)[wanted])
+    # In closed form a sum's last bit hangs on where in a block of vectors its pixel is.
+    assert np.abs(render(scene, wanted=wanted) - render(scene))[wanted].max() < 1e-15
 
 
 def test_the_slightest_tilt_distortion_or_scatter_is_none(small: Camera) -> None:
