@@ -59,7 +59,8 @@ def split(setup: Setup, plane: Plane, distortion: Distortion | None, cards: tupl
         distortion: of the main lens.
         cards: those that stop rays.
     """
-    white, ruled = isinstance(plane.target, White), isinstance(plane.target, Bars) and len(cards) > 0 and cards[0].own
+    own = next((card for card in cards if card.own), None)  # the first, if there is one
+    white, ruled = isinstance(plane.target, White), own is not None and isinstance(plane.target, Bars)
 
     def sort(entries: Whole, windows: Whole, small: Flags) -> tuple[Flags, Flags, Flags, Flags]:
         full, none, met = seen_past(setup, setup.pupils.of(entries), windows, 1 / plane.distance, distortion, cards)
@@ -74,8 +75,9 @@ def split(setup: Setup, plane: Plane, distortion: Distortion | None, cards: tupl
 
     clear, alone, singly = _quartered(setup, sort, LEAST_SIDE if white else SMALLEST)
     behind = setup.of(*_together(alone, singly))
-    if ruled and plane.size is not None and isinstance(plane.target, Bars):
-        bars = Cropped(plane.target, min(plane.size[0], plane.target.width), min(plane.size[1], plane.target.height))
+    if own is not None and isinstance(plane.target, Bars):
+        width, height = own.size
+        bars = Cropped(plane.target, min(width, plane.target.width), min(height, plane.target.height))
         return CardParts(setup.of(*clear), [(setup.of(*alone), bars)], [], setup.of(*singly), behind)
     met = seen_past(setup, setup.pupils.of(alone[0]), alone[1], 1 / plane.distance, distortion, cards)[2]
     light, shadow = Pictures(), Pictures()
@@ -86,9 +88,9 @@ def split(setup: Setup, plane: Plane, distortion: Distortion | None, cards: tupl
         if number % PARTS < len(SIDES):
             light.append(_side(before, card, int(number) % PARTS))
         elif card.own:
-            light.append((before, _white_card(card.plane)))
+            light.append((before, _white(card)))
         else:
-            shadow.append((before, _white_card(card.plane)))
+            shadow.append((before, _white(card)))
             clear = _together(clear, part)
     return CardParts(setup.of(*clear), light, shadow, setup.of(*singly), behind)
 
@@ -145,11 +147,11 @@ def _before(setup: Setup, plane: Plane, distortion: Distortion | None, other: Pl
 
 def _side(before: Setup, card: Card, side: int) -> tuple[Setup, Edge]:
     """One side of a card, from its middle: white where the card lets light pass."""
-    (x, y), (width, height) = SIDES[side], card.plane.size or (math.inf, math.inf)
+    (x, y), (width, height) = SIDES[side], card.size
     return before.seen_from(x * width / 2, y * height / 2), Edge(math.atan2(y, x) + (math.pi if card.own else 0.0))
 
 
-def _white_card(plane: Plane) -> Bars:
+def _white(card: Card) -> Bars:
     """A card all white: half a cycle of bars."""
-    width, height = plane.size or (math.inf, math.inf)
+    width, height = card.size
     return Bars((0.5 / width, 0.5 / width), width, height)

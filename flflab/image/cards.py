@@ -31,6 +31,11 @@ class Card:
     plane: Plane
     own: bool
 
+    @property
+    def size(self) -> tuple[float, float]:
+        """Its width and height, mm."""
+        return self.plane.size or (math.inf, math.inf)
+
 
 def cards_of(scene: Scene, index: int) -> tuple[Card, ...]:
     """The cards whose edges the light of a scene's plane can meet."""
@@ -77,7 +82,7 @@ def seen_past(
     for index, card in enumerate(cards):
         before = pupils_before(pupils, vergence, 1 / card.plane.distance)
         low, high = _extent(before, card.plane, distortion, setup.motion, middle, half)
-        size = np.array(card.plane.size) / 2
+        size = np.array(card.size) / 2
         on = ((low >= -size) & (high <= size)).all(axis=1)
         beside = ((low > size) | (high < -size)).any(axis=1)
         passing = on if card.own else beside

@@ -24,7 +24,7 @@ from flflab.image.orders import (
     spot_parts,
     strip_counts,
 )
-from flflab.image.profile import Cropped, cropped, half_plane, profile_table
+from flflab.image.profile import Cropped, Ruled, cropped, half_plane, profile_table
 from flflab.image.rim import STEEP, disc_nodes
 from flflab.image.ruled import add_ruled
 from flflab.image.sampled import add_dots, chord_nodes
@@ -32,7 +32,7 @@ from flflab.image.setup import Setup
 from flflab.image.strips import strip_nodes
 from flflab.image.texels import add_texels
 from flflab.optics.camera import pixel_positions
-from flflab.targets import Bars, Edge, FourDot, Picture, Target, White
+from flflab.targets import Edge, FourDot, Picture, Target, White
 
 Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
@@ -84,7 +84,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
     bounds = np.array([-np.inf, np.inf])
     table, law = np.zeros((0, 8)), np.zeros(6)
     half_x = half_y = math.inf
-    if isinstance(target, Bars | Cropped):
+    if isinstance(target, Ruled):
         seen = cropped(target)
         table, law = profile_table(seen.bars, seen.width)
         half_x, half_y = seen.width / 2, seen.height / 2
@@ -100,9 +100,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         at_end = WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5 > 0.2 * setup.tolerance
         parts = np.where((setup.rims.width < STEEP) | at_end, parts, 1)
     nodes = strip_nodes(counts.ravel())
-    grids, grid = np.unique(
-        end_points(setup) if isinstance(target, Bars | Cropped) else np.zeros_like(setup.rims.kind), return_inverse=True
-    )
+    grids, grid = np.unique(end_points(setup) if isinstance(target, Ruled) else np.zeros_like(setup.rims.kind), return_inverse=True)
     arguments = (
         setup.rims.kind,
         np.column_stack([pupils.centre_x, pupils.centre_y]),

@@ -10,9 +10,9 @@ import numpy.typing as npt
 from flflab.image.at_borders import at_borders
 from flflab.image.form import add_plane
 from flflab.image.moments import at_heights, at_moments, moment_count
-from flflab.image.profile import Cropped
+from flflab.image.profile import Cropped, Ruled
 from flflab.image.setup import Setup
-from flflab.targets import Bars, FourDot, Picture, Target
+from flflab.targets import FourDot, Picture, Target
 
 Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
@@ -27,7 +27,7 @@ def add_moving_plane(image: Array, setup: Setup, target: Target | Cropped, wante
         target: the target.
         wanted: which pixels to compute, [row, column]; the others stay as they are. None for all.
     """
-    has_borders = isinstance(target, FourDot | Picture) or (isinstance(target, Bars | Cropped) and moment_count(setup, 1) > 1)
+    has_borders = isinstance(target, FourDot | Picture) or (isinstance(target, Ruled) and moment_count(setup, 1) > 1)
     if not has_borders or not (found := at_borders(image.shape, setup, target)).any():
         add_plane(image, setup, target, wanted)
         return
@@ -35,5 +35,5 @@ def add_moving_plane(image: Array, setup: Setup, target: Target | Cropped, wante
     away, close = setup.reaching(far), setup.reaching(near)
     add_plane(image, away, target, far)
     if len(close.origin):
-        for part in at_heights(close) if isinstance(target, Bars | Cropped) else at_moments(close):
+        for part in at_heights(close) if isinstance(target, Ruled) else at_moments(close):
             add_plane(image, part, target, near)

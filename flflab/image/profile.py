@@ -12,6 +12,7 @@ from flflab.targets import Bars
 Array = npt.NDArray[np.float64]
 
 CELLS_PER_CYCLE = {"bars": 2, "chirp": 32}  # bars are constant in a cell, a sine is a cubic to 5e-7
+ROUNDING = 1e-12  # of the number of cells from the left edge
 LARGE = 1e3  # mm; a target's width as far as rounding goes
 BOUNDLESS = 1e9  # mm; here a white half plane ends
 MOST_STEPS = 4e6  # of a table of antiderivatives
@@ -27,7 +28,10 @@ class Cropped:
     height: float
 
 
-def cropped(target: Bars | Cropped) -> Cropped:
+Ruled = Bars | Cropped  # what varies along x only, between its ends
+
+
+def cropped(target: Ruled) -> Cropped:
     """What is seen of bars: all that there are of them, or what a card shows."""
     return target if isinstance(target, Cropped) else Cropped(target, target.width, target.height)
 
@@ -44,8 +48,8 @@ def profile_table(target: Bars, width: float) -> tuple[Array, Array]:
     per_cycle = CELLS_PER_CYCLE[target.kind]
     ends = np.array([-width / 2, width / 2])
     before, last = target.phase(ends) * per_cycle
-    first_cell = math.floor(before)
-    cells = max(math.ceil(last * (1 - 1e-12)) - first_cell, 1)
+    first_cell = math.floor(before * (1 + ROUNDING))  # a card may end where a bar does, and rounding leave a cell without width
+    cells = max(math.ceil(last * (1 - ROUNDING)) - first_cell, 1)
     knots = target.position(np.clip(first_cell + np.arange(cells + 1), before, last) / per_cycle)
     knots[0], knots[-1] = ends
     widths = np.diff(knots)
@@ -62,7 +66,7 @@ def profile_table(target: Bars, width: float) -> tuple[Array, Array]:
     table[:, 3:7] = cubic / widths[:, None] ** powers / ((powers + 1) * (powers + 2))
     left, right = target.cycles_per_mm
     at_left, half_slope = float(target.frequency(ends[0])) * per_cycle, (right - left) * per_cycle / (2 * target.width)
-    return table, np.array([*ends, at_left, half_slope, first[-1], before - first_cell])
+    return table, np.array([*ends, at_left, half_slope, first[-1], max(before - first_cell, 0.0)])
 
 
 def half_plane() -> tuple[Array, Array]:

@@ -5,8 +5,6 @@ neighbourhood: steps of target and cards are smoothed by what a part of the pixe
 summed with few rays first, and with more of what changes it.
 """
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
@@ -175,7 +173,7 @@ def _aslant(by_pupil: Array) -> Chosen:
 def _surface(card: Card) -> Array:
     """A plane as numbers: distance, vergence, offset, tilt, own axes, half its card's size, whether rays must end on the card."""
     plane = card.plane
-    size = plane.size or (math.inf, math.inf)
+    size = card.size
     return np.array(
         [
             plane.distance,
