@@ -70,3 +70,13 @@ def common_area(radius1: npt.ArrayLike, radius2: npt.ArrayLike, distance: npt.Ar
     in_large = R * R * segment_area((o / a) * (i / (4 * R)), (whole / R) * (toward / (4 * a)))
     nested = np.pi * small * small
     return np.where(between <= 0, 0.0, np.where(beyond <= 0, nested, in_small + in_large))
+
+
+def common_chord(radius1: Array, radius2: Array, distance: Array) -> Array:
+    """Length of the chord between the points where two circles meet, 0 where they do not; arguments as in ``common_area``."""
+    small, large = np.minimum(radius1, radius2), np.maximum(radius1, radius2)
+    between, beyond = gap_of(small, large, distance), gap_of(distance, small, large)
+    crossing = (between > 0) & (beyond > 0)
+    a, i, o = (np.where(crossing, part, 1.0) for part in (distance, between, beyond))
+    toward, whole = gap_of(a, large, small), a + (small + large)
+    return np.where(crossing, np.sqrt(toward / a * i) * np.sqrt(whole / a * o), 0.0)
