@@ -17,14 +17,14 @@ from flflab.errors import InputError
 from flflab.image.effects.motion import Motion
 from flflab.image.scene import Scene
 from flflab.image.traced_rays import Bundle, Path
-from flflab.image.traced_slices import bundle_of, slices_of, sum_of
+from flflab.image.traced_slices import bundle_of, slices_of, sums_of
 from flflab.optics.camera import microlens_centres, microlens_types, pixel_positions
 
 Array = npt.NDArray[np.float64]
 
 REPEATS = 8  # scramblings of the Sobol points
 FEWEST_SLICES, MOST_SLICES = 256, 16384  # of one scrambling
-BLOCK = 512  # slices traced at once
+BLOCK = 2048  # slices traced at once
 
 
 def trace_pixels(
@@ -99,7 +99,7 @@ def _pixel(scene: Scene, paths: Path, place: Array, wanted: float) -> tuple[floa
         return 0.0, 0.0
     count = FEWEST_SLICES
     while True:
-        means = np.array([_repeat(scene, bundles, count, repeat) for repeat in range(REPEATS)])
+        means = _means(scene, bundles, count)
         uncertainty = float(np.std(means, ddof=1)) / math.sqrt(REPEATS)
         if uncertainty <= wanted or count >= MOST_SLICES:
             return float(means.mean()), uncertainty
@@ -116,15 +116,16 @@ def _lit(scene: Scene, paths: Path, place: Array) -> npt.NDArray[np.bool_]:
     return np.hypot(*crossing.T) <= camera.main_lens.aperture / 2 + reach
 
 
-def _repeat(scene: Scene, bundles: list[Bundle], count: int, seed: int) -> float:
-    """One estimate of the light of a pixel."""
-    points = qmc.Sobol(4, rng=seed).random(count)
-    total = 0.0
-    for first in range(0, count, BLOCK):
-        block = points[first : first + BLOCK]
+def _means(scene: Scene, bundles: list[Bundle], count: int) -> Array:
+    """Estimates of the light of a pixel from so many slices each, shape (REPEATS,)."""
+    points = np.concatenate([qmc.Sobol(4, rng=repeat).random(count) for repeat in range(REPEATS)])
+    light = np.zeros(len(points))
+    for first in range(0, len(points), BLOCK):
+        block = slice(first, first + BLOCK)
         for bundle in bundles:
-            total += sum_of(scene, slices_of(bundle, block[:, :2], _moved(scene.motion, block[:, 2:]))) / bundle.path.gap[0] ** 2
-    return total / (count * scene.camera.sensor.pixel**2)
+            slices = slices_of(bundle, points[block, :2], _moved(scene.motion, points[block, 2:]))
+            light[block] += sums_of(scene, slices) / bundle.path.gap[0] ** 2
+    return light.reshape(REPEATS, count).mean(axis=1) / scene.camera.sensor.pixel**2
 
 
 def _moved(motion: Motion | None, points: Array) -> Array:

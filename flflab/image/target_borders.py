@@ -52,12 +52,13 @@ def _box(start: Array, end: Array, width: float, height: float) -> list[Array]:
 
 
 def _circle(start: Array, end: Array, radius: float) -> Array:
-    way = end - start
-    square, middle = np.sum(way**2, axis=1), -np.sum(start * way, axis=1)
+    (x, y), (dx, dy) = start.T, (end - start).T
+    square = dx**2 + dy**2
     with np.errstate(divide="ignore", invalid="ignore"):
-        nearest = start + (middle / square)[:, None] * way  # no difference of large squares
-        half = np.sqrt((radius**2 - np.sum(nearest**2, axis=1)) / square)
-        return np.stack([middle / square - half, middle / square + half], axis=1)
+        middle = -(x * dx + y * dy) / square
+        nearest = (x + middle * dx) ** 2 + (y + middle * dy) ** 2  # no difference of large squares
+        half = np.sqrt((radius**2 - nearest) / square)
+        return np.stack([middle - half, middle + half], axis=1)
 
 
 def _grid(start: Array, end: Array, step: float, count: int) -> Array:

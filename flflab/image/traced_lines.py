@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from flflab.image.scene import Plane, Scene
 from flflab.image.target_borders import crossings
-from flflab.image.traced_rays import Path, covers, landing
+from flflab.image.traced_rays import Path, covers, landing, squared
 from flflab.targets import Bars, Chirp, FourDot, Picture
 
 Array = npt.NDArray[np.float64]
@@ -19,34 +19,31 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Lines:
-    """N lines; a ray is at a fraction of its line from 0 to 1. Places are world mm of shape (N, 2).
+    """N lines; a ray is at a fraction of its line from 0 to 1, and what thin lenses make of it changes evenly. Shapes (N, 2).
 
     Attributes:
-        path: through the microlens.
-        sensor: where they start on the sensor.
-        to_sensor: where they end on the sensor.
-        lens: where they start on the microlens.
-        to_lens: where they end on the microlens.
-        moved: how far the targets have moved meanwhile.
+        behind: slope between microlens and sensor where they start, and how much it changes to their ends.
+        crossing: where the rays cross the main lens, mm, in the same way.
+        before: their slopes before it.
+        moved: how far the targets have moved meanwhile, mm.
     """
 
-    path: Path
-    sensor: Array
-    to_sensor: Array
-    lens: Array
-    to_lens: Array
+    behind: tuple[Array, Array]
+    crossing: tuple[Array, Array]
+    before: tuple[Array, Array]
     moved: Array
 
     def of(self, which: npt.NDArray[np.int64]) -> "Lines":
         """The lines of these indices, any number of times each."""
-        return Lines(self.path, self.sensor[which], self.to_sensor[which], self.lens[which], self.to_lens[which], self.moved[which])
+        behind, crossing, before = ((start[which], change[which]) for start, change in (self.behind, self.crossing, self.before))
+        return Lines(behind, crossing, before, self.moved[which])
 
-    def at(self, fractions: Array) -> tuple[Array, Array]:
-        """Where the rays at fractions of shape (N, ...) cross sensor and microlens, shape (N, ..., 2)."""
-        share = fractions[..., None]
-        ends = (self.sensor, self.to_sensor, self.lens, self.to_lens)
-        sensor, to_sensor, lens, to_lens = (end.reshape(len(end), *(1,) * (fractions.ndim - 1), 2) for end in ends)
-        return (1 - share) * sensor + share * to_sensor, (1 - share) * lens + share * to_lens
+
+def lines_between(path: Path, start: tuple[Array, Array], end: tuple[Array, Array], moved: Array) -> Lines:
+    """Lines from rays that cross sensor and microlens at these places, each of shape (N, 2), to others."""
+    starts, ends = path.slopes_and_crossing(*start), path.slopes_and_crossing(*end)
+    behind, crossing, before = ((one, other - one) for one, other in zip(starts, ends, strict=True))
+    return Lines(behind, crossing, before, moved)
 
 
 def light_along(scene: Scene, lines: Lines) -> Array:
@@ -67,10 +64,8 @@ def light_along(scene: Scene, lines: Lines) -> Array:
             seen += np.where(here, plane.target.radiance(place[..., 0], place[..., 1]), 0.0)
         free &= ~here
     if scene.falloff is not None:
-        seen /= (1 + np.sum(lines.path.slope_at_sensor(*pieces.at(fractions)) ** 2, axis=-1)) ** 2
-    light = np.zeros(len(lines.moved))
-    np.add.at(light, which, length * (seen @ weights) / 2)
-    return light
+        seen /= (1 + squared(_at(pieces.behind, fractions))) ** 2
+    return np.asarray(np.bincount(which, length * (seen @ weights) / 2, minlength=len(lines.moved)), dtype=np.float64)
 
 
 def border_cuts(scene: Scene, plane: Plane, lines: Lines) -> Array:
@@ -84,15 +79,18 @@ def border_cuts(scene: Scene, plane: Plane, lines: Lines) -> Array:
     wanted = np.where((wanted > 0) & (wanted < 1), wanted, 1.0)
     if _is_even(scene, plane):
         return wanted
-    fractions = wanted
+    crossed = np.nonzero(wanted < 1)
+    which = crossed[0]
+    on_line, asked, scale = lines.of(which), wanted[crossed], np.maximum(squared(way), 1e-300)[which]
+    fractions = asked
     for _ in range(8):
-        reached = _land(scene, plane, lines, fractions) - start[:, None]
-        share = np.sum(reached * way[:, None], axis=-1) / np.maximum(np.sum(way**2, axis=-1), 1e-300)[:, None]
-        better = np.clip(fractions + wanted - share, 0, 1)
+        reached = _land(scene, plane, on_line, fractions) - start[which]
+        better = np.clip(fractions + asked - (reached[:, 0] * way[which, 0] + reached[:, 1] * way[which, 1]) / scale, 0, 1)
         if np.abs(better - fractions).max(initial=0.0) < 1e-12:
             break
         fractions = better
-    return fractions
+    wanted[crossed] = fractions
+    return wanted
 
 
 def order_across(scene: Scene) -> int:
@@ -117,7 +115,11 @@ def _is_a_point(plane: Plane) -> bool:
 
 
 def _land(scene: Scene, plane: Plane, lines: Lines, fractions: Array) -> Array:
-    on_sensor, on_lens = lines.at(fractions)
-    main, slope = lines.path.on_main_lens(on_sensor, on_lens), lines.path.object_slope(on_sensor, on_lens)
     moved = lines.moved.reshape(len(lines.moved), *(1,) * (fractions.ndim - 1), 2)
-    return landing(plane, scene.distortion, main, slope, moved)
+    return landing(plane, scene.distortion, _at(lines.crossing, fractions), _at(lines.before, fractions), moved)
+
+
+def _at(along: tuple[Array, Array], fractions: Array) -> Array:
+    """What starts so and changes by so much, shapes (N, 2), at fractions of shape (N, ...)."""
+    start, change = (one.reshape(len(one), *(1,) * (fractions.ndim - 1), 2) for one in along)
+    return start + fractions[..., None] * change

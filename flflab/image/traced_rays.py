@@ -38,20 +38,16 @@ class Path:
         """The path through one of N microlenses."""
         return Path(self.centre[index], self.focal_length[index], self.gap[index], self.depth[index], self.main_focal_length)
 
-    def slope_at_sensor(self, on_sensor: Array, on_lens: Array) -> Array:
-        """Slope between microlens and sensor."""
-        return (on_sensor - on_lens) / self.gap
+    def slopes_and_crossing(self, on_sensor: Array, on_lens: Array) -> tuple[Array, Array, Array]:
+        """Slope between microlens and sensor, where the ray crosses the main lens, and its slope before that."""
+        behind = (on_sensor - on_lens) / self.gap
+        between = behind + (on_lens - self.centre) / self.focal_length
+        crossing = on_lens - self.depth * between
+        return behind, crossing, between + crossing / self.main_focal_length
 
     def on_main_lens(self, on_sensor: Array, on_lens: Array) -> Array:
         """Where the ray crosses the main lens."""
-        return on_lens - self.depth * self._between(on_sensor, on_lens)
-
-    def object_slope(self, on_sensor: Array, on_lens: Array) -> Array:
-        """Slope before the main lens."""
-        return self._between(on_sensor, on_lens) + self.on_main_lens(on_sensor, on_lens) / self.main_focal_length
-
-    def _between(self, on_sensor: Array, on_lens: Array) -> Array:
-        return self.slope_at_sensor(on_sensor, on_lens) + (on_lens - self.centre) / self.focal_length
+        return self.slopes_and_crossing(on_sensor, on_lens)[1]
 
 
 @dataclass(frozen=True)
@@ -104,10 +100,10 @@ def landing(plane: Plane, distortion: Distortion | None, on_main: Array, slope: 
     """
     coefficient = 0.0 if distortion is None else distortion.coefficient
     if math.isinf(plane.distance):
-        return _rolled(-slope * (1 + coefficient * _squared(slope)), plane.roll)
+        return _rolled(-slope * (1 + coefficient * squared(slope)[..., None]), plane.roll)
     if coefficient:
         paraxial = on_main - plane.distance * slope
-        slope = (on_main - paraxial * (1 + coefficient * _squared(paraxial / plane.distance))) / plane.distance
+        slope = (on_main - paraxial * (1 + coefficient * squared(paraxial / plane.distance)[..., None])) / plane.distance
     centre, tilt = np.asarray(plane.offset) + moved, np.asarray(plane.tilt)
     distance = (plane.distance + (on_main - centre) @ tilt) / (1 + slope @ tilt)
     aside = on_main - distance[..., None] * slope - centre
@@ -124,8 +120,9 @@ def covers(plane: Plane, place: Array) -> npt.NDArray[np.bool_]:
     return (np.abs(place[..., 0]) <= plane.size[0] / 2) & (np.abs(place[..., 1]) <= plane.size[1] / 2)
 
 
-def _squared(place: Array) -> Array:
-    return np.sum(place**2, axis=-1, keepdims=True)
+def squared(vectors: Array) -> Array:
+    """Squares of the lengths of vectors of shape (..., 2)."""
+    return vectors[..., 0] ** 2 + vectors[..., 1] ** 2
 
 
 def _rolled(place: Array, roll: float) -> Array:

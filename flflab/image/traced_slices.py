@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.scene import Scene
-from flflab.image.traced_lines import Lines, border_cuts, light_along, order_across
+from flflab.image.traced_lines import Lines, border_cuts, light_along, lines_between, order_across
 from flflab.image.traced_rays import Bundle, Path, landing
 
 Array = npt.NDArray[np.float64]
@@ -72,8 +72,7 @@ class Slices:
                 self.bundle.path.centre + lens[:, None] * along + self.lens_aside[which, None] * across,
             )
 
-        (sensor, lens), (to_sensor, to_lens) = places(start), places(end)
-        return Lines(self.bundle.path, sensor, to_sensor, lens, to_lens, self.moved[which])
+        return lines_between(self.bundle.path, places(start), places(end), self.moved[which])
 
 
 def bundle_of(scene: Scene, path: Path, place: Array) -> Bundle:
@@ -119,8 +118,8 @@ def slices_of(bundle: Bundle, points: Array, moved: Array) -> Slices:
     )
 
 
-def sum_of(scene: Scene, slices: Slices) -> float:
-    """Sum of the light of all rays in slices, mm^4."""
+def sums_of(scene: Scene, slices: Slices) -> Array:
+    """Sum of the light of all rays in each slice, mm^4, shape (N,)."""
     towards = _stay(scene, slices)
     every = np.arange(len(slices.aside))
     offsets = np.zeros((len(every), 0))
@@ -141,7 +140,7 @@ def sum_of(scene: Scene, slices: Slices) -> float:
     start, end = _inside(slices, which, (sigma, rho), (towards[0][which], towards[1][which]), stopped=True)
     light = light_along(scene, slices.lines(which, start, end))
     length = np.hypot(end[0] - start[0], end[1] - start[1])
-    return float(np.sum(slices.weight[which] * share * length * light))
+    return slices.weight * np.bincount(which, share * length * light, minlength=len(every))
 
 
 def _stay(scene: Scene, slices: Slices) -> tuple[Array, Array]:
@@ -149,8 +148,8 @@ def _stay(scene: Scene, slices: Slices) -> tuple[Array, Array]:
     bundle, path = slices.bundle, slices.bundle.path
 
     def seen(place: Array, lens: Array) -> Array:
-        main, slope = path.on_main_lens(place, lens), path.object_slope(place, lens)
-        return landing(scene.planes[0], None, main, slope, np.zeros(2))
+        _, crossing, slope = path.slopes_and_crossing(place, lens)
+        return landing(scene.planes[0], None, crossing, slope, np.zeros(2))
 
     here = seen(bundle.place, path.centre)
     by_sensor = seen(bundle.place + 1e-3 * bundle.along, path.centre) - here

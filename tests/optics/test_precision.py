@@ -135,7 +135,8 @@ def test_light_falls_to_a_share_where_two_discs_in_50_digits_do(share: float) ->
     with mpmath.workdps(60):
         for lens, microlens, radius in zip(smms.lens_width / 2, smms.microlens_width / 2, radii, strict=True):
             whole = mp.pi * min(mp.mpf(float(lens)), mp.mpf(float(microlens))) ** 2
-            within, found, beyond = (area_in_50_digits(float(lens), float(microlens), float(radius + n * np.spacing(radius))) for n in (-4, 0, 4))
+            places = (float(radius + units * np.spacing(radius)) for units in (-4, 0, 4))
+            within, found, beyond = (area_in_50_digits(float(lens), float(microlens), place) for place in places)
             assert abs(found - share * whole) <= 16 * UNIT * whole + (within - beyond)
 
 
