@@ -1,7 +1,7 @@
 """Parts of micro-images that see a target past cards: clearly, as a picture of one card tells, or so that single rays are needed.
 
 One card leaves of a white target as much light as a picture of the card holds, or one of its only side that is met. Bars on a card that
-is too small for them are shorter bars.
+is too small for them are shorter bars. What looks into a dot with all its rays sees white, and what looks past all dots nothing.
 """
 
 import math
@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.cards import PARTS, SIDES, Card, pupils_before, seen_past
+from flflab.image.cards import PARTS, SIDES, Card, pupils_before, seen_of_dots, seen_past
 from flflab.image.effects.distortion import Distortion
 from flflab.image.profile import Cropped
 from flflab.image.rays import linearised
 from flflab.image.scene import Plane
 from flflab.image.setup import MAP_SHARE, Setup
 from flflab.image.tiles import LEAST_SIDE, blur_of, counts_needed, cut, middles
-from flflab.targets import Bars, Edge, Target, White
+from flflab.targets import Bars, Edge, FourDot, Target, White
 
 Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
@@ -36,15 +36,15 @@ class CardParts:
     Attributes:
         clear: with all their rays.
         light: what is seen past one card, as a picture of what that leaves.
-        shadow: pictures of a card, white, that takes as much of the light of ``clear``.
-        singly: parts that need single rays: for they see the target past several cards, or too crookedly.
-        behind: all that a card leaves less than all light, ``light`` and ``singly`` together.
+        shadow: pictures of a card, white, that takes as much of the light of ``clear`` and ``light``.
+        singly: parts that need single rays, and what they look at: for they see the target past several cards, or too crookedly.
+        behind: all that a card leaves less than all light, dark or not.
     """
 
     clear: Setup
     light: Pictures
     shadow: Pictures
-    singly: Setup
+    singly: list[tuple[Setup, Target]]
     behind: Setup
 
 
@@ -60,25 +60,35 @@ def split(setup: Setup, plane: Plane, distortion: Distortion | None, cards: tupl
         cards: those that stop rays.
     """
     own = next((card for card in cards if card.own), None)  # the first, if there is one
-    white, ruled = isinstance(plane.target, White), own is not None and isinstance(plane.target, Bars)
+    target = plane.target
+    white, ruled = isinstance(target, White), own is not None and isinstance(target, Bars)
 
-    def sort(entries: Whole, windows: Whole, small: Flags) -> tuple[Flags, Flags, Flags, Flags]:
+    def sort(entries: Whole, windows: Whole, small: Flags) -> tuple[Flags, ...]:
         full, none, met = seen_past(setup, setup.pupils.of(entries), windows, 1 / plane.distance, distortion, cards)
-        crooked = setup.crooked[entries] & (not white)
+        crooked, dark = setup.crooked[entries] & (not white), np.zeros(len(entries), dtype=np.bool_)
+        clear = full & ~crooked
         alone = (met >= 0) & ~none & ~crooked
         if white:
             alone[alone] = _told(setup, entries[alone], windows[alone], plane, distortion, cards, met[alone])
+        elif isinstance(target, FourDot):
+            alone, dark = seen_of_dots(setup, setup.pupils.of(entries), windows, plane, target, distortion)
+            alone, dark = alone & ~none & ~clear, dark & ~none & ~clear
         else:
             # Ends of bars take single rays less time; waves are held against rays in all these parts, so that they must be small.
             alone &= ((met == 0) | (met == 2)) & ruled & small
-        return none, full & ~crooked, alone, np.where(full, crooked, small & ~alone)
+        told = alone | dark
+        return none, clear, alone, dark, np.where(full, crooked, small) & ~told
 
-    clear, alone, singly = _quartered(setup, sort, LEAST_SIDE if white else SMALLEST)
-    behind = setup.of(*_together(alone, singly))
-    if own is not None and isinstance(plane.target, Bars):
+    clear, alone, dark, singly = _quartered(setup, sort, LEAST_SIDE if white else SMALLEST)
+    behind = setup.of(*_together(alone, dark, singly))
+    rest = [(setup.of(*singly), target)]
+    if own is not None and isinstance(target, Bars):
         width, height = own.size
-        bars = Cropped(plane.target, min(width, plane.target.width), min(height, plane.target.height))
-        return CardParts(setup.of(*clear), [(setup.of(*alone), bars)], [], setup.of(*singly), behind)
+        bars = Cropped(target, min(width, target.width), min(height, target.height))
+        return CardParts(setup.of(*clear), [(setup.of(*alone), bars)], [], rest, behind)
+    if isinstance(target, FourDot):
+        dots = split(setup.of(*alone), replace(plane, target=White()), distortion, cards)
+        return CardParts(setup.of(*clear), [(dots.clear, White()), *dots.light], dots.shadow, [*rest, *dots.singly], behind)
     met = seen_past(setup, setup.pupils.of(alone[0]), alone[1], 1 / plane.distance, distortion, cards)[2]
     light, shadow = Pictures(), Pictures()
     for number in np.unique(met):
@@ -92,11 +102,22 @@ def split(setup: Setup, plane: Plane, distortion: Distortion | None, cards: tupl
         else:
             shadow.append((before, _white(card)))
             clear = _together(clear, part)
-    return CardParts(setup.of(*clear), light, shadow, setup.of(*singly), behind)
+    return CardParts(setup.of(*clear), light, shadow, rest, behind)
 
 
-def _together(one: Parts, other: Parts) -> Parts:
-    return np.concatenate([one[0], other[0]]), np.concatenate([one[1], other[1]])
+def split_by_dots(setup: Setup, plane: Plane, dots: FourDot, distortion: Distortion | None) -> tuple[Setup, Setup]:
+    """Parts of micro-images that look into one dot with all their rays, and those that see a dot's edge; not those that see none."""
+
+    def sort(entries: Whole, windows: Whole, small: Flags) -> tuple[Flags, ...]:
+        inside, outside = seen_of_dots(setup, setup.pupils.of(entries), windows, plane, dots, distortion)
+        return outside, inside, small & ~inside
+
+    inside, across = _quartered(setup, sort, SMALLEST)
+    return setup.of(*inside), setup.of(*across)
+
+
+def _together(*parts: Parts) -> Parts:
+    return np.concatenate([one[0] for one in parts]), np.concatenate([one[1] for one in parts])
 
 
 def _quartered(setup: Setup, sort: Callable[[Whole, Whole, Flags], tuple[Flags, ...]], least: int) -> list[Parts]:

@@ -95,6 +95,21 @@ def seen_past(
     return full, none, np.where(cards_met == 1, met, -1)
 
 
+def seen_of_dots(
+    setup: Setup, pupils: Pupils, windows: Whole, plane: Plane, dots: FourDot, distortion: Distortion | None
+) -> tuple[Flags, Flags]:
+    """Which windows of these pupils, made for the dots' plane, look into one dot with all their rays, and which past all dots."""
+    middle, half = middles(setup.sensor, pupils, windows)
+    low, high = _extent(pupils, plane, distortion, setup.motion, middle, half + setup.sensor.pixel / 2)
+    inside, outside = np.zeros(len(windows), dtype=np.bool_), np.ones(len(windows), dtype=np.bool_)
+    for centre in dots.centres:
+        nearest = np.maximum(np.maximum(low - centre, centre - high), 0.0)
+        farthest = np.maximum(np.abs(low - centre), np.abs(high - centre))
+        inside |= np.hypot(*farthest.T) < dots.diameter / 2
+        outside &= np.hypot(*nearest.T) > dots.diameter / 2
+    return inside, outside
+
+
 def _extent(
     pupils: Pupils, plane: Plane, distortion: Distortion | None, motion: Motion | None, middle: Array, half: Array
 ) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
-from flflab.image.card_parts import CardParts, split
+from flflab.image.card_parts import CardParts, split, split_by_dots
 from flflab.image.cards import Card
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.distortion import Distortion
@@ -51,7 +51,8 @@ def add_past_cards(
         for before, target in parts.shadow:
             add_moving_plane(hidden, before, target, wanted)
         image -= hidden
-    add_single_rays(image, parts.singly, plane, distortion, cards, wanted)
+    for before, target in parts.singly:
+        add_single_rays(image, before, replace(plane, target=target), distortion, cards, wanted)
 
 
 def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, cards: tuple[Card, ...], wanted: Chosen | None) -> None:
@@ -73,7 +74,11 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
     chosen = None if wanted is None else np.tile(wanted, (layers, 1))
     change, passed, whole = np.zeros((3, layers * rows, image.shape[1]))
     finer = replace(apart, tolerance=OF_RAYS * setup.tolerance)
-    if isinstance(plane.target, FourDot | Picture):  # at many moments, or in wide blurs: single rays are fewer
+    if isinstance(plane.target, FourDot):  # at many moments, or in wide blurs: single rays are fewer
+        inside, across = split_by_dots(finer, plane, plane.target, scene.distortion)
+        add_plane(change, inside, White(), chosen)
+        add_single_rays(change, across, plane, scene.distortion, (), chosen)
+    elif isinstance(plane.target, Picture):
         add_single_rays(change, finer, plane, scene.distortion, (), chosen)
     else:
         add_moving_plane(change, finer, plane.target, chosen)
