@@ -64,7 +64,8 @@ def told(trials: list[Trial]) -> str:
     """What became of the promise."""
     done = [trial for trial in trials if math.isfinite(trial.achieved)]
     lines = [f"{len(done)} scenes tried, {len(trials) - len(done)} late"]
-    above = [trial.seed for trial in done if not trial.every_achieved < trial.asked]
+    compared = [trial for trial in done if math.isfinite(trial.every)]  # those too dear to form with every effect as well are not
+    above = [trial.seed for trial in compared if not trial.every_achieved < trial.asked]
     missed = [trial.seed for trial in done if not trial.achieved < trial.asked]
     short = [trial.seed for trial in done if trial.estimated < trial.achieved]
     lines.append(f"error not below the tolerance: {len(missed)} {missed}")
@@ -77,10 +78,10 @@ def told(trials: list[Trial]) -> str:
             f"estimate over error: median {np.median(ratios):.2f}, at most 5 in {100 * np.mean(ratios <= 5):.1f} % of {len(telling)}"
         )
         lines.append(f"error over tolerance: median {shares[0]:.3f}, 95 % {shares[1]:.3f}, largest {shares[2]:.3f}")
-        faster = [np.median([trial.every / spent for trial, spent in zip(done, some, strict=True) if spent > 0]) for some in spent_by(done)]
+        times = [[one.every / spent for one, spent in zip(compared, some, strict=True) if spent > 0] for some in spent_by(compared)]
         lines.append(
-            f"every effect on takes, in the median, {faster[0]:.2f} times the time of auto's picture, {faster[1]:.2f} times that with its "
-            f"estimate; its own error is not below the tolerance in {len(above)} {above}"
+            f"every effect on takes, in the median of {len(compared)}, {np.median(times[0]):.2f} times the time of auto's picture, "
+            f"{np.median(times[1]):.2f} times that with its estimate; its own error is not below the tolerance in {len(above)} {above}"
         )
     return "\n".join(lines)
 
