@@ -37,7 +37,7 @@ class CardParts:
         clear: with all their rays.
         light: what is seen past one card, as a picture of what that leaves.
         shadow: pictures of a card, white, that takes as much of the light of ``clear`` and ``light``.
-        singly: parts that need single rays, and what they look at: for they see the target past several cards, or too crookedly.
+        singly: parts that need single rays, and what they look at: past several cards, too crookedly, or at a dot's edge.
         behind: all that a card leaves less than all light, dark or not.
     """
 

@@ -1,16 +1,23 @@
-"""Which parts of micro-images look where: held against rays that are refracted one by one."""
+"""Which parts of micro-images look where past cards, and that together they are the picture of single rays."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from flflab.image.card_parts import split_by_dots
+from flflab.image.card_parts import split, split_by_dots
+from flflab.image.cards import cards_of
+from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
+from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
+from flflab.image.render import render
 from flflab.image.scene import ALL, Plane, Scene
 from flflab.image.setup import make_setup
+from flflab.image.single_rays import add_single_rays
 from flflab.image.traced_rays import Path, landing
-from flflab.optics.camera import Camera, microlens_centres, pixel_positions
-from flflab.targets import FourDot
+from flflab.optics.camera import Camera, Sensor, microlens_centres, pixel_positions
+from flflab.targets import Black, FourDot, White
 
 
 @pytest.mark.parametrize("motion", [None, Motion(drift=(0.3, 0.1), vibration=(-0.1, 0.2))], ids=["still", "moving"])
@@ -48,3 +55,46 @@ def test_what_looks_into_a_dot_or_past_all_does_so_with_every_ray(camera: Camera
         elif seen[row, column] == 0:
             assert not shines.any()
     assert min(np.count_nonzero(seen == told) for told in (0, 1, 2)) > 100
+
+
+def cut_and_hidden(camera: Camera, motion: Motion | None = None, scale: float = 1.0) -> Scene:
+    """Large dots, cut by their own card's sides; another card hides the dark between them, and its corners parts of dots."""
+    near = Plane(Black(), 502.0, offset=(0.3 * scale, -0.2 * scale), roll=0.5, size=(3.0 * scale, 0.5 * scale))
+    offset, size = (0.2 * scale, -0.1 * scale), (3.4 * scale, 2.8 * scale)
+    dots = Plane(FourDot(1.6 * scale, 2.2 * scale), 504.0, offset=offset, roll=0.2, tilt=(0.1, 0.0), size=size)
+    small = replace(camera, sensor=Sensor((90, 70), 0.00498 * scale, 61.15))
+    return Scene(small, (near, dots), falloff=Falloff(), distortion=Distortion(0.01), motion=motion)
+
+
+@pytest.mark.parametrize(
+    "motion", [None, pytest.param(Motion(drift=(0.05, 0.02), vibration=(-0.01, 0.03)), marks=pytest.mark.ci)], ids=["still", "moving"]
+)
+def test_the_parts_of_dots_past_cards_are_together_what_single_rays_sum_up_to(camera: Camera, motion: Motion | None) -> None:
+    scene, tolerance = cut_and_hidden(camera, motion), 0.002
+    plane, cards = scene.planes[1], cards_of(scene, 1)
+    setup, singly = make_setup(scene, plane, tolerance, ALL), np.zeros((70, 90))
+    parts = split(setup, plane, scene.distortion, cards)
+    assert motion is not None or parts.shadow
+    assert motion is not None or all(len(some.blur) > 0 for some in (parts.clear, *(before for before, _ in (*parts.light, *parts.shadow))))
+    add_single_rays(singly, setup, plane, scene.distortion, cards)
+    assert np.abs(render(scene, tolerance=tolerance) - singly).max() < tolerance
+    assert singly.max() > 0.9
+
+
+def test_dots_past_cards_in_waves_too_short_to_bend_are_those_in_rays(camera: Camera) -> None:
+    scene, tolerance = cut_and_hidden(camera), 0.004
+    short = replace(scene, diffraction=Diffraction(1e-6))
+    assert np.abs(render(short, tolerance=tolerance) - render(scene, tolerance=tolerance)).max() < tolerance
+
+
+def test_waves_of_dots_are_what_they_were_where_a_card_stops_no_ray(camera: Camera) -> None:
+    """Light bends into the dark beside a dot as well, and where a card hides some of the dark."""
+    scene, tolerance = replace(cut_and_hidden(camera, scale=0.25), diffraction=Diffraction(800e-6)), 0.004
+    near, dots = scene.planes[0], replace(scene.planes[1], size=None)
+    white = replace(dots, target=White())
+    with_card, without = (render(replace(scene, planes=planes), tolerance=tolerance) for planes in ((near, dots), (dots,)))
+    hidden, whole = (render(replace(scene, planes=planes, diffraction=None), tolerance=1e-4) for planes in ((near, white), (white,)))
+    clear = (np.abs(hidden - whole) < 1e-9) & (whole > 0)
+    bent = without - render(replace(scene, planes=(dots,), diffraction=None), tolerance=tolerance)
+    assert np.count_nonzero(clear & (np.abs(bent) > 5 * tolerance)) > 20
+    assert np.abs(with_card - without)[clear].max() < tolerance

@@ -82,11 +82,9 @@ def test_bars_on_a_card_too_small_for_them_are_what_rays_say(
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize("motion", [None, Motion(drift=(0.1, 0.04), vibration=(-0.02, 0.05))], ids=["still", "moving"])
-def test_large_dots_past_cards_are_what_rays_say(camera: Camera, largest_difference: Callable[..., float], motion: Motion | None) -> None:
+def test_large_dots_past_cards_are_what_rays_say(camera: Camera, largest_difference: Callable[..., float]) -> None:
     """Most pixels look into one dot, cut by its own card or hidden by another, or past all dots; some see edges of both."""
     near = Plane(Black(), 450.0, offset=(0.3, -0.5), roll=0.3, size=(1.0, 0.8))
     dots = Plane(FourDot(2.0, 2.2), 490.0, offset=(0.2, -0.1), roll=0.2, tilt=(0.1, 0.0), size=(3.6, 3.0))
-    coarse = replace(camera, sensor=Sensor((64, 48), 0.00996, 61.15))
-    scene = Scene(coarse, (near, dots), falloff=Falloff(), distortion=Distortion(0.01), motion=motion)
-    assert largest_difference(scene, tolerance=0.002, count=4, wanted=5e-4) < 0.002
+    scene = Scene(replace(camera, sensor=Sensor((64, 48), 0.00996, 61.15)), (near, dots), falloff=Falloff(), distortion=Distortion(0.01))
+    assert largest_difference(scene, tolerance=0.002, count=6) < 0.002
