@@ -60,8 +60,7 @@ def add_plane(image: Array, setup: Setup, target: Target | Cropped, wanted: Chos
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
     match target:
         case FourDot():
-            for x, y in target.centres:
-                _add_dot(image, setup.seen_from(x, y), target.diameter / 2, chosen)
+            _add_dots(image, setup, target, chosen)
         case Picture():
             _add_texels(image, setup, target, chosen)
         case _:
@@ -169,8 +168,7 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
     in_bands(lambda rows: add_texels(image, rows, windows, *arguments), windows)
 
 
-def _add_dot(image: Array, setup: Setup, radius: float, chosen: Chosen) -> None:
-    """Add a disc of this radius round the origin of the target's coordinates."""
+def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None:
     blur, pupils = setup.kind_blur(largest=True), setup.pupils
     fewest = falloff_counts(setup)
     counts = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), fewest)
@@ -180,11 +178,8 @@ def _add_dot(image: Array, setup: Setup, radius: float, chosen: Chosen) -> None:
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))
         parts = np.where(counts == 0, finer, parts)
     slants = np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread])
+    lenses = setup.rims.kind, np.column_stack([pupils.centre_x, pupils.centre_y]), np.column_stack([pupils.slope, pupils.reach])
     arguments = (
-        setup.rims.kind,
-        np.column_stack([pupils.centre_x, pupils.centre_y]),
-        np.column_stack([pupils.slope, pupils.reach]),
-        _maps(setup),
         slants if setup.falloff else np.zeros_like(slants),
         pupils.level,
         parts,
@@ -198,8 +193,14 @@ def _add_dot(image: Array, setup: Setup, radius: float, chosen: Chosen) -> None:
         disc_nodes(8, 8),
         *pixel_positions(setup.sensor),
         setup.pixel_width,
-        radius,
+        dots.diameter / 2,
         chosen,
     )
-    windows = lit_windows(setup, radius, radius)
-    in_bands(lambda rows: add_dots(image, rows, windows, *arguments), windows)
+
+    def add(x: float, y: float) -> None:
+        from_dot = setup.seen_from(x, y)
+        maps, windows = _maps(from_dot), lit_windows(from_dot, dots.diameter / 2, dots.diameter / 2)
+        in_bands(lambda rows: add_dots(image, rows, windows, *lenses, maps, *arguments), windows)
+
+    for x, y in dots.centres:
+        add(x, y)

@@ -58,11 +58,26 @@ def rim_tables(rims: Rims, sides: Array, steep: npt.NDArray[np.bool_], steps: in
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def rim_share(distance: float, table: Array) -> float:
+    """Share of the full cone at a distance (mm) from the centre, from one row of ``rim_tables``."""
+    steps = table.shape[0] - 3
+    place = min(max((distance - table[0]) * table[1], 0.0), float(steps))  # there the table is 0
+    index = min(int(place), steps - 1)
+    part = place - index
+    return table[index + 2] * (1.0 - part) + table[index + 3] * part
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _fill(tables: Array, slope: Array, reach: Array, sides: Array, steep: npt.NDArray[np.bool_]) -> None:
     steps = tables.shape[1] - 3
+    points = np.empty(steps + 3)  # a table of points of no size: areas of discs cost ten times what looking them up does
     for kind in range(tables.shape[0]):
         if steep[kind]:
             continue
+        points[0] = abs(reach[kind] - slope[kind])
+        points[1] = steps / (reach[kind] + slope[kind] - points[0])
+        for index in range(steps + 1):
+            points[index + 2] = two_disc_area(1.0, reach[kind] / slope[kind], (points[0] + index / points[1]) / slope[kind]) / math.pi
         pixel = sides[kind]
         first = max(0.0, reach[kind] - slope[kind] - pixel)
         step = (reach[kind] + slope[kind] + pixel - first) / steps
@@ -73,19 +88,9 @@ def _fill(tables: Array, slope: Array, reach: Array, sides: Array, steep: npt.ND
             for column in range(4):
                 x = first + step * index + pixel * (column - 1.5) / 4
                 for row in range(2):
-                    distance = math.hypot(x, pixel * (row + 0.5) / 4)
-                    total += two_disc_area(1.0, reach[kind] / slope[kind], distance / slope[kind])
-            tables[kind, index + 2] = total / (8 * math.pi)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def rim_share(distance: float, table: Array) -> float:
-    """Share of the full cone at a distance (mm) from the centre, from one row of ``rim_tables``."""
-    steps = table.shape[0] - 3
-    place = min(max((distance - table[0]) * table[1], 0.0), float(steps))  # there the table is 0
-    index = min(int(place), steps - 1)
-    part = place - index
-    return table[index + 2] * (1.0 - part) + table[index + 3] * part
+                    y = pixel * (row + 0.5) / 4
+                    total += rim_share(math.sqrt(x * x + y * y), points)
+            tables[kind, index + 2] = total / 8
 
 
 def disc_nodes(rings: int, spokes: int) -> Array:

@@ -15,7 +15,7 @@ from flflab.optics.views import sensor_views
 
 Array = npt.NDArray[np.float64]
 Build = Callable[..., Camera]
-GRID = 121
+GRID = 81
 
 
 def pupil(camera: Camera) -> Array:
