@@ -41,6 +41,7 @@ FINE = 0.05  # of the tolerance goes to the tables of antiderivatives
 FALL = 0.2  # of it to those of the fall-off; micro-images that overlap share it, as all of them are off the same way
 PICTURE = 10.0  # how much rougher than bars a picture is: it has edges along the strips, too
 WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim, times the 3/2 power of half its width in pixels
+SPOT_BEND = 0.3  # of the tolerance, for how the area common to three discs bends within a pixel; micro-images that overlap share it
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
@@ -194,6 +195,7 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
         *pixel_positions(setup.sensor),
         setup.pixel_width,
         dots.diameter / 2,
+        SPOT_BEND * setup.tolerance / setup.overlap,
         chosen,
     )
 

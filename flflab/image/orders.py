@@ -17,7 +17,7 @@ Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 BAND_ROWS = 232
-MOST_PARTS = 32
+MOST_PARTS, MOST_SPOT_PARTS = 32, 128  # of a pixel a side
 STEEP_PARTS = 8
 MOST_STEPS = 16384
 LEAST_STRIPS = 3
@@ -137,7 +137,7 @@ def falloff_counts(setup: Setup) -> Whole:
 def spot_parts(blur: Array, tolerance: float) -> Whole:
     """Into how many parts a side a pixel is divided for the three-disc formula; n of them leave 0.07 / (n^2 sqrt(blur)) of white."""
     parts = np.ceil(np.sqrt(0.07 / (np.sqrt(np.maximum(blur, 0.1)) * 0.6 * tolerance)))
-    return np.clip(parts, 2, MOST_PARTS).astype(np.int64)
+    return np.clip(parts, 2, MOST_SPOT_PARTS).astype(np.int64)
 
 
 def is_even(maps: Array, tolerance: float) -> bool:
