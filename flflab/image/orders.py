@@ -70,11 +70,12 @@ def pixel_parts(setup: Setup, sharp: Flags) -> tuple[Whole, Flags]:
     """Into how many parts a side a pixel in the rim is divided for each kind of rim, and which kinds are steep.
 
     Light and rim vary together inside a pixel. Measured on square bars, in a rim w pixels wide n parts leave 0.17 / (w n^2) of white in
-    sharp entries, and 0.9 / (w n)^2 where strips end at the rim.
+    sharp entries, a blur of b pixels times less from b = 1 on, and 0.9 / (w n)^2 where strips end at the rim.
     """
     width, allowed = np.maximum(setup.rims.width, 1e-9), 0.5 * setup.tolerance
     any_sharp = np.bincount(setup.rims.kind[sharp], minlength=len(width)) > 0
-    parts = np.where(any_sharp, np.sqrt(0.17 / (width * allowed)), np.sqrt(0.9 / allowed) / width)
+    blur = np.where(any_sharp, 1.0, np.maximum(setup.kind_blur(largest=False), 1.0))
+    parts = np.sqrt(np.maximum(0.17 / (width * blur), np.where(any_sharp, 0.0, 0.9 / width**2)) / allowed)
     parts = np.clip(np.ceil(parts), 1, MOST_PARTS)
     if setup.pixel_width == 0:
         return np.ones(len(width), dtype=np.int64), setup.rims.slope == 0

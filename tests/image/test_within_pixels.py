@@ -1,0 +1,93 @@
+"""A picture is the mean over each pixel: against quarters of pixels, and against rays where that is hardest."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from flflab.image.reference import trace_pixels
+from flflab.image.render import render
+from flflab.image.scene import Scene, one_plane
+from flflab.optics.camera import Camera
+from flflab.targets import Bars, Chirp, FourDot, Picture, Target
+
+Array = npt.NDArray[np.float64]
+
+CHECKS = Picture(np.random.default_rng(0).integers(0, 2, (30, 40)).astype(np.float64), 10.0)
+BLURS = pytest.mark.parametrize(
+    ("f_number", "distance"),
+    [
+        pytest.param(4.0, 500.0, id="slight, in wide rims"),
+        pytest.param(2.8, 520.0, id="slight, in narrow rims"),
+        pytest.param(8.0, 470.0, id="as wide as a dot"),
+        pytest.param(4.0, 400.0, id="wide"),
+        pytest.param(1.6, 500.0, id="where micro-images overlap"),
+    ],
+)
+
+
+@pytest.fixture
+def before(with_f_number: Callable[[float], Camera]) -> Callable[[Target, float, float], Scene]:
+    """A target before nine microlenses, a part of whose micro-images is looked at, by target, f-number and distance."""
+
+    def scene(target: Target, f_number: float, distance: float) -> Scene:
+        camera = with_f_number(f_number)
+        sensor = replace(camera.sensor, resolution=(160, 160) if isinstance(target, FourDot) else (30, 30), offset=(0.1, 0.07))
+        return one_plane(replace(camera, sensor=sensor, array=replace(camera.array, count=(3, 3))), target, distance)
+
+    return scene
+
+
+def in_quarters(scene: Scene, tolerance: float) -> Array:
+    """The picture as the mean of 4 x 4 pixels a quarter as wide."""
+    sensor = scene.camera.sensor
+    columns, rows = sensor.resolution
+    finer = replace(sensor, resolution=(4 * columns, 4 * rows), pixel=sensor.pixel / 4)
+    image = render(replace(scene, camera=replace(scene.camera, sensor=finer)), tolerance=tolerance)
+    return image.reshape(rows, 4, columns, 4).mean(axis=(1, 3))
+
+
+@BLURS
+def test_every_pixel_of_a_dot_is_as_right_as_asked(
+    before: Callable[[Target, float, float], Scene], f_number: float, distance: float
+) -> None:
+    """Where circles of pupil, microlens and dot touch and cross in it in every way."""
+    scene = before(FourDot(1.0, 1.5), f_number, distance)
+    truth = in_quarters(scene, 1e-5)
+    off = [float(np.abs(render(scene, tolerance=tolerance) - truth).max()) / tolerance for tolerance in (1e-2, 1e-3, 1e-4, 1e-5)]
+    print(np.round(off, 3))
+    assert np.all(np.array(off) < [0.6, 0.4, 0.6, 0.25])
+
+
+@pytest.mark.parametrize("target", [Bars(), Chirp((0.5, 5.0), 12.0, 8.0), CHECKS], ids=lambda target: target.kind)
+@pytest.mark.parametrize("distance", [500.0, 490.0])
+def test_slight_blurs_in_wide_rims_are_as_right_as_asked(
+    before: Callable[[Target, float, float], Scene], target: Target, distance: float
+) -> None:
+    """A blur of 1 or 2.5 pixels, a rim of 48: looked at whole, a pixel of texels was 2.9 of the tolerance off, one of bars 2.0."""
+    scene = before(target, 4.0, distance)
+    truth = in_quarters(scene, 1e-4)
+    off = [float(np.abs(render(scene, tolerance=tolerance) - truth).max()) / tolerance for tolerance in (1e-2, 1e-3, 3e-4)]
+    print(np.round(off, 3))
+    assert max(off) < 0.45
+
+
+@BLURS
+def test_where_a_pixel_of_a_dot_is_hardest_rays_show_the_same(
+    before: Callable[[Target, float, float], Scene], f_number: float, distance: float
+) -> None:
+    check_hardest(before(FourDot(1.0, 1.5), f_number, distance), 1e-5)
+
+
+def test_where_a_pixel_of_texels_in_a_wide_rim_is_hardest_rays_show_the_same(before: Callable[[Target, float, float], Scene]) -> None:
+    check_hardest(before(CHECKS, 4.0, 500.0), 1e-4)
+
+
+def check_hardest(scene: Scene, finest: float) -> None:
+    fine = render(scene, tolerance=finest)
+    off = np.abs(render(scene, tolerance=1e-3) - fine)
+    row, column = np.unravel_index(np.argsort(off.ravel())[-2:], off.shape)
+    traced, uncertainty = trace_pixels(scene, np.stack([column, row], axis=1), wanted=1e-4)
+    assert np.all(np.abs(fine[row, column] - traced) < 1e-4 + 4 * uncertainty)
