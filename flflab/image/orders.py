@@ -19,6 +19,7 @@ Flags = npt.NDArray[np.bool_]
 BAND_ROWS = 232
 MOST_PARTS, MOST_SPOT_PARTS = 32, 128  # of a pixel a side
 STEEP_PARTS = 8
+SHARP = 0.17  # of white, times the square of the number of parts and the rim's width in pixels: what an edge leaves in a pixel on a rim
 MOST_STEPS = 16384
 LEAST_STRIPS = 3
 MOST_STRIPS = 512
@@ -66,16 +67,16 @@ def is_sharp(setup: Setup) -> Flags:
     return 0.42 * setup.blur < 0.5 * setup.tolerance / setup.overlap
 
 
-def pixel_parts(setup: Setup, sharp: Flags) -> tuple[Whole, Flags]:
+def pixel_parts(setup: Setup, sharp: Flags, slight: float = SHARP) -> tuple[Whole, Flags]:
     """Into how many parts a side a pixel in the rim is divided for each kind of rim, and which kinds are steep.
 
-    Light and rim vary together inside a pixel. Measured on square bars, in a rim w pixels wide n parts leave 0.17 / (w n^2) of white in
-    sharp entries, a blur of b pixels times less from b = 1 on, and 0.9 / (w n)^2 where strips end at the rim.
+    Light and rim vary together inside a pixel. Measured on square bars, in a rim w pixels wide n parts leave SHARP / (w n^2) of white in
+    sharp entries, ``slight`` / (b w n^2) in blurs of b pixels, from 1 up, and 0.9 / (w n)^2 where strips end at the rim.
     """
     width, allowed = np.maximum(setup.rims.width, 1e-9), 0.5 * setup.tolerance
     any_sharp = np.bincount(setup.rims.kind[sharp], minlength=len(width)) > 0
-    blur = np.where(any_sharp, 1.0, np.maximum(setup.kind_blur(largest=False), 1.0))
-    parts = np.sqrt(np.maximum(0.17 / (width * blur), np.where(any_sharp, 0.0, 0.9 / width**2)) / allowed)
+    blurred = np.maximum(slight / (width * np.maximum(setup.kind_blur(largest=False), 1.0)), 0.9 / width**2)
+    parts = np.sqrt(np.where(any_sharp, SHARP / width, blurred) / allowed)
     parts = np.clip(np.ceil(parts), 1, MOST_PARTS)
     if setup.pixel_width == 0:
         return np.ones(len(width), dtype=np.int64), setup.rims.slope == 0
