@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from flflab.image.moments import ways_along
 from flflab.image.orders import (
+    TEXELS,
     end_points,
     falloff_chunks,
     falloff_counts,
@@ -40,7 +41,6 @@ Chosen = npt.NDArray[np.bool_]
 FINE = 0.05  # of the tolerance goes to the tables of antiderivatives
 FALL = 0.2  # of it to those of the fall-off; micro-images that overlap share it, as all of them are off the same way
 PICTURE = 10.0  # how much rougher than bars a picture is: it has edges along the strips, too
-SLIGHT, SLIGHT_TEXELS = 0.085, 0.14  # what bars and texels leave in a slight blur, see ``pixel_parts``
 WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim, times the 3/2 power of half its width in pixels
 SPOT_BEND = 0.3  # of the tolerance, for how the area common to three discs bends within a pixel; micro-images that overlap share it
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
@@ -96,7 +96,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         setup = _turned(setup, np.array([[cos, sin], [-sin, cos]]))
     pupils, ways = setup.pupils, ways_along(setup) if len(table) else np.zeros((len(setup.origin), 1))
     counts, sharp = strip_counts(setup), is_sharp(setup)
-    parts, steep = pixel_parts(setup, sharp, SLIGHT)
+    parts, steep = pixel_parts(setup, sharp)
     if isinstance(target, White):
         at_end = WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5 > 0.2 * setup.tolerance
         parts = np.where((setup.rims.width < STEEP) | at_end, parts, 1)
@@ -139,7 +139,7 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
     pupils, sharp = setup.pupils, is_sharp(setup)
     counts, points = strip_counts(setup, PICTURE)[:, 0], picture_points(setup)
     grids, grid = np.unique(points, return_inverse=True)
-    parts, steep = pixel_parts(setup, sharp | (points > 0), SLIGHT_TEXELS)
+    parts, steep = pixel_parts(setup, sharp | (points > 0), TEXELS)
     arguments = (
         setup.rims.kind,
         np.column_stack([pupils.centre_x, pupils.centre_y]),

@@ -9,7 +9,7 @@ import pytest
 
 from flflab.image.reference import trace_pixels
 from flflab.image.render import render
-from flflab.image.scene import Scene, one_plane
+from flflab.image.scene import Scene, in_light, one_plane
 from flflab.optics.camera import Camera
 from flflab.targets import Bars, Chirp, FourDot, Picture, Target
 
@@ -30,11 +30,12 @@ BLURS = pytest.mark.parametrize(
 
 @pytest.fixture
 def before(with_f_number: Callable[[float], Camera]) -> Callable[[Target, float, float], Scene]:
-    """A target before nine microlenses, a part of whose micro-images is looked at, by target, f-number and distance."""
+    """A target before nine microlenses, by target, f-number and distance; but for dots, a piece of a rim where bars end is looked at."""
 
     def scene(target: Target, f_number: float, distance: float) -> Scene:
         camera = with_f_number(f_number)
-        sensor = replace(camera.sensor, resolution=(160, 160) if isinstance(target, FourDot) else (30, 30), offset=(0.1, 0.07))
+        resolution, offset = ((160, 160), (0.1, 0.07)) if isinstance(target, FourDot) else ((30, 30), (0.06, 0.1))
+        sensor = replace(camera.sensor, resolution=resolution, offset=offset)
         return one_plane(replace(camera, sensor=sensor, array=replace(camera.array, count=(3, 3))), target, distance)
 
     return scene
@@ -62,16 +63,29 @@ def test_every_pixel_of_a_dot_is_as_right_as_asked(
 
 
 @pytest.mark.parametrize("target", [Bars(), Chirp((0.5, 5.0), 12.0, 8.0), CHECKS], ids=lambda target: target.kind)
-@pytest.mark.parametrize("distance", [500.0, 490.0])
-def test_slight_blurs_in_wide_rims_are_as_right_as_asked(
-    before: Callable[[Target, float, float], Scene], target: Target, distance: float
-) -> None:
-    """A blur of 1 or 2.5 pixels, a rim of 48: looked at whole, a pixel of texels was 2.9 of the tolerance off, one of bars 2.0."""
+@pytest.mark.parametrize("distance", [500.0, 490.0, 470.0, 330.0])
+def test_blurs_in_wide_rims_are_as_right_as_asked(before: Callable[[Target, float, float], Scene], target: Target, distance: float) -> None:
+    """Blurs of 1, 2.5, 6 and 166 pixels, a rim of 48: looked at whole, a pixel of texels was 2.8 of the tolerance off, one of bars 2.0."""
     scene = before(target, 4.0, distance)
     truth = in_quarters(scene, 1e-4)
     off = [float(np.abs(render(scene, tolerance=tolerance) - truth).max()) / tolerance for tolerance in (1e-2, 1e-3, 3e-4)]
     print(np.round(off, 3))
-    assert max(off) < 0.45
+    assert max(off) < (0.7 if isinstance(target, Picture) else 0.45)
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize("pixel", [0.00166, 0.004])
+@pytest.mark.parametrize("target", [Bars(), CHECKS], ids=lambda target: target.kind)
+def test_slight_blurs_in_wide_rims_are_as_right_in_waves(
+    before: Callable[[Target, float, float], Scene], target: Target, pixel: float
+) -> None:
+    scene = in_light(before(target, 4.0, 500.0), 5.5e-4)
+    camera = scene.camera
+    scene = replace(scene, camera=replace(camera, sensor=replace(camera.sensor, pixel=pixel)))
+    truth = in_quarters(scene, 1e-3)
+    off = [float(np.abs(render(scene, tolerance=tolerance) - truth).max()) / tolerance for tolerance in (1e-2, 3e-3)]
+    print(np.round(off, 3))
+    assert max(off) < 1
 
 
 @BLURS
