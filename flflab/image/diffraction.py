@@ -56,7 +56,7 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
     seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
     alike = replace(setup, tolerance=SHARE * setup.tolerance / setup.overlap)  # microlenses side by side err to the same side
     pixels = lit_counts(windows[seen], chosen)
-    kinds = find_kinds(alike, type(target), wavelength, seen, pixels, KIND_COST[type(target)]) if len(seen) else []
+    kinds = find_kinds(alike, target, wavelength, seen, pixels, KIND_COST[type(target)]) if len(seen) else []
     for _, same in groupby(sorted(kinds, key=lambda kind: kind.pupil), key=lambda kind: kind.pupil):
         known: Known = {}  # tables of many pupils at a time would fill any memory
         for kind in same:

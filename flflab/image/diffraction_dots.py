@@ -5,6 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from flflab.image.diffraction_cut import cut_dots_spectrum, side_of_arc
 from flflab.image.diffraction_fields import Grid, dots_spectrum, make_grid, picture_spectrum
 from flflab.image.diffraction_kinds import Kind
 from flflab.image.diffraction_layers import FELT, Thing, add_thing
@@ -19,6 +20,7 @@ Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
 APART = 1.3  # times the margin, from dots to where their light repeats itself
+WORTH = 0.5  # of the field: so much smaller it must be for dots to be cut
 MARGINS = (16.0, 400.0)  # pixels, least and largest, from which light comes to what is looked at
 
 
@@ -48,17 +50,32 @@ def add_dots_diffracted(image: Array, setup: Setup, kind: Kind, known: Known, li
         centres, reach = np.array(dots.centres) / scales, size + kind.extent + margin
         return centres[np.all((low - reach < centres) & (centres < high + reach), axis=1)]
 
-    def grid_of_all(margin: float, samples: float) -> Grid | None:
+    def place(margin: float) -> tuple[Array, Array, Array, Array, bool]:
+        """The dots that are felt, where pixels look and their light falls, how much farther it does not repeat itself, whether dots are cut.
+
+        Dots that reach far beyond what is looked at are cut where their light does not come from.
+        """
         centres, reach = felt(margin), size + kind.extent + margin
         if not len(centres):
-            return None
+            return centres, low, high, np.zeros(2), False
         least, most = centres.min(axis=0), centres.max(axis=0)
         first, last = np.maximum(low, least - reach), np.minimum(high, most + reach)
         beyond = reach + (APART - 1) * margin  # where the sums repeat the dots
-        return make_grid(axes, first, last, np.maximum(last - least, most - first) + beyond - (last - first), samples)
+        whole, cut = np.maximum(last - least, most - first) + beyond - (last - first), np.full(2, 2 * (kind.extent + margin))
+        cuts = bool(np.prod(last - first + cut) < WORTH * np.prod(last - first + whole))
+        return centres, first, last, cut if cuts else whole, cuts
+
+    def grid_of_all(margin: float, samples: float) -> Grid | None:
+        centres, first, last, pad, _ = place(margin)
+        return make_grid(axes, first, last, pad, samples) if len(centres) else None
 
     def spectrum_of_all(grid: Grid, margin: float, x: Array, y: Array) -> ComplexArray:
-        return dots_spectrum(felt(margin) - grid.first, radius / scales, x, y)
+        centres, first, last, _, cuts = place(margin)
+        if not cuts:
+            return dots_spectrum(centres - grid.first, radius / scales, x, y)
+        shortest = min(kind.cutoff, float(max(np.abs(x).max(), np.abs(y).max())))
+        reach, side = margin + kind.extent, side_of_arc(size, shortest, kind.blur, setup.tolerance)
+        return cut_dots_spectrum(centres - grid.first, radius / scales, first - reach - grid.first, last + reach - grid.first, side, x, y)
 
     # The pattern falls as its light times tail / (2 pi) over the third power of the distance, once round the circle.
     # In one field all dots are left out or repeated at once, and behind all micro-images that overlap: it errs to one side.

@@ -26,6 +26,9 @@ BLURRED_OUT = 1e6  # pixels; no matter which: the target's image lies on the arr
 NO_RIM = 1e-6  # of the micro-image: a rim so narrow is none
 FLAT = 0.96  # of the tolerance: what a kind's microlenses may change by; they are off by half of it
 CHANGES: dict[type[Target], float] = {Edge: 1 / math.pi, Bars: 0.62, Chirp: 0.49, FourDot: 2.0, Picture: 2.0}  # of white, see above
+LARGE = 2.0  # times the pattern's radius, from which on fewer ends of a target lie within it
+FEW_CORNERS = 0.64  # of white, by which texels so large change
+AIRY = 1.22  # over the cutoff: radius of the first dark ring
 BEND = 0.45  # the second derivative of an edge through a blur of so many pixels over the square root of them
 
 
@@ -76,7 +79,7 @@ class Kind:
         return float(self.rims[:, 3].max())
 
 
-def find_kinds(setup: Setup, target: type[Target], wavelength: float, seen: Whole, pixels: Array, cost: float) -> list[Kind]:
+def find_kinds(setup: Setup, target: Target, wavelength: float, seen: Whole, pixels: Array, cost: float) -> list[Kind]:
     """Sort the entries ``seen`` into kinds whose pictures, interpolated, differ from each entry's own by less than the tolerance.
 
     The geometric blur is by_pupil over by_sensor: a number, but for what a target's tilt does to it, of which the mean is taken.
@@ -117,7 +120,8 @@ def find_kinds(setup: Setup, target: type[Target], wavelength: float, seen: Whol
     maps, movements = by_sensor.reshape(-1, 4) / unit, moved.reshape(-1, 4) / moved_unit
     described = np.column_stack([np.arcsinh(blur), np.log(np.maximum(cutoff, 1e-300)), rim, maps, movements])[near]
     bend = max(1.0, BEND * math.sqrt(float(np.abs(blur[near]).max())))
-    allowed = setup.tolerance / CHANGES[target]
+    pattern = math.hypot(float(np.abs(blur[near]).max()), AIRY / float(cutoff[near].min()))
+    allowed = setup.tolerance / largest_change(target, pattern * unit / math.sqrt(2))
     flat, cell = FLAT * allowed, math.sqrt(allowed / (math.pi * bend))
     for node, weights in kind_nodes(described, 4, flat, cell, pixels[near], cost):
         lit = near[weights != 0]
@@ -126,6 +130,24 @@ def find_kinds(setup: Setup, target: type[Target], wavelength: float, seen: Whol
         sizes = wide * math.exp(10 * node[3]), wide, math.sinh(node[0]), math.exp(node[1])
         kinds.append(Kind(seen[lit], weights[weights != 0], *sizes, to_target, rims[lit], smear))
     return kinds
+
+
+def largest_change(target: Target, radius: float) -> float:
+    """By how much of white a target's light changes at most, when the logarithm of the pattern's size does by 1.
+
+    A disc of light changes by twice the difference of its rim's share on white and its area's. On round dots R times as large as it that
+    is at most 1/pi + 0.21 / R from R = 2 on, on black and white texels as wide as it or wider 0.64, with the worst at a corner.
+
+    Args:
+        target: the target.
+        radius: of the pattern, target mm.
+    """
+    most = CHANGES[type(target)]
+    if isinstance(target, FourDot) and min(target.diameter / 2, target.spacing - target.diameter) >= LARGE * radius:  # one within it
+        return 1 / math.pi + 0.21 * radius / (target.diameter / 2)
+    if isinstance(target, Picture) and target.texel >= LARGE * radius:
+        return min(most, FEW_CORNERS)
+    return most
 
 
 def rim_light(radius: Array) -> Array:

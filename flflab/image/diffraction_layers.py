@@ -15,7 +15,7 @@ from flflab.image.diffraction_falloff import pupil_moments, slant_rows
 from flflab.image.diffraction_fields import Fields, Grid, add_fields, kept_frequencies, make_fields, on_sensor
 from flflab.image.diffraction_kinds import Kind
 from flflab.image.diffraction_orders import LEAST_TERMS, MOMENTS, PixelParts, lit_counts, node_counts, pixel_parts
-from flflab.image.diffraction_table import Known, Modes, samples_needed, shared_modes
+from flflab.image.diffraction_table import ALL, Known, Modes, Sieve, samples_needed, shared_modes
 from flflab.image.orders import in_bands
 from flflab.image.rim import disc_nodes
 from flflab.image.setup import Setup
@@ -34,19 +34,17 @@ FELT = 5.0  # standard deviations that a Gaussian reaches
 
 @dataclass(frozen=True)
 class Layer:
-    """A part of what is imaged: the frequencies that a Gaussian of ``softness`` pixels keeps, or those it does not; all with None.
+    """A part of what is imaged.
 
     Attributes:
         grid: where.
         margin: from how far around it light comes, pixels.
-        softness: of the Gaussian.
-        slow: whether it is what the Gaussian keeps.
+        sieve: of its frequencies.
     """
 
     grid: Grid
     margin: float
-    softness: float | None = None
-    slow: bool = False
+    sieve: Sieve = ALL
 
     @property
     def work(self) -> float:
@@ -56,11 +54,8 @@ class Layer:
 
     def of(self, spectrum: ComplexArray, x: Array, y: Array) -> ComplexArray:
         """Its part of a spectrum at frequencies along x' and y'."""
-        if self.softness is None:
-            return spectrum
         f = on_sensor(self.grid, x, y)
-        power = -2 * (math.pi * self.softness) ** 2 * (f * f).sum(axis=-1)
-        return spectrum * (np.exp(power) if self.slow else -np.expm1(power))
+        return spectrum * self.sieve.keeps(np.hypot(f[..., 0], f[..., 1]))
 
 
 @dataclass(frozen=True)
@@ -114,7 +109,7 @@ def layers(thing: Thing, samples: float, tolerance: float, reads: float) -> tupl
         if coarse >= samples or margin >= thing.margin:
             continue
         wide, near = thing.grid(thing.margin, coarse), thing.grid(margin, samples)
-        both = [Layer(grid, far, softness, slow) for grid, far, slow in ((wide, thing.margin, True), (near, margin, False)) if grid]
+        both = [Layer(grid, far, Sieve(softness, slow)) for grid, far, slow in ((wide, thing.margin, True), (near, margin, False)) if grid]
         work = sum(layer.work for layer in both) + 2 * reads
         if work < least:
             found, least = both, work
@@ -133,7 +128,7 @@ def add_thing(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, 
     for layer in ways[way][1]:
         looks, windows = _looks(setup, kind, lit, things[way], layer.grid)
         if len(windows):
-            modes = shared_modes(known, kind, samples, nodes, box, max(setup.tolerance, LEAST_TERMS))
+            modes = shared_modes(known, kind, samples, nodes, box, max(setup.tolerance, LEAST_TERMS), layer.sieve)
             _add_layer(image, setup, kind, modes, things[way], layer, looks, windows, divided, chosen)
 
 

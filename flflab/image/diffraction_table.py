@@ -29,6 +29,7 @@ Chosen = npt.NDArray[np.bool_]
 FINER = 64  # steps of a term's table in single precision for one of a ``TransferTable``: read between its nodes, it is as exact
 QUIET = 0.1  # of what is left out, for whole orders that are too small to look into
 TAIL = 1 / 64  # weight of a line's tail: light from so many pixels away
+GONE, SIFTED = 0.9, 1e-6  # over a Gaussian's softness, from where on it keeps no wave, and what it keeps at least
 BLOCK, ROWS = 24, 12  # frequencies at a time, and rows of the pupil
 PER_WAVE = 4.5  # samples of the shortest wave that a pupil lets pass
 EXACT = 1e-4  # of white: half of it is what splines of so many samples leave at the edge of a dot, found in light in focus
@@ -171,18 +172,41 @@ class Modes:
         return base, (place - base).astype(np.float32)
 
 
-Known = dict[tuple[float, ...], Modes]
+@dataclass(frozen=True)
+class Sieve:
+    """The frequencies that a Gaussian of ``softness`` pixels keeps, or those it does not; all with None."""
+
+    softness: float | None = None
+    slow: bool = False
+
+    @property
+    def band(self) -> float:
+        """From where on nothing is kept, cycles/pixel."""
+        return GONE / self.softness if self.slow and self.softness is not None else math.inf
+
+    def keeps(self, frequency: Array) -> Array:
+        """Share of what has a frequency, cycles/pixel."""
+        if self.softness is None:
+            return np.ones(frequency.shape)
+        power = -2 * (math.pi * self.softness * frequency) ** 2
+        return np.asarray(np.exp(power) if self.slow else -np.expm1(power))
 
 
-def shared_modes(known: Known, kind: Kind, samples: float, nodes: tuple[int, int], box: float, left_out: float) -> Modes:
+ALL = Sieve()
+Known = dict[tuple[float | Sieve, ...], Modes]
+
+
+def shared_modes(
+    known: Known, kind: Kind, samples: float, nodes: tuple[int, int], box: float, left_out: float, sieve: Sieve = ALL
+) -> Modes:
     """A kind's modes, for so many samples a pixel from a table of so many radii and angles; made once for all kinds of one pupil."""
-    asked = (*kind.pupil, samples, *nodes, left_out)
+    asked = (*kind.pupil, samples, *nodes, left_out, sieve)
     if asked not in known:
-        known[asked] = find_modes(transfer_table(kind, samples, *nodes), box, left_out)
+        known[asked] = find_modes(transfer_table(kind, min(samples, 2 * sieve.band), *nodes), box, left_out, sieve)
     return replace(known[asked], kind=kind)
 
 
-def find_modes(table: TransferTable, box: float, left_out: float) -> Modes:
+def find_modes(table: TransferTable, box: float, left_out: float, sieve: Sieve = ALL) -> Modes:
     """Turn a table into a sum, as short as what is left out allows.
 
     Errors of terms are as unlike each other as the terms: what many of them change together was measured on dots and pictures, where
@@ -192,6 +216,7 @@ def find_modes(table: TransferTable, box: float, left_out: float) -> Modes:
         table: the table.
         box: side of the square over which a pixel gathers light, pixels.
         left_out: that root at most, of white, for sines of half the full contrast behind such pixels.
+        sieve: of these sines' frequencies.
     """
     core = table.values[0, 0].real
     unclipped = core, _fine_tables(core[None])[0], float(table.tails[0, 0])
@@ -206,7 +231,8 @@ def find_modes(table: TransferTable, box: float, left_out: float) -> Modes:
     waves /= 2 * count
     nodes = np.linspace(0, np.pi, len(core))
     waves_across = box * table.band / 2 * (1 - np.cos(nodes))  # where they are whole a pixel keeps what the rim changes within it
-    weight = np.append(np.minimum(1.0, 1 / np.maximum(np.pi * waves_across, 1e-9)) / 2, TAIL)
+    kept_of_them = np.maximum(sieve.keeps(table.band / 2 * (1 - np.cos(nodes))), SIFTED)
+    weight = np.append(kept_of_them * np.minimum(1.0, 1 / np.maximum(np.pi * waves_across, 1e-9)) / 2, TAIL)
     waves *= weight
     whole = np.linalg.norm(waves, axis=(0, 2))
     small = _smallest(whole, QUIET * left_out)

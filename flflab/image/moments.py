@@ -23,8 +23,7 @@ def at_moments(setup: Setup) -> Iterator[Setup]:
 
     The places are midpoints of equal times of the even drift, and of equal phases of the sine (Gauss's rule for its density).
     """
-    counts = moment_counts(setup.motion, smear_of(setup.by_motion, setup.by_sensor * setup.sensor.pixel, setup.by_pupil), setup.tolerance)
-    drift, vibration = (int(count) for count in counts.max(axis=0, initial=1))
+    drift, vibration = moments_of(setup)
     even = (np.arange(drift) + 0.5) / drift - 0.5
     swing = np.cos(np.pi * (np.arange(vibration) + 0.5) / vibration) if vibration > 1 else np.zeros(1)
     motion, number = setup.motion or Motion(), len(setup.origin)
@@ -35,6 +34,13 @@ def at_moments(setup: Setup) -> Iterator[Setup]:
         parts = setup.of(np.tile(np.arange(number), len(some)), np.tile(setup.window, (len(some), 1)))
         origin = parts.origin + np.einsum("nij,nj->ni", parts.by_motion, np.repeat(some, number, axis=0))
         yield replace(parts, origin=origin, pupils=replace(parts.pupils, level=parts.pupils.level / len(ways)), motion=None)
+
+
+def moments_of(setup: Setup) -> tuple[int, int]:
+    """How many moments drift and vibration need for all entries of a setup, see ``at_moments``."""
+    counts = moment_counts(setup.motion, smear_of(setup.by_motion, setup.by_sensor * setup.sensor.pixel, setup.by_pupil), setup.tolerance)
+    drift, vibration = (int(count) for count in counts.max(axis=0, initial=1))
+    return drift, vibration
 
 
 def smear_of(by_motion: Array, by_pixel: Array, by_pupil: Array) -> Array:

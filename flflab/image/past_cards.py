@@ -4,6 +4,7 @@ The change of it without cards counts by the share of a pixel's rays that the ca
 reach a pixel they are laid side by side.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from flflab.image.cards import Card
 from flflab.image.diffraction import add_plane_with_diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.form import add_plane
+from flflab.image.moments import moments_of
 from flflab.image.moving import add_moving_plane
 from flflab.image.scene import Plane, Scene
 from flflab.image.setup import Setup
@@ -29,6 +31,7 @@ UNFELT = 0.05  # of the tolerance
 OF_RAYS = 0.3  # of it, for the rays that waves are held against: they cost less, and the errors of both add up
 OF_PASSED = 0.3  # of it, for the share of light that cards let pass
 COARSEST = 0.1  # tolerance of that share
+MANY = 16  # moments at which a moving picture is formed: more take single rays less time
 
 
 def add_past_cards(
@@ -78,7 +81,7 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
         inside, across = split_by_dots(finer, plane, plane.target, scene.distortion)
         add_plane(change, inside, White(), chosen)
         add_single_rays(change, across, plane, scene.distortion, (), chosen)
-    elif isinstance(plane.target, Picture):
+    elif isinstance(plane.target, Picture) and math.prod(moments_of(finer)) > MANY:
         add_single_rays(change, finer, plane, scene.distortion, (), chosen)
     else:
         add_moving_plane(change, finer, plane.target, chosen)
