@@ -20,7 +20,7 @@ Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
 APART = 1.3  # times the margin, from dots to where their light repeats itself
-WORTH = 0.5  # of the field: so much smaller it must be for dots to be cut
+WORTH = 250.0  # sides of cut dots that cost as much as a field as large as what is left of it
 MARGINS = (16.0, 400.0)  # pixels, least and largest, from which light comes to what is looked at
 
 
@@ -51,7 +51,7 @@ def add_dots_diffracted(image: Array, setup: Setup, kind: Kind, known: Known, li
         return centres[np.all((low - reach < centres) & (centres < high + reach), axis=1)]
 
     def place(margin: float) -> tuple[Array, Array, Array, Array, bool]:
-        """The dots that are felt, where pixels look and their light falls, how much farther it does not repeat itself, whether dots are cut.
+        """The dots that are felt, where pixels look and their light falls, how far beyond it nothing repeats, whether dots are cut.
 
         Dots that reach far beyond what is looked at are cut where their light does not come from.
         """
@@ -62,7 +62,9 @@ def add_dots_diffracted(image: Array, setup: Setup, kind: Kind, known: Known, li
         first, last = np.maximum(low, least - reach), np.minimum(high, most + reach)
         beyond = reach + (APART - 1) * margin  # where the sums repeat the dots
         whole, cut = np.maximum(last - least, most - first) + beyond - (last - first), np.full(2, 2 * (kind.extent + margin))
-        cuts = bool(np.prod(last - first + cut) < WORTH * np.prod(last - first + whole))
+        smaller = float(np.prod(last - first + whole) / np.prod(last - first + cut))
+        rims = len(centres) * min(2 * math.pi * size, 2 * float(np.sum(last - first + cut)))
+        cuts = rims / side_of_arc(size, kind.cutoff, kind.blur, setup.tolerance) < WORTH * (smaller - 1)
         return centres, first, last, cut if cuts else whole, cuts
 
     def grid_of_all(margin: float, samples: float) -> Grid | None:

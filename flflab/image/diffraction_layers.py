@@ -4,7 +4,6 @@ What reaches far varies slowly, and what varies fast stays near. So where that i
 Ewald's sums: the slow ones make a coarse field as wide as the light reaches, the others a fine one little wider than what is looked at.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
