@@ -72,7 +72,7 @@ def picture(
     )
     scene = in_light(one_plane(true, target, configuration.distance - away + lens), wavelength)
     # What rounding leaves of dark pixels is another on each machine, and the generator draws for any light but none.
-    tolerance = 3e-5 if target == White() else 2e-4 if wavelength is None else 1e-3  # the electrons of full light are as many to 1e-2
+    tolerance = 3e-5 if target == White() else 5e-4 if wavelength is None else 1e-3  # the electrons of full light are as many to 1e-2
     light = np.maximum(np.round(render(scene, tolerance=tolerance), 9), 0.0)
     caught = rng.poisson(light * electrons * white_irradiance(true)) + rng.normal(0.0, READ_NOISE_E, light.shape)
     return np.clip(np.rint(caught * GAIN + OFFSET), 0, FULL_SCALE)
