@@ -17,9 +17,10 @@ from flflab.image.diffraction_dots import add_dots_diffracted, add_picture_diffr
 from flflab.image.diffraction_falloff import pupil_moments, slant_rows
 from flflab.image.diffraction_kinds import BLURRED, Kind, find_kinds
 from flflab.image.diffraction_lines import add_ruled_diffracted
+from flflab.image.diffraction_modes import Known, shared_modes
 from flflab.image.diffraction_orders import LEAST_TERMS, MOMENTS, finest_lines, lit_counts, lit_windows, looked_at, node_counts, pixel_parts
 from flflab.image.diffraction_ruled import make_curves, make_line
-from flflab.image.diffraction_table import Known, samples_needed, shared_modes
+from flflab.image.diffraction_table import samples_needed
 from flflab.image.form import add_plane
 from flflab.image.moving import add_moving_plane
 from flflab.image.orders import in_bands, is_even

@@ -15,8 +15,8 @@ from scipy.interpolate import make_interp_spline
 
 from flflab.image.diffraction_far import mean_light, poisson_light, poisson_transfer, poisson_weight
 from flflab.image.diffraction_kinds import Kind
+from flflab.image.diffraction_modes import Modes
 from flflab.image.diffraction_ruled import Line, line_spectrum, mirrored, spline_weights, weigh_waves
-from flflab.image.diffraction_table import Modes
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

@@ -9,8 +9,8 @@ from flflab.image.diffraction_cut import cut_dots_spectrum, side_of_arc
 from flflab.image.diffraction_fields import Grid, dots_spectrum, make_grid, picture_spectrum
 from flflab.image.diffraction_kinds import Kind
 from flflab.image.diffraction_layers import FELT, Thing, add_thing
+from flflab.image.diffraction_modes import Known
 from flflab.image.diffraction_orders import finest_lines, looked_at
-from flflab.image.diffraction_table import Known
 from flflab.image.setup import Setup
 from flflab.targets import FourDot, Picture
 

@@ -12,8 +12,9 @@ from scipy.special import j1
 
 from flflab.image.diffraction_border import read_sheet, read_waves
 from flflab.image.diffraction_falloff import mean_falloff
+from flflab.image.diffraction_modes import Modes
 from flflab.image.diffraction_ruled import mirrored, spline_weights
-from flflab.image.diffraction_table import Modes, fast_length
+from flflab.image.diffraction_table import fast_length
 from flflab.image.rim import place_on_rim
 from flflab.targets import Picture
 

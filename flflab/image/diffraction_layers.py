@@ -13,8 +13,9 @@ import numpy.typing as npt
 from flflab.image.diffraction_falloff import pupil_moments, slant_rows
 from flflab.image.diffraction_fields import Fields, Grid, add_fields, kept_frequencies, make_fields, on_sensor
 from flflab.image.diffraction_kinds import Kind
+from flflab.image.diffraction_modes import ALL, Known, Modes, Sieve, shared_modes
 from flflab.image.diffraction_orders import LEAST_TERMS, MOMENTS, PixelParts, lit_counts, node_counts, pixel_parts
-from flflab.image.diffraction_table import ALL, Known, Modes, Sieve, samples_needed, shared_modes
+from flflab.image.diffraction_table import samples_needed
 from flflab.image.orders import in_bands
 from flflab.image.rim import disc_nodes
 from flflab.image.setup import Setup

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from flflab.image.diffraction_table import Modes, fast_length
+from flflab.image.diffraction_modes import Modes
+from flflab.image.diffraction_table import fast_length
 from flflab.targets import Bars, Chirp, Edge
 
 Array = npt.NDArray[np.float64]
