@@ -136,7 +136,7 @@ def largest_change(target: Target, radius: float) -> float:
     """By how much of white a target's light changes at most, when the logarithm of the pattern's size does by 1.
 
     A disc of light changes by twice the difference of its rim's share on white and its area's. On round dots R times as large as it that
-    is at most 1/pi + 0.21 / R from R = 2 on, on black and white texels as wide as it or wider 0.64, with the worst at a corner.
+    is at most 1/pi + 0.22 / R from R = 2 on, on black and white texels as wide as it or wider 0.64, with the worst at a corner.
 
     Args:
         target: the target.
@@ -144,7 +144,7 @@ def largest_change(target: Target, radius: float) -> float:
     """
     most = CHANGES[type(target)]
     if isinstance(target, FourDot) and min(target.diameter / 2, target.spacing - target.diameter) >= LARGE * radius:  # one within it
-        return 1 / math.pi + 0.21 * radius / (target.diameter / 2)
+        return 1 / math.pi + 0.22 * radius / (target.diameter / 2)
     if isinstance(target, Picture) and target.texel >= LARGE * radius:
         return min(most, FEW_CORNERS)
     return most
