@@ -142,12 +142,11 @@ def largest_change(target: Target, radius: float) -> float:
         target: the target.
         radius: of the pattern, target mm.
     """
-    most = CHANGES[type(target)]
     if isinstance(target, FourDot) and min(target.diameter / 2, target.spacing - target.diameter) >= LARGE * radius:  # one within it
         return 1 / math.pi + 0.22 * radius / (target.diameter / 2)
     if isinstance(target, Picture) and target.texel >= LARGE * radius:
-        return min(most, FEW_CORNERS)
-    return most
+        return FEW_CORNERS
+    return CHANGES[type(target)]
 
 
 def rim_light(radius: Array) -> Array:

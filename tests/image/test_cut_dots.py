@@ -33,7 +33,7 @@ def test_a_cut_dot_has_the_spectrum_of_its_points() -> None:
     inside = np.hypot((x - 10.0) / 30.0, (y[:, None] + 5.0) / 31.0) < 1
     waves = [np.exp(-2j * np.pi * FREQUENCIES[:, None] * places) for places in (x, y)]
     points = waves[1] @ inside @ waves[0].T * np.prod((high - low) / count)
-    assert np.abs(cut - points).max() < 1e-4 * np.abs(points).max()
+    assert np.abs(cut - points).max() < 4e-6 * np.abs(points).max()
 
 
 def test_the_parts_on_both_sides_of_a_cut_add_up_to_the_dot() -> None:
