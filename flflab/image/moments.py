@@ -50,6 +50,12 @@ def smear_of(by_motion: Array, by_pixel: Array, by_pupil: Array) -> Array:
     return np.divide(way, width, out=np.zeros_like(way), where=width > 0)
 
 
+def widths_moved(motion: Motion | None, smear: Array) -> Array:
+    """Over how many widths of a smoothed edge drift and vibration carry a target from end to end, shape (N, 2); see ``smear_of``."""
+    motion = motion or Motion()
+    return smear[:, None] * np.array([math.hypot(*motion.drift), 2 * math.hypot(*motion.vibration)])
+
+
 def moment_counts(motion: Motion | None, smear: Array, tolerance: Array | float) -> Whole:
     """How many moments drift and vibration need, shape (N, 2): n of them leave about S / (4 n^2) of white.
 
@@ -63,7 +69,7 @@ def moment_counts(motion: Motion | None, smear: Array, tolerance: Array | float)
     """
     if motion is None:
         return np.ones((len(smear), 2), dtype=np.int64)
-    demand = smear[:, None] * np.array([math.hypot(*motion.drift), 3.2 * math.hypot(*motion.vibration)]) / np.reshape(tolerance, (-1, 1))
+    demand = widths_moved(motion, smear) * np.array([1.0, 1.6]) / np.reshape(tolerance, (-1, 1))
     return np.maximum(np.ceil(np.sqrt(demand)), 1).astype(np.int64)
 
 

@@ -246,15 +246,15 @@ def _pixel_light(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _first_orders(most: Whole, whole: bool, along: bool, orders: Whole) -> None:
+def _first_orders(most: Whole, fewest: Whole, whole: bool, along: bool, orders: Whole) -> None:
     """With what a pixel is first summed: a whole one in the bright field undivided, rows along all surfaces' axes in few cells.
 
     Between two rows aslant an edge moves by more than a cell: few cells and few rows err, and no more of either alone shows it.
     """
     orders[0] = 1 if whole else max((most[0] + COARSER - 1) // COARSER, min(most[0], FEWEST_PARTS))
     orders[1] = max((most[1] + COARSER - 1) // COARSER, min(most[1], FEWEST_ROWS))
-    orders[3] = orders[4] = 1
     orders[2] = min(most[2], FEWEST_CELLS) if along else orders[1]
+    orders[3:] = fewest
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -268,6 +268,7 @@ def add_rays(
     aligned: Chosen,
     along: Chosen,
     orders: Whole,
+    moments: Whole,
     steep: Chosen,
     enough: Array,
     motion: Array,
@@ -287,8 +288,9 @@ def add_rays(
     """Add the light of all windows to the rows of a band; see ``add_single_rays``.
 
     ``orders`` are the most along each of the ``AXES`` for each window; a pixel's are doubled, each for itself, until that changes it
-    by less than is ``enough`` for the window. Where ``steep``, the rim cuts the parts of a pixel, for each ray elsewhere; else it cuts the
-    pupil that a part looks through. Where ``along``, rows and columns of the pupil run along the axes of target and cards.
+    by less than is ``enough`` for the window. ``moments`` are those of drift and of vibration to begin with. Where ``steep``, the rim
+    cuts the parts of a pixel, for each ray elsewhere; else it cuts the pupil that a part looks through. Where ``along``, rows and columns
+    of the pupil run along the axes of target and cards.
     """
     places, boxes, moved = np.empty((MOST_CROSSED, 7)), np.zeros((surfaces.shape[0] + 1, 8)), surfaces.copy()
     now, seen, gains = np.empty(AXES, dtype=np.int64), np.empty(AXES), np.empty(AXES)
@@ -303,7 +305,7 @@ def add_rays(
                 away = math.hypot(dx, dy)
                 if away > lens[3] + abs(lens[2]) + pixel:
                     continue
-                _first_orders(most, away + 0.75 * pixel < lens[3] - abs(lens[2]), along[entry], now)
+                _first_orders(most, moments[entry], away + 0.75 * pixel < lens[3] - abs(lens[2]), along[entry], now)
                 first, settled, refined = 0.0, False, AXES
                 while not settled:
                     known = refined == 1  # the one step taken was looked at before

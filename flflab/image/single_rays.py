@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from flflab.image.cards import Card, pupils_before
 from flflab.image.effects.distortion import Distortion
-from flflab.image.moments import moment_counts, smear_of
+from flflab.image.moments import moment_counts, smear_of, widths_moved
 from flflab.image.neighbourhood import described
 from flflab.image.orders import in_bands
 from flflab.image.rays import linearised, own_axes
@@ -30,6 +30,7 @@ MOST_PARTS, STEEP_PARTS = 32, 8  # of a pixel a side; of one that a steep rim cu
 STEEP = 2.0  # pixels; a rim narrower than this cuts the parts of a pixel, for each ray elsewhere, instead of the pupil
 STEEP_ERROR = 0.01  # of white, times the square of the rim's width in pixels over that of the number of rows, where it does
 MOST_ROWS = 96
+FEWEST_MOMENTS = 2  # of those that a pixel is first summed with: one and two agree by chance too often
 SKEW = 0.2  # angle, in rad, above which edges of cards and targets do not count as parallel
 TURNED_ERROR = 0.1  # error, of white, times the square of the number of parts, where the edges of two surfaces cross under an angle
 ENOUGH = 0.15  # of the tolerance: all that twice an order may change
@@ -111,7 +112,11 @@ def add_single_rays(
     xs, ys = pixel_positions(setup.sensor)
     coefficient = 0.0 if distortion is None else distortion.coefficient
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
-    orders = np.column_stack([parts, rows, rows, moment_counts(setup.motion, smears.max(axis=1), tolerance)]).astype(np.int64)
+    smear = smears.max(axis=1)
+    most = moment_counts(setup.motion, smear, tolerance)
+    # Farther apart than an edge is wide, moments see it or not by chance, and twice as many may agree.
+    moments = np.minimum(np.maximum(np.ceil(widths_moved(setup.motion, smear)), FEWEST_MOMENTS), most).astype(np.int64)
+    orders = np.column_stack([parts, rows, rows, most]).astype(np.int64)
     brightest = min(float(plane.target.values.max()), 1.0) if isinstance(plane.target, Picture) else 1.0  # half of it is half the light
     motion = np.zeros((2, 2)) if setup.motion is None else np.array([setup.motion.drift, setup.motion.vibration])
 
@@ -126,6 +131,7 @@ def add_single_rays(
             aligned,
             along,
             orders,
+            moments,
             steep,
             ENOUGH * tolerance * brightest,
             motion,
