@@ -112,6 +112,19 @@ def test_a_picture_cut_by_its_own_card_that_trembles_far_is_the_mean_of_standing
     assert np.abs(render(scene, tolerance=tolerance) - mean_of_standing(scene, 40, tolerance)).max() < tolerance
 
 
+@pytest.mark.parametrize("motion", [Motion((0.1, 0.0)), Motion((0.2, 0.0), (0.0, 0.1))], ids=["a little", "far"])
+def test_a_moving_picture_past_its_own_card_in_waves_too_short_to_bend_is_that_in_rays(camera: Camera, motion: Motion) -> None:
+    """Rays are taken away from waves and must have moved as these have, by few moments or by many."""
+    scene, tolerance = cut_squares(camera, motion), 0.03
+    short = replace(scene, diffraction=Diffraction(1e-6))
+    assert np.abs(render(short, tolerance=tolerance) - render(scene, tolerance=tolerance)).max() < tolerance
+
+
+def test_waves_of_a_picture_past_its_own_card_move_as_it_does(camera: Camera) -> None:
+    scene, tolerance = replace(cut_squares(camera, Motion((0.2, 0.0))), diffraction=Diffraction(800e-6)), 0.03
+    assert np.abs(render(scene, tolerance=tolerance) - mean_of_standing(scene, 16, tolerance)).max() < tolerance
+
+
 def test_waves_of_dots_are_what_they_were_where_a_card_stops_no_ray(camera: Camera) -> None:
     """Light bends into the dark beside a dot as well, and where a card hides some of the dark."""
     scene, tolerance = replace(cut_and_hidden(camera, scale=0.25), diffraction=Diffraction(800e-6)), 0.004
