@@ -1,11 +1,13 @@
 """The light of one flat target on the sensor, by the kernels that suit the target."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
+from flflab.image.device.found import device_kernels, is_worth_it
 from flflab.image.moments import ways_along
 from flflab.image.orders import (
     TEXELS,
@@ -36,6 +38,7 @@ from flflab.optics.camera import pixel_positions
 from flflab.targets import Edge, FourDot, Picture, Target, White
 
 Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 FINE = 0.05  # of the tolerance goes to the tables of antiderivatives
@@ -43,6 +46,7 @@ FALL = 0.2  # of it to those of the fall-off; micro-images that overlap share it
 PICTURE = 10.0  # how much rougher than bars a picture is: it has edges along the strips, too
 WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim, times the 3/2 power of half its width in pixels
 SPOT_BEND = 0.3  # of the tolerance, for how the area common to three discs bends within a pixel; micro-images that overlap share it
+TEXEL_STEPS, SPOT_STEPS = 10.0, 1000.0  # of bars' strips that a strip of a picture or a pixel of a dot takes as long as
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
@@ -69,6 +73,15 @@ def add_plane(image: Array, setup: Setup, target: Target | Cropped, wanted: Chos
             _add_ruled(image, setup, target, chosen)
 
 
+def _form(add: Callable[..., None], steps: float, image: Array, windows: Whole, *arguments: object) -> None:
+    """Add the light in these windows by a kernel on all cores, or by the one of the same name of a device that is worth it."""
+    kernels = device_kernels() if is_worth_it(windows, steps) else None
+    if kernels is None:
+        in_bands(lambda rows: add(image, rows, windows, *arguments), windows)
+    else:
+        getattr(kernels, add.__name__)(image, windows, *arguments)
+
+
 def _turned(setup: Setup, axes: Array) -> Setup:
     """The same with the target's coordinates counted along other axes, the rows of ``axes``."""
     maps = {"by_pupil": axes @ setup.by_pupil, "by_sensor": axes @ setup.by_sensor, "by_motion": axes @ setup.by_motion}
@@ -79,6 +92,13 @@ def _maps(setup: Setup) -> Array:
     """The affine maps to the target, shape (N, 10): origin, by pupil, by sensor, row by row."""
     count = len(setup.origin)
     return np.concatenate([setup.origin, setup.by_pupil.reshape(count, 4), setup.by_sensor.reshape(count, 4)], axis=1)
+
+
+def _slants(setup: Setup) -> Array:
+    """Slopes of the middle rays at the sensor and how they change, shape (N, 4), see ``add_ruled``; 0 without fall-off."""
+    pupils = setup.pupils
+    slants = np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread])
+    return slants if setup.falloff else np.zeros_like(slants)
 
 
 def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Chosen) -> None:
@@ -107,7 +127,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         np.column_stack([pupils.centre_x, pupils.centre_y]),
         np.column_stack([pupils.slope, pupils.reach]),
         _maps(setup),
-        np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread]),
+        _slants(setup),
         pupils.level,
         sharp,
         parts,
@@ -129,10 +149,12 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         law,
         ways,
         bounds,
+        np.array([bounds[1], 0.0, 0.0]),
+        np.zeros((2, 2)),
         chosen,
     )
     windows = lit_windows(setup, half_x + float(np.abs(ways).max()), half_y)
-    in_bands(lambda rows: add_ruled(image, rows, windows, *arguments), windows)
+    _form(add_ruled, 1.0 if sharp.all() else float(counts.mean()), image, windows, *arguments)
 
 
 def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) -> None:
@@ -145,7 +167,7 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
         np.column_stack([pupils.centre_x, pupils.centre_y]),
         np.column_stack([pupils.slope, pupils.reach]),
         _maps(setup),
-        np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread]),
+        _slants(setup),
         pupils.level,
         sharp,
         parts,
@@ -164,10 +186,13 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
         setup.pixel_width,
         picture.texel,
         np.ascontiguousarray(picture.values, dtype=np.float64),
+        np.array([1.0, 0.0, 0.0]),
+        np.zeros((0, 8)),
+        np.zeros(6),
         chosen,
     )
     windows = lit_windows(setup, picture.width / 2, picture.height / 2)
-    in_bands(lambda rows: add_texels(image, rows, windows, *arguments), windows)
+    _form(add_texels, 1.0 if sharp.all() else TEXEL_STEPS * float(counts.mean()), image, windows, *arguments)
 
 
 def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None:
@@ -179,10 +204,9 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))
         parts = np.where(counts == 0, finer, parts)
-    slants = np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread])
     lenses = setup.rims.kind, np.column_stack([pupils.centre_x, pupils.centre_y]), np.column_stack([pupils.slope, pupils.reach])
     arguments = (
-        slants if setup.falloff else np.zeros_like(slants),
+        _slants(setup),
         pupils.level,
         parts,
         counts,
@@ -195,7 +219,10 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
         disc_nodes(8, 8),
         *pixel_positions(setup.sensor),
         setup.pixel_width,
-        dots.diameter / 2,
+        np.array([dots.diameter / 2, 0.0, 0.0]),
+        np.zeros((0, 8)),
+        np.zeros(6),
+        np.zeros((2, 2)),
         SPOT_BEND * setup.tolerance / setup.overlap,
         chosen,
     )
@@ -203,7 +230,7 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
     def add(x: float, y: float) -> None:
         from_dot = setup.seen_from(x, y)
         maps, windows = _maps(from_dot), lit_windows(from_dot, dots.diameter / 2, dots.diameter / 2)
-        in_bands(lambda rows: add_dots(image, rows, windows, *lenses, maps, *arguments), windows)
+        _form(add_dots, SPOT_STEPS, image, windows, *lenses, maps, *arguments)
 
     for x, y in dots.centres:
         add(x, y)

@@ -54,6 +54,39 @@ def rim_shares(points: Array, number: int, xs: Array, column: int, shift: float,
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def rim_boxes(slope: float, to: Array, width: float, rim_parts: int, steep: bool, boxes: Array) -> None:
+    """Widths on the target of a pixel, of its parts in the rim, and of these where chords end at the rim, into ``boxes`` (3, 2)."""
+    for axis in range(2):
+        boxes[0, axis] = abs(to[6 + axis]) * width
+        boxes[1, axis] = boxes[0, axis] / rim_parts
+        moved = 0.0 if steep or slope == 0.0 else to[2 + axis] / slope
+        boxes[2, axis] = abs(to[6 + axis] + moved) * width / rim_parts
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def antiderivatives(
+    window: Whole,
+    centre: Array,
+    to: Array,
+    xs: Array,
+    ys: Array,
+    pixel: float,
+    boxes: Array,
+    fine: float,
+    table: Array,
+    law: Array,
+    ways: Array,
+    places: Array,
+) -> Array:
+    """What ``prepare`` makes for the pixels of a window; arguments as in ``add_ruled``, of one entry."""
+    middle_x = 0.5 * (xs[window[0]] + xs[window[1] - 1]) - centre[0]
+    middle_y = 0.5 * (ys[window[2]] + ys[window[3] - 1]) - centre[1]
+    middle = to[0] + to[6] * middle_x + to[7] * middle_y
+    half = 0.5 * (abs(to[6]) * ((window[1] - window[0]) * pixel) + abs(to[7]) * ((window[3] - window[2]) * pixel))
+    return prepare(middle - half, middle + half, math.hypot(to[2], to[3]), boxes, fine, table, law, ways, places)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_ruled(
     image: Array,
     rows: tuple[int, int],
@@ -85,6 +118,8 @@ def add_ruled(
     law: Array,
     ways: Array,
     bounds: Array,
+    numbers: Array,
+    no_sums: Array,
     wanted: Chosen,
 ) -> None:
     """Add the light of every entry to the rows from rows[0] to below rows[1] of an image.
@@ -120,13 +155,14 @@ def add_ruled(
         law: its law.
         ways: how far rays end along x' from where they would, mm, at some moments of the exposure; shape (N, moments).
         bounds: lower and upper end of the window, target mm.
+        numbers: what ``mean_over`` asks for: the upper end.
+        no_sums: of no picture.
         wanted: which pixels to compute, [row, column]; empty for all.
     """
     varies = table.shape[0] > 0
     window, moved_to = np.empty(4), np.empty(maps.shape[1])
     window[:2] = bounds
-    numbers, no_sums, still = np.array([bounds[1], 0.0, 0.0]), np.zeros((2, 2)), np.zeros(4)
-    places, boxes, sums = np.zeros((3, 4)), np.zeros((3, 2)), np.zeros(2)
+    places, boxes, sums, piece = np.zeros((3, 4)), np.zeros((3, 2)), np.zeros(2), np.zeros(4, dtype=np.int64)
     points, shares, light = np.zeros(ROWS * BLOCK), np.zeros(BLOCK), np.zeros(BLOCK)
     for entry in range(windows.shape[0]):
         first, last = max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])
@@ -149,19 +185,11 @@ def add_ruled(
         steep, blurred = rim[0] < 0.0, varies and not sharp[entry]
         askew = varies and width > 0.0 and stands_askew(maps[entry, 2:])
         points_a_side, row_nodes, chord = int(grids[grid[entry]]), rows_of_points[grid[entry]], chords[grid[entry]]
-        weighted = slants[entry] if chunks > 0 else still
         level, lower, upper = levels[entry], bounds[0], bounds[1]
-        for axis in range(2):
-            boxes[0, axis] = abs(maps[entry, 6 + axis]) * width
-            boxes[1, axis] = boxes[0, axis] / rim_parts
-            moved = 0.0 if steep or slope == 0.0 else maps[entry, 2 + axis] / slope
-            boxes[2, axis] = abs(maps[entry, 6 + axis] + moved) * width / rim_parts
+        rim_boxes(slope, maps[entry], width, rim_parts, steep, boxes)
         if blurred:
-            middle_x = 0.5 * (xs[start] + xs[end - 1]) - centre_x
-            middle_y = 0.5 * (ys[first] + ys[last - 1]) - centre_y
-            middle = origin_x + cxx * middle_x + cxy * middle_y
-            half = 0.5 * (abs(cxx) * ((end - start) * pixel) + abs(cxy) * ((last - first) * pixel))
-            sums = prepare(middle - half, middle + half, spread, boxes, fine, table, law, ways[entry], places)
+            piece[0], piece[1], piece[2], piece[3] = start, end, first, last
+            sums = antiderivatives(piece, centres[entry], maps[entry], xs, ys, pixel, boxes, fine, table, law, ways[entry], places)
         outside, deep = reach + abs(slope) + 0.75 * width, reach - abs(slope) - 0.75 * width
         felt = abs(up_along) + abs(up_across) + (abs(cyx) + abs(cyy)) * width
         # Where neither pupil nor row matters, the mean of a column is the same all the way down.
@@ -283,7 +311,7 @@ def add_ruled(
                                             table,
                                             law,
                                             no_sums,
-                                            weighted,
+                                            slants[entry],
                                         )
                                     value /= ways.shape[1]
                                 elif blurred:

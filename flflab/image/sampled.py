@@ -209,9 +209,10 @@ def _spot_light(
                     left += 1
                 continue
         if gauss:
-            aside = GAUSS * side
-            seen = spot_share(ex - aside, ey - aside, cone, to, radius) + spot_share(ex + aside, ey - aside, cone, to, radius)
-            seen += spot_share(ex - aside, ey + aside, cone, to, radius) + spot_share(ex + aside, ey + aside, cone, to, radius)
+            seen = 0.0
+            for place in range(4):
+                at_x, at_y = ex + (place % 2 - 0.5) * 2.0 * GAUSS * side, ey + (place // 2 - 0.5) * 2.0 * GAUSS * side
+                seen += spot_share(at_x, at_y, cone, to, radius)
             light += 0.25 * side * side * seen
         else:
             light += side * side * spot_share(ex, ey, cone, to, radius)
@@ -235,6 +236,88 @@ def _aside(to: Array, ex: float, ey: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def dot_light(
+    dx: float,
+    dy: float,
+    width: float,
+    cone: Array,
+    to: Array,
+    slants: Array,
+    parts: int,
+    count: int,
+    strips: Array,
+    chord: Array,
+    fewest: int,
+    fewer_strips: Array,
+    fewer_chord: Array,
+    rim: Array,
+    nodes: Array,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
+    allowed: float,
+    squares: Array,
+) -> float:
+    """Share of the full cone that a pixel gets from a dot through one microlens.
+
+    Args:
+        dx: the pixel's middle from the micro-image's centre, mm.
+        dy: the same along y.
+        width: its side, mm.
+        cone: slope and reach, mm.
+        to: the maps to the target, see ``add_ruled``.
+        slants: see ``add_ruled``; 0 leaves the fall-off out.
+        parts: parts a side of a pixel in the rim.
+        count: points a side across the pupil; 0 for the three-disc formula at the sub-pixels' centres.
+        strips: see ``strip_nodes``.
+        chord: see ``chord_nodes``.
+        fewest: points a side for what sees nothing but the dot, where only the fall-off counts.
+        fewer_strips: see ``strip_nodes``, for these.
+        fewer_chord: see ``chord_nodes``, for these.
+        rim: see ``rim_tables``; a steep one starts with a negative distance.
+        nodes: pupil points for steep rims.
+        numbers: the dot's radius, mm, and what ``mean_over`` asks for besides.
+        table: of no dot.
+        law: the same.
+        sums: the same.
+        allowed: error of a pixel's mean by the three-disc formula, of white.
+        squares: scratch, shape (MOST_SQUARES, 3).
+    """
+    radius, steep, distance = numbers[0], rim[0] < 0.0, math.hypot(dx, dy)
+    across = math.hypot(abs(to[6]) + abs(to[7]), abs(to[8]) + abs(to[9]))  # a square's diagonal on the target, over its side
+    blurred = math.sqrt(to[2] * to[2] + to[3] * to[3] + to[4] * to[4] + to[5] * to[5]) + LEAST_BOX * radius
+    if distance > cone[1] + abs(cone[0]) + 0.75 * width or _aside(to, dx, dy) > radius + blurred + across * width:
+        return 0.0
+    full = distance < cone[1] - abs(cone[0]) - 0.75 * width
+    if count == 0 and width > 0.0 and (full or not steep):
+        return _spot_light(dx, dy, width, cone, to, radius, full, parts, allowed, squares)
+    divide = 1 if full and count > 0 else min(parts, MOST_DIVIDED)
+    side = width / divide
+    light = 0.0
+    for j in range(divide):
+        y = dy + ((j + 0.5) / divide - 0.5) * width
+        for i in range(divide):
+            x = dx + ((i + 0.5) / divide - 0.5) * width
+            clips = not full and (steep or count > 0)
+            share, look = part_share(x, y, side, cone[0], cone[1], rim, nodes) if clips else (1.0, 1.0)
+            if share <= 0.0:
+                continue
+            at_x, at_y = look * x, look * y
+            if count == 0:
+                spot = spot_share(at_x, at_y, cone, to, radius)
+                light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
+            else:
+                within = _aside(to, at_x, at_y) < radius - blurred - 0.5 * across * side
+                points = fewest if within else count
+                row_nodes, own_chord = (fewer_strips, fewer_chord) if within else (strips, chord)
+                light += share * sampled_mean(
+                    at_x, at_y, cone, to, row_nodes, own_chord, points, side, DISC, numbers, table, law, sums, slants
+                )
+    return light / (divide * divide)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_dots(
     image: Array,
     rows: tuple[int, int],
@@ -245,7 +328,7 @@ def add_dots(
     maps: Array,
     slants: Array,
     levels: Array,
-    subs: Whole,
+    parts: Whole,
     counts: Whole,
     strips: Array,
     chords: Array,
@@ -257,63 +340,45 @@ def add_dots(
     xs: Array,
     ys: Array,
     width: float,
-    radius: float,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
     allowed: float,
     wanted: npt.NDArray[np.bool_],
 ) -> None:
     """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; arguments as in ``add_ruled``.
 
-    ``counts`` of 0 asks for the three-disc formula at the sub-pixels' centres instead of pupil points; ``chords`` are
-    Gauss-Legendre nodes and weights, and ``fewest``, ``fewer_strips`` and ``fewer_chords`` are for what sees nothing but the dot, where
-    only the fall-off counts; ``radius`` is the dot's, mm; ``allowed`` is the error of a pixel's mean by the three-disc formula, of white;
-    ``slants`` of 0 leave the fall-off out.
+    And as in ``dot_light``, for each kind of rim.
     """
-    numbers, table, law, sums = np.array([radius, 0.0, 0.0]), np.zeros((0, 8)), np.zeros(6), np.zeros((2, 2))
     squares = np.empty((MOST_SQUARES, 3))
     for entry in range(windows.shape[0]):
-        first = max(rows[0], windows[entry, 2])
-        last = min(rows[1], windows[entry, 3])
         kind = kinds[entry]
-        cone, to, slant = cones[entry], maps[entry], slants[entry]
-        parts = int(subs[kind])
-        rim, count = rims[kind], int(counts[kind])
-        steep = rim[0] < 0.0
-        deep, outside = cone[1] - abs(cone[0]) - 0.75 * width, cone[1] + abs(cone[0]) + 0.75 * width
-        across = math.hypot(abs(to[6]) + abs(to[7]), abs(to[8]) + abs(to[9]))  # a square's diagonal on the target, over its side
-        blurred = math.sqrt(to[2] * to[2] + to[3] * to[3] + to[4] * to[4] + to[5] * to[5]) + LEAST_BOX * radius
-        for row in range(first, last):
+        for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):
             dy = ys[row] - centres[entry, 1]
             for column in range(windows[entry, 0], windows[entry, 1]):
                 if wanted.size > 0 and not wanted[row, column]:
                     continue
-                dx = xs[column] - centres[entry, 0]
-                distance = math.hypot(dx, dy)
-                if distance > outside or _aside(to, dx, dy) > radius + blurred + across * width:
-                    continue
-                full = distance < deep
-                if count == 0 and width > 0.0 and (full or not steep):
-                    image[row, column] += levels[entry] * _spot_light(dx, dy, width, cone, to, radius, full, parts, allowed, squares)
-                    continue
-                divide = 1 if full and count > 0 else min(parts, MOST_DIVIDED)
-                side = width / divide
-                light = 0.0
-                for j in range(divide):
-                    y = dy + ((j + 0.5) / divide - 0.5) * width
-                    for i in range(divide):
-                        x = dx + ((i + 0.5) / divide - 0.5) * width
-                        clips = not full and (steep or count > 0)
-                        share, look = part_share(x, y, side, cone[0], cone[1], rim, nodes) if clips else (1.0, 1.0)
-                        if share <= 0.0:
-                            continue
-                        at_x, at_y = look * x, look * y
-                        if count == 0:
-                            spot = spot_share(at_x, at_y, cone, to, radius)
-                            light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
-                        else:
-                            within = _aside(to, at_x, at_y) < radius - blurred - 0.5 * across * side
-                            points = int(fewest[kind]) if within else count
-                            strip, chord = (fewer_strips[kind], fewer_chords[kind]) if within else (strips[kind], chords[kind])
-                            light += share * sampled_mean(
-                                at_x, at_y, cone, to, strip, chord, points, side, DISC, numbers, table, law, sums, slant
-                            )
-                image[row, column] += levels[entry] * light / (divide * divide)
+                image[row, column] += levels[entry] * dot_light(
+                    xs[column] - centres[entry, 0],
+                    dy,
+                    width,
+                    cones[entry],
+                    maps[entry],
+                    slants[entry],
+                    int(parts[kind]),
+                    int(counts[kind]),
+                    strips[kind],
+                    chords[kind],
+                    int(fewest[kind]),
+                    fewer_strips[kind],
+                    fewer_chords[kind],
+                    rims[kind],
+                    nodes,
+                    numbers,
+                    table,
+                    law,
+                    sums,
+                    allowed,
+                    squares,
+                )

@@ -24,6 +24,7 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 LEAST_BOX = 1e-3  # texels; a smaller pixel sees as much as this
+FRAME = 17  # numbers, see ``seen_texels``
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -149,6 +150,161 @@ def texels_mean(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def seen_texels(
+    window: Whole, centre: Array, to: Array, blurred: bool, xs: Array, ys: Array, width: float, texel: float, values: Array, frame: Array
+) -> tuple[int, int, int, int]:
+    """Which texels an entry sees through a window on the sensor, and its maps to them.
+
+    Args:
+        window: first column, column after the last, first row, row after the last.
+        centre: of the micro-image, mm.
+        to: the maps to the target, see ``add_ruled``.
+        blurred: whether strips will be summed.
+        xs: positions of the columns, mm.
+        ys: positions of the rows, mm.
+        width: side of a pixel that gathers light, mm.
+        texel: side of a texel, mm.
+        values: the radiance [row, column].
+        frame: filled, FRAME numbers: the maps in texels from the middle of those seen, the changes along and across the strips (see
+            ``texels_mean``), the strips' direction, and where x' and y' are 0, in texels from the first one seen.
+
+    Returns:
+        First column, first row, number of columns, number of rows; no texel is seen where a number is not above 0.
+    """
+    frame[:10] = to / texel
+    origin_x, origin_y, xx, xy, yx, yy, cxx, cxy, cyx, cyy = frame[:10]
+    along_x, along_y = 1.0, 0.0
+    if blurred:
+        steepest = math.hypot(yx, yy)
+        sign = 1.0 if xx * yy - xy * yx > 0.0 else -1.0
+        along_x, along_y = sign * yy / steepest, -sign * yx / steepest
+    frame[10] = xx * along_x + xy * along_y
+    frame[11] = xy * along_x - xx * along_y
+    frame[12] = yy * along_x - yx * along_y
+    frame[13], frame[14] = along_x, along_y
+    middle_x, middle_y = 0.5 * (xs[window[0]] + xs[window[1] - 1]) - centre[0], 0.5 * (ys[window[2]] + ys[window[3] - 1]) - centre[1]
+    half_x, half_y = 0.5 * (xs[window[1] - 1] - xs[window[0]]) + width, 0.5 * (ys[window[3] - 1] - ys[window[2]]) + width
+    reach_x = abs(cxx) * half_x + abs(cxy) * half_y + 2.0 * math.hypot(xx, xy) + 2.0
+    reach_y = abs(cyx) * half_x + abs(cyy) * half_y + 2.0 * math.hypot(yx, yy) + 2.0
+    seen_x = origin_x + cxx * middle_x + cxy * middle_y + 0.5 * values.shape[1]
+    seen_y = origin_y + cyx * middle_x + cyy * middle_y + 0.5 * values.shape[0]
+    column = int(min(max(math.floor(seen_x - reach_x), -1.0), values.shape[1]))
+    row = int(min(max(math.floor(seen_y - reach_y), -1.0), values.shape[0]))
+    columns = int(min(max(math.ceil(seen_x + reach_x), 0.0), values.shape[1] + 1.0)) - column
+    rows = int(min(max(math.ceil(seen_y + reach_y), 0.0), values.shape[0] + 1.0)) - row
+    frame[15], frame[16] = origin_x + 0.5 * values.shape[1] - column, origin_y + 0.5 * values.shape[0] - row
+    frame[0], frame[1] = frame[15] - 0.5 * columns, frame[16] - 0.5 * rows
+    return column, row, columns, rows
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def texel_light(
+    dx: float,
+    dy: float,
+    width: float,
+    cone: Array,
+    frame: Array,
+    slants: Array,
+    sharp: bool,
+    parts: int,
+    askew: bool,
+    divided: int,
+    points: int,
+    row_nodes: Array,
+    chord: Array,
+    count: int,
+    strips: Array,
+    chunks: int,
+    rim: Array,
+    nodes: Array,
+    numbers: Array,
+    table: Array,
+    law: Array,
+    sums: Array,
+    areas: Array,
+    boxes: Array,
+) -> float:
+    """Share of the full cone that a pixel gets from a picture through one microlens.
+
+    Args:
+        dx: the pixel's middle from the micro-image's centre, mm.
+        dy: the same along y.
+        width: its side, mm.
+        cone: slope and reach, mm.
+        frame: see ``seen_texels``.
+        slants: see ``add_ruled``; 0 where no fall-off is asked for.
+        sharp: whether the blur is negligible.
+        parts: parts a side of a pixel in the rim.
+        askew: whether pixels do not lie along the target's axes.
+        divided: then parts a side of a blurred pixel, which count as squares along those axes.
+        points: points a side across the pupil; 0 for strips.
+        row_nodes: see ``strip_nodes``.
+        chord: see ``chord_nodes``.
+        count: number of strips.
+        strips: see ``strip_nodes``.
+        chunks: pieces of a strip for the fall-off; 0 for no fall-off.
+        rim: see ``rim_tables``; a steep one starts with a negative distance.
+        nodes: pupil points for steep rims.
+        numbers: what ``mean_over`` asks for: a texel's side in texels.
+        table: of no picture.
+        law: the same.
+        sums: see ``fill_sums``.
+        areas: its first table alone.
+        boxes: scratch, shape (3,).
+    """
+    slope, reach = cone[0], cone[1]
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance > reach + abs(slope) + 0.75 * width:
+        return 0.0
+    xx, cxx, cxy, cyx, cyy, along_x, along_y = frame[2], frame[6], frame[7], frame[8], frame[9], frame[13], frame[14]
+    blurred, steep = not sharp and points == 0, rim[0] < 0.0
+    divided = divided if blurred else 1
+    radius = reach / abs(slope) if slope != 0.0 else 2.0
+    full = distance <= reach - abs(slope) - 0.75 * width
+    divide = divided if full else max(divided, parts)
+    side = width / divide
+    if not askew:
+        boxes[0], boxes[2] = abs(cxx) * side, abs(cyy) * side
+        boxes[1] = abs(cxx + xx / slope) * side if blurred and not steep and slope != 0.0 else boxes[0]
+    else:
+        boxes[0] = math.sqrt(abs(cxx * cyy - cxy * cyx)) * side
+        boxes[1], boxes[2] = boxes[0], boxes[0]
+    for index in range(3):
+        boxes[index] = max(boxes[index], LEAST_BOX)
+    light = 0.0
+    for j in range(divide):
+        y = dy + ((j + 0.5) / divide - 0.5) * width
+        for i in range(divide):
+            x = dx + ((i + 0.5) / divide - 0.5) * width
+            share, look = (1.0, 1.0) if full else part_share(x, y, side, slope, reach, rim, nodes)
+            if share <= 0.0:
+                continue
+            ex, ey = look * x, look * y
+            if points > 0:
+                value = sampled_mean(
+                    ex, ey, cone, frame[:10], row_nodes, chord, points, side, PICTURE, numbers, table, law, areas, slants
+                )
+                light += share * min(max(value, 0.0), 1.0)
+                continue
+            at_x, at_y = frame[15] + cxx * ex + cxy * ey, frame[16] + cyx * ex + cyy * ey
+            if blurred:
+                clip_x, clip_y = clip(ex, ey, along_x, along_y, slope, reach)
+                low, high = lens_span(clip_x, clip_y, radius)
+                slant_x, slant_y = slants[0] + slants[2] * ex, slants[1] + slants[2] * ey
+                slant = (slant_x * along_x + slant_y * along_y, slant_y * along_x - slant_x * along_y, slants[3])
+                value = texels_mean(at_x, at_y, frame[10:13], clip_x, clip_y, radius, low, high, strips, count, boxes, chunks, slant, sums)
+            elif askew and boxes[0] > LEAST_BOX:
+                seen = parallelogram_sum(at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, areas)
+                value = seen / (boxes[0] * boxes[0])
+            else:
+                value = boxed_sum(sums, at_x, at_y, boxes[0], boxes[2], 0)
+            if not blurred and chunks > 0:
+                value *= seen_weight(ex, ey, slope, reach, slants)
+            light += share * min(max(value, 0.0), 1.0)
+    return light / (divide * divide)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_texels(
     image: Array,
     rows: tuple[int, int],
@@ -177,17 +333,18 @@ def add_texels(
     width: float,
     texel: float,
     values: Array,
+    numbers: Array,
+    table: Array,
+    law: Array,
     wanted: Chosen,
 ) -> None:
     """Add the light of a picture, seen by every entry, to a band of rows.
 
-    Arguments as in ``add_ruled``, and: ``askew``, whether pixels do not lie along the target's axes; then ``divisions``, parts a side of
-    a blurred pixel of every entry, which count as squares along those axes, and ``grid``, which of the ``grids`` (points a side across
-    the pupil, 0 for strips; ``rows_of_points`` and ``chords`` are their nodes) an entry is summed by; ``counts`` strips for each kind;
-    ``texel``, side of a texel in mm; ``values``, the radiance [row, column].
+    Arguments as in ``add_ruled`` and ``texel_light``, and: ``divisions`` of every entry and ``counts`` for each kind; ``grid``, which of
+    the ``grids`` (points a side across the pupil; ``rows_of_points`` and ``chords`` are their nodes) an entry is summed by; ``texel``,
+    side of a texel in mm; ``values``, the radiance [row, column].
     """
-    boxes, spread = np.empty(3), np.zeros(3)
-    to, still, numbers, table, law = np.empty(10), np.zeros(4), np.array([1.0, 0.0, 0.0]), np.zeros((0, 8)), np.zeros(5)
+    boxes, frame, window = np.empty(3), np.empty(FRAME), np.empty(4, dtype=np.int64)
     for entry in range(windows.shape[0]):
         first, last = max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])
         start, end = windows[entry, 0], windows[entry, 1]
@@ -195,106 +352,42 @@ def add_texels(
             start, end, first, last = shrink(wanted, start, end, first, last)
         if first >= last or start >= end:
             continue
-        kind = kinds[entry]
-        slope, reach = cones[entry, 0], cones[entry, 1]
-        origin_x, origin_y, xx, xy, yx, yy, cxx, cxy, cyx, cyy = maps[entry] / texel
-        points = int(grids[grid[entry]])
+        kind, own = kinds[entry], grid[entry]
+        points = int(grids[own])
+        window[0], window[1], window[2], window[3] = start, end, first, last
         blurred = not sharp[entry] and points == 0
-        divided = divisions[entry] if blurred else 1
-        along_x, along_y = 1.0, 0.0
-        if blurred:
-            steepest = math.hypot(yx, yy)
-            sign = 1.0 if xx * yy - xy * yx > 0.0 else -1.0
-            along_x, along_y = sign * yy / steepest, -sign * yx / steepest
-            spread[0] = xx * along_x + xy * along_y
-            spread[1] = xy * along_x - xx * along_y
-            spread[2] = yy * along_x - yx * along_y
-        across_x, across_y = math.hypot(xx, xy), math.hypot(yx, yy)
-        middle_x, middle_y = 0.5 * (xs[start] + xs[end - 1]) - centres[entry, 0], 0.5 * (ys[first] + ys[last - 1]) - centres[entry, 1]
-        half_x, half_y = 0.5 * (xs[end - 1] - xs[start]) + width, 0.5 * (ys[last - 1] - ys[first]) + width
-        reach_x = abs(cxx) * half_x + abs(cxy) * half_y + 2.0 * across_x + 2.0
-        reach_y = abs(cyx) * half_x + abs(cyy) * half_y + 2.0 * across_y + 2.0
-        seen_x = origin_x + cxx * middle_x + cxy * middle_y + 0.5 * values.shape[1]
-        seen_y = origin_y + cyx * middle_x + cyy * middle_y + 0.5 * values.shape[0]
-        column = int(min(max(math.floor(seen_x - reach_x), -1.0), values.shape[1]))
-        row = int(min(max(math.floor(seen_y - reach_y), -1.0), values.shape[0]))
-        columns = int(min(max(math.ceil(seen_x + reach_x), 0.0), values.shape[1] + 1.0)) - column
-        deep_rows = int(min(max(math.ceil(seen_y + reach_y), 0.0), values.shape[0] + 1.0)) - row
-        if columns <= 0 or deep_rows <= 0:
+        column, row, columns, deep = seen_texels(window, centres[entry], maps[entry], blurred, xs, ys, width, texel, values, frame)
+        if columns <= 0 or deep <= 0:
             continue
-        sums = fill_sums(values, column, row, columns, deep_rows)
+        sums = fill_sums(values, column, row, columns, deep)
         areas = np.ascontiguousarray(sums[:, :, 0])
-        to[:] = maps[entry] / texel
-        to[0] += 0.5 * values.shape[1] - column - 0.5 * columns
-        to[1] += 0.5 * values.shape[0] - row - 0.5 * deep_rows
-        corner_x, corner_y = origin_x + 0.5 * values.shape[1] - column, origin_y + 0.5 * values.shape[0] - row
-        rim, strip, count = rims[kind], strips[kind], int(counts[kind])
-        steep = rim[0] < 0.0
-        radius = reach / abs(slope) if slope != 0.0 else 2.0
-        deep, outside = reach - abs(slope) - 0.75 * width, reach + abs(slope) + 0.75 * width
-        for y_index in range(first, last):
-            dy = ys[y_index] - centres[entry, 1]
-            for x_index in range(start, end):
-                if wanted.size > 0 and not wanted[y_index, x_index]:
+        for y in range(first, last):
+            for x in range(start, end):
+                if wanted.size > 0 and not wanted[y, x]:
                     continue
-                dx = xs[x_index] - centres[entry, 0]
-                distance = math.sqrt(dx * dx + dy * dy)
-                if distance > outside:
-                    continue
-                full = distance <= deep
-                divide = divided if full else max(divided, int(parts[kind]))
-                side = width / divide
-                light = 0.0
-                if not askew:
-                    boxes[0], boxes[2] = abs(cxx) * side, abs(cyy) * side
-                    boxes[1] = abs(cxx + xx / slope) * side if blurred and not steep and slope != 0.0 else boxes[0]
-                else:
-                    boxes[0] = math.sqrt(abs(cxx * cyy - cxy * cyx)) * side
-                    boxes[1], boxes[2] = boxes[0], boxes[0]
-                for index in range(3):
-                    boxes[index] = max(boxes[index], LEAST_BOX)
-                for j in range(divide):
-                    y = dy + ((j + 0.5) / divide - 0.5) * width
-                    for i in range(divide):
-                        x = dx + ((i + 0.5) / divide - 0.5) * width
-                        share, look = (1.0, 1.0) if full else part_share(x, y, side, slope, reach, rim, nodes)
-                        if share <= 0.0:
-                            continue
-                        ex, ey = look * x, look * y
-                        if points > 0:
-                            value = sampled_mean(
-                                ex,
-                                ey,
-                                cones[entry],
-                                to,
-                                rows_of_points[grid[entry]],
-                                chords[grid[entry]],
-                                points,
-                                side,
-                                PICTURE,
-                                numbers,
-                                table,
-                                law,
-                                areas,
-                                slants[entry] if chunks > 0 else still,
-                            )
-                            light += share * min(max(value, 0.0), 1.0)
-                            continue
-                        at_x, at_y = corner_x + cxx * ex + cxy * ey, corner_y + cyx * ex + cyy * ey
-                        clip_x, clip_y = clip(ex, ey, along_x, along_y, slope, reach)
-                        low, high = lens_span(clip_x, clip_y, radius)
-                        slant_x, slant_y = slants[entry, 0] + slants[entry, 2] * ex, slants[entry, 1] + slants[entry, 2] * ey
-                        slant = (slant_x * along_x + slant_y * along_y, slant_y * along_x - slant_x * along_y, slants[entry, 3])
-                        if blurred:
-                            value = texels_mean(
-                                at_x, at_y, spread, clip_x, clip_y, radius, low, high, strip, count, boxes, chunks, slant, sums
-                            )
-                        elif askew and boxes[0] > LEAST_BOX:
-                            seen = parallelogram_sum(at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, areas)
-                            value = seen / (boxes[0] * boxes[0])
-                        else:
-                            value = boxed_sum(sums, at_x, at_y, boxes[0], boxes[2], 0)
-                        if not blurred and chunks > 0:
-                            value *= seen_weight(ex, ey, slope, reach, slants[entry])
-                        light += share * min(max(value, 0.0), 1.0)
-                image[y_index, x_index] += levels[entry] * light / (divide * divide)
+                image[y, x] += levels[entry] * texel_light(
+                    xs[x] - centres[entry, 0],
+                    ys[y] - centres[entry, 1],
+                    width,
+                    cones[entry],
+                    frame,
+                    slants[entry],
+                    sharp[entry],
+                    int(parts[kind]),
+                    askew,
+                    int(divisions[entry]),
+                    points,
+                    rows_of_points[own],
+                    chords[own],
+                    int(counts[kind]),
+                    strips[kind],
+                    chunks,
+                    rims[kind],
+                    nodes,
+                    numbers,
+                    table,
+                    law,
+                    sums,
+                    areas,
+                    boxes,
+                )

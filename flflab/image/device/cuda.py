@@ -1,0 +1,77 @@
+"""The kernels of a CUDA device: a thread for every pixel. Only here is the device spoken to."""
+
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+from numba import cuda
+
+from flflab.image.device.dots import dot_pixel
+from flflab.image.device.pieces import HIGH, WIDE
+from flflab.image.device.ruled import ROOM as RULED_ROOM
+from flflab.image.device.ruled import ruled_pixel
+from flflab.image.device.texels import ROOM as TEXEL_ROOM
+from flflab.image.device.texels import texel_pixel
+from flflab.image.device.work import Work, dots_work, ruled_work, texels_work
+from flflab.image.sampled import MOST_SQUARES
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+
+@cuda.jit(cache=True)
+def _ruled(image, first, begins, listed, arguments):
+    column, row = cuda.grid(2)
+    if row < image.shape[0] and column < image.shape[1]:
+        room = cuda.local.array(RULED_ROOM, numba.float64)
+        block = (cuda.blockIdx.y + first // HIGH) * cuda.gridDim.x + cuda.blockIdx.x
+        near = listed[begins[block] : begins[block + 1]]
+        image[row, column] = ruled_pixel(image[row, column], row + first, column, near, room, *arguments)
+
+
+@cuda.jit(cache=True)
+def _dots(image, first, begins, listed, arguments):
+    column, row = cuda.grid(2)
+    if row < image.shape[0] and column < image.shape[1]:
+        room = cuda.local.array((MOST_SQUARES, 3), numba.float64)
+        block = (cuda.blockIdx.y + first // HIGH) * cuda.gridDim.x + cuda.blockIdx.x
+        near = listed[begins[block] : begins[block + 1]]
+        image[row, column] = dot_pixel(image[row, column], row + first, column, near, room, *arguments)
+
+
+@cuda.jit(cache=True)
+def _texels(image, first, begins, listed, arguments):
+    column, row = cuda.grid(2)
+    if row < image.shape[0] and column < image.shape[1]:
+        room = cuda.local.array(TEXEL_ROOM, numba.float64)
+        block = (cuda.blockIdx.y + first // HIGH) * cuda.gridDim.x + cuda.blockIdx.x
+        near = listed[begins[block] : begins[block + 1]]
+        image[row, column] = texel_pixel(image[row, column], row + first, column, near, room, *arguments)
+
+
+def add_ruled(image: Array, windows: Whole, *arguments: Any) -> None:
+    """Add the light of every entry to an image; arguments as in ``ruled.add_ruled``, without the band of rows."""
+    _launch(_ruled, image, ruled_work(image.shape, windows, *arguments))
+
+
+def add_dots(image: Array, windows: Whole, *arguments: Any) -> None:
+    """Add the light of every entry to an image; arguments as in ``sampled.add_dots``, without the band of rows."""
+    _launch(_dots, image, dots_work(image.shape, windows, *arguments))
+
+
+def add_texels(image: Array, windows: Whole, *arguments: Any) -> None:
+    """Add the light of every entry to an image; arguments as in ``texels.add_texels``, without the band of rows."""
+    _launch(_texels, image, texels_work(image.shape, windows, *arguments))
+
+
+def _launch(kernel: Any, image: Array, work: Work) -> None:
+    first, last = work.rows
+    if first >= last:
+        return
+    lit = image[first:last]
+    blocks = (lit.shape[1] + WIDE - 1) // WIDE, (lit.shape[0] + HIGH - 1) // HIGH
+    on_device = cuda.to_device(lit)
+    arguments = tuple(cuda.to_device(part) if isinstance(part, np.ndarray) else part for part in work.arguments)
+    kernel[blocks, (WIDE, HIGH)](on_device, first, cuda.to_device(work.begins), cuda.to_device(work.listed), arguments)
+    on_device.copy_to_host(lit)

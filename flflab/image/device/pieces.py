@@ -1,0 +1,78 @@
+"""The pixels that entries light, cut as the processor cuts them, and which of these pieces every block of a device's threads looks at."""
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.tiles import shrink
+
+Whole = npt.NDArray[np.int64]
+Chosen = npt.NDArray[np.bool_]
+
+WIDE, HIGH = 32, 8  # threads of a block: neighbours in a row read and write together
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def cut_windows(windows: Whole, height: int, wanted: Chosen) -> tuple[Whole, Whole]:
+    """Cut windows into bands of rows, and shrink them to the wanted pixels.
+
+    The tables that a kernel makes of an entry depend on where its piece of a window begins and ends: cut alike, they are the same.
+
+    Args:
+        windows: first column, column after the last, first row, row after the last, of every entry; shape (N, 4).
+        height: rows of a band; the first begins where any light does.
+        wanted: which pixels to compute, [row, column]; empty for all.
+
+    Returns:
+        The pieces, band by band and in each in the order of the entries, shape (M, 4), and the entry of each.
+    """
+    first, last = np.int64(2**62), np.int64(0)
+    for entry in range(windows.shape[0]):
+        if windows[entry, 0] < windows[entry, 1] and windows[entry, 2] < windows[entry, 3]:
+            first, last = min(first, windows[entry, 2]), max(last, windows[entry, 3])
+    count = 0
+    for fill in range(2):
+        if fill == 1:
+            pieces, entries, count = np.empty((count, 4), dtype=np.int64), np.empty(count, dtype=np.int64), 0
+        else:
+            pieces, entries = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.int64)
+        for band in range(first, last, height):
+            for entry in range(windows.shape[0]):
+                start, end = windows[entry, 0], windows[entry, 1]
+                low, high = max(band, windows[entry, 2]), min(min(band + height, last), windows[entry, 3])
+                if wanted.size > 0 and low < high and start < end:
+                    start, end, low, high = shrink(wanted, start, end, low, high)
+                if low >= high or start >= end:
+                    continue
+                if fill == 1:
+                    pieces[count, 0], pieces[count, 1], pieces[count, 2], pieces[count, 3] = start, end, low, high
+                    entries[count] = entry
+                count += 1
+    return pieces, entries
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def pieces_by_block(pieces: Whole, rows: int, columns: int) -> tuple[Whole, Whole]:
+    """Which pieces reach the pixels of each block of threads.
+
+    Returns:
+        Where each block's pieces begin in the list, row by row of blocks, shape (B + 1,), and the list, in each block in ascending order.
+    """
+    across = (columns + WIDE - 1) // WIDE
+    begins = np.zeros(across * ((rows + HIGH - 1) // HIGH) + 1, dtype=np.int64)
+    for fill in range(2):
+        if fill == 1:
+            begins = np.cumsum(begins)
+            listed, filled = np.empty(begins[-1], dtype=np.int64), begins.copy()
+        else:
+            listed, filled = np.empty(0, dtype=np.int64), begins
+        for piece in range(pieces.shape[0]):
+            for y in range(pieces[piece, 2] // HIGH, (pieces[piece, 3] - 1) // HIGH + 1):
+                for x in range(pieces[piece, 0] // WIDE, (pieces[piece, 1] - 1) // WIDE + 1):
+                    block = y * across + x
+                    if fill == 1:
+                        listed[filled[block]] = piece
+                        filled[block] += 1
+                    else:
+                        begins[block + 1] += 1
+    return begins, listed
