@@ -48,6 +48,7 @@ def form(folder: Path, repeats: int) -> None:
     """Form all scenes in this process; keep pictures and times."""
     for index, (scene, tolerance) in enumerate(scenes().values()):
         times: list[float] = []
+        image = np.zeros(0)
         for _ in range(repeats + 1):
             started = time.perf_counter()
             image = render(scene, tolerance=tolerance)
@@ -82,7 +83,8 @@ def main() -> None:
             on_device, on_cores = (np.load(folder / f"{index}.times.npy") for folder in folders.values())
             cores, device = (statistics.median(times[1:].tolist()) for times in (on_cores, on_device))
             off = np.abs(pictures[0] - pictures[1])
-            print(f"{name:30} {cores:9.3f} {device:9.3f} {on_device[0]:9.3f} {cores / device:7.1f} {off.max():.1e}, {np.count_nonzero(off > 1e-12)}")
+            beyond = f"{off.max():.1e}, {np.count_nonzero(off > 1e-12)}"
+            print(f"{name:30} {cores:9.3f} {device:9.3f} {on_device[0]:9.3f} {cores / device:7.1f} {beyond}")
 
 
 if __name__ == "__main__":

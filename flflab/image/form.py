@@ -46,7 +46,7 @@ FALL = 0.2  # of it to those of the fall-off; micro-images that overlap share it
 PICTURE = 10.0  # how much rougher than bars a picture is: it has edges along the strips, too
 WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim, times the 3/2 power of half its width in pixels
 SPOT_BEND = 0.3  # of the tolerance, for how the area common to three discs bends within a pixel; micro-images that overlap share it
-TEXEL_STEPS, SPOT_STEPS = 10.0, 1000.0  # of bars' strips that a strip of a picture or a pixel of a dot takes as long as
+TEXEL_STEPS, SPOT_STEPS = 20.0, 1000.0  # strips of bars that a strip of a picture, and a pixel of a dot, take as long as
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
@@ -192,7 +192,7 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
         chosen,
     )
     windows = lit_windows(setup, picture.width / 2, picture.height / 2)
-    _form(add_texels, 1.0 if sharp.all() else TEXEL_STEPS * float(counts.mean()), image, windows, *arguments)
+    _form(add_texels, TEXEL_STEPS * float(counts.mean()), image, windows, *arguments)
 
 
 def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None:

@@ -6,13 +6,13 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.profile import LARGE, first_antiderivative, second_antiderivative
+from flflab.image.profile import first_mean, second_antiderivative
 from flflab.optics.discs import side_area
 
 Array = npt.NDArray[np.float64]
 
 ASKEW = 1e-3  # of a side's length: less along the other axis is none
-UPRIGHT = 3e-8  # of a target's width: a side that leads less far aside
+FEW = 4.0  # cells of a profile: a side that leads less far aside is summed cell by cell, as a difference over its way loses digits
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -65,10 +65,10 @@ def ruled_parallelogram(
             one, other = (lower - ay) / dy, (upper - ay) / dy
             begin, end = min(max(min(one, other), 0.0), 1.0), min(max(max(one, other), 0.0), 1.0)
             left, right = ax + begin * dx, ax + end * dx
-            if abs(right - left) > UPRIGHT * min(law[1] - law[0], LARGE):
+            if abs(right - left) * (law[2] + 2.0 * law[3] * (left - law[0])) > FEW:
                 mean = (second_antiderivative(right, table, law) - second_antiderivative(left, table, law)) / (right - left)
             else:
-                mean = first_antiderivative(0.5 * (left + right), table, law)
+                mean = first_mean(left, right, table, law)
             total += (end - begin) * dy * mean
         ax, ay = ax + dx, ay + dy
     return abs(total)

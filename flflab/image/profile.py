@@ -15,6 +15,7 @@ CELLS_PER_CYCLE = {"bars": 2, "chirp": 32}  # bars are constant in a cell, a sin
 ROUNDING = 1e-12  # of the number of cells from the left edge
 LARGE = 1e3  # mm; a target's width as far as rounding goes
 BOUNDLESS = 1e9  # mm; here a white half plane ends
+SHORT = 0.5  # cells of a profile: over a shorter way a difference of second antiderivatives loses digits
 MOST_STEPS = 4e6  # of a table of antiderivatives
 NODES = np.polynomial.legendre.leggauss(4)[0]
 
@@ -99,6 +100,27 @@ def first_antiderivative(x: float, table: Array, law: Array) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def first_mean(left: float, right: float, table: Array, law: Array) -> float:
+    """Mean of the first antiderivative from ``left`` to ``right`` mm, however near to each other: cell by cell, no digits are lost."""
+    low, high = min(left, right), max(left, right)
+    begin, end = min(max(low, law[0]), law[1]), min(max(high, law[0]), law[1])
+    total = law[4] * max(high - max(low, law[1]), 0.0)  # beyond the right edge it stays what it is there
+    last = table.shape[0] - 1
+    cell = min(int(law[5] + (begin - law[0]) * (law[2] + law[3] * (begin - law[0]))), last)
+    while begin < end:
+        stop = min(table[cell + 1, 0], end) if cell < last else end
+        if stop > begin:
+            u, v = begin - table[cell, 0], stop - table[cell, 0]
+            c1, c2, c3, c4, c5 = table[cell, 2], table[cell, 3], table[cell, 4], table[cell, 5], table[cell, 6]
+            second, third = u * u + v * (u + v), u * u * u + v * (u * u + v * (u + v))
+            fourth = u * u * u * u + v * third
+            total += (stop - begin) * (c1 + c2 * (u + v) + c3 * second + c4 * third + c5 * fourth)
+            begin = stop
+        cell += 1
+    return total / (high - low) if high > low else first_antiderivative(low, table, law)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def radiance_at(x: float, table: Array, law: Array) -> float:
     """Radiance at x mm."""
     if x < law[0] or x > law[1]:
@@ -121,6 +143,9 @@ def profile_mean(x: float, box: float, other: float, table: Array, law: Array) -
         return (first_antiderivative(x + 0.5 * wide, table, law) - first_antiderivative(x - 0.5 * wide, table, law)) / wide
     outer = 0.5 * (wide + narrow)
     inner = 0.5 * (wide - narrow)
+    if narrow * (law[2] + 2.0 * law[3] * (min(max(x, law[0]), law[1]) - law[0])) < SHORT:
+        slope = (first_mean(x + inner, x + outer, table, law) - first_mean(x - outer, x - inner, table, law)) / wide
+        return min(max(slope, 0.0), 1.0)
     ends = second_antiderivative(x + outer, table, law) - second_antiderivative(x + inner, table, law)
     ends -= second_antiderivative(x - inner, table, law) - second_antiderivative(x - outer, table, law)
     return min(max(ends / (wide * narrow), 0.0), 1.0)
@@ -137,11 +162,21 @@ def moved_mean(x: float, box: float, other: float, table: Array, law: Array, way
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def fill_antiderivative(
-    out: Array, first: int, count: int, low: float, step: float, box: float, other: float, table: Array, law: Array, ways: Array
+    out: Array,
+    first: int,
+    count: int,
+    low: float,
+    step: float,
+    box: float,
+    other: float,
+    base: float,
+    table: Array,
+    law: Array,
+    ways: Array,
 ) -> None:
-    """Antiderivative of the radiance smoothed by two boxes, at ``count`` places ``step`` apart from ``low`` on, into out[first:].
+    """Antiderivative of the radiance smoothed by two boxes, less ``base``, at ``count`` places from ``low`` on, into out[first:].
 
-    It is the mean over some moments at which the radiance is moved by so many mm, ``ways``.
+    The places lie ``step`` apart. It is the mean over some moments at which the radiance is moved by so many mm, ``ways``.
     """
     wide = max(box, other)
     narrow = min(box, other)
@@ -175,7 +210,7 @@ def fill_antiderivative(
         for index in range(places):
             plain[index] += still[base + index] / ways.size + beyond * (still[base + index + 1] - still[base + index])
     if margin == 0:
-        out[first : first + count] = plain
+        out[first : first + count] = plain - base
         return
     # The mean over the narrower box of the straight lines between the places.
     sums = np.empty(places)
@@ -190,7 +225,7 @@ def fill_antiderivative(
         left = index + margin - whole
         total = sums[right] - sums[left] + rest * (plain[right] + plain[left])
         total += 0.5 * rest * rest * (plain[right + 1] - plain[right] + plain[left - 1] - plain[left])
-        out[first + index] = total / (2.0 * reach)
+        out[first + index] = total / (2.0 * reach) - base
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -243,11 +278,11 @@ def prepare(
         places[kind, 2] = total
         places[kind, 3] = total + counts[kind] - 2
         total += counts[kind]
-    sums = np.empty(total)
+    sums, base = np.empty(total), first_antiderivative(0.5 * (low + high), table, law)  # near 0, that differences lose few digits
     for kind in range(3):
         if counts[kind] > 0:
             start, step = int(places[kind, 2]), steps[kind]
-            fill_antiderivative(sums, start, counts[kind], places[kind, 0], step, boxes[kind, 0], boxes[kind, 1], table, law, ways)
+            fill_antiderivative(sums, start, counts[kind], places[kind, 0], step, boxes[kind, 0], boxes[kind, 1], base, table, law, ways)
     return sums
 
 

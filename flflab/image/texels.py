@@ -281,9 +281,7 @@ def texel_light(
                 continue
             ex, ey = look * x, look * y
             if points > 0:
-                value = sampled_mean(
-                    ex, ey, cone, frame[:10], row_nodes, chord, points, side, PICTURE, numbers, table, law, areas, slants
-                )
+                value = sampled_mean(ex, ey, cone, frame[:10], row_nodes, chord, points, side, PICTURE, numbers, table, law, areas, slants)
                 light += share * min(max(value, 0.0), 1.0)
                 continue
             at_x, at_y = frame[15] + cxx * ex + cxy * ey, frame[16] + cyx * ex + cyy * ey

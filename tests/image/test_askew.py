@@ -7,14 +7,14 @@ import numpy.typing as npt
 import pytest
 
 from flflab.image.parallelogram import disc_parallelogram_area, parallelogram_sum, ruled_parallelogram
-from flflab.image.profile import profile_table
+from flflab.image.profile import first_antiderivative, first_mean, profile_table
 from flflab.image.reference import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import ALL, Plane, Scene
 from flflab.image.setup import make_setup
 from flflab.image.single_rays import add_single_rays
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
-from flflab.targets import Bars, FourDot, Picture, Target
+from flflab.targets import Bars, Chirp, FourDot, Picture, Target
 
 CAMERA = Camera(
     MainLens(50.0, 4.0),
@@ -131,3 +131,17 @@ def test_single_rays_on_a_blurred_picture_are_those_traced(distance: float, tole
     traced, uncertainty = trace_pixels(scene, np.array([pixel])[:, ::-1], wanted=1e-4)
     assert uncertainty.max() <= 1e-4
     assert abs(image[pixel] - traced[0]) < tolerance
+
+
+@pytest.mark.parametrize("target", [Bars((1.1, 1.6), 3.0, 2.0), Chirp((0.7, 3.1), 3.0, 2.0)], ids=["bars", "chirp"])
+@pytest.mark.parametrize("way", [1e-9, 1e-6, 1e-3, 0.3, 4.0])
+def test_the_mean_of_the_light_left_of_a_short_way_loses_no_digits(target: Bars, way: float) -> None:
+    """A difference of second antiderivatives over a way of 1e-6 mm has lost half of its digits."""
+    table, law = profile_table(target, target.width)
+    for place in (-1.7, -1.5, -0.3, 0.123, 1.1, 1.5, 2.0):
+        ways = np.linspace(place, place + way, 20001)
+        means = [first_antiderivative(float(at), table, law) for at in ways]
+        assert first_mean(place, place + way, table, law) == pytest.approx(
+            np.trapezoid(means, dx=1 / 20000), abs=1e-14 if way < 1e-3 else 1e-7
+        )
+        assert first_mean(place + way, place, table, law) == first_mean(place, place + way, table, law)

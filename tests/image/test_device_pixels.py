@@ -22,7 +22,6 @@ from flflab.image.device.work import dots_work, ruled_work, texels_work
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
-from flflab.image.effects.scatter import Scatter
 from flflab.image.render import render
 from flflab.image.sampled import MOST_SQUARES
 from flflab.image.scene import Plane, Scene

@@ -2,11 +2,12 @@
 
 from typing import Any
 
-import numba
+import numba.cuda
 import numpy as np
 import numpy.typing as npt
-from numba import cuda
+from numba.cuda.cudadrv.driver import CudaAPIError
 
+from flflab.errors import InputError
 from flflab.image.device.dots import dot_pixel
 from flflab.image.device.pieces import HIGH, WIDE
 from flflab.image.device.ruled import ROOM as RULED_ROOM
@@ -18,36 +19,37 @@ from flflab.image.sampled import MOST_SQUARES
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
+cuda: Any = numba.cuda  # what a kernel calls of it has other types there
 
 
 @cuda.jit(cache=True)
-def _ruled(image, first, begins, listed, arguments):
+def _ruled(image: Array, first: int, begins: Whole, listed: Whole, arguments: tuple[Any, ...]) -> None:
     column, row = cuda.grid(2)
     if row < image.shape[0] and column < image.shape[1]:
         room = cuda.local.array(RULED_ROOM, numba.float64)
         block = (cuda.blockIdx.y + first // HIGH) * cuda.gridDim.x + cuda.blockIdx.x
         near = listed[begins[block] : begins[block + 1]]
-        image[row, column] = ruled_pixel(image[row, column], row + first, column, near, room, *arguments)
+        image[row, column] = ruled_pixel(float(image[row, column]), row + first, column, near, room, *arguments)
 
 
 @cuda.jit(cache=True)
-def _dots(image, first, begins, listed, arguments):
+def _dots(image: Array, first: int, begins: Whole, listed: Whole, arguments: tuple[Any, ...]) -> None:
     column, row = cuda.grid(2)
     if row < image.shape[0] and column < image.shape[1]:
         room = cuda.local.array((MOST_SQUARES, 3), numba.float64)
         block = (cuda.blockIdx.y + first // HIGH) * cuda.gridDim.x + cuda.blockIdx.x
         near = listed[begins[block] : begins[block + 1]]
-        image[row, column] = dot_pixel(image[row, column], row + first, column, near, room, *arguments)
+        image[row, column] = dot_pixel(float(image[row, column]), row + first, column, near, room, *arguments)
 
 
 @cuda.jit(cache=True)
-def _texels(image, first, begins, listed, arguments):
+def _texels(image: Array, first: int, begins: Whole, listed: Whole, arguments: tuple[Any, ...]) -> None:
     column, row = cuda.grid(2)
     if row < image.shape[0] and column < image.shape[1]:
         room = cuda.local.array(TEXEL_ROOM, numba.float64)
         block = (cuda.blockIdx.y + first // HIGH) * cuda.gridDim.x + cuda.blockIdx.x
         near = listed[begins[block] : begins[block + 1]]
-        image[row, column] = texel_pixel(image[row, column], row + first, column, near, room, *arguments)
+        image[row, column] = texel_pixel(float(image[row, column]), row + first, column, near, room, *arguments)
 
 
 def add_ruled(image: Array, windows: Whole, *arguments: Any) -> None:
@@ -71,7 +73,12 @@ def _launch(kernel: Any, image: Array, work: Work) -> None:
         return
     lit = image[first:last]
     blocks = (lit.shape[1] + WIDE - 1) // WIDE, (lit.shape[0] + HIGH - 1) // HIGH
-    on_device = cuda.to_device(lit)
-    arguments = tuple(cuda.to_device(part) if isinstance(part, np.ndarray) else part for part in work.arguments)
-    kernel[blocks, (WIDE, HIGH)](on_device, first, cuda.to_device(work.begins), cuda.to_device(work.listed), arguments)
-    on_device.copy_to_host(lit)
+    try:
+        on_device = cuda.to_device(lit)
+        arguments = tuple(cuda.to_device(part) if isinstance(part, np.ndarray) else part for part in work.arguments)
+        kernel[blocks, (WIDE, HIGH)](on_device, first, cuda.to_device(work.begins), cuda.to_device(work.listed), arguments)
+        on_device.copy_to_host(lit)
+    except CudaAPIError as error:
+        raise InputError(
+            "render: the CUDA device cannot form the picture; free its memory, or set NUMBA_DISABLE_CUDA=1 to use the processor"
+        ) from error

@@ -45,16 +45,10 @@ def dot_pixel(
     allowed: float,
     wanted: Chosen,
 ) -> float:
-    """The light of a pixel with what it gets through the entries near it, in their order; arguments from ``kinds`` on as in ``add_dots``.
+    """The light of a pixel with what it gets through the entries near it, in their order.
 
-    Args:
-        light: of the pixel before.
-        row: of the pixel.
-        column: the same.
-        near: the pieces that may hold the pixel, see ``pieces_by_block``.
-        room: scratch, shape (MOST_SQUARES, 3).
-        pieces: see ``cut_windows``.
-        entries: the same.
+    ``near`` are the pieces that may hold the pixel (see ``pieces_by_block``), ``room`` is scratch of shape (MOST_SQUARES, 3), ``pieces``
+    and ``entries`` are as in ``cut_windows``, and what follows as in ``add_dots``.
     """
     if wanted.size > 0 and not wanted[row, column]:
         return light
@@ -64,7 +58,7 @@ def dot_pixel(
             continue
         entry = entries[piece]
         kind = kinds[entry]
-        light += levels[entry] * dot_light(
+        light += float(levels[entry]) * dot_light(
             xs[column] - centres[entry, 0],
             ys[row] - centres[entry, 1],
             width,

@@ -26,29 +26,25 @@ def cut_windows(windows: Whole, height: int, wanted: Chosen) -> tuple[Whole, Who
     Returns:
         The pieces, band by band and in each in the order of the entries, shape (M, 4), and the entry of each.
     """
-    first, last = np.int64(2**62), np.int64(0)
+    lit = (windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3])
+    first, last, most = 0, 0, 0
+    if lit.any():
+        first, last = int(windows[lit, 2].min()), int(windows[lit, 3].max())
     for entry in range(windows.shape[0]):
-        if windows[entry, 0] < windows[entry, 1] and windows[entry, 2] < windows[entry, 3]:
-            first, last = min(first, windows[entry, 2]), max(last, windows[entry, 3])
-    count = 0
-    for fill in range(2):
-        if fill == 1:
-            pieces, entries, count = np.empty((count, 4), dtype=np.int64), np.empty(count, dtype=np.int64), 0
-        else:
-            pieces, entries = np.empty((0, 4), dtype=np.int64), np.empty(0, dtype=np.int64)
-        for band in range(first, last, height):
-            for entry in range(windows.shape[0]):
-                start, end = windows[entry, 0], windows[entry, 1]
-                low, high = max(band, windows[entry, 2]), min(min(band + height, last), windows[entry, 3])
-                if wanted.size > 0 and low < high and start < end:
-                    start, end, low, high = shrink(wanted, start, end, low, high)
-                if low >= high or start >= end:
-                    continue
-                if fill == 1:
-                    pieces[count, 0], pieces[count, 1], pieces[count, 2], pieces[count, 3] = start, end, low, high
-                    entries[count] = entry
+        if lit[entry]:
+            most += (windows[entry, 3] - 1 - first) // height - (windows[entry, 2] - first) // height + 1
+    pieces, entries, count = np.empty((most, 4), dtype=np.int64), np.empty(most, dtype=np.int64), 0
+    for band in range(first, last, height):
+        for entry in range(windows.shape[0]):
+            start, end = int(windows[entry, 0]), int(windows[entry, 1])
+            low, high = max(band, int(windows[entry, 2])), min(band + height, int(windows[entry, 3]))
+            if wanted.size > 0:
+                start, end, low, high = shrink(wanted, start, end, low, high)
+            if lit[entry] and start < end and low < high:
+                pieces[count, 0], pieces[count, 1], pieces[count, 2], pieces[count, 3] = start, end, low, high
+                entries[count] = entry
                 count += 1
-    return pieces, entries
+    return pieces[:count].copy(), entries[:count].copy()
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -59,20 +55,16 @@ def pieces_by_block(pieces: Whole, rows: int, columns: int) -> tuple[Whole, Whol
         Where each block's pieces begin in the list, row by row of blocks, shape (B + 1,), and the list, in each block in ascending order.
     """
     across = (columns + WIDE - 1) // WIDE
-    begins = np.zeros(across * ((rows + HIGH - 1) // HIGH) + 1, dtype=np.int64)
-    for fill in range(2):
-        if fill == 1:
-            begins = np.cumsum(begins)
-            listed, filled = np.empty(begins[-1], dtype=np.int64), begins.copy()
-        else:
-            listed, filled = np.empty(0, dtype=np.int64), begins
-        for piece in range(pieces.shape[0]):
-            for y in range(pieces[piece, 2] // HIGH, (pieces[piece, 3] - 1) // HIGH + 1):
-                for x in range(pieces[piece, 0] // WIDE, (pieces[piece, 1] - 1) // WIDE + 1):
-                    block = y * across + x
-                    if fill == 1:
-                        listed[filled[block]] = piece
-                        filled[block] += 1
-                    else:
-                        begins[block + 1] += 1
+    counts = np.zeros(across * ((rows + HIGH - 1) // HIGH) + 1, dtype=np.int64)
+    for piece in range(pieces.shape[0]):
+        for y in range(pieces[piece, 2] // HIGH, (pieces[piece, 3] - 1) // HIGH + 1):
+            for x in range(pieces[piece, 0] // WIDE, (pieces[piece, 1] - 1) // WIDE + 1):
+                counts[y * across + x + 1] += 1
+    begins = np.cumsum(counts)
+    listed, filled = np.empty(begins[-1], dtype=np.int64), begins.copy()
+    for piece in range(pieces.shape[0]):
+        for y in range(pieces[piece, 2] // HIGH, (pieces[piece, 3] - 1) // HIGH + 1):
+            for x in range(pieces[piece, 0] // WIDE, (pieces[piece, 1] - 1) // WIDE + 1):
+                listed[filled[y * across + x]] = piece
+                filled[y * across + x] += 1
     return begins, listed

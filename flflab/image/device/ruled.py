@@ -1,4 +1,7 @@
-"""One pixel of bars, an edge or white, as a thread works it out: by the same formulas as ``add_ruled``, which does whole rows at a time."""
+"""One pixel of bars, an edge or white, as a thread works it out: by the same formulas as ``add_ruled``, which does whole rows at a time.
+
+Long for its lists of arguments: a kernel takes arrays and numbers.
+"""
 
 import math
 
@@ -42,11 +45,9 @@ def ruled_tables(
     law: Array,
     ways: Array,
 ) -> tuple[Array, Whole, Array, Array]:
-    """The antiderivatives of the profile that every piece of a micro-image reads from; arguments as in ``add_ruled``.
+    """The antiderivatives of the profile that every piece of a micro-image reads from.
 
-    Args:
-        pieces: see ``cut_windows``; M of them.
-        entries: the entry of each.
+    ``pieces`` and ``entries`` are as in ``cut_windows``, the rest as in ``add_ruled``.
 
     Returns:
         Antiderivatives one behind the other, where each piece's begin in them (M + 1), and each piece's places (M, 3, 4) and boxes
@@ -74,9 +75,7 @@ def ruled_tables(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def weight_between(
-    column: float, row: float, left: float, bottom: float, step: float, slope: float, reach: float, slant: Array
-) -> float:
+def weight_between(column: float, row: float, left: float, bottom: float, step: float, slope: float, reach: float, slant: Array) -> float:
     """What ``read_between`` reads from the table that ``seen_weights`` makes: the four places round one are worked out at once."""
     i, j = int(column), int(row)
     u, v = column - i, row - j
@@ -317,20 +316,10 @@ def ruled_pixel(
     no_sums: Array,
     wanted: Chosen,
 ) -> float:
-    """The light of a pixel with what it gets through the entries near it, in their order; arguments from ``kinds`` on as in ``add_ruled``.
+    """The light of a pixel with what it gets through the entries near it, in their order.
 
-    Args:
-        light: of the pixel before.
-        row: of the pixel.
-        column: the same.
-        near: the pieces that may hold the pixel, see ``pieces_by_block``.
-        room: scratch, shape (ROOM,).
-        pieces: see ``cut_windows``.
-        entries: the same.
-        held: see ``ruled_tables``.
-        begins: the same.
-        places: the same.
-        boxes: the same.
+    ``near`` are the pieces that may hold the pixel (see ``pieces_by_block``), ``room`` is scratch of shape (ROOM,), what follows up to
+    ``boxes`` is as in ``cut_windows`` and ``ruled_tables``, and from there on as in ``add_ruled``.
     """
     if wanted.size > 0 and not wanted[row, column]:
         return light
@@ -340,7 +329,7 @@ def ruled_pixel(
             continue
         entry = entries[piece]
         kind, own = kinds[entry], grid[entry]
-        light += levels[entry] * ruled_light(
+        light += float(levels[entry]) * ruled_light(
             row,
             column,
             window,
@@ -348,7 +337,7 @@ def ruled_pixel(
             cones[entry],
             maps[entry],
             slants[entry],
-            sharp[entry],
+            bool(sharp[entry]),
             int(parts[kind]),
             counts[kind],
             strips[kind],

@@ -28,11 +28,7 @@ def texel_tables(
     texel: float,
     values: Array,
 ) -> tuple[Array, Whole, Whole, Array]:
-    """What every piece of a micro-image sees of a picture; arguments as in ``add_texels``.
-
-    Args:
-        pieces: see ``cut_windows``; M of them.
-        entries: the entry of each.
+    """What every piece of a micro-image sees of a picture; ``pieces`` and ``entries`` as in ``cut_windows``, the rest as in ``add_texels``.
 
     Returns:
         Summed-area tables one below the other, as wide as the widest (see ``fill_sums``), where each piece's rows begin (M + 1), its
@@ -96,20 +92,10 @@ def texel_pixel(
     law: Array,
     wanted: Chosen,
 ) -> float:
-    """The light of a pixel with what it gets through the entries near it, in their order; arguments from ``kinds`` on as in ``add_texels``.
+    """The light of a pixel with what it gets through the entries near it, in their order.
 
-    Args:
-        light: of the pixel before.
-        row: of the pixel.
-        column: the same.
-        near: the pieces that may hold the pixel, see ``pieces_by_block``.
-        room: scratch, shape (ROOM,).
-        pieces: see ``cut_windows``.
-        entries: the same.
-        held: see ``texel_tables``.
-        begins: the same.
-        widths: the same.
-        frames: the same.
+    ``near`` are the pieces that may hold the pixel (see ``pieces_by_block``), ``room`` is scratch of shape (ROOM,), what follows up to
+    ``frames`` is as in ``cut_windows`` and ``texel_tables``, and from there on as in ``add_texels``.
     """
     if wanted.size > 0 and not wanted[row, column]:
         return light
@@ -120,14 +106,14 @@ def texel_pixel(
         entry = entries[piece]
         kind, own = kinds[entry], grid[entry]
         sums = held[begins[piece] : begins[piece + 1], : widths[piece]]
-        light += levels[entry] * texel_light(
+        light += float(levels[entry]) * texel_light(
             xs[column] - centres[entry, 0],
             ys[row] - centres[entry, 1],
             width,
             cones[entry],
             frames[piece],
             slants[entry],
-            sharp[entry],
+            bool(sharp[entry]),
             int(parts[kind]),
             askew,
             int(divisions[entry]),

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,4 +76,4 @@ def _in_parts(make: Callable[[slice], tuple[Any, ...]], count: int) -> list[tupl
     cores = os.cpu_count() or 1
     ends = np.linspace(0, count, 4 * cores + 1).astype(int)
     with ThreadPoolExecutor(cores) as pool:
-        return list(pool.map(make, (slice(int(start), int(end)) for start, end in zip(ends[:-1], ends[1:], strict=True))))
+        return list(pool.map(make, (slice(int(start), int(end)) for start, end in pairwise(ends))))
