@@ -97,13 +97,16 @@ def _pixel(scene: Scene, paths: Path, place: Array, wanted: float) -> tuple[floa
     bundles = [bundle_of(scene, paths.of(int(index)), place) for index in np.flatnonzero(_lit(scene, paths, place))]
     if not bundles:
         return 0.0, 0.0
-    count = FEWEST_SLICES
+    scramblings = [qmc.Sobol(4, rng=repeat) for repeat in range(REPEATS)]
+    sums, count, more = np.zeros(REPEATS), 0, FEWEST_SLICES
     while True:
-        means = _means(scene, bundles, count)
+        sums += _sums(scene, bundles, np.concatenate([points.random(more) for points in scramblings]))
+        count += more
+        means = sums / count
         uncertainty = float(np.std(means, ddof=1)) / math.sqrt(REPEATS)
         if uncertainty <= wanted or count >= MOST_SLICES:
             return float(means.mean()), uncertainty
-        count *= 4
+        more = 3 * count  # four times as many, of which the first are those summed so far
 
 
 def _lit(scene: Scene, paths: Path, place: Array) -> npt.NDArray[np.bool_]:
@@ -116,16 +119,15 @@ def _lit(scene: Scene, paths: Path, place: Array) -> npt.NDArray[np.bool_]:
     return np.hypot(*crossing.T) <= camera.main_lens.aperture / 2 + reach
 
 
-def _means(scene: Scene, bundles: list[Bundle], count: int) -> Array:
-    """Estimates of the light of a pixel from so many slices each, shape (REPEATS,)."""
-    points = np.concatenate([qmc.Sobol(4, rng=repeat).random(count) for repeat in range(REPEATS)])
+def _sums(scene: Scene, bundles: list[Bundle], points: Array) -> Array:
+    """The light of a pixel in slices at points of the scramblings, one after the other, summed for each; shape (REPEATS,)."""
     light = np.zeros(len(points))
     for first in range(0, len(points), BLOCK):
         block = slice(first, first + BLOCK)
         for bundle in bundles:
             slices = slices_of(bundle, points[block, :2], _moved(scene.motion, points[block, 2:]))
             light[block] += sums_of(scene, slices) / bundle.path.gap[0] ** 2
-    return light.reshape(REPEATS, count).mean(axis=1) / scene.camera.sensor.pixel**2
+    return light.reshape(REPEATS, -1).sum(axis=1) / scene.camera.sensor.pixel**2
 
 
 def _moved(motion: Motion | None, points: Array) -> Array:

@@ -120,6 +120,9 @@ def _land(scene: Scene, plane: Plane, lines: Lines, fractions: Array) -> Array:
 
 
 def _at(along: tuple[Array, Array], fractions: Array) -> Array:
-    """What starts so and changes by so much, shapes (N, 2), at fractions of shape (N, ...)."""
-    start, change = (one.reshape(len(one), *(1,) * (fractions.ndim - 1), 2) for one in along)
-    return start + fractions[..., None] * change
+    """What starts so and changes by so much, shapes (N, 2), at fractions of shape (N, ...).
+
+    Neighbours in memory are lines, not the two coordinates: loops over many are quick, and over two they are not.
+    """
+    start, change = (np.asfortranarray(one).reshape(len(one), *(1,) * (fractions.ndim - 1), 2) for one in along)
+    return start + np.asfortranarray(fractions)[..., None] * change

@@ -105,11 +105,12 @@ def landing(plane: Plane, distortion: Distortion | None, on_main: Array, slope: 
         paraxial = on_main - plane.distance * slope
         slope = (on_main - paraxial * (1 + coefficient * squared(paraxial / plane.distance)[..., None])) / plane.distance
     centre, tilt = np.asarray(plane.offset) + moved, np.asarray(plane.tilt)
-    distance = (plane.distance + (on_main - centre) @ tilt) / (1 + slope @ tilt)
+    if not tilt.any():
+        return _rolled(on_main - plane.distance * slope - centre, plane.roll)
+    distance = (plane.distance + _along(on_main - centre, tilt)) / (1 + _along(slope, tilt))
     aside = on_main - distance[..., None] * slope - centre
-    if tilt.any():
-        downhill = tilt / np.hypot(*tilt)
-        aside = aside + (math.sqrt(1 + tilt @ tilt) - 1) * (aside @ downhill)[..., None] * downhill
+    downhill = tilt / np.hypot(*tilt)
+    aside = aside + (math.sqrt(1 + tilt @ tilt) - 1) * _along(aside, downhill)[..., None] * downhill
     return _rolled(aside, plane.roll)
 
 
@@ -127,4 +128,10 @@ def squared(vectors: Array) -> Array:
 
 def _rolled(place: Array, roll: float) -> Array:
     cos, sin = math.cos(roll), math.sin(roll)
-    return np.stack([cos * place[..., 0] + sin * place[..., 1], cos * place[..., 1] - sin * place[..., 0]], axis=-1)
+    rolled = np.stack([cos * place[..., 0] + sin * place[..., 1], cos * place[..., 1] - sin * place[..., 0]])
+    return np.moveaxis(rolled, 0, -1)
+
+
+def _along(vectors: Array, direction: Array) -> Array:
+    """How far vectors of shape (..., 2) go along a direction."""
+    return vectors[..., 0] * direction[0] + vectors[..., 1] * direction[1]

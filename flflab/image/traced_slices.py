@@ -63,13 +63,13 @@ class Slices:
 
     def lines(self, which: npt.NDArray[np.int64], start: tuple[Array, Array], end: tuple[Array, Array]) -> Lines:
         """Lines from one (sigma, rho) to another in slices of these indices."""
-        along, across = self.bundle.along, np.array([-self.bundle.along[1], self.bundle.along[0]])
+        along, across = self.bundle.along[:, None], np.array([[-self.bundle.along[1]], [self.bundle.along[0]]])
 
         def places(at: tuple[Array, Array]) -> tuple[Array, Array]:
             sensor, lens = self.middle[which] + self.half[which] * at[0], self.lens_middle[which] + self.lens_half[which] * at[1]
             return (
-                self.bundle.place + sensor[:, None] * along + self.aside[which, None] * across,
-                self.bundle.path.centre + lens[:, None] * along + self.lens_aside[which, None] * across,
+                (self.bundle.place[:, None] + along * sensor + across * self.aside[which]).T,
+                (self.bundle.path.centre[:, None] + along * lens + across * self.lens_aside[which]).T,
             )
 
         return lines_between(self.bundle.path, places(start), places(end), self.moved[which])
