@@ -27,6 +27,7 @@ from flflab.study import Study
 
 Array = npt.NDArray[np.float64]
 
+FILES = ("calibration.json", "calibrated-camera.yaml", "calibrated-bench.yaml")
 FAR = 3.0  # standard uncertainties from which on a description is called wrong
 
 
@@ -117,6 +118,17 @@ def _in_words(direction: Direction) -> str:
     return f"a change of {together}, {told}"
 
 
+def require_unwritten(folder: Path) -> None:
+    """Refuse a folder that holds a calibration's files.
+
+    Raises:
+        RecordError: one of them is there already.
+    """
+    for name in FILES:
+        if (folder / name).exists():
+            raise RecordError(f"{folder / name} is there already and is not overwritten; move it away first")
+
+
 def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[Path, Path, Path]:
     """Write ``calibration.json``, ``calibrated-camera.yaml`` and ``calibrated-bench.yaml``; an existing file is never overwritten.
 
@@ -132,16 +144,13 @@ def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[P
         "untold": [{"changes": direction.parts, "uncertainty": _number(direction.uncertainty)} for direction in fit.untold],
         "sentences": state_calibration(found),
     }  # fmt: skip
-    texts = {"calibration.json": json.dumps(result, indent=1) + "\n", "calibrated-camera.yaml": camera, "calibrated-bench.yaml": described}
-    for name in texts:
-        if (folder / name).exists():
-            raise RecordError(f"{folder / name} is there already and is not overwritten; move it away first")
+    require_unwritten(folder)
     try:
-        for name, text in texts.items():
+        for name, text in zip(FILES, (json.dumps(result, indent=1) + "\n", camera, described), strict=True):
             (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise RecordError(f"{folder}: cannot be written ({error}); give a folder you may write in") from error
-    written = [folder / name for name in texts]
+    written = [folder / name for name in FILES]
     return written[0], written[1], written[2]
 
 

@@ -16,9 +16,10 @@ from scipy.spatial import KDTree
 
 from flflab.analysis.lattice import Lattice
 from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import sensor_position, target_scales
+from flflab.analysis.registration import scales_of, sensor_position
 from flflab.analysis.spot_law import law_at
 from flflab.optics.camera import Camera
+from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
@@ -67,7 +68,8 @@ def blind_law(spots: Array, lattice: Lattice, camera: Camera, target: FourDot, d
     centre = sensor_position(camera.sensor, centres) @ [1, 1j]
     best, close = None, CLOSE_PX * camera.sensor.pixel
     distances = distance / np.linspace(1 / FARTHEST, 1 / NEAREST, STEPS)
-    scales = np.array([target_scales(camera, one) for one in distances])
+    smms = central_smms(camera)
+    scales = np.array([scales_of(smms, one) for one in distances])
     scales, distances = scales[scales[:, 0] != 0], distances[scales[:, 0] != 0]
     dots, parallaxes = 1 / scales[:, 0], -scales[:, 1] / scales[:, 0]
     scores = _agreement(away, centre, np.abs(dots) * target.spacing, parallaxes, close)

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import read_bench
-from flflab.bench_calibration import Calibration, calibrate_run, state_calibration, write_calibration
+from flflab.bench_calibration import Calibration, calibrate_run, require_unwritten, state_calibration, write_calibration
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.record import Run
@@ -31,8 +31,9 @@ def calibrate(
     conclude(run)
 
 
-def conclude(run: Run) -> None:
+def conclude(run: Run) -> Calibration:
     """Fit a bench to a run, print the table and what could not be told, and leave files to go on with."""
+    require_unwritten(run.folder)  # before the pictures are measured, which takes its time
     bench = read_bench(run.folder / "bench.yaml")
     with measuring(run.folder, "resume"):
         found = calibrate_run(run, read_study(run.folder / "study.yaml", bench.optics), bench)
@@ -42,6 +43,7 @@ def conclude(run: Run) -> None:
     for sentence in state_calibration(found):
         console.print(sentence, highlight=False)
     console.print(f"Written: {', '.join(str(file) for file in files)}", highlight=False, soft_wrap=True)
+    return found
 
 
 def table_of(found: Calibration) -> Table:

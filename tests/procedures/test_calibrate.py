@@ -9,7 +9,6 @@ import yaml
 from rich.console import Console
 
 from flflab.bench import read_bench
-from flflab.bench_calibration import calibrate_run
 from flflab.cli.calibrate import conclude, table_of
 from flflab.cli.run import run_study
 from flflab.errors import RecordError
@@ -48,7 +47,7 @@ def test_planted_errors_are_found_and_written_down(files: tuple[Path, Path], tmp
     for target in (White(), FourDot()):  # compiled here: the camera's patience is not for that
         render(one_plane(read_bench(files[1]).optics, target, 507.0))
     run = run_study(*files, tmp_path / "run", None, tell_nobody, "calibrate")
-    conclude(run)
+    concluded = conclude(run)
     found = json.loads((tmp_path / "run/calibration.json").read_text())
     for name, truth in (("main_lens.focal_length", 50.4), ("microlens_array.focal_length", 0.925), ("iris.scale", 0.02)):
         place = found["parameters"].index(name)
@@ -60,7 +59,7 @@ def test_planted_errors_are_found_and_written_down(files: tuple[Path, Path], tmp
     said = " ".join(capsys.readouterr().out.split())
     assert "main_lens.focal_length" in said
     with Console(width=80, record=True) as narrow, narrow.capture() as shown:
-        narrow.print(table_of(calibrate_run(run, read_study(files[0], read_bench(files[1]).optics), read_bench(files[1]))))
+        narrow.print(table_of(concluded))
     assert "…" not in shown.get()
     assert re.search(r"main_lens\.focal_length +50\.00000 mm +50\.[34]\d{4} ± 0\.\d{5} mm", shown.get())
     assert "cannot tell where on the axis the bench as a whole stands" in said
