@@ -12,7 +12,17 @@ import pytest
 Run = Callable[..., Any]
 
 
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No fine tolerances, few pixels and repeats: the pages say of them what they say of many."""
+    monkeypatch.setattr("flflab.accuracy.image.TOLERANCES", (3e-2, 1e-2, 3e-3, 1e-3))
+    monkeypatch.setattr("flflab.accuracy.image.PIXELS", 40)
+    monkeypatch.setattr("flflab.accuracy.image.REPEATS", 1)
+    monkeypatch.setattr("flflab.accuracy.measure.REPEATS", 2)
+
+
 @pytest.mark.ci
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(
     ("what", "columns", "pictures", "says"),
     [
