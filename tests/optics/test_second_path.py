@@ -24,12 +24,14 @@ def light_by_rays(camera: Camera, places: Array, rays: int = 1201) -> Array:
     """Share of each microlens's slit through which rays traced back from sensor points pass the main lens, shape (25, points)."""
     length, gap, focal = camera.array.distance, camera.gap, camera.array.focal_lengths[0]
     steps = (np.arange(rays) + 0.5) / rays - 0.5
-    shares = []
-    for centre in CENTRES:
+
+    def share(centre: float, some: Array) -> Array:
         q = centre + steps[:, None] * camera.array.aperture
-        slope = (places - q) / gap + (q - centre) / focal
-        shares.append(np.mean(np.abs(q - slope * length) <= camera.main_lens.aperture / 2, axis=0))
-    return np.array(shares)
+        slope = (some - q) / gap + (q - centre) / focal
+        return np.asarray(np.mean(np.abs(q - slope * length) <= camera.main_lens.aperture / 2, axis=0))
+
+    blocks = np.array_split(places, 1 + len(places) // 64)  # the processor's cache holds one
+    return np.array([np.concatenate([share(centre, some) for some in blocks]) for centre in CENTRES.tolist()])
 
 
 @pytest.mark.parametrize(("f_number", "array", "gap"), [(2.0, 60.0, 1.15), (4.0, 60.0, 1.15), (16.0, 60.0, 1.15), (4.0, 55.0, 0.775)])
