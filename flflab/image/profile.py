@@ -169,12 +169,12 @@ def fill_antiderivative(
     step: float,
     box: float,
     other: float,
-    base: float,
+    datum: float,
     table: Array,
     law: Array,
     ways: Array,
 ) -> None:
-    """Antiderivative of the radiance smoothed by two boxes, less ``base``, at ``count`` places from ``low`` on, into out[first:].
+    """Antiderivative of the radiance smoothed by two boxes, less ``datum``, at ``count`` places from ``low`` on, into out[first:].
 
     The places lie ``step`` apart. It is the mean over some moments at which the radiance is moved by so many mm, ``ways``.
     """
@@ -210,7 +210,7 @@ def fill_antiderivative(
         for index in range(places):
             plain[index] += still[base + index] / ways.size + beyond * (still[base + index + 1] - still[base + index])
     if margin == 0:
-        out[first : first + count] = plain - base
+        out[first : first + count] = plain - datum
         return
     # The mean over the narrower box of the straight lines between the places.
     sums = np.empty(places)
@@ -225,7 +225,7 @@ def fill_antiderivative(
         left = index + margin - whole
         total = sums[right] - sums[left] + rest * (plain[right] + plain[left])
         total += 0.5 * rest * rest * (plain[right + 1] - plain[right] + plain[left - 1] - plain[left])
-        out[first + index] = total / (2.0 * reach) - base
+        out[first + index] = total / (2.0 * reach) - datum
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -278,11 +278,11 @@ def prepare(
         places[kind, 2] = total
         places[kind, 3] = total + counts[kind] - 2
         total += counts[kind]
-    sums, base = np.empty(total), first_antiderivative(0.5 * (low + high), table, law)  # near 0, that differences lose few digits
+    sums, datum = np.empty(total), first_antiderivative(0.5 * (low + high), table, law)  # near 0, that differences lose few digits
     for kind in range(3):
         if counts[kind] > 0:
             start, step = int(places[kind, 2]), steps[kind]
-            fill_antiderivative(sums, start, counts[kind], places[kind, 0], step, boxes[kind, 0], boxes[kind, 1], base, table, law, ways)
+            fill_antiderivative(sums, start, counts[kind], places[kind, 0], step, boxes[kind, 0], boxes[kind, 1], datum, table, law, ways)
     return sums
 
 
