@@ -1,11 +1,9 @@
-"""What every test gets: compiled kernels that match the sources, the published measurements, and a look at what was left running."""
+"""What every test gets: a folder for compiled kernels, the published measurements, and a look at what was left running."""
 
 import contextlib
 import getpass
-import hashlib
 import multiprocessing
 import os
-import re
 import tempfile
 import threading
 import time
@@ -17,27 +15,15 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
+os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(tempfile.gettempdir()) / f"flflab-kernels-{getpass.getuser()}"))
+import flflab  # noqa: F401  # names the folder within it, before anything imports numba; child processes inherit it
+
 if TYPE_CHECKING:
     from bluesky import RunEngine
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def kernel_sources() -> list[Path]:
-    """The files that compile kernels and the modules of flflab they import: the compiler's own cache sees a change only in the former."""
-    texts = {file: file.read_text(encoding="utf-8") for file in sorted((ROOT / "flflab").rglob("*.py"))}
-    kernels = [file for file, text in texts.items() if "numba" in text]
-    names = {name for file in kernels for name in re.findall(r"^from (flflab[\w.]*) import", texts[file], re.MULTILINE)}
-    return kernels + [file for name in sorted(names) if (file := ROOT.joinpath(*name.split(".")).with_suffix(".py")) in texts]
-
-
-def kernel_cache() -> Path:
-    key = hashlib.sha256(b"".join(file.read_bytes() for file in kernel_sources())).hexdigest()[:16]
-    base = os.environ.get("NUMBA_CACHE_DIR") or Path(tempfile.gettempdir()) / f"flflab-kernels-{getpass.getuser()}"
-    return Path(base) / key
-
-
-os.environ["NUMBA_CACHE_DIR"] = str(kernel_cache())  # before anything imports numba; child processes inherit it
 settings.register_profile("flflab", deadline=None, derandomize=True)  # the first example may compile a kernel
 settings.load_profile("flflab")
 if os.name == "posix":

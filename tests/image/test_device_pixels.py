@@ -33,6 +33,7 @@ Array = npt.NDArray[np.float64]
 PICTURE = Picture(np.random.default_rng(1).random((30, 40)), 40.0)
 TARGETS = (White(), Bars(), Chirp((0.1, 2.0), width=30.0, height=20.0), Edge(0.3), FourDot(), PICTURE)
 EQUAL = 1e-12
+FRAYED = 1e-10  # blurred pictures, in slivers of a rim: a device rounds less often, and that shows there
 
 
 @numba.njit(error_model="numpy")
@@ -106,6 +107,7 @@ def test_a_pixel_by_itself_is_what_it_is_among_its_neighbours(target: Target, in
 
 
 @pytest.mark.ci
+@pytest.mark.filterwarnings("ignore:.*Grid size")  # small pictures leave most of a device idle
 @pytest.mark.skipif(found.device_kernels() is None, reason="needs a CUDA device and the extra cuda")
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
 @pytest.mark.parametrize("index", range(7))
@@ -116,4 +118,5 @@ def test_a_device_forms_the_picture_that_the_processor_forms(target: Target, ind
     monkeypatch.setattr(form, "device_kernels", lambda: None)
     on_cores = pictures(scene)
     assert on_cores[0].max() > 0.1
-    assert max(np.abs(one - other).max() for one, other in zip(on_device, on_cores, strict=True)) < EQUAL
+    off = max(np.abs(one - other).max() for one, other in zip(on_device, on_cores, strict=True))
+    assert off < (FRAYED if isinstance(target, Picture) else EQUAL)
