@@ -46,7 +46,8 @@ FALL = 0.2  # of it to those of the fall-off; micro-images that overlap share it
 PICTURE = 10.0  # how much rougher than bars a picture is: it has edges along the strips, too
 WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim, times the 3/2 power of half its width in pixels
 SPOT_BEND = 0.3  # of the tolerance, for how the area common to three discs bends within a pixel; micro-images that overlap share it
-TEXEL_STEPS, SPOT_STEPS = 20.0, 1000.0  # strips of bars that a strip of a picture, and a pixel of a dot, take as long as
+# What takes as long as so many strips of bars: a strip with fall-off, a strip of a picture, a pixel of a dot.
+FALL_STEPS, TEXEL_STEPS, SPOT_STEPS = 4.0, 20.0, 1000.0
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
@@ -154,7 +155,8 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         chosen,
     )
     windows = lit_windows(setup, half_x + float(np.abs(ways).max()), half_y)
-    _form(add_ruled, 1.0 if sharp.all() else float(counts.mean()), image, windows, *arguments)
+    steps = 1.0 if sharp.all() else float(counts.mean()) * (FALL_STEPS if setup.falloff else 1.0)
+    _form(add_ruled, steps, image, windows, *arguments)
 
 
 def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) -> None:

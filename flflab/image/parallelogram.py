@@ -12,7 +12,7 @@ from flflab.optics.discs import side_area
 Array = npt.NDArray[np.float64]
 
 ASKEW = 1e-3  # of a side's length: less along the other axis is none
-FEW = 4.0  # cells of a profile: a side that leads less far aside is summed cell by cell, as a difference over its way loses digits
+FEW = 16.0  # cells of a profile: a side that leads less far aside is summed cell by cell, as a difference over its way loses digits
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
