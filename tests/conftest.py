@@ -16,7 +16,7 @@ import pytest
 from hypothesis import settings
 
 os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(tempfile.gettempdir()) / f"flflab-kernels-{getpass.getuser()}"))
-import flflab  # noqa: F401  # names the folder within it, before anything imports numba; child processes inherit it
+from flflab.kernel_cache import use_kernel_cache
 
 if TYPE_CHECKING:
     from bluesky import RunEngine
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parent.parent
 
 
+use_kernel_cache()  # before anything imports numba; child processes inherit it
 settings.register_profile("flflab", deadline=None, derandomize=True)  # the first example may compile a kernel
 settings.load_profile("flflab")
 if os.name == "posix":

@@ -77,10 +77,8 @@ def add_plane(image: Array, setup: Setup, target: Target | Cropped, wanted: Chos
 def _form(add: Callable[..., None], steps: float, image: Array, windows: Whole, *arguments: object) -> None:
     """Add the light in these windows by a kernel on all cores, or by the one of the same name of a device that is worth it."""
     kernels = device_kernels() if is_worth_it(windows, steps) else None
-    if kernels is None:
+    if kernels is None or not getattr(kernels, add.__name__)(image, windows, *arguments):
         in_bands(lambda rows: add(image, rows, windows, *arguments), windows)
-    else:
-        getattr(kernels, add.__name__)(image, windows, *arguments)
 
 
 def _turned(setup: Setup, axes: Array) -> Setup:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pytest
 
 from flflab.image import form
-from flflab.image.device import found
+from flflab.image.device import found, work
 from flflab.image.device.dots import dot_pixel
 from flflab.image.device.pieces import HIGH, WIDE
 from flflab.image.device.ruled import ROOM, ruled_pixel
@@ -104,6 +104,24 @@ def test_a_pixel_by_itself_is_what_it_is_among_its_neighbours(target: Target, in
     pixel_by_pixel()
     assert together[0].max() > 0.1
     assert max(np.abs(one - other).max() for one, other in zip(together, pictures(scene), strict=True)) < EQUAL
+
+
+@pytest.mark.ci
+@pytest.mark.parametrize(("target", "make"), [(Bars(), ruled_work), (PICTURE, texels_work)], ids=["bars", "picture"])
+def test_more_tables_than_memory_should_hold_are_left_to_the_processor(
+    target: Target, make: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[bool] = []
+
+    def add(image: Array, rows: tuple[int, int], windows: Any, *arguments: Any) -> None:
+        made.append(make(image.shape, windows, *arguments) is not None)
+
+    monkeypatch.setattr(form, "in_bands", lambda add, windows: add((0, 0)))
+    monkeypatch.setattr(form, "add_ruled" if isinstance(target, Bars) else "add_texels", add)
+    for most in (2**27, 2**12):
+        monkeypatch.setattr(work, "MOST", most)
+        render(scenes(target)[1], tolerance=0.003)
+    assert made == [True, False]
 
 
 @pytest.mark.ci

@@ -52,25 +52,27 @@ def _texels(image: Array, first: int, begins: Whole, listed: Whole, arguments: t
         image[row, column] = texel_pixel(float(image[row, column]), row + first, column, near, room, *arguments)
 
 
-def add_ruled(image: Array, windows: Whole, *arguments: Any) -> None:
-    """Add the light of every entry to an image; arguments as in ``ruled.add_ruled``, without the band of rows."""
-    _launch(_ruled, image, ruled_work(image.shape, windows, *arguments))
+def add_ruled(image: Array, windows: Whole, *arguments: Any) -> bool:
+    """Add the light of every entry to an image if it is not too much; arguments as in ``ruled.add_ruled``, without the band of rows."""
+    return _launch(_ruled, image, ruled_work(image.shape, windows, *arguments))
 
 
-def add_dots(image: Array, windows: Whole, *arguments: Any) -> None:
-    """Add the light of every entry to an image; arguments as in ``sampled.add_dots``, without the band of rows."""
-    _launch(_dots, image, dots_work(image.shape, windows, *arguments))
+def add_dots(image: Array, windows: Whole, *arguments: Any) -> bool:
+    """Add the light of every entry to an image if it is not too much; arguments as in ``sampled.add_dots``, without the band of rows."""
+    return _launch(_dots, image, dots_work(image.shape, windows, *arguments))
 
 
-def add_texels(image: Array, windows: Whole, *arguments: Any) -> None:
-    """Add the light of every entry to an image; arguments as in ``texels.add_texels``, without the band of rows."""
-    _launch(_texels, image, texels_work(image.shape, windows, *arguments))
+def add_texels(image: Array, windows: Whole, *arguments: Any) -> bool:
+    """Add the light of every entry to an image if it is not too much; arguments as in ``texels.add_texels``, without the band of rows."""
+    return _launch(_texels, image, texels_work(image.shape, windows, *arguments))
 
 
-def _launch(kernel: Any, image: Array, work: Work) -> None:
+def _launch(kernel: Any, image: Array, work: Work | None) -> bool:
+    if work is None:
+        return False
     first, last = work.rows
     if first >= last:
-        return
+        return True
     lit = image[first:last]
     blocks = (lit.shape[1] + WIDE - 1) // WIDE, (lit.shape[0] + HIGH - 1) // HIGH
     try:
@@ -82,3 +84,4 @@ def _launch(kernel: Any, image: Array, work: Work) -> None:
         raise InputError(
             "render: the CUDA device cannot form the picture; free its memory, or set NUMBA_DISABLE_CUDA=1 to use the processor"
         ) from error
+    return True

@@ -44,10 +44,12 @@ def ruled_tables(
     table: Array,
     law: Array,
     ways: Array,
+    most: int,
 ) -> tuple[Array, Whole, Array, Array]:
     """The antiderivatives of the profile that every piece of a micro-image reads from.
 
-    ``pieces`` and ``entries`` are as in ``cut_windows``, the rest as in ``add_ruled``.
+    ``pieces`` and ``entries`` are as in ``cut_windows``, the rest as in ``add_ruled``. Where there are more than ``most``, those that
+    follow are missing.
 
     Returns:
         Antiderivatives one behind the other, where each piece's begin in them (M + 1), and each piece's places (M, 3, 4) and boxes
@@ -61,7 +63,7 @@ def ruled_tables(
         kind = kinds[entry]
         rim_boxes(cones[entry, 0], maps[entry], width, int(parts[kind]), rims[kind, 0] < 0.0, boxes[piece])
         begins[piece + 1] = begin
-        if table.shape[0] > 0 and not sharp[entry]:
+        if table.shape[0] > 0 and not sharp[entry] and begin <= most:
             sums = antiderivatives(
                 pieces[piece], centres[entry], maps[entry], xs, ys, pixel, boxes[piece], fine, table, law, ways[entry], places[piece]
             )

@@ -27,8 +27,11 @@ def texel_tables(
     width: float,
     texel: float,
     values: Array,
+    most: int,
 ) -> tuple[Array, Whole, Whole, Array]:
     """What every piece of a micro-image sees of a picture; ``pieces`` and ``entries`` as in ``cut_windows``, the rest as in ``add_texels``.
+
+    Where that is more than ``most`` numbers it is not gathered.
 
     Returns:
         Summed-area tables one below the other, as wide as the widest (see ``fill_sums``), where each piece's rows begin (M + 1), its
@@ -45,7 +48,11 @@ def texel_tables(
         if seen[piece, 2] > 0 and seen[piece, 3] > 0:
             begins[piece + 1] += seen[piece, 3] + 1
             widths[piece] = seen[piece, 2] + 1
-    held = np.empty((begins[-1], max(widths.max(), 1) if count > 0 else 1, 2))
+    widest = max(widths.max(), 1) if count > 0 else 1
+    size = 2 * widest * begins[-1]
+    held = np.empty((begins[-1] if size <= most else 0, widest, 2))
+    if size > most:
+        return held, begins, widths, frames
     for piece in range(count):
         if widths[piece] > 0:
             column, row, columns, rows = seen[piece]

@@ -16,6 +16,8 @@ from flflab.image.orders import BAND_ROWS
 
 Whole = npt.NDArray[np.int64]
 
+MOST = 2**27  # numbers in tables, 1 GiB: more are left to the processor, which makes one table at a time
+
 
 class Work(NamedTuple):
     """One plane for a device.
@@ -33,17 +35,19 @@ class Work(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-def ruled_work(shape: tuple[int, int], windows: Whole, *arguments: Any) -> Work:
-    """What ``ruled_pixel`` needs for a picture of this shape; arguments as in ``add_ruled``, without the band of rows."""
+def ruled_work(shape: tuple[int, int], windows: Whole, *arguments: Any) -> Work | None:
+    """What ``ruled_pixel`` needs for a picture of this shape; arguments as in ``add_ruled``, without the band of rows. None: too much."""
     kinds, centres, cones, maps, _, _, sharp, parts = arguments[:8]
     rims, _, xs, ys, pixel, width, fine, table, law, ways = arguments[16:26]
     pieces, entries = cut_windows(windows, BAND_ROWS, arguments[-1])
 
     def seen_by(some: slice) -> tuple[Any, ...]:
         given = kinds, centres, cones, maps, sharp, parts, rims, xs, ys, pixel, width, fine, table, law, ways
-        return ruled_tables(pieces[some], entries[some], *given)
+        return ruled_tables(pieces[some], entries[some], *given, MOST // (4 * _cores()))
 
     held, begins, places, boxes = zip(*_in_parts(seen_by, len(pieces)), strict=True)
+    if max(int(part[-1]) for part in begins) > MOST // (4 * _cores()):
+        return None
     starts = np.cumsum([0] + [part[-1] for part in begins])
     whole = np.concatenate([[0]] + [part[1:] + start for part, start in zip(begins, starts[:-1], strict=True)])
     seen = np.concatenate(held), whole, np.concatenate(places), np.concatenate(boxes)
@@ -56,14 +60,20 @@ def dots_work(shape: tuple[int, int], windows: Whole, *arguments: Any) -> Work:
     return _work(shape, pieces, (pieces, entries, *arguments))
 
 
-def texels_work(shape: tuple[int, int], windows: Whole, *arguments: Any) -> Work:
-    """What ``texel_pixel`` needs; arguments as in ``add_texels``, without the band of rows."""
+def texels_work(shape: tuple[int, int], windows: Whole, *arguments: Any) -> Work | None:
+    """What ``texel_pixel`` needs; arguments as in ``add_texels``, without the band of rows. None: too much."""
     kinds, centres, cones, maps, slants, levels, sharp, parts, askew, divisions, grid, grids = arguments[:12]
     rest, (xs, ys, width, texel, values), last = arguments[12:19], arguments[19:24], arguments[24:]
     pieces, entries = cut_windows(windows, BAND_ROWS, arguments[-1])
-    seen = texel_tables(pieces, entries, centres, maps, sharp, grid, grids, xs, ys, width, texel, values)
+    seen = texel_tables(pieces, entries, centres, maps, sharp, grid, grids, xs, ys, width, texel, values, MOST)
+    if len(seen[0]) < seen[1][-1]:
+        return None
     lenses = kinds, centres, cones, slants, levels, sharp, parts, askew, divisions, grid, grids
     return _work(shape, pieces, (pieces, entries, *seen, *lenses, *rest, xs, ys, width, *last))
+
+
+def _cores() -> int:
+    return os.cpu_count() or 1
 
 
 def _work(shape: tuple[int, int], pieces: Whole, arguments: tuple[Any, ...]) -> Work:
@@ -73,7 +83,6 @@ def _work(shape: tuple[int, int], pieces: Whole, arguments: tuple[Any, ...]) -> 
 
 def _in_parts(make: Callable[[slice], tuple[Any, ...]], count: int) -> list[tuple[Any, ...]]:
     """What is made of some of so many pieces after others, on all cores."""
-    cores = os.cpu_count() or 1
-    ends = np.linspace(0, count, 4 * cores + 1).astype(int)
-    with ThreadPoolExecutor(cores) as pool:
+    ends = np.linspace(0, count, 4 * _cores() + 1).astype(int)
+    with ThreadPoolExecutor(_cores()) as pool:
         return list(pool.map(make, (slice(int(start), int(end)) for start, end in pairwise(ends))))
