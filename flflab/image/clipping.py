@@ -4,7 +4,7 @@ import math
 
 import numba
 
-SLIVER = 1.0 - 1e-5  # of the way to the micro-image's rim; what lies further out looks from there
+SLIVER = 1.0 - 1e-6  # of the way to the micro-image's rim; what lies further out looks from there
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
