@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.device.found import device_kernels, is_worth_it
+from flflab.image.lenses import Lenses
 from flflab.image.moments import ways_along
 from flflab.image.orders import (
     TEXELS,
@@ -29,11 +30,11 @@ from flflab.image.orders import (
 )
 from flflab.image.profile import Cropped, Ruled, cropped, half_plane, profile_table
 from flflab.image.rim import STEEP, disc_nodes
-from flflab.image.ruled import add_ruled
-from flflab.image.sampled import add_dots, chord_nodes
+from flflab.image.ruled import RuledSeen, add_ruled
+from flflab.image.sampled import DotSeen, add_dots, chord_nodes
 from flflab.image.setup import Setup
 from flflab.image.strips import strip_nodes
-from flflab.image.texels import add_texels
+from flflab.image.texels import PictureSeen, add_texels
 from flflab.optics.camera import pixel_positions
 from flflab.targets import Edge, FourDot, Picture, Target, White
 
@@ -74,11 +75,11 @@ def add_plane(image: Array, setup: Setup, target: Target | Cropped, wanted: Chos
             _add_ruled(image, setup, target, chosen)
 
 
-def _form(add: Callable[..., None], steps: float, image: Array, windows: Whole, *arguments: object) -> None:
+def _form(add: Callable[..., None], steps: float, image: Array, windows: Whole, seen: RuledSeen | DotSeen | PictureSeen) -> None:
     """Add the light in these windows by a kernel on all cores, or by the one of the same name of a device that is worth it."""
     kernels = device_kernels() if is_worth_it(windows, steps) else None
-    if kernels is None or not getattr(kernels, add.__name__)(image, windows, *arguments):
-        in_bands(lambda rows: add(image, rows, windows, *arguments), windows)
+    if kernels is None or not getattr(kernels, add.__name__)(image, windows, seen):
+        in_bands(lambda rows: add(image, rows, windows, seen), windows)
 
 
 def _turned(setup: Setup, axes: Array) -> Setup:
@@ -93,11 +94,27 @@ def _maps(setup: Setup) -> Array:
     return np.concatenate([setup.origin, setup.by_pupil.reshape(count, 4), setup.by_sensor.reshape(count, 4)], axis=1)
 
 
-def _slants(setup: Setup) -> Array:
-    """Slopes of the middle rays at the sensor and how they change, shape (N, 4), see ``add_ruled``; 0 without fall-off."""
+def _lenses(setup: Setup, parts: Whole, steep: Chosen, chosen: Chosen) -> Lenses:
+    """The entries before the sensor, pixels in the rim divided into so many parts a side."""
     pupils = setup.pupils
     slants = np.column_stack([pupils.slant_x, pupils.slant_y, pupils.slant_scale, pupils.slant_spread])
-    return slants if setup.falloff else np.zeros_like(slants)
+    xs, ys = pixel_positions(setup.sensor)
+    return Lenses(
+        kinds=setup.rims.kind,
+        centres=np.column_stack([pupils.centre_x, pupils.centre_y]),
+        cones=np.column_stack([pupils.slope, pupils.reach]),
+        maps=_maps(setup),
+        slants=slants if setup.falloff else np.zeros_like(slants),
+        levels=pupils.level,
+        parts=parts,
+        rims=rim_rows(setup, parts, steep),
+        nodes=disc_nodes(8, 8),
+        xs=xs,
+        ys=ys,
+        pixel=setup.sensor.pixel,
+        width=setup.pixel_width,
+        wanted=chosen,
+    )
 
 
 def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Chosen) -> None:
@@ -113,7 +130,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         cos, sin = math.cos(target.angle), math.sin(target.angle)
         table, law = half_plane()
         setup = _turned(setup, np.array([[cos, sin], [-sin, cos]]))
-    pupils, ways = setup.pupils, ways_along(setup) if len(table) else np.zeros((len(setup.origin), 1))
+    ways = ways_along(setup) if len(table) else np.zeros((len(setup.origin), 1))
     counts, sharp = strip_counts(setup), is_sharp(setup)
     parts, steep = pixel_parts(setup, sharp)
     if isinstance(target, White):
@@ -121,82 +138,59 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         parts = np.where((setup.rims.width < STEEP) | at_end, parts, 1)
     nodes = strip_nodes(counts.ravel())
     grids, grid = np.unique(end_points(setup) if isinstance(target, Ruled) else np.zeros_like(setup.rims.kind), return_inverse=True)
-    arguments = (
-        setup.rims.kind,
-        np.column_stack([pupils.centre_x, pupils.centre_y]),
-        np.column_stack([pupils.slope, pupils.reach]),
-        _maps(setup),
-        _slants(setup),
-        pupils.level,
-        sharp,
-        parts,
-        counts,
-        nodes.reshape(*counts.shape, *nodes.shape[1:]),
-        grid,
-        grids,
-        strip_nodes(grids)[:, :2],
-        chord_nodes(grids),
-        falloff_chunks(setup),
-        FALL * setup.tolerance / setup.overlap,
-        rim_rows(setup, parts, steep),
-        disc_nodes(8, 8),
-        *pixel_positions(setup.sensor),
-        setup.sensor.pixel,
-        setup.pixel_width,
-        FINE * setup.tolerance,
-        table,
-        law,
-        ways,
-        bounds,
-        np.array([bounds[1], 0.0, 0.0]),
-        np.zeros((2, 2)),
-        chosen,
+    seen = RuledSeen(
+        lenses=_lenses(setup, parts, steep, chosen),
+        sharp=sharp,
+        counts=counts,
+        strips=nodes.reshape(*counts.shape, *nodes.shape[1:]),
+        grid=grid,
+        grids=grids,
+        rows_of_points=strip_nodes(grids)[:, :2],
+        chords=chord_nodes(grids),
+        chunks=falloff_chunks(setup),
+        fall=FALL * setup.tolerance / setup.overlap,
+        fine=FINE * setup.tolerance,
+        table=table,
+        law=law,
+        ways=ways,
+        bounds=bounds,
+        numbers=np.array([bounds[1], 0.0, 0.0]),
+        no_sums=np.zeros((2, 2)),
     )
     windows = lit_windows(setup, half_x + float(np.abs(ways).max()), half_y)
     steps = 1.0 if sharp.all() else float(counts.mean()) * (FALL_STEPS if setup.falloff else 1.0)
-    _form(add_ruled, steps, image, windows, *arguments)
+    _form(add_ruled, steps, image, windows, seen)
 
 
 def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) -> None:
-    pupils, sharp = setup.pupils, is_sharp(setup)
+    sharp = is_sharp(setup)
     counts, points = strip_counts(setup, PICTURE)[:, 0], picture_points(setup)
     grids, grid = np.unique(points, return_inverse=True)
     parts, steep = pixel_parts(setup, sharp | (points > 0), TEXELS)
-    arguments = (
-        setup.rims.kind,
-        np.column_stack([pupils.centre_x, pupils.centre_y]),
-        np.column_stack([pupils.slope, pupils.reach]),
-        _maps(setup),
-        _slants(setup),
-        pupils.level,
-        sharp,
-        parts,
-        not is_even(setup.by_sensor, setup.tolerance),
-        picture_parts(setup),
-        grid,
-        grids,
-        strip_nodes(grids)[:, :2],
-        chord_nodes(grids),
-        counts,
-        strip_nodes(counts),
-        falloff_chunks(setup),
-        rim_rows(setup, parts, steep),
-        disc_nodes(8, 8),
-        *pixel_positions(setup.sensor),
-        setup.pixel_width,
-        picture.texel,
-        np.ascontiguousarray(picture.values, dtype=np.float64),
-        np.array([1.0, 0.0, 0.0]),
-        np.zeros((0, 8)),
-        np.zeros(6),
-        chosen,
+    seen = PictureSeen(
+        lenses=_lenses(setup, parts, steep, chosen),
+        sharp=sharp,
+        askew=not is_even(setup.by_sensor, setup.tolerance),
+        divisions=picture_parts(setup),
+        grid=grid,
+        grids=grids,
+        rows_of_points=strip_nodes(grids)[:, :2],
+        chords=chord_nodes(grids),
+        counts=counts,
+        strips=strip_nodes(counts),
+        chunks=falloff_chunks(setup),
+        texel=picture.texel,
+        values=np.ascontiguousarray(picture.values, dtype=np.float64),
+        numbers=np.array([1.0, 0.0, 0.0]),
+        table=np.zeros((0, 8)),
+        law=np.zeros(6),
     )
     windows = lit_windows(setup, picture.width / 2, picture.height / 2)
-    _form(add_texels, TEXEL_STEPS * float(counts.mean()), image, windows, *arguments)
+    _form(add_texels, TEXEL_STEPS * float(counts.mean()), image, windows, seen)
 
 
 def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None:
-    blur, pupils = setup.kind_blur(largest=True), setup.pupils
+    blur = setup.kind_blur(largest=True)
     fewest = falloff_counts(setup)
     counts = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), fewest)
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
@@ -204,33 +198,21 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))
         parts = np.where(counts == 0, finer, parts)
-    lenses = setup.rims.kind, np.column_stack([pupils.centre_x, pupils.centre_y]), np.column_stack([pupils.slope, pupils.reach])
-    arguments = (
-        _slants(setup),
-        pupils.level,
-        parts,
-        counts,
-        strip_nodes(counts)[:, :2],
-        chord_nodes(counts),
-        fewest,
-        strip_nodes(fewest)[:, :2],
-        chord_nodes(fewest),
-        rim_rows(setup, parts, steep),
-        disc_nodes(8, 8),
-        *pixel_positions(setup.sensor),
-        setup.pixel_width,
-        np.array([dots.diameter / 2, 0.0, 0.0]),
-        np.zeros((0, 8)),
-        np.zeros(6),
-        np.zeros((2, 2)),
-        SPOT_BEND * setup.tolerance / setup.overlap,
-        chosen,
+    seen = DotSeen(
+        lenses=_lenses(setup, parts, steep, chosen),
+        counts=counts,
+        strips=strip_nodes(counts)[:, :2],
+        chords=chord_nodes(counts),
+        fewest=fewest,
+        fewer_strips=strip_nodes(fewest)[:, :2],
+        fewer_chords=chord_nodes(fewest),
+        allowed=SPOT_BEND * setup.tolerance / setup.overlap,
+        numbers=np.array([dots.diameter / 2, 0.0, 0.0]),
+        table=np.zeros((0, 8)),
+        law=np.zeros(6),
+        sums=np.zeros((2, 2)),
     )
-
-    def add(x: float, y: float) -> None:
-        from_dot = setup.seen_from(x, y)
-        maps, windows = _maps(from_dot), lit_windows(from_dot, dots.diameter / 2, dots.diameter / 2)
-        _form(add_dots, SPOT_STEPS, image, windows, *lenses, maps, *arguments)
-
     for x, y in dots.centres:
-        add(x, y)
+        from_dot = setup.seen_from(x, y)
+        windows = lit_windows(from_dot, dots.diameter / 2, dots.diameter / 2)
+        _form(add_dots, SPOT_STEPS, image, windows, seen._replace(lenses=seen.lenses._replace(maps=_maps(from_dot))))

@@ -5,12 +5,14 @@ along the gradient of x' are summed; along each strip the mean of the profile is
 """
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from flflab.image.falloff_means import cut_weight, is_uneven, read_between, seen_weight, seen_weights, table_steps
+from flflab.image.lenses import Lenses
 from flflab.image.neighbourhood import RULED
 from flflab.image.parallelogram import ruled_parallelogram, stands_askew
 from flflab.image.profile import moved_mean, prepare
@@ -25,6 +27,48 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 EDGE = 0.04  # of white: what is left in the last pixels of a rim, times the 3/2 power of half its width, where only its columns are cut
+
+
+class RuledSeen(NamedTuple):
+    """A target that varies along x' only, between two ends along y', as all entries see it.
+
+    Attributes:
+        lenses: the entries.
+        sharp: entries whose blur is negligible.
+        counts: number of strips for each kind of rim, (K, 2): of most pixels, and where the window ends.
+        strips: see ``strip_nodes``; (K, 2, 3, most strips).
+        grid: which of the grids of points across the pupil sums the window's ends in every entry.
+        grids: how many points a side each has; 0 where strips do.
+        rows_of_points: see ``strip_nodes``; (G, 2, most points).
+        chords: see ``chord_nodes``; the same.
+        chunks: pieces of a strip for the fall-off; 0 for no fall-off.
+        fall: largest error of the fall-off's tables.
+        fine: largest error of the antiderivatives' tables.
+        table: profile, see ``profile_table``; no row where the target does not vary along x'.
+        law: its law.
+        ways: how far rays end along x' from where they would, mm, at some moments of the exposure; shape (N, moments).
+        bounds: lower and upper end of the window, target mm.
+        numbers: what ``mean_over`` asks for: the upper end.
+        no_sums: of no picture.
+    """
+
+    lenses: Lenses
+    sharp: Chosen
+    counts: Whole
+    strips: Array
+    grid: Whole
+    grids: Whole
+    rows_of_points: Array
+    chords: Array
+    chunks: int
+    fall: float
+    fine: float
+    table: Array
+    law: Array
+    ways: Array
+    bounds: Array
+    numbers: Array
+    no_sums: Array
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -54,113 +98,128 @@ def rim_shares(points: Array, number: int, xs: Array, column: int, shift: float,
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def rim_boxes(slope: float, to: Array, width: float, rim_parts: int, steep: bool, boxes: Array) -> None:
+def rim_boxes(seen: RuledSeen, entry: int, boxes: Array) -> None:
     """Widths on the target of a pixel, of its parts in the rim, and of these where chords end at the rim, into ``boxes`` (3, 2)."""
+    lenses = seen.lenses
+    kind, slope, to = lenses.kinds[entry], lenses.cones[entry, 0], lenses.maps[entry]
     for axis in range(2):
-        boxes[0, axis] = abs(to[6 + axis]) * width
-        boxes[1, axis] = boxes[0, axis] / rim_parts
-        moved = 0.0 if steep or slope == 0.0 else to[2 + axis] / slope
-        boxes[2, axis] = abs(to[6 + axis] + moved) * width / rim_parts
+        boxes[0, axis] = abs(to[6 + axis]) * lenses.width
+        boxes[1, axis] = boxes[0, axis] / lenses.parts[kind]
+        moved = 0.0 if lenses.rims[kind, 0] < 0.0 or slope == 0.0 else to[2 + axis] / slope
+        boxes[2, axis] = abs(to[6 + axis] + moved) * lenses.width / lenses.parts[kind]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def antiderivatives(
-    window: Whole,
-    centre: Array,
-    to: Array,
-    xs: Array,
-    ys: Array,
-    pixel: float,
-    boxes: Array,
-    fine: float,
-    table: Array,
-    law: Array,
-    ways: Array,
-    places: Array,
-) -> Array:
-    """What ``prepare`` makes for the pixels of a window; arguments as in ``add_ruled``, of one entry."""
-    middle_x = 0.5 * (xs[window[0]] + xs[window[1] - 1]) - centre[0]
-    middle_y = 0.5 * (ys[window[2]] + ys[window[3] - 1]) - centre[1]
+def antiderivatives(seen: RuledSeen, entry: int, window: Whole, boxes: Array, places: Array) -> Array:
+    """What ``prepare`` makes for the pixels of a window of an entry: first column, column after the last, first row, row after the last."""
+    lenses = seen.lenses
+    to, xs, ys, pixel = lenses.maps[entry], lenses.xs, lenses.ys, lenses.pixel
+    middle_x = 0.5 * (xs[window[0]] + xs[window[1] - 1]) - lenses.centres[entry, 0]
+    middle_y = 0.5 * (ys[window[2]] + ys[window[3] - 1]) - lenses.centres[entry, 1]
     middle = to[0] + to[6] * middle_x + to[7] * middle_y
     half = 0.5 * (abs(to[6]) * ((window[1] - window[0]) * pixel) + abs(to[7]) * ((window[3] - window[2]) * pixel))
-    return prepare(middle - half, middle + half, math.hypot(to[2], to[3]), boxes, fine, table, law, ways, places)
+    spread = math.hypot(to[2], to[3])
+    return prepare(middle - half, middle + half, spread, boxes, seen.fine, seen.table, seen.law, seen.ways[entry], places)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def add_ruled(
-    image: Array,
-    rows: tuple[int, int],
-    windows: Whole,
-    kinds: Whole,
-    centres: Array,
-    cones: Array,
-    maps: Array,
-    slants: Array,
-    levels: Array,
-    sharp: Chosen,
-    parts: Whole,
-    counts: Whole,
-    strips: Array,
-    grid: Whole,
-    grids: Whole,
-    rows_of_points: Array,
-    chords: Array,
-    chunks: int,
-    fall: float,
-    rims: Array,
-    nodes: Array,
-    xs: Array,
-    ys: Array,
-    pixel: float,
-    width: float,
-    fine: float,
-    table: Array,
-    law: Array,
-    ways: Array,
-    bounds: Array,
-    numbers: Array,
-    no_sums: Array,
-    wanted: Chosen,
-) -> None:
+def askew_mean(at_x: float, at_y: float, side: float, to: Array, table: Array, law: Array, ways: Array, window: Array) -> float:
+    """Mean of a sharp target for a part of a pixel that stands askew, where the window's ends are near.
+
+    Args:
+        at_x: x' of the part's middle, mm.
+        at_y: y' of it.
+        side: of the part, mm.
+        to: the maps to the target, see ``Lenses``.
+        table: profile, see ``RuledSeen``.
+        law: the same.
+        ways: of the entry.
+        window: lower and upper end, and the height on the target of the part's sides along x and y.
+    """
+    total, area = 0.0, abs(to[6] * to[9] - to[7] * to[8]) * side * side
+    for way in ways:
+        total += ruled_parallelogram(
+            at_x + way, at_y, to[6] * side, to[8] * side, to[7] * side, to[9] * side, window[0], window[1], table, law
+        )
+    return total / (ways.size * area)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def end_at(
+    ex: float,
+    ey: float,
+    side: float,
+    landing: tuple[float, float, float, float, float, float],
+    entry: int,
+    seen: RuledSeen,
+    sums: Array,
+    whole: Array,
+    cut: Array,
+    window: Array,
+    moved_to: Array,
+) -> float:
+    """Mean of a blurred target for a part of a pixel where the window's ends are near.
+
+    Args:
+        ex: place of the part's middle from the micro-image's centre, mm.
+        ey: the same along y.
+        side: of the part, mm.
+        landing: see ``strip_means``.
+        entry: which of the entries it is seen through.
+        seen: the target.
+        sums: antiderivatives of the profile.
+        whole: see ``strip_means``.
+        cut: the same.
+        window: see ``askew_mean``.
+        moved_to: scratch, shape (10,).
+    """
+    lenses, own = seen.lenses, seen.grid[entry]
+    to, slant, points = lenses.maps[entry], lenses.slants[entry], int(seen.grids[own])
+    if points == 0:
+        kind, along_x, along_y = lenses.kinds[entry], landing[4], landing[5]
+        cone, slants = (lenses.cones[entry, 0], lenses.cones[entry, 1]), (slant[0], slant[1], slant[2], slant[3])
+        across = (to[1] + to[8] * ex + to[9] * ey, to[4] * along_x + to[5] * along_y, to[5] * along_x - to[4] * along_y)
+        strips, count = seen.strips[kind, 1], int(seen.counts[kind, 1])
+        return weighted_mean(ex, ey, landing, cone, strips, count, sums, whole, cut, seen.chunks, slants, across, window)
+    total, ways = 0.0, seen.ways[entry]
+    for way in ways:
+        for i in range(len(to)):  # one by one, or numba would ask a device for memory
+            moved_to[i] = to[i]
+        moved_to[0] += way
+        total += sampled_mean(
+            ex,
+            ey,
+            lenses.cones[entry],
+            moved_to,
+            seen.rows_of_points[own],
+            seen.chords[own],
+            points,
+            side,
+            RULED,
+            seen.numbers,
+            seen.table,
+            seen.law,
+            seen.no_sums,
+            slant,
+        )
+    return total / ways.size
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSeen) -> None:
     """Add the light of every entry to the rows from rows[0] to below rows[1] of an image.
 
     Args:
         image: picture to add to, [row, column].
         rows: the band.
         windows: first column, column after the last, first row, row after the last, of every entry; shape (N, 4).
-        kinds: kind of rim of every entry.
-        centres: centre of every micro-image, mm, shape (N, 2).
-        cones: slope and reach of every entry, mm, shape (N, 2).
-        maps: x', y' = (0, 1) + [[2, 3], [4, 5]] pupil + [[6, 7], [8, 9]] sensor, target mm, shape (N, 10).
-        slants: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per unit of pupil, shape (N, 4).
-        levels: light at full pupil.
-        sharp: entries whose blur is negligible.
-        parts: parts a side of a pixel in the rim, for each kind of rim.
-        counts: number of strips for each kind, (K, 2): of most pixels, and where the window ends.
-        strips: see ``strip_nodes``; (K, 2, 3, most strips).
-        grid: which of the grids of points across the pupil sums the window's ends in every entry.
-        grids: how many points a side each has; 0 where strips do.
-        rows_of_points: see ``strip_nodes``; (G, 2, most points).
-        chords: see ``chord_nodes``; the same.
-        chunks: pieces of a strip for the fall-off; 0 for no fall-off.
-        fall: largest error of the fall-off's tables.
-        rims: see ``rim_tables``; steep kinds start with a negative distance.
-        nodes: pupil points for steep rims.
-        xs: positions of the columns, mm.
-        ys: positions of the rows, mm.
-        pixel: distance of the pixels, mm.
-        width: side of a pixel that gathers light, mm.
-        fine: largest error of the antiderivatives' tables.
-        table: profile, see ``profile_table``; no row where the target does not vary along x'.
-        law: its law.
-        ways: how far rays end along x' from where they would, mm, at some moments of the exposure; shape (N, moments).
-        bounds: lower and upper end of the window, target mm.
-        numbers: what ``mean_over`` asks for: the upper end.
-        no_sums: of no picture.
-        wanted: which pixels to compute, [row, column]; empty for all.
+        seen: the target.
     """
+    lenses = seen.lenses
+    xs, ys, pixel, width, wanted = lenses.xs, lenses.ys, lenses.pixel, lenses.width, lenses.wanted
+    chunks, fine, table, law, bounds = seen.chunks, seen.fine, seen.table, seen.law, seen.bounds
     varies = table.shape[0] > 0
-    window, moved_to = np.empty(4), np.empty(maps.shape[1])
+    window, moved_to = np.empty(4), np.empty(lenses.maps.shape[1])
     window[:2] = bounds
     places, boxes, sums, piece = np.zeros((3, 4)), np.zeros((3, 2)), np.zeros(2), np.zeros(4, dtype=np.int64)
     points, shares, light = np.zeros(ROWS * BLOCK), np.zeros(BLOCK), np.zeros(BLOCK)
@@ -171,25 +230,24 @@ def add_ruled(
             start, end, first, last = shrink(wanted, start, end, first, last)
         if first >= last or start >= end:
             continue
-        kind = kinds[entry]
-        slope, reach = cones[entry, 0], cones[entry, 1]
-        centre_x, centre_y = centres[entry]
-        origin_x, origin_y, xx, xy, yx, yy, cxx, cxy, cyx, cyy = maps[entry]
+        kind, to, slant, ways = lenses.kinds[entry], lenses.maps[entry], lenses.slants[entry], seen.ways[entry]
+        slope, reach = lenses.cones[entry]
+        centre_x, centre_y = lenses.centres[entry]
+        origin_x, origin_y, xx, xy, yx, yy, cxx, cxy, cyx, cyy = to
         spread = math.hypot(xx, xy)
         along_x, along_y = (xx / spread, xy / spread) if spread > 0.0 else (1.0, 0.0)
         up_along, up_across = yx * along_x + yy * along_y, yy * along_x - yx * along_y
         landing = (origin_x, cxx, cxy, spread, along_x, along_y)
-        cone, slant = (slope, reach), (slants[entry, 0], slants[entry, 1], slants[entry, 2], slants[entry, 3])
-        rim, strip, strip_end = rims[kind], strips[kind, 0], strips[kind, 1]
-        count, count_end, rim_parts = int(counts[kind, 0]), int(counts[kind, 1]), int(parts[kind])
-        steep, blurred = rim[0] < 0.0, varies and not sharp[entry]
-        askew = varies and width > 0.0 and stands_askew(maps[entry, 2:])
-        points_a_side, row_nodes, chord = int(grids[grid[entry]]), rows_of_points[grid[entry]], chords[grid[entry]]
-        level, lower, upper = levels[entry], bounds[0], bounds[1]
-        rim_boxes(slope, maps[entry], width, rim_parts, steep, boxes)
+        cone, slants = (slope, reach), (slant[0], slant[1], slant[2], slant[3])
+        rim, strip = lenses.rims[kind], seen.strips[kind, 0]
+        count, rim_parts = int(seen.counts[kind, 0]), int(lenses.parts[kind])
+        steep, blurred = rim[0] < 0.0, varies and not seen.sharp[entry]
+        askew = varies and width > 0.0 and stands_askew(to[2:])
+        level, lower, upper = lenses.levels[entry], bounds[0], bounds[1]
+        rim_boxes(seen, entry, boxes)
         if blurred:
             piece[0], piece[1], piece[2], piece[3] = start, end, first, last
-            sums = antiderivatives(piece, centres[entry], maps[entry], xs, ys, pixel, boxes, fine, table, law, ways[entry], places)
+            sums = antiderivatives(seen, entry, piece, boxes, places)
         outside, deep = reach + abs(slope) + 0.75 * width, reach - abs(slope) - 0.75 * width
         felt = abs(up_along) + abs(up_across) + (abs(cyx) + abs(cyy)) * width
         # Where neither pupil nor row matters, the mean of a column is the same all the way down.
@@ -202,27 +260,27 @@ def add_ruled(
                 number = min(BLOCK, end - block)
                 for p in range(number):
                     points[EX + p], points[EY + p] = xs[block + p] - centre_x, 0.0
-                strip_means(points, number, landing, (0.0, reach), strip, count, sums, places[0], places[0], 0, slant)
+                strip_means(points, number, landing, (0.0, reach), strip, count, sums, places[0], places[0], 0, slants)
                 for p in range(number):
                     steady[0, block + p - start] = points[MEAN + p]
         elif full_by_column and varies:
             for column in range(start, end):
                 at = origin_x + cxx * (xs[column] - centre_x)
-                steady[0, column - start] = moved_mean(at, boxes[0, 0], 0.0, table, law, ways[entry])
+                steady[0, column - start] = moved_mean(at, boxes[0, 0], 0.0, table, law, ways)
                 for i in range(rim_parts):
                     shifted = at + cxx * ((i + 0.5) / rim_parts - 0.5) * width
-                    steady[1 + i, column - start] = moved_mean(shifted, boxes[1, 0], 0.0, table, law, ways[entry])
+                    steady[1 + i, column - start] = moved_mean(shifted, boxes[1, 0], 0.0, table, law, ways)
         falls = chunks > 0 and not blurred
         clipped = slope if 2.0 * abs(slope) > width else 0.0  # a pixel that holds all of the rim sees the whole pupil
-        whole_step, rim_step = table_steps(slope, reach, slants[entry], fall)
-        uneven = falls and is_uneven(slope, reach, slants[entry], width, fall)
+        whole_step, rim_step = table_steps(slope, reach, slant, seen.fall)
+        uneven = falls and is_uneven(slope, reach, slant, width, seen.fall)
         rim_tabled = rim_step >= pixel and not uneven
         tabled = falls and (rim_tabled or deep > 0.0)
         apart = min(max(rim_step if rim_tabled else whole_step, 0.5 * pixel), max(end - start, last - first) * pixel)
         corner_x, corner_y = xs[start] - centre_x - 0.5 * pixel, ys[first] - centre_y - 0.5 * pixel
         weights = np.ones((int((last - first) * pixel / apart) + 2, int((end - start) * pixel / apart) + 2) if tabled else (1, 1))
         if tabled:
-            seen_weights(corner_x, corner_y, apart, weights, clipped if rim_tabled else 0.0, reach, slants[entry])
+            seen_weights(corner_x, corner_y, apart, weights, clipped if rim_tabled else 0.0, reach, slant)
         for row in range(first, last):
             dy = ys[row] - centre_y
             room = outside * outside - dy * dy
@@ -270,6 +328,7 @@ def add_ruled(
                     divide = 1 if full else rim_parts
                     side, near, far = width / divide, places[0 if full else 1], places[0 if full else 2]
                     window[2], window[3] = abs(cyx) * side, abs(cyy) * side
+                    box_x, box_y = boxes[0 if full else 1]
                     light[:number] = 0.0
                     for j in range(divide):
                         y = dy + ((j + 0.5) / divide - 0.5) * width
@@ -282,68 +341,36 @@ def add_ruled(
                             if steep and not full:
                                 for p in range(number):
                                     x = points[EX + p]
-                                    shares[p], look = part_share(x, y, side, slope, reach, rim, nodes)
+                                    shares[p], look = part_share(x, y, side, slope, reach, rim, lenses.nodes)
                                     points[EX + p], points[EY + p] = look * x, look * y
                             if blurred and clear:
-                                strip_means(points, number, landing, cone, strip, count, sums, near, far, chunks, slant)
+                                strip_means(points, number, landing, cone, strip, count, sums, near, far, chunks, slants)
                             for p in range(number):
-                                ex, ey, value = points[EX + p], points[EY + p], 1.0
                                 if shares[p] <= 0.0:
                                     continue
+                                ex, ey, value = points[EX + p], points[EY + p], 1.0
+                                at_x, at_y = origin_x + cxx * ex + cxy * ey, origin_y + cyx * ex + cyy * ey
                                 if blurred and clear:
                                     value = points[MEAN + p]
-                                elif blurred and points_a_side > 0:
-                                    value = 0.0
-                                    for way in ways[entry]:
-                                        moved_to[:] = maps[entry]
-                                        moved_to[0] += way
-                                        value += sampled_mean(
-                                            ex,
-                                            ey,
-                                            cones[entry],
-                                            moved_to,
-                                            row_nodes,
-                                            chord,
-                                            points_a_side,
-                                            side,
-                                            RULED,
-                                            numbers,
-                                            table,
-                                            law,
-                                            no_sums,
-                                            slants[entry],
-                                        )
-                                    value /= ways.shape[1]
                                 elif blurred:
-                                    across = (origin_y + cyx * ex + cyy * ey, up_along, up_across)
-                                    value = weighted_mean(
-                                        ex, ey, landing, cone, strip_end, count_end, sums, near, far, chunks, slant, across, window
-                                    )
+                                    value = end_at(ex, ey, side, landing, entry, seen, sums, near, far, window, moved_to)
                                 elif askew and not clear:
-                                    at_x, at_y = origin_x + cxx * ex + cxy * ey, origin_y + cyx * ex + cyy * ey
-                                    seen = 0.0
-                                    for way in ways[entry]:
-                                        seen += ruled_parallelogram(
-                                            at_x + way, at_y, cxx * side, cyx * side, cxy * side, cyy * side, lower, upper, table, law
-                                        )
-                                    value = seen / (ways.shape[1] * abs(cxx * cyy - cxy * cyx) * side * side)
+                                    value = askew_mean(at_x, at_y, side, to, table, law, ways, window)
                                 elif by_column and not full:
                                     value = steady[1 + i, column + p - start]
                                 elif varies:
-                                    box = 0 if full else 1
-                                    at = origin_x + cxx * ex + cxy * ey
-                                    value = moved_mean(at, boxes[box, 0], boxes[box, 1], table, law, ways[entry])
+                                    value = moved_mean(at_x, box_x, box_y, table, law, ways)
                                 if not (blurred or clear or askew):
-                                    value *= window_mean(origin_y + cyx * ex + cyy * ey, lower, upper, window[2], window[3])
+                                    value *= window_mean(at_y, window[0], window[1], window[2], window[3])
                                 light[p] += shares[p] * min(max(value, 0.0), 1.0) / (divide * divide)
                 if falls and (full or rim_tabled):
                     for p in range(number):
                         light[p] *= read_between((xs[column + p] - centre_x - corner_x) / apart, (dy - corner_y) / apart, weights)
                 elif uneven:
                     for p in range(number):
-                        light[p] *= cut_weight(xs[column + p] - centre_x, dy, width, slope, reach, slants[entry], nodes)
+                        light[p] *= cut_weight(xs[column + p] - centre_x, dy, width, slope, reach, slant, lenses.nodes)
                 elif falls:
                     for p in range(number):
-                        light[p] *= seen_weight(xs[column + p] - centre_x, dy, clipped, reach, slants[entry])
+                        light[p] *= seen_weight(xs[column + p] - centre_x, dy, clipped, reach, slant)
                 for p in range(number):
                     image[row, column + p] += level * light[p]

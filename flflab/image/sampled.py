@@ -1,12 +1,14 @@
 """Images of dots: the area common to three discs, or a grid of pupil points at each of which the mean over the pixel is exact."""
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from flflab.image.askew import mean_over
+from flflab.image.lenses import Lenses
 from flflab.image.neighbourhood import DISC
 from flflab.image.rim import part_share
 from flflab.optics.discs import GAUSS, lens_chord, lens_rows, three_disc_area, two_disc_area
@@ -19,6 +21,38 @@ MOST_SQUARES = 64  # that wait to be summed: three more with each halving
 GAINED = 4.0  # how much less four Gauss points miss than the middle at any second derivative that is no larger than so much
 ROUNDED = 1.15  # 18 parts a side may be 16
 LEAST_BOX = 1e-3  # of a dot's radius, of half the height of bars or of a texel; a smaller pixel sees as much as this
+
+
+class DotSeen(NamedTuple):
+    """A dot round x' = y' = 0 as all entries see it.
+
+    Attributes:
+        lenses: the entries.
+        counts: points a side across the pupil for each kind of rim; 0 for the three-disc formula at the sub-pixels' centres.
+        strips: see ``strip_nodes``.
+        chords: see ``chord_nodes``.
+        fewest: points a side for what sees nothing but the dot, where only the fall-off counts.
+        fewer_strips: see ``strip_nodes``, for these.
+        fewer_chords: see ``chord_nodes``, for these.
+        allowed: error of a pixel's mean by the three-disc formula, of white.
+        numbers: the dot's radius, mm, and what ``mean_over`` asks for besides.
+        table: of no bars.
+        law: the same.
+        sums: of no picture.
+    """
+
+    lenses: Lenses
+    counts: Whole
+    strips: Array
+    chords: Array
+    fewest: Whole
+    fewer_strips: Array
+    fewer_chords: Array
+    allowed: float
+    numbers: Array
+    table: Array
+    law: Array
+    sums: Array
 
 
 def chord_nodes(counts: Whole) -> Array:
@@ -236,62 +270,27 @@ def _aside(to: Array, ex: float, ey: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def dot_light(
-    dx: float,
-    dy: float,
-    width: float,
-    cone: Array,
-    to: Array,
-    slants: Array,
-    parts: int,
-    count: int,
-    strips: Array,
-    chord: Array,
-    fewest: int,
-    fewer_strips: Array,
-    fewer_chord: Array,
-    rim: Array,
-    nodes: Array,
-    numbers: Array,
-    table: Array,
-    law: Array,
-    sums: Array,
-    allowed: float,
-    squares: Array,
-) -> float:
-    """Share of the full cone that a pixel gets from a dot through one microlens.
+def dot_light(dx: float, dy: float, entry: int, seen: DotSeen, squares: Array) -> float:
+    """Share of the full cone that a pixel gets from a dot through one entry.
 
     Args:
         dx: the pixel's middle from the micro-image's centre, mm.
         dy: the same along y.
-        width: its side, mm.
-        cone: slope and reach, mm.
-        to: the maps to the target, see ``add_ruled``.
-        slants: see ``add_ruled``; 0 leaves the fall-off out.
-        parts: parts a side of a pixel in the rim.
-        count: points a side across the pupil; 0 for the three-disc formula at the sub-pixels' centres.
-        strips: see ``strip_nodes``.
-        chord: see ``chord_nodes``.
-        fewest: points a side for what sees nothing but the dot, where only the fall-off counts.
-        fewer_strips: see ``strip_nodes``, for these.
-        fewer_chord: see ``chord_nodes``, for these.
-        rim: see ``rim_tables``; a steep one starts with a negative distance.
-        nodes: pupil points for steep rims.
-        numbers: the dot's radius, mm, and what ``mean_over`` asks for besides.
-        table: of no dot.
-        law: the same.
-        sums: the same.
-        allowed: error of a pixel's mean by the three-disc formula, of white.
+        entry: the entry.
+        seen: the dot.
         squares: scratch, shape (MOST_SQUARES, 3).
     """
-    radius, steep, distance = numbers[0], rim[0] < 0.0, math.hypot(dx, dy)
+    lenses = seen.lenses
+    kind, cone, to, width = lenses.kinds[entry], lenses.cones[entry], lenses.maps[entry], lenses.width
+    parts, count, rim = int(lenses.parts[kind]), int(seen.counts[kind]), lenses.rims[kind]
+    radius, steep, distance = seen.numbers[0], rim[0] < 0.0, math.hypot(dx, dy)
     across = math.hypot(abs(to[6]) + abs(to[7]), abs(to[8]) + abs(to[9]))  # a square's diagonal on the target, over its side
     blurred = math.sqrt(to[2] * to[2] + to[3] * to[3] + to[4] * to[4] + to[5] * to[5]) + LEAST_BOX * radius
     if distance > cone[1] + abs(cone[0]) + 0.75 * width or _aside(to, dx, dy) > radius + blurred + across * width:
         return 0.0
     full = distance < cone[1] - abs(cone[0]) - 0.75 * width
     if count == 0 and width > 0.0 and (full or not steep):
-        return _spot_light(dx, dy, width, cone, to, radius, full, parts, allowed, squares)
+        return _spot_light(dx, dy, width, cone, to, radius, full, parts, seen.allowed, squares)
     divide = 1 if full and count > 0 else min(parts, MOST_DIVIDED)
     side = width / divide
     light = 0.0
@@ -300,7 +299,7 @@ def dot_light(
         for i in range(divide):
             x = dx + ((i + 0.5) / divide - 0.5) * width
             clips = not full and (steep or count > 0)
-            share, look = part_share(x, y, side, cone[0], cone[1], rim, nodes) if clips else (1.0, 1.0)
+            share, look = part_share(x, y, side, cone[0], cone[1], rim, lenses.nodes) if clips else (1.0, 1.0)
             if share <= 0.0:
                 continue
             at_x, at_y = look * x, look * y
@@ -309,76 +308,36 @@ def dot_light(
                 light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
             else:
                 within = _aside(to, at_x, at_y) < radius - blurred - 0.5 * across * side
-                points = fewest if within else count
-                row_nodes, own_chord = (fewer_strips, fewer_chord) if within else (strips, chord)
+                points = int(seen.fewest[kind]) if within else count
+                rows, chord = (seen.fewer_strips[kind], seen.fewer_chords[kind]) if within else (seen.strips[kind], seen.chords[kind])
                 light += share * sampled_mean(
-                    at_x, at_y, cone, to, row_nodes, own_chord, points, side, DISC, numbers, table, law, sums, slants
+                    at_x,
+                    at_y,
+                    cone,
+                    to,
+                    rows,
+                    chord,
+                    points,
+                    side,
+                    DISC,
+                    seen.numbers,
+                    seen.table,
+                    seen.law,
+                    seen.sums,
+                    lenses.slants[entry],
                 )
     return light / (divide * divide)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def add_dots(
-    image: Array,
-    rows: tuple[int, int],
-    windows: Whole,
-    kinds: Whole,
-    centres: Array,
-    cones: Array,
-    maps: Array,
-    slants: Array,
-    levels: Array,
-    parts: Whole,
-    counts: Whole,
-    strips: Array,
-    chords: Array,
-    fewest: Whole,
-    fewer_strips: Array,
-    fewer_chords: Array,
-    rims: Array,
-    nodes: Array,
-    xs: Array,
-    ys: Array,
-    width: float,
-    numbers: Array,
-    table: Array,
-    law: Array,
-    sums: Array,
-    allowed: float,
-    wanted: npt.NDArray[np.bool_],
-) -> None:
-    """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; arguments as in ``add_ruled``.
-
-    And as in ``dot_light``, for each kind of rim.
-    """
-    squares = np.empty((MOST_SQUARES, 3))
+def add_dots(image: Array, rows: tuple[int, int], windows: Whole, seen: DotSeen) -> None:
+    """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; windows as in ``add_ruled``."""
+    lenses, squares = seen.lenses, np.empty((MOST_SQUARES, 3))
     for entry in range(windows.shape[0]):
-        kind = kinds[entry]
         for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):
-            dy = ys[row] - centres[entry, 1]
+            dy = lenses.ys[row] - lenses.centres[entry, 1]
             for column in range(windows[entry, 0], windows[entry, 1]):
-                if wanted.size > 0 and not wanted[row, column]:
+                if lenses.wanted.size > 0 and not lenses.wanted[row, column]:
                     continue
-                image[row, column] += levels[entry] * dot_light(
-                    xs[column] - centres[entry, 0],
-                    dy,
-                    width,
-                    cones[entry],
-                    maps[entry],
-                    slants[entry],
-                    int(parts[kind]),
-                    int(counts[kind]),
-                    strips[kind],
-                    chords[kind],
-                    int(fewest[kind]),
-                    fewer_strips[kind],
-                    fewer_chords[kind],
-                    rims[kind],
-                    nodes,
-                    numbers,
-                    table,
-                    law,
-                    sums,
-                    allowed,
-                    squares,
-                )
+                dx = lenses.xs[column] - lenses.centres[entry, 0]
+                image[row, column] += lenses.levels[entry] * dot_light(dx, dy, entry, seen, squares)

@@ -49,8 +49,8 @@ def by_pixels(image: Array, pixel: Any, across: int, room: Array, begins: Array,
 def instead(pixel: Any, make: Callable[..., Any], room: tuple[int, ...]) -> Callable[..., None]:
     """A kernel that forms a picture pixel by pixel and takes the arguments of one that goes entry by entry."""
 
-    def add(image: Array, rows: tuple[int, int], windows: Any, *arguments: Any) -> None:
-        _, begins, listed, given = make(image.shape, windows, *arguments)
+    def add(image: Array, rows: tuple[int, int], windows: Any, seen: Any) -> None:
+        _, begins, listed, given = make(image.shape, windows, seen)
         by_pixels(image, pixel, -(-image.shape[1] // WIDE), np.empty(room), begins, listed, given)
 
     return add
@@ -113,8 +113,8 @@ def test_more_tables_than_memory_should_hold_are_left_to_the_processor(
 ) -> None:
     made: list[bool] = []
 
-    def add(image: Array, rows: tuple[int, int], windows: Any, *arguments: Any) -> None:
-        made.append(make(image.shape, windows, *arguments) is not None)
+    def add(image: Array, rows: tuple[int, int], windows: Any, seen: Any) -> None:
+        made.append(make(image.shape, windows, seen) is not None)
 
     monkeypatch.setattr(form, "in_bands", lambda add, windows: add((0, 0)))
     monkeypatch.setattr(form, "add_ruled" if isinstance(target, Bars) else "add_texels", add)

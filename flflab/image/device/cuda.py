@@ -15,7 +15,9 @@ from flflab.image.device.ruled import ruled_pixel
 from flflab.image.device.texels import ROOM as TEXEL_ROOM
 from flflab.image.device.texels import texel_pixel
 from flflab.image.device.work import Work, dots_work, ruled_work, texels_work
-from flflab.image.sampled import MOST_SQUARES
+from flflab.image.ruled import RuledSeen
+from flflab.image.sampled import MOST_SQUARES, DotSeen
+from flflab.image.texels import PictureSeen
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -52,19 +54,19 @@ def _texels(image: Array, first: int, begins: Whole, listed: Whole, arguments: t
         image[row, column] = texel_pixel(float(image[row, column]), row + first, column, near, room, *arguments)
 
 
-def add_ruled(image: Array, windows: Whole, *arguments: Any) -> bool:
-    """Add the light of every entry to an image if it is not too much; arguments as in ``ruled.add_ruled``, without the band of rows."""
-    return _launch(_ruled, image, ruled_work(image.shape, windows, *arguments))
+def add_ruled(image: Array, windows: Whole, seen: RuledSeen) -> bool:
+    """Add the light of every entry to an image, as ``ruled.add_ruled`` does for a band of rows; not where it is too much."""
+    return _launch(_ruled, image, ruled_work(image.shape, windows, seen))
 
 
-def add_dots(image: Array, windows: Whole, *arguments: Any) -> bool:
-    """Add the light of every entry to an image if it is not too much; arguments as in ``sampled.add_dots``, without the band of rows."""
-    return _launch(_dots, image, dots_work(image.shape, windows, *arguments))
+def add_dots(image: Array, windows: Whole, seen: DotSeen) -> bool:
+    """Add the light of every entry to an image, as ``sampled.add_dots`` does for a band of rows; not where it is too much."""
+    return _launch(_dots, image, dots_work(image.shape, windows, seen))
 
 
-def add_texels(image: Array, windows: Whole, *arguments: Any) -> bool:
-    """Add the light of every entry to an image if it is not too much; arguments as in ``texels.add_texels``, without the band of rows."""
-    return _launch(_texels, image, texels_work(image.shape, windows, *arguments))
+def add_texels(image: Array, windows: Whole, seen: PictureSeen) -> bool:
+    """Add the light of every entry to an image, as ``texels.add_texels`` does for a band of rows; not where it is too much."""
+    return _launch(_texels, image, texels_work(image.shape, windows, seen))
 
 
 def _launch(kernel: Any, image: Array, work: Work | None) -> bool:
@@ -77,11 +79,20 @@ def _launch(kernel: Any, image: Array, work: Work | None) -> bool:
     blocks = (lit.shape[1] + WIDE - 1) // WIDE, (lit.shape[0] + HIGH - 1) // HIGH
     try:
         on_device = cuda.to_device(lit)
-        arguments = tuple(cuda.to_device(part) if isinstance(part, np.ndarray) else part for part in work.arguments)
-        kernel[blocks, (WIDE, HIGH)](on_device, first, cuda.to_device(work.begins), cuda.to_device(work.listed), arguments)
+        kernel[blocks, (WIDE, HIGH)](on_device, first, *_to_device((work.begins, work.listed, work.arguments)))
         on_device.copy_to_host(lit)
     except CudaAPIError as error:
         raise InputError(
             "render: the CUDA device cannot form the picture; free its memory, or set NUMBA_DISABLE_CUDA=1 to use the processor"
         ) from error
     return True
+
+
+def _to_device(given: Any) -> Any:
+    """The same with all arrays on the device."""
+    if isinstance(given, np.ndarray):
+        return cuda.to_device(given)
+    if isinstance(given, tuple):
+        parts = [_to_device(part) for part in given]
+        return type(given)(*parts) if hasattr(given, "_fields") else tuple(parts)
+    return given

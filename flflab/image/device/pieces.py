@@ -1,5 +1,7 @@
 """The pixels that entries light, cut as the processor cuts them, and which of these pieces every block of a device's threads looks at."""
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +14,28 @@ Chosen = npt.NDArray[np.bool_]
 WIDE, HIGH = 32, 8  # threads of a block: neighbours in a row read and write together
 
 
+class Pieces(NamedTuple):
+    """Parts of the entries' windows.
+
+    Attributes:
+        windows: first column, column after the last, first row, row after the last, of every piece; shape (M, 4).
+        entries: the entry of each.
+    """
+
+    windows: Whole
+    entries: Whole
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def cut_windows(windows: Whole, height: int, wanted: Chosen) -> tuple[Whole, Whole]:
+def holds(window: Whole, row: int, column: int, wanted: Chosen) -> bool:
+    """Whether a pixel lies in a window, and is wanted."""
+    if column < window[0] or column >= window[1] or row < window[2] or row >= window[3]:
+        return False
+    return wanted.size == 0 or wanted[row, column]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def cut_windows(windows: Whole, height: int, wanted: Chosen) -> Pieces:
     """Cut windows into bands of rows, and shrink them to the wanted pixels.
 
     The tables that a kernel makes of an entry depend on where its piece of a window begins and ends: cut alike, they are the same.
@@ -24,7 +46,7 @@ def cut_windows(windows: Whole, height: int, wanted: Chosen) -> tuple[Whole, Who
         wanted: which pixels to compute, [row, column]; empty for all.
 
     Returns:
-        The pieces, band by band and in each in the order of the entries, shape (M, 4), and the entry of each.
+        The pieces, band by band and in each in the order of the entries.
     """
     lit = (windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3])
     first, last, most = 0, 0, 0
@@ -44,12 +66,12 @@ def cut_windows(windows: Whole, height: int, wanted: Chosen) -> tuple[Whole, Who
                 pieces[count, 0], pieces[count, 1], pieces[count, 2], pieces[count, 3] = start, end, low, high
                 entries[count] = entry
                 count += 1
-    return pieces[:count].copy(), entries[:count].copy()
+    return Pieces(pieces[:count].copy(), entries[:count].copy())
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def pieces_by_block(pieces: Whole, rows: int, columns: int) -> tuple[Whole, Whole]:
-    """Which pieces reach the pixels of each block of threads.
+    """Which windows of pieces reach the pixels of each block of threads.
 
     Returns:
         Where each block's pieces begin in the list, row by row of blocks, shape (B + 1,), and the list, in each block in ascending order.
