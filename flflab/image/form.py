@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.device.found import device_kernels, is_worth_it
-from flflab.image.lenses import Lenses
+from flflab.image.lenses import Lenses, packed
 from flflab.image.moments import ways_along
 from flflab.image.orders import (
     TEXELS,
@@ -77,6 +77,7 @@ def add_plane(image: Array, setup: Setup, target: Target | Cropped, wanted: Chos
 
 def _form(add: Callable[..., None], steps: float, image: Array, windows: Whole, seen: RuledSeen | DotSeen | PictureSeen) -> None:
     """Add the light in these windows by a kernel on all cores, or by the one of the same name of a device that is worth it."""
+    windows, seen = np.ascontiguousarray(windows), packed(seen)
     kernels = device_kernels() if is_worth_it(windows, steps) else None
     if kernels is None or not getattr(kernels, add.__name__)(image, windows, seen):
         in_bands(lambda rows: add(image, rows, windows, seen), windows)

@@ -1,6 +1,6 @@
 """What kernels are given of all microlenses, or parts of their micro-images: where each looks, how brightly, and what cuts its light."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -44,3 +44,10 @@ class Lenses(NamedTuple):
     pixel: float
     width: float
     wanted: npt.NDArray[np.bool_]
+
+
+def packed(seen: Any) -> Any:
+    """The same with the numbers of all arrays side by side: a kernel is compiled once for every way in which they lie."""
+    if isinstance(seen, np.ndarray):
+        return np.ascontiguousarray(seen)
+    return type(seen)(*map(packed, seen)) if isinstance(seen, tuple) else seen

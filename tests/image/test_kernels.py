@@ -15,9 +15,12 @@ from hypothesis import strategies as st
 
 from flflab.image.form import add_plane
 from flflab.image.profile import prepare, profile_mean, profile_table
+from flflab.image.ruled import add_ruled
+from flflab.image.sampled import add_dots
 from flflab.image.scene import one_plane
 from flflab.image.setup import Setup, make_setup
 from flflab.image.strips import BLOCK, MEAN, ROWS, strip_means, strip_nodes
+from flflab.image.texels import add_texels
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, pixel_positions
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 
@@ -286,3 +289,15 @@ def test_the_kernels_without_numba_are_the_same_formulas_in_numpy(tmp_path: Path
         pictures.append(np.load(file))
     assert np.all(pictures[0].max(axis=(1, 2)) > 0.1)
     assert np.abs(pictures[1] - pictures[0]).max() < 1e-7
+
+
+def test_a_kernel_is_compiled_once_however_many_kinds_of_microlenses_there_are() -> None:
+    array = MicrolensArray(layout="square", count=(3, 1), pitch=(0.4, 0.4), aperture=0.336, focal_lengths=(0.917,), distance=60.0)
+    alike = Camera(MainLens(50.0, 4.0), array, Sensor((60, 40), 0.00166, 61.15))
+    unlike = replace(alike, array=replace(array, focal_lengths=(0.917, 0.87, 0.96), pattern=((0, 1, 2),)))
+    kernels = {SINE: add_ruled, FourDot(0.2, 0.3): add_dots, Picture(np.ones((20, 30)), 10.0): add_texels}
+    for camera in (alike, unlike):
+        for target in kernels:
+            scene = one_plane(camera, target, 450.0)
+            add_plane(np.zeros((40, 60)), make_setup(scene, scene.planes[0], 0.01), target)
+    assert [len(kernel.signatures) for kernel in kernels.values()] == [1, 1, 1]
