@@ -236,7 +236,7 @@ def _blurred_alike(lattice: Lattice, smms: Smms, distance: float, pixel: float) 
 
 def _on_target(frame: Frame, rows: int) -> ChirpData:
     """Runs of unsaturated pixels that look at the target well within its edges."""
-    target, pixel, start = frame.target, frame.camera.sensor.pixel, frame.start
+    target, start = frame.target, frame.start
     if frame.field.radius_px <= 0:
         raise MeasurementError(f"{target.kind} picture: the micro-images have no bright field; a larger f-number gives one")
     if frame.field.radius_px < NARROWEST:
@@ -245,12 +245,10 @@ def _on_target(frame: Frame, rows: int) -> ChirpData:
             f"{2 * (NARROWEST + MARGIN_PX):.0f} are due, in fewer one bar is easily taken for the next; choose another f-number"
         )
     scales = tilted_scales(frame.lattice, frame.smms, frame.distance)
-    data, saturated = gather(frame.values, frame.lattice, frame.field, frame.camera.sensor, frame.noise, rows, frame.gains, scales)
-    seen = data.places[:, [1, 2]] * start[1] + data.places[:, [3, 4]] * start[3]
-    margin = _margin(frame)
-    high = data.pixels * (1 if frame.gains is None else 2) / 2 * pixel * abs(start[1])
-    keep = (np.abs(seen[:, 0]) < target.width / 2 - margin) & (np.abs(seen[:, 1]) < target.height / 2 - margin - high)
-    kept = data.part(keep)
+    ends = _ends(frame)
+    data, saturated = gather(frame.values, frame.lattice, frame.field, frame.camera.sensor, frame.noise, ends, rows, frame.gains, scales)
+    seen = data.places[:, 1] * start[1] + data.places[:, 3] * start[3]
+    kept = data.part(np.abs(seen) < target.width / 2 - _margin(frame))
     pixels = int(kept.pixels.sum())
     if pixels < FEWEST_PIXELS:
         raise MeasurementError(
@@ -277,6 +275,14 @@ def _margin(frame: Frame) -> float:
     scale, half_angle = (float(of(frame.smms, 1 / frame.distance)) for of in (magnification, cone_half_angle))
     waves = float(far_light(half_angle, frame.wavelength)) / MOST_LOST if frame.wavelength else 0.0
     return (float(blur(frame.smms, 1 / frame.distance)) / 2 + 3 * frame.camera.sensor.pixel + waves) / scale + 0.01 * frame.target.width
+
+
+def _ends(frame: Frame) -> Array:
+    """First and last row of each micro-image that look at the target well within its edges, px from its centre, shape (n, 2)."""
+    sensor = frame.camera.sensor
+    centres = sensor_position(sensor, frame.lattice.centres_px)[frame.field.lenses]
+    up = np.array([[-1.0, 1.0]]) * (frame.target.height / 2 - _margin(frame))
+    return np.sort((up - centres[:, 1:] * frame.start[3]) / (frame.start[1] * sensor.pixel), axis=1)
 
 
 def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_tilt: Array, lost: float) -> ContrastCurve:
@@ -320,11 +326,7 @@ def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_t
     centres = sensor_position(sensor, frame.lattice.centres_px)[frame.field.lenses]
     middle = float(model.frequency(fit.geometry[:1])[0])
     law = (middle, (float(growth[1]), float(growth[2])), centres @ fit.geometry[3:] * model.law[1])
-    up = np.array([[-1.0, 1.0]]) * (target.height / 2 - _margin(frame))
-    ends = (up - centres[:, 1:] * frame.start[3]) / (frame.start[1] * sensor.pixel)
-    classic, classic_spread = classic_reading(
-        frame.values, frame.lattice, frame.field, frame.noise, frame.gains, law, np.sort(ends, axis=1), nu
-    )
+    classic, classic_spread = classic_reading(frame.values, frame.lattice, frame.field, frame.noise, frame.gains, law, _ends(frame), nu)
     views, each, doubts = views_contrast(data, model, fit, nu)
     doubts *= math.sqrt(grown)
     # where even all views together are less sure than a view's noise, their place on the target is what is unknown

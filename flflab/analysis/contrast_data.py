@@ -66,7 +66,7 @@ class ChirpData:
     sublattice: Whole
     pixels: Array
 
-    def part(self, index: npt.NDArray[np.bool_] | Whole) -> "ChirpData":
+    def part(self, index: npt.NDArray[np.bool_] | Whole | slice) -> "ChirpData":
         """Only the runs of ``index``."""
         return ChirpData(**{name: getattr(self, name)[index] for name in ChirpData.__dataclass_fields__})
 
@@ -87,6 +87,7 @@ def _gather(
     radius: float,
     steps: Array,
     keep_off: float,
+    ends: Array,
     rows_a_run: int,
     parities: int,
     offset: float,
@@ -97,13 +98,13 @@ def _gather(
     height, width = picture.shape
     count, saturated = 0, 0
     total, middle, number = np.zeros(2), np.zeros(2), np.zeros(2, dtype=np.int64)
-    for lens in lenses:
+    for n, lens in enumerate(lenses):
         cx, cy = centres[lens, 0], centres[lens, 1]
+        top, bottom = max(0.0, cy + ends[n, 0]), min(height - 1.0, cy + ends[n, 1])
         for column in range(max(0, int(np.ceil(cx - radius))), min(width - 1, int(np.floor(cx + radius))) + 1):
             x = column - cx
             half = np.sqrt(max(radius * radius - x * x, 0.0))
-            first, last = max(0, int(np.ceil(cy - half))), min(height - 1, int(np.floor(cy + half)))
-            start = first
+            start, last = int(np.ceil(max(top, cy - half))), int(np.floor(min(bottom, cy + half)))
             while start <= last:
                 end = min(start + rows_a_run - 1, last)
                 total[:], middle[:], number[:] = 0.0, 0.0, 0
@@ -145,6 +146,7 @@ def gather(
     field: Field,
     sensor: Sensor,
     noise: SensorNoise,
+    ends: Array,
     rows_a_run: int,
     gains: Array | None,
     scales: Array,
@@ -157,6 +159,7 @@ def gather(
         field: which pixels.
         sensor: nominal.
         noise: of a pixel.
+        ends: first and last row of each of the field's micro-images that look at the target, px from its centre, shape (n, 2).
         rows_a_run: how many pixels of a column, whatever their filter.
         gains: of the colour filter's four sub-lattices, shape (2, 2); None for a sensor without filters.
         scales: of the target in each of the lattice's micro-images: by how much its pixels lie further apart on it than nominally.
@@ -174,6 +177,7 @@ def gather(
         field.radius_px,
         field.keep_off_px,
         field.keep_off_radius_px,
+        ends,
         rows_a_run,
         parities,
         noise.offset_dn,
@@ -188,8 +192,8 @@ def gather(
     inside = (sensor_position(sensor, np.stack([column, row], axis=1)) - centre) * scales[lens, None]
     u, v = (column - (width - 1) / 2) * 2 / max(width, height), (row - (height - 1) / 2) * 2 / max(width, height)
     one = np.ones(count)
-    ends = (row + side * parities * number * GAUSS_ROWS for side in (-1, 1))  # of a run, in place of its pixels
-    left = np.mean([shade(lattice, lens, np.stack([column, end], axis=1) - lattice.centres_px[lens]) for end in ends], axis=0)
+    two = (row + side * parities * number * GAUSS_ROWS for side in (-1, 1))  # in place of a run's pixels
+    left = np.mean([shade(lattice, lens, np.stack([column, one_row], axis=1) - lattice.centres_px[lens]) for one_row in two], axis=0)
     return (
         ChirpData(
             read=np.ascontiguousarray(read),
