@@ -105,6 +105,11 @@ class ChirpFit:
     curve: Array
     misfit: float
 
+    def halfway(self, other: "ChirpFit") -> "ChirpFit":
+        """Midway to another."""
+        pairs = (self.geometry, other.geometry), (self.brightness, other.brightness), (self.curve, other.curve)
+        return ChirpFit(*((here + there) / 2 for here, there in pairs), misfit=other.misfit)
+
 
 @numba.njit(nogil=True, cache=True)
 def _wave(
@@ -289,11 +294,11 @@ def least_misfit(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior
 
 
 def _tied(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float, prior: Prior) -> tuple[Array, Array, float]:
-    """Normal matrix and right side with the prior, and the misfit."""
+    """Normal matrix, right side and misfit, all with the prior."""
     normal, _, right, misfit, _ = _sums(data, model, fit, ceiling, False)
     tied = prior.spread**-2
     off = prior.mean - np.concatenate([fit.geometry, fit.brightness, fit.curve])
-    return normal + np.diag(tied), right + off * tied, misfit
+    return normal + np.diag(tied), right + off * tied, misfit + float(off**2 @ tied)
 
 
 def noise_covariance(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior) -> tuple[Array, float]:

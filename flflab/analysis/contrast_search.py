@@ -44,6 +44,9 @@ WIDEST_BLUR = 6.0  # pixels
 DISCS = 100  # of blur, up to the widest: how closely it is looked for in the transfer
 SAME_BLUR = 5e-4  # pixels: views that differ by less are blurred alike
 MOST_SHARPENINGS = 12
+MOST_STEPS = 20  # of Gauss-Newton
+SETTLED = 1e-4  # cycles that a step may still move a pixel's place
+RISEN = 1.01  # of the misfit: by less it may rise on the way to the least, as the weights follow the fit
 
 
 @dataclass(frozen=True)
@@ -147,17 +150,21 @@ def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
 
 
 def settle(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> ChirpFit:
-    """All harmonics, until no pixel's place on the target moves any more."""
+    """All harmonics, until no pixel's place on the target moves any more; a step that raises the misfit is halved."""
     prior = prior_of(frame, data, model.knots)
     if not fit.curve.any():  # says nothing of the geometry yet
         fit = gauss_newton_step(data, model, fit, model.top, prior, False)
-    for step in range(6):
-        before = data.places @ fit.geometry
-        fit = gauss_newton_step(data, model, fit, model.top, prior, True)
-        # the first step's misfit is that of where it started
-        if step > 0 and float(np.abs(data.places @ fit.geometry - before).max()) * model.span[1] < 1e-4:
-            break
-    return fit
+    lowest_yet, least = fit, math.inf
+    for step in range(MOST_STEPS):
+        ahead = gauss_newton_step(data, model, fit, model.top, prior, True)
+        if ahead.misfit > RISEN * least:
+            fit = lowest_yet.halfway(fit)
+            continue
+        moved = float(np.abs(data.places @ (ahead.geometry - fit.geometry)).max()) * model.span[1]
+        lowest_yet, least, fit = fit, ahead.misfit, ahead
+        if step > 0 and moved < SETTLED:  # light and curve follow the first step's geometry
+            return fit
+    return lowest_yet
 
 
 def with_fitted_gains(data: ChirpData, fit: ChirpFit, model: ChirpModel) -> ChirpData:

@@ -1,6 +1,5 @@
 """Contrast against frequency from pictures of bars made by strips and rays, against closed forms."""
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -163,22 +162,6 @@ def test_views_through_a_turned_array_show_the_contrast_on_the_axis(
     straight = replace(real, array=nominal.array)
     assert np.abs(curve.contrast - closed_form(straight, there, curve.cycles_per_mm)).max() < within
     assert curve.chi2_per_pixel < 0.2  # the pictures have no noise
-
-
-@pytest.mark.ci
-def test_no_draw_of_noise_loses_the_bars_behind_a_turned_array(brute: Any) -> None:
-    """One disc for views whose discs differ by 0.6 px is astray; of such a bench it once led the bars' place astray in 5 draws of 20."""
-    chart, noise = Bars(width=12.0, height=8.0), SensorNoise(0.34125, 1.02375, 64.0, 4095.0)
-    nominal = brute.camera(4.0, (760, 560))
-    array = replace(nominal.array, tilt=(-math.tan(math.radians(0.2)), 0.0), count=(7, 7))
-    nominal = replace(nominal, array=array, sensor=replace(nominal.sensor, distance=61.1497694))
-    turned = replace(array, tilt=(-0.00454, 2.2e-5), roll=0.00106, distance=array.distance - 0.00025)
-    real = replace(nominal, array=turned, sensor=replace(nominal.sensor, distance=nominal.sensor.distance - 0.001936))
-    white, bars = (np.maximum(render(one_plane(real, target, 507.0396), tolerance=2e-4), 0.0) for target in (White(), chart))
-    lattice = find_lattice(brute.expose(white, noise, 2730, np.random.default_rng(99)), "square", 245.6, noise, cone_of(nominal))
-    for seed in range(20):
-        noisy = brute.expose(np.round(bars, 9), noise, 2730, np.random.default_rng(seed))
-        assert fit_contrast(noisy, lattice, nominal, chart, 507.0, noise).chi2_per_pixel < 1.5, seed
 
 
 @pytest.mark.ci
