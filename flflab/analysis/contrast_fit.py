@@ -27,6 +27,7 @@ MOST_CYCLES_A_STEP = 0.1
 BLUR_STEP = 0.1  # pixels: how well the transfer shows the disc of blur
 MORE_BLUR = 0.05  # pixels, added in squares: how what blur does is found
 MODEL_ERROR = 1e-3  # of the light; keeps the mean of many dark pixels, almost without noise, from outweighing all others
+BLOCK = 4096  # runs whose derivatives are held at a time
 CURVE = GEOMETRY + LIGHT  # first of the curve's parameters: g, then the spline's coefficients
 
 
@@ -164,12 +165,9 @@ def _wave(
 
 
 @numba.njit(nogil=True, cache=True)
-def _accumulate(
-    read: Array,
+def _derivatives(
     places: Array,
     light: Array,
-    dark: Array,
-    shot: Array,
     law: tuple[float, float, float],
     edges: Array,
     pixel: float,
@@ -180,52 +178,28 @@ def _accumulate(
     first: float,
     step: float,
     ceiling: float,
-    with_scatter: bool,
-) -> tuple[Array, Array, Array, float, float]:  # pragma: no cover - compiled
-    """Normal matrix, the noise's scatter of the right side if wanted, right side, misfit and what of it the noise makes."""
+) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
+    """What white would read at every run, the wave there, and the derivatives of what the run should read by all parameters."""
     base = GEOMETRY + LIGHT
-    size = base + len(curve)
-    normal, scatter, right = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
-    g, shares = np.zeros(size), np.zeros(len(curve))
-    touched = np.zeros(size, dtype=np.int64)
-    misfit, due = 0.0, 0.0
-    for k in range(base + 1):
-        touched[k] = k
-    for n in range(len(read)):
+    count = len(places)
+    levels, wave, g = np.zeros(count), np.zeros(count), np.zeros((count, base + len(curve)))
+    shares = np.zeros(len(curve))
+    for n in range(count):
         level, x = 0.0, 0.0
         for k in range(LIGHT):
             level += brightness[k] * light[n, k]
         for k in range(GEOMETRY):
             x += geometry[k] * places[n, k]
-        wave, slope, low, high = _wave(x, law, edges, pixel, disc, curve, first, step, ceiling, shares)
+        wave[n], slope, low, high = _wave(x, law, edges, pixel, disc, curve, first, step, ceiling, shares)
+        levels[n] = level
         for k in range(GEOMETRY):
-            g[k] = level * slope * places[n, k]
+            g[n, k] = level * slope * places[n, k]
         for k in range(LIGHT):
-            g[GEOMETRY + k] = light[n, k] * (1.0 + wave)
-        g[base] = level * shares[0]
-        count = base + 1
+            g[n, GEOMETRY + k] = light[n, k] * (1.0 + wave[n])
+        g[n, base] = level * shares[0]
         for k in range(low, high + 1):
-            if shares[k] != 0.0:
-                g[base + k] = level * shares[k]
-                touched[count] = base + k
-                count += 1
-        expected = level * (1.0 + wave)
-        variance = dark[n] + shot[n] * max(expected, 0.0)
-        weight = 1.0 / (variance + (MODEL_ERROR * level) ** 2)
-        rest = read[n] - expected
-        misfit += weight * rest * rest
-        due += weight * variance
-        for p in range(count):
-            k = touched[p]
-            weighted = weight * g[k]
-            right[k] += weighted * rest
-            for q in range(p, count):
-                normal[k, touched[q]] += weighted * g[touched[q]]
-            if with_scatter:
-                weighted *= weight * variance
-                for q in range(p, count):
-                    scatter[k, touched[q]] += weighted * g[touched[q]]
-    return normal, scatter, right, misfit, due
+            g[n, base + k] = level * shares[k]
+    return levels, wave, g
 
 
 @numba.njit(nogil=True, cache=True)
@@ -329,8 +303,9 @@ def through_others(data: ChirpData, model: ChirpModel, fit: ChirpFit, pixels: Ar
     """
     template, x = model.template, data.places @ fit.geometry
     nu = np.linspace(*model.span, model.knots.count)
-    alone = template.transfer(nu)
-    strength = float(alone @ model.knots.design(nu, template) @ fit.curve / (alone @ alone))
+    design = model.knots.design(nu, template)
+    alone = design[:, 0]
+    strength = float(alone @ design @ fit.curve / (alone @ alone))
     own = _bars(x, model.law, model.edges, pixels, discs)
     same = _bars(x, model.law, model.edges, np.full(len(x), template.pixel), np.full(len(x), template.blur))
     return strength * (data.light @ fit.brightness) * (own - same)
@@ -356,25 +331,37 @@ def followed(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior, ch
 def _sums(
     data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float, with_scatter: bool
 ) -> tuple[Array, Array, Array, float, float]:
-    normal, scatter, right, misfit, due = _accumulate(
-        data.read,
-        data.places,
-        data.light,
-        data.dark,
-        data.shot,
-        model.law,
-        model.edges,
-        model.template.pixel,
-        model.template.blur,
-        fit.geometry,
-        fit.brightness,
-        fit.curve,
-        model.knots.first,
-        model.knots.step,
-        ceiling,
-        with_scatter,
-    )
-    return np.triu(normal) + np.triu(normal, 1).T, np.triu(scatter) + np.triu(scatter, 1).T, right, misfit, due
+    """Normal matrix, the noise's scatter of the right side if wanted, right side, misfit and what of it the noise makes."""
+    size = CURVE + len(fit.curve)
+    normal, scatter, right, misfit, noisy = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size), 0.0, 0.0
+    for start in range(0, len(data.read), BLOCK):
+        part = data.part(slice(start, start + BLOCK))
+        level, wave, g = _derivatives(
+            part.places,
+            part.light,
+            model.law,
+            model.edges,
+            model.template.pixel,
+            model.template.blur,
+            fit.geometry,
+            fit.brightness,
+            fit.curve,
+            model.knots.first,
+            model.knots.step,
+            ceiling,
+        )
+        due = level * (1 + wave)
+        variance, weight = variance_and_weight(part, level, due)
+        root = np.sqrt(weight)
+        rest, g = (part.read - due) * root, g * root[:, None]
+        normal += g.T @ g
+        right += rest @ g
+        misfit += float(rest @ rest)
+        noisy += float(weight @ variance)
+        if with_scatter:
+            g *= np.sqrt(weight * variance)[:, None]
+            scatter += g.T @ g
+    return normal, scatter, right, misfit, noisy
 
 
 def _inverse(normal: Array) -> Array:
