@@ -28,6 +28,9 @@ Chosen = npt.NDArray[np.bool_]
 
 EDGE = 0.04  # of white: what is left in the last pixels of a rim, times the 3/2 power of half its width, where only its columns are cut
 
+EVEN = 0.0015  # of white, times the same power of its whole width: what four points of a pixel leave that is OFF_ENDS from a rim's ends
+OFF_ENDS = 1.25  # pixels
+
 
 class RuledSeen(NamedTuple):
     """A target that varies along x' only, between two ends along y', as all entries see it.
@@ -253,6 +256,9 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
         # Where neither pupil nor row matters, the mean of a column is the same all the way down.
         upright = cxy == 0.0 or not varies
         by_column, full_by_column = upright and not blurred, upright and not (blurred and chunks > 0)
+        even = not (varies or steep) and rim_parts > 2 and EVEN * (0.5 * width / abs(slope)) ** 1.5 < 4.0 * fine
+        beside = math.sqrt((1.0 - 1.0 / (rim_parts * rim_parts)) / 12.0) * width  # the rim's table smooths the rest
+        nearer, farther = abs(reach - abs(slope)) + OFF_ENDS * width, reach + abs(slope) - OFF_ENDS * width
         quick = by_column and not steep and (rim_parts == 1 or EDGE * (width / abs(slope)) ** 1.5 < 4.0 * fine)
         steady = np.ones((1 + rim_parts, end - start if full_by_column else 0))
         if full_by_column and blurred:
@@ -294,11 +300,15 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
             clear_start, clear_end = columns_between(lower + felt, upper - felt, height, cyx * pixel, len(xs))
             half = math.sqrt(max(deep * deep - dy * dy, 0.0))
             full_start, full_end = columns_between(-half, half, xs[0] - centre_x, pixel, len(xs)) if deep > abs(dy) else (0, 0)
+            half = math.sqrt(max(farther * farther - dy * dy, 0.0))
+            even_start, even_end = columns_between(-half, half, xs[0] - centre_x, pixel, len(xs)) if even and half > 0.0 else (0, 0)
+            half = math.sqrt(max(nearer * nearer - dy * dy, 0.0))
+            hole_start, hole_end = columns_between(-half, half, xs[0] - centre_x, pixel, len(xs)) if even and half > 0.0 else (0, 0)
             stop, right = max(stop, seen_start), min(right, seen_end)
             while stop < right:
                 # The longest run of pixels of one sort.
                 column, stop = stop, min(right, stop + BLOCK)
-                for change in (full_start, full_end, clear_start, clear_end):
+                for change in (full_start, full_end, clear_start, clear_end, even_start, even_end, hole_start, hole_end):
                     if column < change < stop:
                         stop = change
                 if wanted.size > 0:
@@ -316,6 +326,13 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
                 if full and clear and full_by_column:
                     for p in range(number):
                         light[p] = steady[0, column + p - start]
+                elif clear and even_start <= column < even_end and not hole_start <= column < hole_end:
+                    light[:number] = 0.0
+                    for y in (dy - beside, dy + beside):
+                        for x in (-beside, beside):
+                            rim_shares(points, number, xs, column, x - centre_x, y, rim)
+                            for p in range(number):
+                                light[p] += 0.25 * points[WEIGHT + p]
                 elif clear and quick:
                     light[:number] = 0.0
                     for i in range(rim_parts):

@@ -47,6 +47,37 @@ def test_a_white_micro_image_holds_as_much_light_as_the_wider_shadow(
     assert light == pytest.approx(math.pi / 4 * shadow_um**2, rel=2e-3)  # the widths are known to their printed digits
 
 
+@pytest.mark.parametrize("f_number", [2.8, 5.6], ids="F/{}".format)
+@pytest.mark.parametrize("tolerance", [1e-4, 3e-5])
+def test_white_on_a_rim_is_the_area_common_to_two_discs_averaged_over_each_pixel(camera: Camera, f_number: float, tolerance: float) -> None:
+    """Where a rim is wide and smooth pixels are looked up at four points, and finely divided at its ends."""
+    one = replace(one_micro_image(camera), sensor=Sensor((230, 12), 0.00166, 61.15, (0.16, 0.03)))
+    one = replace(one, main_lens=replace(one.main_lens, f_number=f_number))
+    # On the microlens: its own opening, and where rays from a point of the sensor pass that it bends into the main lens.
+    bent = 60.0 * (1 / 0.917 - 1 / 1.15) - 1
+    hole, seen = 0.168, 25.0 / f_number / bent
+    at, weights = np.polynomial.legendre.leggauss(24)
+    x = 0.16 + ((np.arange(230) - 114.5)[:, None] + at / 2) * 0.00166
+    y = 0.03 + ((np.arange(12) - 5.5)[:, None] + at / 2) * 0.00166
+    along, across = np.hypot(x[None, :, None, :], y[:, None, :, None]), weights[:, None] * weights / 4
+    shared = common_area(hole, seen, along * 60.0 / 1.15 / bent) / (math.pi * min(hole, seen) ** 2)
+    due = np.einsum("rcij,ij->rc", shared, across)
+    image = render(one_plane(one, White(), FOCUS), tolerance=tolerance)
+    assert np.mean((due > 1e-3) & (due < 0.999)) > 0.1
+    assert np.abs(image - due).max() < 0.5 * tolerance
+
+
+def common_area(one: float, other: float, apart: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Of two discs of these radii: two segments, each a sector less a triangle."""
+    small, large = min(one, other), max(one, other)
+    near = np.clip(apart, large - small, large + small)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cut = (near**2 + large**2 - small**2) / (2 * near)
+        half_large, half_small = (np.arccos(np.clip(place, -1, 1)) for place in (cut / large, (near - cut) / small))
+        area = large**2 * (half_large - np.sin(2 * half_large) / 2) + small**2 * (half_small - np.sin(2 * half_small) / 2)
+    return np.where(apart <= large - small, math.pi * small**2, np.where(apart >= large + small, 0.0, area))
+
+
 def test_the_white_level_is_one_in_the_middle_and_nothing_outside_the_total_field(camera: Camera) -> None:
     image = image_of(replace(one_micro_image(camera), sensor=Sensor((241, 241), 0.00166, 61.15)), White(), FOCUS)
     across = 1.66 * np.hypot(*np.meshgrid(np.arange(241) - 120, np.arange(241) - 120))

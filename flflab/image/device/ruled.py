@@ -12,7 +12,7 @@ from flflab.image.falloff_means import cut_weight, is_uneven, seen_weight, table
 from flflab.image.parallelogram import stands_askew
 from flflab.image.profile import moved_mean
 from flflab.image.rim import part_share, rim_share
-from flflab.image.ruled import EDGE, RuledSeen, antiderivatives, askew_mean, columns_between, end_at, rim_boxes
+from flflab.image.ruled import EDGE, EVEN, OFF_ENDS, RuledSeen, antiderivatives, askew_mean, columns_between, end_at, rim_boxes
 from flflab.image.strips import weighted_mean, window_mean
 
 Array = npt.NDArray[np.float64]
@@ -147,7 +147,9 @@ def ruled_light(
     varies, steep, everywhere = table.shape[0] > 0, rim[0] < 0.0, (0.0, 0.0, 0.0)
     blurred, upright = varies and not seen.sharp[entry], cxy == 0.0 or not varies
     quick = upright and not blurred and not steep and (rim_parts == 1 or EDGE * (width / abs(slope)) ** 1.5 < 4.0 * seen.fine)
-    light = 0.0
+    light, distance, beside = 0.0, math.hypot(dx, dy), math.sqrt((1.0 - 1.0 / (rim_parts * rim_parts)) / 12.0) * width
+    even = not (varies or steep) and rim_parts > 2 and EVEN * (0.5 * width / abs(slope)) ** 1.5 < 4.0 * seen.fine
+    off_ends = abs(reach - abs(slope)) + OFF_ENDS * width < distance <= reach + abs(slope) - OFF_ENDS * width
     ends[0], ends[1], ends[2], ends[3] = -math.inf, math.inf, 0.0, 0.0
     if full and clear and upright and not (blurred and chunks > 0):
         light = 1.0
@@ -156,6 +158,10 @@ def ruled_light(
             light = weighted_mean(dx, 0.0, landing, whole, strips, count, sums, places[0], places[0], 0, slants, everywhere, ends)
         elif varies:
             light = moved_mean(origin_x + cxx * dx, boxes[0, 0], 0.0, table, law, ways)
+    elif clear and even and off_ends:
+        for y in (dy - beside, dy + beside):
+            for x in (dx - beside, dx + beside):
+                light += 0.25 * rim_share(math.sqrt(x * x + y * y), rim)
     elif clear and quick:
         for i in range(rim_parts):
             x = dx + ((i + 0.5) / rim_parts - 0.5) * width
