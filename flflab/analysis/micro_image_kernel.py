@@ -16,6 +16,12 @@ _FIRST_ORDER = ORDERS.start
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
+def _between(table: Array, k: int, t: float, column: int) -> float:  # pragma: no cover - compiled
+    """A column of a table at the part t of the way from an entry to the next."""
+    return table[k, column] + t * (table[k + 1, column] - table[k, column])
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def _derivatives(
     column: int,
     row: int,
@@ -34,14 +40,18 @@ def _derivatives(
     k = int(place)
     t = place - k
     ux, uy = dx / max(r, 1e-9), dy / max(r, 1e-9)
-    share = table[k, VALUE] + t * (table[k + 1, VALUE] - table[k, VALUE]) + (1.0 - 8.0 * (ux * uy) ** 2) * table[k, SQUARE]
+    # All columns are read between their entries: a share with steps in it has a fit of what the border cuts jump to and fro.
     along, steep = slant[0] * ux + slant[1] * uy, slant[0] ** 2 + slant[1] ** 2
-    share += along * (table[k, LOPSIDED] + t * (table[k + 1, LOPSIDED] - table[k, LOPSIDED]))
-    share += steep * (table[k, _FIRST_ORDER] + along * table[k, _FIRST_ORDER + 2])
-    share += along * along * (table[k, _FIRST_ORDER + 1] + along * table[k, _FIRST_ORDER + 3])
-    large, small = table[k, BY_LARGE], table[k, BY_SMALL]
+    share = (
+        _between(table, k, t, VALUE)
+        + (1.0 - 8.0 * (ux * uy) ** 2) * _between(table, k, t, SQUARE)
+        + along * _between(table, k, t, LOPSIDED)
+    )
+    share += steep * (_between(table, k, t, _FIRST_ORDER) + along * _between(table, k, t, _FIRST_ORDER + 2))
+    share += along * along * (_between(table, k, t, _FIRST_ORDER + 1) + along * _between(table, k, t, _FIRST_ORDER + 3))
+    large, small = _between(table, k, t, BY_LARGE), _between(table, k, t, BY_SMALL)
     share += large * (one[2] - at[0]) + small * (one[3] - at[1])
-    slope = one[4] * (table[k, BY_RADIUS] + t * (table[k + 1, BY_RADIUS] - table[k, BY_RADIUS]))
+    slope = one[4] * _between(table, k, t, BY_RADIUS)
     g[0], g[1], g[2], g[3], g[4] = -slope * ux, -slope * uy, one[4] * large, one[4] * small, share
     return True
 
@@ -91,6 +101,8 @@ def sum_up(
                     if o < 0:
                         continue
                     there = which[o]
+                    if (column - values[o, 0]) ** 2 + (row - values[o, 1]) ** 2 >= at[there, 2] ** 2:  # spares most neighbours' rows
+                        continue
                     lit[k] = _derivatives(column, row, values[o], slants[o], tables[there], at[there], others[k])
                     if lit[k]:
                         expected += values[o, 4] * others[k, 4]
@@ -100,13 +112,16 @@ def sum_up(
                 count[m] += 1
                 for a in range(VALUES):
                     right[m, a] += weight * rest * g[a]
-                    for b in range(VALUES):
+                    for b in range(a + 1):
                         normal[m, a, b] += weight * g[a] * g[b]
                 for k in range(neighbours.shape[1]):
                     if lit[k]:
                         for a in range(VALUES):
                             for b in range(VALUES):
                                 cross[m, k, a, b] += weight * g[a] * others[k, b]
+        for a in range(VALUES):
+            for b in range(a):
+                normal[m, b, a] = normal[m, a, b]
     return normal, cross, right, chi2, count
 
 

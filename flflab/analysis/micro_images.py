@@ -25,8 +25,8 @@ Whole = npt.NDArray[np.int64]
 
 LOOSE_CENTRE_PX, LOOSE_RADIUS, LOOSE_LIGHT = 2.0, 0.25, 0.1  # standard deviations round the lattice's, of the outside radius, of the light
 KNOWN = 0.05  # of the outside radius: a radius less sure than this was not seen
-SHARED_PX = 0.1  # micro-images whose radii agree to this share a table of the profile
-SETTLED_PX, ROUNDS = 1e-3, 12
+SHARED_PX = 0.03  # micro-images whose radii agree to this share a table of the profile
+SETTLED_PX, SETTLED, ROUNDS = 1e-3, 0.1, 12  # steps below so many px, or so many of their own standard deviations
 AT_ONCE = 2048  # systems of neighbours in memory
 SAMPLED = 100_000  # pixels among which those between micro-images are looked for
 
@@ -115,7 +115,8 @@ def every_micro_image(white: npt.NDArray[np.generic], lattice: Lattice, noise: S
         step *= np.min(limit / np.maximum(np.abs(step[:, :4]), 1e-300), axis=1, initial=1.0)[:, None]
         values += step
         values[:, 2:4] = np.maximum(values[:, 2:4], SMALLEST_PX)
-        if not np.isfinite(values).all() or np.abs(step[:, :4]).max() < SETTLED_PX:
+        small = np.maximum(SETTLED_PX, SETTLED * np.sqrt(np.einsum("nkk->nk", covariance)[:, :4]))
+        if not np.isfinite(values).all() or np.all(np.abs(step[:, :4]) < small):
             break
     excess = chi2 / np.maximum(count, 1)
     covariance *= np.where(excess > 1 + 3 * np.sqrt(2 / np.maximum(count, 1)), excess, 1.0)[:, None, None]

@@ -128,3 +128,19 @@ def test_fall_off_moves_neither_the_radii_nor_a_single_centre() -> None:
         assert np.abs(each.centres_px[whole] - lattice.centres_px[whole]).max() < 0.01
         for radius, expected in zip((each.inside_px, each.outside_px), due, strict=True):
             assert np.abs(radius[0, whole] - expected).max() < 0.05
+
+
+def test_where_the_fit_starts_moves_no_micro_image_by_a_fifth_of_its_uncertainty_even_where_the_border_cuts_it() -> None:
+    array = MicrolensArray("square", (7, 7), (0.4, 0.4), 0.336, (0.917,), 60.0, tilt=(0.0012, -0.0017))
+    camera = Camera(MainLens(50.0, 2.8), array, Sensor((760, 560), 0.00166, 61.15))
+    light = render(one_plane(camera, White(), 506.7016), tolerance=3e-5)
+    rng = np.random.default_rng(3)
+    picture = np.rint(rng.poisson(np.maximum(light, 0.0) * 2700 / 0.3) * 0.3 + rng.normal(NOISE.offset_dn, 2.0, light.shape))
+    lattice = find_lattice(picture, "square", 245.6, NOISE, cone_of(camera))
+    found = every_micro_image(picture, lattice, NOISE)
+    doubt = np.sqrt(np.einsum("nkk->nk", found.covariance_px))
+    for _ in range(4):
+        started = replace(lattice, centres_px=lattice.centres_px + rng.normal(0.0, 0.2, lattice.centres_px.shape))
+        again = every_micro_image(picture, started, NOISE)
+        moved = np.concatenate([again.centres_px - found.centres_px, again.radii_px - found.radii_px], axis=1)
+        assert np.nanmax(np.abs(moved) / doubt) < 0.2
