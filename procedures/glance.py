@@ -18,6 +18,7 @@ from procedures.devices import Picture
 from procedures.steps import WHITE
 
 EVERY_S = 5.0  # faster nobody reads
+SHARE = 0.2  # of the time, at most: the bench, its record and a simulated camera want the cores
 
 
 class Glance:
@@ -27,12 +28,13 @@ class Glance:
         study: what is taken.
         bench: on what.
         camera: whose noise counts.
-        every_s: from the beginning of one measurement to the next, s.
+        every_s: least time from the beginning of one measurement to the next, s.
+        share: largest part of the time that goes to measuring.
     """
 
-    def __init__(self, study: Study, bench: Bench, camera: CameraDevice, every_s: float = EVERY_S) -> None:
-        self._study, self._optics, self._camera, self._every = study, bench.optics, camera, every_s
-        self._began, self._looked_at = -math.inf, ""
+    def __init__(self, study: Study, bench: Bench, camera: CameraDevice, every_s: float = EVERY_S, share: float = SHARE) -> None:
+        self._study, self._optics, self._camera, self._every, self._share = study, bench.optics, camera, every_s, share
+        self._began, self._took, self._looked_at = -math.inf, 0.0, ""
         self._thread: threading.Thread | None = None
         self.said = ""
 
@@ -43,7 +45,7 @@ class Glance:
             return
         if self._thread is not None and self._thread.is_alive():
             return
-        if picture.shot.key == self._looked_at or now - self._began < self._every:
+        if picture.shot.key == self._looked_at or now - self._began < max(self._every, self._took / self._share):
             return
         self._began, self._looked_at = now, picture.shot.key
         self._thread = threading.Thread(target=self._measure, args=(picture,), name="glance", daemon=True)
@@ -60,7 +62,7 @@ class Glance:
             words = self._words(picture.frame.picture, key.split("/")[1], self._study.configurations[picture.shot.configuration])
         except FlflabError as error:
             words = str(error)
-        self.said = f"{key} shows {words}"
+        self.said, self._took = f"{key} shows {words}", time.monotonic() - self._began
 
     def _words(self, frame: npt.NDArray[np.uint16], target: str, configuration: Configuration) -> str:
         camera, device = configuration.camera(self._optics), self._camera

@@ -64,7 +64,7 @@ def test_a_white_frame_shows_pitch_and_bright_field_as_thin_lenses_have_them(ben
 
 
 def test_frames_of_dots_show_views_and_what_shows_nothing_says_why(bench: Bench, study: Study) -> None:
-    glance = Glance(study, bench, CAMERA, every_s=0.0)
+    glance = Glance(study, bench, CAMERA, every_s=0.0, share=1.0)
     assert said(glance, taken(bench, study, study.dots, "c1/four-dot/0")) == "c1/four-dot/0 shows 4 4 4 4 views"
     dark = taken(bench, study, study.dots, "c1/four-dot/1")
     dark = replace(dark, frame=cast(Frame, SimpleNamespace(picture=np.full((560, 760), 64, np.uint16))))
@@ -77,5 +77,12 @@ def test_frames_too_soon_after_another_and_frames_of_no_configuration_are_passed
     white = taken(bench, study, White(), "c1/white/0")
     assert said(glance, replace(white, shot=replace(white.shot, key="dark/0.01s/0", configuration=NO_CONFIGURATION))) == ""
     assert said(glance, None) == ""
+    first = said(glance, white)
+    assert said(glance, replace(white, shot=replace(white.shot, key="c1/white/1"))) == first
+
+
+def test_of_a_long_run_a_small_part_of_the_time_goes_to_measuring(bench: Bench, study: Study) -> None:
+    glance = Glance(study, bench, CAMERA, every_s=0.0, share=1e-4)
+    white = taken(bench, study, White(), "c1/white/0")
     first = said(glance, white)
     assert said(glance, replace(white, shot=replace(white.shot, key="c1/white/1"))) == first
