@@ -161,7 +161,7 @@ def test_an_honest_bench_whose_array_is_turned_step_by_step_is_accepted(one_benc
     for seed in (
         101,
         105,
-    ):  # of the one the bars' first fit is lost among views blurred by 0.3 px more and less, of the other it settles late
+    ):  # hard for the bars' fit: of the one views are blurred by 0.3 px more and less, of the other the target fills a part
         comparison = swept(one_bench, seed)
         assert comparison.accepted
         assert np.abs(pooled([comparison], "mtf")).max() < 3
