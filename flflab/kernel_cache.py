@@ -4,15 +4,18 @@ The compiler's own cache sees a change in a kernel's file alone, not in the file
 on with formulas of before.
 """
 
+import atexit
 import contextlib
 import hashlib
 import os
 import re
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 KEPT = 3  # states of the sources
+_temporary: dict[int, Path] = {}  # by the number of the process that made it: a fork of that process leaves it to its parent
 
 
 def kernel_sources() -> list[Path]:
@@ -25,13 +28,17 @@ def kernel_sources() -> list[Path]:
     return kernels + [file for file in imported if file in texts]
 
 
-def kernel_cache() -> Path:
-    """The folder: within NUMBA_CACHE_DIR, or within the user's own cache.
+def name_of_the_state() -> str:
+    """What the folder for the present state of the sources is called."""
+    return f"flflab-{hashlib.sha256(b''.join(file.read_bytes() for file in kernel_sources())).hexdigest()[:16]}"
+
+
+def kernel_cache(name: str) -> Path:
+    """The folder of that name: within NUMBA_CACHE_DIR, or within the user's own cache.
 
     Raises:
         RuntimeError: neither is known.
     """
-    name = f"flflab-{hashlib.sha256(b''.join(file.read_bytes() for file in kernel_sources())).hexdigest()[:16]}"
     given = os.environ.get("NUMBA_CACHE_DIR")
     if given:
         return Path(given) if Path(given).name == name else Path(given) / name
@@ -40,14 +47,46 @@ def kernel_cache() -> Path:
 
 
 def use_kernel_cache() -> None:
-    """Have this process and those that it starts keep kernels there; without a place for them they are compiled anew each time."""
-    with contextlib.suppress(OSError, RuntimeError):
-        folder = kernel_cache()
+    """Have this process and those that it starts keep kernels there.
+
+    Where no file can be written they share a temporary folder, which ends with this process: every command compiles anew.
+
+    Raises:
+        OSError: not even a temporary folder can be made.
+    """
+    name = name_of_the_state()
+    folder = _kept(name) or _temporary_folder() / name
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    if "numba" in sys.modules:  # it has looked at the environment already
+        sys.modules["numba"].config.CACHE_DIR = str(folder)
+
+
+def _kept(name: str) -> Path | None:
+    """The folder, made where there is none, and older ones removed then; None where no file can be written in it."""
+    try:
+        folder = kernel_cache(name)
         new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
-        if new:
+        with tempfile.TemporaryFile(dir=folder):  # one that was there may be another user's
+            pass
+    except (OSError, RuntimeError):
+        return None
+    if new:
+        with contextlib.suppress(OSError):  # another process removes the same ones
             for older in sorted(folder.parent.glob("flflab-*"), key=os.path.getmtime)[:-KEPT]:
                 shutil.rmtree(older, ignore_errors=True)
-        os.environ["NUMBA_CACHE_DIR"] = str(folder)
-        if "numba" in sys.modules:  # it has looked at the environment already
-            sys.modules["numba"].config.CACHE_DIR = str(folder)
+    return folder
+
+
+def _temporary_folder() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="kernels-of-flflab-"))
+    _temporary[os.getpid()] = folder
+    atexit.register(remove_temporary_kernels)
+    return folder
+
+
+def remove_temporary_kernels() -> None:
+    """Remove the temporary folder that this process made, if any; Python does so by itself unless ``os._exit`` ends it."""
+    folder = _temporary.pop(os.getpid(), None)
+    if folder is not None:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -9,6 +9,7 @@ import threading
 from flflab.cli.ending import INTERRUPTED, end_with_one_sentence, is_interruption
 from flflab.errors import FlflabError
 from flflab.house import stranger_among_packages
+from flflab.kernel_cache import remove_temporary_kernels
 
 
 def main() -> None:
@@ -30,6 +31,7 @@ def main() -> None:
             raise
         sys.stderr.write("\nflflab: interrupted\n")
         sys.stderr.flush()
+        remove_temporary_kernels()
         os._exit(INTERRUPTED)  # threads may still measure; they hold nothing, and an operator does not wait for them
 
 

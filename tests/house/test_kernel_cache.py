@@ -1,14 +1,32 @@
-"""Compiled kernels go with the sources they were compiled from."""
+"""Compiled kernels go with the sources they were compiled from, and need no folder that can be written."""
 
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+import pytest
 
 import flflab
 
 SAY = "from flflab.image.clipping import clip; clip(9.0, 0.0, 1.0, 0.0, 0.5, 1.0); import os; print(os.environ['NUMBA_CACHE_DIR'])"
+SHARE = f"""
+import subprocess, sys
+from pathlib import Path
+{SAY}
+sys.stdout.flush()
+subprocess.run([sys.executable, "-c", "import os, flflab; print(os.environ['NUMBA_CACHE_DIR'])"], check=True)
+print(len(list(Path(os.environ["NUMBA_CACHE_DIR"]).rglob("*.nbi"))))
+"""
+INTERRUPTED = """
+import os, signal
+from flflab import cli
+cli.stranger_among_packages = lambda: (print(os.environ["NUMBA_CACHE_DIR"], flush=True), signal.raise_signal(signal.SIGINT))
+cli.main()
+"""
+WITHOUT_PRIVILEGES = ["setpriv", "--inh-caps=-all", "--bounding-set=-all"]  # root itself writes everywhere
 
 
 def run(home: Path, cache: Path) -> Path:
@@ -18,9 +36,16 @@ def run(home: Path, cache: Path) -> Path:
     return Path(done.stdout.strip())
 
 
-def test_a_change_in_what_a_kernel_calls_makes_it_compiled_anew_and_old_ones_go(tmp_path: Path) -> None:
-    home, cache = tmp_path / "home", tmp_path / "cache"
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """A folder with an installation of flflab."""
+    home = tmp_path / "home"
     shutil.copytree(Path(flflab.__file__).parent, home / "flflab", ignore=shutil.ignore_patterns("__pycache__"))
+    return home
+
+
+def test_a_change_in_what_a_kernel_calls_makes_it_compiled_anew_and_old_ones_go(home: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
     (cache / "another's").mkdir(parents=True)
     first = run(home, cache)
     assert first.parent == cache
@@ -37,3 +62,61 @@ def test_a_change_in_what_a_kernel_calls_makes_it_compiled_anew_and_old_ones_go(
     assert first not in set(cache.iterdir())
     assert len(list(cache.glob("flflab-*"))) == 3
     assert (cache / "another's").is_dir()
+
+
+def variables_that_name(place: str, folder: Path) -> dict[str, str]:
+    """Variables that have kernels kept in a place where nobody can write."""
+    file, read_only = folder / "file", folder / "read only"
+    file.touch()
+    if place == "given":
+        return {"NUMBA_CACHE_DIR": str(file / "kernels")}
+    if place == "user's":
+        return {"NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": "", "LOCALAPPDATA": str(file), "HOME": str(file)}
+    read_only.mkdir(mode=0o555)
+    return {"NUMBA_CACHE_DIR": str(read_only)}
+
+
+@pytest.fixture(params=["given", "user's", "read only"])
+def run_without_a_place(
+    request: pytest.FixtureRequest, home: Path, tmp_path: Path
+) -> Iterator[Callable[[str], "subprocess.CompletedProcess[str]"]]:
+    """Runs a program where no kernel can be kept; afterwards there is none anywhere."""
+    prefix: list[str] = []
+    if request.param == "read only":
+        if sys.platform == "win32":
+            pytest.skip("a folder cannot be made read-only there")
+        if os.geteuid() == 0:
+            if shutil.which(WITHOUT_PRIVILEGES[0]) is None:
+                pytest.skip(f"root writes everywhere, and here is no {WITHOUT_PRIVILEGES[0]}")
+            prefix = WITHOUT_PRIVILEGES
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    variables = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(temporary)) | variables_that_name(request.param, tmp_path)
+    environment = os.environ | {"PYTHONPATH": str(home)} | variables
+
+    def run(program: str) -> "subprocess.CompletedProcess[str]":
+        command = [*prefix, sys.executable, "-c", program]
+        return subprocess.run(command, cwd=home, env=environment, check=False, capture_output=True, text=True, timeout=120)
+
+    yield run
+    assert list(temporary.iterdir()) == []
+    assert list(home.rglob("*.nbi")) == []
+
+
+def test_where_no_kernel_can_be_kept_a_command_and_its_children_share_a_temporary_folder(
+    run_without_a_place: Callable[[str], "subprocess.CompletedProcess[str]"], tmp_path: Path
+) -> None:
+    done = run_without_a_place(SHARE)
+    assert done.stderr == ""
+    own, childs, kept = done.stdout.splitlines()
+    assert own == childs
+    assert Path(own).is_relative_to(tmp_path / "temporary")
+    assert int(kept) > 0, "a child that ended took its parent's kernels along"
+
+
+def test_an_interrupted_command_leaves_no_temporary_folder(
+    run_without_a_place: Callable[[str], "subprocess.CompletedProcess[str]"], tmp_path: Path
+) -> None:
+    done = run_without_a_place(INTERRUPTED)
+    assert (done.returncode, done.stderr.strip()) == (130, "flflab: interrupted")
+    assert Path(done.stdout.strip()).is_relative_to(tmp_path / "temporary")
