@@ -37,6 +37,7 @@ STEPS = dict.fromkeys(LINEAR, 0.00049609375) | {
     "goniometer": 1 / 500,
     "ring": 1 / 50,
 }  # mm, deg
+PATIENCE_S = 240.0  # a child that draws ahead ends once its kernels are compiled, a minute or more where none were
 STARTS = {"rotation_stage.start": "4 deg", "goniometer.start": "-3 deg", "ring.start": "60 deg"}
 
 
@@ -50,13 +51,23 @@ def write_bench_of_all(root: Path, file: Path, clock: float, *faults: dict[str, 
     return file
 
 
+def end(child: "subprocess.Popen[bytes]") -> None:
+    """Close a child's input and wait for its end, but not for ever."""
+    try:
+        child.communicate(timeout=PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        pytest.fail(f"{child.args}: should end within {PATIENCE_S:g} s of the end of its input and did not; it was killed")
+
+
 @contextlib.contextmanager
 def served(root: Path, folder: Path, clock: float, *options: str) -> Generator[Path]:
     """Serve the bench of every axis in another process; yields a bench file with the addresses served."""
     given = write_bench_of_all(root, folder / "as_given.yaml", clock)
     bench = yaml.safe_load(given.read_text(encoding="utf-8"))
     command = [sys.executable, "-P", "-m", "flflab", "sim", str(given), "--json", *options]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child, contextlib.ExitStack() as at_last:
+        at_last.callback(end, child)
         assert child.stdout is not None
         addresses = json.loads(child.stdout.readline())
         for name, axis in addresses["axes"].items():
