@@ -5,7 +5,6 @@ mean prediction at least as much as the measurement does, in the statistic r' C^
 holds whatever the shape of the distribution.
 """
 
-import csv
 import math
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.whole_file import write_csv
 
 Array = npt.NDArray[np.float64]
 
@@ -137,8 +137,5 @@ def judge(quantity: str, measured: Array, noise: Array, draws: Array, threshold:
 
 def write_rows(rows: tuple[Row, ...], file: Path) -> None:
     """Write ``comparison.csv``; empty where a column does not apply."""
-    with file.open("w", newline="", encoding="utf-8") as handle:
-        writer = csv.writer(handle)
-        writer.writerow([field.name for field in fields(Row)])
-        for row in rows:
-            writer.writerow(["" if value is None else f"{value:.10g}" if isinstance(value, float) else value for value in astuple(row)])
+    told = (["" if value is None else f"{value:.10g}" if isinstance(value, float) else value for value in astuple(row)] for row in rows)
+    write_csv(file, [[field.name for field in fields(Row)], *told])

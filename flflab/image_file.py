@@ -1,5 +1,6 @@
 """Pictures in files: .npy, .png, .tiff (LZW too), .h5, raw and .dng in; .npy, .png, .tiff, .dng out. Always one plane, [row, col]."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from flflab.errors import InputError
 from flflab.raw_file import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
 from flflab.tiff_pages import CMYK, read_pages
+from flflab.whole_file import require_writable, write_whole
 
 Picture = npt.NDArray[Any]
 
@@ -86,27 +88,39 @@ def write_picture(
         neutral: what white gives in its colours.
 
     Raises:
-        InputError: unknown ending, not a plane of numbers, numbers that 16 bits cannot hold, or the folder cannot be written.
+        InputError: unknown ending, not a plane of numbers, numbers that 16 bits cannot hold, or it cannot be written.
     """
     file = Path(file)
-    ending = file.suffix.lower()
-    if ending not in WRITABLE:
-        raise InputError(f"{file}: pictures are written to files ending in {', '.join(WRITABLE)}")
+    ending = _writable_ending(file)
     if picture.ndim != 2 or picture.size == 0 or picture.dtype.kind not in "uif":
         raise InputError(f"{file}: a plane of numbers is due, not shape {picture.shape} of {picture.dtype}")
     if ending == ".dng":
         return write_raw(file, RawPicture(_sixteen_bits(file, picture, white_dn), pattern, neutral=neutral))
-    try:
-        if ending == ".npy":
-            with file.open("wb") as stream:
-                np.save(stream, picture, allow_pickle=False)
-        else:
-            done, encoded = cv2.imencode(ending, _sixteen_bits(file, picture, white_dn))
-            if not done:
-                raise InputError(f"{file}: this picture cannot be written as {ending}")
-            file.write_bytes(encoded.tobytes())
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror}); check the folder") from error
+    if ending == ".npy":
+        stream = io.BytesIO()
+        np.save(stream, picture, allow_pickle=False)
+        return write_whole(file, stream.getbuffer())
+    done, encoded = cv2.imencode(ending, _sixteen_bits(file, picture, white_dn))
+    if not done:
+        raise InputError(f"{file}: this picture cannot be written as {ending}")
+    write_whole(file, encoded.tobytes())
+
+
+def require_picture_file(file: Path) -> None:
+    """Refuse, before a picture is formed, a file that could not take it.
+
+    Raises:
+        InputError: unknown ending, no such folder, or file or folder may not be written.
+    """
+    _writable_ending(file)
+    require_writable(file)
+
+
+def _writable_ending(file: Path) -> str:
+    ending = file.suffix.lower()
+    if ending not in WRITABLE:
+        raise InputError(f"{file}: pictures are written to files ending in {', '.join(WRITABLE)}")
+    return ending
 
 
 def _stretched(picture: Picture) -> bool:

@@ -1,5 +1,6 @@
 """Figures of measured against predicted."""
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.figure import Figure
 
 from flflab.observations.agreement import FrameAgreement
 from flflab.observations.points import PredictedPoints, SeenPoints
+from flflab.whole_file import write_whole
 
 Array = npt.NDArray[np.float64]
 MEASURED, DESCRIBED, REFITTED = "black", "#d55e00", "#0072b2"  # told apart by colour-blind readers too
@@ -40,7 +42,9 @@ def plot_compare(
     deviation.axhline(0, color="grey", linewidth=0.8)
     deviation.set(xlabel="distance D from the main lens, mm", ylabel="deviation of v, %", ylim=_limits(deviation))
     depth.sharex(deviation)
-    figure.savefig(file, dpi=150)
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=150)
+    write_whole(file, picture.getbuffer())
 
 
 def _draw_views(

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.whole_file import write_whole
 
 RAW = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef")
 FULL_DN = 65535
@@ -83,7 +84,7 @@ def write_raw(file: Path, raw: RawPicture) -> None:
         raw: numbers of any bits up to 16; each takes 16 in the file.
 
     Raises:
-        InputError: another ending, too small a picture, an impossible fact, or the folder cannot be written.
+        InputError: another ending, too small a picture, an impossible fact, or it cannot be written.
     """
     file = Path(file)
     rows, columns = raw.values.shape
@@ -99,10 +100,7 @@ def write_raw(file: Path, raw: RawPicture) -> None:
         raise InputError(f"{file}: black levels are {raw.black_level} DN; without filters they are all the same")
     if not all(0 < share <= 1 for share in raw.neutral):
         raise InputError(f"{file}: neutral is {raw.neutral}; numbers above 0 up to 1 are due")
-    try:
-        file.write_bytes(_dng(raw))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror}); check the folder") from error
+    write_whole(file, _dng(raw))
 
 
 def require_file(file: Path) -> None:

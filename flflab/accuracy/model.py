@@ -4,7 +4,6 @@ What is left between them is what first order leaves out: the aberrations of mai
 the main lens's principal plane.
 """
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from flflab.accuracy.thick import scaled
 from flflab.accuracy.thick_camera import Setting, ThickCamera, aim, build
 from flflab.optics.focus import blur, marginal_angle, microlens_limits, virtual_depth
 from flflab.optics.smms import image_offset, sensor_crossing
+from flflab.whole_file import write_csv
 
 Array = npt.NDArray[np.float64]
 
@@ -157,19 +157,18 @@ def sweep_model(tell: Callable[[str], None]) -> tuple[Sweep, ...]:
 def write_sweeps(sweeps: Sequence[Sweep], file: Path) -> None:
     """Write every comparison as CSV, one row a camera and quantity; ``excess`` is the difference over the limit."""
     units = {quantity.name: quantity.unit for quantity in QUANTITIES}
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        cameras = ("f_number", "field_mm", "array_mm", "gap_mm", "microlens_aperture_mm", "distance_mm")
-        writer.writerow(["lens", "varied", *cameras, "quantity", "unit", "model", "exact", "limit", "excess", "holds"])
-        for sweep in sweeps:
-            camera = build(sweep.setting)
-            smms = camera.smms
-            f_number = smms.lens_focal / smms.lens_aperture
-            columns = [column.ravel() for column in (f_number, smms.centre_x, smms.distance, smms.gap, smms.aperture, 1 / camera.vergence)]
-            for name, one in sweep.comparisons.items():
-                for *where, model, exact, limit, excess in zip(
-                    *columns, one.model.ravel(), one.exact.ravel(), one.limit.ravel(), one.excess.ravel(), strict=True
-                ):
-                    told = [f"{value:.8g}" for value in (model, exact, limit, excess)]
-                    place = [f"{value:.6g}" for value in where]
-                    writer.writerow([sweep.lens, "+".join(sweep.varied), *place, name, units[name], *told, int(excess <= 1)])
+    cameras = ("f_number", "field_mm", "array_mm", "gap_mm", "microlens_aperture_mm", "distance_mm")
+    rows: list[list[object]] = [["lens", "varied", *cameras, "quantity", "unit", "model", "exact", "limit", "excess", "holds"]]
+    for sweep in sweeps:
+        camera = build(sweep.setting)
+        smms = camera.smms
+        f_number = smms.lens_focal / smms.lens_aperture
+        columns = [column.ravel() for column in (f_number, smms.centre_x, smms.distance, smms.gap, smms.aperture, 1 / camera.vergence)]
+        for name, one in sweep.comparisons.items():
+            for *where, model, exact, limit, excess in zip(
+                *columns, one.model.ravel(), one.exact.ravel(), one.limit.ravel(), one.excess.ravel(), strict=True
+            ):
+                told = [f"{value:.8g}" for value in (model, exact, limit, excess)]
+                place = [f"{value:.6g}" for value in where]
+                rows.append([sweep.lens, "+".join(sweep.varied), *place, name, units[name], *told, int(excess <= 1)])
+    write_csv(file, rows)

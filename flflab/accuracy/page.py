@@ -6,7 +6,7 @@ from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
 
-from flflab.errors import InputError
+from flflab.whole_file import write_whole
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,4 @@ def write_page(page: Page, file: Path) -> None:
     """
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     template = environment.from_string(files("flflab.accuracy").joinpath("page.html.jinja").read_text(encoding="utf-8"))
-    try:
-        file.write_text(template.render(page=page), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{file}: the page cannot be written ({error}); give a place you may write in") from error
+    write_whole(file, template.render(page=page))

@@ -1,10 +1,11 @@
 """Rows of figures as a file."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
+
+from flflab.whole_file import write_csv
 
 
 def write_table(rows: Sequence[Any], file: Path, also: tuple[str, ...] = ()) -> None:
@@ -16,7 +17,4 @@ def write_table(rows: Sequence[Any], file: Path, also: tuple[str, ...] = ()) -> 
         also: further attributes to write, by name.
     """
     names = [*(field.name for field in fields(rows[0])), *also]
-    with file.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(names)
-        writer.writerows([getattr(row, name) for name in names] for row in rows)
+    write_csv(file, [names, *([getattr(row, name) for name in names] for row in rows)])

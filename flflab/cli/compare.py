@@ -1,6 +1,5 @@
 """``flflab compare OBSERVATIONS --camera CAMERA``: views and virtual depths measured elsewhere against the model."""
 
-import csv
 import json as json_text
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from flflab.observations.agreement import FrameAgreement, compare_frames, depth_
 from flflab.observations.points import PredictedPoints, SeenPoints, measure_points, predict_points
 from flflab.observations.reading import Observations, read_observations
 from flflab.optics.camera import Camera
+from flflab.whole_file import write_csv, write_whole
 
 
 @dataclass(frozen=True)
@@ -151,11 +151,8 @@ def write_files(out: Path, found: Comparison, result: dict[str, Any]) -> None:
         columns |= {"views_refit": found.refit_predicted.views, "virtual_depth_refit": found.refit_predicted.virtual_depth}
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / "compare.json").write_text(json_text.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        with (out / "compare.csv").open("w", encoding="utf-8", newline="") as text:
-            table = csv.writer(text)
-            table.writerow(columns)
-            table.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-        plot_compare(out / "compare.png", found.frames, seen, found.predicted, found.refit_predicted)
     except OSError as error:
-        raise InputError(f"--out {out}: cannot be written ({error}); give a folder that can") from error
+        raise InputError(f"--out {out}: the folder cannot be made ({error.strerror or error}); give another") from error
+    write_whole(out / "compare.json", json_text.dumps(result, indent=2, allow_nan=False) + "\n")
+    write_csv(out / "compare.csv", [columns, *zip(*(column.tolist() for column in columns.values()), strict=True)])
+    plot_compare(out / "compare.png", found.frames, seen, found.predicted, found.refit_predicted)

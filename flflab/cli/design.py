@@ -1,6 +1,5 @@
 """``flflab design REQUIREMENTS``: which configuration, what it gives up for what, and how well it must be built."""
 
-import csv
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +18,7 @@ from flflab.design.page import asked, summary, write_page
 from flflab.design.requirements import Requirements, read_requirements
 from flflab.design.search import Hindrance, hindrance, search
 from flflab.errors import InputError
+from flflab.whole_file import write_csv, write_whole
 
 
 def design(
@@ -32,7 +32,7 @@ def design(
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"--out {out}: the folder cannot be made ({error.strerror}); give another") from error
+        raise InputError(f"--out {out}: the folder cannot be made ({error.strerror or error}); give another") from error
     found = _searched(wanted, scheduler, out / "search.jsonl", quiet=json)
     if found.met == 0:
         raise InputError(_nothing(wanted, found, hindrance(wanted)))
@@ -108,18 +108,16 @@ def _cell(value: object) -> str:
 
 
 def _write(out: Path, title: str, wanted: Requirements, found: Found, named: tuple[Option, ...], front: tuple[Option, ...]) -> None:
+    write_page(out / "design.html", f"Design search: {title}", wanted, found, named, front)
+    rows = [row(wanted, option) for option in (*named, *front)]
+    heads = list(rows[0])
+    write_csv(out / "front.csv", [heads, *([cells[head] for head in heads] for cells in rows)])
+    cameras = out / "cameras"
     try:
-        write_page(out / "design.html", f"Design search: {title}", wanted, found, named, front)
-        rows = [row(wanted, option) for option in (*named, *front)]
-        with (out / "front.csv").open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, fieldnames=list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
-        cameras = out / "cameras"
         cameras.mkdir(exist_ok=True)
-        for option in (*named, *front):
-            heading = f"Design search '{title}', {option.name}: {'; '.join(asked(wanted)[:1])}"
-            name = option.name.replace(" ", "-") if not option.name.isdigit() else f"{int(option.name):03d}"
-            (cameras / f"{name}.yaml").write_text(camera_text(option.given, option.lens, wanted, heading), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}); check the folder") from error
+        raise InputError(f"{cameras}: the folder cannot be made ({error.strerror or error}); give another --out") from error
+    for option in (*named, *front):
+        heading = f"Design search '{title}', {option.name}: {'; '.join(asked(wanted)[:1])}"
+        name = option.name.replace(" ", "-") if not option.name.isdigit() else f"{int(option.name):03d}"
+        write_whole(cameras / f"{name}.yaml", camera_text(option.given, option.lens, wanted, heading))

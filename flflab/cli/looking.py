@@ -154,13 +154,10 @@ def _curve(readings: list[str], figures: "np.ndarray") -> Iterator[str]:
 
 
 def _write(output: Path, frame: "Frame", camera: "CameraDevice") -> None:
-    """Write the picture under another name first, so that who looks at the file never sees half of one."""
-    part = output.with_name(f".{output.stem}.part{output.suffix}")
     if output.suffix.lower() == ".dng":
         mosaic = frame.pixel_format.removeprefix("Bayer").rstrip("0123456789") if frame.pixel_format.startswith("Bayer") else ""
         pattern = {"RG": "rggb", "BG": "bggr", "GR": "grbg", "GB": "gbrg"}.get(mosaic)
         black = round(camera.offset_dn)
-        write_raw(part, RawPicture(frame.picture, pattern, (black, black, black, black), camera.full_scale, exposure_s=frame.exposure_s))
+        write_raw(output, RawPicture(frame.picture, pattern, (black, black, black, black), camera.full_scale, exposure_s=frame.exposure_s))
     else:
-        write_picture(part, frame.picture)
-    part.replace(output)
+        write_picture(output, frame.picture)

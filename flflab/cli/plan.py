@@ -1,6 +1,5 @@
 """``flflab plan STUDY``: what would be done, how long it takes and how sure it will be; nothing connects, nothing moves."""
 
-import csv
 from pathlib import Path
 from typing import Annotated
 
@@ -13,9 +12,9 @@ from rich.table import Table
 from flflab.bench import Bench, read_bench
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import in_words
-from flflab.errors import InputError
 from flflab.expectation import Expectation, expect_all
 from flflab.study import Study, read_study
+from flflab.whole_file import require_writable, write_csv
 
 
 def plan(
@@ -31,6 +30,8 @@ def plan(
     described = read_bench(bench or built_in(Kind.BENCH))
     read = read_study(study, described.optics)
     to_do = steps(read, described)
+    if out is not None:
+        require_writable(out)
     expected = _expectations(read, described, scheduler)
     if out is not None:
         _write(expected, read, out)
@@ -87,16 +88,12 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
 
 
 def _write(expected: list[Expectation], study: Study, file: Path) -> None:
-    try:
-        with file.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            places = "configuration", "f_number", "distance_mm", "array_mm", "sensor_mm"
-            writer.writerow([*places, "exposure_s", "frames", "mtf_standard_uncertainty", "besides"])
-            for one in expected:
-                setting = study.configurations[one.configuration]
-                look = one.looks[-1] if one.looks else None
-                place = setting.index, setting.f_number, setting.distance, setting.array, setting.sensor
-                numbers = one.exposure_s, "" if look is None else look.frames, "" if look is None else look.uncertainty, setting.besides
-                writer.writerow([f"{value:.10g}" if isinstance(value, float) else value for value in (*place, *numbers)])
-    except OSError as error:
-        raise InputError(f"--out {file}: cannot be written ({error.strerror}); give a place you may write in") from error
+    places = "configuration", "f_number", "distance_mm", "array_mm", "sensor_mm"
+    rows: list[list[object]] = [[*places, "exposure_s", "frames", "mtf_standard_uncertainty", "besides"]]
+    for one in expected:
+        setting = study.configurations[one.configuration]
+        look = one.looks[-1] if one.looks else None
+        place = setting.index, setting.f_number, setting.distance, setting.array, setting.sensor
+        numbers = one.exposure_s, "" if look is None else look.frames, "" if look is None else look.uncertainty, setting.besides
+        rows.append([f"{value:.10g}" if isinstance(value, float) else value for value in (*place, *numbers)])
+    write_csv(file, rows)

@@ -12,6 +12,7 @@ from flflab.design.chunk_log import Found
 from flflab.design.judgement import demands
 from flflab.design.requirements import Requirements
 from flflab.design.tolerances import DIMENSIONS, Sensitivity
+from flflab.whole_file import write_whole
 
 PARTS = ("main_lens", "array", "sensor")
 AIMS = ("area_mm2", "elr_px", "contrast", "marginal_angle_deg")
@@ -38,7 +39,7 @@ def write_page(file: Path, title: str, wanted: Requirements, found: Found, named
         aims_json=_script([head for head in heads if head in AIMS]),
         named_count=len(named),
     )
-    file.write_text(text, encoding="utf-8")
+    write_whole(file, text)
 
 
 def summary(found: Found) -> str:

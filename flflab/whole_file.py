@@ -1,0 +1,90 @@
+"""Files that are there whole or not at all: written beside their place, and put there after the last byte."""
+
+import csv
+import errno
+import io
+import os
+import secrets
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from flflab.errors import InputError
+
+FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
+
+
+def write_whole(file: Path, content: str | bytes | memoryview) -> None:
+    """Write a file, or leave what was there as it was; a device or a pipe takes the bytes as they come.
+
+    Args:
+        file: is overwritten.
+        content: text is written as UTF-8, its line ends as they are.
+
+    Raises:
+        InputError: the disk is full, or the file or its folder cannot be written.
+    """
+    content = content.encode("utf-8") if isinstance(content, str) else content
+    try:
+        _require_place(file)
+        if _special(file):
+            file.write_bytes(content)
+        else:
+            _replace(file.resolve(), content)  # the file that a link leads to, not the link
+    except OSError as error:
+        raise _unwritten(file, error, len(content)) from error
+
+
+def write_csv(file: Path, rows: Iterable[Iterable[Any]]) -> None:
+    """Write rows as CSV, the first one the heads; raises as ``write_whole``."""
+    text = io.StringIO(newline="")
+    csv.writer(text).writerows(rows)
+    write_whole(file, text.getvalue())
+
+
+def require_writable(file: Path) -> None:
+    """Refuse, before anything is computed, a file that could not be written in the end.
+
+    Raises:
+        InputError: there is no such folder, or the file or its folder may not be written.
+    """
+    try:
+        _require_place(file)
+    except OSError as error:
+        raise _unwritten(file, error, 0) from error
+
+
+def _special(file: Path) -> bool:
+    """Whether it is a device or a pipe, which nothing can take the place of."""
+    return file.exists() and not file.is_file()
+
+
+def _require_place(file: Path) -> None:
+    folder = file.resolve().parent
+    if file.is_dir():
+        raise OSError(errno.EISDIR, "it is a folder")
+    if file.exists() and not os.access(file, os.W_OK):  # its folder would let it be replaced
+        raise OSError(errno.EACCES, "it is write-protected")
+    if not _special(file) and not folder.is_dir():
+        raise OSError(errno.ENOTDIR, f"there is no folder {folder}")
+    if not _special(file) and not os.access(folder, os.W_OK | os.X_OK):
+        raise OSError(errno.EACCES, f"the folder {folder} is write-protected")
+
+
+def _replace(file: Path, content: bytes | memoryview) -> None:
+    part = file.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        with part.open("xb") as stream:
+            stream.write(content)
+        if file.exists():
+            shutil.copymode(file, part)
+        os.replace(part, file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _unwritten(file: Path, error: OSError, needed: int) -> InputError:
+    if error.errno in FULL:
+        return InputError(f"{file}: the disk is full, {needed / 1e6:.3g} MB are needed; make room, or give a place on another disk")
+    return InputError(f"{file}: cannot be written ({error.strerror or error}); give a place you may write in")

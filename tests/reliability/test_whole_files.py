@@ -1,0 +1,100 @@
+"""Pictures and tables on a disk that takes no more: one sentence, nothing half written, and what was there stays."""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flflab.errors import InputError
+from flflab.image_file import write_picture
+from flflab.whole_file import require_writable, write_csv, write_whole
+
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files, and names devices, the POSIX way")
+WRITER = """
+import resource, signal, sys
+from pathlib import Path
+import numpy as np
+from flflab.errors import InputError
+from flflab.image_file import write_picture
+from flflab.whole_file import write_csv
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a write beyond the limit then fails as on a full disk
+resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+file, picture = Path(sys.argv[1]), np.random.default_rng(1).integers(0, 4096, (100, 100)).astype(np.uint16)
+try:
+    write_csv(file, picture.tolist()) if file.suffix == ".csv" else write_picture(file, picture)
+except InputError as error:
+    print(error)
+"""
+
+
+@POSIX
+@pytest.mark.parametrize("ending", [".npy", ".png", ".tiff", ".dng", ".csv"])
+@pytest.mark.parametrize("before", [None, b"an older one"], ids=["new", "there already"])
+def test_a_file_that_does_not_fit_leaves_what_was_there(tmp_path: Path, ending: str, before: bytes | None) -> None:
+    file = tmp_path / f"a{ending}"
+    if before is not None:
+        file.write_bytes(before)
+    said = subprocess.run([sys.executable, "-c", WRITER, str(file)], stdout=subprocess.PIPE, text=True, check=True).stdout
+    assert said.startswith(f"{file}: cannot be written (File too large)")
+    assert said.count("\n") == 1
+    assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == ({} if before is None else {file.name: before})
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk that is always full")
+def test_a_full_disk_is_told_with_what_is_needed(tmp_path: Path) -> None:
+    file = tmp_path / "a.npy"
+    file.symlink_to("/dev/full")
+    with pytest.raises(InputError, match=r"a\.npy: the disk is full, 0\.0801 MB are needed; make room"):
+        write_picture(file, np.zeros((100, 100)))
+    assert Path("/dev/full").is_char_device()
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@POSIX
+def test_a_pipe_takes_the_bytes_as_they_come(tmp_path: Path) -> None:
+    pipe, read = tmp_path / "pipe", list[bytes]()
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
+    reader.start()
+    write_csv(pipe, [("a", "b"), (1, 2)])
+    reader.join(10)
+    assert read == [b"a,b\r\n1,2\r\n"]
+    assert pipe.is_fifo()
+
+
+@POSIX
+def test_what_is_overwritten_keeps_its_link_and_who_may_read_it(tmp_path: Path) -> None:
+    real, link = tmp_path / "real.csv", tmp_path / "link.csv"
+    real.write_bytes(b"older")
+    real.chmod(0o600)
+    link.symlink_to(real)
+    write_whole(link, "newer")
+    assert link.is_symlink()
+    assert (real.read_bytes(), real.stat().st_mode & 0o777) == (b"newer", 0o600)
+
+
+@POSIX
+@pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() == 0, reason="nothing is write-protected from the administrator")
+def test_what_is_write_protected_is_not_replaced(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    file.write_bytes(b"older")
+    file.chmod(0o400)
+    for refused in (require_writable, lambda file: write_whole(file, "newer")):
+        with pytest.raises(InputError, match="write-protected"):
+            refused(file)
+    assert file.read_bytes() == b"older"
+
+
+def test_where_nothing_can_be_written_is_refused_beforehand(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    nowhere = tmp_path / "no" / "a.csv", tmp_path / "file" / "a.csv"
+    for place, says in ((tmp_path, "it is a folder"), *((place, "there is no folder") for place in nowhere)):
+        with pytest.raises(InputError, match=says):
+            require_writable(place)
+    require_writable(tmp_path / "a.csv")
+    assert [one.name for one in tmp_path.iterdir()] == ["file"]
