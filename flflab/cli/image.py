@@ -20,15 +20,22 @@ from flflab.image.render import TOLERANCE
 from flflab.image.scene import Plane
 from flflab.image.scene_file import PicturedScene, read_scene, short_scene
 from flflab.image.sensor_response import SensorResponse
-from flflab.image_file import write_picture
+from flflab.image_file import require_picture_file, write_picture
 from flflab.units import parse_quantity
+from flflab.whole_file import require_writable, write_whole
 
 WIDTH = 100
+OURS = {"camera", "lattice", "planes", "reasons", "error_estimate"}  # keys by which a ground truth is known
 
 
 def image(
     context: typer.Context,
-    out: Annotated[Path, typer.Option("-o", "--output", help=".npy (float64, white level 1), .tiff, .png or .dng")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", help=".npy (float64, white level 1), .tiff, .png or .dng; the ground truth goes beside it, as .json"
+        ),
+    ],
     camera: Annotated[Path | None, typer.Argument(help="camera file (YAML); not needed where the scene names one")] = None,
     scene: Annotated[Path | None, typer.Option(help="scene file (YAML), instead of --target and --distance")] = None,
     distance: Annotated[str | None, typer.Option(help="main lens to target, with its unit, or infinity")] = None,
@@ -46,6 +53,9 @@ def image(
         context.fail("give a camera and --distance, or --scene with a scene that names its camera or a camera beside it")
     if scene is not None and wavelength is not None:
         context.fail("--wavelength belongs to --target and --distance; a scene file has a field of that name")
+    require_picture_file(out)
+    truth_file = out.with_suffix(".json")
+    _require_ours(truth_file)
     pictured = read_scene(scene, camera) if scene is not None else _short(camera or Path(), target, distance or "", wavelength)
     report = take_picture(
         pictured.scene,
@@ -62,7 +72,11 @@ def image(
     else:
         write_picture(out, report.image, pattern=mosaic.pattern, neutral=neutral(mosaic))
     told = {"effects": [_keys(effect) for effect in report.effects], "error_estimate": report.error_estimate, "time_ms": report.time_ms}
-    _write_truth(out.with_suffix(".json"), {**ground_truth(pictured.scene), **told})
+    truth = text.dumps({**ground_truth(pictured.scene), **told}, allow_nan=False, indent=1) + "\n"
+    try:
+        write_whole(truth_file, truth)
+    except InputError as error:
+        raise InputError(f"{error}; the picture itself, {out}, is written") from error
     if json:
         print_json(told)
         return
@@ -72,7 +86,8 @@ def image(
         absent = [effect.name for effect in report.effects if not effect.on and not effect.unit]
         if absent:
             console.print(f"Not in this scene: {', '.join(absent)}.", highlight=False)
-    console.print(f"{out}: error below {report.error_estimate:.2g} of white level, {report.time_ms:.0f} ms", highlight=False)
+    said = f"error below {report.error_estimate:.2g} of white level, {report.time_ms:.0f} ms; ground truth in {truth_file}"
+    console.print(f"{out}: {said}", highlight=False, soft_wrap=True)
 
 
 def _short(camera: Path, target: str, distance: str, wavelength: str | None) -> PicturedScene:
@@ -95,11 +110,20 @@ def _keys(effect: Told) -> dict[str, Any]:
     }
 
 
-def _write_truth(file: Path, truth: dict[str, Any]) -> None:
+def _require_ours(file: Path) -> None:
+    """Refuse to overwrite with ground truth what is none: another program's file, or an input."""
+    if not file.exists():
+        return
     try:
-        file.write_text(text.dumps(truth, allow_nan=False, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror}); check the folder") from error
+        held: object = text.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        held = None
+    if not isinstance(held, dict) or not held.keys() >= OURS:
+        raise InputError(
+            f"{file}: the picture's ground truth goes into a file of this name, and the one that is there is none; "
+            "move it, or give -o another name"
+        )
+    require_writable(file)
 
 
 def _table(report: Report) -> Table:

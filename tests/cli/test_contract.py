@@ -1,6 +1,7 @@
 """Names, keys, exit codes and files of the command line, which others script against."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,58 @@ def test_an_image_is_written_in_units_of_the_white_level_and_measured_again(flfl
     assert lattice["pitch_px"] == pytest.approx(0.4 * (1 + 1.15 / 60) / 1.66e-3, rel=1e-5)
     assert lattice["origin_px"] == pytest.approx([379.5, 279.5], abs=0.01)
     assert lattice["outside_radius_px"] == pytest.approx(318.517 / 2 / 1.66, abs=0.05)
+
+
+@pytest.mark.parametrize("content", ['{"camera": "R12", "frames": 4}', "[1, 2]", "no JSON"])
+def test_a_picture_does_not_take_the_place_of_a_file_that_is_no_ground_truth(
+    flflab: Run, small_camera: Path, tmp_path: Path, content: str
+) -> None:
+    beside = tmp_path / "camera.json"
+    beside.write_text(content, encoding="utf-8")
+    ended = flflab("image", small_camera, "--distance", "506.7 mm", "-o", tmp_path / "camera.png")
+    assert (ended.code, ended.out, ended.err.count("\n")) == (1, "", 1)
+    assert ended.err.startswith(f"flflab: {beside}: the picture's ground truth goes into a file of this name")
+    assert beside.read_text(encoding="utf-8") == content
+    assert not (tmp_path / "camera.png").exists()
+
+
+def test_a_picture_is_taken_again_and_its_last_line_names_both_files(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+    picture, beside = tmp_path / "white.png", tmp_path / "white.json"
+    for distance in (506.7, 400.0):
+        ended = flflab("image", small_camera, "--target", "white", "--distance", f"{distance} mm", "--explain", "-o", picture)
+        assert ended.code == 0
+        assert ended.out.splitlines()[-1].startswith(f"{picture}: error below ")
+        assert ended.out.splitlines()[-1].endswith(f"; ground truth in {beside}")
+        assert json.loads(beside.read_text(encoding="utf-8"))["planes"][0]["distance_mm"] == pytest.approx(distance)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"), [("a.bmp", "files ending in .npy"), ("no/a.png", "there is no folder"), ("file/a.png", "there is no folder")]
+)
+def test_where_no_picture_can_be_written_is_told_before_anything_is_read(flflab: Run, tmp_path: Path, name: str, says: str) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    ended = flflab("image", "nowhere.yaml", "--distance", "506.7 mm", "-o", tmp_path / name)
+    assert (ended.code, ended.err.count("\n")) == (1, 1)
+    assert says in ended.err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files the POSIX way")
+def test_where_only_the_ground_truth_fails_the_picture_is_said_to_be_written(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+    import resource
+
+    asked = "image", small_camera, "--target", "black", "--distance", "506.7 mm", "-o"
+    assert flflab(*asked, tmp_path / "before.png").code == 0  # kernels are compiled and kept
+    limit, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, ((tmp_path / "before.png").stat().st_size, hard))
+    try:
+        ended = flflab(*asked, tmp_path / "a.png")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    assert (ended.code, ended.err.count("\n")) == (1, 1)
+    assert f"{tmp_path / 'a.json'}: cannot be written (File too large)" in ended.err
+    assert f"the picture itself, {tmp_path / 'a.png'}, is written" in ended.err
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "before.png").read_bytes()
+    assert not (tmp_path / "a.json").exists()
 
 
 def test_noise_comes_from_the_seed_alone(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
