@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 
-from flflab.cli.ending import INTERRUPTED, end_with_one_sentence, is_interruption
+from flflab.cli.ending import INTERRUPTED, end_with_one_sentence, end_without_output, is_interruption, lost_output
 from flflab.errors import FlflabError
 from flflab.house import stranger_among_packages
 from flflab.kernel_cache import remove_temporary_kernels
@@ -18,6 +18,25 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.unraisablehook = again_if_an_interruption
     try:
+        code = _command()
+        if sys.stdout is not None:  # None where it was closed beforehand
+            sys.stdout.flush()  # what is left may find the disk full; Python, ending, tells that with a traceback
+    except BaseException as error:
+        if is_interruption(error):
+            sys.stderr.write("\nflflab: interrupted\n")
+            sys.stderr.flush()
+            remove_temporary_kernels()
+            os._exit(INTERRUPTED)  # threads may still measure; they hold nothing, and an operator does not wait for them
+        lost = lost_output() if isinstance(error, OSError) else None
+        if lost is None:
+            raise
+        code = end_without_output(lost)
+    sys.exit(code)
+
+
+def _command() -> int | str | None:
+    """Run one command and say how it ended."""
+    try:
         stranger = stranger_among_packages()
         if stranger:
             raise FlflabError(stranger)
@@ -25,14 +44,12 @@ def main() -> None:
 
         app(standalone_mode=True)
     except FlflabError as error:
-        sys.exit(end_with_one_sentence(error))
-    except BaseException as error:
-        if not is_interruption(error):
+        return end_with_one_sentence(error)
+    except SystemExit as ending:
+        if is_interruption(ending):  # typer makes such an ending of Ctrl-C while a command loads
             raise
-        sys.stderr.write("\nflflab: interrupted\n")
-        sys.stderr.flush()
-        remove_temporary_kernels()
-        os._exit(INTERRUPTED)  # threads may still measure; they hold nothing, and an operator does not wait for them
+        return ending.code
+    return 0
 
 
 def again_if_an_interruption(lost: "sys.UnraisableHookArgs") -> None:

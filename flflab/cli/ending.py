@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import sys
 from typing import Any
 
@@ -34,6 +35,28 @@ def end_with_one_sentence(error: FlflabError) -> int:
     return 1
 
 
+def lost_output() -> OSError | None:
+    """Why standard output takes nothing more; None where it does, or where there is none."""
+    if sys.stdout is None:
+        return None
+    try:
+        sys.stdout.write("\n")  # what it did not take before may be gone from its buffer
+        sys.stdout.flush()
+    except OSError as error:
+        return error
+    return None
+
+
+def end_without_output(lost: OSError) -> int:
+    """Say that standard output takes nothing more, but not to who closed the pipe, as ``head`` does; return exit code 1."""
+    if not isinstance(lost, BrokenPipeError):
+        sys.stderr.write(f"flflab: standard output cannot be written ({lost.strerror or lost}); send it to a place with room\n")
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())  # Python flushes it once more when it ends
+    os.close(nowhere)
+    return 1
+
+
 def print_json(result: dict[str, Any]) -> None:
     """Print one JSON object on standard output; nan and infinity have no place in it."""
-    sys.stdout.write(json.dumps(result, allow_nan=False) + "\n")
+    print(json.dumps(result, allow_nan=False))  # a standard output that was closed beforehand takes nothing and says nothing
