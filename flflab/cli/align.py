@@ -28,7 +28,7 @@ def align(
     exit_pupil: Annotated[bool, typer.Option("--exit-pupil", help="move the sensor into the exit pupil: no vignetting")] = False,
     overlap: Annotated[str | None, typer.Option(help="move the sensor until neighbours overlap so far: '20 um', '-50 um' is a gap")] = None,
     f_number: Annotated[float | None, typer.Option(min=0.5, help="while white pictures are taken; the camera file's without one")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder of the run, which holds no run yet; runs/<UTC>-align without one")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder of the run, new or empty; runs/<UTC>-align without one")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
 ) -> None:
     """Turn the array straight to the sensor's rows and parallel to it, and move the sensor where it is wanted, by white pictures."""

@@ -22,7 +22,7 @@ TITLE = "What the bench is; of zeros and scales the error; told: share by the pi
 def calibrate(
     study: Annotated[Path | None, typer.Argument(help="study file (YAML); the built-in calibration without one")] = None,
     bench: Annotated[Path | None, typer.Option(help="bench file (YAML); the built-in simulated bench without one")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder of the run, which holds no run yet; runs/<UTC>-<study> without one")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder of the run, new or empty; runs/<UTC>-<study> without one")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
 ) -> None:
     """Find zeros and scales of the stages, focal lengths, apertures and centre, and say what the pictures cannot tell."""

@@ -14,7 +14,7 @@ from flflab.record import Run
 def sweep(
     study: Annotated[Path, typer.Argument(help="study file (YAML)")],
     bench: Annotated[Path | None, typer.Option(help="bench file (YAML); the built-in simulated bench without one")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder of the run, which holds no run yet; runs/<UTC>-<study> without one")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder of the run, new or empty; runs/<UTC>-<study> without one")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
 ) -> None:
     """Home and take every frame of a study; an interrupted run is gone on with by resume."""

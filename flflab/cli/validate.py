@@ -24,7 +24,7 @@ REJECTED = 3
 def validate(
     study: Annotated[Path | None, typer.Argument(help="study file (YAML); the built-in first study without one")] = None,
     bench: Annotated[Path | None, typer.Option(help="bench file (YAML); the built-in simulated bench without one")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder of the run, which holds no run yet; runs/<UTC>-<study> without one")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder of the run, new or empty; runs/<UTC>-<study> without one")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
 ) -> None:
     """Run a study on a bench and say whether the camera does what its model says (exit 0), or not (exit 3)."""

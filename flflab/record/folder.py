@@ -17,6 +17,8 @@ from flflab.description import read_yaml
 from flflab.errors import RecordError
 
 DOCUMENTS, FRAMES, DATASET = "documents.jsonl", "frames.h5", "frames"
+VERSIONS = "versions.json"
+BEFORE = {"bench.yaml", "camera.yaml", "study.yaml", VERSIONS}  # what a run writes before its first document
 PACKAGES = ("flflab", "bluesky", "event-model", "h5py", "numba", "numpy", "opencv-contrib-python-headless", "pydantic", "pyserial", "scipy")
 
 
@@ -34,24 +36,29 @@ def new_folder(study: str, parent: Path = Path("runs")) -> Path:
         except FileExistsError:
             continue
         except OSError as error:
-            raise RecordError(f"{folder}: cannot be made ({error}); give a folder you may write in") from error
+            raise RecordError(f"{folder}: cannot be made ({error.strerror or error}); give a folder you may write in") from error
         return folder
     raise RecordError(f"{parent}: a hundred runs of {study} began in this second; wait a second")
 
 
 def claim_folder(folder: Path) -> Path:
-    """Make a folder for one run, or take one that holds no run yet.
+    """Make a folder for one run, or take one that is empty or holds only the descriptions of a run that never began.
 
     Raises:
-        RecordError: it holds a run already, or cannot be made.
+        RecordError: it holds a run already or anything else, or cannot be made.
     """
-    held = [name for name in (DOCUMENTS, FRAMES) if (folder / name).exists()]
-    if held:
-        raise RecordError(f"{folder}: holds a run already ({', '.join(held)}) and runs are never overwritten; give another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        held = {one.name for one in folder.iterdir()}
     except OSError as error:
-        raise RecordError(f"{folder}: cannot be made ({error}); give a folder you may write in") from error
+        raise RecordError(f"{folder}: cannot be made ({error.strerror or error}); give a folder you may write in") from error
+    run = [name for name in (DOCUMENTS, FRAMES) if name in held]
+    if run:
+        raise RecordError(f"{folder}: holds a run already ({', '.join(run)}) and runs are never overwritten; give another folder")
+    others = sorted(held - BEFORE if VERSIONS in held else held)
+    if others:
+        first = ", ".join(others[:3]) + (f" and {len(others) - 3} more" if len(others) > 3 else "")
+        raise RecordError(f"{folder}: holds other files ({first}), and a run has a folder to itself; give a new or an empty one")
     return folder
 
 
@@ -76,9 +83,9 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
         shutil.copyfile(bench.file.parent / bench.description.optics, folder / "camera.yaml")
         if study_file is not None:
             shutil.copyfile(study_file, folder / "study.yaml")
-        (folder / "versions.json").write_text(json.dumps(versions(), indent=1) + "\n", encoding="utf-8")
+        (folder / VERSIONS).write_text(json.dumps(versions(), indent=1) + "\n", encoding="utf-8")
     except OSError as error:
-        raise RecordError(f"{folder}: cannot be written ({error}); give a folder you may write in") from error
+        raise RecordError(f"{folder}: cannot be written ({error.strerror or error}); give a folder you may write in") from error
 
 
 def versions() -> dict[str, str]:

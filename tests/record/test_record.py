@@ -173,6 +173,31 @@ def test_a_run_is_never_overwritten(tmp_path: Path) -> None:
     assert all(folder.name.split("Z-", 1)[1].startswith("first") for folder in folders)
 
 
+@pytest.mark.parametrize("others", [("notes.txt",), ("bench.yaml", "study.yaml"), ("versions.json", "a", "b", "c", "d")])
+def test_a_run_has_a_folder_to_itself(tmp_path: Path, others: tuple[str, ...]) -> None:
+    for name in others:
+        (tmp_path / name).write_text(name)
+    with pytest.raises(RecordError, match=r"holds other files \((notes|bench|a, b, c and 1 more).*; give a new or an empty one$"):
+        claim_folder(tmp_path)
+    assert {one.name: one.read_text() for one in tmp_path.iterdir()} == {name: name for name in others}
+
+
+def test_the_folder_of_a_run_that_never_began_is_taken_again(tmp_path: Path) -> None:
+    bench = read_bench(BUILT_IN / "benches" / "simulated.yaml")
+    for _ in range(2):  # new, then with the descriptions of the first time
+        keep_descriptions(claim_folder(tmp_path / "run"), bench, BUILT_IN / "studies" / "first.yaml")
+    assert claim_folder(tmp_path / "run") == tmp_path / "run"
+
+
+def test_a_file_in_the_place_of_a_run_is_told_without_repeating_its_path(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for place in (tmp_path / "file", tmp_path / "file" / "run"):
+        with pytest.raises(RecordError) as refusal:
+            claim_folder(place)
+        assert "Errno" not in str(refusal.value)
+        assert str(refusal.value).count(str(tmp_path)) == 1
+
+
 def test_a_run_that_does_not_fit_on_the_disk_is_refused_before_it_begins(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="GB are free"):
         Recording(tmp_path, 1_000_000, (100_000, 100_000))
