@@ -149,7 +149,7 @@ def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[P
         for name, text in zip(FILES, (json.dumps(result, indent=1) + "\n", camera, described), strict=True):
             (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
-        raise RecordError(f"{folder}: cannot be written ({error}); give a folder you may write in") from error
+        raise RecordError(f"{folder}: cannot be written ({error.strerror or error}); give a folder you may write in") from error
     written = [folder / name for name in FILES]
     return written[0], written[1], written[2]
 

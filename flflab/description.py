@@ -75,12 +75,15 @@ def read_yaml(file: Path) -> tuple[dict[str, Any], Lines]:
     """Read a YAML mapping and the line each field stands on.
 
     Raises:
-        InputError: the file is missing, unreadable, not YAML, or not a mapping of fields.
+        InputError: the file is missing, unreadable, not in UTF-8, not YAML, or not a mapping of fields.
     """
     try:
         text = Path(file).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: cannot be read ({error}); give the path of a YAML file") from error
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror or error}); give the path of a YAML file") from error
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{file}:{line}: not text in UTF-8; save the file as UTF-8") from error
     try:
         node = yaml.compose(text, Loader=_UniqueKeyLoader)
         data: Any = yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506 - the loader is a SafeLoader

@@ -185,7 +185,7 @@ def write_bench(bench: Bench, served: Served, file: Path) -> None:
     try:
         file.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error}); name a file in a folder that exists") from error
+        raise InputError(f"{file}: cannot be written ({error.strerror or error}); name a file in a folder that exists") from error
 
 
 def _as_written(address: str) -> str:

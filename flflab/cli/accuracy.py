@@ -53,7 +53,7 @@ def accuracy(
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"--out {out}: the folder cannot be made ({error}); give a place you may write in") from error
+        raise InputError(f"--out {out}: the folder cannot be made ({error.strerror or error}); give a place you may write in") from error
     page_file, table_file = (out / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
     console = Console(soft_wrap=True)
     with Console(stderr=True).status(f"accuracy {what}") as status:

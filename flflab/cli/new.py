@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from flflab.errors import InputError
+from flflab.whole_file import write_whole
 
 
 class Kind(StrEnum):
@@ -51,8 +52,5 @@ def new(
         if path.exists():
             raise InputError(f"{path} exists already and is not overwritten; give another name")
     for path, content in written.items():
-        try:
-            path.write_text(content, encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{path} cannot be written ({error}); give a file in a folder that exists") from error
+        write_whole(path, content)
         typer.echo(f"wrote {path}")

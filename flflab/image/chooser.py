@@ -18,7 +18,7 @@ from flflab.image.effects.overlap import Overlap
 from flflab.image.effects.pixel import Pixel
 from flflab.image.effects.vignetting import Vignetting
 from flflab.image.regime import Regime
-from flflab.image.render import LEAST_TOLERANCE
+from flflab.image.render import LEAST_TOLERANCE, TOLERANCE
 from flflab.image.scene import ALL, Scene
 from flflab.image.survey import survey
 
@@ -133,7 +133,7 @@ def check_tolerance(tolerance: float) -> None:
     if not (math.isfinite(tolerance) and 2 * LEAST_TOLERANCE <= tolerance < 1):
         raise InputError(
             f"tolerance: {tolerance:g} of white; from {2 * LEAST_TOLERANCE:g}, below which the reference itself is not sure, "
-            "to below 1 is allowed"
+            f"to below 1 is allowed; give {TOLERANCE:g}, for instance"
         )
 
 
@@ -141,13 +141,16 @@ def named(asked: str) -> frozenset[str]:
     """The names in a list of effects.
 
     Raises:
-        InputError: one of them is unknown, or there is none.
+        InputError: one of them is unknown or stands alone, or there is none.
     """
     names = frozenset(name.strip() for name in asked.split(",") if name.strip())
+    allowed = f"one of {', '.join(LEVELS)}, or a list of {', '.join((*LIGHT, *NOISE))}"
+    if names & {*LEVELS}:
+        raise InputError(f"effects: '{asked}' is a list; {', '.join(LEVELS)} stand alone; give {allowed}")
     for name in sorted(names - {*LIGHT, *NOISE}):
-        raise InputError(f"effects: there is no '{name}'; allowed: {', '.join(LEVELS)}, or a list of {', '.join((*LIGHT, *NOISE))}")
+        raise InputError(f"effects: there is no '{name}'; allowed: {allowed}")
     if not names:
-        raise InputError(f"effects: the list is empty; give {', '.join(LEVELS)}, or a list of {', '.join((*LIGHT, *NOISE))}")
+        raise InputError(f"effects: the list is empty; give {allowed}")
     return names
 
 

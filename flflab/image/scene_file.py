@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BeforeValidator, Field
 
 from flflab.camera_file import read_camera
-from flflab.description import Angle, Description, Length, Lines, Ratio, Time, check, quantity, read_yaml
+from flflab.description import Angle, Description, Length, Lines, Ratio, Time, check, read_yaml
 from flflab.errors import InputError
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.effects.dark_current import DarkCurrent
@@ -31,8 +31,18 @@ from flflab.optics.camera import Camera
 from flflab.target_file import target_from
 from flflab.units import parse_quantity
 
-Distance = Annotated[float, Field(gt=0, allow_inf_nan=True), quantity("length")]
 Pair = tuple[Length, Length]
+
+
+def _distance(given: object) -> float:
+    """A length in front of the main lens."""
+    try:
+        away = parse_quantity(given, "length")
+    except InputError as error:
+        raise ValueError(str(error)) from error
+    if not away > 0:
+        raise ValueError(f"{given}: a distance in front of the main lens is above 0 mm, or infinity")
+    return away
 
 
 def _wavelength(given: object) -> float | None:
@@ -45,6 +55,7 @@ def _wavelength(given: object) -> float | None:
         raise ValueError(f"{error}; or none for light that does not bend") from error
 
 
+Distance = Annotated[float, Field(allow_inf_nan=True), BeforeValidator(_distance)]
 Made = TypeVar("Made")
 TargetData = str | dict[str, Any]
 

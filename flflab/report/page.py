@@ -96,7 +96,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
     try:
         file.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise RecordError(f"{file}: the report cannot be written ({error}); give a place you may write in") from error
+        raise RecordError(f"{file}: the report cannot be written ({error.strerror or error}); give a place you may write in") from error
 
 
 def _template() -> Template:

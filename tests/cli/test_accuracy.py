@@ -115,4 +115,4 @@ def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(flf
     (tmp_path / "file").touch()
     ended = flflab("accuracy", "model", "--out", tmp_path / "file")
     assert ended.code == 1
-    assert "cannot be made" in ended.err
+    assert "cannot be made (File exists); give" in ended.err

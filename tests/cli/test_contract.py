@@ -11,6 +11,7 @@ import pytest
 
 Run = Callable[..., Any]
 EXAMPLES = Path(__file__).parents[2] / "examples"
+OTHER = "give a place you may write in"
 OSINSKI = EXAMPLES / "cameras" / "osinski.yaml"
 
 
@@ -128,6 +129,18 @@ def test_a_scene_file_names_its_camera_and_explains_itself(flflab: Run, small_ca
     assert f"{scene}:2: fog: there is no such field" in flflab("image", "--scene", scene, "-o", tmp_path / "scene.npy").err
 
 
+@pytest.mark.parametrize("distance", ["-1000 mm", "0 mm", "-1 m"])
+def test_a_distance_behind_the_lens_is_refused_in_the_same_words_in_a_scene_and_on_the_command_line(
+    flflab: Run, small_camera: Path, tmp_path: Path, distance: str
+) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(f"camera: {small_camera.name}\nplanes: [{{target: black, distance: {distance}}}]\n", encoding="utf-8")
+    words = f"{distance}: a distance in front of the main lens is above 0 mm, or infinity\n"
+    told = flflab("image", "--scene", scene, "-o", tmp_path / "a.npy")
+    assert told.err == f"flflab: {scene}:2: planes.0.distance: {words}"
+    assert flflab("image", small_camera, f"--distance={distance}", "-o", tmp_path / "a.npy").err == f"flflab: --distance {words}"
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -166,6 +179,8 @@ def test_new_writes_a_copy_that_can_be_used_and_never_overwrites(flflab: Run, ki
     again = flflab("new", kind, file)
     assert (again.code, file.read_bytes()) == (1, written)
     assert "not overwritten" in again.err
+    nowhere = flflab("new", kind, tmp_path / "no" / "such.yaml")
+    assert nowhere.err == f"flflab: {tmp_path / 'no/such.yaml'}: cannot be written (there is no folder {tmp_path / 'no'}); {OTHER}\n"
 
 
 @pytest.mark.ci

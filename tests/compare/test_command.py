@@ -107,4 +107,4 @@ def test_bad_input_ends_with_one_sentence_and_exit_code_one(
     assert "Traceback" not in said
     (tmp_path / "file").write_text("")
     assert run(monkeypatch, noisy, "--camera", noisy / "camera.yaml", "--out", tmp_path / "file") == 1
-    assert "--out" in capsys.readouterr().err
+    assert capsys.readouterr().err.endswith(f"--out {tmp_path / 'file'}: the folder cannot be made (File exists); give another\n")

@@ -93,6 +93,22 @@ def test_a_missing_or_broken_file_is_one_sentence(tmp_path: Path) -> None:
         read_camera(broken)
 
 
+def test_what_cannot_be_read_is_told_without_repeating_its_path(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    for place in (tmp_path / "absent.yaml", tmp_path / "file" / "camera.yaml", tmp_path):
+        with pytest.raises(InputError, match=r"cannot be read \(\w[\w ]*\); give the path of a YAML file$") as refusal:
+            read_camera(place)
+        assert str(refusal.value).count(str(place)) == 1
+
+
+@pytest.mark.parametrize(("encoding", "line"), [("utf-16", 1), ("latin-1", 3)])
+def test_a_file_in_another_encoding_is_told_to_be_saved_as_utf_8(tmp_path: Path, encoding: str, line: int) -> None:
+    file = tmp_path / "camera.yaml"
+    file.write_text("# camera\nmain_lens:\n  pitch: 400 µm\n", encoding=encoding)
+    with pytest.raises(InputError, match=rf"camera\.yaml:{line}: not text in UTF-8; save the file as UTF-8$"):
+        read_camera(file)
+
+
 def test_an_array_may_be_given_by_radius_and_index_or_by_numerical_aperture(tmp_path: Path) -> None:
     file, _ = changed(CAMERA, tmp_path, "focal_length: 0.917 mm", "radius_of_curvature: 422 um\n  refractive_index: 1.46")
     assert read_camera(file).array.focal_lengths[0] == pytest.approx(0.422 / 0.46)

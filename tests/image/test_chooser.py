@@ -92,7 +92,9 @@ def test_any_subset_of_the_noise_can_be_asked_for(camera: Camera) -> None:
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ("sparkle", "there is no 'sparkle'; allowed: auto, fast, reference, or a list of defocus, vignetting"),
+        ("sparkle", "there is no 'sparkle'; allowed: one of auto, fast, reference, or a list of defocus, vignetting"),
+        ("auto,fast", "'auto,fast' is a list; auto, fast, reference stand alone; give one of"),
+        ("pixel, reference", "'pixel, reference' is a list; auto, fast, reference stand alone; give one of"),
         ("pixel,shot-noise", "shot-noise need a seed"),
         ("", "the list is empty"),
     ],
@@ -104,7 +106,7 @@ def test_effects_that_cannot_be_chosen_are_refused(scene: Scene, asked: str, mes
 
 @pytest.mark.parametrize("tolerance", [0.0, -0.1, math.nan, math.inf, 1.0, 1e-12])
 def test_tolerances_that_cannot_be_kept_are_refused(scene: Scene, tolerance: float) -> None:
-    with pytest.raises(InputError, match="tolerance"):
+    with pytest.raises(InputError, match=r"^tolerance: .* is allowed; give 0\.002, for instance$"):
         take_picture(scene, tolerance=tolerance)
 
 
