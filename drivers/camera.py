@@ -18,7 +18,7 @@ LOOK_S = 0.005
 
 
 def nothing() -> None:
-    """Nobody waits for the end of an exposure."""
+    """Nobody waits."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +106,13 @@ class Camera:
     Args:
         name: the name on the bench.
         commands: what speaks to it.
+        wait_until_ready: called before it is armed; returns once it can take a picture.
     """
 
-    def __init__(self, name: str, commands: CameraCommands) -> None:
+    def __init__(self, name: str, commands: CameraCommands, wait_until_ready: Callable[[], None] = nothing) -> None:
         self.name = name
         self._commands = commands
+        self._wait_until_ready = wait_until_ready
         self._turn = threading.RLock()
         self._number = self._dropped = 0
         self._armed = self._exposing = False
@@ -189,6 +191,7 @@ class Camera:
         with self._turn:
             if self._exposing:
                 raise DeviceError(f"{self.name}: asked to arm while a picture is under way; fetch that one first")
+            self._wait_until_ready()
             self._guarded(self._commands.arm)
             self._armed = True
 

@@ -62,10 +62,11 @@ class Connection:
                     "give what it moves, or another driver"
                 )
             keys = self._described.own_keys(driver.keys, *path)
-            if device.address == "simulated":
+            simulated = device.address == "simulated"
+            if simulated:
                 device = device.model_copy(update={"address": self._simulated.address(*path)})
             self.addresses[name] = device.address
-            opened = self._open(driver, name, device, keys)
+            opened = self._open(driver, name, device, keys, simulated=simulated)
             self._resources.callback(opened.close)
             return opened
         except FlflabError as fault:
@@ -87,12 +88,14 @@ class Connection:
             kind = InputError if kinds == {InputError} else CommunicationError if CommunicationError in kinds else DeviceError
             raise kind("\n".join(dict.fromkeys(str(fault) for fault in self.faults.values())))
 
-    def _open(self, driver: Any, name: str, device: Any, keys: Any) -> Any:
+    def _open(self, driver: Any, name: str, device: Any, keys: Any, *, simulated: bool) -> Any:
         if isinstance(device, AxisDescription):
             commands = driver.open(name, device, keys, self._share)
             return Axis(name, commands, device.limits, device.speed, coordinate=device.coordinate, patience=driver.patience)
         opened = driver.open(device.address, keys, self._share)
-        return Camera(name, opened) if name == "camera" else Setting[Any](name, opened, timeout=driver.timeout)
+        if name == "camera":
+            return Camera(name, opened, self._simulated.wait_until_ready) if simulated else Camera(name, opened)
+        return Setting[Any](name, opened, timeout=driver.timeout)
 
     def _share(self, address: str, opener: Callable[[], Opened], /) -> Opened:
         if address not in self._shared:

@@ -9,6 +9,7 @@ from drivers.transport import Wire, open_tcp, show
 from flflab.errors import CommunicationError, DeviceError
 
 Device = TypeVar("Device")
+AGAIN = "check the line, then ask again"
 ERROR = re.compile(r'(-?\d+),"((?:[^"]|"")*)"')
 
 
@@ -101,16 +102,16 @@ class ScpiLink:
                 digits = wire.read_exactly(1, 5.0)
                 length = wire.read_exactly(int(digits), 5.0) if b"1" <= digits <= b"9" else b""
                 if not length.isdigit() or int(length) > most:
-                    raise CommunicationError(f"got a block {show(b'#' + digits + length)}, not one of at most {most} bytes")
+                    raise CommunicationError(f"got a block {show(b'#' + digits + length)}, not one of at most {most} bytes; {AGAIN}")
                 bytes_ = wire.read_exactly(int(length), 5.0)
                 if (end := wire.read_exactly(1, 5.0)) != b"\n":
-                    raise CommunicationError(f"got {show(end)} after a block of {int(length)} bytes where its end is due")
+                    raise CommunicationError(f"got {show(end)} after a block of {int(length)} bytes where its end is due; {AGAIN}")
                 found = head.decode("ascii", "replace").split(",")
                 if len(found) != fields + 1 or found[-1]:
-                    raise CommunicationError(f"got {show(head)} before the block where {fields} fields are due")
+                    raise CommunicationError(f"got {show(head)} before the block where {fields} fields are due; {AGAIN}")
             except CommunicationError as error:
                 self.drop()
-                raise CommunicationError(f"{self._says((query,))}: {error}; check the line, then ask again") from error
+                raise CommunicationError(f"{self._says((query,))}: {error}") from error
         return found[:-1], bytes_
 
     def drop(self) -> None:

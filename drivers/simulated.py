@@ -11,6 +11,9 @@ from typing import Any
 
 from flflab.errors import CommunicationError
 
+READY_S = 1200.0  # for compiling on a busy machine
+SILENCE_S = 2.0
+
 
 class SimulatedBench:
     """A child process that serves every instrument of a bench file on loopback; ends with ``close`` or with this process.
@@ -29,20 +32,47 @@ class SimulatedBench:
         command = [sys.executable, "-P", "-m", "flflab", "sim", str(bench_file), "--json"]
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._complaints)
-        said: list[bytes] = []
-        listener = threading.Thread(target=lambda: said.append(self._stdout().readline()), name="simulated bench", daemon=True)
-        listener.start()
-        listener.join(timeout)
-        silent = listener.is_alive()
+        self._file = bench_file
+        self._said: list[bytes] = []
+        self._started, self._ready = threading.Event(), threading.Event()
+        self._listener = threading.Thread(target=self._listen, name="simulated bench", daemon=True)
+        self._listener.start()
+        silent = not self._started.wait(timeout)
         try:
-            self.addresses: dict[str, Any] = json.loads(said[0])
+            self.addresses: dict[str, Any] = json.loads(self._said[0])
         except (IndexError, ValueError):
             self._end()
-            listener.join()
             last = self._last_complaint()
             self._let_go()
             reason = f"it said nothing for {timeout:g} s" if silent else "it ended without saying its addresses"
             raise CommunicationError(f"{bench_file}: the simulated bench did not start, {reason}; its last words: {last}") from None
+
+    def wait_until_ready(self, timeout: float = READY_S) -> None:
+        """Wait until all that a first frame needs is compiled; an operator who waits is told why.
+
+        Args:
+            timeout: how long that may take, s.
+
+        Raises:
+            CommunicationError: it took longer, or the simulated bench ended.
+        """
+        if not self._ready.wait(min(SILENCE_S, timeout)):
+            print("the simulated bench compiles what draws its pictures; the next run need not wait for it", file=sys.stderr, flush=True)
+        if not self._ready.wait(max(0.0, timeout - SILENCE_S)):
+            raise CommunicationError(
+                f"{self._file}: the simulated bench still compiles what draws its pictures after {timeout:g} s; "
+                "see what else keeps this machine busy, then run it again: what is compiled is kept"
+            )
+        if not self._said[1]:
+            raise CommunicationError(
+                f"{self._file}: the simulated bench ended before its first frame; its last words: {self._last_complaint()}; run it again"
+            )
+
+    def _listen(self) -> None:
+        """Its addresses, then that it is ready; nothing where it ends before."""
+        for told in (self._started, self._ready):
+            self._said.append(self._stdout().readline())
+            told.set()
 
     def address(self, *path: str) -> str:
         """Where an instrument is served.
@@ -80,10 +110,13 @@ class SimulatedBench:
         self._child.wait()
 
     def _let_go(self) -> None:
+        self._listener.join()
         self._stdout().close()
         self._complaints.close()
 
     def _last_complaint(self) -> str:
+        if self._complaints.closed:
+            return "none"
         self._complaints.seek(0)
         lines = self._complaints.read().decode(errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip()), "none")
@@ -120,3 +153,8 @@ class SimulatedOnDemand:
         if isinstance(self._started, CommunicationError):
             raise self._started
         return self._started.address(*path)
+
+    def wait_until_ready(self) -> None:
+        """Before a frame; errors as ``SimulatedBench.wait_until_ready``."""
+        if isinstance(self._started, SimulatedBench):
+            self._started.wait_until_ready()

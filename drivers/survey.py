@@ -10,6 +10,7 @@ from drivers.connection import Connection, can_outlive, device_of
 from drivers.owner import Owner
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
+from drivers.transport import what_to_check
 from flflab.bench import Bench, DeviceDescription
 from flflab.errors import FlflabError
 
@@ -80,8 +81,8 @@ def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
         for thread in threads:
             thread.join(max(0.0, deadline - time.monotonic()))
         found = dict(rows)
-    late = f"no answer within {timeout:g} s; check cable, power and address"
+    late = f"no answer within {timeout:g} s"
     return [
-        found.get(name) or Identity(name, device.driver, device.address, SILENT, None, f"{name}: {late}")
+        found.get(name) or Identity(name, device.driver, device.address, SILENT, None, f"{name}: {late}; {what_to_check(device.address)}")
         for name, device in devices.items()
     ]

@@ -12,6 +12,13 @@ SLICE_S = 0.02
 MOST_UNREAD = 1 << 16
 
 
+def what_to_check(address: str) -> str:
+    """What an operator looks at where nobody answers: no cable leads to what is served on this machine."""
+    if address == "simulated" or address.removeprefix("socket://").startswith(("127.", "localhost:", "[::1]")):
+        return "check that what serves it on this machine still runs, and what else keeps the machine busy"
+    return "check cable, power and address"
+
+
 class LostError(CommunicationError):
     """The connection itself is gone; only opening it anew can help."""
 
@@ -44,7 +51,7 @@ class Wire:
             with self._writing:
                 self._send(message)
         except (OSError, TypeError) as error:
-            raise LostError(f"{self.address}: cannot write ({error}); check cable, power and address") from error
+            raise LostError(f"{self.address}: cannot write ({error}); {what_to_check(self.address)}") from error
 
     def read_until(self, end: bytes, timeout: float) -> bytes:
         """What comes up to an end mark, without it.
@@ -96,13 +103,13 @@ class Wire:
     def _wait_for_more(self, deadline: float, timeout: float, progress: str = "") -> None:
         if not self._take() and time.monotonic() > deadline:
             rest = f"; {show(self._come)} came without its end" if self._come and not progress else ""
-            raise CommunicationError(f"{self.address}: no answer within {timeout:g} s{progress}{rest}; check cable, power and address")
+            raise CommunicationError(f"{self.address}: no answer within {timeout:g} s{progress}{rest}; {what_to_check(self.address)}")
 
     def _take(self) -> bool:
         try:
             more = self._receive()
         except (OSError, TypeError) as error:
-            raise LostError(f"{self.address}: the connection is gone ({error}); check cable, power and address") from error
+            raise LostError(f"{self.address}: the connection is gone ({error}); {what_to_check(self.address)}") from error
         self._come += more
         return bool(more)
 

@@ -6,6 +6,7 @@ state of the world, exposure, gain and how many frames of just that went before 
 frames.
 """
 
+import math
 import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -24,7 +25,8 @@ from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.image.sensor_response import SensorResponse, digitise
-from flflab.targets import White
+from flflab.optics.camera import Camera
+from flflab.targets import Target, White
 from sim.faults import Faults
 from sim.scpi import BlockError, Handler, ScpiError, decimal, limits_or, name_among, no_parameters, number_within
 from sim.world import Scene, World, sharp_distance
@@ -36,6 +38,7 @@ BUFFER = 4  # frames
 TOLERANCE = 5e-4  # of the drawn picture, in units of white level: bars measured in fifty pictures show one of 0.002
 WHITE_TOLERANCE = 3e-5  # the rims of a white frame's micro-images show a radius to a ten thousandth of a pixel
 PICTURES = 4  # noise-free pictures kept
+COARSE = 16  # pixels of a warm-up's coarse ones, each way
 
 
 @dataclass(frozen=True)
@@ -87,11 +90,18 @@ class SimulatedCamera:
             return self._running.ready if self._running else -np.inf
 
     def warm_up(self) -> None:
-        """Draw and digitise a few pixels of every target, so that everything is compiled when the first frame is asked for."""
-        camera, distance = self._world.optics, sharp_distance(self._world.optics)
-        few = replace(camera, sensor=replace(camera.sensor, resolution=(32, 32)))
+        """Draw and digitise a few pixels of every target as the bench stands, so that all that a first frame needs is compiled before."""
+        now = self._world.scene(self._world.clock.now())
+        camera, distance = now.camera or self._world.optics, now.distance or sharp_distance(self._world.optics)
+        columns, rows = camera.sensor.resolution
+        middle = replace(camera.sensor, resolution=(32, 32))
+        coarse = replace(
+            camera.sensor, resolution=(math.ceil(columns / COARSE), math.ceil(rows / COARSE)), pixel=camera.sensor.pixel * COARSE
+        )
         for target in self._world.targets.values():
-            picture = render(in_light(one_plane(few, target, distance), self._world.wavelength), tolerance=TOLERANCE)
+            picture = self._drawn(replace(camera, sensor=middle), target, distance)
+            if not picture.any():  # dots stand elsewhere
+                picture = self._drawn(replace(camera, sensor=coarse), target, distance)
             digitise(picture, 1000.0, self.response(1.0), noise_key("warm-up"))
 
     @property
@@ -263,14 +273,15 @@ class SimulatedCamera:
                 if scene.camera is None or scene.distance is None:
                     picture = np.zeros((rows, columns))
                 else:
-                    tolerance = WHITE_TOLERANCE if isinstance(scene.target, White) else TOLERANCE
-                    drawn = render(
-                        in_light(one_plane(scene.camera, scene.target, scene.distance), self._world.wavelength), tolerance=tolerance
-                    )
-                    picture = np.maximum(drawn, 0.0)  # sums of strips leave a rounding error below black
+                    picture = self._drawn(scene.camera, scene.target, scene.distance)
                 kept = list(self._pictures.items())[1 - PICTURES :]
                 self._pictures = dict([*kept, (scene.state, picture)])
             return self._pictures[scene.state]
+
+    def _drawn(self, camera: Camera, target: Target, distance: float) -> npt.NDArray[np.float64]:
+        tolerance = WHITE_TOLERANCE if isinstance(target, White) else TOLERANCE
+        drawn = render(in_light(one_plane(camera, target, distance), self._world.wavelength), tolerance=tolerance)
+        return np.maximum(drawn, 0.0)  # sums of strips leave a rounding error below black
 
     def response(self, gain: float) -> SensorResponse:
         """The sensor at a gain."""

@@ -153,16 +153,19 @@ def _check_faults(bench: Bench) -> None:
             raise InputError(f"{bench.file}: simulated.faults: '{fault.fault}' is no fault of {fault.device}; allowed: {', '.join(known)}")
 
 
-def warm_up(served: Served) -> threading.Thread:
-    """Compile what drawing needs, in a thread of its own, while the client homes the stages."""
+def warm_up(served: Served, then: Callable[[], object] = lambda: None) -> threading.Thread:
+    """Compile what drawing needs, in a thread of its own, while the client homes the stages; ``then`` is called at the end."""
     cameras = [instrument for address in served.scpi for instrument in address.instruments if isinstance(instrument, SimulatedCamera)]
     cameras += [line.camera for line in served.lines if isinstance(line, FolderLine)]
 
     def draw() -> None:
         # Pools take no work once the interpreter ends; what else fails, fails again when a frame is asked for.
         with contextlib.suppress(RuntimeError):
-            for camera in cameras:
-                camera.warm_up()
+            try:
+                for camera in cameras:
+                    camera.warm_up()
+            finally:
+                then()
 
     thread = threading.Thread(target=draw, name="warm-up", daemon=True)
     thread.start()
@@ -195,7 +198,7 @@ def _as_written(address: str) -> str:
 def main(bench_file: Path, port: int = 0, *, pty: bool = False, json_line: bool = False, write_bench_file: Path | None = None) -> None:
     """Serve a bench until SIGINT, SIGTERM or, where standard input is a pipe, its end: simulators die with their parent.
 
-    Prints one flushed line of JSON with all addresses, or lines for people.
+    Prints one flushed line of JSON with all addresses and, once all that a first frame needs is compiled, another; or lines for people.
 
     Raises:
         InputError: the bench cannot be read, simulated or written.
@@ -209,8 +212,13 @@ def main(bench_file: Path, port: int = 0, *, pty: bool = False, json_line: bool 
         if write_bench_file:
             write_bench(bench, served, write_bench_file)
         print(json.dumps(served.addresses) if json_line else _for_people(served), flush=True)
-        warm_up(served)
+        warm_up(served, lambda: _say_ready(json_line=json_line))
         wait_for_the_end()
+
+
+def _say_ready(*, json_line: bool) -> None:
+    with contextlib.suppress(OSError):  # nobody listens any more
+        print(json.dumps({"ready": True}) if json_line else "Everything is compiled: frames come at their usual pace.", flush=True)
 
 
 def _for_people(served: Served) -> str:

@@ -164,6 +164,20 @@ def test_a_simulated_bench_that_does_not_start_says_its_last_words(tmp_path: Pat
         SimulatedBench(tmp_path / "no-such.yaml")
 
 
+def test_a_simulated_bench_is_asked_for_its_first_frame_when_what_draws_it_is_compiled(
+    root: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    bench = SimulatedBench(root / "examples" / "benches" / "simulated.yaml")
+    try:
+        with pytest.raises(CommunicationError, match=r"simulated\.yaml: the simulated bench still compiles .* after 0 s; see what else"):
+            bench.wait_until_ready(timeout=0.0)
+        assert capfd.readouterr().err == "the simulated bench compiles what draws its pictures; the next run need not wait for it\n"
+        bench.wait_until_ready()
+        bench.wait_until_ready(timeout=0.0)
+    finally:
+        bench.close()
+
+
 def test_what_is_wrong_with_the_whole_simulated_bench_is_told_once(root: Path, tmp_path: Path) -> None:
     text = (root / "examples" / "benches" / "simulated.yaml").read_text(encoding="utf-8")
     text = text.replace("faults: []", "faults: [{device: sensor_stage, fault: silent}]").replace("../cameras", f"{root}/examples/cameras")

@@ -1,5 +1,6 @@
 """The SCPI camera, iris and wheel against lines written down by hand from docs/scpi-camera.md, and every way a frame can go wrong."""
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -11,6 +12,7 @@ from drivers.cameras.scpi import ScpiCamera
 from drivers.scpi_link import ScpiLink, on_link, split
 from drivers.scpi_settings import ScpiIris, ScpiTarget
 from drivers.setting import Setting
+from drivers.transport import what_to_check
 from flflab.errors import CommunicationError, DeviceError, LimitError, MotionError
 
 Play = Callable[[list[tuple[bytes, object]]], str]
@@ -68,6 +70,17 @@ def test_preparing_sets_exposure_and_gain_and_reads_back_what_became_of_them(dia
     camera.close()
 
 
+def test_a_camera_that_cannot_take_a_picture_yet_is_not_asked_for_one(dialogue: Play) -> None:
+    def not_yet() -> None:
+        raise CommunicationError("the bench still compiles")
+
+    camera = Camera("camera", on_link(ScpiLink("camera", dialogue(BEGIN), timeout=0.3), ScpiCamera), not_yet)
+    with pytest.raises(CommunicationError, match="still compiles"):
+        camera.grab()
+    assert camera.dropped == 0
+    camera.close()
+
+
 def test_who_waits_for_the_light_is_told_when_it_is_in_before_the_frame_is_asked_for(dialogue: Play) -> None:
     busy: list[tuple[bytes, object]] = [(b"EXP:BUSY?\n", b"1\n"), (b"EXP:BUSY?\n", b"0\n")]
     camera = camera_at(dialogue([*BEGIN, *INIT, *busy, (b"FETC?\n", frame())]))
@@ -75,6 +88,17 @@ def test_who_waits_for_the_light_is_told_when_it_is_in_before_the_frame_is_asked
     taken = camera.grab(lambda: told.append(True))
     assert told == [True]
     assert np.array_equal(taken.picture, PIXELS)
+    camera.close()
+
+
+def test_a_late_frame_is_told_with_one_advice_and_without_a_cable_where_this_machine_serves_it(dialogue: Play) -> None:
+    camera = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", b"")]))
+    with pytest.raises(CommunicationError) as told:
+        camera.grab()
+    said = re.sub(r"[\d.]+ s", "_ s", str(told.value))
+    assert said.endswith("no answer within _ s; check that what serves it on this machine still runs, and what else keeps the machine busy")
+    assert said.count(";") == 1
+    assert what_to_check("10.0.0.7:5025") == what_to_check("/dev/ttyUSB0") == "check cable, power and address"
     camera.close()
 
 

@@ -18,6 +18,28 @@ from flflab.errors import InputError
 from sim.serve import serve, write_bench
 
 WriteBench = Callable[..., Bench]
+READY = b'{"ready": true}\n'
+FIRST_FRAMES = """
+import gc, sys, threading
+from pathlib import Path
+from numba.core.dispatcher import Dispatcher
+from flflab.bench import read_bench
+from sim.motion import rest
+from sim.serve import serve, warm_up
+
+def compiled():
+    return {(one.py_func.__qualname__, types) for one in gc.get_objects() if isinstance(one, Dispatcher) for types in one.signatures}
+
+with serve(read_bench(Path(sys.argv[1]))) as served:
+    warm_up(served).join()
+    warm, ended = compiled(), threading.Event()
+    [camera] = [one for address in served.scpi for one in address.instruments if hasattr(one, "warm_up")]
+    for place in range(len(served.world.targets)):
+        served.world.wheel.motion = rest(place)
+        camera.commands["INITiate"]([], ended)
+        assert camera.next_frame(ended)[1].any()
+    print(compiled() - warm)
+"""
 CHILD = "import sys; from pathlib import Path; from sim.serve import main; main(Path(sys.argv[1]), json_line=True)"
 
 
@@ -111,7 +133,7 @@ def start(bench: Bench, root: Path, stdin: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-c", CHILD, str(bench.file)], stdin=stdin, stdout=subprocess.PIPE, cwd=root)
 
 
-def test_it_prints_one_line_and_ends_with_its_standard_input(write_bench_file: WriteBench, root: Path) -> None:
+def test_it_prints_its_addresses_and_ends_with_its_standard_input(write_bench_file: WriteBench, root: Path) -> None:
     with start(write_bench_file(), root, subprocess.PIPE) as child:
         assert child.stdout is not None
         assert child.stdin is not None
@@ -122,7 +144,26 @@ def test_it_prints_one_line_and_ends_with_its_standard_input(write_bench_file: W
             assert client.recv(10) == b"1\n"
         child.stdin.close()
         assert child.wait(10) == 0
-        assert child.stdout.read() == b""
+        assert child.stdout.read() in (b"", READY)
+
+
+def test_it_says_when_all_that_a_first_frame_needs_is_compiled(write_bench_file: WriteBench, root: Path) -> None:
+    with start(write_bench_file(), root, subprocess.PIPE) as child:
+        assert child.stdout is not None
+        assert child.stdin is not None
+        assert "camera" in json.loads(child.stdout.readline())
+        assert child.stdout.readline() == READY
+        child.stdin.close()
+        assert child.wait(10) == 0
+
+
+@pytest.mark.parametrize("name", ["simulated", "full"])
+def test_a_frame_of_any_target_needs_no_kernel_that_the_warm_up_did_not(write_bench_file: WriteBench, name: str) -> None:
+    """In a process of its own, where no other test has asked for kernels."""
+    child = subprocess.run(
+        [sys.executable, "-c", FIRST_FRAMES, str(write_bench_file(name).file)], capture_output=True, text=True, timeout=280, check=False
+    )
+    assert (child.returncode, child.stderr, child.stdout) == (0, "", "set()\n")
 
 
 def test_it_serves_without_standard_input_until_a_signal(write_bench_file: WriteBench, root: Path) -> None:

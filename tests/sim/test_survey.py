@@ -41,4 +41,4 @@ def test_whoever_takes_too_long_is_said_to(write_bench_file: WriteBench, tmp_pat
         while any(thread.name.startswith("look at") for thread in threading.enumerate()):
             assert time.monotonic() < deadline
             time.sleep(0.01)
-    assert any(row.state == f"{row.name}: no answer within 0 s; check cable, power and address" for row in rows)
+    assert any(row.state.startswith(f"{row.name}: no answer within 0 s; check that what serves it on this machine") for row in rows)
