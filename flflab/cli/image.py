@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flflab.camera_file import read_camera
+from flflab.cli.at_work import told_at_work
 from flflab.cli.ending import print_json
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
@@ -57,15 +58,17 @@ def image(
     truth_file = out.with_suffix(".json")
     _require_ours(truth_file)
     pictured = read_scene(scene, camera) if scene is not None else _short(camera or Path(), target, distance or "", wavelength)
-    report = take_picture(
-        pictured.scene,
-        tolerance=tolerance,
-        effects=effects,
-        seed=seed,
-        response=pictured.response,
-        electrons_at_white=pictured.electrons_at_white,
-        budget=None if time_budget is None else parse_quantity(time_budget, "time"),
-    )
+    budget = None if time_budget is None else parse_quantity(time_budget, "time")
+    with told_at_work():
+        report = take_picture(
+            pictured.scene,
+            tolerance=tolerance,
+            effects=effects,
+            seed=seed,
+            response=pictured.response,
+            electrons_at_white=pictured.electrons_at_white,
+            budget=budget,
+        )
     mosaic = pictured.scene.colour_filter
     if mosaic is None:
         write_picture(out, report.image)

@@ -1,0 +1,37 @@
+"""What a command that says nothing for a while tells an operator: that it is still at work, and for how long."""
+
+import contextlib
+import threading
+from collections.abc import Generator
+
+from rich.console import Console
+from rich.progress import Progress, TextColumn, TimeElapsedColumn
+
+SILENCE_S = 2.0
+WORDS = "still at work; what forms a picture of a new kind is compiled the first time, which may take two minutes"
+
+
+@contextlib.contextmanager
+def told_at_work() -> Generator[None]:
+    """Says on standard error, once it has lasted two seconds, that it goes on: with the time on a terminal, one line elsewhere."""
+    ended = threading.Event()
+    console = Console(stderr=True)
+    columns = TimeElapsedColumn(), TextColumn("{task.description}")
+    with Progress(*columns, console=console, transient=True, auto_refresh=False, disable=not console.is_terminal) as shown:
+        task = shown.add_task(WORDS, visible=False)
+
+        def tell() -> None:
+            if ended.wait(SILENCE_S):
+                return
+            if not console.is_terminal:
+                console.print(WORDS, soft_wrap=True, highlight=False)
+            while not ended.wait(1.0):
+                shown.update(task, visible=True, refresh=True)
+
+        teller = threading.Thread(target=tell, name="at work")
+        teller.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            teller.join()
