@@ -5,6 +5,7 @@ stages stand off by errors drawn from what the bench file says of them, and meas
 the blur is less well known than beside it.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -21,6 +22,7 @@ from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.optics.camera import Camera
+from flflab.prediction import contrast_draws, drawn_errors, placements
 from flflab.study import Configuration, Study
 from flflab.targets import White
 from flflab.workers import results
@@ -35,15 +37,17 @@ class Expectation:
     Attributes:
         configuration: its index.
         exposure_s: by the exposure rule.
-        looks: frames of the bars and the largest standard uncertainty of the MTF in their mean: the study's number of frames first,
-            then those that the accuracy asked for takes. Empty where the bars cannot be measured.
+        looks: frames of the bars and the largest standard uncertainty of the MTF in their mean, by noise alone: the study's number of
+            frames first, then those that the accuracy asked for takes. Empty where the bars cannot be measured.
         why: why they cannot be; else empty.
+        by_stages: the largest standard uncertainty of the predicted MTF by what the stages may be off; nan where there are no looks.
     """
 
     configuration: int
     exposure_s: float
     looks: tuple[Look, ...]
     why: str = ""
+    by_stages: float = math.nan
 
 
 def expected_noise(bench: Bench) -> SensorNoise:
@@ -74,6 +78,7 @@ def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectat
         for target in (White(), study.bars)
     )
     looks: tuple[Look, ...] = ()
+    by_stages = math.nan
     due = description.exposure.frames
 
     def taken(mean: Array, frames: int) -> Array:
@@ -86,21 +91,35 @@ def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectat
                 taken(bars, due), lattice, camera, study.bars, configuration.distance, noise.of_mean(due), wavelength=light
             )
             looks = (*looks, Look(due, float(curve.uncertainty.max())))
+            by_stages = _by_stages(configuration, study, bench, curve.cycles_per_mm)
             if description.mtf_standard_uncertainty is not None:
                 due = frames_due(looks, description.mtf_standard_uncertainty, description.exposure.most_frames)
     except MeasurementError as error:
-        return Expectation(configuration.index, exposure, looks, str(error))
-    return Expectation(configuration.index, exposure, looks)
+        return Expectation(configuration.index, exposure, looks, str(error), by_stages)
+    return Expectation(configuration.index, exposure, looks, by_stages=by_stages)
 
 
-def _as_it_may_stand(configuration: Configuration, bench: Bench, rng: np.random.Generator) -> tuple[Camera, float]:
-    """The camera and the target's distance, mm, with one draw of the stages' errors."""
-    sent: dict[Element, float] = {
+def _by_stages(configuration: Configuration, study: Study, bench: Bench, cycles_per_mm: Array) -> float:
+    """The largest standard uncertainty of the predicted MTF where the optics are as described and the stages off as stated."""
+    errors = drawn_errors(bench, study.description.draws, np.random.Generator(np.random.Philox(key=0))).of_the_stages_alone()
+    placement = placements(bench, _places(configuration), errors)
+    draws = contrast_draws(configuration.camera(bench.optics), placement, cycles_per_mm, bench.description.wavelength)
+    return float(draws.std(axis=0).max())
+
+
+def _places(configuration: Configuration) -> dict[Element, float]:
+    """World z of every element where it is sent, mm."""
+    return {
         "main_lens.z": 0.0,
         "array.z": configuration.array,
         "sensor.z": configuration.sensor,
         "target.z": -configuration.distance,
     }
+
+
+def _as_it_may_stand(configuration: Configuration, bench: Bench, rng: np.random.Generator) -> tuple[Camera, float]:
+    """The camera and the target's distance, mm, with one draw of the stages' errors."""
+    sent = _places(configuration)
     stands = dict(sent)
     for element, place in sent.items():
         if (found := bench.description.axis_of(element)) is not None:

@@ -65,13 +65,17 @@ def _expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Exp
 
 
 def _expected_table(expected: list[Expectation], study: Study) -> Table:
-    """One line a configuration: exposure, frames of the bars, how sure the MTF will be."""
+    """One line a configuration: exposure, frames of the bars, how sure the MTF will be by noise, and how far the stages leave it open."""
     wanted = study.description.mtf_standard_uncertainty
     asked = "" if wanted is None else f", {wanted:g} asked for"
-    table = Table(box=box.SIMPLE_HEAD, title=f"Expected standard uncertainty of the MTF{asked}")
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        title=f"Expected standard uncertainty of the MTF: by the frames' noise alone{asked}; what the stages may be off comes on top",
+    )
     for head in ("", "F/", "target mm", "array mm", "sensor mm", "exposure ms", "frames"):
         table.add_column(head, justify="right", overflow="fold")
-    table.add_column("u of the MTF", overflow="fold")
+    table.add_column("u by noise", overflow="fold")
+    table.add_column("u by stages", justify="right")
     besides = any(setting.besides for setting in study.configurations)
     if besides:
         table.add_column("set besides", overflow="fold")
@@ -81,19 +85,23 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
         said = f"not measurable: {one.why}" if last is None else f"{last.uncertainty:.2g}"
         if last is not None and wanted is not None and last.uncertainty > wanted:
             said += f", not reached with {last.frames} frames"
+        stages = "" if last is None else f"{one.by_stages:.2g}"
         frames = "" if last is None else str(last.frames)
         place = f"{setting.f_number:g}", f"{setting.distance:g}", f"{setting.array:g}", f"{setting.sensor:.4f}"
-        table.add_row(str(one.configuration), *place, f"{1e3 * one.exposure_s:.3g}", frames, said, *([setting.besides] if besides else []))
+        table.add_row(
+            str(one.configuration), *place, f"{1e3 * one.exposure_s:.3g}", frames, said, stages, *([setting.besides] if besides else [])
+        )
     return table
 
 
 def _write(expected: list[Expectation], study: Study, file: Path) -> None:
     places = "configuration", "f_number", "distance_mm", "array_mm", "sensor_mm"
-    rows: list[list[object]] = [[*places, "exposure_s", "frames", "mtf_standard_uncertainty", "besides"]]
+    rows: list[list[object]] = [[*places, "exposure_s", "frames", "mtf_standard_uncertainty", "mtf_uncertainty_by_stages", "besides"]]
     for one in expected:
         setting = study.configurations[one.configuration]
         look = one.looks[-1] if one.looks else None
         place = setting.index, setting.f_number, setting.distance, setting.array, setting.sensor
-        numbers = one.exposure_s, "" if look is None else look.frames, "" if look is None else look.uncertainty, setting.besides
+        found = ("", "", "") if look is None else (look.frames, look.uncertainty, one.by_stages)
+        numbers = one.exposure_s, *found, setting.besides
         rows.append([f"{value:.10g}" if isinstance(value, float) else value for value in (*place, *numbers)])
     write_csv(file, rows)

@@ -1,5 +1,7 @@
 """``flflab plan``: what it prints and what it refuses; nothing connects."""
 
+import csv
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,3 +28,22 @@ def test_a_plan_out_of_reach_ends_in_one_sentence(asked: str, says: str, flflab:
     assert ended.err.startswith("flflab: configuration 0: ")
     assert says in ended.err
     assert ended.err.count("\n") == 1
+
+
+def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_it_open(
+    flflab: Run, small_camera: Path, tmp_path: Path
+) -> None:
+    text = (FULL.parent / "simulated.yaml").read_text(encoding="utf-8").replace("../cameras/osinski.yaml", small_camera.name)
+    exact = re.sub(r"zero_uncertainty: .*", "zero_uncertainty: 0 mm", re.sub(r"scale_uncertainty: .*", "scale_uncertainty: 0", text))
+    study = tmp_path / "study.yaml"
+    target = "bars: {kind: bars, cycles_per_mm: [0.5, 10], width: 12 mm, height: 8 mm}\n"
+    study.write_text(f"name: near\nconfigurations: [{{f_number: 4, distance: 507 mm}}]\n{target}", encoding="utf-8")
+    told: dict[str, dict[str, str]] = {}
+    for name, bench in (("as stated", text), ("exact", exact)):
+        (tmp_path / "bench.yaml").write_text(bench, encoding="utf-8")
+        ended = flflab("plan", study, "--bench", tmp_path / "bench.yaml", "--out", tmp_path / "plan.csv")
+        assert ended.code == 0, ended.err
+        assert "by the frames' noise alone; what the stages may be off comes on top" in " ".join(ended.out.split())
+        [told[name]] = csv.DictReader((tmp_path / "plan.csv").read_text(encoding="utf-8").splitlines())
+    assert float(told["as stated"]["mtf_uncertainty_by_stages"]) > 20 * float(told["as stated"]["mtf_standard_uncertainty"]) > 0
+    assert float(told["exact"]["mtf_uncertainty_by_stages"]) < 1e-12
