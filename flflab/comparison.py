@@ -22,6 +22,7 @@ PROPERTY_NAMES = {
     "overlap_mm": "overlap", "depth_of_field_mm": "depth of field", "light": "marginal light", "elr_row_px": "effective lateral resolution",
     "dot_distance_mm": "depth of the dots", "array_attitude_mrad": "tilt and roll of the array",
 }  # fmt: skip
+AS_FAR_OFF = "benches as far off"  # what a p-value is called where people read it
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,11 @@ def z_score(difference: float, uncertainty: float) -> float:
     return difference / uncertainty if uncertainty > 0 else math.copysign(math.inf, difference)
 
 
+def percent(share: float) -> str:
+    """A share for people: ``33.7 %``."""
+    return f"{100 * share:.3g} %"
+
+
 def count_spread(draws: npt.NDArray[np.int64], expected: npt.NDArray[np.int64]) -> Array:
     """Standard uncertainty of predicted counts: spread over the draws round the nominal count.
 
@@ -130,7 +136,7 @@ def judge(quantity: str, measured: Array, noise: Array, draws: Array, threshold:
     accepted = p_value >= threshold
     sentence = (
         f"{PROPERTY_NAMES.get(quantity, quantity)}: {count} values {'agree' if accepted else 'do not agree'} with the model; "
-        f"of benches built and measured as stated, {100 * p_value:.3g} % disagree at least as much (rejected below {100 * threshold:.3g} %)"
+        f"of benches built and measured as stated, {percent(p_value)} disagree at least as much (rejected below {percent(threshold)})"
     )
     return Verdict(quantity, count, p_value, threshold, accepted, sentence)
 

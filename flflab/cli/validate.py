@@ -11,7 +11,7 @@ from rich.table import Table
 from flflab.bench import read_bench
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
-from flflab.comparison import PROPERTY_NAMES, write_rows
+from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent, write_rows
 from flflab.diagnosis import not_told_apart
 from flflab.errors import InputError
 from flflab.evaluation import Evaluation, evaluate
@@ -82,11 +82,11 @@ def _verdicts(evaluation: Evaluation) -> Table:
     """One line a property: how many benches built and measured as stated disagree at least as much."""
     table = Table(box=box.SIMPLE, title="Verdicts")
     table.add_column("", no_wrap=True)
-    for head in ("values", "benches as far off", "rejected below"):
+    for head in ("values", AS_FAR_OFF, "rejected below"):
         table.add_column(head, justify="right")
     table.add_column("")
     for one in evaluation.comparison.verdicts:
-        shares = (f"{100 * share:.3g} %" for share in (one.p_value, one.threshold))
+        shares = (percent(share) for share in (one.p_value, one.threshold))
         table.add_row(
             PROPERTY_NAMES.get(one.quantity, one.quantity), str(one.rows), *shares, "agrees" if one.accepted else "[bold]rejected[/bold]"
         )

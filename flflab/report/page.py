@@ -8,7 +8,7 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined, Template
 
 from flflab.bench import Bench
-from flflab.comparison import PROPERTY_NAMES
+from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent
 from flflab.diagnosis import not_told_apart
 from flflab.errors import RecordError
 from flflab.evaluation import Evaluation
@@ -61,6 +61,8 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         comparison=evaluation.comparison,
         headline=headline(evaluation),
         names=PROPERTY_NAMES,
+        as_far_off=AS_FAR_OFF,
+        percent=percent,
         exact=exact,
         dots=dots,
         simulated=f"{len(local)} of {devices} devices" if local else "",

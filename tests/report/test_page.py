@@ -88,8 +88,9 @@ def test_the_verdict_comes_first_with_its_numbers(page: Page, evaluation: Evalua
     body = page.text[page.text.index("flflab: a focused light field camera") :]
     assert body.index("The camera does what its model says.") < 200
     for verdict in evaluation.comparison.verdicts:
-        assert f"{PROPERTY_NAMES[verdict.quantity]} {verdict.rows} {verdict.p_value:.3g} {verdict.threshold:.3g} agrees" in body
-        assert f"{verdict.rows} {verdict.p_value:g} {verdict.threshold:g} agrees" in body
+        shares = f"{100 * verdict.p_value:.3g} % {100 * verdict.threshold:.3g} %"
+        assert f"{PROPERTY_NAMES[verdict.quantity]} {verdict.rows} {shares} agrees" in body
+    assert "quantity values compared benches as far off rejected below verdict" in body
     assert "exact for 12 of 12 dots (100.0 %)" in body
     assert "Signature" in body
 
@@ -158,7 +159,7 @@ def test_a_rejected_comparison_says_so_and_which_quantity(single: Evaluation, ru
     source = (tmp_path / "report.html").read_text(encoding="utf-8")
     text = Page(source).text
     assert "The camera does not do what its model says: number of views disagrees." in text
-    assert "12 0.001 0.025 rejected" in text
+    assert "12 0.1 % 2.5 % rejected" in text
     assert "does what its model says" not in text
     assert 'class="verdict rejected"' in source
 
