@@ -5,7 +5,7 @@ Reads a record, never a bench: the same function serves a run that just ended an
 
 import contextlib
 import os
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -65,7 +65,14 @@ class Evaluation:
     suspects: tuple[Suspect, ...]
 
 
-def evaluate(run: Run, study: Study, bench: Bench, seed: int = 0) -> Evaluation:
+Tell = Callable[[int, int], object]
+
+
+def tell_nobody(done: int, total: int) -> None:
+    """Keep progress to oneself."""
+
+
+def evaluate(run: Run, study: Study, bench: Bench, seed: int = 0, tell: Tell = tell_nobody) -> Evaluation:
     """Measure and predict every configuration of a run, and compare.
 
     Args:
@@ -73,14 +80,19 @@ def evaluate(run: Run, study: Study, bench: Bench, seed: int = 0) -> Evaluation:
         study: the study as recorded with it.
         bench: the bench as recorded with it.
         seed: of the draws behind uncertainties and verdicts.
+        tell: called with how many configurations are measured, of how many, before the first and after each.
 
     Raises:
         MeasurementError: a configuration's frames are missing or do not show what they should.
     """
     # The measurement's kernels let other threads run, so every core measures a configuration of its own.
+    measured: list[Measured] = []
+    tell(0, len(study.configurations))
     with measuring_threads() as pool:
-        measured = tuple(pool.map(lambda configuration: measure_configuration(run, configuration, study, bench), study.configurations))
-    return evaluate_measured(measured, study, bench, seed)
+        for one in pool.map(lambda configuration: measure_configuration(run, configuration, study, bench), study.configurations):
+            measured.append(one)
+            tell(len(measured), len(study.configurations))
+    return evaluate_measured(tuple(measured), study, bench, seed)
 
 
 @contextlib.contextmanager

@@ -162,7 +162,9 @@ def describe_last(instruments: Instruments) -> str:
     """The last frame that arrived in a few words, and how well its MTF is known where that was looked at."""
     if (last := instruments.frames.arrived) is None:
         return ""
-    said = f"{last.shot.key}: {last.frame.exposure_s * 1e3:.3g} ms"
+    kind = last.shot.key.split("/")[0 if last.shot.configuration == NO_CONFIGURATION else 1]
+    of = "" if last.shot.configuration == NO_CONFIGURATION else f"configuration {last.shot.configuration}, "
+    said = f"{of}{kind}, frame {last.shot.repeat}: exposure {last.frame.exposure_s * 1e3:.3g} ms"
     said += f", {last.saturated} px saturated" if last.saturated else ""
     looks = instruments.accuracy.looks.get(last.shot.configuration)
     return said + (f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames" if looks else "")

@@ -161,11 +161,20 @@ def seeded(bench_file: Path, seed: int | None) -> Generator[Path, None, None]:
 
 
 @contextlib.contextmanager
-def measuring(folder: Path, command: str) -> Generator[None]:
-    """Says what it is at; at Ctrl-C, with which command the recorded run is measured again."""
+def measuring(folder: Path, command: str) -> Generator[Callable[[int, int], None]]:
+    """Says what it is at, of how many configurations as far as it is told; at Ctrl-C, with which command the run is measured again."""
+    console = Console(stderr=True)
+    console.print("all recorded; measuring and comparing", highlight=False)
+    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     try:
-        with Console(stderr=True).status("measure and compare"):
-            yield
+        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+            task = bar.add_task("measure", total=None)
+
+            def tell(done: int, total: int) -> None:
+                doing = "configurations measured" if done < total else "compare with the model"
+                bar.update(task, total=total, completed=done, description=doing)
+
+            yield tell
     except KeyboardInterrupt:
         sys.stderr.write(f"flflab: everything is recorded, `flflab {command} {folder}` measures it\n")
         raise
@@ -178,16 +187,16 @@ def progress_shown() -> Generator["Tell", None, None]:
     if not console.is_terminal:
         yield _lines()
         return
-    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("connect", total=None)
         shows = ""
 
         def tell(step: "Step") -> None:
             nonlocal shows
-            left = f"about {in_words(step.seconds_left)} left" if step.done else ""
+            left = f"about {in_words(step.seconds_left)} of recording left" if step.done else ""
             now = step.step.partition(":")[0]
-            bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{step.last}  {left}[/dim]")
+            bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{left}  {step.last}[/dim]")
             if step.shows and step.shows != shows:
                 bar.console.print(step.shows, style="dim", highlight=False, markup=False)
             shows = step.shows
@@ -209,7 +218,7 @@ def _lines() -> Callable[["Step"], None]:
     def tell(step: "Step") -> None:
         nonlocal last, shows
         if step.last and step.last != last:
-            sys.stderr.write(f"{step.done}/{step.total}, about {in_words(step.seconds_left)} left: {step.last}\n")
+            sys.stderr.write(f"{step.done}/{step.total}, about {in_words(step.seconds_left)} of recording left: {step.last}\n")
         if step.shows and step.shows != shows:
             sys.stderr.write(f"{step.shows}\n")
         last, shows = step.last, step.shows

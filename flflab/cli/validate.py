@@ -14,7 +14,7 @@ from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent, write_rows
 from flflab.diagnosis import not_told_apart
 from flflab.errors import InputError
-from flflab.evaluation import Evaluation, evaluate
+from flflab.evaluation import Evaluation, Tell, evaluate, tell_nobody
 from flflab.record import Run
 from flflab.study import read_study
 
@@ -33,12 +33,13 @@ def validate(
     conclude(run)
 
 
-def judged(run: Run, bench_file: Path | None = None) -> tuple[Evaluation, Path]:
+def judged(run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody) -> tuple[Evaluation, Path]:
     """Evaluate a run and write its table and page beside it.
 
     Args:
         run: the record.
         bench_file: the bench to hold it against, a calibrated one for instance; the recorded one without it.
+        tell: called with how many configurations are measured, of how many.
 
     Returns:
         What was found, and the page.
@@ -52,7 +53,7 @@ def judged(run: Run, bench_file: Path | None = None) -> tuple[Evaluation, Path]:
         raise InputError(f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} without a study has nothing to compare")
     bench = read_bench(bench_file or run.folder / "bench.yaml")
     study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
-    evaluation = evaluate(run, study, bench)
+    evaluation = evaluate(run, study, bench, tell=tell)
     besides = f"-{bench_file.stem}" if bench_file else ""
     write_rows(evaluation.comparison.rows, run.folder / f"comparison{besides}.csv")
     page = run.folder / f"report{besides}.html"
@@ -63,8 +64,8 @@ def judged(run: Run, bench_file: Path | None = None) -> tuple[Evaluation, Path]:
 def conclude(run: Run, bench_file: Path | None = None) -> None:
     """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is rejected."""
     console = Console()
-    with measuring(run.folder, "report"):
-        evaluation, page = judged(run, bench_file)
+    with measuring(run.folder, "report") as tell:
+        evaluation, page = judged(run, bench_file, tell)
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
     accepted = evaluation.comparison.accepted

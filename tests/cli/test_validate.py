@@ -50,12 +50,16 @@ def study(tmp_path: Path) -> Path:
 @pytest.mark.ci
 @pytest.mark.timeout(300)
 def test_an_honest_bench_is_accepted_and_leaves_its_files(
-    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path
+    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
     out = tmp_path / "run"
     ended = flflab("validate", study, "--bench", small_bench(), "--out", out)
     assert ended.code == 0, ended.err
     assert "The camera does what its model says." in ended.out
+    assert "benches as far off" in ended.out
+    assert re.search(r"^\d+/\d+, about \d+ s of recording left: configuration 0, white, frame 0: exposure [\d.]+ ms$", ended.err, re.M)
+    assert ended.err.endswith("all recorded; measuring and comparing\n")
     assert {"report.html", "comparison.csv", "documents.jsonl", "frames.h5"} <= {file.name for file in out.iterdir()}
     with (out / "comparison.csv").open(encoding="utf-8") as handle:
         rows = list(csv.DictReader(handle))
@@ -70,7 +74,11 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     again = flflab("validate", study, "--bench", small_bench(), "--out", out)
     assert (again.code, "never overwritten" in again.err) == (1, True)
     before = (out / "comparison.csv").read_bytes()
-    assert flflab("report", out).code == 0
+    with monkeypatch.context() as terminal:
+        terminal.setenv("FORCE_COLOR", "1")
+        shown = flflab("report", out)
+    assert shown.code == 0
+    assert re.search(r"2/2.*compare with the model", shown.err)  # configurations
     assert (out / "comparison.csv").read_bytes() == before
     other = small_bench()
     other.write_text(other.read_text(encoding="utf-8").replace("zero: 40 mm", "zero: 40.02 mm"), encoding="utf-8")

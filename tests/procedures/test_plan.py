@@ -104,7 +104,9 @@ def test_a_study_is_recorded_point_by_point(study: Study, bench: ConnectedBench,
     assert [step.done for step in told] == list(range(told[-1].total + 1))
     said = {step.last for step in told} - {""}
     assert len(said) >= 5
-    assert said <= {f"{frame.key}: {1e3 * frame.exposure_s:.3g} ms" for frame in run.frames}  # each frame with its own exposure
+    own = {frame.key: f"frame 0: exposure {1e3 * frame.exposure_s:.3g} ms" for frame in run.frames}  # each frame with its own exposure
+    due = {f"configuration {key[1]}, {key.split('/')[1]}, {words}" for key, words in own.items() if key[0] == "c"}
+    assert said <= {*due, f"dark, {own[run.frames[-1].key]}"}
 
 
 def test_every_document_passes_event_models_schemas(study: Study, bench: ConnectedBench, tmp_path: Path) -> None:
