@@ -14,7 +14,9 @@ from flflab.analysis.sequential import Look, split_up
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation
 from flflab.properties.predicted import Predicted
+from flflab.properties.values import Values
 from flflab.record import Run
+from flflab.report.quantities import PANELS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,12 +24,15 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 MEASURED, PREDICTED, PAPER = "black", "#d55e00", "#888888"
+ABOVE = 29  # points from axes to title, over a second axis
 TELLABLE = 12  # configurations in a legend or along an axis
+PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")  # told apart by colour-blind readers
+MARKERS = "os^Dv<>P*Xhp"  # so are these where colours come again
 DOTS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7")  # told apart by colour-blind readers, on white and on a dark frame
 STYLE: dict[Any, Any] = {
     "font.size": 8, "axes.titlesize": 9, "legend.fontsize": 7, "axes.spines.top": False, "axes.spines.right": False,
     "axes.grid": True, "grid.alpha": 0.25, "grid.linewidth": 0.5, "legend.frameon": False, "lines.linewidth": 1.2,
-    "svg.hashsalt": "flflab", "svg.fonttype": "path",
+    "svg.hashsalt": "flflab", "svg.fonttype": "path", "font.sans-serif": ["DejaVu Sans"],
 }  # fmt: skip
 
 
@@ -40,15 +45,35 @@ def _style() -> Generator[None]:
 
 
 def _new(width: float, height: float) -> "Figure":
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=72, layout="constrained")
+    FigureCanvasSVG(figure)  # text is laid out by what draws it
+    return figure
 
 
 def _as_svg(figure: "Figure") -> str:
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)  # here, for savefig draws all of a figure once more to lay it out
+        figure.set_layout_engine(None)
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Creator": None, "Date": None, "Format": None, "Type": None})
     return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue().encode()).decode("ascii")
+
+
+def _legend_below(figure: "Figure") -> None:
+    """Under the axes, where it hides no curve."""
+    figure.legend(loc="outside lower center", ncols=2, handlelength=1.6, columnspacing=1.2)
+
+
+def look(place: int, count: int) -> dict[str, Any]:
+    """Colour and marker of one of so many configurations: shades from blue to red where there are too many to tell apart."""
+    if count > TELLABLE:
+        shade = 0.8 * place / (count - 1)
+        return {"color": (shade, 0.35, 1 - shade), "marker": "."}
+    return {"color": PALETTE[place % len(PALETTE)], "marker": MARKERS[place]}
 
 
 def _rows(rows: tuple[Row, ...], quantity: str, configuration: int | None = None) -> list[Row]:
@@ -63,7 +88,7 @@ def mtf_chart(index: int, curve: ContrastCurve, model: Predicted, rows: tuple[Ro
     """Contrast measured with its own uncertainty, against mean and central 95 % of the predicted draws, over frequency."""
     frequency = curve.cycles_per_mm
     with _style():
-        figure = _new(3.9, 2.9)
+        figure = _new(3.9, 3.3)
         axes = figure.add_subplot()
         low, high = np.percentile(model.contrast_draws, [2.5, 97.5], axis=0)
         axes.axhline(0, color="grey", linewidth=0.6)
@@ -75,9 +100,12 @@ def mtf_chart(index: int, curve: ContrastCurve, model: Predicted, rows: tuple[Ro
         if paper:
             nu, claimed, read = _columns(paper, "cycles_per_mm", "predicted", "measured")
             axes.plot(nu, claimed, ":", color=PAPER, label="eq. (2) of the paper")
-            axes.plot(nu, read, "x", color=PAPER, markersize=3, label="(max - min)/(max + min) read off pixels")
-        axes.set(xlabel="frequency on the target, cycles/mm", ylabel="contrast", title=title, xlim=(0, None))
-        axes.legend(loc="best", handlelength=1.6)
+            axes.plot(nu, read, "x", color=PAPER, markersize=3, label="(max - min)/(max + min) of pixels")
+        else:
+            axes.plot([], [], " ", label="out of the depth of field: no eq. (2)")
+        axes.set(xlabel="frequency on the target, cycles/mm", ylabel="contrast", xlim=(0, None))
+        axes.set_title(title, y=1, pad=ABOVE)
+        _legend_below(figure)
         per_px = float(curve.cycles_per_px[-1] / frequency[-1])
         upper = axes.secondary_xaxis("top", functions=(lambda nu: np.asarray(nu) * per_px, lambda u: np.asarray(u) / per_px))
         upper.set_xlabel("cycles/pixel", fontsize=7)
@@ -85,44 +113,24 @@ def mtf_chart(index: int, curve: ContrastCurve, model: Predicted, rows: tuple[Ro
         return _as_svg(figure)
 
 
-SMALL = {  # what is drawn small, one panel each: title, unit and how many of it the quantity's unit holds
-    "bright_field_mm": ("bright field", "\u00b5m", 1e3),
-    "total_field_mm": ("total field", "\u00b5m", 1e3),
-    "image_pitch_mm": ("pitch of the micro-images", "\u00b5m", 1e3),
-    "overlap_mm": ("overlap", "\u00b5m", 1e3),
-    "dot_distance_mm": ("distance of the dots", "mm", 1.0),
-    "elr_row_px": ("effective lateral resolution", "px", 1.0),
-    "light": ("marginal light", "%", 100.0),
-    "depth_of_field_near_mm": ("depth of field, near end", "mm", 1.0),
-    "depth_of_field_far_mm": ("depth of field, far end", "mm", 1.0),
-    "array_roll_mrad": ("roll of the array", "mrad", 1.0),
-    "array_yaw_mrad": ("yaw of the array (tilt along x)", "mrad", 1.0),
-    "array_pitch_mrad": ("pitch of the array (tilt along y)", "mrad", 1.0),
-}
-
-
 def properties_chart(evaluation: Evaluation) -> str:
     """Measured less predicted of every property beside views and contrast, a panel each.
 
     Black dots with 2 uncertainties of the pictures, on the band of 95 % of the benches that the stated errors of stages and optics allow.
     """
-    panels = {name: [one for one in evaluation.values if one.quantity == name] for name in SMALL}
+    panels = {name: [one for one in evaluation.values if one.quantity == name] for name in PANELS}
     panels = {name: members for name, members in panels.items() if members}
     columns = 3
     with _style():
         figure = _new(7.8, 1.75 * max(1, -(-len(panels) // columns)))
         for place, (name, members) in enumerate(panels.items()):
-            title, unit, many = SMALL[name]
+            title, unit, many = PANELS[name]
             axes = figure.add_subplot(-(-len(panels) // columns), columns, place + 1)
             axes.axhline(0, color=PREDICTED, linewidth=0.8)
-            for one in members:
-                low, high = np.percentile(one.draws - one.expected, [2.5, 97.5], axis=0) * many
-                difference = (one.measured - one.expected) * many
-                at = one.configuration + 0.5 * (np.arange(len(difference)) / max(len(difference) - 1, 1) - 0.5) * (len(difference) > 1)
-                axes.bar(at, high - low, bottom=low, width=0.7 / len(difference), color=PREDICTED, alpha=0.3, linewidth=0)
-                sigma = 2 * np.sqrt(np.diag(one.noise)) * many
-                axes.errorbar(at, difference, sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5)
-            axes.set_title(f"{title}, {unit}", fontsize=8)
+            at, width, low, high, difference, sigma = np.concatenate([_placed(one, many) for one in members], axis=1)
+            axes.bar(at, high - low, bottom=low, width=width, color=PREDICTED, alpha=0.3, linewidth=0)
+            axes.errorbar(at, difference, sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5)
+            axes.set_title(f"{title}, {unit}", fontsize=8, y=1)
             _count(axes, {one.configuration for one in members})
             middle = sum({one.configuration for one in members}) / len({one.configuration for one in members})
             half = max(1.5, 0.7 + max(abs(one.configuration - middle) for one in members))
@@ -131,6 +139,15 @@ def properties_chart(evaluation: Evaluation) -> str:
             axes.use_sticky_edges = False  # a band's end is not the panel's
             axes.autoscale_view(scalex=False)
         return _as_svg(figure)
+
+
+def _placed(one: Values, many: float) -> Array:
+    """Place and width of every value's band in a panel, the band's ends, measured less predicted, and its 2 uncertainties."""
+    low, high = np.percentile(one.draws - one.expected, [2.5, 97.5], axis=0) * many
+    count = len(low)
+    at = one.configuration + (np.linspace(-0.25, 0.25, count) if count > 1 else np.zeros(1))
+    difference, sigma = (one.measured - one.expected) * many, 2 * np.sqrt(np.diag(one.noise)) * many
+    return np.stack([at, np.full(count, 0.7 / count), low, high, difference, sigma])
 
 
 def views_chart(evaluation: Evaluation) -> str | None:
@@ -195,13 +212,15 @@ def ratio_chart(rows: tuple[Row, ...], configuration: int, title: str) -> str:
         _rows(rows, "ratio_mtf", configuration), "cycles_per_mm", "measured", "uncertainty", "predicted"
     )
     with _style():
-        figure = _new(3.9, 2.5)
+        figure = _new(3.9, 2.6)
         axes = figure.add_subplot()
         axes.axhline(1, color="grey", linewidth=0.6)
         axes.plot(nu, predicted, color=PREDICTED, label="predicted, mean")
         axes.errorbar(nu, measured, 2 * sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5, label="measured, ± 2σ of both")
-        axes.set(xlabel="frequency on the target, cycles/mm", ylabel="ratio", title=title, xlim=(0, None))
-        axes.legend(loc="best", handlelength=1.6)
+        axes.set(xlabel="frequency on the target, cycles/mm", ylabel="ratio", xlim=(0, None))
+        axes.set_title(title, y=1)
+        axes.ticklabel_format(axis="y", useOffset=False)
+        _legend_below(figure)
         return _as_svg(figure)
 
 
@@ -217,8 +236,7 @@ def residual_chart(evaluation: Evaluation) -> str | None:
         configurations = sorted({row.configuration for row in rows})
         for place, configuration in enumerate(configurations):
             nu, z = _columns([row for row in rows if row.configuration == configuration], "cycles_per_mm", "z")
-            shade = 0.8 * place / max(len(configurations) - 1, 1)
-            by_frequency.plot(nu, z, ".-", color=(shade, 0.35, 1 - shade), linewidth=0.5, markersize=4, label=str(configuration))
+            by_frequency.plot(nu, z, **look(place, len(configurations)), linewidth=0.5, markersize=4, label=str(configuration))
         by_frequency.set(xlabel="frequency on the target, cycles/mm", ylabel="z", title="MTF: (measured - predicted)/uncertainty")
         if len(configurations) <= TELLABLE:
             by_frequency.legend(title="configuration", ncols=4, loc="best", columnspacing=1)
@@ -249,11 +267,11 @@ def accuracy_chart(run: Run, wanted: float) -> str:
             looks = [one for one in run.accuracy if one.configuration == configuration]
             taken, sure = np.array([[one.frames, one.mtf_standard_uncertainty] for one in looks]).T
             seconds = _bench_seconds(run, configuration)
-            shade = (0.8 * place / max(len(configurations) - 1, 1), 0.35, 1 - 0.8 * place / max(len(configurations) - 1, 1))
+            style = look(place, len(configurations))
             per_frame, lasting = split_up(tuple(Look(int(n), float(u)) for n, u in zip(taken, sure, strict=True)))
             count = np.geomspace(1, 2 * taken[-1], 60)
-            axes.plot(count * seconds, np.sqrt(per_frame / count + lasting), color=shade, linewidth=0.7)
-            axes.plot(taken * seconds, sure, "o", color=shade, markersize=4, label=f"{configuration}: {int(taken[-1])} frames")
+            axes.plot(count * seconds, np.sqrt(per_frame / count + lasting), color=style["color"], linewidth=0.7)
+            axes.plot(taken * seconds, sure, **style, linestyle="none", markersize=4, label=f"{configuration}: {int(taken[-1])} frames")
         asked = f"asked for: {wanted:g}"
         axes.axhline(wanted, color=PREDICTED, linewidth=0.8, label=asked)
         axes.set(xscale="log", yscale="log", xlabel="time of the frames on the bench, s", ylabel="standard uncertainty of the MTF")

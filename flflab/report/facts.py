@@ -116,8 +116,14 @@ def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[
     found += [f"Configuration{'s' if len(places) > 1 else ''} {listed(places)}: {sentence}" for sentence, places in where.items()]
     missing = sum(row.uncertainty <= 0 for row in evaluation.comparison.rows)
     if missing:
-        found.append(f"{missing} rows of the comparison have no uncertainty; their z is 0 or infinite.")
+        have = "has" if missing == 1 else "have"
+        found.append(f"{counted(missing, 'row')} of the comparison {have} no uncertainty: z is 0 or infinite there.")
     return found
+
+
+def counted(many: int, what: str) -> str:
+    """``1 row``, ``2 rows``."""
+    return f"{many} {what}" if many == 1 else f"{many} {what}s"
 
 
 def listed(places: list[int]) -> str:

@@ -17,7 +17,8 @@ from flflab.optics.resolution import central_smms
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run
-from flflab.report.facts import airy_diameter, z_statistics
+from flflab.report.facts import airy_diameter, counted, z_statistics
+from flflab.report.quantities import quantity_of
 from flflab.study import Study
 from flflab.targets import Target
 
@@ -50,6 +51,26 @@ def measured_number(value: float, uncertainty: float) -> str:
     return f"{value:.6g} ± {uncertainty:.2g}"
 
 
+def decimals(uncertainty: float) -> int | None:
+    """Decimals of an uncertainty's second digit, at most 9; None where there is no uncertainty."""
+    if not (math.isfinite(uncertainty) and uncertainty > 0):
+        return None
+    return min(max(0, 1 - math.floor(math.log10(float(f"{uncertainty:.1e}")))), 9)
+
+
+def to_decimals(value: float, places: int | None, sign: str = "") -> str:
+    """A number with so many decimals and no minus before zero, or with six digits."""
+    if places is None or not math.isfinite(value):
+        return number(value)
+    return f"{round(value, places) + 0.0:{sign}.{places}f}"
+
+
+def in_words(quantity: str) -> str:
+    """A quantity and its unit: ``bright field, µm``."""
+    words, unit, _ = quantity_of(quantity)
+    return f"{words}, {unit}" if unit else words
+
+
 def moment(seconds: float | None) -> str:
     """A time since 1970 in seconds as date and time, UTC."""
     return "not recorded" if seconds is None else datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
@@ -59,8 +80,9 @@ def statistics_table(evaluation: Evaluation) -> Table:
     """Pooled z of every quantity."""
     rows = [
         (
-            one.quantity, str(one.rows), number(one.mean, 2), number(one.deviation, 3), f"{100 * one.beyond_two:.1f} %",
-            f"{number(one.largest.z, 3)} (configuration {one.largest.configuration})", str(one.unlimited),
+            quantity_of(one.quantity).words, str(one.rows), to_decimals(one.mean, 2), to_decimals(one.deviation, 2),
+            f"{100 * one.beyond_two:.1f} %", f"{to_decimals(one.largest.z, 2)} (configuration {one.largest.configuration})",
+            str(one.unlimited),
         )
         for one in z_statistics(evaluation.comparison.rows)
     ]  # fmt: skip
@@ -69,7 +91,7 @@ def statistics_table(evaluation: Evaluation) -> Table:
 
 
 def budget_table(evaluation: Evaluation) -> Table:
-    """Where the uncertainty of every quantity comes from: the largest part of any configuration's, in the quantity's unit."""
+    """Where the uncertainty of every quantity comes from: medians over the configurations, to the second digit of the whole."""
     found: dict[str, list[list[float]]] = {}
     for whole, stages, optics in zip(evaluation.values, evaluation.of_the_stages, evaluation.of_stages_and_optics, strict=True):
         pixels = np.sqrt(np.diag(whole.noise))
@@ -77,9 +99,12 @@ def budget_table(evaluation: Evaluation) -> Table:
         by_order = np.sqrt(np.maximum(whole.spread**2 - optics.spread**2, 0.0))
         parts = np.stack([whole.uncertainty, pixels, stages.spread, by_optics, by_order], axis=1)
         found.setdefault(whole.quantity, []).extend(parts.tolist())
-    rows = tuple((quantity, *(number(float(part), 2) for part in np.median(np.array(parts), axis=0))) for quantity, parts in found.items())
+    rows: list[tuple[str, ...]] = []
+    for quantity, parts in found.items():
+        whole, *others = quantity_of(quantity).many * np.median(np.array(parts), axis=0)
+        rows.append((in_words(quantity), *(to_decimals(float(one), decimals(whole)) if one else "0" for one in (whole, *others))))
     headings = ("quantity", "standard uncertainty", "of the pictures", "of the stages", "of the optics' sizes", "of the model's order")
-    return Table("Where the uncertainties come from (medians; each part's own standard uncertainty)", headings, rows)
+    return Table("Where the uncertainties come from (medians; each part's own standard uncertainty)", headings, tuple(rows))
 
 
 def settings_table(study: Study, evaluation: Evaluation, wavelength: float) -> Table:
@@ -147,18 +172,20 @@ def _comparison(rows: list[Row], quantity: str) -> Table:
     for row in rows:
         place = [str(row.dot)] if dots else [number(row.cycles_per_mm or 0.0, 4)] if bars else []
         against = [str(row.reference_configuration)] if referred else []
-        values = [f"{row.measured:.5g}", f"{row.uncertainty:.2g}", f"{row.predicted:.5g}", f"{row.difference:+.2g}", f"{row.z:+.2f}"]
-        cells.append((str(row.configuration), *against, *place, *values))
-    unit = _unit(quantity)
+        cells.append((str(row.configuration), *against, *place, *_numbers(row)))
     headings += ["measured", "uncertainty", "predicted", "difference", "z"]
-    return Table(f"{quantity}: {len(rows)} rows, {unit}", tuple(headings), tuple(cells))
+    caption = f"{in_words(quantity)}: {counted(len(rows), 'row')} ({quantity} in comparison.csv)"
+    return Table(caption, tuple(headings), tuple(cells))
 
 
-def _unit(quantity: str) -> str:
-    for ending, unit in (("_mm", "mm"), ("_px", "pixels"), ("_mrad", "mrad"), ("views", "views"), ("light", "of the mean")):
-        if quantity.endswith(ending):
-            return unit
-    return "ratio (no unit)" if quantity.startswith("ratio") else "contrast (no unit)"
+def _numbers(row: Row) -> tuple[str, ...]:
+    """What was measured and predicted in people's unit, to the uncertainty's second digit; counts are whole."""
+    many, counts = quantity_of(row.quantity).many, row.quantity.endswith("views")
+    uncertainty = many * row.uncertainty
+    places = decimals(uncertainty)
+    measured, predicted = (to_decimals(many * value, None if counts else places) for value in (row.measured, row.predicted))
+    difference = to_decimals(many * row.difference, 0 if counts else places, "+")
+    return measured, to_decimals(uncertainty, places), predicted, difference, f"{row.z:+.2f}"
 
 
 def axes_table(bench: Bench, run: Run) -> Table:

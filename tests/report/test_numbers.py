@@ -9,9 +9,11 @@ import pytest
 from flflab.bench import Bench
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation
+from flflab.report import charts
 from flflab.report.facts import airy_diameter, diffraction_contrast, exact_counts, listed, pictured, z_statistics
 from flflab.report.frames import predicted_view_places, useful_outline
-from flflab.report.tables import measured_number
+from flflab.report.quantities import quantity_of
+from flflab.report.tables import comparison_tables, measured_number, to_decimals
 from flflab.study import Study
 
 
@@ -113,3 +115,38 @@ def test_of_many_configurations_the_reference_the_ends_and_the_farthest_from_the
     crowded = replace(evaluation, measured=many, comparison=replace(evaluation.comparison, rows=rows))
     assert pictured(crowded, 4, most=5) == {4, 0, 29, 17, 21}
     assert pictured(evaluation, 0) == {one.configuration.index for one in evaluation.measured}
+
+
+def test_a_table_rounds_to_the_uncertainty_in_the_unit_people_read(evaluation: Evaluation) -> None:
+    line = evaluation.comparison.rows[0]
+    field = replace(
+        line,
+        quantity="bright_field_mm",
+        dot=None,
+        measured=0.3185174,
+        uncertainty=0.00022,
+        predicted=0.31878,
+        difference=-0.0002626,
+        z=-1.19,
+    )
+    (table,) = comparison_tables((field,))
+    assert table.caption == "bright field, \u00b5m: 1 row (bright_field_mm in comparison.csv)"
+    assert table.rows == (("0", "318.52", "0.22", "318.78", "-0.26", "-1.19"),)
+    (table,) = comparison_tables((replace(line, quantity="views", measured=9, uncertainty=0.059, predicted=10, difference=-1, z=-17.0),))
+    assert table.rows == (("0", "0", "9", "0.059", "10", "-1", "-17.00"),)
+
+
+def test_a_vanishing_mean_is_zero_without_a_sign_or_an_exponent() -> None:
+    assert [to_decimals(value, 2) for value in (-1.1e-7, 0.0, -0.006, math.inf)] == ["0.00", "0.00", "-0.01", "infinity"]
+
+
+def test_every_quantity_of_a_comparison_has_words(evaluation: Evaluation) -> None:
+    for name in {row.quantity for row in evaluation.comparison.rows} | {one.quantity for one in evaluation.values}:
+        assert quantity_of(name).words != name
+    assert quantity_of("difference_elr_row_px") == ("effective lateral resolution: difference", "px", 1.0)
+
+
+def test_as_many_configurations_as_a_legend_holds_are_each_drawn_in_their_own_way() -> None:
+    looks = [charts.look(place, charts.TELLABLE) for place in range(charts.TELLABLE)]
+    assert len({look["marker"] for look in looks}) == charts.TELLABLE
+    assert len({look["color"] for look in looks[:6]}) == 6

@@ -120,8 +120,9 @@ def test_every_configuration_is_shown_with_its_frames_and_curves(page: Page, stu
 
 def test_every_quantity_has_its_table_with_units(page: Page) -> None:
     for caption in (
-        "views: 12 rows, views", "mtf: 12 rows, contrast (no unit)", "contrast_paper: 12 rows, contrast (no unit)",
-        "difference_views: 8 rows, views", "ratio_mtf: 8 rows, ratio (no unit)",
+        "number of views: 12 rows (views in comparison.csv)", "contrast (MTF): 12 rows (mtf in",
+        "contrast read off pixels, eq. (2): 12 rows (contrast_paper in", "number of views: difference: 8 rows (difference_views in",
+        "ratio of contrasts (MTF): 8 rows (ratio_mtf in",
     ):  # fmt: skip
         assert caption in page.text
     for heading in ("frequency, cycles/mm", "target D, mm", "blur, px", "exposure, ms", "angle, mrad", "uncertainty of the zero, \u00b5m"):
