@@ -177,4 +177,6 @@ def _decide(name: str, effect: Effect | None, on: bool, bound: float, asked: str
     why = effect.why(regime)
     if not on:
         why += ": too little to matter" if asked in LEVELS else ": not asked for"
+    elif asked not in ("auto", "fast") and bound < LEAST_TOLERANCE:
+        why += ": too little to matter, but asked for"
     return Decision(name, on, effect.size(regime), effect.unit, bound, why, effect.cost(regime))

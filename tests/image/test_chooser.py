@@ -9,6 +9,8 @@ import pytest
 from flflab.errors import InputError
 from flflab.image.chooser import LIGHT, NOISE, choose
 from flflab.image.effects.dead_pixels import DeadPixels
+from flflab.image.effects.saturation import Saturation
+from flflab.image.effects.scatter import Scatter
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.picture import Report, take_picture
 from flflab.image.promise import try_scene
@@ -67,6 +69,28 @@ def test_a_list_is_taken_as_it_is(scene: Scene) -> None:
     report = take_picture(scene, effects="pixel, falloff")
     assert on(report) == {"pixel", "falloff"}
     assert {effect.why for effect in report.effects if effect.name == "scatter"} == {"the scene has none"}
+
+
+def test_what_is_too_little_to_matter_and_on_says_that_it_was_asked_for(scene: Scene) -> None:
+    image = 60 - 1 / (1 / 0.917 - 1 / 1.15)
+    sharp = replace(scene, planes=(replace(scene.planes[0], distance=1 / (1 / 50 - 1 / image)),))
+    (defocus,) = (one for one in choose(sharp, 0.002, "reference").decisions if one.name == "defocus")
+    assert defocus.on
+    assert defocus.why.endswith("softens edges: too little to matter, but asked for")
+
+
+def test_scattered_microlenses_cost_time_and_next_to_no_scatter_is_left_out(scene: Scene) -> None:
+    costs = {}
+    for scattered in (0.003, 1e-9):
+        (scatter,) = (one for one in choose(replace(scene, scatter=Scatter(scattered)), 0.002).decisions if one.name == "scatter")
+        costs[scatter.on] = scatter.cost
+    assert set(costs) == {True, False}
+    assert costs[True] > 0
+
+
+def test_electrons_are_told_in_whole_numbers(scene: Scene) -> None:
+    regime = replace(choose(scene, 0.002).regime, electrons=30000.0, brightest=1.0)
+    assert Saturation(10000.0).why(regime) == "the brightest light makes 30000 electrons of 10000"
 
 
 def test_noise_comes_with_a_seed_and_repeats_with_it(camera: Camera) -> None:

@@ -30,5 +30,5 @@ class Defocus:
         return 1e-4 * regime.pixels * regime.lit * (2 + 2 * min(regime.blur, 100.0) ** 0.5)
 
     def why(self, regime: Regime) -> str:
-        """Sharp or not."""
-        return "the target is sharp to a fraction of a pixel" if regime.blur < 0.5 else "the target is out of focus"
+        """What a blur below half a pixel does, or that the target is out of focus."""
+        return f"a blur of {regime.blur:.2g} pixels softens edges" if regime.blur < 0.5 else "the target is out of focus"

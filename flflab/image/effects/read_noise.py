@@ -39,4 +39,4 @@ class ReadNoise:
 
     def why(self, regime: Regime) -> str:
         """How much of how much."""
-        return f"{self.electrons:.3g} electrons of {regime.electrons:.4g} at white"
+        return f"{self.electrons:.3g} electrons of {regime.electrons:.0f} at white"

@@ -39,4 +39,4 @@ class Saturation:
 
     def why(self, regime: Regime) -> str:
         """How full a pixel is."""
-        return f"the brightest light makes {regime.brightest * regime.electrons:.4g} electrons of {self.full_well:.4g}"
+        return f"the brightest light makes {regime.brightest * regime.electrons:.0f} electrons of {self.full_well:.0f}"

@@ -42,7 +42,7 @@ class Scatter:
 
     def cost(self, regime: Regime) -> float:
         """Every microlens has a rim of its own."""
-        return 0.4 * (regime.microlenses - regime.kinds)
+        return 0.4 * regime.microlenses
 
     def why(self, regime: Regime) -> str:
         """Of what."""

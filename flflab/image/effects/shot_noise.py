@@ -28,4 +28,4 @@ class ShotNoise:
 
     def why(self, regime: Regime) -> str:
         """How much light there is."""
-        return f"white makes {regime.electrons:.4g} electrons in a pixel"
+        return f"white makes {regime.electrons:.0f} electrons in a pixel"
