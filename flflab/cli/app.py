@@ -8,10 +8,25 @@ from typer.core import TyperGroup
 
 from flflab.cli.ending import InterruptedCommandError, is_interruption
 
-COMMANDS = (
-    "validate", "compare", "model", "image", "measure", "accuracy", "plan", "design", "align", "calibrate", "sweep", "resume", "report",
-    "export", "bench", "sim", "new",
-)  # fmt: skip
+COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 columns
+    "validate": "Run a study on a bench and hold the camera against its model.",
+    "compare": "Hold views and virtual depths measured elsewhere against a model.",
+    "model": "State every property the model has for a camera.",
+    "image": "Form the picture of a scene and write it.",
+    "measure": "Measure one picture.",
+    "accuracy": "Show what accuracy costs, and how far the model can be trusted.",
+    "plan": "Print the steps, duration and uncertainty of a study.",
+    "design": "Search the configurations that meet requirements.",
+    "align": "Turn the array straight to the sensor, by white pictures.",
+    "calibrate": "Find zeros and scales of the stages and sizes of the optics.",
+    "sweep": "Home and take every frame of a study.",
+    "resume": "Go on with an interrupted run.",
+    "report": "Measure and compare recorded runs again; rewrite their reports.",
+    "export": "Write a recorded run as one file for other programs.",
+    "bench": "Look at a bench and move it by hand.",
+    "sim": "Serve a simulated bench until Ctrl-C.",
+    "new": "Write a commented copy of a built-in file to begin from.",
+}
 
 
 class Commands(TyperGroup):
@@ -32,6 +47,7 @@ class Commands(TyperGroup):
             group.command(cmd_name)(getattr(module, cmd_name))
         command = typer.main.get_command(cast(typer.Typer, group))
         command.name = cmd_name
+        command.short_help = COMMANDS[cmd_name]
         return command
 
     def invoke(self, ctx: Any) -> Any:

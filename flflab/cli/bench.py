@@ -21,7 +21,7 @@ app = typer.Typer(
 )
 
 
-@app.command()
+@app.command(short_help="Ask every device who it is, where it stands, what it warns of.")
 def check(bench: BenchFile) -> None:
     """Ask every device, all lines at once, who it is, where it stands and what it warns of; all faults in one run."""
     from drivers.survey import SILENT, survey
@@ -43,7 +43,7 @@ def check(bench: BenchFile) -> None:
         raise CommunicationError("\n".join(dict.fromkeys(silent)))
 
 
-@app.command()
+@app.command(short_help="Say where every axis and its element stand.")
 def where(bench: BenchFile) -> None:
     """Say where every axis stands, where its element is in the world, and how the array is turned."""
     with connected_bench(bench) as connected:
@@ -59,7 +59,7 @@ def where(bench: BenchFile) -> None:
         _print(table)
 
 
-@app.command()
+@app.command(short_help="Look for the reference of every axis, or of the ones named.")
 def home(bench: BenchFile, axes: Annotated[list[str] | None, typer.Argument(help="axes to home; all when none is named")] = None) -> None:
     """Look for the reference of every axis, or of the ones named: array and sensor first, away from each other."""
     from drivers.base import wait_all  # devices are loaded by those who use them
@@ -97,7 +97,7 @@ def jog(
         typer.echo(place(moved))
 
 
-@app.command()
+@app.command(short_help="Stop every axis.")
 def stop(bench: BenchFile) -> None:
     """Stop every axis: the program that drives the bench is told to, or this one opens the ports itself."""
     from drivers.owner import ask_owner_to_stop
@@ -108,8 +108,8 @@ def stop(bench: BenchFile) -> None:
     typer.echo("every axis took the stop")
 
 
-app.command()(snap)
-app.command()(scan)
+app.command(short_help="Take one picture, or one after the other with a figure of focus.")(snap)
+app.command(short_help="Take a picture at each reading of an axis; show the sharpest.")(scan)
 
 
 def _print(table: Table) -> None:

@@ -13,6 +13,13 @@ from flflab.optics.volume import MeasurementVolume
 from flflab.units import show_quantity
 
 DEGREES = 180 / math.pi
+WORDS = """\
+virtual depth: distance from the microlenses to the main lens's image of the
+target, over their distance to the sensor (v in the paper)
+magnification: size of the image on the sensor over that of the target (M)
+views: micro-images that show the point, along the row / on the whole sensor
+ELR: effective lateral resolution, useful pixels along the row over the virtual
+depth (eq. (3) of the paper), or over the mean number of views"""
 
 
 def print_tables(
@@ -57,8 +64,17 @@ def print_tables(
     console.print(table)
     if not distances:
         return
-    table = Table(title="Targets: views along the row / on the sensor; ELR along the row by eq. (3) and by views", box=box.SIMPLE)
-    for head in ("D mm", "v", "M", "blur um", "views", "ELR", "by views", "image"):
+    table = Table(title="Targets", caption=WORDS, caption_justify="left", box=box.SIMPLE, pad_edge=False)
+    for head in (
+        "target\nmm",
+        "virtual\ndepth",
+        "magni-\nfication",
+        "blur\num",
+        "views\nrow/all",
+        "ELR\neq. (3)",
+        "ELR by\nviews",
+        "image",
+    ):
         table.add_column(head, justify="left" if head == "image" else "right")
     for one in distances:
         table.add_row(

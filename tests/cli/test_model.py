@@ -159,3 +159,18 @@ def test_the_model_loads_nothing_but_numbers_descriptions_and_the_command_line()
     descriptions = {"pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection", "yaml"}
     assert packages <= {"flflab", "numpy", *descriptions, "typer", "annotated_doc", "click", "shellingham", "rich"}
     assert packages >= {"flflab", "numpy", "pydantic", "yaml"}
+
+
+def test_the_table_explains_its_headings_within_80_columns() -> None:
+    told = CliRunner().invoke(app, ["model", str(CAMERAS / "osinski.yaml")], env={"COLUMNS": "80"}).output
+    assert max(map(len, told.splitlines())) <= 80
+    for word in ("virtual depth: ", "magnification: ", "ELR: effective lateral resolution", "(eq. (3) of the paper)"):
+        assert word in told
+
+
+@pytest.mark.parametrize("words", [[], ["bench"]])
+def test_the_help_says_of_every_command_what_it_does_in_a_whole_line_of_80_columns(words: list[str]) -> None:
+    told = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "80"}).output
+    commands = told.split("Commands:\n")[1].splitlines()
+    assert len(commands) > 5
+    assert all(line.endswith(".") and "..." not in line and len(line) <= 80 for line in commands)
