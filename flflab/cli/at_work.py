@@ -13,18 +13,19 @@ WORDS = "still at work; what forms a picture of a new kind is compiled the first
 
 @contextlib.contextmanager
 def told_at_work() -> Generator[None]:
-    """Says on standard error, once it has lasted two seconds, that it goes on: with the time on a terminal, one line elsewhere."""
+    """Says on a terminal, once it has lasted two seconds, that it goes on, and for how long; elsewhere standard error is for errors."""
     ended = threading.Event()
     console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
     columns = TimeElapsedColumn(), TextColumn("{task.description}")
-    with Progress(*columns, console=console, transient=True, auto_refresh=False, disable=not console.is_terminal) as shown:
+    with Progress(*columns, console=console, transient=True, auto_refresh=False) as shown:
         task = shown.add_task(WORDS, visible=False)
 
         def tell() -> None:
             if ended.wait(SILENCE_S):
                 return
-            if not console.is_terminal:
-                console.print(WORDS, soft_wrap=True, highlight=False)
             while not ended.wait(1.0):
                 shown.update(task, visible=True, refresh=True)
 
