@@ -25,7 +25,7 @@ from flflab.image_file import require_picture_file, write_picture
 from flflab.units import parse_quantity
 from flflab.whole_file import require_writable, write_whole
 
-WIDTH = 100
+WIDTH = 100  # characters, where the terminal is no narrower
 OURS = {"camera", "lattice", "planes", "reasons", "error_estimate"}  # keys by which a ground truth is known
 
 
@@ -83,9 +83,10 @@ def image(
     if json:
         print_json(told)
         return
-    console = Console(width=WIDTH)
+    terminal = Console()
+    console = Console(width=min(terminal.width, WIDTH) if terminal.is_terminal else WIDTH)
     if explain:
-        console.print(_table(report))
+        console.print(_table(report, console.width))
         absent = [effect.name for effect in report.effects if not effect.on and not effect.unit]
         if absent:
             console.print(f"Not in this scene: {', '.join(absent)}.", highlight=False)
@@ -129,8 +130,8 @@ def _require_ours(file: Path) -> None:
     require_writable(file)
 
 
-def _table(report: Report) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, width=WIDTH, pad_edge=False, padding=(0, 1))
+def _table(report: Report, width: int) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, width=width, pad_edge=False, padding=(0, 1))
     for head in ("effect", "size", "bound", "", "ms"):
         table.add_column(head, justify="left" if head in ("effect", "") else "right", no_wrap=True)
     table.add_column("why", ratio=1)

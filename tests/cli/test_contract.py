@@ -1,6 +1,7 @@
 """Names, keys, exit codes and files of the command line, which others script against."""
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -116,6 +117,16 @@ def test_noise_comes_from_the_seed_alone(flflab: Run, small_camera: Path, tmp_pa
     first, again, other = (file.read_bytes() for file in files)
     assert first == again
     assert first != other
+
+
+def test_on_a_narrow_terminal_the_explanation_is_no_wider(
+    flflab: Run, small_camera: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "72")
+    ended = flflab("image", small_camera, "--target", "white", "--distance", "500 mm", "--explain", "-o", tmp_path / "white.npy")
+    table = re.sub(r"\x1b\[[\d;]*m", "", ended.out).split("Not in this scene")[0]
+    assert max(map(len, table.splitlines())) == 72
 
 
 def test_a_scene_file_names_its_camera_and_explains_itself(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
