@@ -64,15 +64,15 @@ def test_a_change_in_what_a_kernel_calls_makes_it_compiled_anew_and_old_ones_go(
     assert (cache / "another's").is_dir()
 
 
-def variables_that_name(place: str, folder: Path) -> dict[str, str]:
-    """Variables that have kernels kept in a place where nobody can write."""
+def variables_that_name(place: str, folder: Path, home: Path) -> dict[str, str]:
+    """Variables that have kernels kept in a place where nobody can write, or in a folder that somebody else made before."""
     file, read_only = folder / "file", folder / "read only"
     file.touch()
     if place == "given":
         return {"NUMBA_CACHE_DIR": str(file / "kernels")}
     if place == "user's":
         return {"NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": "", "LOCALAPPDATA": str(file), "HOME": str(file)}
-    read_only.mkdir(mode=0o555)
+    run(home, read_only).chmod(0o555)
     return {"NUMBA_CACHE_DIR": str(read_only)}
 
 
@@ -84,14 +84,14 @@ def run_without_a_place(
     prefix: list[str] = []
     if request.param == "read only":
         if sys.platform == "win32":
-            pytest.skip("a folder cannot be made read-only there")
+            pytest.skip("Windows writes into folders marked read-only")
         if os.geteuid() == 0:
             if shutil.which(WITHOUT_PRIVILEGES[0]) is None:
-                pytest.skip(f"root writes everywhere, and here is no {WITHOUT_PRIVILEGES[0]}")
+                pytest.skip(f"root writes everywhere, and {WITHOUT_PRIVILEGES[0]} (util-linux), which takes that away, is not here")
             prefix = WITHOUT_PRIVILEGES
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    variables = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(temporary)) | variables_that_name(request.param, tmp_path)
+    variables = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(temporary)) | variables_that_name(request.param, tmp_path, home)
     environment = os.environ | {"PYTHONPATH": str(home)} | variables
 
     def run(program: str) -> "subprocess.CompletedProcess[str]":
@@ -99,6 +99,8 @@ def run_without_a_place(
         return subprocess.run(command, cwd=home, env=environment, check=False, capture_output=True, text=True, timeout=120)
 
     yield run
+    for folder in (tmp_path / "read only").glob("flflab-*"):
+        folder.chmod(0o755)
     assert list(temporary.iterdir()) == []
     assert list(home.rglob("*.nbi")) == []
 
