@@ -31,6 +31,7 @@ from flflab.analysis.registration import (
     require_shape,
     scales_of,
     sensor_position,
+    tilted_levels,
     tilted_scales,
 )
 from flflab.errors import MeasurementError
@@ -244,9 +245,9 @@ def _on_target(frame: Frame, rows: int) -> ChirpData:
             f"{target.kind} picture: the bright fields are {2 * (frame.field.radius_px + MARGIN_PX):.0f} px wide and "
             f"{2 * (NARROWEST + MARGIN_PX):.0f} are due, in fewer one bar is easily taken for the next; choose another f-number"
         )
-    scales = tilted_scales(frame.lattice, frame.smms, frame.distance)
+    tilt = tilted_scales(frame.lattice, frame.smms, frame.distance), tilted_levels(frame.lattice, frame.smms)
     ends = _ends(frame)
-    data, saturated = gather(frame.values, frame.lattice, frame.field, frame.camera.sensor, frame.noise, ends, rows, frame.gains, scales)
+    data, saturated = gather(frame.values, frame.lattice, frame.field, frame.camera.sensor, frame.noise, ends, rows, frame.gains, *tilt)
     seen = data.places[:, 1] * start[1] + data.places[:, 3] * start[3]
     kept = data.part(np.abs(seen) < target.width / 2 - _margin(frame))
     pixels = int(kept.pixels.sum())

@@ -150,6 +150,7 @@ def gather(
     rows_a_run: int,
     gains: Array | None,
     scales: Array,
+    levels: Array,
 ) -> tuple[ChirpData, int]:
     """Mean readings of runs of at most ``rows_a_run`` pixels along the columns.
 
@@ -163,6 +164,7 @@ def gather(
         rows_a_run: how many pixels of a column, whatever their filter.
         gains: of the colour filter's four sub-lattices, shape (2, 2); None for a sensor without filters.
         scales: of the target in each of the lattice's micro-images: by how much its pixels lie further apart on it than nominally.
+        levels: full light of each over the nominal, which changes from one to the next and not within one as the other terms of light do.
 
     Returns:
         The runs without saturated pixels, and how many pixels were saturated.
@@ -194,6 +196,7 @@ def gather(
     one = np.ones(count)
     two = (row + side * parities * number * GAUSS_ROWS for side in (-1, 1))  # in place of a run's pixels
     left = np.mean([shade(lattice, lens, np.stack([column, one_row], axis=1) - lattice.centres_px[lens]) for one_row in two], axis=0)
+    left *= levels[lens]
     return (
         ChirpData(
             read=np.ascontiguousarray(read),

@@ -133,6 +133,12 @@ def tilted_scales(lattice: Lattice, smms: Smms, distance: float) -> Array:
     return smms.kappa * smms.distance / (there.kappa * there.distance)
 
 
+def tilted_levels(lattice: Lattice, smms: Smms) -> Array:
+    """Full light of each of the lattice's micro-images over that of an array without its tilt, shape (n,): its cone is as steep."""
+    there = tilted_smms(lattice, smms)
+    return (there.limiting_radius / there.gap / (smms.limiting_radius / smms.gap)) ** 2
+
+
 def defocus_apart(lattice: Lattice, smms: Smms, distance: float) -> Array:
     """By how much the disc of blur of each micro-image is wider than that on the axis, mm, signed as the defocus is; shape (n,)."""
     return signed_blur(tilted_smms(lattice, smms), 1 / distance) - signed_blur(smms, 1 / distance)

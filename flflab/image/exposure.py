@@ -4,7 +4,7 @@ import math
 
 from flflab.errors import InputError
 from flflab.image.effects.falloff import Falloff
-from flflab.image.pupil import axis_microlens, limiting_radius
+from flflab.image.pupil import axis_microlens
 from flflab.optics.camera import Camera
 from flflab.optics.smms import camera_smms
 
@@ -24,7 +24,7 @@ def white_irradiance(camera: Camera, falloff: Falloff | None = None) -> float:
     """
     smms = camera_smms(camera)
     index = axis_microlens(smms)
-    radius, gap = float(limiting_radius(smms)[index]), float(smms.gap[index])
+    radius, gap = float(smms.limiting_radius[index]), float(smms.gap[index])
     return radius**2 / (gap**2 + (radius**2 if falloff is None else 0.0))
 
 

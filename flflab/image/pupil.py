@@ -65,12 +65,6 @@ class Pupils:
         return Pupils(**{field.name: getattr(self, field.name)[entries] for field in fields(self)})
 
 
-def limiting_radius(smms: Smms) -> Array:
-    """Radius g = min(d, A b / (L |kappa|)) / 2 in the microlens plane of the cone that lights a micro-image's centre, mm."""
-    with np.errstate(divide="ignore"):
-        return np.minimum(smms.aperture, smms.lens_width / np.abs(smms.kappa)) / 2
-
-
 def axis_microlens(smms: Smms) -> int:
     """Index of the microlens nearest the axis, the lower one of equals; its micro-image sets the white level."""
     squared = smms.centre_x**2 + smms.centre_y**2
@@ -99,7 +93,7 @@ def camera_pupils(camera: Camera, vergence: float, scatter: Scatter | None = Non
     """
     ideal = camera_smms(camera)
     white = axis_microlens(ideal)
-    white_level = (limiting_radius(ideal)[white] / ideal.gap[white]) ** 2
+    white_level = (ideal.limiting_radius[white] / ideal.gap[white]) ** 2
     smms = ideal if scatter is None else scattered(ideal, scatter)
     ratio = smms.gap / smms.distance
     w = array_vergence(smms, vergence)
@@ -117,7 +111,7 @@ def camera_pupils(camera: Camera, vergence: float, scatter: Scatter | None = Non
         scale=np.where(by_microlens, -w / ratio, -1 / (smms.distance * kappa)),
         direction_x=-smms.centre_x / smms.distance,
         direction_y=-smms.centre_y / smms.distance,
-        level=(limiting_radius(smms) / smms.gap) ** 2 / white_level,
+        level=(smms.limiting_radius / smms.gap) ** 2 / white_level,
         slant_x=smms.centre_x / smms.distance,
         slant_y=smms.centre_y / smms.distance,
         slant_scale=np.where(by_microlens, 1, 1 - 1 / kappa) / smms.gap,

@@ -55,6 +55,12 @@ class Smms:
         return self.aperture * np.abs(self.kappa)
 
     @property
+    def limiting_radius(self) -> Array:
+        """Radius g = min(d, A b / (L |kappa|)) / 2 in the microlens plane of the cone that lights a micro-image's centre, mm."""
+        with np.errstate(divide="ignore"):
+            return np.minimum(self.aperture, self.lens_width / np.abs(self.kappa)) / 2
+
+    @property
     def outside_radius(self) -> Array:
         """Half width of the total field on the sensor, mm: no light beyond."""
         return (self.lens_width + self.microlens_width) / 2

@@ -43,7 +43,7 @@ def framed(camera: Camera, picture: Array) -> tuple[Frame, ChirpData]:
     start = np.array([0.0, across, 0.0, along, 0.0])
     frame = Frame(picture, lattice, field, camera, central_smms(camera), Bars(), FOCUS, NOISE, None, start, None)
     everywhere = np.full((len(every), 2), [-1e3, 1e3])
-    data, _ = gather(picture, lattice, field, camera.sensor, NOISE, everywhere, 16, None, np.ones(len(every)))
+    data, _ = gather(picture, lattice, field, camera.sensor, NOISE, everywhere, 16, None, np.ones(len(every)), np.ones(len(every)))
     return frame, data.part(np.abs(data.places @ start) < 9.0)
 
 
