@@ -13,6 +13,9 @@ import numpy.typing as npt
 from flflab.optics.discs import lens_chord
 
 Array = npt.NDArray[np.float64]
+Rows = tuple[int, float, int, float]  # see ``rows_between``
+
+SHORT = 2.0  # texels, chord and pixel together: below, chords are summed texel by texel
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -34,16 +37,17 @@ def fill_sums(values: Array, column: int, row: int, columns: int, rows: int) -> 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def row_of(sums: Array, y: float) -> tuple[int, float]:
-    """Row of the tables and part of the next one at a height in texels."""
-    y = min(max(y, 0.0), sums.shape[0] - 1.0)
-    row = min(int(y), sums.shape[0] - 2)
-    return row, y - row
+def rows_between(sums: Array, y: float, height: float) -> Rows:
+    """Row of the tables and part of the next one at the lower end of a box round y, and the same at its upper end; all in texels."""
+    low, high = min(max(y - 0.5 * height, 0.0), sums.shape[0] - 1.0), min(max(y + 0.5 * height, 0.0), sums.shape[0] - 1.0)
+    first, last = min(int(low), sums.shape[0] - 2), min(int(high), sums.shape[0] - 2)
+    return first, low - first, last, high - last
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def column_sum(sums: Array, column: int, table: int, row1: int, part1: float, row2: int, part2: float) -> float:
+def column_sum(sums: Array, column: int, table: int, rows: Rows) -> float:
     """One of the tables at a column, summed between two heights; differences of neighbouring rows first, that no digits are lost."""
+    row1, part1, row2, part2 = rows
     if row1 == row2:
         return (part2 - part1) * (sums[row1 + 1, column, table] - sums[row1, column, table])
     total = (1.0 - part1) * (sums[row1 + 1, column, table] - sums[row1, column, table])
@@ -52,26 +56,76 @@ def column_sum(sums: Array, column: int, table: int, row1: int, part1: float, ro
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def summed(sums: Array, x: float, row1: int, part1: float, row2: int, part2: float) -> tuple[float, float]:
+def summed(sums: Array, x: float, rows: Rows) -> tuple[float, float]:
     """Both tables at x texels from the first texel on, between two heights."""
     inside = min(max(x, 0.0), sums.shape[1] - 1.0)
     i = min(int(inside), sums.shape[1] - 2)
     u = inside - i
-    area = column_sum(sums, i, 0, row1, part1, row2, part2)
-    step = column_sum(sums, i + 1, 0, row1, part1, row2, part2) - area
-    start = column_sum(sums, i, 1, row1, part1, row2, part2) + u * (area + 0.5 * u * step)
+    area = column_sum(sums, i, 0, rows)
+    step = column_sum(sums, i + 1, 0, rows) - area
+    start = column_sum(sums, i, 1, rows) + u * (area + 0.5 * u * step)
     area += u * step
     return area, start + area * (x - inside)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def boxed_sum(sums: Array, x: float, y: float, width: float, height: float, order: int) -> float:
-    """Mean radiance in a box round (x, y) (order 0), or its antiderivative in x (order 1); all in texels."""
-    row1, part1 = row_of(sums, y - 0.5 * height)
-    row2, part2 = row_of(sums, y + 0.5 * height)
-    right = summed(sums, x + 0.5 * width, row1, part1, row2, part2)[order]
-    left = summed(sums, x - 0.5 * width, row1, part1, row2, part2)[order]
-    return (right - left) / (width * height)
+def texels_between(sums: Array, column: int, rows: Rows) -> float:
+    """Sum of a column of texels between two heights."""
+    if column < 0 or column > sums.shape[1] - 2:
+        return 0.0
+    return column_sum(sums, column + 1, 0, rows) - column_sum(sums, column, 0, rows)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def summed_from(sums: Array, column: int, x: float, rows: Rows) -> float:
+    """The second table at x texels from a column's left side on, between two heights, were both tables 0 there."""
+    area, start = 0.0, 0.0
+    while x > 1.0:
+        texels = texels_between(sums, column, rows)
+        start += area + 0.5 * texels
+        area += texels
+        column, x = column + 1, x - 1.0
+    while x < 0.0:
+        column, x = column - 1, x + 1.0
+        texels = texels_between(sums, column, rows)
+        start -= area - 0.5 * texels
+        area -= texels
+    return start + x * (area + 0.5 * x * texels_between(sums, column, rows))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def boxed_sum(sums: Array, x: float, y: float, width: float, height: float) -> float:
+    """Mean radiance in a box round (x, y); all in texels."""
+    rows = rows_between(sums, y, height)
+    return (summed(sums, x + 0.5 * width, rows)[0] - summed(sums, x - 0.5 * width, rows)[0]) / (width * height)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def chord_sum(sums: Array, x: float, left: float, right: float, left_box: float, right_box: float, rows: Rows) -> float:
+    """Radiance summed along a chord, between two heights, in a box that may be wider at the chord's one end than at its other.
+
+    Short chords are counted from the texel they lie in: as a difference of the tables' large numbers a sliver of the pupil, a millionth
+    of a texel wide, would lose its digits.
+
+    Args:
+        sums: the tables.
+        x: where the chord is counted from, texels of the tables.
+        left: where it begins, texels from there.
+        right: where it ends, the same.
+        left_box: width of the box at its beginning.
+        right_box: the same at its end.
+        rows: see ``rows_between``.
+    """
+    left1, left2, right1, right2 = left - 0.5 * left_box, left + 0.5 * left_box, right - 0.5 * right_box, right + 0.5 * right_box
+    if right2 - left1 < SHORT:
+        column = math.floor(x + 0.5 * (left + right))
+        x -= column
+        before = summed_from(sums, column, x + left2, rows) - summed_from(sums, column, x + left1, rows)
+        after = summed_from(sums, column, x + right2, rows) - summed_from(sums, column, x + right1, rows)
+    else:
+        before = summed(sums, x + left2, rows)[1] - summed(sums, x + left1, rows)[1]
+        after = summed(sums, x + right2, rows)[1] - summed(sums, x + right1, rows)[1]
+    return after / right_box - before / left_box
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -118,20 +172,17 @@ def texels_mean(
             continue
         own = math.sqrt(max(0.0, 1.0 - at * at))
         area += strips[1, strip] * (right - left)
-        height = y + spread[2] * at
         thick = spread[2] * 0.5 * (high - low) * strips[1, strip]
         tall = math.sqrt(boxes[2] * boxes[2] + thick * thick)
-        base = x + spread[1] * at
-        before = boxed_sum(sums, base + spread[0] * left, height, boxes[0] if left <= -own else boxes[1], tall, 1)
-        part = (right - left) / pieces
+        rows = rows_between(sums, y + spread[2] * at, tall)
+        base, part = x + spread[1] * at, (right - left) / pieces
         for piece in range(pieces):
-            end = left + part * (piece + 1)
-            cut = piece == pieces - 1 and right < own
-            after = boxed_sum(sums, base + spread[0] * end, height, boxes[1] if cut else boxes[0], tall, 1)
-            weight = strips[1, strip]
+            begin, end = left + part * piece, left + part * (piece + 1)
+            first_box = boxes[1] if piece == 0 and left > -own else boxes[0]
+            last_box = boxes[1] if piece == pieces - 1 and right < own else boxes[0]
+            weight = strips[1, strip] / tall
             if chunks > 0:
                 along, across = slant[0] + slant[2] * (end - 0.5 * part), slant[1] + slant[2] * at
                 weight /= (1.0 + along * along + across * across) ** 2
-            light += weight * (after - before)
-            before = after
+            light += weight * chord_sum(sums, base, spread[0] * begin, spread[0] * end, first_box, last_box, rows)
     return light / (spread[0] * area) if area > 0.0 else 0.0

@@ -249,7 +249,7 @@ def texel_light(dx: float, dy: float, lens: PictureLens, frame: Array, sums: Arr
                 inside = parallelogram_sum(at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, areas)
                 value = inside / (boxes[0] * boxes[0])
             else:
-                value = boxed_sum(sums, at_x, at_y, boxes[0], boxes[2], 0)
+                value = boxed_sum(sums, at_x, at_y, boxes[0], boxes[2])
             if lens.points == 0 and not blurred and lens.chunks > 0:
                 value *= seen_weight(ex, ey, slope, reach, slant)
             light += share * min(max(value, 0.0), 1.0)

@@ -1,16 +1,20 @@
 """What a thread of a device works out of a pixel is what the processor's kernels make of it, for all sorts of targets and cameras.
 
-Without a device the threads' functions run one after the other; the test of a device itself is skipped.
+Without a device the threads' functions run one after the other, compiled to round products and sums as a device does; the test of a
+device itself is skipped.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from types import FunctionType
 from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
 import pytest
+from numba.core.registry import CPUDispatcher
 
 from flflab.image import form
 from flflab.image.device import found, work
@@ -33,7 +37,16 @@ Array = npt.NDArray[np.float64]
 PICTURE = Picture(np.random.default_rng(1).random((30, 40)), 40.0)
 TARGETS = (White(), Bars(), Chirp((0.1, 2.0), width=30.0, height=20.0), Edge(0.3), FourDot(), PICTURE)
 EQUAL = 1e-12
-FRAYED = 1e-10  # blurred pictures, in slivers of a rim: a device rounds less often, and that shows there
+
+
+@cache
+def rounded_once(kernel: Any) -> Any:
+    """A kernel, and all that it calls, whose products and sums have one rounding together, as numba-cuda has them."""
+    known = dict(kernel.py_func.__globals__)
+    called = [name for name in kernel.py_func.__code__.co_names if isinstance(known.get(name), CPUDispatcher)]
+    known.update({name: rounded_once(known[name]) for name in called})
+    function = FunctionType(kernel.py_func.__code__, known, kernel.py_func.__name__)
+    return numba.njit(error_model="numpy", fastmath={"contract"} | set(kernel.targetoptions.get("fastmath", ())))(function)
 
 
 @numba.njit(error_model="numpy")
@@ -51,7 +64,7 @@ def instead(pixel: Any, make: Callable[..., Any], room: tuple[int, ...]) -> Call
 
     def add(image: Array, rows: tuple[int, int], windows: Any, seen: Any) -> None:
         _, begins, listed, given = make(image.shape, windows, seen)
-        by_pixels(image, pixel, -(-image.shape[1] // WIDE), np.empty(room), begins, listed, given)
+        by_pixels(image, rounded_once(pixel), -(-image.shape[1] // WIDE), np.empty(room), begins, listed, given)
 
     return add
 
@@ -98,7 +111,9 @@ def pictures(scene: Scene) -> list[Array]:
 @pytest.mark.ci
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
 @pytest.mark.parametrize("index", range(7))
-def test_a_pixel_by_itself_is_what_it_is_among_its_neighbours(target: Target, index: int, pixel_by_pixel: Callable[[], None]) -> None:
+def test_a_pixel_by_itself_is_what_it_is_among_its_neighbours_however_it_is_rounded(
+    target: Target, index: int, pixel_by_pixel: Callable[[], None]
+) -> None:
     scene = scenes(target)[index]
     together = pictures(scene)
     pixel_by_pixel()
@@ -136,5 +151,4 @@ def test_a_device_forms_the_picture_that_the_processor_forms(target: Target, ind
     monkeypatch.setattr(form, "device_kernels", lambda: None)
     on_cores = pictures(scene)
     assert on_cores[0].max() > 0.1
-    off = max(np.abs(one - other).max() for one, other in zip(on_device, on_cores, strict=True))
-    assert off < (FRAYED if isinstance(target, Picture) else EQUAL)
+    assert max(np.abs(one - other).max() for one, other in zip(on_device, on_cores, strict=True)) < EQUAL
