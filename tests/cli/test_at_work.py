@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from flflab.cli import at_work
+from flflab.cli import at_work, image
 
 Run = Callable[..., Any]
 
@@ -37,6 +37,9 @@ def test_a_picture_that_takes_long_says_so_beside_its_json(
     monkeypatch.setattr(at_work, "SILENCE_S", 0.0)
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
+    form = image.take_picture
+    monkeypatch.setattr(image, "take_picture", lambda *scene, **asked: (time.sleep(1.3), form(*scene, **asked))[1])
     ended = flflab("image", small_camera, "--target", "bars", "--distance", "506.7 mm", "--json", "-o", tmp_path / "bars.npy")
     assert ended.code == 0
     assert "error_estimate" in ended.json
+    assert at_work.WORDS in ended.err
