@@ -178,6 +178,18 @@ def test_a_simulated_bench_is_asked_for_its_first_frame_when_what_draws_it_is_co
         bench.close()
 
 
+def test_a_camera_of_the_simulated_bench_takes_no_picture_before_it_is_ready(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def not_yet(bench: SimulatedBench) -> None:
+        raise CommunicationError("the bench still compiles")
+
+    monkeypatch.setattr(SimulatedBench, "wait_until_ready", not_yet)
+    with (
+        drivers.connect(root / "examples" / "benches" / "simulated.yaml") as bench,
+        pytest.raises(CommunicationError, match="still compiles"),
+    ):
+        bench.camera.grab()
+
+
 def test_what_is_wrong_with_the_whole_simulated_bench_is_told_once(root: Path, tmp_path: Path) -> None:
     text = (root / "examples" / "benches" / "simulated.yaml").read_text(encoding="utf-8")
     text = text.replace("faults: []", "faults: [{device: sensor_stage, fault: silent}]").replace("../cameras", f"{root}/examples/cameras")
