@@ -41,6 +41,7 @@ with serve(read_bench(Path(sys.argv[1]))) as served:
     print(compiled() - warm)
 """
 CHILD = "import sys; from pathlib import Path; from sim.serve import main; main(Path(sys.argv[1]), json_line=True)"
+TELLS_OF_DRAWING = "from sim.camera import SimulatedCamera; SimulatedCamera.warm_up = lambda camera: print('drawn', flush=True); "
 
 
 def test_instruments_that_share_an_address_share_a_line(write_bench_file: WriteBench) -> None:
@@ -129,8 +130,8 @@ def test_axes_of_one_line_need_numbers_of_their_own(write_bench_file: WriteBench
         serve(read_bench(file))
 
 
-def start(bench: Bench, root: Path, stdin: int) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, "-c", CHILD, str(bench.file)], stdin=stdin, stdout=subprocess.PIPE, cwd=root)
+def start(bench: Bench, root: Path, stdin: int, before: str = "") -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, "-c", before + CHILD, str(bench.file)], stdin=stdin, stdout=subprocess.PIPE, cwd=root)
 
 
 def test_it_prints_its_addresses_and_ends_with_its_standard_input(write_bench_file: WriteBench, root: Path) -> None:
@@ -148,10 +149,11 @@ def test_it_prints_its_addresses_and_ends_with_its_standard_input(write_bench_fi
 
 
 def test_it_says_when_all_that_a_first_frame_needs_is_compiled(write_bench_file: WriteBench, root: Path) -> None:
-    with start(write_bench_file(), root, subprocess.PIPE) as child:
+    with start(write_bench_file(), root, subprocess.PIPE, TELLS_OF_DRAWING) as child:
         assert child.stdout is not None
         assert child.stdin is not None
         assert "camera" in json.loads(child.stdout.readline())
+        assert child.stdout.readline() == b"drawn\n"
         assert child.stdout.readline() == READY
         child.stdin.close()
         assert child.wait(10) == 0
