@@ -84,6 +84,13 @@ def test_an_environment_that_works_is_left_as_it_is(script: Path) -> None:
     assert sorted(script.parent.rglob("*")) == before
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a program is not ended by a signal there")
+def test_of_a_command_that_a_signal_ends_it_says_what_a_shell_would(root: Path) -> None:
+    killed = "import os, signal; os.kill(os.getpid(), signal.SIGTERM)"
+    command = [sys.executable, "-c", RUN, str(root / "quickstart.py"), killed]
+    assert subprocess.run(command, capture_output=True, check=False, timeout=60).returncode == 128 + signal.SIGTERM
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="an interrupt cannot be sent to one group of processes alone there")
 def test_who_presses_ctrl_c_hears_how_the_command_ends(root: Path) -> None:
     command = [sys.executable, "-c", RUN, str(root / "quickstart.py"), CHILD]
