@@ -24,6 +24,7 @@ from flflab.description import read_yaml
 from flflab.errors import RecordError
 from flflab.record import FrameRecord, Run
 from flflab.study import Study
+from flflab.whole_file import write_whole
 
 Array = npt.NDArray[np.float64]
 
@@ -133,7 +134,8 @@ def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[P
     """Write ``calibration.json``, ``calibrated-camera.yaml`` and ``calibrated-bench.yaml``; an existing file is never overwritten.
 
     Raises:
-        RecordError: one of them is there already, or cannot be written.
+        RecordError: one of them is there already.
+        InputError: one cannot be written.
     """
     fit = found.fit
     camera, described = bench_files(found, bench)
@@ -145,11 +147,8 @@ def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[P
         "sentences": state_calibration(found),
     }  # fmt: skip
     require_unwritten(folder)
-    try:
-        for name, text in zip(FILES, (json.dumps(result, indent=1) + "\n", camera, described), strict=True):
-            (folder / name).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RecordError(f"{folder}: cannot be written ({error.strerror or error}); give a folder you may write in") from error
+    for name, text in zip(FILES, (json.dumps(result, indent=1) + "\n", camera, described), strict=True):
+        write_whole(folder / name, text)
     written = [folder / name for name in FILES]
     return written[0], written[1], written[2]
 

@@ -18,6 +18,7 @@ from flflab.cli.run import seeded
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, claim_folder, keep_descriptions, new_folder
 from flflab.units import parse_quantity
+from flflab.whole_file import write_whole
 
 if TYPE_CHECKING:
     from procedures.align import Outcome
@@ -61,8 +62,8 @@ def align(
         raise typer.Exit(INTERRUPTED)
     if failure is not None:
         raise failure
-    (folder / "alignment.json").write_text(json.dumps([asdict(one) for one in outcomes], indent=1) + "\n", encoding="utf-8")
-    (folder / "alignment.yaml").write_text(zeros_as_text(outcomes, described), encoding="utf-8")
+    write_whole(folder / "alignment.json", json.dumps([asdict(one) for one in outcomes], indent=1) + "\n")
+    write_whole(folder / "alignment.yaml", zeros_as_text(outcomes, described))
     console = Console(width=None if Console().is_terminal else 140)
     console.print(table_of(outcomes))
     for one in outcomes:

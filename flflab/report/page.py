@@ -10,13 +10,13 @@ from jinja2 import Environment, StrictUndefined, Template
 from flflab.bench import Bench
 from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent
 from flflab.diagnosis import not_told_apart
-from flflab.errors import RecordError
 from flflab.evaluation import Evaluation
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run
 from flflab.report import charts, facts, frames, tables
 from flflab.study import Study
+from flflab.whole_file import write_whole
 
 ELSEWHERE = ("time", "devices", "software", "configurations")  # what the start document holds that the page shows in its place
 
@@ -47,7 +47,8 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         file: the HTML file to write, replaced where it exists.
 
     Raises:
-        RecordError: a frame cannot be read or the page cannot be written.
+        RecordError: a frame cannot be read.
+        InputError: the page cannot be written; one that was there stays.
     """
     exact, dots = facts.exact_counts(evaluation.comparison.rows)
     local, devices = facts.simulated_devices(bench)
@@ -95,10 +96,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         light=bench.description.light_uncertainty,
         significance=study.description.significance,
     )
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RecordError(f"{file}: the report cannot be written ({error.strerror or error}); give a place you may write in") from error
+    write_whole(file, text)
 
 
 def _template() -> Template:

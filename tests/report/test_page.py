@@ -1,5 +1,7 @@
 """The page stands alone, says what was found, and shows everything that was compared."""
 
+import errno
+import os
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -9,7 +11,7 @@ import pytest
 
 from flflab.bench import Bench
 from flflab.comparison import PROPERTY_NAMES, Comparison
-from flflab.errors import RecordError
+from flflab.errors import InputError
 from flflab.evaluation import Evaluation
 from flflab.record import Run
 from flflab.report import write_report
@@ -195,5 +197,19 @@ def test_an_unfinished_run_of_one_configuration_is_reported_as_such(
 def test_a_report_that_cannot_be_written_is_refused_in_one_sentence(
     single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
 ) -> None:
-    with pytest.raises(RecordError, match="cannot be written"):
+    with pytest.raises(InputError, match="cannot be written"):
         write_report(single, run, study, bench, tmp_path / "missing" / "report.html")
+
+
+def test_a_report_that_finds_the_disk_full_leaves_the_older_one(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "report.html").write_text("an older one", encoding="utf-8")
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(InputError, match=r"report\.html: the disk is full"):
+        write_report(single, run, study, bench, tmp_path / "report.html")
+    assert {one.name: one.read_text(encoding="utf-8") for one in tmp_path.iterdir()} == {"report.html": "an older one"}
