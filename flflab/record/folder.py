@@ -83,6 +83,8 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
         shutil.copyfile(bench.file.parent / bench.description.optics, folder / "camera.yaml")
         if study_file is not None:
             shutil.copyfile(study_file, folder / "study.yaml")
+        else:
+            (folder / "study.yaml").unlink(missing_ok=True)  # of a run that never began
         (folder / VERSIONS).write_text(json.dumps(versions(), indent=1) + "\n", encoding="utf-8")
     except OSError as error:
         raise RecordError(f"{folder}: cannot be written ({error.strerror or error}); give a folder you may write in") from error

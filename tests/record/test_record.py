@@ -187,6 +187,8 @@ def test_the_folder_of_a_run_that_never_began_is_taken_again(tmp_path: Path) -> 
     for _ in range(2):  # new, then with the descriptions of the first time
         keep_descriptions(claim_folder(tmp_path / "run"), bench, BUILT_IN / "studies" / "first.yaml")
     assert claim_folder(tmp_path / "run") == tmp_path / "run"
+    keep_descriptions(tmp_path / "run", bench, None)
+    assert {one.name for one in (tmp_path / "run").iterdir()} == {"bench.yaml", "camera.yaml", "versions.json"}
 
 
 def test_a_file_in_the_place_of_a_run_is_told_without_repeating_its_path(tmp_path: Path) -> None:
