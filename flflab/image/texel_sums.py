@@ -118,7 +118,7 @@ def chord_sum(sums: Array, x: float, left: float, right: float, left_box: float,
     """
     left1, left2, right1, right2 = left - 0.5 * left_box, left + 0.5 * left_box, right - 0.5 * right_box, right + 0.5 * right_box
     if right2 - left1 < SHORT:
-        column = math.floor(x + 0.5 * (left + right))
+        column = int(x + 0.5 * (left + right))
         x -= column
         before = summed_from(sums, column, x + left2, rows) - summed_from(sums, column, x + left1, rows)
         after = summed_from(sums, column, x + right2, rows) - summed_from(sums, column, x + right1, rows)
