@@ -1,6 +1,5 @@
 """How unsure the parameters of a fitted chirp are because the template's blur was fitted too."""
 
-import math
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +39,7 @@ def with_blur_unsure(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: P
         change = expected(data, more, fit) - before
         follow = -followed(data, model, fit, prior, change)
         part = NUDGE * follow
-        nudged = ChirpFit(fit.geometry + part[:GEOMETRY], fit.brightness + part[GEOMETRY:CURVE], fit.curve + part[CURVE:], math.inf)
+        nudged = ChirpFit(fit.geometry + part[:GEOMETRY], fit.brightness + part[GEOMETRY:CURVE], fit.curve + part[CURVE:])
         left = change + (expected(data, model, nudged) - before) / NUDGE
         variance, weight = variance_and_weight(data, data.light @ fit.brightness, before)
         away = BLUR_STEP * model.template.pixel

@@ -96,20 +96,11 @@ class Prior:
 
 @dataclass(frozen=True)
 class ChirpFit:
-    """Parameters of the fit: geometry, light, curve (g and the spline's coefficients).
-
-    ``misfit``, the weighted squares that the fit makes least, is that of where the last step began.
-    """
+    """Parameters of the fit: geometry, light, curve (g and the spline's coefficients)."""
 
     geometry: Array
     brightness: Array
     curve: Array
-    misfit: float
-
-    def halfway(self, other: "ChirpFit") -> "ChirpFit":
-        """Midway to another."""
-        pairs = (self.geometry, other.geometry), (self.brightness, other.brightness), (self.curve, other.curve)
-        return ChirpFit(*((here + there) / 2 for here, there in pairs), misfit=other.misfit)
 
 
 @numba.njit(nogil=True, cache=True)
@@ -251,14 +242,14 @@ def gauss_newton_step(data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling
         prior: keeps directions that the pixels hardly see.
         move: False keeps the geometry and solves for light and curve only.
     """
-    normal, right, misfit = _tied(data, model, fit, ceiling, prior)
+    normal, right, _ = _tied(data, model, fit, ceiling, prior)
     step = np.zeros(len(normal))
     free = slice(0 if move else GEOMETRY, None)
     step[free] = _inverse(normal[free, free]) @ right[free]
     frequency = np.abs(model.frequency(data.places @ fit.geometry))
     furthest = float(np.abs(data.places @ step[:GEOMETRY] * frequency).max())
     step *= min(1.0, MOST_CYCLES_A_STEP / max(furthest, 1e-300))
-    return ChirpFit(fit.geometry + step[:GEOMETRY], fit.brightness + step[GEOMETRY:CURVE], fit.curve + step[CURVE:], misfit)
+    return ChirpFit(fit.geometry + step[:GEOMETRY], fit.brightness + step[GEOMETRY:CURVE], fit.curve + step[CURVE:])
 
 
 def least_misfit(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior) -> float:

@@ -16,6 +16,7 @@ from flflab.analysis.contrast_fit import (
     ChirpModel,
     Knots,
     Prior,
+    expected,
     followed,
     gauss_newton_step,
     least_misfit,
@@ -46,7 +47,6 @@ SAME_BLUR = 5e-4  # pixels: views that differ by less are blurred alike
 MOST_SHARPENINGS = 12
 MOST_STEPS = 20  # of Gauss-Newton
 SETTLED = 1e-4  # cycles that a step may still move a pixel's place
-RISEN = 1.01  # of the misfit: by less it may rise on the way to the least, as the weights follow the fit
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
         raise MeasurementError(f"{target.kind} picture: no bars of the target's law were found; check target and distance")
     brightness = np.zeros(LIGHT)
     brightness[0] = mean
-    fit = ChirpFit(start + np.array([shift, 0, 0, 0, 0]), brightness, np.zeros(size), math.inf)
+    fit = ChirpFit(start + np.array([shift, 0, 0, 0, 0]), brightness, np.zeros(size))
     ceiling = low
     while True:
         part = data.part(target.frequency(data.places @ fit.geometry) <= ceiling)
@@ -150,28 +150,21 @@ def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
 
 
 def settle(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> ChirpFit:
-    """All harmonics, until no pixel's place on the target moves any more; a step that raises the misfit is halved."""
+    """All harmonics, until no pixel's place on the target moves any more."""
     prior = prior_of(frame, data, model.knots)
-    if not fit.curve.any():  # says nothing of the geometry yet
-        fit = gauss_newton_step(data, model, fit, model.top, prior, False)
-    lowest_yet, least = fit, math.inf
     for step in range(MOST_STEPS):
-        ahead = gauss_newton_step(data, model, fit, model.top, prior, True)
-        if ahead.misfit > RISEN * least:
-            fit = lowest_yet.halfway(fit)
-            continue
-        moved = float(np.abs(data.places @ (ahead.geometry - fit.geometry)).max()) * model.span[1]
-        lowest_yet, least, fit = fit, ahead.misfit, ahead
+        before, fit = fit, gauss_newton_step(data, model, fit, model.top, prior, True)
+        moved = float(np.abs(data.places @ (fit.geometry - before.geometry)).max()) * model.span[1]
         if step > 0 and moved < SETTLED:  # light and curve follow the first step's geometry
-            return fit
-    return lowest_yet
+            break
+    return fit
 
 
 def with_fitted_gains(data: ChirpData, fit: ChirpFit, model: ChirpModel) -> ChirpData:
     """The runs with the gains of their sub-lattices that suit the fit best: bars may lie on one filter's columns more than on another's."""
-    expected = (data.light @ fit.brightness) * (1 + waves(data, model, fit.geometry, fit.curve, model.top))
-    weight = 1 / (data.dark + data.shot * np.maximum(expected, 0.0))
-    seen, due = (np.bincount(data.sublattice, weights=weight * expected * part, minlength=4) for part in (data.read, expected))
+    told = expected(data, model, fit)
+    weight = 1 / (data.dark + data.shot * np.maximum(told, 0.0))
+    seen, due = (np.bincount(data.sublattice, weights=weight * told * part, minlength=4) for part in (data.read, told))
     ratio = (seen / np.maximum(due, 1e-300))[data.sublattice]
     return replace(data, read=data.read / ratio, dark=data.dark / ratio**2, shot=data.shot / ratio)
 

@@ -22,7 +22,7 @@ def few_runs(blur_px: float, runs: int, dark: float) -> tuple[ChirpData, ChirpMo
     template, law, knots = Template(pixel, blur_px * pixel), (0.5, 9.5 / 12, -6.0), Knots(1.0, 0.6, 48)
     model = ChirpModel(law, (1.0, 10.0), 27.0, edges_of(target), template, knots)
     geometry, brightness = np.array([0.0, 36.0, 0.0, -8.3, 0.0]), np.array([3000.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    fit = ChirpFit(geometry, brightness, np.append(1.0, np.zeros(knots.count)), 0.0)
+    fit = ChirpFit(geometry, brightness, np.append(1.0, np.zeros(knots.count)))
     even, whole = np.ones(runs), np.zeros(runs, dtype=np.int64)
     places = np.stack([even, np.linspace(-0.13, 0.13, runs), 0 * even, 0 * even, 0 * even], axis=1)
     light = np.stack([even] + 5 * [0 * even], axis=1)
@@ -47,7 +47,7 @@ def test_a_fitted_blur_is_as_unsure_as_if_it_were_a_parameter_more(dark: float) 
     found = with_blur_unsure(data, model, fit, prior, covariance)
 
     def read(step: Array) -> Array:
-        part = ChirpFit(fit.geometry + step[:5], fit.brightness + step[5:11], fit.curve + step[11:-1], 0.0)
+        part = ChirpFit(fit.geometry + step[:5], fit.brightness + step[5:11], fit.curve + step[11:-1])
         wider = model.with_blur(math.sqrt(model.template.blur**2 + step[-1]))
         return 3000 * (1 + step[5] / 3000) * (1 + waves(data, wider, part.geometry, part.curve, model.top))
 
