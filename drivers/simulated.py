@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flflab.errors import CommunicationError
+from flflab.waiting import wait_for
 
 READY_S = 1200.0  # for compiling on a busy machine
 SILENCE_S = 2.0
@@ -37,7 +38,7 @@ class SimulatedBench:
         self._started, self._ready = threading.Event(), threading.Event()
         self._listener = threading.Thread(target=self._listen, name="simulated bench", daemon=True)
         self._listener.start()
-        silent = not self._started.wait(timeout)
+        silent = not wait_for(self._started, timeout)
         try:
             self.addresses: dict[str, Any] = json.loads(self._said[0])
         except (IndexError, ValueError):
@@ -56,9 +57,9 @@ class SimulatedBench:
         Raises:
             CommunicationError: it took longer, or the simulated bench ended.
         """
-        if not self._ready.wait(min(SILENCE_S, timeout)):
-            print("the simulated bench compiles what draws its pictures; the next run need not wait for it", file=sys.stderr, flush=True)
-        if not self._ready.wait(max(0.0, timeout - SILENCE_S)):
+        if not wait_for(self._ready, min(SILENCE_S, timeout)):
+            print("the simulated bench compiles what draws its pictures, the first time one or two minutes", file=sys.stderr, flush=True)
+        if not wait_for(self._ready, max(0.0, timeout - SILENCE_S)):
             raise CommunicationError(
                 f"{self._file}: the simulated bench still compiles what draws its pictures after {timeout:g} s; "
                 "see what else keeps this machine busy, then run it again: what is compiled is kept"

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 
 from flflab.errors import DeviceError
+from flflab.waiting import wait_for
 
 
 class Status:
@@ -63,7 +64,7 @@ class Status:
         Raises:
             TimeoutError: it has not ended.
         """
-        if not self._finished.wait(timeout):
+        if not wait_for(self._finished, timeout):
             raise TimeoutError(f"{self.task}: still under way after {timeout:g} s; wait longer or stop it")
         return self._error
 

@@ -19,6 +19,7 @@ from bluesky.utils import DuringTask, FailedStatus, RunEngineInterrupted
 from drivers.bench import ConnectedBench
 from flflab.errors import DeviceError, FlflabError
 from flflab.record import Recording
+from flflab.waiting import wait_for
 
 Plan = Generator[Msg, Any, Any]
 BY_OPERATOR = "interrupted by the operator"
@@ -160,12 +161,11 @@ class PatientLoop(asyncio.SelectorEventLoop):
 
 
 class Blocking(DuringTask):
-    """The main thread waits in short stretches, so that signals are heard on every system."""
+    """The main thread hears signals while it waits, on every system."""
 
     def block(self, blocking_event: threading.Event) -> None:
         """Wait for the engine."""
-        while not blocking_event.wait(LOOK_S):
-            pass
+        wait_for(blocking_event)
 
 
 @contextlib.contextmanager

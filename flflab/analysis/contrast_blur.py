@@ -1,6 +1,5 @@
 """How unsure the parameters of a fitted chirp are because the template's blur was fitted too."""
 
-
 import numpy as np
 import numpy.typing as npt
 

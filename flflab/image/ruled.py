@@ -27,7 +27,6 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 EDGE = 0.04  # of white: what is left in the last pixels of a rim, times the 3/2 power of half its width, where only its columns are cut
-
 EVEN = 0.0015  # of white, times the same power of its whole width: what four points of a pixel leave that is OFF_ENDS from a rim's ends
 OFF_ENDS = 1.25  # pixels
 

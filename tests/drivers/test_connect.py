@@ -171,7 +171,7 @@ def test_a_simulated_bench_is_asked_for_its_first_frame_when_what_draws_it_is_co
     try:
         with pytest.raises(CommunicationError, match=r"simulated\.yaml: the simulated bench still compiles .* after 0 s; see what else"):
             bench.wait_until_ready(timeout=0.0)
-        assert capfd.readouterr().err == "the simulated bench compiles what draws its pictures; the next run need not wait for it\n"
+        assert capfd.readouterr().err == "the simulated bench compiles what draws its pictures, the first time one or two minutes\n"
         bench.wait_until_ready()
         bench.wait_until_ready(timeout=0.0)
     finally:

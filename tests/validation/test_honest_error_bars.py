@@ -158,10 +158,8 @@ def swept(one_bench: OneRun, seed: int) -> Comparison:
 @pytest.mark.ci
 @pytest.mark.timeout(300)
 def test_an_honest_bench_whose_array_is_turned_step_by_step_is_accepted(one_bench: OneRun) -> None:
-    for seed in (
-        101,
-        105,
-    ):  # hard for the bars' fit: of the one views are blurred by 0.3 px more and less, of the other the target fills a part
+    # Hard for the bars' fit: of the one views are blurred by 0.3 px more and less, of the other the target fills a part.
+    for seed in (101, 105):
         comparison = swept(one_bench, seed)
         assert comparison.accepted
         assert np.abs(pooled([comparison], "mtf")).max() < 3
