@@ -20,6 +20,7 @@ from flflab.image.orders import (
     is_even,
     is_sharp,
     is_turn,
+    left_at_tips,
     lit_windows,
     picture_parts,
     picture_points,
@@ -135,8 +136,8 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
     counts, sharp = strip_counts(setup), is_sharp(setup)
     parts, steep = pixel_parts(setup, sharp)
     if isinstance(target, White):
-        at_end = WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5 > 0.2 * setup.tolerance
-        parts = np.where((setup.rims.width < STEEP) | at_end, parts, 1)
+        left = np.maximum(WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5, left_at_tips(setup))
+        parts = np.where((setup.rims.width < STEEP) | (left > 0.2 * setup.tolerance), parts, 1)
     nodes = strip_nodes(counts.ravel())
     grids, grid = np.unique(end_points(setup) if isinstance(target, Ruled) else np.zeros_like(setup.rims.kind), return_inverse=True)
     seen = RuledSeen(

@@ -47,21 +47,25 @@ def test_a_white_micro_image_holds_as_much_light_as_the_wider_shadow(
     assert light == pytest.approx(math.pi / 4 * shadow_um**2, rel=2e-3)  # the widths are known to their printed digits
 
 
-@pytest.mark.parametrize(("f_number", "columns", "nodes"), [(2.8, 230, 24), (5.6, 230, 24), (14.0, 16, 96)])
+@pytest.mark.parametrize(
+    ("f_number", "columns", "nodes", "middle"),
+    [(2.8, 230, 24, (0.16, 0.03)), (5.6, 230, 24, (0.16, 0.03)), (14.0, 16, 96, (0.16, 0.03)), (12.5, 237, 24, (0.0, 0.0))],
+    ids=["wide", "narrower", "of a pixel", "begins at the centre"],
+)
 @pytest.mark.parametrize("tolerance", [1e-4, 3e-5])
 def test_white_on_a_rim_is_the_area_common_to_two_discs_averaged_over_each_pixel(
-    camera: Camera, f_number: float, columns: int, nodes: int, tolerance: float
+    camera: Camera, f_number: float, columns: int, nodes: int, middle: tuple[float, float], tolerance: float
 ) -> None:
     """Where a rim is wide and smooth pixels are looked up at four points, and finely divided at its ends and in narrow ones."""
     pixel = 0.3818 / columns
-    one = replace(one_micro_image(camera), sensor=Sensor((columns, 12), pixel, 61.15, (0.16, 0.03)))
+    one = replace(one_micro_image(camera), sensor=Sensor((columns, 12), pixel, 61.15, middle))
     one = replace(one, main_lens=replace(one.main_lens, f_number=f_number))
     # On the microlens: its own opening, and where rays from a point of the sensor pass that it bends into the main lens.
     bent = 60.0 * (1 / 0.917 - 1 / 1.15) - 1
     hole, seen = 0.168, 25.0 / f_number / bent
     at, weights = np.polynomial.legendre.leggauss(nodes)
-    x = 0.16 + ((np.arange(columns) - (columns - 1) / 2)[:, None] + at / 2) * pixel
-    y = 0.03 + ((np.arange(12) - 5.5)[:, None] + at / 2) * pixel
+    x = middle[0] + ((np.arange(columns) - (columns - 1) / 2)[:, None] + at / 2) * pixel
+    y = middle[1] + ((np.arange(12) - 5.5)[:, None] + at / 2) * pixel
     along, across = np.hypot(x[None, :, None, :], y[:, None, :, None]), weights[:, None] * weights / 4
     shared = common_area(hole, seen, along * 60.0 / 1.15 / bent) / (math.pi * min(hole, seen) ** 2)
     due = np.einsum("rcij,ij->rc", shared, across)
