@@ -189,6 +189,10 @@ class Axis:
         """Maker, model, serial number and firmware as far as the device tells."""
         return self._commands.identity()
 
+    def serial(self) -> str:
+        """What no other axis anywhere answers: serial number, and which axis of its instrument; empty where it tells none."""
+        return self._commands.serial()
+
     def warnings(self) -> tuple[str, ...]:
         """Everything the device wants to be known, one phrase each."""
         return self._commands.warnings()

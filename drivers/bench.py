@@ -8,7 +8,8 @@ from types import TracebackType
 
 from drivers.axis import Axis
 from drivers.camera import CameraDevice, Detector
-from drivers.connection import Connection, can_outlive, device_of
+from drivers.connection import Connection, can_outlive
+from drivers.described import device_of, one_instrument, require_drivable
 from drivers.interlocks import check_motion, gap_rule, least_gap, order_moves, retreats
 from drivers.owner import Owner
 from drivers.sentinel import Sentinel
@@ -172,6 +173,7 @@ def connect(bench_file: str | Path) -> ConnectedBench:
     """
     described = read_bench(Path(bench_file))
     description = described.description
+    require_drivable(described)
     with ExitStack() as resources:
         owner = Owner(described.file) if any(can_outlive(axis) for axis in description.axes.values()) else None
         if owner is not None:
@@ -180,6 +182,8 @@ def connect(bench_file: str | Path) -> ConnectedBench:
         axes: dict[str, Axis] = {name: device for name in description.axes if (device := connection.open(name)) is not None}
         camera, iris, target = (connection.open(name) for name in ("camera", "iris", "target"))
         connection.raise_faults()
+        if twice := one_instrument({name: axis.serial() for name, axis in axes.items()}):
+            raise DeviceError("\n".join(twice))
         bench = ConnectedBench(described, axes, camera, iris, target, connection.addresses, resources.pop_all())
     if owner is not None:
         owner.stops_with(bench.stop)

@@ -61,6 +61,10 @@ class AxisCommands(Protocol):
         """Maker, model, serial number and firmware as far as the device tells."""
         ...
 
+    def serial(self) -> str:
+        """What no other axis anywhere answers: serial number, and which axis of its instrument; empty where it tells none."""
+        ...
+
     def close(self) -> None:
         """Let go of the device; stops nothing, raises nothing."""
         ...

@@ -1,29 +1,18 @@
 """How the devices of a bench file are opened: each by its driver, lines shared, every fault kept."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any, TypeVar
 
 from drivers.axis import Axis
 from drivers.camera import Camera
-from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
+from drivers.described import device_of, driver_of, path_of
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
-from flflab.bench import AxisDescription, Bench, DeviceDescription
-from flflab.errors import CommunicationError, DeviceError, FlflabError, InputError
+from flflab.bench import AxisDescription, Bench
+from flflab.errors import CommunicationError, DeviceError, FlflabError
 
 Opened = TypeVar("Opened")
-_DRIVERS: Mapping[str, Mapping[str, Any]] = {"camera": CAMERAS, "iris": IRISES, "target": TARGETS}
-
-
-def path_of(name: str) -> tuple[str, ...]:
-    """Where a device stands in the bench file."""
-    return (name,) if name in _DRIVERS else ("axes", name)
-
-
-def device_of(bench: Bench, name: str) -> DeviceDescription:
-    """An axis, the camera, iris or target as the bench file has it."""
-    return getattr(bench.description, name) if name in _DRIVERS else bench.description.axes[name]
 
 
 def can_outlive(axis: AxisDescription) -> bool:
@@ -35,7 +24,7 @@ class Connection:
     """Opening the devices of a bench, those of one line one after the other: at which addresses, and every fault so far.
 
     Args:
-        described: the bench file.
+        described: the bench file, drivable (``require_drivable``).
         resources: closes what was opened.
         simulated: serves what the bench file has simulated.
     """
@@ -50,17 +39,9 @@ class Connection:
 
     def open(self, name: str) -> Any:
         """Open a device of the bench file, None where that failed."""
-        drivers, device, path = _DRIVERS.get(name, AXES), device_of(self._described, name), path_of(name)
+        device, path = device_of(self._described, name), path_of(name)
         try:
-            driver = drivers.get(device.driver)
-            if driver is None:
-                where = f"{self._described.file}:{self._described.lines.get((*path, 'driver'), 1)}: {'.'.join((*path, 'driver'))}"
-                raise InputError(f"{where}: there is no driver {device.driver!r} here; there are {', '.join(drivers)}")
-            if isinstance(device, AxisDescription) and driver.counts not in (None, device.coordinate):
-                raise InputError(
-                    f"{name}: driver {device.driver} counts {driver.counts.dimension}s, but this axis moves {device.moves}; "
-                    "give what it moves, or another driver"
-                )
+            driver = driver_of(self._described, name)
             keys = self._described.own_keys(driver.keys, *path)
             simulated = device.address == "simulated"
             if simulated:
@@ -79,13 +60,12 @@ class Connection:
         """Raise all faults as one error.
 
         Raises:
-            InputError: only the bench file is wrong.
             CommunicationError: at least one device does not answer.
             DeviceError: the other cases.
         """
         if self.faults:
             kinds = {type(fault) for fault in self.faults.values()}
-            kind = InputError if kinds == {InputError} else CommunicationError if CommunicationError in kinds else DeviceError
+            kind = CommunicationError if CommunicationError in kinds else DeviceError
             raise kind("\n".join(dict.fromkeys(str(fault) for fault in self.faults.values())))
 
     def _open(self, driver: Any, name: str, device: Any, keys: Any, *, simulated: bool) -> Any:

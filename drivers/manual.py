@@ -176,6 +176,10 @@ class ManualAxis:
         """What it is."""
         return "moved by hand"
 
+    def serial(self) -> str:
+        """None: a person knows which stage it is."""
+        return ""
+
     def close(self) -> None:
         """Ask no longer."""
         self.stop()

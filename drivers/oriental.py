@@ -337,6 +337,10 @@ class OrientalAxis:
         """What the bench file says it is: the protocol tells neither model nor serial number."""
         return f"Oriental Motor AZ drive, slave {self._keys.device}"
 
+    def serial(self) -> str:
+        """None that the protocol tells."""
+        return ""
+
     def close(self) -> None:
         """Nothing: the line is closed by who opened it; the motor holds."""
 

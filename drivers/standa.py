@@ -28,7 +28,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import Field
 
 from drivers.line import Line
-from drivers.transport import LostError
+from drivers.transport import LostError, serial_place
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
 from flflab.errors import CommunicationError, DeviceError
@@ -234,6 +234,11 @@ class StandaAxis:
         )
         return f"{about.Manufacturer} {about.ProductDescription}, serial {serial}, firmware {'.'.join(map(str, firmware))}"
 
+    def serial(self) -> str:
+        """The controller's serial number; an emulated one has none and says 0."""
+        serial = self._ask("say its serial number", lambda axis: axis.get_serial_number())
+        return str(serial) if serial else ""
+
     def close(self) -> None:
         """Nothing: the controller is closed by who opened it; the motor holds."""
 
@@ -292,6 +297,15 @@ class StandaAxis:
         kept = self._ask("say its speed", lambda axis: axis.get_move_settings())
         if (kept.Speed, kept.uSpeed) != wanted:
             raise DeviceError(f"{self._name}: asked for {wanted[0]} steps/s, it keeps {kept.Speed}; give a speed the stage can reach")
+
+
+def place(address: str) -> str:
+    """An address spelt one way; the library's own as they are.
+
+    Raises:
+        InputError: it is neither a port nor one of the library's.
+    """
+    return address if address.startswith("xi-") else serial_place(address)
 
 
 def open_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> StandaAxis:

@@ -6,7 +6,8 @@ from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 from drivers.axis import Axis
-from drivers.connection import Connection, can_outlive, device_of
+from drivers.connection import Connection, can_outlive
+from drivers.described import device_of, require_drivable
 from drivers.owner import Owner
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
@@ -19,7 +20,10 @@ SILENT = "does not answer"
 
 
 class Identity(NamedTuple):
-    """One line of the table of devices: texts; position in mm or rad is None where there is none or its reference is missing."""
+    """One line of the table of devices: texts; position in mm or rad is None where there is none or its reference is missing.
+
+    The serial number is that of an axis, as ``AxisCommands`` has it.
+    """
 
     name: str
     driver: str
@@ -27,21 +31,23 @@ class Identity(NamedTuple):
     identity: str
     position: float | None
     state: str
+    serial: str = ""
 
 
 def look(name: str, device: DeviceDescription, instrument: Any, address: str) -> Identity:
     """The line of a device that is open."""
-    position, state = None, ""
+    position, state, serial = None, "", ""
     try:
         identity = instrument.identity()
         if isinstance(instrument, Axis):
+            serial = instrument.serial()
             position = instrument.position() if instrument.is_homed() else None
             state = "; ".join(("moving",) * instrument.is_moving() + instrument.warnings())
         elif isinstance(instrument, Setting):
             state = str(instrument.value())
     except FlflabError as error:
         identity, state = SILENT, str(error)
-    return Identity(name, device.driver, address, identity, position, state)
+    return Identity(name, device.driver, address, identity, position, state, serial)
 
 
 def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
@@ -52,8 +58,10 @@ def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
         timeout: how long it may take in all, s.
 
     Raises:
+        InputError: the bench file asks for what no driver could open, or for one stage twice.
         DeviceError: another program drives the bench.
     """
+    require_drivable(bench)
     devices = {name: device_of(bench, name) for name in (*bench.description.axes, "camera", "iris", "target")}
     lines: dict[tuple[str, str], list[str]] = {}
     for name, device in devices.items():

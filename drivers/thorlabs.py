@@ -22,7 +22,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -286,13 +286,19 @@ class ThorlabsAxis:
 
     def identity(self) -> str:
         """Model, serial number and firmware."""
-        data = self._link.ask(self._name, encode(REQUEST_INFO), INFO, 84)
-        serial, model, _, minor, interim, major = struct.unpack_from("<L8sHBBB", data)
+        serial, model, _, minor, interim, major = self._info()
         kind = model.rstrip(b"\0 ").decode("ascii", "replace")
         return f"Thorlabs {kind}, serial {serial}, firmware {major}.{interim}.{minor}"
 
+    def serial(self) -> str:
+        """The controller's serial number, with the channel where it is not its first."""
+        return str(self._info()[0]) + (f" channel {self._keys.channel}" if self._keys.channel > 1 else "")
+
     def close(self) -> None:
         """Nothing: the line is closed by who opened it; the motor holds."""
+
+    def _info(self) -> tuple[Any, ...]:
+        return struct.unpack_from("<L8sHBBB", self._link.ask(self._name, encode(REQUEST_INFO), INFO, 84))
 
     def _set_up(self) -> None:
         channel, wanted = self._keys.channel, self._speed

@@ -1,12 +1,14 @@
 """Bytes to and from an instrument: a serial line (tty, pty, ``socket://``) or a TCP connection, read with deadlines."""
 
 import contextlib
+import os
+import re
 import socket
 import threading
 import time
 from collections.abc import Callable
 
-from flflab.errors import CommunicationError
+from flflab.errors import CommunicationError, InputError
 
 SLICE_S = 0.02
 MOST_UNREAD = 1 << 16
@@ -148,11 +150,10 @@ def open_tcp(address: str, timeout: float = 5.0) -> Wire:
     """Open a TCP connection to ``host:port`` (``socket://host:port`` is the same).
 
     Raises:
-        CommunicationError: the address is not one, or nobody listens there.
+        InputError: the address is not one.
+        CommunicationError: nobody listens there.
     """
-    host, colon, number = address.removeprefix("socket://").rpartition(":")
-    if not colon or not number.isdigit():
-        raise CommunicationError(f"{address!r} is not an address; give host:port, such as 127.0.0.1:5025")
+    host, _, number = tcp_place(address).rpartition(":")
     try:
         link = socket.create_connection((host.strip("[]"), int(number)), timeout)
     except (OSError, OverflowError) as error:
@@ -177,6 +178,35 @@ def open_tcp(address: str, timeout: float = 5.0) -> Wire:
         link.close()
 
     return Wire(address, sender.sendall, receive, shut)
+
+
+def tcp_place(address: str) -> str:
+    """A network address spelt one way, ``host:port``.
+
+    Raises:
+        InputError: it is none.
+    """
+    host, _, port = address.removeprefix("socket://").rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise InputError(f"{address!r} is not an address; give host:port, such as 127.0.0.1:5025, with a port from 1 to 65535")
+    return f"{'127.0.0.1' if host.lower() == 'localhost' else host.lower()}:{int(port)}"
+
+
+def serial_place(address: str) -> str:
+    """The address of a serial line spelt one way: links followed to the port they lead to; URLs of pyserial as they are.
+
+    Raises:
+        InputError: it is none.
+    """
+    if address.startswith("socket://") or _is_host_and_port(address):
+        return tcp_place(address)
+    if port := re.fullmatch(r"(?:\\\\\.\\)?(COM\d+)", address, re.IGNORECASE):
+        return port[1].upper()
+    if "://" in address:
+        return address
+    if address.startswith("/"):
+        return os.path.realpath(address)
+    raise InputError(f"{address!r} is not an address; give a serial port, such as /dev/ttyUSB0 or COM3, or socket://host:port")
 
 
 def _is_host_and_port(address: str) -> bool:

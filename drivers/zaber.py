@@ -296,6 +296,10 @@ class ZaberAxis:
         kind, serial, version = (self._device_setting(setting) for setting in ("deviceid", "system.serial", "version"))
         return f"Zaber device {kind}, serial {serial}, firmware {version}, at {self._keys.device}"
 
+    def serial(self) -> str:
+        """The device's serial number, with the axis where it is not its first."""
+        return self._device_setting("system.serial") + (f" axis {self._keys.axis}" if self._keys.axis > 1 else "")
+
     def close(self) -> None:
         """Nothing: the chain is closed by who opened it."""
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from flflab.camera_file import read_camera
-from flflab.description import Angle, Description, Length, Ratio, check, read_yaml
+from flflab.description import Angle, Description, Length, Ratio, check, line_of, read_yaml
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.units import Dimension, parse_quantity
@@ -226,6 +226,10 @@ class Bench:
     file: Path
     lines: Mapping[tuple[str | int, ...], int]
     optics: Camera
+
+    def where(self, *path: str) -> str:
+        """Where a field stands, as errors begin: file, line and field."""
+        return f"{self.file}:{line_of(path, self.lines)}: {'.'.join(path)}"
 
     def own_keys(self, kind: type[Own], *path: str) -> Own:
         """The keys that belong to one device's driver, checked by the driver's model.

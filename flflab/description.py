@@ -99,7 +99,8 @@ def read_yaml(file: Path) -> tuple[dict[str, Any], Lines]:
     return cast(dict[str, Any], data), lines
 
 
-def _line_of(path: Path_, lines: Mapping[Path_, int]) -> int:
+def line_of(path: Path_, lines: Mapping[Path_, int]) -> int:
+    """The line of a field, or of the nearest one around it that the file has."""
     while path and path not in lines:
         path = path[:-1]
     return lines.get(path, 1)
@@ -127,7 +128,7 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
                 message = f"there is no such field; allowed here: {', '.join(_fields_at(kind, fault['loc'][:-1]))}"
             elif fault["type"] != "value_error":
                 message = f"{message[0].lower()}{message[1:]}, not {fault['input']!r}"
-            faults.append(f"{file}:{_line_of(path, lines)}: {field}: {message}")
+            faults.append(f"{file}:{line_of(path, lines)}: {field}: {message}")
         raise InputError("\n".join(dict.fromkeys(faults))) from error
 
 

@@ -58,10 +58,19 @@ def own_number(bench: Bench, name: str, key: str, low: int, high: int) -> int:
     return number
 
 
+def _place(bench: Bench, name: str) -> int:
+    """Which axis of its driver it is in the bench file, from 0: serial numbers count up, no two are the same."""
+    axes = bench.description.axes
+    return [other for other, axis in axes.items() if axis.driver == axes[name].driver].index(name)
+
+
 def _zaber(bench: Bench, world: World, names: Sequence[str]) -> Line:
     numbers = {name: own_number(bench, name, "device", 1, 99) for name in names}
     _require_numbers_of_their_own(bench, numbers, "device")
-    devices = [Device(number, _linear_stage(bench, world, name), faults_of(bench, name)) for name, number in numbers.items()]
+    devices = [
+        Device(number, _linear_stage(bench, world, name), faults_of(bench, name), 100_001 + _place(bench, name))
+        for name, number in numbers.items()
+    ]
     places = {name: {"device": number, "axis": 1} for name, number in numbers.items()}
     return Line(Chain(devices, world.lock).open_session, places, {name: device.faults for name, device in zip(names, devices, strict=True)})
 
@@ -72,7 +81,7 @@ def _thorlabs(bench: Bench, world: World, names: Sequence[str]) -> Line:
     stage = Stage(
         world.carriages[name], (-TURNS, TURNS), count, min(axis.speed, math.radians(10)) / count, ANGULAR_ACCELERATION / count, home=0.0
     )
-    controller = thorlabs.Controller(stage, faults_of(bench, name), 27_000_001, world.lock)
+    controller = thorlabs.Controller(stage, faults_of(bench, name), 27_000_001 + _place(bench, name), world.lock)
     return Line(lambda: thorlabs.ControllerSession(controller), {name: {}}, {name: controller.faults})
 
 

@@ -59,9 +59,9 @@ def read_message(line: bytes) -> Message | None:
 class Device:
     """One controller with its stage; answers messages that are for it."""
 
-    def __init__(self, number: int, stage: Stage, faults: Faults) -> None:
+    def __init__(self, number: int, stage: Stage, faults: Faults, serial: int) -> None:
         """Power up under a device number."""
-        self.line = Communication(number, serial=100000 + number)
+        self.line = Communication(number, serial)
         self.stage = stage
         self.faults = faults
         stage.obstruct(faults.obstacle, JAM)

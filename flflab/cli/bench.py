@@ -10,7 +10,7 @@ from rich.table import Table
 from flflab.bench import LENGTH, read_bench
 from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, place
 from flflab.cli.looking import scan, snap
-from flflab.errors import CommunicationError
+from flflab.errors import CommunicationError, DeviceError
 from flflab.units import parse_quantity
 
 app = typer.Typer(
@@ -24,6 +24,7 @@ app = typer.Typer(
 @app.command(short_help="Ask every device who it is, where it stands, what it warns of.")
 def check(bench: BenchFile) -> None:
     """Ask every device, all lines at once, who it is, where it stands and what it warns of; all faults in one run."""
+    from drivers.described import one_instrument
     from drivers.survey import SILENT, survey
 
     described = read_bench(bench)
@@ -39,6 +40,8 @@ def check(bench: BenchFile) -> None:
         limits = "" if axis is None else f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}"
         table.add_row(row.name, row.driver, row.address, row.identity, position, limits, row.state if answers else "")
     _print(table)
+    if twice := one_instrument({row.name: row.serial for row in rows}):
+        raise DeviceError("\n".join(twice))
     if silent := [row.state for row in rows if row.identity == SILENT]:
         raise CommunicationError("\n".join(dict.fromkeys(silent)))
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from flflab.bench import read_bench
 from sim.serve import serve, write_bench
@@ -50,3 +51,18 @@ def test_a_length_for_an_axis_that_turns_is_refused(flflab: Run, bench_file: Pat
     refused = flflab("bench", "move", "ring", "5 mm", "--bench", bench_file)
     assert refused.code in (1, 2)
     assert "'mm' is a unit of length; an angle is a number and a unit of rad" in refused.err
+
+
+def test_one_stage_for_two_axes_is_refused_by_check_and_by_move(flflab: Run, bench_file: Path) -> None:
+    data = yaml.safe_load(bench_file.read_text(encoding="utf-8"))
+    twice = bench_file.with_name("twice.yaml")
+    for address, says in (
+        ("127.0.0.1", "array_stage is the same stage as main_lens_stage"),
+        ("127.1", "serial number 100001, answers for both"),
+    ):
+        data["axes"]["array_stage"] |= {"device": 1, "address": data["axes"]["sensor_stage"]["address"].replace("127.0.0.1", address)}
+        twice.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+        for command in (("check",), ("move", "array_stage", "5 mm")):
+            refused = flflab("bench", *command, "--bench", twice)
+            assert refused.code == 1
+            assert says in refused.err

@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib
+import itertools
 import os
 import socket
 import threading
@@ -81,13 +82,16 @@ def dialogue() -> Iterator[Callable[[list[tuple[bytes, Reply]]], str]]:
         assert peer.left == []
 
 
+SERIALS = itertools.count(70001)
+
+
 class ToyStage:
     """A stage in microsteps that moves at a constant speed in real time, and shows one fault when told to."""
 
     def __init__(self, speed: float = 100000.0, homed: bool = True, resolution: int = 64) -> None:
         self.speed, self.homed = speed, homed
         self.limit = 100000
-        self.settings = {"resolution": resolution, "limit.min": 0, "limit.max": self.limit, "maxspeed": 0}
+        self.settings = {"resolution": resolution, "limit.min": 0, "limit.max": self.limit, "maxspeed": 0, "system.serial": next(SERIALS)}
         self.start = self.end = 0.0
         self.since = 0.0
         self.flags: set[str] = set()

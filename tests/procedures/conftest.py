@@ -65,6 +65,9 @@ class MemoryAxis:
     def identity(self) -> str:
         return "memory axis"
 
+    def serial(self) -> str:
+        return ""
+
     def close(self) -> None:
         pass
 

@@ -91,6 +91,9 @@ class Loose:
     def identity(self) -> str:
         return "loose axis"
 
+    def serial(self) -> str:
+        return ""
+
     def close(self) -> None: ...
 
 

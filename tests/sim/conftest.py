@@ -41,7 +41,10 @@ def chain_of(clock: Clock, devices: int = 2, faults: dict[int, Fault] | None = N
     stages = [Stage(Carriage(clock, start), (0.0, 150.0), MICROSTEP, 10 / MICROSTEP, 400 / MICROSTEP) for _ in range(devices)]
     planted = faults or {}
     return Chain(
-        [Device(number, stage, Faults([planted[number]] if number in planted else [])) for number, stage in enumerate(stages, start=1)],
+        [
+            Device(number, stage, Faults([planted[number]] if number in planted else []), 100_000 + number)
+            for number, stage in enumerate(stages, start=1)
+        ],
         threading.RLock(),
     )
 

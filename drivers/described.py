@@ -1,0 +1,101 @@
+"""What a bench file says to the drivers, checked before anything is opened: driver, keys and address of each device, no stage twice."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
+from flflab.bench import AxisDescription, Bench, DeviceDescription
+from flflab.errors import InputError
+
+_DRIVERS: Mapping[str, Mapping[str, Any]] = {"camera": CAMERAS, "iris": IRISES, "target": TARGETS}
+
+
+def path_of(name: str) -> tuple[str, ...]:
+    """Where a device stands in the bench file."""
+    return (name,) if name in _DRIVERS else ("axes", name)
+
+
+def device_of(bench: Bench, name: str) -> DeviceDescription:
+    """An axis, the camera, iris or target as the bench file has it."""
+    return getattr(bench.description, name) if name in _DRIVERS else bench.description.axes[name]
+
+
+def driver_of(bench: Bench, name: str) -> Any:
+    """The driver of a device.
+
+    Raises:
+        InputError: there is none of that name, or it does not count what the axis moves.
+    """
+    drivers, device, where = _DRIVERS.get(name, AXES), device_of(bench, name), bench.where(*path_of(name), "driver")
+    driver = drivers.get(device.driver)
+    if driver is None:
+        raise InputError(f"{where}: there is no driver {device.driver!r} here; there are {', '.join(drivers)}")
+    if isinstance(device, AxisDescription) and driver.counts not in (None, device.coordinate):
+        raise InputError(
+            f"{where}: {device.driver} counts {driver.counts.dimension}s, but this axis moves {device.moves}; "
+            "give what it moves, or another driver"
+        )
+    return driver
+
+
+def require_drivable(bench: Bench) -> None:
+    """Refuse what no driver could open, and two axes that are one stage.
+
+    Raises:
+        InputError: every such fault, with file, line and field.
+    """
+    faults: list[str] = []
+    stages: dict[tuple[object, ...], str] = {}
+    for name in (*bench.description.axes, *_DRIVERS):
+        try:
+            stage = _stage(bench, name)
+        except InputError as fault:
+            faults.append(str(fault))
+            continue
+        if stage and (other := stages.setdefault(stage, name)) != name:
+            apart = driver_of(bench, name).apart
+            faults.append(
+                f"{bench.where('axes', name, *apart[:1])}: {name} is the same stage as {other}, "
+                f"{_in_words(stage, apart)}; give each axis {' or '.join(('an address', *apart))} of its own"
+            )
+    if faults:
+        raise InputError("\n".join(faults))
+
+
+def _stage(bench: Bench, name: str) -> tuple[object, ...] | None:
+    """What a device is known by: driver, address spelt one way, keys; None where that tells nothing, as of what is no axis or simulated.
+
+    Raises:
+        InputError: its driver, keys or address are wrong.
+    """
+    driver, device = driver_of(bench, name), device_of(bench, name)
+    keys = bench.own_keys(driver.keys, *path_of(name))
+    if device.address == "simulated":
+        return None
+    try:
+        place = driver.place(device.address)
+    except InputError as error:
+        raise InputError(f"{bench.where(*path_of(name), 'address')}: {error}") from error
+    if not isinstance(device, AxisDescription) or driver.apart is None:
+        return None
+    return device.driver, place, *(getattr(keys, key) for key in driver.apart)
+
+
+def _in_words(stage: tuple[object, ...], apart: tuple[str, ...]) -> str:
+    driver, place, *numbers = stage
+    return ", ".join([f"{driver} at {place}", *(f"{key} {number}" for key, number in zip(apart, numbers, strict=True))])
+
+
+def one_instrument(serials: Mapping[str, str]) -> list[str]:
+    """A sentence for each two axes behind which one instrument answers.
+
+    Args:
+        serials: of each axis, empty where its instrument tells none.
+    """
+    first: dict[str, str] = {}
+    return [
+        f"{name} and {first[serial]}: one instrument, serial number {serial}, answers for both; correct their addresses in the bench file, "
+        "nothing moved"
+        for name, serial in serials.items()
+        if serial and first.setdefault(serial, name) != name
+    ]

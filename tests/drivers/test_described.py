@@ -1,0 +1,113 @@
+"""What a bench file says to the drivers is refused when it is read: one stage for two axes, addresses that are none."""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import drivers
+from drivers.described import require_drivable
+from drivers.survey import survey
+from drivers.transport import serial_place
+from flflab.bench import read_bench
+from flflab.errors import DeviceError, InputError
+from sim.serve import serve, write_bench
+
+Changed = Callable[..., Path]
+LINE = "socket://127.0.0.1:5001"
+ANGLES: dict[str, Any] = {"limits": ["-9 deg", "9 deg"], "speed": "5 deg/s", "zero": "0 deg"}
+THORLABS = {"driver": "thorlabs", "moves": "array.yaw", "home_towards": "-yaw", **ANGLES}
+ORIENTAL = {"driver": "oriental", "steps_per_degree": 500, "moves": "array.pitch", "home_towards": "-pitch", **ANGLES}
+STANDA = {
+    "driver": "standa", "step": "2.5 um", "moves": "array.z", "home_towards": "-z", "limits": ["0 mm", "9 mm"], "speed": "1 mm/s",
+}  # fmt: skip
+ZABER = {**STANDA, "driver": "zaber", "microstep": "0.5 um"}
+del ZABER["step"]
+
+
+@pytest.fixture
+def pair(root: Path, tmp_path: Path) -> Changed:
+    """A bench of two axes, the first as given, the second as given and moving what the first does not."""
+
+    def write(first: dict[str, Any], second: dict[str, Any]) -> Path:
+        bench = yaml.safe_load((root / "examples" / "benches" / "simulated.yaml").read_text(encoding="utf-8"))
+        bench["optics"] = str(root / "examples" / "cameras" / "osinski.yaml")
+        other = "target.z" if second["moves"] == "array.z" else "array.roll"
+        bench["axes"] = {"one": first, "two": {**second, "moves": other, "home_towards": f"-{other.partition('.')[2]}"}}
+        (tmp_path / "pair.yaml").write_text(yaml.safe_dump(bench, sort_keys=False), encoding="utf-8")
+        return tmp_path / "pair.yaml"
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("axis", "here", "there"),
+    [
+        (ZABER, {"address": LINE, "device": 1}, {"address": LINE, "device": 1}),
+        (ZABER, {"address": LINE, "device": 1}, {"address": "localhost:5001", "device": 1, "axis": 1}),
+        (THORLABS, {"address": "COM3"}, {"address": "com3"}),
+        (ORIENTAL, {"address": LINE, "device": 4}, {"address": LINE, "device": 4, "parity": "N"}),
+        (STANDA, {"address": "xi-net://host/123"}, {"address": "xi-net://host/123"}),
+    ],
+    ids=["zaber", "zaber spelt in another way", "thorlabs", "oriental", "standa"],
+)
+def test_two_axes_are_never_one_stage(axis: dict[str, Any], here: dict[str, Any], there: dict[str, Any], pair: Changed) -> None:
+    with pytest.raises(InputError, match=r"pair\.yaml:\d+: axes\.two.*: two is the same stage as one, .*; give each axis an address"):
+        require_drivable(read_bench(pair(axis | here, axis | there)))
+
+
+@pytest.mark.parametrize(
+    ("axis", "here", "there"),
+    [
+        (ZABER, {"address": LINE, "device": 1}, {"address": LINE, "device": 2}),
+        (ZABER, {"address": LINE, "device": 1}, {"address": LINE, "device": 1, "axis": 2}),
+        (ZABER, {"address": LINE, "device": 1}, {"address": "socket://127.0.0.1:5002", "device": 1}),
+        (THORLABS, {"address": "COM3"}, {"address": "COM4"}),
+        (THORLABS, {"address": "simulated"}, {"address": "simulated"}),
+        (ORIENTAL, {"address": LINE, "device": 4}, {"address": LINE, "device": 5}),
+        ({**ZABER, "driver": "manual"}, {}, {}),
+    ],
+    ids=["device numbers", "axes of one device", "lines", "ports", "each simulated by itself", "slaves of one line", "by hand"],
+)
+def test_axes_that_anything_tells_apart_are_taken(axis: dict[str, Any], here: dict[str, Any], there: dict[str, Any], pair: Changed) -> None:
+    manual = axis["driver"] == "manual"
+    first, second = ({key: value for key, value in (axis | own).items() if not (manual and key == "microstep")} for own in (here, there))
+    require_drivable(read_bench(pair(first, second)))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there ports are no files")
+def test_a_link_to_a_port_is_that_port(tmp_path: Path) -> None:
+    (tmp_path / "by-id").symlink_to(os.devnull)
+    assert serial_place(str(tmp_path / "by-id")) == os.devnull
+
+
+@pytest.mark.parametrize("address", ["192.168.0.1", "", "ttyUSB0", "host:0", "socket://host", "127.0.0.1:70000"])
+def test_an_address_that_is_none_is_refused_with_what_one_is(address: str, pair: Changed) -> None:
+    file = pair(ZABER | {"address": address, "device": 1}, ZABER | {"address": LINE, "device": 2})
+    with pytest.raises(InputError, match=r"pair\.yaml:\d+: axes\.one\.address: '.*' is not an address; give .*host:port"):
+        require_drivable(read_bench(file))
+
+
+@pytest.fixture
+def spelt_twice(root: Path, tmp_path: Path) -> Iterator[Path]:
+    """A served bench whose array's axis leads to the main lens's stage by another spelling of the address."""
+    bench = read_bench(root / "examples" / "benches" / "simulated.yaml")
+    with serve(bench) as served:
+        write_bench(bench, served, tmp_path / "served.yaml")
+        data = yaml.safe_load((tmp_path / "served.yaml").read_text(encoding="utf-8"))
+        stage = data["axes"]["main_lens_stage"]
+        data["axes"]["array_stage"] |= {"device": stage["device"], "address": stage["address"].replace("127.0.0.1", "127.1")}
+        (tmp_path / "served.yaml").write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+        yield tmp_path / "served.yaml"
+
+
+def test_one_instrument_that_answers_for_two_axes_is_refused_before_anything_can_move(spelt_twice: Path) -> None:
+    with pytest.raises(DeviceError, match=r"^array_stage and main_lens_stage: one instrument, serial number 100001, answers for both; "):
+        drivers.connect(spelt_twice)
+    serials = {row.name: row.serial for row in survey(read_bench(spelt_twice))}
+    assert serials["array_stage"] == serials["main_lens_stage"] == "100001"
+    assert (serials["sensor_stage"], serials["camera"]) == ("100003", "")
