@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from drivers.interlocks import check_homing
 from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
 from flflab.bench import AxisDescription, Bench, DeviceDescription
 from flflab.errors import InputError
@@ -39,7 +40,7 @@ def driver_of(bench: Bench, name: str) -> Any:
 
 
 def require_drivable(bench: Bench) -> None:
-    """Refuse what no driver could open, and two axes that are one stage.
+    """Refuse what no driver could open, two axes that are one stage, and array or sensor that could not be homed.
 
     Raises:
         InputError: every such fault, with file, line and field.
@@ -60,6 +61,7 @@ def require_drivable(bench: Bench) -> None:
             )
     if faults:
         raise InputError("\n".join(faults))
+    check_homing(bench)
 
 
 def _stage(bench: Bench, name: str) -> tuple[object, ...] | None:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from flflab.bench import AxisDescription, Bench
-from flflab.errors import InterlockError
+from flflab.errors import InputError, InterlockError
 from flflab.optics.camera import MicrolensArray
 
 Interval = tuple[float, float]
@@ -31,6 +31,11 @@ class Mover:
     def tilts(self) -> bool:
         """Whether it turns, not shifts."""
         return self.axis.coordinate.unit == "rad"
+
+    @property
+    def homed(self) -> float:
+        """Its reading at the end of its travel where it looks for its reference."""
+        return self.travel[1 if self.axis.homes_up else 0]
 
     def spread(self, readings: Interval) -> float:
         """By how much its place may be off, mm or rad."""
@@ -103,6 +108,28 @@ def gap_rule(bench: Bench, travels: Mapping[str, Interval]) -> GapRule | None:
     return rule if rule.movers else None
 
 
+def check_homing(bench: Bench) -> None:
+    """Refuse array or sensor that look for their reference towards each other and cannot, though the other one is homed and out of the way.
+
+    Raises:
+        InputError: with file, line and field.
+    """
+    rule = gap_rule(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
+    if rule is None:
+        return
+    for part, other, away in ((rule.array, rule.sensor, "-z"), (rule.sensor, rule.array, "+z")):
+        if not isinstance(part, Mover) or part.axis.home_towards == away:
+            continue
+        homed = {other.name: (other.homed, other.homed)} if isinstance(other, Mover) else {}
+        if not least_gap(rule, homed) >= rule.minimum_gap:
+            where = bench.where("axes", part.name, "home_towards")
+            raise InputError(
+                f"{where}: {part.name} would look for its reference towards {part.axis.home_towards} and could leave "
+                f"{least_gap(rule, homed):.3f} mm between array and sensor; at least {rule.minimum_gap:g} mm are kept: "
+                f"let it home towards {away}, or correct its limits"
+            )
+
+
 def corner_radius(array: MicrolensArray) -> float:
     """Radius of the circle round the array's corners, mm."""
     return math.hypot(*((count * pitch + array.aperture) / 2 for count, pitch in zip(array.count, array.pitch, strict=True)))
@@ -125,7 +152,7 @@ def swept(mover: Mover, start: Interval | None, end: float | None) -> Interval:
     """
     if start is None or (end is None and mover.tilts):
         return mover.travel
-    last = mover.travel[1 if mover.axis.homes_up else 0] if end is None else end
+    last = mover.homed if end is None else end
     return min(*start, last), max(*start, last)
 
 

@@ -227,9 +227,9 @@ class Bench:
     lines: Mapping[tuple[str | int, ...], int]
     optics: Camera
 
-    def where(self, *path: str) -> str:
+    def where(self, *path: str | int) -> str:
         """Where a field stands, as errors begin: file, line and field."""
-        return f"{self.file}:{line_of(path, self.lines)}: {'.'.join(path)}"
+        return f"{self.file}:{line_of(path, self.lines)}: {'.'.join(map(str, path))}"
 
     def own_keys(self, kind: type[Own], *path: str) -> Own:
         """The keys that belong to one device's driver, checked by the driver's model.

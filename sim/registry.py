@@ -54,7 +54,7 @@ def own_number(bench: Bench, name: str, key: str, low: int, high: int) -> int:
     """
     number = (bench.description.axes[name].model_extra or {}).get(key, 1)
     if not isinstance(number, int) or not low <= number <= high:
-        raise InputError(f"{bench.file}: axes.{name}.{key} is {number!r}; a whole number from {low} to {high} is due")
+        raise InputError(f"{bench.where('axes', name, key)}: {number!r}; a whole number from {low} to {high} is due")
     return number
 
 
@@ -101,7 +101,7 @@ def _drive(bench: Bench, world: World, name: str) -> oriental.Drive:
     wiring = oriental.Wiring(**{key: own_number(bench, name, key, 0, 15) for key in keys if key.endswith(("_input", "_output"))})
     steps = keys.get("steps_per_degree", 100)
     if not isinstance(steps, int | float) or not 0 < steps < 1e6:
-        raise InputError(f"{bench.file}: axes.{name}.steps_per_degree is {steps!r}; a number above 0 is due")
+        raise InputError(f"{bench.where('axes', name, 'steps_per_degree')}: {steps!r}; a number above 0 is due")
     step, wrap = math.radians(1) / steps, keys.get("wrap", False) is True
     margin = math.radians(1)
     ends = (-TURNS, TURNS) if wrap else (min(axis.limits[0], 0, start) - margin, max(axis.limits[1], 0, start) + margin)
@@ -117,9 +117,10 @@ def _turning(bench: Bench, name: str) -> AxisDescription:
 
 
 def _require_numbers_of_their_own(bench: Bench, numbers: Mapping[str, int], key: str) -> None:
-    if len(set(numbers.values())) < len(numbers):
+    twice = [name for place, name in enumerate(numbers) if numbers[name] in list(numbers.values())[:place]]
+    if twice:
         raise InputError(
-            f"{bench.file}: axes {', '.join(numbers)} share an address, so each needs a {key} number of its own, "
+            f"{bench.where('axes', twice[0], key)}: axes {', '.join(numbers)} share an address, so each needs a {key} number of its own, "
             f"not {', '.join(map(str, numbers.values()))}"
         )
 

@@ -31,6 +31,7 @@ CAMERA_FAULTS = {
     "scpi": ("silence", "drop", "late", "garbage", "cut", "hang-up", "reset", "lost-frame"),
     "folder": ("silence", "drop", "late", "double", "garbage", "cut", "hang-up", "lost-frame"),
 }
+BESIDES_AXES = ("scpi", "folder")  # drivers of what is no axis that have a simulator here
 EMULATED = "xi-emu:"  # an address at which a maker's library emulates its device, which this world does not see
 POLL = 0.2  # s between looks for the end
 GRACE = 5.0  # s that a parent has after a Ctrl-C
@@ -60,6 +61,19 @@ class Served:
         self.stop()
 
 
+def require_simulable(bench: Bench) -> None:
+    """Refuse what cannot be simulated, without serving it.
+
+    Raises:
+        InputError: no instrument of a driver can be simulated, or a number, fault, truth or target has no meaning here.
+    """
+    world = World(bench, RunningClock(bench.description.simulated.clock))
+    _check_faults(bench)
+    for driver, names in _lines(bench):
+        AXES[driver].line(bench, world, names)
+    _sharing(_besides_axes(bench), BESIDES_AXES)
+
+
 def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None = None) -> Served:
     """Serve every instrument of a bench on the loopback, whatever its addresses; instruments that share an address share a line.
 
@@ -74,7 +88,6 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
         OSError: a port is taken, or there are no pseudo terminals.
     """
     world = World(bench, clock or RunningClock(bench.description.simulated.clock))
-    devices = {"camera": bench.description.camera, "iris": bench.description.iris, "target": bench.description.target}
     _check_faults(bench)
     lines: list[TcpLine | PtyLine | FolderLine] = []
     addresses: dict[str, Any] = {"axes": {}}
@@ -86,13 +99,12 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
 
     scpi: list[Address] = []
     try:
-        alone = [driver for driver, kind in AXES.items() if not kind.share_a_line]
-        for driver, names in _sharing(bench.description.axes, AXES, alone):
+        for driver, names in _lines(bench):
             line = AXES[driver].line(bench, world, names)
             where = listen(line.open_session, serial=True)
             faults |= line.faults
             addresses["axes"] |= {name: {"driver": driver, "address": where, **place} for name, place in line.places.items()}
-        for driver, shared in _sharing(devices, ("scpi", "folder")):
+        for driver, shared in _sharing(_besides_axes(bench), BESIDES_AXES):
             if driver == "folder":
                 lines.append(_folder(bench, world, shared))
                 addresses["camera"] = {"driver": driver, "address": lines[-1].address}
@@ -105,6 +117,16 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
         Served(world, addresses, tuple(lines), tuple(scpi), faults).stop()
         raise
     return Served(world, addresses, tuple(lines), tuple(scpi), faults)
+
+
+def _lines(bench: Bench) -> list[tuple[str, list[str]]]:
+    """The axes of each line."""
+    return _sharing(bench.description.axes, AXES, [driver for driver, kind in AXES.items() if not kind.share_a_line])
+
+
+def _besides_axes(bench: Bench) -> dict[str, DeviceDescription]:
+    """What is no axis."""
+    return {"camera": bench.description.camera, "iris": bench.description.iris, "target": bench.description.target}
 
 
 def _sharing(
@@ -145,12 +167,13 @@ def _check_faults(bench: Bench) -> None:
     """Refuse faults of devices that are not there, and faults that a device cannot have."""
     allowed = {name: AXES[axis.driver].faults for name, axis in bench.description.axes.items() if axis.driver in AXES}
     allowed |= {"camera": CAMERA_FAULTS.get(bench.description.camera.driver, ()), "iris": MOTOR_FAULTS, "target": MOTOR_FAULTS}
-    for fault in bench.description.simulated.faults:
+    for place, fault in enumerate(bench.description.simulated.faults):
+        where = bench.where("simulated", "faults", place)
         if fault.device not in allowed:
-            raise InputError(f"{bench.file}: simulated.faults: there is no device '{fault.device}'; allowed: {', '.join(allowed)}")
+            raise InputError(f"{where}: there is no device '{fault.device}'; allowed: {', '.join(allowed)}")
         known = allowed[fault.device]
         if fault.fault not in known:
-            raise InputError(f"{bench.file}: simulated.faults: '{fault.fault}' is no fault of {fault.device}; allowed: {', '.join(known)}")
+            raise InputError(f"{where}: '{fault.fault}' is no fault of {fault.device}; allowed: {', '.join(known)}")
 
 
 def warm_up(served: Served, then: Callable[[], object] = lambda: None) -> threading.Thread:

@@ -61,7 +61,7 @@ def wheel_targets(bench: Bench) -> dict[str, Target]:
     given = bench.description.simulated.targets
     for kind in given:
         if kind not in WHEEL:
-            raise InputError(f"{bench.file}: simulated.targets: there is no {kind!r} on the wheel; allowed: {', '.join(WHEEL)}")
+            raise InputError(f"{bench.where('simulated', 'targets', kind)}: there is no {kind!r} on the wheel; allowed: {', '.join(WHEEL)}")
     source = f"{bench.file}: simulated.targets"
     return {kind: target_from({"kind": kind} | given.get(kind, {}), source, bench.file.parent) for kind in WHEEL}
 
@@ -116,7 +116,7 @@ class World:
         self.lock = threading.RLock()
         self.clock = clock
         self.seed = simulated.seed
-        check_truths(simulated.truths, bench.description.axes)
+        check_truths(bench)
         self.optics = true_optics(bench, simulated.truths)
         self.wavelength = bench.description.wavelength
         self._fixed = {
@@ -253,18 +253,26 @@ def true_optics(bench: Bench, truths: Truths) -> Camera:
     )
 
 
-def check_truths(truths: Truths, axes: Mapping[str, AxisDescription]) -> None:
-    """Refuse planted truths that nothing here would heed.
+def check_truths(bench: Bench) -> None:
+    """Refuse planted truths that nothing here would heed, or that are no quantities.
 
     Raises:
-        InputError: naming the truth and what is allowed.
+        InputError: with file, line, the truth and what is allowed.
     """
-    allowed = [f"{name}.{what}" for name in axes for what in ("zero", "scale", "start")]
-    allowed += ["iris.scale", "main_lens.focal_length", "microlens_array.focal_length", "microlens_array.aperture"]
-    allowed += [f"microlens_array.{turn}" for turn in ("roll", "yaw", "pitch")]
-    for name in truths:
+    allowed: dict[str, Dimension] = {}
+    for name, axis in bench.description.axes.items():
+        allowed |= {f"{name}.zero": axis.coordinate.dimension, f"{name}.scale": "ratio", f"{name}.start": axis.coordinate.dimension}
+    allowed |= {"iris.scale": "ratio", "main_lens.focal_length": "length"}
+    allowed |= {"microlens_array.focal_length": "length", "microlens_array.aperture": "length"}
+    allowed |= {f"microlens_array.{turn}": "angle" for turn in ("roll", "yaw", "pitch")}
+    for name, given in bench.description.simulated.truths.items():
+        where = bench.where("simulated", "truths", name)
         if name not in allowed:
-            raise InputError(f"simulated.truths: there is no truth '{name}'; allowed here: {', '.join(allowed)}")
+            raise InputError(f"{where}: there is no such truth; allowed here: {', '.join(allowed)}")
+        try:
+            parse_quantity(given, allowed[name])
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from error
 
 
 def sharp_distance(optics: Camera) -> float:
@@ -275,9 +283,4 @@ def sharp_distance(optics: Camera) -> float:
 
 
 def _planted(truths: Truths, name: str, dimension: Dimension, otherwise: float) -> float:
-    if name not in truths:
-        return otherwise
-    try:
-        return parse_quantity(truths[name], dimension)
-    except InputError as error:
-        raise InputError(f"simulated.truths: {name}: {error}") from error
+    return parse_quantity(truths[name], dimension) if name in truths else otherwise

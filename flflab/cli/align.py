@@ -11,7 +11,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from flflab.bench import ANGLE, LENGTH, Bench, read_bench
+from flflab.bench import ANGLE, LENGTH, Bench
+from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import seeded
@@ -41,7 +42,7 @@ def align(
     if exit_pupil and overlap is not None:
         raise InputError("align: --exit-pupil and --overlap are two places of the one sensor; give one of them")
     with seeded(bench or built_in(Kind.BENCH), seed) as file:
-        described = read_bench(file)
+        described = described_bench(file)
         wanted = None if overlap is None else parse_quantity(overlap, "length")
         request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
         require_reachable(request, described)

@@ -7,8 +7,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from flflab.bench import LENGTH, read_bench
+from flflab.bench import LENGTH
 from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, place
+from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
 from flflab.errors import CommunicationError, DeviceError
 from flflab.units import parse_quantity
@@ -27,7 +28,7 @@ def check(bench: BenchFile) -> None:
     from drivers.described import one_instrument
     from drivers.survey import SILENT, survey
 
-    described = read_bench(bench)
+    described = described_bench(bench)
     rows = survey(described)
     table = Table(box=box.SIMPLE_HEAD)
     for heading in ("device", "driver", "address", "identity", "position", "limits", "state"):

@@ -9,7 +9,8 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from flflab.bench import Bench, read_bench
+from flflab.bench import Bench
+from flflab.cli.described import described_bench
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import in_words
 from flflab.expectation import Expectation, expect_all
@@ -27,7 +28,7 @@ def plan(
     from procedures.durations import Expected, durations  # the engine is loaded by those who use it
     from procedures.steps import most_frames, steps
 
-    described = read_bench(bench or built_in(Kind.BENCH))
+    described = described_bench(bench or built_in(Kind.BENCH))
     read = read_study(study, described.optics)
     to_do = steps(read, described)
     if out is not None:

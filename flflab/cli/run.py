@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from flflab.bench import Bench, read_bench
+from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.description import read_yaml
 from flflab.errors import FlflabError, InputError
@@ -49,7 +50,7 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
     from procedures.study import begin_recording, take_study
 
     with seeded(bench_file, seed) as file:
-        bench = read_bench(file)
+        bench = described_bench(file)
         study = read_study(study_file, bench.optics)
         steps(study, bench)  # refused here, before anything connects
         for sentence in unlike_the_wheel(study, bench):
@@ -81,7 +82,7 @@ def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:
     require_unfinished(run)
     recorded = read_bench(folder / "bench.yaml")
     file = recorded.file if bench_file is None else bench_file
-    require_same_bench(recorded, read_bench(file))
+    require_same_bench(recorded, described_bench(file))
     study = read_study(folder / "study.yaml", recorded.optics)
     rest = rest_of(run, study, recorded)
     with connect(file) as connected:

@@ -30,6 +30,41 @@ def test_a_plan_out_of_reach_ends_in_one_sentence(asked: str, says: str, flflab:
     assert ended.err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("here", "instead", "says"),
+    [
+        ("driver: zaber", "driver: zabber", "axes.main_lens_stage.driver: there is no driver 'zabber' here; there are zaber"),
+        ("device: 2", "devise: 2", "axes.array_stage.devise: there is no such field; allowed here: device"),
+        ("address: simulated", "address: 192.168.0.1", "axes.main_lens_stage.address: '192.168.0.1' is not an address; give a serial port"),
+        (
+            "device: 2",
+            "device: 1",
+            "axes.array_stage.device: axes main_lens_stage, array_stage, sensor_stage, target_stage share an address",
+        ),
+        ("truths: {}", "truths: {array.focal_lenght: 1 mm}", "simulated.truths.array.focal_lenght: there is no such truth; allowed here: "),
+        ("truths: {}", "truths: {iris.scale: 1 mm}", "simulated.truths.iris.scale: '1 mm': 'mm' is a unit of length"),
+        ("faults: []", "faults: [{device: iris, fault: flip}]", "simulated.faults.0: 'flip' is no fault of iris; allowed: silence"),
+        ("targets: {}", "targets: {dots: {}}", "simulated.targets.dots: there is no 'dots' on the wheel; allowed: four-dot"),
+        (
+            "home_towards: +z",
+            "home_towards: -z",
+            "axes.sensor_stage.home_towards: sensor_stage would",
+        ),
+    ],
+)
+def test_a_bench_file_that_cannot_work_is_refused_with_its_line_before_anything_is_planned(
+    here: str, instead: str, says: str, flflab: Run, tmp_path: Path
+) -> None:
+    text = (FULL.parent / "simulated.yaml").read_text(encoding="utf-8").replace("../cameras", str(FULL.parents[1] / "cameras"))
+    file = tmp_path / "bench.yaml"
+    file.write_text(text.replace(here, instead, 1), encoding="utf-8")
+    study = FULL.parents[1] / "studies" / "first.yaml"
+    ended = flflab("plan", study, "--bench", file)
+    assert (ended.code, ended.out) == (1, "")
+    line = 1 + text[: text.index(here)].count("\n")
+    assert f"{file}:{line}: {says}" in ended.err
+
+
 def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_it_open(
     flflab: Run, small_camera: Path, tmp_path: Path
 ) -> None:

@@ -92,6 +92,23 @@ def test_an_address_that_is_none_is_refused_with_what_one_is(address: str, pair:
         require_drivable(read_bench(file))
 
 
+@pytest.mark.parametrize(("reach", "free"), [("39 mm", True), ("41 mm", False)])
+def test_a_sensor_homes_towards_the_array_only_where_it_ends_clear_of_a_homed_one(
+    reach: str, free: bool, root: Path, tmp_path: Path
+) -> None:
+    data = yaml.safe_load((root / "examples" / "benches" / "simulated.yaml").read_text(encoding="utf-8"))
+    data["optics"] = str(root / "examples" / "cameras" / "osinski.yaml")
+    data["axes"]["sensor_stage"] |= {"home_towards": "-z", "limits": ["0 mm", reach]}  # the array's reference is at 40 mm, 80 mm - 40 mm
+    (tmp_path / "bench.yaml").write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    if free:
+        require_drivable(read_bench(tmp_path / "bench.yaml"))
+        return
+    with pytest.raises(
+        InputError, match=r"sensor_stage\.home_towards: .* and could leave -1\.\d+ mm .* let it home towards \+z, or correct"
+    ):
+        require_drivable(read_bench(tmp_path / "bench.yaml"))
+
+
 @pytest.fixture
 def spelt_twice(root: Path, tmp_path: Path) -> Iterator[Path]:
     """A served bench whose array's axis leads to the main lens's stage by another spelling of the address."""
