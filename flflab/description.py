@@ -1,7 +1,7 @@
 """YAML descriptions: read with line numbers, checked by pydantic, refused with file, line, field and what is allowed."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast
 
@@ -113,7 +113,15 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
         InputError: at least one field is missing, unknown, of the wrong kind or impossible.
     """
     try:
-        return kind.model_validate(data)
+        found = kind.model_validate(data)
+        if counted := list(_counted(data, found, under)):
+            raise InputError(
+                "\n".join(
+                    f"{file}:{line_of(path, lines)}: {'.'.join(map(str, path))}: yes, no, true and false are no number; give a number"
+                    for path in counted
+                )
+            )
+        return found
     except ValidationError as error:
         faults: list[str] = []
         for fault in error.errors():
@@ -130,6 +138,20 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
                 message = f"{message[0].lower()}{message[1:]}, not {fault['input']!r}"
             faults.append(f"{file}:{line_of(path, lines)}: {field}: {message}")
         raise InputError("\n".join(dict.fromkeys(faults))) from error
+
+
+def _counted(given: Any, found: Any, path: Path_) -> Iterator[Path_]:
+    """Where what was given as true or false was read as a number."""
+    if isinstance(given, bool):
+        if not isinstance(found, bool):
+            yield path
+    elif isinstance(given, dict):
+        for name, value in cast(dict[str, Any], given).items():
+            read = cast(dict[str, Any], found).get(name) if isinstance(found, dict) else getattr(found, name, value)
+            yield from _counted(value, read, (*path, name))
+    elif isinstance(given, list):
+        for place, (value, read) in enumerate(zip(cast(list[Any], given), found, strict=True)):
+            yield from _counted(value, read, (*path, place))
 
 
 def _fields_at(kind: type[BaseModel], path: Path_) -> list[str]:

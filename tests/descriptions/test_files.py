@@ -10,6 +10,7 @@ from flflab.bench import read_bench
 from flflab.camera_file import CameraDescription, read_camera
 from flflab.description import load
 from flflab.errors import InputError
+from flflab.image.scene_file import read_scene
 from flflab.optics.camera import Substrate
 from flflab.optics.focus import blur
 from flflab.optics.resolution import central_smms
@@ -38,6 +39,8 @@ CAMERA_FAULTS = [
     ("pitch: 400 um", "pitch: 400 deg", "microlens_array.pitch", "unit of angle"),
     ("pitch: 400 um", "pitch: -400 um", "microlens_array.pitch", "greater than 0"),
     ("f_number: 4", "f_number: four", "main_lens.f_number", "valid number"),
+    ("f_number: 4", "f_number: yes", "main_lens.f_number", "yes, no, true and false are no number; give a number"),
+    ("count: [25, 25]", "count: [25, on]", "microlens_array.count.1", "are no number"),
     ("layout: square", "layout: round", "microlens_array.layout", "'square' or 'hexagonal'"),
     ("minimum_illumination: 0.5", "minimum_illumination: 1.5", "useful.minimum_illumination", "less than or equal to 1"),
     ("count: [25, 25]", "count: [25]", "microlens_array.count", "missing"),
@@ -129,6 +132,9 @@ BENCH_FAULTS = [
     ("moves: array.z", "moves: main_lens.z", "(file)", "two axes move main_lens.z"),
     ("minimum_gap: 0.3 mm", "minimal_gap: 0.3 mm", "minimal_gap", "there is no such field"),
     ("clock: 20", "clock: -1", "simulated.clock", "greater than 0"),
+    ("clock: 20", "clock: true", "simulated.clock", "are no number"),
+    ("sign: 1", "sign: yes", "axes.main_lens_stage.sign", "are no number"),
+    ("truths: {}", "truths: {iris.scale: no}", "simulated.truths.iris.scale", "are no number"),
 ]
 
 
@@ -156,6 +162,16 @@ def test_a_bench_without_its_camera_file_says_which(tmp_path: Path) -> None:
         read_bench(file)
 
 
+def test_a_scene_takes_yes_and_no_where_they_answer_a_question_only(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    text = f"camera: {CAMERA}\nplanes: [{{target: white, distance: 500 mm}}]\nfalloff: no\nsensor: {{bits: %s}}\n"
+    scene.write_text(text % "12", encoding="utf-8")
+    assert read_scene(scene).scene.falloff is None
+    scene.write_text(text % "yes", encoding="utf-8")
+    with pytest.raises(InputError, match=r"scene\.yaml:4: sensor\.bits: yes, no, true and false are no number; give a number"):
+        read_scene(scene)
+
+
 STUDY_FAULTS = [
     ("distance: 507 mm", "distance: 507", "has no unit"),
     ("reference: 1", "reference: 12", "allowed: 0 to 6"),
@@ -168,6 +184,7 @@ STUDY_FAULTS = [
     ("distance: 507 mm", "distance: 507 mm, array: -60 mm", "greater than 0"),
     ("f_number: [2.8, 4, 5.6]", "f_number: yes", "valid number"),
     ("draws: 1000", "draws: 359", "at least 360"),
+    ("reference: 1", "reference: yes", "reference: yes, no, true and false are no number"),
     ("significance: 0.05", "significance: 0.01", "at least 1800"),
 ]
 
