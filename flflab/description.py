@@ -94,6 +94,8 @@ def read_yaml(file: Path) -> tuple[dict[str, Any], Lines]:
     lines: Lines = {}
     if node is not None:
         _collect_lines(node, (), lines, str(file))
+    if data is None:
+        raise InputError(f"{file}:1: the file is empty; fields are due, `flflab new` writes a file to begin from")
     if not isinstance(data, dict):
         raise InputError(f"{file}:1: a mapping of fields is due here, not {type(data).__name__}")
     return cast(dict[str, Any], data), lines
@@ -134,6 +136,9 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
                 message = "this field is missing"
             elif fault["type"] == "extra_forbidden":
                 message = f"there is no such field; allowed here: {', '.join(_fields_at(kind, fault['loc'][:-1]))}"
+            elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
+                allowed = ", ".join(_fields_at(kind, fault["loc"]))
+                message = f"fields are due here{f' ({allowed})' if allowed else ''}, not {fault['input']!r}"
             elif fault["type"] != "value_error":
                 message = f"{message[0].lower()}{message[1:]}, not {fault['input']!r}"
             faults.append(f"{file}:{line_of(path, lines)}: {field}: {message}")

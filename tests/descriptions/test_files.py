@@ -94,6 +94,9 @@ def test_a_missing_or_broken_file_is_one_sentence(tmp_path: Path) -> None:
     broken.write_text("- 1", encoding="utf-8")
     with pytest.raises(InputError, match="a mapping of fields is due"):
         read_camera(broken)
+    broken.write_text("# nothing yet\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"broken\.yaml:1: the file is empty; fields are due, `flflab new` writes a file to begin from$"):
+        read_camera(broken)
 
 
 def test_what_cannot_be_read_is_told_without_repeating_its_path(tmp_path: Path) -> None:
@@ -132,6 +135,9 @@ BENCH_FAULTS = [
     ("moves: array.z", "moves: main_lens.z", "(file)", "two axes move main_lens.z"),
     ("minimum_gap: 0.3 mm", "minimal_gap: 0.3 mm", "minimal_gap", "there is no such field"),
     ("clock: 20", "clock: -1", "simulated.clock", "greater than 0"),
+    ("faults: []", "faults: [boom]", "simulated.faults.0", "fields are due here (device, fault, after), not 'boom'"),
+    ("truths: {}", "truths: none", "simulated.truths", "fields are due here, not 'none'"),
+    ("camera:\n  driver: scpi\n  address: simulated", "camera: scpi", "camera", "fields are due here (driver, address), not 'scpi'"),
     ("clock: 20", "clock: true", "simulated.clock", "are no number"),
     ("sign: 1", "sign: yes", "axes.main_lens_stage.sign", "are no number"),
     ("truths: {}", "truths: {iris.scale: no}", "simulated.truths.iris.scale", "are no number"),

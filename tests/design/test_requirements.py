@@ -45,7 +45,7 @@ def test_what_cannot_be_asked_for_is_refused_with_its_line(wanted: Wanted, secti
 
 def test_an_empty_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty.yaml").write_text("", encoding="utf-8")
-    with pytest.raises(InputError, match="a mapping of fields is due"):
+    with pytest.raises(InputError, match="the file is empty"):
         read_requirements(tmp_path / "empty.yaml")
 
 
