@@ -130,8 +130,10 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
             path = (*under, *fault["loc"])
             while path and isinstance(path[-1], int) and path not in lines:
                 path = path[:-1]  # one number given for a pair is one fault
-            field = ".".join(str(part) for part in path) or "(file)"
             message = fault["msg"].removeprefix("Value error, ")
+            if (about := (*path, *message.partition(" ")[0].split("."))) in lines:
+                path = about  # a rule between fields begins with the one to change
+            field = ".".join(str(part) for part in path) or "(file)"
             if fault["type"] == "missing":
                 message = "this field is missing"
             elif fault["type"] == "extra_forbidden":

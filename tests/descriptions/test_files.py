@@ -64,10 +64,19 @@ def test_a_missing_field_is_named_with_the_line_of_its_section(tmp_path: Path) -
     assert f"{file}:{line - 2}:" in str(refusal.value)
 
 
-def test_a_sensor_before_the_array_is_refused(tmp_path: Path) -> None:
-    file, _ = changed(CAMERA, tmp_path, "distance: 61.15 mm", "distance: 59 mm")
-    with pytest.raises(InputError, match="the sensor lies behind the array"):
+def test_a_sensor_before_the_array_is_refused_on_the_line_of_its_distance(tmp_path: Path) -> None:
+    file, line = changed(CAMERA, tmp_path, "distance: 61.15 mm", "distance: 59 mm")
+    with pytest.raises(InputError, match=rf":{line}: sensor\.distance: .*the sensor lies behind the array"):
         read_camera(file)
+
+
+def test_a_rule_between_fields_is_told_on_the_line_of_the_one_it_begins_with(tmp_path: Path) -> None:
+    file, line = changed(STUDY, tmp_path, "draws: 1000", "draws: 200")
+    with pytest.raises(InputError, match=rf"first\.yaml:{line}: draws: draws is 200, but"):
+        read_study(file, read_camera(CAMERA))
+    file, line = changed(BENCH, tmp_path, "limits: [0 mm, 25 mm]", "limits: [25 mm, 0 mm]")
+    with pytest.raises(InputError, match=rf":{line}: axes\.main_lens_stage\.limits: limits are 25 mm to 0 mm"):
+        read_bench(file)
 
 
 def test_a_field_given_twice_is_refused(tmp_path: Path) -> None:
