@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import LENGTH
-from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, place
+from flflab.cli.connected import AxisName, BenchFile, TakesReadings, axis_named, connected_bench, place
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
 from flflab.errors import CommunicationError, DeviceError
@@ -77,7 +77,7 @@ def home(bench: BenchFile, axes: Annotated[list[str] | None, typer.Argument(help
             typer.echo(place(connected.axes[name]))
 
 
-@app.command()
+@app.command(cls=TakesReadings)
 def move(
     axis: AxisName, position: Annotated[str, typer.Argument(help="reading with its unit: '12.5 mm', '1.5 deg'")], bench: BenchFile
 ) -> None:
@@ -88,10 +88,10 @@ def move(
         typer.echo(place(moved))
 
 
-@app.command()
+@app.command(cls=TakesReadings)
 def jog(
     axis: AxisName,
-    distance: Annotated[str, typer.Argument(help="with its unit: '100 um', '0.1 deg'; after --: '-0.5 mm'")],
+    distance: Annotated[str, typer.Argument(help="with its unit: '100 um', '-0.5 mm', '0.1 deg'")],
     bench: BenchFile,
 ) -> None:
     """Move an axis by a distance and wait until it is there."""
@@ -113,7 +113,7 @@ def stop(bench: BenchFile) -> None:
 
 
 app.command(short_help="Take one picture, or one after the other with a figure of focus.")(snap)
-app.command(short_help="Take a picture at each reading of an axis; show the sharpest.")(scan)
+app.command(short_help="Take a picture at each reading of an axis; show the sharpest.", cls=TakesReadings)(scan)
 
 
 def _print(table: Table) -> None:

@@ -1,11 +1,13 @@
 """What the commands of ``flflab bench`` have in common: the bench connected, an axis by its name, where it stands."""
 
+import re
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from flflab.errors import InputError
 
@@ -15,6 +17,14 @@ if TYPE_CHECKING:
 
 BenchFile = Annotated[Path, typer.Option("--bench", help="bench file (YAML)")]
 AxisName = Annotated[str, typer.Argument(help="name of an axis in the bench file")]
+
+
+class TakesReadings(TyperCommand):
+    """A command that takes ``-1 mm`` for the reading it is: what begins with a minus and a digit is no option's name."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """A space before a reading keeps it from looking like an option; quantities may begin with one."""
+        return super().parse_args(ctx, [f" {given}" if re.match(r"-\.?\d", given) else given for given in args])
 
 
 @contextmanager

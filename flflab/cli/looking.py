@@ -55,7 +55,7 @@ def snap(
 
 def scan(
     axis: AxisName,
-    first: Annotated[str, typer.Argument(help="first reading with its unit: '10 mm'; a negative one after --")],
+    first: Annotated[str, typer.Argument(help="first reading with its unit: '10 mm', '-2 deg'")],
     last: Annotated[str, typer.Argument(help="last reading with its unit")],
     bench: BenchFile,
     points: Annotated[int, typer.Option(min=3, max=1000, help="how many readings, both ends included")] = 11,
@@ -70,7 +70,7 @@ def scan(
         show, dimension = moved.coordinate.show, moved.coordinate.dimension
         readings = np.linspace(parse_quantity(first, dimension), parse_quantity(last, dimension), points)
         if readings[0] == readings[-1]:
-            raise InputError(f"asked to scan {axis} from {first} to {last}; the two must differ")
+            raise InputError(f"asked to scan {axis} from {first.strip()} to {last.strip()}; the two must differ")
         for reading in readings:
             moved.check_value(float(reading))  # all of them before anything moves
         camera.prepare(seconds, gain)

@@ -41,6 +41,13 @@ def test_an_operator_checks_homes_moves_and_stops_every_axis(flflab: Run, bench_
     assert (moved.code, moved.out) == (0, "goniometer is at 2.5000 deg\n")
     jogged = flflab("bench", "jog", "ring", "--bench", bench_file, "--", "-0.5 deg")
     assert (jogged.code, jogged.out) == (0, "ring is at -0.5000 deg\n")
+    back = flflab("bench", "jog", "ring", "-.5 deg", "--bench", bench_file)
+    assert (back.code, back.out) == (0, "ring is at -1.0000 deg\n")
+    below = flflab("bench", "move", "ring", "-2 deg", "--bench", bench_file)
+    assert (below.code, below.out) == (0, "ring is at -2.0000 deg\n")
+    misspelt = flflab("bench", "move", "ring", "-2 deg", "--bnech", bench_file)
+    assert misspelt.code == 2
+    assert "No such option: --bnech" in misspelt.err
     stood = flflab("bench", "where", "--bench", bench_file)
     assert "array.pitch 2.5000 deg" in " ".join(stood.out.split())
     stopped = flflab("bench", "stop", "--bench", bench_file)
