@@ -1,7 +1,7 @@
 """A bench as connected: every device of a bench file behind its promise, all faults at once, one stop for all."""
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -127,6 +127,24 @@ class ConnectedBench:
         for name, target in targets.items():
             self.axes[name].check_value(target)
         return order_moves(self.gap_rule, {name: axis.reach() for name, axis in self.axes.items()}, targets)
+
+    def check_way(self, name: str, readings: Sequence[float]) -> None:
+        """Refuse a way of an axis through several readings, from where it is, before it moves.
+
+        Raises:
+            LimitError: a reading is outside its limits.
+            NotHomedError: it has no reference.
+            InterlockError: a stretch of the way comes too near to a neighbour.
+            CommunicationError: an axis does not answer.
+        """
+        axis = self.axes[name]
+        for reading in readings:
+            axis.check_value(reading)
+        start, others = axis.position(), self._reaches(besides=name)
+        for reading in readings:
+            if self.gap_rule is not None and name in self.gap_rule.movers:
+                check_motion(self.gap_rule, name, start, reading, others)
+            start = reading
 
     def least_gap(self) -> float | None:
         """The smallest gap possible now between array and sensor, mm, uncertainties counted; None where no axis moves either.

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from drivers.interlocks import check_homing
+from drivers.interlocks import Mover, gap_rule, least_gap
 from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
 from flflab.bench import AxisDescription, Bench, DeviceDescription
 from flflab.errors import InputError
@@ -61,7 +61,29 @@ def require_drivable(bench: Bench) -> None:
             )
     if faults:
         raise InputError("\n".join(faults))
-    check_homing(bench)
+    _require_homing_free(bench)
+
+
+def _require_homing_free(bench: Bench) -> None:
+    """Refuse array or sensor that look for their reference towards each other and cannot, though the other one is homed and out of the way.
+
+    Raises:
+        InputError: with file, line and field.
+    """
+    rule = gap_rule(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
+    if rule is None:
+        return
+    for part, other, away in ((rule.array, rule.sensor, "-z"), (rule.sensor, rule.array, "+z")):
+        if not isinstance(part, Mover) or part.axis.home_towards == away:
+            continue
+        homed = {other.name: (other.homed, other.homed)} if isinstance(other, Mover) else {}
+        if not least_gap(rule, homed) >= rule.minimum_gap:
+            where = bench.where("axes", part.name, "home_towards")
+            raise InputError(
+                f"{where}: {part.name} would look for its reference towards {part.axis.home_towards} and could leave "
+                f"{least_gap(rule, homed):.3f} mm between array and sensor; at least {rule.minimum_gap:g} mm are kept: "
+                f"let it home towards {away}, or correct its limits"
+            )
 
 
 def _stage(bench: Bench, name: str) -> tuple[object, ...] | None:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from flflab.bench import AxisDescription, Bench
-from flflab.errors import InputError, InterlockError
+from flflab.errors import InterlockError
 from flflab.optics.camera import MicrolensArray
 
 Interval = tuple[float, float]
@@ -108,28 +108,6 @@ def gap_rule(bench: Bench, travels: Mapping[str, Interval]) -> GapRule | None:
     return rule if rule.movers else None
 
 
-def check_homing(bench: Bench) -> None:
-    """Refuse array or sensor that look for their reference towards each other and cannot, though the other one is homed and out of the way.
-
-    Raises:
-        InputError: with file, line and field.
-    """
-    rule = gap_rule(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
-    if rule is None:
-        return
-    for part, other, away in ((rule.array, rule.sensor, "-z"), (rule.sensor, rule.array, "+z")):
-        if not isinstance(part, Mover) or part.axis.home_towards == away:
-            continue
-        homed = {other.name: (other.homed, other.homed)} if isinstance(other, Mover) else {}
-        if not least_gap(rule, homed) >= rule.minimum_gap:
-            where = bench.where("axes", part.name, "home_towards")
-            raise InputError(
-                f"{where}: {part.name} would look for its reference towards {part.axis.home_towards} and could leave "
-                f"{least_gap(rule, homed):.3f} mm between array and sensor; at least {rule.minimum_gap:g} mm are kept: "
-                f"let it home towards {away}, or correct its limits"
-            )
-
-
 def corner_radius(array: MicrolensArray) -> float:
     """Radius of the circle round the array's corners, mm."""
     return math.hypot(*((count * pitch + array.aperture) / 2 for count, pitch in zip(array.count, array.pitch, strict=True)))
@@ -215,9 +193,31 @@ def _check(rule: GapRule, name: str, start: Interval | None, end: float | None, 
     if not gap >= rule.minimum_gap:
         task = "look for its reference" if end is None else f"move to {mover.axis.coordinate.show(end)}"
         raise InterlockError(
-            f"{name}: asked to {task}, which could leave {gap:.3f} mm between array and sensor ({_others(rule, name, readings)}); "
-            f"at least {rule.minimum_gap:g} mm are kept, nothing moved"
+            f"{name}: asked to {task}, which could leave {gap:.3f} mm between array and sensor, uncertainties counted {COVERAGE:g} times "
+            f"({_others(rule, name, readings)}); at least {rule.minimum_gap:g} mm are kept, nothing moved"
+            f"{_farthest(rule, mover, start, end, readings)}"
         )
+
+
+def _farthest(rule: GapRule, mover: Mover, start: Interval | None, end: float | None, readings: Readings) -> str:
+    """The nearest reading that is allowed on the way, for people, rounded towards the start; empty where none is."""
+    if start is None or end is None or start[0] != start[1]:
+        return ""
+
+    def free(share: float) -> bool:
+        way = swept(mover, start, start[0] + share * (end - start[0]))
+        return least_gap(rule, {**readings, mover.name: way}) >= rule.minimum_gap
+
+    near, far = 0.0, 1.0
+    if not free(near):
+        return ""
+    for _ in range(50):
+        middle = (near + far) / 2
+        near, far = (middle, far) if free(middle) else (near, middle)
+    coordinate = mover.axis.coordinate
+    shown = (start[0] + near * (end - start[0])) * coordinate.per_unit
+    rounded = (math.floor if end > start[0] else math.ceil)(shown * 1000) / 1000
+    return f"; it may go as far as {rounded:.3f} {coordinate.shown}"
 
 
 def _retreats(rule: GapRule, mover: Mover, start: Interval | None, end: float | None) -> bool:

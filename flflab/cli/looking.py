@@ -71,8 +71,7 @@ def scan(
         readings = np.linspace(parse_quantity(first, dimension), parse_quantity(last, dimension), points)
         if readings[0] == readings[-1]:
             raise InputError(f"asked to scan {axis} from {first.strip()} to {last.strip()}; the two must differ")
-        for reading in readings:
-            moved.check_value(float(reading))  # all of them before anything moves
+        connected.check_way(axis, [float(reading) for reading in readings])  # all of it before anything moves
         camera.prepare(seconds, gain)
         figures = np.zeros(points)
         saturated = 0

@@ -71,7 +71,27 @@ def test_a_scan_beyond_the_limits_moves_nothing(flflab: Run, bench: tuple[Served
     assert "array_stage: asked to go to" in refused.err
     same = flflab("bench", "scan", "array_stage", "10 mm", "10 mm", "--bench", file)
     assert (same.code, "the two must differ" in same.err) == (1, True)
+    away = flflab("bench", "scan", "array_stage", "10 mm", "20 mm", "--bench", file)
+    assert (away.code, "array_stage: asked where it is, but it has no reference; home it first" in away.err) == (1, True)
     assert served.world.elements(served.world.clock.now()) == before
+
+
+def test_a_scan_into_the_gap_moves_nothing_and_says_how_far_it_may_go(flflab: Run, bench: tuple[Served, Path]) -> None:
+    served, file = bench
+    home = flflab("bench", "home", "array_stage", "sensor_stage", "--bench", file)
+    assert home.code == 0, home.err
+    flflab("bench", "move", "array_stage", "20 mm", "--bench", file)
+    before = served.world.elements(served.world.clock.now())
+    refused = flflab("bench", "scan", "sensor_stage", "15 mm", "25 mm", "--bench", file)
+    assert refused.code == 1
+    told = re.search(r"at least 0\.3 mm are kept, nothing moved; it may go as far as (\d+\.\d{3}) mm$", refused.err.strip())
+    assert told is not None, refused.err
+    assert served.world.elements(served.world.clock.now()) == before
+    beyond = f"{float(told[1]) + 0.002:.3f} mm"
+    assert flflab("bench", "move", "sensor_stage", beyond, "--bench", file).code == 1
+    moved = flflab("bench", "move", "sensor_stage", f"{told[1]} mm", "--bench", file)
+    assert moved.code == 0, moved.err
+    assert served.world.gap(served.world.clock.now()) > 0.3
 
 
 def test_a_snap_is_written_as_raw_too_and_needs_somewhere_to_go(flflab: Run, bench: tuple[Served, Path], tmp_path: Path) -> None:

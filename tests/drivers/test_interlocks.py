@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -263,9 +264,15 @@ def test_a_tilt_is_refused_where_its_corners_would_come_too_near_and_the_way_bac
     at = {"array": (20.0, 20.0), "sensor": (31.4, 31.4), "pitch": (0.0, 0.0), "yaw": (0.0, 0.0)}
     check_motion(rule_, "pitch", 0.0, math.radians(2), at)
     with pytest.raises(
-        InterlockError, match=r"pitch: asked to move to -9\.000000 deg, which could leave 0\.\d+ mm between array and sensor"
-    ):
+        InterlockError,
+        match=r"pitch: asked to move to -9\.000000 deg, which could leave 0\.\d+ mm between array and sensor, uncertainties counted 3",
+    ) as refused:
         check_motion(rule_, "pitch", 0.0, math.radians(-9), at)
+    told = re.search(r"nothing moved; it may go as far as (-\d\.\d{3}) deg$", str(refused.value))
+    assert told is not None
+    check_motion(rule_, "pitch", 0.0, math.radians(float(told[1])), at)
+    with pytest.raises(InterlockError):
+        check_motion(rule_, "pitch", 0.0, math.radians(float(told[1]) - 0.002), at)
     too_near = at | {"sensor": (31.8, 31.8)}
     check_motion(rule_, "pitch", math.radians(-9), math.radians(-1), too_near)
     with pytest.raises(InterlockError):
