@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import LENGTH
-from flflab.cli.connected import AxisName, BenchFile, TakesReadings, axis_named, connected_bench, place
+from flflab.cli.connected import AxisName, BenchFile, TakesReadings, axis_named, connected_bench, say_places
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
 from flflab.errors import CommunicationError, DeviceError
@@ -73,8 +73,7 @@ def home(bench: BenchFile, axes: Annotated[list[str] | None, typer.Argument(help
         named = [axis_named(connected, name).name for name in axes or connected.axes]
         for step in home_steps(connected.described):
             wait_all(*[connected.axes[name].home() for name in step.axes if name in named])
-        for name in named:
-            typer.echo(place(connected.axes[name]))
+        say_places(connected, *named)
 
 
 @app.command(cls=TakesReadings)
@@ -85,7 +84,7 @@ def move(
     with connected_bench(bench) as connected:
         moved = axis_named(connected, axis)
         moved.move_to(parse_quantity(position, moved.coordinate.dimension)).wait()
-        typer.echo(place(moved))
+        say_places(connected, axis)
 
 
 @app.command(cls=TakesReadings)
@@ -98,7 +97,7 @@ def jog(
     with connected_bench(bench) as connected:
         moved = axis_named(connected, axis)
         moved.move_by(parse_quantity(distance, moved.coordinate.dimension)).wait()
-        typer.echo(place(moved))
+        say_places(connected, axis)
 
 
 @app.command(short_help="Stop every axis.")

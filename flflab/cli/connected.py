@@ -48,6 +48,14 @@ def axis_named(bench: "ConnectedBench", name: str) -> "Axis":
         raise InputError(f"there is no axis {name} on this bench; its axes are {', '.join(bench.axes)}") from None
 
 
-def place(axis: "Axis") -> str:
-    """Where an axis is, as a sentence."""
-    return f"{axis.name} is at {axis.coordinate.show(axis.position(), '.4f')}"
+def say_places(bench: "ConnectedBench", *names: str) -> None:
+    """Say where axes are, and of axes that are simulated for this command alone that they forget it."""
+    for name in names:
+        axis = bench.axes[name]
+        typer.echo(f"{name} is at {axis.coordinate.show(axis.position(), '.4f')}")
+    if any(bench.described.description.axes[name].address == "simulated" for name in names):
+        typer.echo(
+            "this bench was simulated for this command alone and forgets it; "
+            f"`flflab sim {bench.described.file} --write-bench served.yaml` serves one that stays, for --bench served.yaml",
+            err=True,
+        )

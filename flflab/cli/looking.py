@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from flflab.analysis.focus import focus_figure, parabola_top
-from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, place
+from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, say_places
 from flflab.cli.ending import INTERRUPTED
 from flflab.errors import DeviceError, InputError
 from flflab.image_file import write_picture
@@ -94,7 +94,7 @@ def scan(
         if go:
             moved.move_to(float(readings[0])).wait()
             moved.move_to(best).wait()
-            typer.echo(place(moved))
+            say_places(connected, axis)
 
 
 def _watch(camera: "CameraDevice", output: Path | None) -> None:

@@ -54,6 +54,19 @@ def test_an_operator_checks_homes_moves_and_stops_every_axis(flflab: Run, bench_
     assert (stopped.code, stopped.out) == (0, "every axis took the stop\n")
 
 
+def test_a_bench_simulated_for_one_command_is_said_to_forget_and_a_served_one_is_not(flflab: Run, bench_file: Path, root: Path) -> None:
+    alone = root / "examples" / "benches" / "simulated.yaml"
+    homed = flflab("bench", "home", "target_stage", "--bench", alone)
+    assert (homed.code, homed.out) == (0, "target_stage is at 0.0000 mm\n")
+    assert homed.err == (
+        f"this bench was simulated for this command alone and forgets it; `flflab sim {alone} --write-bench served.yaml` serves one that "
+        "stays, for --bench served.yaml\n"
+    )
+    assert flflab("bench", "home", "target_stage", "--bench", bench_file).err == ""
+    moved = flflab("bench", "move", "target_stage", "12.5 mm", "--bench", bench_file)
+    assert (moved.code, moved.err) == (0, "")
+
+
 def test_a_length_for_an_axis_that_turns_is_refused(flflab: Run, bench_file: Path) -> None:
     refused = flflab("bench", "move", "ring", "5 mm", "--bench", bench_file)
     assert refused.code in (1, 2)
