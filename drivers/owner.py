@@ -56,8 +56,8 @@ class Owner:
         if locked is None:
             who = _read(file).get("process", "unknown")
             raise DeviceError(
-                f"{bench_file}: another program drives this bench (process {who}); wait for its end, or stop its axes with "
-                f"`flflab bench stop --bench {bench_file}`"
+                f"{bench_file}: another program drives this bench (process {who}), perhaps somebody else's run; wait for its end: "
+                f"`flflab bench stop --bench {bench_file}` would stop its axes and with them what it does"
             )
         self._file = locked
         self._listener = socket.create_server(("127.0.0.1", 0))
