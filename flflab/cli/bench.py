@@ -14,6 +14,8 @@ from flflab.cli.looking import scan, snap
 from flflab.errors import CommunicationError, DeviceError
 from flflab.units import parse_quantity
 
+PIPED = 400  # columns that any line may take where no terminal folds it
+
 app = typer.Typer(
     help="Look at a bench and move it by hand; every command refuses what is out of limits or brings array and sensor too near.",
     no_args_is_help=True,
@@ -30,16 +32,13 @@ def check(bench: BenchFile) -> None:
 
     described = described_bench(bench)
     rows = survey(described)
-    table = Table(box=box.SIMPLE_HEAD)
-    for heading in ("device", "driver", "address", "identity", "position", "limits", "state"):
-        table.add_column(heading, justify="right" if heading == "position" else "left")
+    table = _table("device", "position", "identity", "state")
     for row in rows:
         axis = described.description.axes.get(row.name)
         show = LENGTH.show if axis is None else axis.coordinate.show
         answers = row.identity != SILENT
         position = "" if axis is None or not answers else "not homed" if row.position is None else show(row.position, ".4f")
-        limits = "" if axis is None else f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}"
-        table.add_row(row.name, row.driver, row.address, row.identity, position, limits, row.state if answers else "")
+        table.add_row(row.name, position, row.identity, row.state if answers else "")
     _print(table)
     if twice := one_instrument({row.name: row.serial for row in rows}):
         raise DeviceError("\n".join(twice))
@@ -49,17 +48,15 @@ def check(bench: BenchFile) -> None:
 
 @app.command(short_help="Say where every axis and its element stand.")
 def where(bench: BenchFile) -> None:
-    """Say where every axis stands, where its element is in the world, and how the array is turned."""
+    """Say where every axis stands between its limits, where its element is in the world, and how the array is turned."""
     with connected_bench(bench) as connected:
-        table = Table(box=box.SIMPLE_HEAD)
-        for heading in ("axis", "reading", "moves", "in the world"):
-            table.add_column(heading, justify="left" if heading in ("axis", "moves") else "right")
+        table = _table("axis", "reading", "limits", "moves", "in the world")
         for name, axis in connected.axes.items():
             element = connected.described.description.axes[name].moves
             homed = axis.is_homed()
             show = axis.coordinate.show
             reading, world = (show(axis.position(), ".4f"), show(connected.world(element), ".4f")) if homed else ("not homed", "unknown")
-            table.add_row(name, reading, element, world)
+            table.add_row(name, reading, f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}", element, world)
         _print(table)
 
 
@@ -115,5 +112,14 @@ app.command(short_help="Take one picture, or one after the other with a figure o
 app.command(short_help="Take a picture at each reading of an axis; show the sharpest.", cls=TakesReadings)(scan)
 
 
+def _table(*headings: str) -> Table:
+    """A table that 80 columns hold: what a device says of itself goes over as many lines as it takes, nothing is cut."""
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading in headings:
+        number = heading in ("position", "reading", "in the world")
+        table.add_column(heading, justify="right" if number else "left", no_wrap=heading not in ("identity", "state"), overflow="fold")
+    return table
+
+
 def _print(table: Table) -> None:
-    Console(width=None if Console().is_terminal else 160).print(table)
+    Console(width=None if Console().is_terminal else PIPED).print(table)
