@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from drivers.registry import AXES
+from drivers.described import driver_of
 from flflab.bench import AxisDescription, Bench, read_bench
 from flflab.errors import DeviceError, FlflabError
 
@@ -89,13 +89,16 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
 
         for name in names:
             axis: AxisDescription = bench.description.axes[name].model_copy(update={"address": address})
-            driver = AXES[axis.driver]
             try:
+                driver = driver_of(bench, name)
                 driver.open(name, axis, bench.own_keys(driver.keys, "axes", name), share).stop()
             except FlflabError as error:
-                faults[name] = f"{error}; it may still move, cut its power"
+                why = str(error) if name in str(error) else f"{name}: {error}"
+                faults[name] = f"{why}; it may still move, cut its power"
             else:
                 del faults[name]
+        for line in opened.values():
+            line.close()
 
     threads = [threading.Thread(target=stop_line, args=line, daemon=True) for line in lines.items()]
     for thread in threads:

@@ -7,7 +7,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from flflab.bench import LENGTH
+from flflab.bench import LENGTH, read_bench
 from flflab.cli.connected import AxisName, BenchFile, TakesReadings, axis_named, connected_bench, say_places
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
@@ -100,11 +100,15 @@ def jog(
 @app.command(short_help="Stop every axis.")
 def stop(bench: BenchFile) -> None:
     """Stop every axis: the program that drives the bench is told to, or this one opens the ports itself."""
+    from drivers.connection import can_outlive
     from drivers.owner import ask_owner_to_stop
+    from drivers.sentinel import stop_axes
 
     if not ask_owner_to_stop(bench):
-        with connected_bench(bench) as connected:
-            connected.stop()
+        described = read_bench(bench)
+        moving = {name: axis.address for name, axis in described.description.axes.items() if can_outlive(axis)}
+        if faults := stop_axes(described, moving):
+            raise DeviceError("\n".join(faults))
     typer.echo("every axis took the stop")
 
 

@@ -1,6 +1,7 @@
 """``flflab bench`` on a served bench with every axis of the paper's Fig. 10: what an operator types and reads."""
 
 import re
+import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,28 @@ def test_an_operator_checks_homes_moves_and_stops_every_axis(flflab: Run, bench_
     assert "array.pitch 2.5000 deg" in " ".join(stood.out.split())
     stopped = flflab("bench", "stop", "--bench", bench_file)
     assert (stopped.code, stopped.out) == (0, "every axis took the stop\n")
+
+
+def test_every_axis_that_answers_is_stopped_whatever_else_of_the_bench_is_off_or_wrong(flflab: Run, bench_file: Path) -> None:
+    described = yaml.safe_load(bench_file.read_text(encoding="utf-8"))
+    host, port = described["axes"]["sensor_stage"]["address"].removeprefix("socket://").split(":")
+    number = described["axes"]["sensor_stage"]["device"]
+    with socket.create_connection((host, int(port)), 5.0) as line, line.makefile("rwb") as stage:
+        for command, state in ((f"/{number} move vel 10\n", b"BUSY"), (f"/{number}\n", b"BUSY")):
+            stage.write(command.encode())
+            stage.flush()
+            assert state in stage.readline()
+        described["camera"]["address"] = described["axes"]["ring"]["address"] = "127.0.0.1:9"
+        described["axes"]["goniometer"]["driver"] = "zabber"
+        bench_file.write_text(yaml.safe_dump(described), encoding="utf-8")
+        stopped = flflab("bench", "stop", "--bench", bench_file)
+        assert stopped.code == 1
+        told = [line for line in stopped.err.splitlines() if "it may still move, cut its power" in line]
+        assert len(told) == 2
+        assert all(any(name in line for line in told) for name in ("ring", "goniometer")), told
+        stage.write(f"/{number}\n".encode())
+        stage.flush()
+        assert b"IDLE" in stage.readline()
 
 
 def test_80_columns_show_serial_numbers_names_and_limits_whole_and_a_pipe_one_line_a_device(
