@@ -12,6 +12,7 @@ from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Subst
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 Share = Annotated[Ratio, Field(ge=0, le=1)]
+MicrolensCount = Annotated[int, Field(ge=1, le=1000)]  # a side: the model of a million takes 0.9 GB, and the memory grows as the square
 
 
 def _as_list(given: object) -> object:
@@ -42,7 +43,7 @@ class ArrayDescription(Description):
     """Microlens array: layout, lattice, and its lenses by focal length, by radius and index, or by numerical aperture."""
 
     layout: Literal["square", "hexagonal"]
-    count: tuple[PositiveInt, PositiveInt]
+    count: tuple[MicrolensCount, MicrolensCount]
     pitch: Annotated[tuple[PositiveLength, PositiveLength], BeforeValidator(_as_pair)]
     aperture: PositiveLength | None = None
     focal_length: Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)] | None = None

@@ -44,6 +44,7 @@ CAMERA_FAULTS = [
     ("layout: square", "layout: round", "microlens_array.layout", "'square' or 'hexagonal'"),
     ("minimum_illumination: 0.5", "minimum_illumination: 1.5", "useful.minimum_illumination", "less than or equal to 1"),
     ("count: [25, 25]", "count: [25]", "microlens_array.count", "missing"),
+    ("count: [25, 25]", "count: [1000000, 25]", "microlens_array.count", "less than or equal to 1000, not 1000000"),
     ("pixel: 1.66 um", "pixel: nan um", "sensor.pixel", "not a quantity"),
 ]
 
