@@ -55,6 +55,22 @@ def require_writable(file: Path) -> None:
         raise _unwritten(file, error, 0) from error
 
 
+def make_folder(folder: Path, asked: str) -> None:
+    """Make a folder, or take the one that is there.
+
+    Args:
+        folder: the folder.
+        asked: what the operator gave, by which a refusal names it.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{asked}: the folder cannot be made ({error.strerror or error}); give another") from error
+
+
 def _special(file: Path) -> bool:
     """Whether it is a device or a pipe, which nothing can take the place of."""
     return file.exists() and not file.is_file()

@@ -19,6 +19,7 @@ from flflab.accuracy.page import Page, write_page
 from flflab.accuracy.page import Table as PlainTable
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
+from flflab.whole_file import make_folder
 
 
 class What(StrEnum):
@@ -50,10 +51,7 @@ def accuracy(
     """Show what accuracy costs in time, where the first-order model holds, and how well a camera tells depth and its lattice."""
     if camera is not None and what not in OF_A_CAMERA:
         raise InputError(f"--camera {camera}: accuracy {what} has cameras of its own; only depth and lattice take one")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {out}: the folder cannot be made ({error.strerror or error}); give a place you may write in") from error
+    make_folder(out, f"--out {out}")
     page_file, table_file = (out / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
     console = Console(soft_wrap=True)
     with Console(stderr=True).status(f"accuracy {what}") as status:

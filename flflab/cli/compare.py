@@ -13,12 +13,12 @@ from rich.table import Table
 from flflab.calibration.refit import Refit, refit_distances, state_refit
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
-from flflab.errors import InputError, MeasurementError
+from flflab.errors import MeasurementError
 from flflab.observations.agreement import FrameAgreement, compare_frames, depth_deviation, state_depths, state_views
 from flflab.observations.points import PredictedPoints, SeenPoints, measure_points, predict_points
 from flflab.observations.reading import Observations, read_observations
 from flflab.optics.camera import Camera
-from flflab.whole_file import write_csv, write_whole
+from flflab.whole_file import make_folder, write_csv, write_whole
 
 
 @dataclass(frozen=True)
@@ -149,10 +149,7 @@ def write_files(out: Path, found: Comparison, result: dict[str, Any]) -> None:
     }
     if found.refit_predicted is not None:
         columns |= {"views_refit": found.refit_predicted.views, "virtual_depth_refit": found.refit_predicted.virtual_depth}
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {out}: the folder cannot be made ({error.strerror or error}); give another") from error
+    make_folder(out, f"--out {out}")
     write_whole(out / "compare.json", json_text.dumps(result, indent=2, allow_nan=False) + "\n")
     write_csv(out / "compare.csv", [columns, *zip(*(column.tolist() for column in columns.values()), strict=True)])
     plot_compare(out / "compare.png", found.frames, seen, found.predicted, found.refit_predicted)

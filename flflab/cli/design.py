@@ -18,7 +18,7 @@ from flflab.design.page import asked, summary, write_page
 from flflab.design.requirements import Requirements, read_requirements
 from flflab.design.search import Hindrance, hindrance, search
 from flflab.errors import InputError
-from flflab.whole_file import write_csv, write_whole
+from flflab.whole_file import make_folder, write_csv, write_whole
 
 
 def design(
@@ -29,10 +29,7 @@ def design(
 ) -> None:
     """Search the configurations that meet the requirements; an interrupted search goes on when it is started again."""
     wanted = read_requirements(requirements)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {out}: the folder cannot be made ({error.strerror or error}); give another") from error
+    make_folder(out, f"--out {out}")
     found = _searched(wanted, scheduler, out / "search.jsonl", quiet=json)
     if found.met == 0:
         raise InputError(_nothing(wanted, found, hindrance(wanted)))
@@ -113,10 +110,7 @@ def _write(out: Path, title: str, wanted: Requirements, found: Found, named: tup
     heads = list(rows[0])
     write_csv(out / "front.csv", [heads, *([cells[head] for head in heads] for cells in rows)])
     cameras = out / "cameras"
-    try:
-        cameras.mkdir(exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{cameras}: the folder cannot be made ({error.strerror or error}); give another --out") from error
+    make_folder(cameras, f"--out {out}: {cameras.name}")
     for option in (*named, *front):
         heading = f"Design search '{title}', {option.name}: {'; '.join(asked(wanted)[:1])}"
         name = option.name.replace(" ", "-") if not option.name.isdigit() else f"{int(option.name):03d}"

@@ -15,6 +15,7 @@ from flflab.optics.solution import solve_camera, solve_distance
 from flflab.optics.useful import sensor_fields
 from flflab.optics.volume import measurement_volume
 from flflab.units import parse_quantity
+from flflab.whole_file import make_folder
 
 
 def model(
@@ -24,6 +25,8 @@ def model(
     figures: Annotated[Path | None, typer.Option(help="folder for the paper's Figures 1 to 9, drawn for this camera")] = None,
 ) -> None:
     """State every property the model has for a camera; distances are measured from the main lens."""
+    if figures is not None:
+        make_folder(figures, f"--figures {figures}")
     description = load(camera, CameraDescription)
     described = description.camera()
     distances = [_distance(given) for given in distance or []]

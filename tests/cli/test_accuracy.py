@@ -109,10 +109,3 @@ def test_accuracy_of_what_there_is_not_is_refused_with_a_list_of_what_there_is(f
     ended = flflab("accuracy", what)
     assert ended.code == 2
     assert f"'{what}' is not one of 'image', 'measure', 'model', 'depth', 'lattice'" in " ".join(ended.err.split())
-
-
-def test_a_folder_that_cannot_be_made_is_refused_before_anything_is_computed(flflab: Run, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    ended = flflab("accuracy", "model", "--out", tmp_path / "file")
-    assert ended.code == 1
-    assert "cannot be made (File exists); give" in ended.err

@@ -14,6 +14,7 @@ Run = Callable[..., Any]
 EXAMPLES = Path(__file__).parents[2] / "examples"
 OTHER = "give a place you may write in"
 OSINSKI = EXAMPLES / "cameras" / "osinski.yaml"
+REQUIREMENTS = EXAMPLES / "requirements" / "osinski.yaml"
 
 
 def test_model_has_every_key_of_the_contract(flflab: Run) -> None:
@@ -108,6 +109,30 @@ def test_where_only_the_ground_truth_fails_the_picture_is_said_to_be_written(flf
     assert f"the picture itself, {tmp_path / 'a.png'}, is written" in ended.err
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "before.png").read_bytes()
     assert not (tmp_path / "a.json").exists()
+
+
+@pytest.mark.parametrize("command", [("model", OSINSKI, "--figures"), ("design", REQUIREMENTS, "--out"), ("accuracy", "model", "--out")])
+def test_a_folder_that_cannot_be_made_is_told_before_anything_is_computed(flflab: Run, tmp_path: Path, command: tuple[object, ...]) -> None:
+    (tmp_path / "file").touch()
+    for place, why in ((tmp_path / "file", "File exists"), (tmp_path / "file" / "a", "Not a directory")):
+        ended = flflab(*command, place)
+        said = f"flflab: {command[-1]} {place}: the folder cannot be made ({why}); give another\n"
+        assert (ended.code, ended.out, ended.err) == (1, "", said)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files the POSIX way")
+def test_a_figure_that_does_not_fit_on_the_disk_is_told_in_a_sentence_and_leaves_nothing(flflab: Run, tmp_path: Path) -> None:
+    import resource
+
+    limit, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (15_000, hard))  # the table on standard output is shorter, a figure longer
+    try:
+        ended = flflab("model", OSINSKI, "--figures", tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    assert (ended.code, ended.err.count("\n")) == (1, 1)
+    assert ended.err.startswith(f"flflab: {tmp_path / 'figure-1.png'}: cannot be written (File too large)")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_noise_comes_from_the_seed_alone(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
