@@ -1,5 +1,6 @@
 """What chunks of a search found, and their log: one JSON line a chunk, so that an interrupted search goes on where it was."""
 
+import contextlib
 import hashlib
 import json
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from flflab.design.front import Front, merged
 from flflab.design.requirements import Requirements
 from flflab.errors import InputError
+from flflab.whole_file import write_whole
 
 Chunk = tuple[int, int]
 
@@ -68,16 +70,21 @@ class ChunkLog:
             try:
                 self._stream = self._file.open("a", encoding="utf-8")
             except OSError as error:
-                raise InputError(f"{self._file}: the log of the search cannot be written ({error.strerror}); check the folder") from error
+                raise _unwritten(self._file, error) from error
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._stream is not None:
-            self._stream.close()
+            with contextlib.suppress(OSError):  # every line was flushed, or was told not to be on the disk
+                self._stream.close()
 
     def add(self, part: Found) -> None:
-        """Write one chunk's result; it is on the disk before the next is awaited."""
-        if self._stream is None:
+        """Write one chunk's result; it is on the disk before the next is awaited.
+
+        Raises:
+            InputError: the disk does not take it.
+        """
+        if self._file is None or self._stream is None:
             return
         row = {
             "search": self._search,
@@ -88,14 +95,17 @@ class ChunkLog:
             "numbers": part.front.numbers.tolist(),
             "values": part.front.values.tolist(),
         }
-        self._stream.write(json.dumps(row) + "\n")
-        self._stream.flush()
+        try:
+            self._stream.write(json.dumps(row) + "\n")
+            self._stream.flush()
+        except OSError as error:
+            raise _unwritten(self._file, error) from error
 
     def _read(self, file: Path) -> None:
         text = file.read_text(encoding="utf-8")
         whole = text[: text.rfind("\n") + 1]
         if whole != text:
-            file.write_text(whole, encoding="utf-8")  # a line that was being written when the search ended
+            write_whole(file, whole)  # without a line that was being written when the search ended
         for number, line in enumerate(whole.splitlines(), start=1):
             try:
                 row: dict[str, Any] = json.loads(line)
@@ -107,3 +117,10 @@ class ChunkLog:
             if search != self._search:
                 raise InputError(f"{file}:{number}: this log is of a search with other requirements; give another --out, or delete it")
             self.done.append(found)
+
+
+def _unwritten(file: Path, error: OSError) -> InputError:
+    return InputError(
+        f"{file}: the log of the search cannot be written ({error.strerror or error}); make room, or give another --out, and start again: "
+        "what the log holds is not searched again"
+    )

@@ -1,6 +1,7 @@
 """The search against single cameras solved one by one, and against enumeration."""
 
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -153,6 +154,28 @@ def test_an_interrupted_search_goes_on_where_it_was(wanted: Wanted, tmp_path: Pa
     assert len(seen) + done_before == math.ceil(make_grid(asked).size / 3000)
     assert again.front.numbers.tolist() == whole.front.numbers.tolist()
     assert (again.tried, again.built, again.met) == (whole.tried, whole.built, whole.met)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files the POSIX way")
+def test_a_log_that_the_disk_does_not_take_is_told_in_a_sentence_and_gone_on_with(
+    wanted: Wanted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import resource
+
+    monkeypatch.setattr("flflab.design.search.CHUNK", 3000)
+    asked, log = wanted(), tmp_path / "search.jsonl"
+    whole = search(asked, log)
+    size = log.stat().st_size
+    log.unlink()
+    limit, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size // 2, hard))
+    try:
+        with pytest.raises(InputError, match=r"search\.jsonl: the log of the search cannot be written \(File too large\); make room"):
+            search(asked, log)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    assert len(ChunkLog(log, fingerprint(asked)).done) > 0
+    assert search(asked, log).front.numbers.tolist() == whole.front.numbers.tolist()
 
 
 def test_the_log_of_another_search_is_refused(wanted: Wanted, tmp_path: Path) -> None:
