@@ -16,7 +16,7 @@ import numpy as np
 
 from flflab.errors import RecordError
 from flflab.record.folder import DATASET, FRAMES
-from flflab.record.reading import FrameRecord, Run
+from flflab.record.reading import FrameRecord, Run, opened_frames
 
 LEVEL = 1  # docs/decisions/0015: higher ones cost twice the time for a tenth of the size
 AHEAD = 4  # frames in memory
@@ -26,10 +26,10 @@ def pack(run: Run) -> None:
     """Compress the frames of a run that was taken to its end; nothing where it was not, or where they are packed.
 
     Raises:
-        RecordError: a frame is not as it was recorded, or the disk is full; the raw frames are still there then.
+        RecordError: a frame is missing or not as it was recorded, or the disk is full; the raw frames are left as they are then.
     """
     file, packed = run.folder / FRAMES, run.folder / f"{FRAMES}.packed"
-    if not run.complete or not run.frames or _is_packed(file):
+    if not run.complete or not run.frames or _is_packed(run.folder):
         return
     frames = sorted(run.frames, key=lambda frame: frame.index)
     try:
@@ -63,7 +63,6 @@ def _compressed(run: Run, frames: list[FrameRecord]) -> Iterator[tuple[FrameReco
             under_way += [(frame, pool.submit(compress, frame)) for frame in islice(rest, 1)]
 
 
-def _is_packed(file: Path) -> bool:
-    with h5py.File(file, "r") as opened:
-        found = opened[DATASET]
-        return isinstance(found, h5py.Dataset) and found.chunks is not None
+def _is_packed(folder: Path) -> bool:
+    with opened_frames(folder) as frames:
+        return frames.chunks is not None

@@ -1,7 +1,10 @@
 """Reads a run back, finished or not, with json and h5py alone; every frame is checked against the sum recorded with it."""
 
+import contextlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+import os
+import re
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast, get_args
@@ -133,17 +136,39 @@ class Run:
         Raises:
             RecordError: frames.h5 is missing, does not hold it, or holds other pixels than were recorded.
         """
-        try:
-            with h5py.File(self.folder / FRAMES, "r") as file:
-                picture = np.asarray(cast(Any, file[DATASET])[record.index], dtype=np.uint16)
-        except (OSError, KeyError, ValueError, IndexError) as error:
-            raise RecordError(f"{self.folder / FRAMES}: frame {record.key} cannot be read ({error})") from error
+        with opened_frames(self.folder) as frames:
+            if record.index >= len(frames):
+                raise RecordError(f"{self.folder / FRAMES}: holds {len(frames)} frames and not {record.key}; take it from a copy")
+            picture = np.asarray(frames[record.index], dtype=np.uint16)
         if record.crc32 and checksum(picture) != record.crc32:
             raise RecordError(
                 f"{self.folder / FRAMES}: frame {record.key} (number {record.index} of the file) is not as it was recorded: its CRC-32 "
                 "is another; take the file from a copy, see to the disk"
             )
         return picture
+
+
+@contextlib.contextmanager
+def opened_frames(folder: Path) -> Generator[h5py.Dataset]:
+    """The dataset of a run's frames, to be read.
+
+    Raises:
+        RecordError: the file is missing, cut short or damaged, or may not be read.
+    """
+    file = folder / FRAMES
+    try:
+        with h5py.File(file, "r") as opened:
+            yield cast(h5py.Dataset, opened[DATASET])
+    except (OSError, KeyError) as error:
+        whole = re.search(r"stored_eof = (\d+)", str(error))
+        if not file.exists():
+            why = "is missing"
+        elif whole is not None:
+            why = f"is cut short, {file.stat().st_size / 1e6:.3g} of {int(whole[1]) / 1e6:.3g} MB are there"
+        else:
+            number = getattr(error, "errno", None)
+            why = f"cannot be read ({os.strerror(number)})" if number else "is damaged, or no file of frames"
+        raise RecordError(f"{file}: {why}; take it from a copy") from error
 
 
 def read_documents(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:

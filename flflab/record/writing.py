@@ -22,7 +22,7 @@ import numpy.typing as npt
 from flflab.errors import RecordError
 from flflab.record.checksums import SUMS, write_sums
 from flflab.record.folder import DATASET, DOCUMENTS, FRAMES
-from flflab.record.reading import read_run
+from flflab.record.reading import opened_frames, read_run
 
 BEYOND = 2**31 - 2
 SPARE_BYTES = 50_000_000  # documents, log, report
@@ -67,8 +67,7 @@ class Recording:
     def _begin(self, folder: Path, documents: Any) -> None:
         self.folder = folder
         self._documents = documents
-        with h5py.File(folder / FRAMES, "r") as file:
-            dataset = cast(h5py.Dataset, file[DATASET])
+        with opened_frames(folder) as dataset:
             self._shape, self._start = cast(tuple[int, int, int], dataset.shape), cast(int, dataset.id.get_offset())
         self._pixels = (folder / FRAMES).open("r+b", buffering=0)
         self._ended = False

@@ -162,6 +162,23 @@ def test_where_packing_fails_the_raw_frames_are_left(whole: Path) -> None:
     assert not (whole / "frames.h5.packed").exists()
 
 
+@pytest.mark.parametrize(
+    ("left", "says"), [(None, "is missing"), (20_000, "is cut short, 0.02 of 0.0452 MB are there"), (0, "is damaged, or no file of frames")]
+)
+def test_frames_that_are_missing_or_cut_short_are_told_alike_to_who_reads_packs_exports_or_goes_on(
+    whole: Path, left: int | None, says: str
+) -> None:
+    run, file = read_run(whole), whole / "frames.h5"
+    if left is None:
+        file.unlink()
+    else:
+        file.write_bytes(file.read_bytes()[:left])
+    for use in (lambda: run.picture(run.frames[0]), lambda: pack(run), lambda: ContinuedRecording(whole)):
+        with pytest.raises(RecordError) as refusal:
+            use()
+        assert str(refusal.value) == f"{file}: {says}; take it from a copy"
+
+
 def test_the_commit_that_ran_is_recorded_and_whether_files_were_changed(tmp_path: Path) -> None:
     assert git_state(tmp_path) == {}
     commands = ("init -q", "config user.name a", "config user.email a@b.c", "add x", "commit -q -m one")
