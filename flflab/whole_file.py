@@ -1,12 +1,13 @@
 """Files that are there whole or not at all: written beside their place, and put there after the last byte."""
 
+import contextlib
 import csv
 import errno
 import io
 import os
 import secrets
 import shutil
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,8 @@ def write_whole(file: Path, content: str | bytes | memoryview) -> None:
         if _special(file):
             file.write_bytes(content)
         else:
-            _replace(file.resolve(), content)  # the file that a link leads to, not the link
+            with part_of(file.resolve()) as part, part.open("xb") as stream:  # the file that a link leads to, not the link
+                stream.write(content)
     except OSError as error:
         raise _unwritten(file, error, len(content)) from error
 
@@ -88,11 +90,12 @@ def _require_place(file: Path) -> None:
         raise OSError(errno.EACCES, f"the folder {folder} is write-protected")
 
 
-def _replace(file: Path, content: bytes | memoryview) -> None:
+@contextlib.contextmanager
+def part_of(file: Path) -> Generator[Path]:
+    """A name beside a file for what is to take its place at the end; where that fails nothing of it is left."""
     part = file.with_name(f".{secrets.token_hex(8)}.part")
     try:
-        with part.open("xb") as stream:
-            stream.write(content)
+        yield part
         if file.exists():
             shutil.copymode(file, part)
         os.replace(part, file)

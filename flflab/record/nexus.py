@@ -6,6 +6,7 @@ rules for what is plotted by default: ``default`` leads from the root to an NXda
 
 import csv
 import json
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,10 @@ import numpy as np
 
 from flflab.bench import ANGLE, LENGTH
 from flflab.errors import RecordError
+from flflab.record.new_hdf5 import new_hdf5
 from flflab.record.packing import LEVEL
 from flflab.record.reading import ELEMENTS, FrameRecord, Run
+from flflab.whole_file import require_writable
 
 KEPT = ("bench.yaml", "camera.yaml", "study.yaml")
 
@@ -29,21 +32,29 @@ def export_nexus(run: Run, file: Path) -> None:
         file: the HDF5 file to write, one that does not exist.
 
     Raises:
-        RecordError: the run has no frame, a frame is not as it was recorded, or the file cannot be written.
+        RecordError: the run has no frame, a frame is not as it was recorded, or the file is there already or does not fit on the disk.
+        InputError: the file's folder is missing or may not be written.
     """
     if not run.frames:
         raise RecordError(f"{run.folder}: no frame was recorded, there is nothing to export")
+    if file.exists():
+        raise RecordError(f"{file}: exists already and is not overwritten; give another name, or remove it")
+    require_writable(file)
+    largest = len(run.frames) * run.picture(run.frames[0]).nbytes
     try:
-        with h5py.File(file, "x") as into:
+        with new_hdf5(file) as (into, raise_fault):
             into.attrs.update(
                 NX_class="NXroot", default="entry", file_name=file.name, creator="flflab", HDF5_Version=h5py.version.hdf5_version
             )
-            _entry(into, run)
+            _entry(into, run, raise_fault)
     except OSError as error:
-        raise RecordError(f"{file}: cannot be written ({error}); give a file that does not exist, where you may write") from error
+        raise RecordError(
+            f"{file}: the disk does not take it ({error.strerror or error}), up to {largest / 1e6:.3g} MB are needed; make room, or give "
+            "a place on another disk"
+        ) from error
 
 
-def _entry(root: h5py.File, run: Run) -> None:
+def _entry(root: h5py.File, run: Run, after_each: Callable[[], None]) -> None:
     entry = _group(root, "entry", "NXentry", default="frames")
     entry["title"] = str(run.start.get("study", run.folder.name))
     entry["start_time"] = _moment(run.start.get("time", run.frames[0].time))
@@ -51,7 +62,7 @@ def _entry(root: h5py.File, run: Run) -> None:
     entry["entry_identifier_uuid"] = str(run.start.get("uid", ""))
     instrument = _group(entry, "instrument", "NXinstrument")
     instrument["name"] = "bench of a focused light field camera"
-    _frames(_group(instrument, "detector", "NXdetector"), run)
+    _frames(_group(instrument, "detector", "NXdetector"), run, after_each)
     for axis in run.frames[0].readings:
         _positioner(_group(instrument, axis, "NXpositioner"), axis, run)
     data = _group(entry, "frames", "NXdata", signal="data", axes=["frame", ".", "."], frame_indices=0)
@@ -71,7 +82,7 @@ def _entry(root: h5py.File, run: Run) -> None:
         note["type"] = "application/json" if name.endswith("json") else "application/yaml"
 
 
-def _frames(detector: h5py.Group, run: Run) -> None:
+def _frames(detector: h5py.Group, run: Run, after_each: Callable[[], None]) -> None:
     shape = run.picture(run.frames[0]).shape
     data = detector.create_dataset(
         "data", (len(run.frames), *shape), "<u2", chunks=(1, *shape), shuffle=True, compression="gzip", compression_opts=LEVEL
@@ -79,6 +90,7 @@ def _frames(detector: h5py.Group, run: Run) -> None:
     data.attrs.update(units="DN", long_name="pixel value, DN", interpretation="image")
     for place, frame in enumerate(run.frames):
         data[place] = run.picture(frame)
+        after_each()
     exposures = detector.create_dataset("count_time", data=[frame.exposure_s for frame in run.frames])
     exposures.attrs["units"] = "s"
 

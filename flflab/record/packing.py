@@ -11,11 +11,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import islice
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from flflab.errors import RecordError
 from flflab.record.folder import DATASET, FRAMES
+from flflab.record.new_hdf5 import new_hdf5
 from flflab.record.reading import FrameRecord, Run, opened_frames
 
 LEVEL = 1  # docs/decisions/0015: higher ones cost twice the time for a tenth of the size
@@ -28,12 +28,12 @@ def pack(run: Run) -> None:
     Raises:
         RecordError: a frame is missing or not as it was recorded, or the disk is full; the raw frames are left as they are then.
     """
-    file, packed = run.folder / FRAMES, run.folder / f"{FRAMES}.packed"
+    file = run.folder / FRAMES
     if not run.complete or not run.frames or _is_packed(run.folder):
         return
     frames = sorted(run.frames, key=lambda frame: frame.index)
     try:
-        with h5py.File(packed, "w") as into:
+        with new_hdf5(file) as (into, raise_fault):
             shape = run.picture(frames[0]).shape
             whole = (frames[-1].index + 1, *shape)
             dataset = into.create_dataset(
@@ -41,12 +41,11 @@ def pack(run: Run) -> None:
             )
             for frame, chunk in _compressed(run, frames):
                 dataset.id.write_direct_chunk((frame.index, 0, 0), chunk)
-        with packed.open("rb+") as written:
-            os.fsync(written.fileno())
-        os.replace(packed, file)
-    except (OSError, RecordError) as error:
-        packed.unlink(missing_ok=True)
-        raise RecordError(f"{file}: cannot be packed ({error}); the run is complete as it is") from error
+                raise_fault()
+    except OSError as error:
+        raise RecordError(
+            f"{file}: cannot be packed, the disk does not take the packed file beside it ({error.strerror or error}); make room"
+        ) from error
 
 
 def _compressed(run: Run, frames: list[FrameRecord]) -> Iterator[tuple[FrameRecord, bytes]]:

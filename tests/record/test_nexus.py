@@ -1,5 +1,7 @@
 """The NeXus export as silx sees it, a reader and checker of other people's."""
 
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
@@ -18,6 +20,20 @@ silx, nxdata = cast(Any, import_module("silx.io")), cast(Any, import_module("sil
 
 def picture(number: int) -> npt.NDArray[np.uint16]:
     return np.random.default_rng(number).poisson(100, SHAPE).astype(np.uint16)
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+from flflab.errors import RecordError
+from flflab.record import export_nexus, read_run
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]),) * 2)  # a write beyond the limit then fails as on a full disk
+try:
+    export_nexus(read_run(Path(sys.argv[1])), Path(sys.argv[2]))
+except RecordError as error:
+    print(error)
+"""
 
 
 @pytest.fixture
@@ -77,7 +93,7 @@ def test_everything_recorded_is_there_with_its_unit(run: Path, tmp_path: Path) -
 
 def test_a_file_is_never_overwritten_and_a_run_without_frames_refused(run: Path, tmp_path: Path) -> None:
     (tmp_path / "there.nxs").write_text("mine")
-    with pytest.raises(RecordError, match="cannot be written"):
+    with pytest.raises(RecordError, match=r"there\.nxs: exists already and is not overwritten"):
         export_nexus(read_run(run), tmp_path / "there.nxs")
     assert (tmp_path / "there.nxs").read_text() == "mine"
     empty = tmp_path / "empty"
@@ -87,3 +103,15 @@ def test_a_file_is_never_overwritten_and_a_run_without_frames_refused(run: Path,
     recording.close()
     with pytest.raises(RecordError, match="no frame was recorded"):
         export_nexus(read_run(empty), tmp_path / "empty.nxs")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files the POSIX way")
+@pytest.mark.parametrize("room", [0, 1000, 4000, 8000, 12_000])
+def test_a_full_disk_is_one_sentence_with_what_is_needed_and_leaves_nothing(run: Path, tmp_path: Path, room: int) -> None:
+    place = tmp_path / "out" / "a.nxs"
+    place.parent.mkdir()
+    command = [sys.executable, "-c", LIMITED, str(run), str(place), str(room)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    said = f"{place}: the disk does not take it (File too large), up to 0.0072 MB are needed; make room, or give a place on another disk\n"
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, said, "")
+    assert list(place.parent.iterdir()) == []

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import subprocess
+import sys
 import zlib
 from pathlib import Path
 from typing import Any, cast
@@ -135,7 +136,7 @@ def test_a_packed_run_is_smaller_and_the_same_to_plain_h5py(whole: Path) -> None
     content = (whole / "frames.h5").read_bytes()
     pack(read_run(whole))
     assert (whole / "frames.h5").read_bytes() == content
-    assert not (whole / "frames.h5.packed").exists()
+    assert {one.name for one in whole.iterdir()} == {"frames.h5", "documents.jsonl", "SHA256SUMS"}
 
 
 def test_a_run_that_has_not_ended_is_not_packed_since_it_may_be_gone_on_with(cut: Path) -> None:
@@ -156,10 +157,26 @@ def test_where_packing_fails_the_raw_frames_are_left(whole: Path) -> None:
     place = bytes(content).find(picture(1).tobytes())
     content[place] ^= 1
     (whole / "frames.h5").write_bytes(content)
-    with pytest.raises(RecordError, match=r"cannot be packed \(.*frame c0/bars/1 .* is not as it was recorded"):
+    with pytest.raises(RecordError, match=r"frame c0/bars/1 .* is not as it was recorded"):
         pack(read_run(whole))
     assert (whole / "frames.h5").read_bytes() == bytes(content)
-    assert not (whole / "frames.h5.packed").exists()
+    assert {one.name for one in whole.iterdir()} == {"frames.h5", "documents.jsonl", "SHA256SUMS"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files the POSIX way")
+def test_where_the_disk_takes_no_packed_file_the_raw_frames_are_left(whole: Path) -> None:
+    import resource
+
+    content = (whole / "frames.h5").read_bytes()
+    limit, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))
+    try:
+        with pytest.raises(RecordError, match=r"the disk does not take the packed file beside it \(File too large\); make room$"):
+            pack(read_run(whole))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    assert (whole / "frames.h5").read_bytes() == content
+    assert {one.name for one in whole.iterdir()} == {"frames.h5", "documents.jsonl", "SHA256SUMS"}
 
 
 @pytest.mark.parametrize(
