@@ -48,7 +48,11 @@ def verify_sums(folder: Path) -> None:
         return
     for line in file.read_text(encoding="utf-8").splitlines():
         digest, _, name = line.partition("  ")
-        if not (folder / name).is_file() or _of_file(folder / name) != digest:
+        if not (folder / name).is_file():
+            raise RecordError(
+                f"{folder / name}: is missing, and was there when the run ended; take it from a copy, or delete {SUMS} where that is meant"
+            )
+        if _of_file(folder / name) != digest:
             raise RecordError(
                 f"{folder / name}: not as it was when the run ended (its SHA-256 is not the one in {SUMS}); take it from a copy, "
                 f"or delete {SUMS} where the change is meant"

@@ -114,6 +114,17 @@ def test_a_changed_document_or_description_is_named(whole: Path) -> None:
     assert len(read_run(whole).frames) == 4
 
 
+@pytest.mark.parametrize("name", ["bench.yaml", "study.yaml", "versions.json"])
+def test_a_missing_description_is_said_to_be_missing(cut: Path, name: str) -> None:
+    (cut / name).write_text("{}")
+    recording = ContinuedRecording(cut)
+    recording.document("stop", {"exit_status": "success"})
+    recording.close()
+    (cut / name).unlink()
+    with pytest.raises(RecordError, match=rf"{name}: is missing, and was there when the run ended; take it from a copy"):
+        read_run(cut)
+
+
 def test_the_sums_are_those_that_other_programs_compute(whole: Path) -> None:
     lines = (whole / "SHA256SUMS").read_text().splitlines()
     assert lines == [f"{hashlib.sha256((whole / 'documents.jsonl').read_bytes()).hexdigest()}  documents.jsonl"]
