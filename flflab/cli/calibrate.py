@@ -35,7 +35,7 @@ def conclude(run: Run) -> Calibration:
     """Fit a bench to a run, print the table and what could not be told, and leave files to go on with."""
     require_unwritten(run.folder)  # before the pictures are measured, which takes its time
     bench = read_bench(run.folder / "bench.yaml")
-    with measuring(run.folder, "resume"):
+    with measuring(run, "resume"):
         found = calibrate_run(run, read_study(run.folder / "study.yaml", bench.optics), bench)
     files = write_calibration(found, bench, run.folder)
     console = Console(width=None if Console().is_terminal else 140)

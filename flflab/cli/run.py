@@ -162,10 +162,10 @@ def seeded(bench_file: Path, seed: int | None) -> Generator[Path, None, None]:
 
 
 @contextlib.contextmanager
-def measuring(folder: Path, command: str) -> Generator[Callable[[int, int], None]]:
+def measuring(run: Run, command: str) -> Generator[Callable[[int, int], None]]:
     """Says what it is at, of how many configurations as far as it is told; at Ctrl-C, with which command the run is measured again."""
     console = Console(stderr=True)
-    console.print("all recorded; measuring and comparing", highlight=False)
+    console.print(f"{'all recorded' if run.complete else 'not recorded to its end'}; measuring and comparing", highlight=False)
     columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
     try:
         with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
@@ -177,7 +177,7 @@ def measuring(folder: Path, command: str) -> Generator[Callable[[int, int], None
 
             yield tell
     except KeyboardInterrupt:
-        sys.stderr.write(f"flflab: everything is recorded, `flflab {command} {folder}` measures it\n")
+        sys.stderr.write(f"flflab: what was recorded is kept, `flflab {command} {run.folder}` measures it\n")
         raise
 
 

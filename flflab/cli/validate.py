@@ -64,7 +64,7 @@ def judged(run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody) -
 def conclude(run: Run, bench_file: Path | None = None) -> None:
     """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is rejected."""
     console = Console()
-    with measuring(run.folder, "report") as tell:
+    with measuring(run, "report") as tell:
         evaluation, page = judged(run, bench_file, tell)
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))

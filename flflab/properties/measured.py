@@ -172,9 +172,8 @@ def _mean_picture(run: Run, configuration: Configuration, target: str) -> tuple[
     """Mean of a configuration's frames of one target, DN, and the frames."""
     frames = tuple(frame for frame in run.frames if frame.configuration == configuration.index and frame.target == target)
     if not frames:
-        raise MeasurementError(
-            f"run {run.folder}: configuration {configuration.index} has no {target} frame; the run stopped before it was taken"
-        )
+        how = "its study was changed" if run.complete else f"the run stopped before it was taken: `flflab resume {run.folder}` goes on"
+        raise MeasurementError(f"run {run.folder}: configuration {configuration.index} has no {target} frame; {how}")
     total = run.picture(frames[0]).astype(np.float64)
     for frame in frames[1:]:
         total += run.picture(frame)

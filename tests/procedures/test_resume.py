@@ -19,8 +19,9 @@ from flflab.analysis.noise import SensorNoise
 from flflab.bench import Bench
 from flflab.cli.report import analyse
 from flflab.cli.run import resume_run, run_study
+from flflab.cli.validate import conclude
 from flflab.errors import DeviceError, InputError, MeasurementError, MotionError, RecordError
-from flflab.record import ContinuedRecording, Run, read_documents, read_run
+from flflab.record import ContinuedRecording, Run, claim_folder, keep_descriptions, read_documents, read_run
 from flflab.study import Study
 from procedures.resume import difference_over_noise, require_same, require_unfinished, rest_of, resume
 from procedures.study import begin_recording, take_study, tell_nobody
@@ -77,6 +78,26 @@ def test_wherever_a_run_is_cut_it_is_taken_to_its_end_with_each_point_once(
             assert frame.target == frame.key.split("/")[1]
     for name, document in read_documents(tmp_path):
         event_model.schema_validators[event_model.DocumentNames[name]].validate(document)
+
+
+def test_the_report_of_a_run_that_was_cut_says_so_and_how_to_go_on(
+    described: Described,
+    in_memory: Connect,
+    memory_camera: Camera,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    study, described_bench = described()
+    folder = claim_folder(tmp_path / "run")
+    keep_descriptions(folder, described_bench, tmp_path / "study.yaml")
+    bench = in_memory(described_bench, memory_camera(shape=(90, 120)))
+    cut_after(bench, 4, monkeypatch)
+    with pytest.raises(MotionError):
+        take_study(bench, study, begin_recording(bench, study, folder), tell_nobody, "validate")
+    with pytest.raises(MeasurementError, match=rf"no four-dot frame; the run stopped .* taken: `flflab resume {folder}` goes on$"):
+        conclude(read_run(folder))
+    assert capsys.readouterr().err == "not recorded to its end; measuring and comparing\n"
 
 
 def pictures_of(run: Run) -> dict[str, tuple[str, dict[Any, float], float]]:
