@@ -34,7 +34,9 @@ def write_sums(folder: Path, names: Iterable[str]) -> None:
     try:
         (folder / SUMS).write_text("".join(lines), encoding="utf-8", newline="\n")
     except OSError as error:
-        raise RecordError(f"{folder / SUMS}: cannot be written ({error.strerror or error}); make room and start again") from error
+        raise RecordError(
+            f"{folder / SUMS}: cannot be written ({error.strerror or error}); the record is whole but for its sums, make room"
+        ) from error
 
 
 def verify_sums(folder: Path) -> None:

@@ -143,7 +143,7 @@ class Recording:
             try:
                 write()
             except Exception as error:  # whatever it is, the thread goes on, or those who wait for it would for ever
-                self._fault = RecordError(f"{self.folder}: {what} could not be written ({_in_a_line(error)}); make room and start again")
+                self._fault = RecordError(f"{self.folder}: {what} could not be written ({_in_a_line(error)}); make room before you go on")
 
     def _write_frame(self, place: int, picture: Picture) -> None:
         pixels: Any = np.ascontiguousarray(picture, dtype="<u2")
@@ -228,7 +228,7 @@ def _keep_for_oneself(documents: Any, folder: Path) -> None:
 
 
 def _in_a_line(error: BaseException) -> str:
-    return " ".join(str(error).split())
+    return " ".join(str((isinstance(error, OSError) and error.strerror) or error).split())
 
 
 class ContinuedRecording(Recording):

@@ -62,6 +62,7 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing_recorded_before(tmp_path:
             refused += 1
             assert said["error"].count("\n") == 0
             assert str(tmp_path / str(trial)) in said["error"], said
+            assert said["error"].endswith("could not be written (File too large); make room before you go on")
         documents = read_documents(tmp_path / str(trial))
         events = [document for name, document in documents if name == "event"]
         # One may be on its way when the disk is full; the last one may be whole though its writer was told otherwise.
