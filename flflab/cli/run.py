@@ -16,7 +16,7 @@ from flflab.bench import Bench, read_bench
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.description import read_yaml
-from flflab.errors import FlflabError, InputError
+from flflab.errors import CommunicationError, FlflabError, InputError
 from flflab.record import ContinuedRecording, Run, claim_folder, keep_descriptions, new_folder, read_run
 from flflab.study import read_study
 from flflab.wheel import unlike_the_wheel
@@ -85,7 +85,14 @@ def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:
     require_same_bench(recorded, described_bench(file))
     study = read_study(folder / "study.yaml", recorded.optics)
     rest = rest_of(run, study, recorded)
-    with connect(file) as connected:
+    try:
+        connected = connect(file)
+    except CommunicationError as error:
+        if bench_file is not None:
+            raise
+        there = f"the same bench at other addresses is given with `flflab resume {folder} --bench FILE`"
+        raise CommunicationError(f"{error}\n{there}") from error
+    with connected:
         failure = failure_of(folder, lambda: resume(connected, study, run, rest, ContinuedRecording(folder), tell))
     return ended(folder, failure)
 

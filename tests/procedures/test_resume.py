@@ -20,7 +20,7 @@ from flflab.bench import Bench
 from flflab.cli.report import analyse
 from flflab.cli.run import resume_run, run_study
 from flflab.cli.validate import conclude
-from flflab.errors import DeviceError, InputError, MeasurementError, MotionError, RecordError
+from flflab.errors import CommunicationError, DeviceError, InputError, MeasurementError, MotionError, RecordError
 from flflab.record import ContinuedRecording, Run, claim_folder, keep_descriptions, read_documents, read_run
 from flflab.study import Study
 from procedures.resume import difference_over_noise, require_same, require_unfinished, rest_of, resume
@@ -155,6 +155,8 @@ def test_after_a_device_error_a_run_goes_on_at_other_addresses_of_the_same_bench
     with served(study=places, faults=faults) as (_, study, bench), pytest.raises(DeviceError):
         run_study(study, bench, tmp_path / "cut", None, tell_nobody, "sweep")
     had = len(read_run(tmp_path / "cut").frames)
+    with pytest.raises(CommunicationError, match=rf"(?s)cannot be reached.*`flflab resume {tmp_path / 'cut'} --bench FILE`$"):
+        resume_run(tmp_path / "cut", None, tell_nobody)
     with served(study=places) as (_, study, bench):
         run = resume_run(tmp_path / "cut", bench, tell_nobody)
         whole = run_study(study, bench, tmp_path / "whole", None, tell_nobody, "sweep")
