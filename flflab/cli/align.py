@@ -15,9 +15,9 @@ from flflab.bench import ANGLE, LENGTH, Bench
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.new import Kind, built_in
-from flflab.cli.run import seeded
+from flflab.cli.run import seeded, with_descriptions
 from flflab.errors import FlflabError, InputError
-from flflab.record import Recording, claim_folder, keep_descriptions, new_folder
+from flflab.record import Recording, run_folder
 from flflab.units import parse_quantity
 from flflab.whole_file import write_whole
 
@@ -46,16 +46,13 @@ def align(
         wanted = None if overlap is None else parse_quantity(overlap, "length")
         request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
         require_reachable(request, described)
-        if out is not None:
-            claim_folder(out)
         failure: FlflabError | None = None
         outcomes: tuple[Outcome, ...] = ()
-        with connect(file) as connected:
-            folder = out or new_folder("align")
-            keep_descriptions(folder, described, None)
+        with run_folder(out, "align") as folder, connect(file) as connected:
             columns, rows = described.optics.sensor.resolution
+            recording = with_descriptions(Recording(folder, most_frames(request), (rows, columns)), described, None)
             try:
-                outcomes = run(connected, request, Recording(folder, most_frames(request), (rows, columns)), _tell)
+                outcomes = run(connected, request, recording, _tell)
             except FlflabError as error:
                 failure = error  # raised below: every axis was told to stop, and what goes wrong in leaving must not hide why
     if isinstance(failure, RunInterruptedError):

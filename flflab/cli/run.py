@@ -16,8 +16,8 @@ from flflab.bench import Bench, read_bench
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.description import read_yaml
-from flflab.errors import CommunicationError, FlflabError, InputError
-from flflab.record import ContinuedRecording, Run, claim_folder, keep_descriptions, new_folder, read_run
+from flflab.errors import CommunicationError, FlflabError, InputError, RecordError
+from flflab.record import ContinuedRecording, Recording, Run, keep_descriptions, read_run, run_folder
 from flflab.study import read_study
 from flflab.wheel import unlike_the_wheel
 
@@ -55,13 +55,24 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
         steps(study, bench)  # refused here, before anything connects
         for sentence in unlike_the_wheel(study, bench):
             sys.stderr.write(f"flflab: {sentence}\n")
-        if folder is not None:
-            claim_folder(folder)
-        with connect(file) as connected:
-            place = folder or new_folder(study.description.name)
-            keep_descriptions(place, bench, study_file)
-            failure = failure_of(place, lambda: take_study(connected, study, begin_recording(connected, study, place), tell, name))
+        with run_folder(folder, study.description.name) as place, connect(file) as connected:
+            recording = with_descriptions(begin_recording(connected, study, place), bench, study_file)
+            failure = failure_of(place, lambda: take_study(connected, study, recording, tell, name))
     return ended(place, failure)
+
+
+def with_descriptions(recording: Recording, bench: Bench, study_file: Path | None) -> Recording:
+    """A record with the descriptions beside it: written when the folder is its own, so that no other run's are written over.
+
+    Raises:
+        RecordError: the folder cannot be written; nothing is left in it.
+    """
+    try:
+        keep_descriptions(recording.folder, bench, study_file)
+    except RecordError:
+        recording.discard()
+        raise
+    return recording
 
 
 def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:

@@ -1,11 +1,13 @@
 """A run's folder: made once, never overwritten, with the descriptions as used and what ran."""
 
+import contextlib
 import json
 import platform
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Generator
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -41,6 +43,23 @@ def new_folder(study: str, parent: Path = Path("runs")) -> Path:
     raise RecordError(f"{parent}: a hundred runs of {study} began in this second; wait a second")
 
 
+@contextlib.contextmanager
+def run_folder(folder: Path | None, study: str) -> Generator[Path]:
+    """A folder for one run: the one given, or a new one below ``runs``; made here and still empty at the end it goes again.
+
+    Raises:
+        RecordError: as ``claim_folder`` and ``new_folder``.
+    """
+    made = folder is None or not folder.exists()
+    place = new_folder(study) if folder is None else claim_folder(folder)
+    try:
+        yield place
+    finally:
+        if made:
+            with contextlib.suppress(OSError):  # it is not empty
+                place.rmdir()
+
+
 def claim_folder(folder: Path) -> Path:
     """Make a folder for one run, or take one that is empty or holds only the descriptions of a run that never began.
 
@@ -63,7 +82,7 @@ def claim_folder(folder: Path) -> Path:
 
 
 def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> None:
-    """Write bench.yaml, camera.yaml and study.yaml as used, and versions.json.
+    """Write bench.yaml, camera.yaml and study.yaml as used, and versions.json: all of them, or none.
 
     Args:
         folder: the run's.
@@ -87,6 +106,8 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
             (folder / "study.yaml").unlink(missing_ok=True)  # of a run that never began
         (folder / VERSIONS).write_text(json.dumps(versions(), indent=1) + "\n", encoding="utf-8")
     except OSError as error:
+        for name in BEFORE:
+            (folder / name).unlink(missing_ok=True)
         raise RecordError(f"{folder}: cannot be written ({error.strerror or error}); give a folder you may write in") from error
 
 

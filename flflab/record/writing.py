@@ -200,6 +200,8 @@ class Recording:
 def _beginning(folder: Path) -> Generator[None]:
     try:
         yield
+    except FileExistsError as error:
+        raise RecordError(f"{folder}: another run is recorded there; give another folder") from error
     except OSError as error:
         raise RecordError(f"{folder}: a record cannot be begun there ({error}); give another folder") from error
 

@@ -9,18 +9,22 @@ import sys
 import time
 from collections.abc import Callable, Generator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import event_model
 import numpy as np
 import pytest
 
+from drivers.bench import ConnectedBench
+from flflab.bench import read_bench
 from flflab.cli.run import run_study
-from flflab.errors import CommunicationError, DeviceError, MotionError
+from flflab.errors import CommunicationError, DeviceError, MotionError, RecordError
 from flflab.record import read_documents, read_run
 from procedures.study import tell_nobody
 from procedures.sweep import Progress
 
+Connect = Callable[..., ConnectedBench]
 Until = Callable[..., None]
 Write = Callable[..., tuple[Path, Path]]
 ONE = {"configurations": [{"f_number": 4, "distance": "507 mm"}]}
@@ -170,3 +174,49 @@ def test_a_ctrl_c_that_the_simulated_bench_hears_too_ends_well(
     assert process.returncode == 130
     assert said.splitlines()[-1] == f"flflab: interrupted; recorded so far is in {out}"
     assert json.loads((out / "documents.jsonl").read_text().splitlines()[-1])["doc"]["exit_status"] == "abort"
+
+
+def test_who_begins_a_moment_later_in_the_same_folder_is_refused_and_changes_nothing(
+    write: Write, in_memory: Connect, memory_camera: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    study, bench = write()
+    others = ("documents.jsonl", "bench.yaml", "camera.yaml", "study.yaml", "versions.json")
+
+    def connect(file: Path) -> ConnectedBench:
+        for name in others:
+            (tmp_path / "run" / name).write_text("another's")
+        return in_memory(read_bench(file), memory_camera(shape=(90, 120)))
+
+    monkeypatch.setattr("drivers.bench.connect", connect)
+    with pytest.raises(RecordError, match="run: another run is recorded there; give another folder"):
+        run_study(study, bench, tmp_path / "run", None, tell_nobody, "sweep")
+    assert {one.name: one.read_text() for one in (tmp_path / "run").iterdir()} == dict.fromkeys(others, "another's")
+    assert "resume" not in capsys.readouterr().err
+
+
+def test_a_run_that_cannot_begin_leaves_no_folder(
+    write: Write, in_memory: Connect, memory_camera: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study, bench = write()
+    monkeypatch.chdir(tmp_path)
+    full = SimpleNamespace(free=0)
+    monkeypatch.setattr("flflab.record.writing.shutil.disk_usage", lambda _: full)  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
+
+    def connect(file: Path) -> ConnectedBench:
+        return in_memory(read_bench(file), memory_camera(shape=(90, 120)))
+
+    def driven_by_another(file: Path) -> ConnectedBench:
+        raise DeviceError(f"{file}: another program drives this bench")
+
+    for way, error in ((connect, RecordError), (driven_by_another, DeviceError)):
+        monkeypatch.setattr("drivers.bench.connect", way)
+        for folder in (tmp_path / "run", None):
+            with pytest.raises(error, match=r"0\.00 GB are free|another program"):
+                run_study(study, bench, folder, None, tell_nobody, "sweep")
+            assert not (tmp_path / "run").exists()
+            assert not [*(tmp_path / "runs").glob("*")]
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(DeviceError):
+        run_study(study, bench, tmp_path / "mine", None, tell_nobody, "sweep")
+    assert (tmp_path / "mine").exists()

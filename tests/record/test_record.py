@@ -166,7 +166,7 @@ def test_a_run_is_never_overwritten(tmp_path: Path) -> None:
     write_two(tmp_path).close()
     with pytest.raises(RecordError, match="holds a run already"):
         claim_folder(tmp_path)
-    with pytest.raises(RecordError, match="cannot be begun"):
+    with pytest.raises(RecordError, match="another run is recorded there"):
         Recording(tmp_path, 1, SHAPE)
     folders = {new_folder("first", tmp_path / "runs") for _ in range(3)}
     assert len(folders) == 3
