@@ -68,7 +68,7 @@ def claim_folder(folder: Path) -> Path:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        held = {one.name for one in folder.iterdir()}
+        held = {one.name for one in folder.iterdir() if not one.name.startswith(".")}  # those are a file browser's
     except OSError as error:
         raise RecordError(f"{folder}: cannot be made ({error.strerror or error}); give a folder you may write in") from error
     run = [name for name in (DOCUMENTS, FRAMES) if name in held]

@@ -180,8 +180,12 @@ def read_documents(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     file = folder / DOCUMENTS
     try:
         lines = file.read_text(encoding="utf-8", errors="replace").split("\n")
+    except FileNotFoundError as error:
+        if folder.is_dir():
+            raise RecordError(f"{folder}: nothing was recorded there yet; begin the run anew, or give the folder of another") from error
+        raise RecordError(f"{folder}: there is no such folder; give the folder of a run") from error
     except OSError as error:
-        raise RecordError(f"{file}: cannot be read ({error}); give the folder of a run") from error
+        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give the folder of a run") from error
     for number, line in enumerate(lines[:-1], start=1):  # what stands after the last line end is empty or cut short
         try:
             pair = json.loads(line)

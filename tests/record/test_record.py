@@ -191,6 +191,19 @@ def test_the_folder_of_a_run_that_never_began_is_taken_again(tmp_path: Path) -> 
     assert {one.name for one in (tmp_path / "run").iterdir()} == {"bench.yaml", "camera.yaml", "versions.json"}
 
 
+def test_what_a_file_browser_hides_in_an_empty_folder_is_in_nobodys_way(tmp_path: Path) -> None:
+    (tmp_path / ".DS_Store").write_text("")
+    assert claim_folder(tmp_path) == tmp_path
+
+
+def test_where_nothing_was_recorded_is_told_from_where_no_folder_is(tmp_path: Path) -> None:
+    (tmp_path / "bench.yaml").write_text("")
+    for folder, says in ((tmp_path, "nothing was recorded there yet; begin the run anew"), (tmp_path / "no", "there is no such folder")):
+        with pytest.raises(RecordError) as refusal:
+            read_run(folder)
+        assert str(refusal.value).startswith(f"{folder}: {says}")
+
+
 def test_a_file_in_the_place_of_a_run_is_told_without_repeating_its_path(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for place in (tmp_path / "file", tmp_path / "file" / "run"):
