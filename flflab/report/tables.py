@@ -86,7 +86,9 @@ def statistics_table(evaluation: Evaluation) -> Table:
         )
         for one in z_statistics(evaluation.comparison.rows)
     ]  # fmt: skip
-    headings = ("quantity", "rows", "mean z", "standard deviation of z", "share with |z| > 2", "largest |z|", "rows without a finite z")
+    headings = (
+        "quantity", "rows", "mean z", "standard deviation of z", "share with |z| > 2", "z farthest from 0", "rows without a finite z",
+    )  # fmt: skip
     return Table("Standardised differences, pooled over all configurations", headings, tuple(rows))
 
 

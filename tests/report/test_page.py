@@ -131,6 +131,11 @@ def test_every_quantity_has_its_table_with_units(page: Page) -> None:
         assert heading in page.text
 
 
+def test_a_column_of_signed_values_is_not_headed_by_their_size(page: Page) -> None:
+    assert "z farthest from 0" in page.text
+    assert "largest |z|" not in page.text
+
+
 def test_the_bench_and_the_provenance_are_there(page: Page, run: Run, bench: Bench) -> None:
     for name in (*bench.description.axes, run.folder.name, "2027-01-15 08:00:00 UTC", "numpy 2.4.6", "seed 7"):
         assert name in page.text
