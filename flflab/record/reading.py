@@ -104,6 +104,7 @@ class Run:
         frames: in the order taken.
         stop: its last stop document; None where it never ended.
         resumed: the start documents of its later parts.
+        cut: what ended the part before each of these: its stop document; None where it was cut off without one.
         accuracy: how the uncertainty fell with the frames taken.
         turning: names of the axes whose readings are in rad; those of the others are in mm.
     """
@@ -113,6 +114,7 @@ class Run:
     frames: tuple[FrameRecord, ...]
     stop: Mapping[str, Any] | None
     resumed: tuple[Mapping[str, Any], ...] = ()
+    cut: tuple[Mapping[str, Any] | None, ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
     turning: frozenset[str] = frozenset()
 
@@ -203,6 +205,7 @@ def read_run(folder: Path) -> Run:
     folder = Path(folder)
     starts: list[dict[str, Any]] = []
     stop: dict[str, Any] | None = None
+    cut: list[dict[str, Any] | None] = []
     frames: dict[str, FrameRecord] = {}
     accuracy: list[AccuracyRecord] = []
     turning = frozenset[str]()
@@ -210,6 +213,7 @@ def read_run(folder: Path) -> Run:
     for name, doc in read_documents(folder):
         try:
             if name == "start":
+                cut += [stop] if starts else []
                 starts.append(doc)
                 stop = None
             elif name == "stop":
@@ -227,7 +231,7 @@ def read_run(folder: Path) -> Run:
     if not starts:
         raise RecordError(f"{folder / DOCUMENTS}: holds no start of a run: nothing was recorded; begin it again in another folder")
     verify_sums(folder)
-    return Run(folder, starts[0], tuple(frames.values()), stop, tuple(starts[1:]), tuple(accuracy), turning)
+    return Run(folder, starts[0], tuple(frames.values()), stop, tuple(starts[1:]), tuple(cut), tuple(accuracy), turning)
 
 
 def world_key(element: Element) -> str:

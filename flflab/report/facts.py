@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import numpy as np
 import numpy.typing as npt
@@ -101,7 +102,7 @@ def simulated_devices(bench: Bench) -> tuple[list[str], int]:
 
 def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[str]:
     """What a reader should know before signing; empty where nothing is amiss."""
-    found: list[str] = []
+    found: list[str] = [parts(run)] if run.resumed else []
     if run.stop is None:
         found.append("The run has no stop document: it never ended properly, and is reported as far as it was recorded.")
     elif run.stop.get("exit_status", "success") != "success":
@@ -119,6 +120,20 @@ def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[
         have = "has" if missing == 1 else "have"
         found.append(f"{counted(missing, 'row')} of the comparison {have} no uncertainty: z is 0 or infinite there.")
     return found
+
+
+def parts(run: Run) -> str:
+    """In how many parts a run was recorded, and when and why it was cut: ``Recorded in 2 parts: cut at ... (...), resumed at ...``."""
+    cuts: list[str] = []
+    for stop, start in zip(run.cut, run.resumed, strict=True):
+        when = "cut off" if stop is None else f"cut at {moment(stop.get('time'))} ({stop.get('reason') or 'no reason given'})"
+        cuts.append(f"{when}, resumed at {moment(start.get('time'))}")
+    return f"Recorded in {len(cuts) + 1} parts: {'; '.join(cuts)}."
+
+
+def moment(seconds: float | None) -> str:
+    """A time since 1970 in seconds as date and time, UTC."""
+    return "not recorded" if seconds is None else datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def counted(many: int, what: str) -> str:

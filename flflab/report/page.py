@@ -58,7 +58,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
     text = _template().render(
         study=study.description.name,
         folder=run.folder.name,
-        began=tables.moment(run.start.get("time")),
+        began=facts.moment(run.start.get("time")),
         comparison=evaluation.comparison,
         headline=headline(evaluation),
         names=PROPERTY_NAMES,
@@ -165,8 +165,8 @@ def _provenance(run: Run, study: Study, bench: Bench) -> list[tables.Table]:
     description = study.description
     about = {
         "folder": str(run.folder.resolve()),
-        "began": tables.moment(run.start.get("time")),
-        "ended": tables.moment(stop.get("time")),
+        "began": facts.moment(run.start.get("time")),
+        "ended": facts.moment(stop.get("time")),
         "exit status": stop.get("exit_status", "never ended"),
         "frames recorded": len(run.frames),
         "study": description.name,

@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
-from datetime import UTC, datetime
 from typing import Any, cast
 
 import numpy as np
@@ -69,11 +68,6 @@ def in_words(quantity: str) -> str:
     """A quantity and its unit: ``bright field, µm``."""
     words, unit, _ = quantity_of(quantity)
     return f"{words}, {unit}" if unit else words
-
-
-def moment(seconds: float | None) -> str:
-    """A time since 1970 in seconds as date and time, UTC."""
-    return "not recorded" if seconds is None else datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def statistics_table(evaluation: Evaluation) -> Table:

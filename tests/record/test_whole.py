@@ -78,7 +78,9 @@ def test_a_part_that_has_not_ended_makes_the_run_unfinished_again(whole: Path) -
     recording = ContinuedRecording(whole)
     recording.document("start", {"uid": "third", "resumes": "second"})
     recording.close()
-    assert not read_run(whole).complete
+    run = read_run(whole)
+    assert not run.complete
+    assert run.cut == (None, {"exit_status": "success"})
 
 
 def test_a_record_that_is_being_written_is_gone_on_with_by_nobody_else(cut: Path) -> None:

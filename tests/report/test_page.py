@@ -199,6 +199,21 @@ def test_an_unfinished_run_of_one_configuration_is_reported_as_such(
     assert "5 in configuration 0" in text
 
 
+def test_a_run_in_several_parts_says_when_and_why_it_was_cut(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
+    interrupted = {"time": 1.8e9 + 20, "exit_status": "abort", "reason": "interrupted by the operator"}
+    several = replace(run, cut=(interrupted, None), resumed=({"time": 1.8e9 + 30}, {"time": 1.8e9 + 40}))
+    write_report(single, several, study, bench, tmp_path / "report.html")
+    said = (
+        "Recorded in 3 parts: cut at 2027-01-15 08:00:20 UTC (interrupted by the operator), resumed at 2027-01-15 08:00:30 UTC; "
+        "cut off, resumed at 2027-01-15 08:00:40 UTC."
+    )
+    assert said in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    write_report(single, run, study, bench, tmp_path / "report.html")
+    assert "Recorded in" not in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+
+
 def test_a_report_that_cannot_be_written_is_refused_in_one_sentence(
     single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
 ) -> None:
