@@ -123,6 +123,9 @@ def read_observations(folder: Path) -> Observations:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give one that holds observations.csv, poses.json and camera.json")
+    missing = [name for name in ("observations.csv", "poses.json", "camera.json") if not (folder / name).is_file()]
+    if missing:
+        raise InputError(f"{folder}: lacks {' and '.join(missing)}; give a folder that holds observations.csv, poses.json and camera.json")
     board = _read_board(folder / "camera.json")
     poses = _read_poses(folder / "poses.json")
     file = folder / "observations.csv"

@@ -77,7 +77,7 @@ def test_a_table_without_views_is_refused(copy: Path) -> None:
 @pytest.mark.parametrize("name", ["observations.csv", "poses.json", "camera.json"])
 def test_a_missing_file_is_named(copy: Path, name: str) -> None:
     (copy / name).unlink()
-    with pytest.raises(InputError, match=rf"{name}: cannot be read"):
+    with pytest.raises(InputError, match=rf"{copy}: lacks {name}; give a folder that holds observations\.csv, poses\.json and camera"):
         read_observations(copy)
 
 
