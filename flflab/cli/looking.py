@@ -28,6 +28,7 @@ Gain = Annotated[float, typer.Option(help="gain, as a factor")]
 
 
 def snap(
+    context: typer.Context,
     bench: BenchFile,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="picture to write: .png, .tiff (16 bits) or .dng")] = None,
     exposure: Exposure = "10 ms",
@@ -39,7 +40,7 @@ def snap(
     if output is not None and output.suffix.lower() not in ENDINGS:
         raise InputError(f"{output}: a picture is written as .png, .tiff or .dng; give such a name")
     if output is None and not live:
-        raise InputError("asked for a picture and no file to write; give one with -o, or look only with --live")
+        context.fail("give a file for the picture with -o, or look only with --live")
     with connected_bench(bench) as connected:
         camera = connected.camera
         camera.prepare(seconds, gain)

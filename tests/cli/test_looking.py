@@ -102,7 +102,7 @@ def test_a_snap_is_written_as_raw_too_and_needs_somewhere_to_go(flflab: Run, ben
     raw = read_raw(tmp_path / "a.dng")
     assert (raw.values.shape, raw.black_level[0], raw.white_level, raw.exposure_s) == ((120, 160), 64, 4095, 0.004)
     refused = flflab("bench", "snap", "--bench", file)
-    assert (refused.code, "no file to write" in refused.err) == (1, True)
+    assert (refused.code, "give a file for the picture with -o" in refused.err) == (2, True)
 
 
 @pytest.mark.ci
