@@ -1,7 +1,8 @@
 """All commands of ``flflab`` in one list; each lives in the file of its name and is loaded when it is asked for."""
 
 from importlib import import_module
-from typing import Any, cast
+from importlib.metadata import version
+from typing import Annotated, Any, cast
 
 import typer
 from typer.core import TyperGroup
@@ -65,12 +66,21 @@ app = typer.Typer(
     cls=Commands,
     help="Run the bench of a focused light field camera and say, with numbers, whether the camera does what its model says.",
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},  # the commands inherit it
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 
 
+def _tell_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"flflab {version('flflab')}")
+        raise typer.Exit
+
+
 @app.callback()
-def flflab() -> None:
+def flflab(
+    version: Annotated[bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Say which version this is.")] = False,
+) -> None:
     """Run the bench of a focused light field camera and say, with numbers, whether the camera does what its model says."""

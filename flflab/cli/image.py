@@ -45,7 +45,7 @@ def image(
     effects: Annotated[str, typer.Option(help="auto, fast, reference, or a list of effects joined by commas")] = "auto",
     tolerance: Annotated[float, typer.Option(help="largest error asked for, as a share of white level")] = TOLERANCE,
     time_budget: Annotated[str | None, typer.Option(help="time with its unit: the best accuracy that fits, instead of --tolerance")] = None,
-    seed: Annotated[int | None, typer.Option(help="of the noise; without one the picture has none")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="of the noise; without one the picture has none")] = None,
     explain: Annotated[bool, typer.Option(help="print every effect: size, bound, on or off, why, milliseconds")] = False,
     json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
 ) -> None:

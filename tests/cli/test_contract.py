@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -202,7 +203,27 @@ def test_what_cannot_be_done_is_one_sentence_and_exit_1(flflab: Run, arguments: 
     assert ended.err.startswith("flflab: ")
 
 
-@pytest.mark.parametrize("arguments", [("nonsense",), ("model",), ("model", OSINSKI, "--nonsense"), ("image", OSINSKI)])
+def test_the_version_is_that_of_the_package(flflab: Run) -> None:
+    assert flflab("--version") == (0, f"flflab {version('flflab')}\n", "")
+
+
+@pytest.mark.parametrize("words", [(), ("model",), ("bench",), ("bench", "snap")], ids=" ".join)
+def test_help_has_a_short_name(flflab: Run, words: tuple[str, ...]) -> None:
+    short, long = (flflab(*words, option) for option in ("-h", "--help"))
+    assert (short.code, short.out) == (0, long.out)
+    assert long.out.startswith("Usage: ")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("nonsense",),
+        ("model",),
+        ("model", OSINSKI, "--nonsense"),
+        ("image", OSINSKI),
+        ("image", OSINSKI, "--distance", "500 mm", "--seed", "-4", "-o", "x.npy"),
+    ],
+)
 def test_wrong_usage_is_exit_2(flflab: Run, arguments: tuple[object, ...]) -> None:
     assert flflab(*arguments).code == 2
 
