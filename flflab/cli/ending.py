@@ -1,9 +1,11 @@
 """How a command ends: one sentence for the operator, the chain of causes for the log."""
 
+import contextlib
 import json
 import logging
 import os
 import sys
+from collections.abc import Generator
 from typing import Any
 
 from flflab.errors import FlflabError
@@ -55,6 +57,19 @@ def end_without_output(lost: OSError) -> int:
     os.dup2(nowhere, sys.stdout.fileno())  # Python flushes it once more when it ends
     os.close(nowhere)
     return 1
+
+
+@contextlib.contextmanager
+def reader_may_go() -> Generator[None]:
+    """What is printed in it may find that its reader has gone, as ``head`` does; the command's answer, its exit code, stays."""
+    try:
+        yield
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError as error:
+        end_without_output(error)
+    except SystemExit:  # rich makes one of a broken pipe, and has sent the rest nowhere
+        pass
 
 
 def print_json(result: dict[str, Any]) -> None:

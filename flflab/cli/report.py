@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from flflab.cli.ending import reader_may_go
 from flflab.cli.validate import REJECTED, conclude, judged
 from flflab.errors import FlflabError, InputError
 from flflab.record import read_run
@@ -46,7 +47,8 @@ def report(
     table.add_column("verdict", overflow="fold")
     for one in sorted(found):
         table.add_row(str(one.folder), "; ".join(one.sentences))
-    Console(width=None if Console().is_terminal else 140).print(table)
+    with reader_may_go():
+        Console(width=None if Console().is_terminal else 140).print(table)
     if not all(one.accepted for one in found):
         raise typer.Exit(REJECTED)
 

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import read_bench
+from flflab.cli.ending import reader_may_go
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent, write_rows
@@ -63,9 +64,17 @@ def judged(run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody) -
 
 def conclude(run: Run, bench_file: Path | None = None) -> None:
     """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is rejected."""
-    console = Console()
     with measuring(run, "report") as tell:
         evaluation, page = judged(run, bench_file, tell)
+    with reader_may_go():
+        _tell(evaluation, page)
+    if not evaluation.comparison.accepted:
+        raise typer.Exit(REJECTED)
+
+
+def _tell(evaluation: Evaluation, page: Path) -> None:
+    """Print tables, verdict, what would explain it, and where the page is."""
+    console = Console()
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
     accepted = evaluation.comparison.accepted
@@ -75,8 +84,6 @@ def conclude(run: Run, bench_file: Path | None = None) -> None:
     if not accepted and not not_told_apart(evaluation.suspects):
         console.print("No single change of the bench explains it: no size of the optics, no turn of the array, no zero of a stage.")
     console.print(f"Report: {page}", highlight=False, soft_wrap=True)
-    if not accepted:
-        raise typer.Exit(REJECTED)
 
 
 def _verdicts(evaluation: Evaluation) -> Table:

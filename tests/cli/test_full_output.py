@@ -15,6 +15,20 @@ COMMANDS = [
     ("model", OSINSKI, "--json"),  # more than a buffer holds
     ("image", OSINSKI, "--target", "black", "--distance", "500 mm", "-o", "black.npy", "--json"),  # less: it is written at the end
 ]
+CONCLUDED = """
+import sys
+from types import SimpleNamespace
+from rich.console import Console
+from flflab import cli
+from flflab.cli import report, validate
+
+accepted, printing = sys.argv[1:]
+report.read_run = lambda folder: SimpleNamespace(folder=folder, complete=True)
+validate.judged = lambda *_: (SimpleNamespace(comparison=SimpleNamespace(accepted=accepted == "yes")), "page")
+validate._tell = lambda *_: (print if printing == "plain" else Console().print)("a table")
+sys.argv = ["flflab", "report", "run"]
+cli.main()
+"""
 BUFFERED = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}  # as users run it
 
 
@@ -46,6 +60,19 @@ def test_a_reader_who_has_gone_is_told_nothing(arguments: tuple[str, ...]) -> No
     finally:
         os.close(writer)
     assert (ended.returncode, ended.stderr) == (1, "")
+
+
+@pytest.mark.parametrize("printing", ["rich", "plain"])
+@pytest.mark.parametrize(("accepted", "code"), [("yes", 0), ("no", 3)])
+def test_a_verdict_stays_what_it_is_where_its_reader_has_gone(printing: str, accepted: str, code: int) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        concluded = [sys.executable, "-P", "-c", CONCLUDED, accepted, printing]
+        ended = subprocess.run(concluded, stdout=writer, stderr=subprocess.PIPE, text=True, check=False, timeout=100, env=BUFFERED)
+    finally:
+        os.close(writer)
+    assert (ended.returncode, ended.stderr) == (code, "all recorded; measuring and comparing\n")
 
 
 def test_what_a_command_failed_with_is_told_though_standard_output_is_full() -> None:
