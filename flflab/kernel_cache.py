@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 KEPT = 3  # states of the sources
-_temporary: dict[int, Path] = {}  # by the number of the process that made it: a fork of that process leaves it to its parent
+_temporary: Path | None = None
 
 
 def kernel_sources() -> list[Path]:
@@ -79,14 +79,13 @@ def _kept(name: str) -> Path | None:
 
 
 def _temporary_folder() -> Path:
-    folder = Path(tempfile.mkdtemp(prefix="kernels-of-flflab-"))
-    _temporary[os.getpid()] = folder
+    global _temporary
+    _temporary = Path(tempfile.mkdtemp(prefix="kernels-of-flflab-"))
     atexit.register(remove_temporary_kernels)
-    return folder
+    return _temporary
 
 
 def remove_temporary_kernels() -> None:
     """Remove the temporary folder that this process made, if any; Python does so by itself unless ``os._exit`` ends it."""
-    folder = _temporary.pop(os.getpid(), None)
-    if folder is not None:
-        shutil.rmtree(folder, ignore_errors=True)
+    if _temporary is not None:
+        shutil.rmtree(_temporary, ignore_errors=True)
