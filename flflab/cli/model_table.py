@@ -13,13 +13,14 @@ from flflab.optics.volume import MeasurementVolume
 from flflab.units import show_quantity
 
 DEGREES = 180 / math.pi
-WORDS = """\
-virtual depth: distance from the microlenses to the main lens's image of the
-target, over their distance to the sensor (v in the paper)
-magnification: size of the image on the sensor over that of the target (M)
-views: micro-images that show the point, along the row / on the whole sensor
-ELR: effective lateral resolution, useful pixels along the row over the virtual
-depth (eq. (3) of the paper), or over the mean number of views"""
+WORDS = (
+    "virtual depth: distance from the microlenses to the main lens's image of the target, over their distance to the sensor "
+    "(v in the paper)",
+    "magnification: size of the image on the sensor over that of the target (M)",
+    "views: micro-images that show the point, along the row / on the whole sensor",
+    "ELR: effective lateral resolution, useful pixels along the row over the virtual depth (eq. (3) of the paper), or over the mean number "
+    "of views",
+)
 
 
 def print_tables(
@@ -64,7 +65,7 @@ def print_tables(
     console.print(table)
     if not distances:
         return
-    table = Table(title="Targets", caption=WORDS, caption_justify="left", box=box.SIMPLE, pad_edge=False)
+    table = Table(title="Targets", box=box.SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     for head in (
         "target\nmm",
         "virtual\ndepth",
@@ -88,6 +89,8 @@ def print_tables(
             one.arrangement,
         )
     console.print(table)
+    for sentence in WORDS:
+        console.print(sentence, highlight=False)
 
 
 def _size(size: float, unit: str) -> str:

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +167,18 @@ def test_the_table_explains_its_headings_within_80_columns() -> None:
     assert max(map(len, told.splitlines())) <= 80
     for word in ("virtual depth: ", "magnification: ", "ELR: effective lateral resolution", "(eq. (3) of the paper)"):
         assert word in told
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_footnotes_are_wrapped_once_and_no_cell_is_cut(width: int) -> None:
+    distances = [word for one in ("40 mm", "507 mm", "1e300 m") for word in ("--distance", one)]
+    told = CliRunner().invoke(app, ["model", str(CAMERAS / "osinski.yaml"), *distances], env={"COLUMNS": str(width)}).output
+    table, notes = told.split("virtual depth: ")
+    lines = [line.rstrip() for line in f"virtual depth: {notes}".splitlines()]
+    sentences = re.sub(r" (magnification|views|ELR): ", r"\n\1: ", " ".join(lines)).splitlines()
+    assert lines == [line for sentence in sentences for line in textwrap.wrap(sentence, width)]
+    assert "…" not in table
+    assert all(word in table for word in ("keplerian", "5.75e-303", "in or"))
 
 
 @pytest.mark.parametrize("words", [[], ["bench"]])
