@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from flflab.analysis.contrast_blur import with_blur_unsure
 from flflab.analysis.contrast_data import MARGIN_PX, MOST_ROWS, ChirpData, classic_reading, field_of, gather
-from flflab.analysis.contrast_fit import CURVE, GEOMETRY, ChirpFit, ChirpModel, noise_covariance
+from flflab.analysis.contrast_fit import CURVE, GEOMETRY, ChirpFit, ChirpModel, expected, noise_covariance
 from flflab.analysis.contrast_readings import fitted_extremes, transfer_rows, views_contrast
 from flflab.analysis.contrast_search import (
     KNOTS,
@@ -51,6 +51,7 @@ HIGHEST = 1.3  # contrast above it no target has, whatever lights it
 MOST_RUNS_WHILE_SEARCHING = 6000
 WORST_UNCERTAINTY = 0.25
 WORST_CHI2 = 50.0
+WORST_MISFIT = 0.02  # of the light: with less noise than that a lattice known to a pixel leaves many times the noise's variance
 CLEARLY = 2.0  # standard deviations that misfit must lie above the noise's
 LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 MOST_SATURATED = 0.2
@@ -290,9 +291,11 @@ def _curve(frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_t
     target, sensor = frame.target, frame.camera.sensor
     prior = prior_of(frame, data, model.knots)
     covariance, chi2 = noise_covariance(data, model, fit, prior)
-    if chi2 > WORST_CHI2:
+    misfit = float(np.sqrt(np.mean((data.read - expected(data, model, fit)) ** 2)) / abs(np.mean(data.light @ fit.brightness)))
+    if chi2 > WORST_CHI2 and misfit > WORST_MISFIT:
         raise MeasurementError(
-            f"{target.kind} picture: the fit leaves {chi2:.0f} times the noise's variance; check exposure, target and distance"
+            f"{target.kind} picture: the fit leaves {100 * misfit:.2g} % of the light, {chi2:.0f} times the noise's variance, and "
+            f"{100 * WORST_MISFIT:g} % is allowed; check target and distance"
         )
     grown = chi2 if chi2 > 1 + CLEARLY * math.sqrt(2 / len(data.read)) else 1.0  # noise alone scatters it about 1
     covariance = with_blur_unsure(data, model, fit, prior, covariance) * grown

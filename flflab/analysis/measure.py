@@ -35,6 +35,7 @@ RADIUS_TOLERANCE = 0.05  # a measured radius that differs more from the camera's
 PITCH_TOLERANCE = 0.01  # the same of the pitch
 NOMINAL_UNCERTAINTY_PX = 1.0
 SCALED_WHITE_DN = 4000.0
+NEXT_TO_NONE = 5e-4  # of the brightest light: no sensor has less noise in a single picture
 
 
 def measure(
@@ -83,7 +84,7 @@ def measure(
         if (mended := mend_darkness(mosaic)) is not None:
             mosaic = mended
             remarks.append(remark_on(mosaic))
-        remarks.append("the sensor's noise was estimated from the picture itself")
+        remarks.append(_remark_on_noise(mosaic))
     values, evened = mosaic.even()
     require_light(values, evened, target)
     result: dict[str, Any] = {"dots": [], "mtf": []}
@@ -126,6 +127,18 @@ def measure(
     return {"lattice": lattice_json(lattice), **result, "remarks": remarks}
 
 
+def _remark_on_noise(mosaic: Mosaic) -> str:
+    """Where the noise comes from that uncertainties count, and when that is next to nothing."""
+    light = float(mosaic.values.max()) - mosaic.noise.offset_dn
+    share = math.sqrt(float(mosaic.noise.variance(light + mosaic.noise.offset_dn))) / max(light, 1e-300)
+    if share >= NEXT_TO_NONE:
+        return "the sensor's noise was estimated from the picture itself"
+    return (
+        f"there is next to no noise in the picture, {share:.1g} of its light: uncertainties count that and nothing else that may be wrong "
+        "with it; a simulated picture has noise with --seed"
+    )
+
+
 def _lattice_of_bars(
     values: npt.NDArray[np.floating[Any]],
     nominal: Lattice,
@@ -150,10 +163,10 @@ def _lattice_of_bars(
 def _grey(values: Array, picture: npt.NDArray[np.generic], noise: SensorNoise | None, remarks: list[str]) -> Mosaic:
     """A picture without filters, in steps of one."""
     if noise is None and picture.dtype.kind == "f":
-        top = float(np.quantile(values, 0.999))
+        top = float(values.max())
         if top < 0:
-            raise MeasurementError(f"picture: nearly all its numbers are below 0, from {values.min():.4g}; light from 0 up is due")
-        # in units of the white level the rounding of whole numbers would count as noise
+            raise MeasurementError(f"picture: all its numbers are below 0, from {values.min():.4g}; light from 0 up is due")
+        # in units of the white level the rounding of whole numbers would count as noise; dots may cover less than a thousandth
         values = values * (SCALED_WHITE_DN / top if top > 0 else 1.0)
     if noise is None and picture.dtype.kind == "u":
         step = int(np.gcd.reduce(picture.ravel().astype(np.int64))) or 1

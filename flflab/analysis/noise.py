@@ -72,10 +72,11 @@ def _bins(mean: Array, gaps: npt.NDArray[np.bool_], high: float) -> list[npt.NDA
 def _level_and_variance(mean: Array, rough: Array) -> tuple[float, float]:
     """Median brightness and variance of like pixels; a quarter of normal deviates lie within 0.3186 standard deviations.
 
-    In darkness that is cut at 0, and where steps are coarse, a quarter of them are 0; then three quarters within 1.1503 count.
+    In darkness that is cut at 0, and where steps are coarse, a quarter of them are 0 but for rounding; then three quarters within 1.1503
+    count.
     """
     quarter, most = np.quantile(rough, [0.25, 0.75])
-    return float(np.median(mean)), float(quarter / 0.3186 if quarter > 0 else most / 1.1503) ** 2
+    return float(np.median(mean)), float(quarter / 0.3186 if quarter > 1e-9 * most else most / 1.1503) ** 2
 
 
 def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
@@ -91,12 +92,12 @@ def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
         raise MeasurementError(f"picture: at least 3 x 3 finite pixels are due, not shape {values.shape}")
     mean = (values[1:, 1:] + values[1:, :-1] + values[:-1, 1:] + values[:-1, :-1]) / 4
     rough = np.abs(values[1:, 1:] - values[1:, :-1] - values[:-1, 1:] + values[:-1, :-1]) / 2
-    low, high = (float(value) for value in np.quantile(mean, [0.001, 0.999]))
+    low, high = (float(value) for value in np.quantile(mean, [0.001, 0.9999]))  # dots may cover less than a thousandth
     gaps = mean <= low + 0.01 * (high - low) + 3 * float(np.median(rough[mean <= low + 0.01 * (high - low)]))
     offset = float(np.median(mean[gaps])) if low < 0.2 * high else 0.0
     level, variance = np.array([[_level_and_variance(mean[inside], rough[inside]) for inside in _bins(mean, gaps, high)]]).reshape(-1, 2).T
     level = level - offset
-    weight = 1 / (variance + variance.max(initial=0.0) / 100 + 1e-12)
+    weight = 1 / (variance + np.median(variance) / 100 + 1e-12)  # relative: where structure enlarges a variance it counts for little
     design = np.stack([np.ones(len(level)), level], axis=1) * weight[:, None]
     dark, gain = np.linalg.lstsq(design, variance * weight, rcond=None)[0] if len(level) > 1 else (variance.sum(), 0.0)
     top = float(values.max())

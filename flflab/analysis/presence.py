@@ -27,11 +27,11 @@ def require_light(values: npt.NDArray[np.floating], noise: SensorNoise, target: 
     Raises:
         MeasurementError: see there.
     """
-    low, high = float(values.min()), float(np.quantile(values, 0.9999))
-    if high <= noise.offset_dn + LIT * math.sqrt(noise.dark_variance):
+    high = float(np.quantile(values, 0.9999) - noise.offset_dn) / math.sqrt(noise.dark_variance)
+    if high <= LIT:
         raise MeasurementError(
-            f"{target.kind} picture: it is dark, its numbers run from {low:.4g} to {float(values.max()):.4g}; "
-            "light above the noise of the sensor is due, expose it longer"
+            f"{target.kind} picture: it is dark, its light rises to {max(high, 0.0):.2g} standard deviations of the noise between its "
+            f"pixels, and more than {LIT:g} are due; expose it longer"
         )
     saturated = float(np.mean(noise.saturated(values)))
     if saturated > MOST_SATURATED:

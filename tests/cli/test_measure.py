@@ -39,6 +39,24 @@ def test_a_picture_of_a_runs_frames_is_measured_by_its_number(flflab: Run, small
         assert "Traceback" not in refused.err
 
 
+@pytest.mark.parametrize("ending", [".npy", ".png"])
+@pytest.mark.parametrize("noise", [(), ("--seed", 1)], ids=["without noise", "with noise"])
+@pytest.mark.parametrize("target", ["four-dot", "bars"])
+def test_a_picture_that_image_writes_is_measured_as_it_is(
+    flflab: Run, small_camera: Path, tmp_path: Path, target: str, noise: tuple[Any, ...], ending: str
+) -> None:
+    there = ("--target", target, "--distance", "507 mm")
+    picture = tmp_path / f"picture{ending}"
+    assert flflab("image", small_camera, *there, *noise, "-o", picture).code == 0
+    measured = flflab("measure", picture, "--camera", small_camera, *there, "--json").json
+    if target == "bars":
+        assert len(measured["mtf"]) > 5
+    else:
+        aside = np.array([dot["position_mm"][:2] for dot in measured["dots"]])
+        assert np.abs(np.abs(aside) - 4.0).max() < 0.1
+    assert any("next to no noise" in remark for remark in measured["remarks"]) == (not noise)
+
+
 @pytest.mark.parametrize(
     ("name", "picture", "says"),
     [
