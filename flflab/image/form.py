@@ -28,6 +28,7 @@ from flflab.image.orders import (
     rim_rows,
     spot_parts,
     strip_counts,
+    weighing_chords,
 )
 from flflab.image.profile import Cropped, Ruled, cropped, half_plane, profile_table
 from flflab.image.rim import STEEP, disc_nodes
@@ -193,10 +194,10 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
 
 def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None:
     blur = setup.kind_blur(largest=True)
-    fewest = falloff_counts(setup)
+    fewest, chords = falloff_counts(setup), weighing_chords(setup)
     counts = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), fewest)
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
-    if not setup.falloff and is_turn(setup.by_pupil, setup.tolerance):
+    if is_turn(setup.by_pupil, setup.tolerance):
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))
         parts = np.where(counts == 0, finer, parts)
@@ -205,6 +206,7 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
         counts=counts,
         strips=strip_nodes(counts)[:, :2],
         chords=chord_nodes(counts),
+        weighing=strip_nodes(np.array([chords]))[0, :2, :chords],
         fewest=fewest,
         fewer_strips=strip_nodes(fewest)[:, :2],
         fewer_chords=chord_nodes(fewest),

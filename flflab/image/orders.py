@@ -54,6 +54,8 @@ def lit_windows(setup: Setup, half_x: float, half_y: float) -> Whole:
         half = np.einsum("nij,nj->ni", np.abs(inverse), reach) + pixel
         lowest[bounded] = np.maximum(lowest[bounded], middle - half)
         highest[bounded] = np.minimum(highest[bounded], middle + half)
+    farthest = np.linalg.norm(setup.by_pupil, axis=2) + np.abs(setup.by_sensor).sum(axis=2) * outside[:, None]
+    highest[(np.abs(setup.origin) > np.array([half_x, half_y]) + farthest).any(axis=1)] = -np.inf  # none of its rays meets the box
     limits: list[Array] = []
     for axis, (centre, positions) in enumerate(zip((pupils.centre_x, pupils.centre_y), pixel_positions(setup.sensor), strict=True)):
         low, high = positions[0] - pixel, positions[-1] + pixel
@@ -141,12 +143,26 @@ def falloff_chunks(setup: Setup) -> int:
 
     Where the weight changes by c from a strip's middle to its end, n pieces leave at most 0.088 c / n^2 of white.
     """
+    return max(1, math.ceil(math.sqrt(0.22 * _weight_change(setup) / setup.tolerance))) if setup.falloff else 0
+
+
+def weighing_chords(setup: Setup) -> int:
+    """How many chords tell the mean of the fall-off over what three discs have in common; 0 for none.
+
+    Where the weight changes by c from the pupil's middle to its rim, n chords leave at most 0.1 c / n^1.5 of white, measured on random
+    discs.
+    """
     if not setup.falloff:
         return 0
+    allowed = FALLOFF_SHARE * setup.tolerance / setup.overlap
+    return int(np.clip(math.ceil((0.1 * _weight_change(setup) / allowed) ** (2 / 3)), 1, MOST_STRIPS))
+
+
+def _weight_change(setup: Setup) -> float:
+    """The most that the weight of a ray changes from the pupil's middle to its rim."""
     pupils = setup.pupils
     steepest = np.hypot(pupils.slant_x, pupils.slant_y) + np.abs(pupils.slant_scale) * pupils.outside + np.abs(pupils.slant_spread)
-    change = 4 * float(np.max(steepest * np.abs(pupils.slant_spread)))
-    return max(1, math.ceil(math.sqrt(0.22 * change / setup.tolerance)))
+    return 4 * float(np.max(steepest * np.abs(pupils.slant_spread)))
 
 
 def grid_counts(blur: Array, tolerance: float) -> Whole:

@@ -1,4 +1,4 @@
-"""Images of dots: the area common to three discs, or a grid of pupil points at each of which the mean over the pixel is exact."""
+"""Images of dots: the light of the area common to three discs, or a grid of pupil points at each of which a pixel's mean is exact."""
 
 import math
 from typing import NamedTuple
@@ -8,18 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.askew import mean_over
+from flflab.image.dot_area import MOST_SQUARES, spot_light, weighted_share
 from flflab.image.lenses import Lenses
 from flflab.image.neighbourhood import DISC
 from flflab.image.rim import part_share
-from flflab.optics.discs import GAUSS, lens_chord, lens_rows, three_disc_area, two_disc_area
+from flflab.optics.discs import lens_chord, lens_rows, two_disc_area
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 MOST_DIVIDED = 32  # parts a side of a pixel that a steep rim cuts
-MOST_SQUARES = 64  # that wait to be summed: three more with each halving
-GAINED = 4.0  # how much less four Gauss points miss than the middle at any second derivative that is no larger than so much
-ROUNDED = 1.15  # 18 parts a side may be 16
 LEAST_BOX = 1e-3  # of a dot's radius, of half the height of bars or of a texel; a smaller pixel sees as much as this
 
 
@@ -31,6 +29,7 @@ class DotSeen(NamedTuple):
         counts: points a side across the pupil for each kind of rim; 0 for the three-disc formula at the sub-pixels' centres.
         strips: see ``strip_nodes``.
         chords: see ``chord_nodes``.
+        weighing: heights and weights of the chords that tell the fall-off of the three-disc formula, shape (2, n); none without it.
         fewest: points a side for what sees nothing but the dot, where only the fall-off counts.
         fewer_strips: see ``strip_nodes``, for these.
         fewer_chords: see ``chord_nodes``, for these.
@@ -45,6 +44,7 @@ class DotSeen(NamedTuple):
     counts: Whole
     strips: Array
     chords: Array
+    weighing: Array
     fewest: Whole
     fewer_strips: Array
     fewer_chords: Array
@@ -134,126 +134,6 @@ def sampled_mean(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def spot_share(ex: float, ey: float, cone: Array, to: Array, radius: float) -> float:
-    """Part of the full cone at (ex, ey) mm that comes from a dot of this radius (target mm): the area common to three discs over pi.
-
-    The map from the pupil to the target counts as a turn and one scale.
-    """
-    slope, reach = cone[0], cone[1]
-    determinant = to[2] * to[5] - to[3] * to[4]
-    at_x = to[0] + to[6] * ex + to[7] * ey
-    at_y = to[1] + to[8] * ex + to[9] * ey
-    x = (to[3] * at_y - to[5] * at_x) / determinant
-    y = (to[4] * at_x - to[2] * at_y) / determinant
-    size = radius / math.sqrt(abs(determinant))
-    distance = math.hypot(ex, ey)
-    if slope == 0.0 or distance <= reach - abs(slope):
-        return two_disc_area(1.0, size, math.hypot(x, y)) / math.pi
-    return three_disc_area(0.0, 0.0, 1.0, ex / slope, ey / slope, reach / abs(slope), x, y, size) / math.pi
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _bend(one: float, other: float, away: float, half: float) -> tuple[float, float]:
-    """By how much the middle of a square, and four Gauss points, may miss the mean over it of an area that two discs bound; times 12.
-
-    Where their circles cross at an angle g, the area's second derivative by their movement is at most 1 / sin g for each crossing; with
-    sin g = sqrt(q) / (2 r s), q = ((r + s)^2 - D^2) (D^2 - (r - s)^2), for radii r and s at a distance D. The fourth is at most
-    3 / u^2 of that where they move by u until they touch.
-
-    Args:
-        one: radius of a disc.
-        other: of the other.
-        away: from centre to centre in the middle of the square.
-        half: how far they move against each other from there to a corner.
-
-    Returns:
-        0 where the circles do not cross, infinity where they begin or cease to.
-    """
-    near, far, touch, hold = away - half, away + half, one + other, abs(one - other)
-    if near >= touch or far <= hold:
-        return 0.0, 0.0
-    if near <= hold or far >= touch:
-        return math.inf, math.inf
-    least = min((touch * touch - near * near) * (near * near - hold * hold), (touch * touch - far * far) * (far * far - hold * hold))
-    bend = 4.0 * one * other * half * half / math.sqrt(least)
-    return bend, bend * (half / min(near - hold, touch - far)) ** 2 / 15.0
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _meets(x: float, y: float, size: float, other_x: float, other_y: float, other: float, moved: float) -> bool:
-    """Whether a crossing of the unit circle with one of radius ``size`` round (x, y) comes to a third circle, if both move by ``moved``."""
-    away = math.sqrt(x * x + y * y)
-    along = (away * away + 1.0 - size * size) / (2.0 * away)
-    aside = math.sqrt(max(0.0, 1.0 - along * along))
-    for side in (-aside, aside):
-        at_x, at_y = (along * x - side * y) / away, (along * y + side * x) / away
-        if abs(math.sqrt((at_x - other_x) ** 2 + (at_y - other_y) ** 2) - other) <= moved:
-            return True
-    return False
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _spot_light(
-    dx: float, dy: float, width: float, cone: Array, to: Array, radius: float, full: bool, parts: int, allowed: float, squares: Array
-) -> float:
-    """Mean of ``spot_share`` over a pixel, which is quartered, and its quarters, until one or four points of each square tell its mean.
-
-    Args:
-        dx: the pixel's middle from the micro-image's centre, mm.
-        dy: the same along y.
-        width: its side, mm.
-        cone: slope and reach, mm.
-        to: the maps to the target.
-        radius: of the dot, mm on the target.
-        full: whether the pixel lies in the bright field, which the microlens does not cut.
-        parts: how many of the smallest squares a side of the pixel holds, or up to ``ROUNDED`` times fewer.
-        allowed: error of the mean, of white.
-        squares: scratch for those that are left to sum.
-    """
-    determinant = to[2] * to[5] - to[3] * to[4]
-    scale, slope, limit = math.sqrt(abs(determinant)), abs(cone[0]), 12.0 * math.pi * allowed
-    turn = math.sqrt(0.5 * (to[6] * to[6] + to[7] * to[7] + to[8] * to[8] + to[9] * to[9])) / scale
-    size, light, left = radius / scale, 0.0, 1
-    squares[0, 0], squares[0, 1], squares[0, 2] = dx, dy, width
-    while left > 0:
-        left -= 1
-        ex, ey, side = squares[left, 0], squares[left, 1], squares[left, 2]
-        gauss = False
-        if side * parts > ROUNDED * width:
-            at_x, at_y = to[0] + to[6] * ex + to[7] * ey, to[1] + to[8] * ex + to[9] * ey
-            x, y = (to[3] * at_y - to[5] * at_x) / determinant, (to[4] * at_x - to[2] * at_y) / determinant
-            half = math.sqrt(0.5) * side
-            bend, fourth = _bend(1.0, size, math.sqrt(x * x + y * y), half * turn)
-            if not full:
-                lens_x, lens_y, lens = ex / cone[0], ey / cone[0], cone[1] / slope
-                of_lens = _bend(1.0, lens, math.sqrt(lens_x * lens_x + lens_y * lens_y), half / slope)
-                of_both = _bend(size, lens, math.sqrt((x - lens_x) ** 2 + (y - lens_y) ** 2), half * (turn + 1.0 / slope))
-                crossing = bend > 0.0 and of_lens[0] > 0.0 and of_both[0] > 0.0
-                moved = bend / (2.0 * half * turn) + half / slope
-                bend += of_lens[0] + of_both[0]
-                fourth += of_lens[1] + of_both[1]
-                if crossing and fourth <= limit and _meets(x, y, size, lens_x, lens_y, lens, moved):
-                    fourth = math.inf  # the second derivative jumps where all three meet in a point
-            gauss = bend > limit
-            if gauss and bend > GAINED * limit and fourth > limit:
-                for quarter in range(4):
-                    squares[left, 0] = ex + (quarter % 2 - 0.5) * 0.5 * side
-                    squares[left, 1] = ey + (quarter // 2 - 0.5) * 0.5 * side
-                    squares[left, 2] = 0.5 * side
-                    left += 1
-                continue
-        if gauss:
-            seen = 0.0
-            for place in range(4):
-                at_x, at_y = ex + (place % 2 - 0.5) * 2.0 * GAUSS * side, ey + (place // 2 - 0.5) * 2.0 * GAUSS * side
-                seen += spot_share(at_x, at_y, cone, to, radius)
-            light += 0.25 * side * side * seen
-        else:
-            light += side * side * spot_share(ex, ey, cone, to, radius)
-    return light / (width * width)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def full_share(ex: float, ey: float, cone: Array) -> float:
     """Share of the full cone that passes both apertures at the point (ex, ey) mm."""
     slope = abs(cone[0])
@@ -290,7 +170,7 @@ def dot_light(dx: float, dy: float, entry: int, seen: DotSeen, squares: Array) -
         return 0.0
     full = distance < cone[1] - abs(cone[0]) - 0.75 * width
     if count == 0 and width > 0.0 and (full or not steep):
-        return _spot_light(dx, dy, width, cone, to, radius, full, parts, seen.allowed, squares)
+        return spot_light(dx, dy, width, cone, to, radius, full, parts, seen.allowed, lenses.slants[entry], seen.weighing, squares)
     divide = 1 if full and count > 0 else min(parts, MOST_DIVIDED)
     side = width / divide
     light = 0.0
@@ -304,7 +184,7 @@ def dot_light(dx: float, dy: float, entry: int, seen: DotSeen, squares: Array) -
                 continue
             at_x, at_y = look * x, look * y
             if count == 0:
-                spot = spot_share(at_x, at_y, cone, to, radius)
+                spot = weighted_share(at_x, at_y, cone, to, radius, lenses.slants[entry], seen.weighing)
                 light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
             else:
                 within = _aside(to, at_x, at_y) < radius - blurred - 0.5 * across * side

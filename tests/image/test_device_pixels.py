@@ -23,11 +23,11 @@ from flflab.image.device.pieces import HIGH, WIDE
 from flflab.image.device.ruled import ROOM, ruled_pixel
 from flflab.image.device.texels import texel_pixel
 from flflab.image.device.work import dots_work, ruled_work, texels_work
+from flflab.image.dot_area import MOST_SQUARES
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
 from flflab.image.render import render
-from flflab.image.sampled import MOST_SQUARES
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White

@@ -16,7 +16,8 @@ from flflab.image.device.texels import ROOM as TEXEL_ROOM
 from flflab.image.device.texels import texel_pixel
 from flflab.image.device.work import Work, dots_work, ruled_work, texels_work
 from flflab.image.ruled import RuledSeen
-from flflab.image.sampled import MOST_SQUARES, DotSeen
+from flflab.image.dot_area import MOST_SQUARES
+from flflab.image.sampled import DotSeen
 from flflab.image.texels import PictureSeen
 
 Array = npt.NDArray[np.float64]
