@@ -1,14 +1,16 @@
-"""What a command that says nothing for a while tells an operator: that it is still at work, and for how long."""
+"""What a command that says nothing for a while tells an operator: that it is still at work, at what, and for how long."""
 
 import contextlib
 import threading
 from collections.abc import Generator
 
+from numba.core.event import install_recorder
 from rich.console import Console
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
 SILENCE_S = 2.0
-WORDS = "still at work; what forms a picture of a new kind is compiled the first time, which may take two minutes"
+WORDS = "still at work"
+COMPILING = "still at work: compiling, as before each first picture of a kind"  # with the time before it, 80 columns hold it
 
 
 @contextlib.contextmanager
@@ -20,14 +22,16 @@ def told_at_work() -> Generator[None]:
         yield
         return
     columns = TimeElapsedColumn(), TextColumn("{task.description}")
-    with Progress(*columns, console=console, transient=True, auto_refresh=False) as shown:
+    recorder = install_recorder("numba:compile")
+    with recorder as compiled, Progress(*columns, console=console, transient=True, auto_refresh=False) as shown:
         task = shown.add_task(WORDS, visible=False)
 
         def tell() -> None:
             if ended.wait(SILENCE_S):
                 return
             while not ended.wait(1.0):
-                shown.update(task, visible=True, refresh=True)
+                begun = sum(1 if one.is_start else -1 for _, one in list(compiled.buffer))
+                shown.update(task, description=COMPILING if begun else WORDS, visible=True, refresh=True)
 
         teller = threading.Thread(target=tell, name="at work")
         teller.start()

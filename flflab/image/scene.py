@@ -14,6 +14,7 @@ from flflab.image.effects.stray_light import StrayLight
 from flflab.optics.camera import Camera
 from flflab.targets import Target
 
+FARTHEST = 1e12  # mm; from there on numbers only overflow
 STEEPEST = 0.5  # slope of a target's plane
 DESCRIBED = ("diffraction", "falloff", "distortion", "scatter", "stray-light", "colour-filter", "motion")  # by the scene; None is ideal
 ALL = frozenset(("defocus", "vignetting", "overlap", "pixel", "misalignment", *DESCRIBED))  # effects of the light, the noise not among them
@@ -51,6 +52,8 @@ class Plane:
             raise InputError(
                 f"scene: the target's distance is {self.distance:g} mm; one above 0, in front of the main lens, or infinity is due"
             )
+        if FARTHEST < self.distance < math.inf:
+            raise InputError(f"scene: the target's distance is {self.distance:g} mm; up to {FARTHEST:g} mm is allowed, or infinity")
         if not all(math.isfinite(part) for part in (*self.offset, self.roll)):
             raise InputError(f"scene: offset is {self.offset} mm and roll {self.roll:g} rad; finite numbers are due")
         if not math.hypot(*self.tilt) <= STEEPEST:

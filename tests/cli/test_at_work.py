@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from numba.core.event import trigger_event
 
 from flflab.cli import at_work, image
 
@@ -22,13 +23,30 @@ def test_where_no_terminal_is_nothing_is_said(monkeypatch: pytest.MonkeyPatch, c
 def test_on_a_terminal_it_says_for_how_long(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(at_work, "SILENCE_S", 0.01)
     monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setenv("COLUMNS", "80")
     with at_work.told_at_work():
         time.sleep(1.3)
     told = capfd.readouterr()
     assert "0:00:01" in told.err
     assert at_work.WORDS in told.err
+    assert "compiling" not in told.err
     assert told.out == ""
+
+
+def test_while_a_kernel_is_compiled_that_is_what_is_said_within_80_columns(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(at_work, "SILENCE_S", 0.01)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+    with at_work.told_at_work():
+        with trigger_event("numba:compile"):
+            time.sleep(1.3)
+        time.sleep(1.0)
+    told = capfd.readouterr().err
+    assert at_work.COMPILING in told
+    assert told.index(at_work.COMPILING) < told.rindex(at_work.WORDS)
+    assert told.count(at_work.WORDS) > told.count(at_work.COMPILING)
 
 
 def test_a_picture_that_takes_long_says_so_beside_its_json(
