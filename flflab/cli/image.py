@@ -43,7 +43,9 @@ def image(
     target: Annotated[str, typer.Option(help="kind of target, or a YAML target file, or a picture file")] = "four-dot",
     wavelength: Annotated[str | None, typer.Option(help="of the light, with its unit; without it light is rays, and nothing bends")] = None,
     effects: Annotated[str, typer.Option(help="auto, fast, reference, or a list of effects joined by commas")] = "auto",
-    tolerance: Annotated[float, typer.Option(help="largest error asked for, as a share of white level")] = TOLERANCE,
+    tolerance: Annotated[
+        float | None, typer.Option(help=f"largest error asked for, as a share of white level; without it {TOLERANCE:g}")
+    ] = None,
     time_budget: Annotated[str | None, typer.Option(help="time with its unit: the best accuracy that fits, instead of --tolerance")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="of the noise; without one the picture has none")] = None,
     explain: Annotated[bool, typer.Option(help="print every effect: size, bound, on or off, why, milliseconds")] = False,
@@ -54,6 +56,8 @@ def image(
         context.fail("give a camera and --distance, or --scene with a scene that names its camera or a camera beside it")
     if scene is not None and wavelength is not None:
         context.fail("--wavelength belongs to --target and --distance; a scene file has a field of that name")
+    if time_budget is not None and tolerance is not None:
+        context.fail("give --tolerance, or --time-budget, which chooses one; not both")
     require_picture_file(out)
     truth_file = out.with_suffix(".json")
     _require_ours(truth_file)
@@ -62,7 +66,7 @@ def image(
     with told_at_work():
         report = take_picture(
             pictured.scene,
-            tolerance=tolerance,
+            tolerance=TOLERANCE if tolerance is None else tolerance,
             effects=effects,
             seed=seed,
             response=pictured.response,

@@ -1,21 +1,25 @@
 """The finest tolerance that a time budget allows, from a short calibration on a few tiles of the picture."""
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
 from flflab.image.chooser import choose
+from flflab.image.estimate import estimate_error
 from flflab.image.render import LEAST_TOLERANCE, render
 from flflab.image.scene import Scene
 
+Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 COARSEST = 0.3
 STEP = 3.0  # from one tolerance tried to the next
-TILE = 16
-TILES = 40
+TILE = 4
+TILES = 10000  # small ones: light of dots lies far between
+TRIES = 3  # of which the shortest counts
 MARGIN = 1.3  # what is predicted may be short by this
 
 
@@ -34,24 +38,27 @@ def affordable_tolerance(scene: Scene, budget: float, effects: str = "auto") -> 
     """
     if not budget > 0:
         raise InputError(f"time budget: {budget:g} s; a time above 0 s is due")
-    started = time.perf_counter()
-    _seconds(scene, COARSEST, effects, _tiles(scene))  # the first call may compile
+    started, tiles = time.perf_counter(), _tiles(scene)
+    _seconds(scene, COARSEST, effects, tiles)  # the first call may compile
     warm = time.perf_counter()
     affordable, tolerance = 0.0, COARSEST
     while tolerance >= 2 * LEAST_TOLERANCE:
-        predicted = MARGIN * _seconds(scene, tolerance, effects, _tiles(scene))
+        predicted = MARGIN * _seconds(scene, tolerance, effects, tiles)
         left = budget - (time.perf_counter() - warm)
         if predicted > left:
             if affordable == 0.0:
-                least = budget - left + predicted
                 raise InputError(
-                    f"time budget: {1e3 * budget:.3g} ms cannot be kept; the least that can is about {1e3 * least:.2g} ms, "
-                    f"besides {1e3 * (warm - started):.2g} ms to get ready"
+                    f"time budget: {_in_words(budget)} cannot be kept; the least that can is about {_in_words(budget - left + predicted)}, "
+                    f"besides {_in_words(warm - started)} to get ready"
                 )
             break
         affordable = tolerance
         tolerance /= STEP
     return affordable
+
+
+def _in_words(seconds: float) -> str:
+    return f"{seconds:.1f} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
 
 
 def _tiles(scene: Scene) -> Flags:
@@ -66,11 +73,20 @@ def _tiles(scene: Scene) -> Flags:
 
 
 def _seconds(scene: Scene, tolerance: float, effects: str, wanted: Flags) -> float:
-    """Time expected for all pixels at this tolerance, from what none and a few of them take."""
+    """Time expected for all pixels at this tolerance, from what none and a few of them take, and for the estimate of the error."""
     choice = choose(scene, tolerance, effects)
-    marks = [time.perf_counter()]
-    for mask in (np.zeros_like(wanted), wanted):
-        render(scene, tolerance=choice.tolerance, effects=choice.formed, wanted=mask)
-        marks.append(time.perf_counter())
-    fixed, some = marks[1] - marks[0], marks[2] - marks[1]
-    return fixed + max(some - fixed, 0.0) * wanted.size / max(int(wanted.sum()), 1)
+
+    def formed(mask: Flags) -> Array:
+        return render(scene, tolerance=choice.tolerance, effects=choice.formed, wanted=mask)
+
+    image = formed(wanted)
+    estimate = _timed(lambda: estimate_error(scene, image, choice.tolerance, choice.effects))
+    fixed = min(_timed(lambda: formed(np.zeros_like(wanted))) for _ in range(TRIES))
+    some = min(_timed(lambda: formed(wanted)) for _ in range(TRIES))
+    return estimate + fixed + max(some - fixed, 0.0) * wanted.size / max(int(wanted.sum()), 1)
+
+
+def _timed(work: Callable[[], object]) -> float:
+    started = time.perf_counter()
+    work()
+    return time.perf_counter() - started

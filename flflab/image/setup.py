@@ -78,10 +78,7 @@ class Setup:
 
     def reaching(self, wanted: npt.NDArray[np.bool_]) -> "Setup":
         """The entries in whose windows there are wanted pixels, [row, column]."""
-        sums = np.pad(wanted.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-        left, right, low, high = self.window.T
-        held = sums[high, right] - sums[low, right] - sums[high, left] + sums[low, left]
-        entries = np.flatnonzero((left < right) & (low < high) & (held > 0))
+        entries = np.flatnonzero([wanted[low:high, left:right].any() for left, right, low, high in self.window])
         return self.of(entries, self.window[entries])
 
     def of(self, entries: Whole, windows: Whole) -> "Setup":

@@ -1,6 +1,7 @@
 """The choice of effects, and what is promised of it, over random scenes."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from flflab.image.scene import Plane, Scene, one_plane
 from flflab.image.scene_file import short_scene
 from flflab.image.sensor_response import SensorResponse
 from flflab.optics.camera import Camera
-from flflab.targets import Bars, Black, Edge
+from flflab.targets import Bars, Black, Edge, FourDot
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +141,20 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
         take_picture(scene, budget=1e-6)
     with pytest.raises(InputError, match="above 0 s"):
         take_picture(scene, budget=0.0)
+
+
+def test_the_least_time_said_is_a_few_times_that_of_a_whole_picture_at_most(camera: Camera) -> None:
+    whole_sensor = replace(camera, sensor=replace(camera.sensor, resolution=(3664, 2748)))
+    scene = short_scene(whole_sensor, Plane(FourDot(), 507.0))
+    whole = min(take_picture(scene, tolerance=0.3).time_ms for _ in range(3)) / 1e3
+    said = list[float]()
+    for _ in range(3):
+        with pytest.raises(InputError, match="cannot be kept") as refused:
+            take_picture(scene, budget=1e-6)
+        least = re.search(r"the least that can is about ([\d.]+) (m?s),", str(refused.value))
+        assert least is not None
+        said.append(float(least[1]) * (1e-3 if least[2] == "ms" else 1.0))
+    assert sorted(said)[1] < 6 * whole
 
 
 @pytest.mark.parametrize(
