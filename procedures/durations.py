@@ -30,6 +30,7 @@ SETTLE_S = 0.05  # a motor speeds up and slows down, and is asked whether it res
 READOUT_S = 0.05
 HANDLING_S = (0.03, 0.012)  # of a frame, and of each of its megapixels: over the wire, checksum, disk
 ANALYSIS_S = (0.3, 0.3)  # of a look at the accuracy reached, and of each megapixel
+MOTIONS = (Home, SetIris, ShowTarget, Move)
 WHEEL = ("four-dot", "bars", "white", "black")
 
 
@@ -69,6 +70,24 @@ def durations(
         rate: how many times faster than real the stages and the camera run, as those of a simulated bench.
     """
     return tuple(_Timing(bench, expected or Expected(), dict(start or left_at(bench)), rate).of(steps))
+
+
+def seconds_left(steps: tuple[Step, ...], expected: tuple[float, ...], spent: list[float]) -> float:
+    """How long the steps that are not done yet take, s: what is expected, and what others took more or less so far.
+
+    Motions and frames are kept apart: a camera that takes long over its frames does not slow the stages.
+
+    Args:
+        steps: all of them.
+        expected: of each.
+        spent: on each of the first ones, which are done.
+    """
+    apart = [(isinstance(step, MOTIONS), took - said) for step, said, took in zip(steps, expected, spent, strict=False)]
+    left = 0.0
+    for step, due in zip(steps[len(spent) :], expected[len(spent) :], strict=True):
+        more = [seconds for moves, seconds in apart if moves == isinstance(step, MOTIONS)]
+        left += max(0.0, due + (sum(more) / len(more) if more else 0.0))
+    return left
 
 
 class _Timing:

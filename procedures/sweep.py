@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 from bluesky import Msg
@@ -14,7 +15,7 @@ from flflab.study import Study
 from procedures.accuracy import Accuracy
 from procedures.capture import FIRST_GUESS_S, close_event, expose, open_event, shoot
 from procedures.devices import NO_CONFIGURATION, Frames, Shot, Stages
-from procedures.durations import durations
+from procedures.durations import durations, seconds_left
 from procedures.glance import Glance
 from procedures.home import home
 from procedures.steps import WHITE, Capture, CaptureDark, CaptureUntil, Expose, Home, Move, SetIris, ShowTarget, Step
@@ -85,7 +86,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
     settings = bench.iris, bench.target
     asked = any(isinstance(step, CaptureUntil) for step in steps)
     white: int | None = None  # a configuration whose white frames are all taken
-    expected, began = durations(steps, bench.described), time.monotonic()
+    expected, began = durations(steps, bench.described), [time.monotonic()]
     owed: Plan | None = None  # a frame whose light is in and that is not recorded yet
 
     def recorded() -> Plan:
@@ -112,7 +113,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
 
     for done, step in enumerate(steps):
         instruments.glance.look_at(frames.arrived)
-        left = _left(expected, done, time.monotonic() - began)
+        left = seconds_left(steps, expected, [end - start for start, end in pairwise(began)])
         tell(Progress(done, len(steps), str(step), left, describe_last(instruments), instruments.glance.said))
         match step:
             case Home():
@@ -139,6 +140,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
                 for exposure in sorted(set(course.exposures.values())):
                     for repeat in range(repeats):
                         yield from taken(Shot(step.key(exposure, repeat), NO_CONFIGURATION, repeat, exposure))
+        began.append(time.monotonic())
     yield from recorded()
     instruments.glance.wait()
     tell(Progress(len(steps), len(steps), "done", 0.0, describe_last(instruments), instruments.glance.said))
@@ -168,9 +170,3 @@ def describe_last(instruments: Instruments) -> str:
     said += f", {last.saturated} px saturated" if last.saturated else ""
     looks = instruments.accuracy.looks.get(last.shot.configuration)
     return said + (f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames" if looks else "")
-
-
-def _left(expected: tuple[float, ...], done: int, elapsed: float) -> float:
-    """Seconds left: what was expected, corrected by how the steps so far went."""
-    before, after = sum(expected[:done]), sum(expected[done:])
-    return after * (elapsed / before if before > 0 else 1.0)

@@ -213,7 +213,7 @@ def progress_shown() -> Generator["Tell", None, None]:
 
         def tell(step: "Step") -> None:
             nonlocal shows
-            left = f"about {in_words(step.seconds_left)} of recording left" if step.done else ""
+            left = f"about {in_words(step.seconds_left)} of recording left" if step.last else ""
             now = step.step.partition(":")[0]
             bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{left}  {step.last}[/dim]")
             if step.shows and step.shows != shows:

@@ -14,8 +14,8 @@ import sim.camera
 from flflab.bench import Bench, read_bench
 from flflab.cli.run import run_study
 from flflab.study import Study, read_study
-from procedures.durations import START_S, durations, left_at
-from procedures.steps import CaptureDark, Expose, Home, Move, ShowTarget, steps
+from procedures.durations import START_S, durations, left_at, seconds_left
+from procedures.steps import Capture, CaptureDark, Expose, Home, Move, ShowTarget, steps
 from procedures.sweep import Progress
 from sim.serve import serve, write_bench
 
@@ -133,3 +133,16 @@ def test_a_manual_target_takes_a_person_and_a_faster_clock_makes_nobody_faster(r
         assert min(shown) >= 30
     assert isinstance(to_do[-1], CaptureDark)
     assert sum(isinstance(step, Expose) for step in to_do) == 2
+
+
+def test_what_is_left_learns_from_motions_and_frames_apart_how_long_they_take(read: Callable[..., tuple[Study, Bench]]) -> None:
+    """Frames that are drawn for four seconds more and motions that take as long as they should, after a third of the steps."""
+    study, bench = read()
+    to_do = steps(study, bench)
+    said = durations(to_do, bench)
+    took = [seconds + 4.0 * isinstance(step, Expose | Capture | CaptureDark) for step, seconds in zip(to_do, said, strict=True)]
+    assert sum(took) > 1.5 * sum(said)
+    done = len(to_do) // 3
+    assert seconds_left(to_do, said, took[:done]) == pytest.approx(sum(took[done:]), rel=0.05)
+    assert seconds_left(to_do, said, []) == pytest.approx(sum(said))
+    assert seconds_left(to_do, said, [0.0] * (len(to_do) - 1)) >= 0.0
