@@ -19,7 +19,7 @@ from flflab.image.picture import Report, Told, take_picture
 from flflab.image.raw_picture import neutral
 from flflab.image.render import TOLERANCE
 from flflab.image.scene import Plane
-from flflab.image.scene_file import PicturedScene, read_scene, short_scene
+from flflab.image.scene_file import PicturedScene, read_scene, short_scene, wavelength_from
 from flflab.image.sensor_response import SensorResponse
 from flflab.image_file import require_picture_file, write_picture
 from flflab.units import parse_quantity
@@ -103,8 +103,15 @@ def _short(camera: Path, target: str, distance: str, wavelength: str | None) -> 
     away = parse_quantity(distance, "length")
     if not away > 0:
         raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm, or infinity")
-    bent = None if wavelength is None else parse_quantity(wavelength, "length")
+    bent = None if wavelength is None else _bent(wavelength)
     return PicturedScene(short_scene(read_camera(camera), Plane(read_target(target), away), bent), SensorResponse(), None)
+
+
+def _bent(wavelength: str) -> float:
+    try:
+        return wavelength_from(wavelength)
+    except InputError as error:
+        raise InputError(f"--wavelength {error}") from error
 
 
 def _keys(effect: Told) -> dict[str, Any]:

@@ -32,6 +32,7 @@ from flflab.target_file import target_from
 from flflab.units import parse_quantity
 
 Pair = tuple[Length, Length]
+LIGHT = (100e-6, 20e-3)  # mm: shortest and longest wavelength
 
 
 def _distance(given: object) -> float:
@@ -45,12 +46,24 @@ def _distance(given: object) -> float:
     return away
 
 
+def wavelength_from(given: object) -> float:
+    """A wavelength in mm, of light that a camera sees.
+
+    Raises:
+        InputError: it is no length, or not within ``LIGHT``.
+    """
+    wavelength = parse_quantity(given, "length")
+    if not LIGHT[0] <= wavelength <= LIGHT[1]:
+        raise InputError(f"{given}: light has a wavelength from {1e6 * LIGHT[0]:g} nm to {1e3 * LIGHT[1]:g} um here")
+    return wavelength
+
+
 def _wavelength(given: object) -> float | None:
     """A length, or ``none`` for light that does not bend."""
     if given is None or given == "none":
         return None
     try:
-        return parse_quantity(given, "length")
+        return wavelength_from(given)
     except InputError as error:
         raise ValueError(f"{error}; or none for light that does not bend") from error
 

@@ -188,6 +188,8 @@ def test_a_distance_behind_the_lens_is_refused_in_the_same_words_in_a_scene_and_
         (("image", OSINSKI, "--distance", "500 mm", "--tolerance", "2", "-o", "x.npy"), "tolerance: 2 of white"),
         (("image", OSINSKI, "--distance", "500 mm", "--time-budget", "1 us", "-o", "x.npy"), "cannot be kept"),
         (("image", OSINSKI, "--distance", "1e300 m", "-o", "x.npy"), "up to 1e+12 mm is allowed, or infinity"),
+        (("image", OSINSKI, "--distance", "500 mm", "--wavelength", "5 mm", "-o", "x.npy"), "from 100 nm to 20 um"),
+        (("image", OSINSKI, "--distance", "500 mm", "--wavelength", "10 nm", "-o", "x.npy"), "--wavelength 10 nm: light has"),
         (("image", OSINSKI, "--distance", "500 mm", "--effects", "fog", "-o", "x.npy"), "there is no 'fog'"),
         (("measure", "nowhere.png", "--camera", OSINSKI), "nowhere.png"),
         (("compare", "nowhere", "--camera", OSINSKI), "nowhere"),
