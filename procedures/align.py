@@ -16,6 +16,7 @@ from bluesky import plan_stubs as bps
 from drivers.bench import ConnectedBench
 from flflab.alignment import Attitude, Outcome
 from flflab.bench import Bench, Moved
+from flflab.errors import InputError
 from flflab.record import Recording, versions
 from flflab.study import Configuration
 from procedures.align_sensor import expected_sensor, place_sensor
@@ -165,10 +166,16 @@ def require_reachable(request: Request, bench: Bench) -> None:
     """Refuse before anything connects or moves what the description already says is out of reach.
 
     Raises:
-        InputError: the wanted overlap is nowhere, or an element would have to be moved that no axis moves.
+        InputError: the wanted overlap is nowhere or as wide as the pitch, or an element would have to be moved that no axis moves.
         LimitError: an axis would have to leave its limits.
         InterlockError: array and sensor would come too near to each other.
     """
+    pitch = min(bench.optics.array.pitch)
+    if request.overlap is not None and not abs(request.overlap) < pitch:
+        raise InputError(
+            f"align: an overlap of {request.overlap:g} mm was asked for; microlenses {pitch:g} mm apart allow one between {-pitch:g} and "
+            f"{pitch:g} mm, with more a micro-image reaches its neighbours' neighbours; give such a one"
+        )
     start, now = _start(request, bench), homed_readings(bench)
     for group in move_step(start, bench, now).groups:
         now.update(group)

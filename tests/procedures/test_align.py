@@ -223,8 +223,9 @@ def test_what_the_description_puts_out_of_reach_is_refused_before_anything_conne
     uncertain = read_bench(full_bench({}, "1.2 deg"))
     with pytest.raises(InterlockError, match=r"at least 0.3 mm are kept"):
         require_reachable(Request(4.0, exit_pupil=True), uncertain)
-    with pytest.raises(InputError, match="there is no overlap"):
-        require_reachable(Request(4.0, overlap=-5.0), uncertain)
+    for impossible in (-5.0, 9.0):
+        with pytest.raises(InputError, match=r"apart allow one between -0\.4 and 0\.4 mm"):
+            require_reachable(Request(4.0, overlap=impossible), uncertain)
     require_reachable(Request(4.0, overlap=-0.05), uncertain)
 
 
