@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich import box
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from flflab.bench import Bench
@@ -56,8 +56,9 @@ def plan(
 
 
 def _expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Expectation]:
-    with Progress(transient=True, console=Console(stderr=True)) as progress:
-        bar = progress.add_task("draw and measure what is expected", total=len(study.configurations))
+    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, transient=True, console=Console(stderr=True)) as progress:
+        bar = progress.add_task("configurations drawn and measured", total=len(study.configurations))
         found: list[Expectation] = []
         for one in expect_all(study, bench, scheduler):
             found.append(one)

@@ -66,19 +66,24 @@ def test_a_bench_file_that_cannot_work_is_refused_with_its_line_before_anything_
 
 
 def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_it_open(
-    flflab: Run, small_camera: Path, tmp_path: Path
+    flflab: Run, small_camera: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """And on a terminal meanwhile how many configurations are done, and for how long."""
     text = (FULL.parent / "simulated.yaml").read_text(encoding="utf-8").replace("../cameras/osinski.yaml", small_camera.name)
     exact = re.sub(r"zero_uncertainty: .*", "zero_uncertainty: 0 mm", re.sub(r"scale_uncertainty: .*", "scale_uncertainty: 0", text))
     study = tmp_path / "study.yaml"
     target = "bars: {kind: bars, cycles_per_mm: [0.5, 10], width: 12 mm, height: 8 mm}\n"
     study.write_text(f"name: near\nconfigurations: [{{f_number: 4, distance: 507 mm}}]\n{target}", encoding="utf-8")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "200")
     told: dict[str, dict[str, str]] = {}
     for name, bench in (("as stated", text), ("exact", exact)):
         (tmp_path / "bench.yaml").write_text(bench, encoding="utf-8")
         ended = flflab("plan", study, "--bench", tmp_path / "bench.yaml", "--out", tmp_path / "plan.csv")
         assert ended.code == 0, ended.err
-        assert "by the frames' noise alone; what the stages may be off comes on top" in " ".join(ended.out.split())
+        shown, progress = (re.sub(r"\x1b\[[\d;?]*\w", "", written) for written in (ended.out, ended.err))
+        assert re.search(r"1/1\D+0:00:\d\d.*configurations drawn and measured", progress)
+        assert "by the frames' noise alone; what the stages may be off comes on top" in " ".join(shown.split())
         [told[name]] = csv.DictReader((tmp_path / "plan.csv").read_text(encoding="utf-8").splitlines())
     assert float(told["as stated"]["mtf_uncertainty_by_stages"]) > 20 * float(told["as stated"]["mtf_standard_uncertainty"]) > 0
     assert float(told["exact"]["mtf_uncertainty_by_stages"]) < 1e-12
