@@ -1,4 +1,4 @@
-"""The trials of the promise that lie beside their benchmark: the file that docs/pictures.md cites says what is said of it there."""
+"""The trials of the promise that lie beside their benchmark: the file that docs/pictures-trials.md cites says what is said of it there."""
 
 import csv
 from dataclasses import fields
