@@ -82,12 +82,12 @@ def seconds_left(steps: tuple[Step, ...], expected: tuple[float, ...], spent: li
         expected: of each.
         spent: on each of the first ones, which are done.
     """
-    apart = [(isinstance(step, MOTIONS), took - said) for step, said, took in zip(steps, expected, spent, strict=False)]
-    left = 0.0
-    for step, due in zip(steps[len(spent) :], expected[len(spent) :], strict=True):
-        more = [seconds for moves, seconds in apart if moves == isinstance(step, MOTIONS)]
-        left += max(0.0, due + (sum(more) / len(more) if more else 0.0))
-    return left
+    more = dict.fromkeys((True, False), 0.0)
+    for moves in more:
+        off = [took - said for step, said, took in zip(steps, expected, spent, strict=False) if isinstance(step, MOTIONS) == moves]
+        more[moves] = sum(off) / max(len(off), 1)
+    ahead = zip(steps[len(spent) :], expected[len(spent) :], strict=True)
+    return sum(max(0.0, due + more[isinstance(step, MOTIONS)]) for step, due in ahead)
 
 
 class _Timing:
