@@ -38,7 +38,7 @@ def affordable_tolerance(scene: Scene, budget: float, effects: str = "auto") -> 
     """
     if not budget > 0:
         raise InputError(f"time budget: {budget:g} s; a time above 0 s is due")
-    started, tiles = time.perf_counter(), _tiles(scene)
+    started, tiles = time.perf_counter(), tiles_tried(scene)
     _seconds(scene, COARSEST, effects, tiles)  # the first call may compile
     warm = time.perf_counter()
     affordable, tolerance = 0.0, COARSEST
@@ -61,7 +61,7 @@ def _in_words(seconds: float) -> str:
     return f"{seconds:.1f} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
 
 
-def _tiles(scene: Scene) -> Flags:
+def tiles_tried(scene: Scene) -> Flags:
     """Some tiles spread evenly over the sensor, by the additive sequence of the plastic number."""
     columns, rows = scene.camera.sensor.resolution
     wanted = np.zeros((rows, columns), dtype=np.bool_)
