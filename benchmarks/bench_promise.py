@@ -5,8 +5,8 @@ all in the file how many kept the promise, and how long every effect on takes ag
 takes more processor time than ``--late`` is written down as late and not counted; with ``--again`` late ones are tried again. Several
 may add to one file: ``--first 0 --step 2`` beside ``--first 1 --step 2``. With ``--rays`` the light is rays, without diffraction. The
 finer pictures cost most: dear scenes can be held against less fine ones, ``--finer 4``, which the file tells.
-``promise_trials.csv`` beside this holds the trials of docs/pictures-trials.md. Set OPENBLAS_NUM_THREADS=1: on busy cores BLAS's threads count
-the time that they wait for each other.
+``promise_trials.csv`` beside this holds the trials of docs/pictures-trials.md. Set OPENBLAS_NUM_THREADS=1: on busy cores BLAS's threads
+count the time that they wait for each other.
 """
 
 import argparse
