@@ -12,6 +12,7 @@ from flflab.image.lenses import Lenses, packed
 from flflab.image.moments import ways_along
 from flflab.image.orders import (
     TEXELS,
+    TIP,
     end_points,
     falloff_chunks,
     falloff_counts,
@@ -137,7 +138,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
     counts, sharp = strip_counts(setup), is_sharp(setup)
     parts, steep = pixel_parts(setup, sharp)
     if isinstance(target, White):
-        left = np.maximum(WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5, left_at_tips(setup))
+        left = np.maximum(WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5, left_at_tips(setup, TIP))
         parts = np.where((setup.rims.width < STEEP) | (left > 0.2 * setup.tolerance), parts, 1)
     nodes = strip_nodes(counts.ravel())
     grids, grid = np.unique(end_points(setup) if isinstance(target, Ruled) else np.zeros_like(setup.rims.kind), return_inverse=True)

@@ -21,8 +21,7 @@ BAND_ROWS = 232
 MOST_PARTS, MOST_SPOT_PARTS = 32, 128  # of a pixel a side
 STEEP_PARTS = 8
 SHARP = 0.17  # of white, times the square of the number of parts and the rim's width in pixels: what an edge leaves in a pixel on a rim
-TIP = 0.012  # of white, times the square of the number of parts and the rim's width: what a rim that begins near the centre leaves there
-NEAR = 6.0  # pixels
+NEAR = 6.0  # pixels from the centre: a rim that begins nearer gives the light a tip
 MOST_STEPS = 16384
 LEAST_STRIPS = 3
 MOST_STRIPS = 512
@@ -82,35 +81,35 @@ class OnRims:
         edge: edge / (w b^power n^2) in blurs of b pixels, from 1 up.
         power: see ``edge``.
         ends: ends / (w n)^2 where strips end at the rim.
+        tip: tip / (w n^2) where a rim begins near the centre: the light of a square is no function of its distance alone there.
     """
 
     edge: float
     power: float
     ends: float
+    tip: float
 
 
-BARS, TEXELS = OnRims(0.085, 1.0, 0.9), OnRims(0.16, 0.5, 2.7)
+BARS, TEXELS = OnRims(0.085, 1.0, 0.9, 0.1), OnRims(0.16, 0.5, 2.7, 0.1)
+TIP = 0.012  # of white itself, as ``OnRims.tip``
 
 
-def left_at_tips(setup: Setup) -> Array:
-    """What a whole pixel leaves of white where the light has a tip, shape (K,): its share of a square is no function of the distance alone.
-
-    A rim that begins near the centre has one there; measured where the microlens is as wide as its view of the main lens, to a tenth.
-    """
-    tip = np.abs(setup.rims.reach - setup.rims.slope) < NEAR * setup.pixel_width
-    return np.where(tip, TIP / np.maximum(setup.rims.width, 1e-9), 0.0)
+def left_at_tips(setup: Setup, tip: float) -> Array:
+    """What a whole pixel leaves of white where a rim begins near the centre, shape (K,); see ``OnRims.tip``."""
+    begins = np.abs(setup.rims.reach - setup.rims.slope)
+    return np.where(begins < NEAR * setup.pixel_width, tip / np.maximum(setup.rims.width, 1e-9), 0.0)
 
 
 def pixel_parts(setup: Setup, sharp: Flags, left: OnRims = BARS) -> tuple[Whole, Flags]:
     """Into how many parts a side a pixel in the rim is divided for each kind of rim, and which kinds are steep.
 
-    Where an entry is sharp an edge leaves SHARP / (w n^2) of white, and in others what is ``left``, or ``left_at_tips`` / n^2.
+    Where an entry is sharp an edge leaves SHARP / (w n^2) of white, and in others what is ``left``.
     """
     width, allowed = np.maximum(setup.rims.width, 1e-9), 0.5 * setup.tolerance
     any_sharp = np.bincount(setup.rims.kind[sharp], minlength=len(width)) > 0
     softened = left.edge / np.maximum(setup.kind_blur(largest=False), 1.0) ** left.power
     leaves = np.where(any_sharp, SHARP / width, np.maximum(softened / width, left.ends / width**2))
-    parts = np.sqrt(np.maximum(leaves, left_at_tips(setup)) / allowed)
+    parts = np.sqrt(np.maximum(leaves, left_at_tips(setup, left.tip)) / allowed)
     parts = np.clip(np.ceil(parts), 1, MOST_PARTS)
     if setup.pixel_width == 0:
         return np.ones(len(width), dtype=np.int64), setup.rims.slope == 0
