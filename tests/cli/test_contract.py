@@ -228,8 +228,12 @@ def test_help_has_a_short_name(flflab: Run, words: tuple[str, ...]) -> None:
         ("image", OSINSKI, "--distance", "500 mm", "--tolerance", "0.002", "--time-budget", "9 s", "-o", "x.npy"),
     ],
 )
-def test_wrong_usage_is_exit_2(flflab: Run, arguments: tuple[object, ...]) -> None:
+def test_wrong_usage_is_exit_2_and_leaves_no_file(
+    flflab: Run, arguments: tuple[object, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     assert flflab(*arguments).code == 2
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("kind", ["camera", "bench", "study"])

@@ -30,6 +30,10 @@ def test_a_long_file_says_at_its_head_why(files: list[Path]) -> None:
         assert len(lines) <= LONGEST or any(REASON in line for line in lines[:10]), f"{file}: {len(lines)} lines and no reason"
 
 
+def test_no_picture_that_a_command_wrote_lies_in_the_tree(root: Path, files: list[Path]) -> None:
+    assert [str(file.relative_to(root)) for file in files if file.suffix in {".npy", ".h5", ".dng"} or file.stat().st_size > 2**20] == []
+
+
 def test_tests_are_no_package(files: list[Path]) -> None:
     assert [file for file in files if file.name == "__init__.py" and "tests" in file.parts] == []
 
