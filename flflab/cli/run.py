@@ -165,11 +165,12 @@ def seeded(bench_file: Path, seed: int | None) -> Generator[Path, None, None]:
     """A bench file with another seed for its simulated errors and noise; the file itself where no seed is given.
 
     Raises:
-        InputError: the bench file cannot be read.
+        InputError: the bench file is wrong; the lines are those of the file given, not of the copy.
     """
     if seed is None:
         yield bench_file
         return
+    read_bench(bench_file)
     data, _ = read_yaml(bench_file)
     data["simulated"] = (data.get("simulated") or {}) | {"seed": seed}
     data["optics"] = str((bench_file.parent / str(data.get("optics", ""))).resolve())

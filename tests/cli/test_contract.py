@@ -255,3 +255,19 @@ def test_a_new_bench_and_a_new_study_can_be_planned(flflab: Run, tmp_path: Path)
     planned = flflab("plan", tmp_path / "study.yaml", "--bench", tmp_path / "bench.yaml")
     assert planned.code == 0
     assert "the gap holds on the way" in " ".join(planned.out.split())
+
+
+@pytest.mark.parametrize(
+    ("section", "fault"), [("simulated: 3", "fields are due here"), ("simulated: {clock: fast}", "clock: ")], ids=["no fields", "a field"]
+)
+def test_a_bench_file_is_refused_with_its_own_lines_also_where_another_seed_is_given(
+    section: str, fault: str, flflab: Run, tmp_path: Path
+) -> None:
+    text = (EXAMPLES / "benches" / "simulated.yaml").read_text(encoding="utf-8").partition("simulated:\n")[0]
+    file = tmp_path / "bench.yaml"
+    file.write_text(text.replace("../cameras/osinski.yaml", str(OSINSKI)) + section + "\n", encoding="utf-8")
+    ended = flflab("sweep", EXAMPLES / "studies" / "first.yaml", "--bench", file, "--seed", 2, "--out", tmp_path / "run")
+    line = 1 + text.count("\n")
+    assert ended.code == 1
+    assert f"{file}:{line}: simulated" in ended.err
+    assert fault in ended.err
