@@ -40,20 +40,30 @@ def driver_of(bench: Bench, name: str) -> Any:
 
 
 def require_drivable(bench: Bench) -> None:
-    """Refuse what no driver could open, two axes that are one stage, and array or sensor that could not be homed.
+    """Refuse what no driver could open, two axes that are one stage or speak unlike on one line, and array or sensor that cannot be homed.
 
     Raises:
         InputError: every such fault, with file, line and field.
     """
     faults: list[str] = []
     stages: dict[tuple[object, ...], str] = {}
+    lines: dict[object, str] = {}
     for name in (*bench.description.axes, *_DRIVERS):
         try:
             stage = _stage(bench, name)
         except InputError as fault:
             faults.append(str(fault))
             continue
-        if stage and (other := stages.setdefault(stage, name)) != name:
+        if not stage:
+            continue
+        driver, place = stage[:2]
+        first = lines.setdefault(place, name)
+        if (spoken := device_of(bench, first).driver) != driver:
+            faults.append(
+                f"{bench.where('axes', name, 'address')}: {name} ({driver}) shares {place} with {first} ({spoken}); "
+                "one line speaks one maker's protocol, give each its own address"
+            )
+        if (other := stages.setdefault(stage, name)) != name:
             apart = driver_of(bench, name).apart
             faults.append(
                 f"{bench.where('axes', name, *apart[:1])}: {name} is the same stage as {other}, "

@@ -61,6 +61,19 @@ def test_two_axes_are_never_one_stage(axis: dict[str, Any], here: dict[str, Any]
 
 
 @pytest.mark.parametrize(
+    ("here", "there", "shown"),
+    [("/dev/ttyS0", "/dev/../dev/ttyS0", "/dev/ttyS0"), ("COM3", "com3", "COM3"), ("localhost:5001", LINE, "127.0.0.1:5001")],
+    ids=["paths", "ports", "network"],
+)
+@pytest.mark.skipif(sys.platform == "win32", reason="there a path is spelt with its drive")
+def test_two_makers_are_never_at_one_address(here: str, there: str, shown: str, pair: Changed) -> None:
+    file = pair(ZABER | {"address": here, "device": 1}, ORIENTAL | {"address": there, "device": 2})
+    asked = rf"axes\.two\.address: two \(oriental\) shares {shown} with one \(zaber\); one line speaks one maker's protocol, give each"
+    with pytest.raises(InputError, match=rf"pair\.yaml:\d+: {asked}"):
+        require_drivable(read_bench(file))
+
+
+@pytest.mark.parametrize(
     ("axis", "here", "there"),
     [
         (ZABER, {"address": LINE, "device": 1}, {"address": LINE, "device": 2}),
