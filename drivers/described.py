@@ -115,6 +115,14 @@ def _stage(bench: Bench, name: str) -> tuple[object, ...] | None:
     return device.driver, place, *(getattr(keys, key) for key in driver.apart)
 
 
+def spelt(driver: str, address: str) -> str:
+    """The address of an axis spelt one way; as it is where it, or its driver, is none."""
+    try:
+        return AXES[driver].place(address)
+    except (KeyError, InputError):
+        return address
+
+
 def _in_words(stage: tuple[object, ...], apart: tuple[str, ...]) -> str:
     driver, place, *numbers = stage
     return ", ".join([f"{driver} at {place}", *(f"{key} {number}" for key, number in zip(apart, numbers, strict=True))])

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
+from drivers.described import spelt
 from flflab.description import read_yaml
 from flflab.errors import CommunicationError, DeviceError
 
@@ -23,17 +24,21 @@ STOP_TIMEOUT_S = 10.0
 LOCKED_BYTE = 1 << 20  # far behind what is written: a locked byte cannot be read on Windows
 
 
-def lock_file(bench_file: Path) -> Path:
-    """Where the owner of a bench writes its port: one file a user and bench, beside the system's temporary files.
+def lock_files(bench_file: Path) -> tuple[Path, ...]:
+    """Where the owner of a bench writes its port: files of a user and bench, beside the system's temporary files.
 
     A bench is known by where its axes are reached, whatever file says so: a run's copy of the bench file is the same bench. Nothing else
-    in the file needs to be right, so that a bench can be stopped while its file is being edited.
+    in the file needs to be right, so that a bench can be stopped while its file is being edited. One file is for the addresses spelt one
+    way, one, where that differs, for what is written: what a link leads to is not known while a cable is out.
     """
     axes = read_yaml(bench_file)[0].get("axes")
     described = [cast(dict[str, Any], axis) for axis in (axes.values() if isinstance(axes, dict) else ()) if isinstance(axis, dict)]
-    reached = sorted({str(axis.get("address", "")) for axis in described if axis.get("driver") != "manual"} - {"", "simulated"})
-    key = hashlib.blake2b("|".join((str(Path.home()), *reached)).encode(), digest_size=12).hexdigest()
-    return Path(tempfile.gettempdir()) / f"flflab-bench-{key}.lock"
+    reached = [(str(axis.get("driver")), str(axis.get("address", ""))) for axis in described if axis.get("driver") != "manual"]
+    reached = [(driver, address) for driver, address in reached if address not in ("", "simulated")]
+    benches = {spelt(*one) for one in reached}, {address for _, address in reached}
+    keys = ("|".join((str(Path.home()), *sorted(bench))) for bench in benches)
+    names = dict.fromkeys(hashlib.blake2b(key.encode(), digest_size=12).hexdigest() for key in keys)
+    return tuple(Path(tempfile.gettempdir()) / f"flflab-bench-{name}.lock" for name in names)
 
 
 class Owner:
@@ -51,19 +56,19 @@ class Owner:
         self._ended = False
         self._thread: threading.Thread | None = None
         self._name = bench_file.name
-        file = lock_file(bench_file)
-        locked = _open_locked(file)
-        if locked is None:
-            who = _read(file).get("process", "unknown")
-            raise DeviceError(
-                f"{bench_file}: another program drives this bench (process {who}), perhaps somebody else's run; wait for its end: "
-                f"`flflab bench stop --bench {bench_file}` would stop its axes and with them what it does"
-            )
-        self._file = locked
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        text = json.dumps({"process": os.getpid(), "port": self._listener.getsockname()[1], "token": self._token})
-        os.ftruncate(self._file, 0)
-        os.write(self._file, text.encode())
+        with contextlib.ExitStack() as held:
+            files = [_held(file, bench_file, held) for file in lock_files(bench_file)]
+            try:
+                self._listener = held.enter_context(socket.create_server(("127.0.0.1", 0)))
+                text = json.dumps({"process": os.getpid(), "port": self._listener.getsockname()[1], "token": self._token})
+                for file in files:
+                    os.ftruncate(file, 0)
+                    os.write(file, text.encode())
+            except OSError as error:
+                raise DeviceError(
+                    f"{bench_file}: it cannot be noted who drives the bench ({error}); make room in {tempfile.gettempdir()}"
+                ) from error
+            self._held = held.pop_all()
 
     def stops_with(self, stop: Callable[[], None]) -> None:
         """From now on another process that asks has every axis stopped: ``stop`` is called from a thread of this owner's."""
@@ -77,9 +82,7 @@ class Owner:
             with contextlib.suppress(OSError), socket.create_connection(self._listener.getsockname(), 1.0):
                 pass  # wakes the thread that waits for somebody
             self._thread.join()
-        self._listener.close()
-        os.ftruncate(self._file, 0)
-        os.close(self._file)
+        self._held.close()
 
     def _listen(self, stop: Callable[[], None]) -> None:
         while not self._ended:
@@ -109,12 +112,10 @@ def ask_owner_to_stop(bench_file: Path) -> bool:
         DeviceError: the owner could not stop every axis; in its own words.
         CommunicationError: there is an owner, but it does not answer.
     """
-    file = lock_file(bench_file)
-    free = _open_locked(file)
-    if free is not None:
-        os.close(free)
+    taken = next((file for file in lock_files(bench_file) if not _is_free(file)), None)
+    if taken is None:
         return False
-    owner = _read(file)
+    owner = _read(taken)
     try:
         with socket.create_connection(("127.0.0.1", int(owner["port"])), 1.0) as link:
             link.settimeout(STOP_TIMEOUT_S)
@@ -128,6 +129,31 @@ def ask_owner_to_stop(bench_file: Path) -> bool:
     if answer != "stopped\n":
         raise DeviceError(answer or f"{bench_file}: its owner did not say that the axes stopped; cut their power")
     return True
+
+
+def _held(file: Path, bench_file: Path, held: contextlib.ExitStack) -> int:
+    """A lock file opened and locked until the end of what is held.
+
+    Raises:
+        DeviceError: another process has it, or it cannot be opened.
+    """
+    locked = _open_locked(file)
+    if locked is None:
+        who = _read(file).get("process", "unknown")
+        raise DeviceError(
+            f"{bench_file}: another program drives this bench (process {who}), perhaps somebody else's run; wait for its end: "
+            f"`flflab bench stop --bench {bench_file}` would stop its axes and with them what it does"
+        )
+    held.callback(os.close, locked)
+    held.callback(os.ftruncate, locked, 0)
+    return locked
+
+
+def _is_free(file: Path) -> bool:
+    opened = _open_locked(file)
+    if opened is not None:
+        os.close(opened)
+    return opened is not None
 
 
 def _open_locked(file: Path) -> int | None:

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from drivers.bench import connect
-from drivers.owner import Owner, ask_owner_to_stop, lock_file
+from drivers.owner import Owner, ask_owner_to_stop, lock_files
 from flflab.bench import Bench
 from flflab.errors import CommunicationError, DeviceError, MotionError
 from sim.serve import Served, serve, write_bench
@@ -122,7 +122,7 @@ def test_a_copy_of_the_bench_file_is_the_same_bench_even_where_it_is_half_edited
 def test_an_owner_that_does_not_answer_is_named(slow: tuple[Served, Path]) -> None:
     _, file = slow
     with connect(file):
-        lock_file(file).write_text('{"process": 4711, "port": 9, "token": "none"}')
+        lock_files(file)[0].write_text('{"process": 4711, "port": 9, "token": "none"}')
         with pytest.raises(CommunicationError, match="process 4711 drives this bench and does not answer"):
             ask_owner_to_stop(file)
 
@@ -130,12 +130,44 @@ def test_an_owner_that_does_not_answer_is_named(slow: tuple[Served, Path]) -> No
 def test_only_who_may_read_the_lock_file_can_stop_a_bench(slow: tuple[Served, Path]) -> None:
     _, file = slow
     with connect(file):
-        text = lock_file(file).read_text()
-        lock_file(file).write_text(text.replace('"token": "', '"token": "x'))
+        text = lock_files(file)[0].read_text()
+        lock_files(file)[0].write_text(text.replace('"token": "', '"token": "x'))
         with pytest.raises(DeviceError, match="did not say that the axes stopped"):
             ask_owner_to_stop(file)
         if sys.platform != "win32":
-            assert lock_file(file).stat().st_mode & 0o077 == 0
+            assert lock_files(file)[0].stat().st_mode & 0o077 == 0
+
+
+def test_a_bench_is_the_same_one_however_its_addresses_are_spelt(slow: tuple[Served, Path], tmp_path: Path) -> None:
+    _, file = slow
+    other = tmp_path / "other.yaml"
+    other.write_text(file.read_text(encoding="utf-8").replace("socket://127.0.0.1", "localhost"), encoding="utf-8")
+    assert "localhost" in other.read_text(encoding="utf-8")
+    with connect(file):
+        with pytest.raises(DeviceError, match="another program drives this bench"):
+            Owner(other)
+        assert ask_owner_to_stop(other)
+    Owner(other).close()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there ports are no files")
+def test_the_owner_of_a_port_is_found_by_the_link_to_it_also_after_the_link_has_gone(tmp_path: Path) -> None:
+    port, link = tmp_path / "ttyUSB0", tmp_path / "by-id"
+    port.touch()
+    link.symlink_to(port)
+    files = [tmp_path / f"{address.name}.yaml" for address in (port, link)]
+    for file, address in zip(files, (port, link), strict=True):
+        file.write_text(yaml.safe_dump({"axes": {"stage": {"driver": "zaber", "address": str(address)}}}), encoding="utf-8")
+    owner = Owner(files[1])
+    try:
+        with pytest.raises(DeviceError, match="another program drives this bench"):
+            Owner(files[0])
+        link.unlink()
+        with pytest.raises(DeviceError, match="another program drives this bench"):
+            Owner(files[1])
+    finally:
+        owner.close()
+    Owner(files[0]).close()
 
 
 @pytest.mark.ci
