@@ -69,10 +69,14 @@ class Connection:
             raise kind("\n".join(dict.fromkeys(str(fault) for fault in self.faults.values())))
 
     def _open(self, driver: Any, name: str, device: Any, keys: Any, *, simulated: bool) -> Any:
+
+        def share(address: str, opener: Callable[[], Opened], /) -> Opened:
+            return self._share(driver.place(address), opener)
+
         if isinstance(device, AxisDescription):
-            commands = driver.open(name, device, keys, self._share)
+            commands = driver.open(name, device, keys, share)
             return Axis(name, commands, device.limits, device.speed, coordinate=device.coordinate, patience=driver.patience)
-        opened = driver.open(device.address, keys, self._share)
+        opened = driver.open(device.address, keys, share)
         if name == "camera":
             return Camera(name, opened, self._simulated.wait_until_ready) if simulated else Camera(name, opened)
         return Setting[Any](name, opened, timeout=driver.timeout)

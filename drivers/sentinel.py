@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from drivers.described import driver_of
+from drivers.described import driver_of, spelt
 from flflab.bench import AxisDescription, Bench, read_bench
 from flflab.errors import DeviceError, FlflabError
 
@@ -78,17 +78,19 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
     """
     lines: dict[str, list[str]] = {}
     for name, address in addresses.items():
-        lines.setdefault(address, []).append(name)
+        lines.setdefault(spelt(bench.description.axes[name].driver, address), []).append(name)
     faults: dict[str, str] = {name: f"{name}: no answer to the stop; it may still move, cut its power" for name in addresses}
 
-    def stop_line(address: str, names: list[str]) -> None:
-        opened: dict[str, Any] = {}
+    def stop_line(names: list[str]) -> None:
+        opened: list[Any] = []
 
-        def share(where: str, opener: Callable[[], Any], /) -> Any:
-            return opened[where] if where in opened else opened.setdefault(where, opener())
+        def share(_: str, opener: Callable[[], Any], /) -> Any:
+            if not opened:
+                opened.append(opener())
+            return opened[0]
 
         for name in names:
-            axis: AxisDescription = bench.description.axes[name].model_copy(update={"address": address})
+            axis: AxisDescription = bench.description.axes[name].model_copy(update={"address": addresses[name]})
             try:
                 driver = driver_of(bench, name)
                 driver.open(name, axis, bench.own_keys(driver.keys, "axes", name), share).stop()
@@ -97,10 +99,10 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
                 faults[name] = f"{why}; it may still move, cut its power"
             else:
                 del faults[name]
-        for line in opened.values():
+        for line in opened:
             line.close()
 
-    threads = [threading.Thread(target=stop_line, args=line, daemon=True) for line in lines.items()]
+    threads = [threading.Thread(target=stop_line, args=(names,), daemon=True) for names in lines.values()]
     for thread in threads:
         thread.start()
     for thread in threads:

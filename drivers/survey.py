@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from drivers.axis import Axis
 from drivers.connection import Connection, can_outlive
-from drivers.described import device_of, require_drivable
+from drivers.described import device_of, require_drivable, spelt
 from drivers.owner import Owner
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
@@ -65,7 +65,7 @@ def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
     devices = {name: device_of(bench, name) for name in (*bench.description.axes, "camera", "iris", "target")}
     lines: dict[tuple[str, str], list[str]] = {}
     for name, device in devices.items():
-        lines.setdefault((device.driver, device.address), []).append(name)
+        lines.setdefault((device.driver, spelt(device.driver, device.address)), []).append(name)
     with ExitStack() as resources:
         if any(can_outlive(axis) for axis in bench.description.axes.values()):
             resources.callback(Owner(bench.file).close)

@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,10 @@ import pytest
 import yaml
 
 import drivers
+from drivers.connection import Connection
 from drivers.described import require_drivable
+from drivers.sentinel import stop_axes
+from drivers.simulated import SimulatedOnDemand
 from drivers.survey import survey
 from drivers.transport import serial_place
 from flflab.bench import read_bench
@@ -141,3 +145,13 @@ def test_one_instrument_that_answers_for_two_axes_is_refused_before_anything_can
     serials = {row.name: row.serial for row in survey(read_bench(spelt_twice))}
     assert serials["array_stage"] == serials["main_lens_stage"] == "100001"
     assert (serials["sensor_stage"], serials["camera"]) == ("100003", "")
+
+
+def test_two_spellings_of_one_line_are_one_connection(pair: Changed, toy_chain: Callable[..., str], toy_stage: Callable[..., Any]) -> None:
+    here = toy_chain(toy_stage(), toy_stage())  # answers one client at a time
+    there = here.replace("127.0.0.1", "localhost")
+    bench = read_bench(pair(ZABER | {"address": here, "device": 1}, ZABER | {"address": there, "device": 2}))
+    with ExitStack() as opened:
+        connection = Connection(bench, opened, SimulatedOnDemand(bench.file, opened))
+        assert [connection.open(name).is_moving() for name in ("one", "two")] == [False, False]
+    assert stop_axes(bench, {"one": here, "two": there}) == []
