@@ -15,7 +15,7 @@ from typing import Any
 
 from drivers.described import driver_of, spelt
 from flflab.bench import AxisDescription, Bench, read_bench
-from flflab.errors import DeviceError, FlflabError
+from flflab.errors import DeviceError
 
 RELEASED, WATCHING = "released", "watching\n"
 PATIENCE_S = 5.0
@@ -94,7 +94,7 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
             try:
                 driver = driver_of(bench, name)
                 driver.open(name, axis, bench.own_keys(driver.keys, "axes", name), share).stop()
-            except FlflabError as error:
+            except Exception as error:  # whatever it is, the next axis of the line is told too
                 why = str(error) if name in str(error) else f"{name}: {error}"
                 faults[name] = f"{why}; it may still move, cut its power"
             else:

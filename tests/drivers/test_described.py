@@ -155,3 +155,16 @@ def test_two_spellings_of_one_line_are_one_connection(pair: Changed, toy_chain: 
         connection = Connection(bench, opened, SimulatedOnDemand(bench.file, opened))
         assert [connection.open(name).is_moving() for name in ("one", "two")] == [False, False]
     assert stop_axes(bench, {"one": here, "two": there}) == []
+
+
+def test_an_axis_that_fails_in_an_unknown_way_keeps_no_other_of_its_line_from_stopping(
+    pair: Changed, toy_chain: Callable[..., str], toy_stage: Callable[..., Any]
+) -> None:
+    broken, moving = toy_stage(resolution=0), toy_stage(speed=10.0)
+    moving.go(moving.limit)
+    address = toy_chain(broken, moving)
+    bench = read_bench(pair(ZABER | {"address": address, "device": 1}, ZABER | {"address": address, "device": 2}))
+    (fault,) = stop_axes(bench, {"one": address, "two": address})
+    assert fault.startswith("one: ")
+    assert fault.endswith("it may still move, cut its power")
+    assert not moving.busy
