@@ -190,7 +190,7 @@ class Axis:
         return self._commands.identity()
 
     def serial(self) -> str:
-        """What no other axis anywhere answers: serial number, and which axis of its instrument; empty where it tells none."""
+        """What no other axis of its maker answers: serial number, and which axis of its instrument; empty where it tells none."""
         return self._commands.serial()
 
     def warnings(self) -> tuple[str, ...]:

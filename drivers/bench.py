@@ -200,7 +200,7 @@ def connect(bench_file: str | Path) -> ConnectedBench:
         axes: dict[str, Axis] = {name: device for name in description.axes if (device := connection.open(name)) is not None}
         camera, iris, target = (connection.open(name) for name in ("camera", "iris", "target"))
         connection.raise_faults()
-        if twice := one_instrument({name: axis.serial() for name, axis in axes.items()}):
+        if twice := one_instrument({name: (description.axes[name].driver, axis.serial()) for name, axis in axes.items()}):
             raise DeviceError("\n".join(twice))
         bench = ConnectedBench(described, axes, camera, iris, target, connection.addresses, resources.pop_all())
     if owner is not None:

@@ -62,7 +62,7 @@ class AxisCommands(Protocol):
         ...
 
     def serial(self) -> str:
-        """What no other axis anywhere answers: serial number, and which axis of its instrument; empty where it tells none."""
+        """What no other axis of its maker answers: serial number, and which axis of its instrument; empty where it tells none."""
         ...
 
     def close(self) -> None:

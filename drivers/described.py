@@ -128,16 +128,16 @@ def _in_words(stage: tuple[object, ...], apart: tuple[str, ...]) -> str:
     return ", ".join([f"{driver} at {place}", *(f"{key} {number}" for key, number in zip(apart, numbers, strict=True))])
 
 
-def one_instrument(serials: Mapping[str, str]) -> list[str]:
+def one_instrument(serials: Mapping[str, tuple[str, str]]) -> list[str]:
     """A sentence for each two axes behind which one instrument answers.
 
     Args:
-        serials: of each axis, empty where its instrument tells none.
+        serials: of each axis the driver and the serial number, empty where its instrument tells none; makers count each for himself.
     """
-    first: dict[str, str] = {}
+    first: dict[tuple[str, str], str] = {}
     return [
-        f"{name} and {first[serial]}: one instrument, serial number {serial}, answers for both; correct their addresses in the bench file, "
-        "nothing moved"
-        for name, serial in serials.items()
-        if serial and first.setdefault(serial, name) != name
+        f"{name} and {first[known]}: one instrument, serial number {known[1]}, answers for both; correct their addresses in the bench "
+        "file, nothing moved"
+        for name, known in serials.items()
+        if known[1] and first.setdefault(known, name) != name
     ]

@@ -40,7 +40,7 @@ def check(bench: BenchFile) -> None:
         position = "" if axis is None or not answers else "not homed" if row.position is None else show(row.position, ".4f")
         table.add_row(row.name, position, row.identity, row.state if answers else "")
     _print(table)
-    if twice := one_instrument({row.name: row.serial for row in rows}):
+    if twice := one_instrument({row.name: (row.driver, row.serial) for row in rows}):
         raise DeviceError("\n".join(twice))
     if silent := [row.state for row in rows if row.identity == SILENT]:
         raise CommunicationError("\n".join(dict.fromkeys(silent)))

@@ -12,7 +12,7 @@ import yaml
 
 import drivers
 from drivers.connection import Connection
-from drivers.described import require_drivable
+from drivers.described import one_instrument, require_drivable
 from drivers.sentinel import stop_axes
 from drivers.simulated import SimulatedOnDemand
 from drivers.survey import survey
@@ -168,3 +168,9 @@ def test_an_axis_that_fails_in_an_unknown_way_keeps_no_other_of_its_line_from_st
     assert fault.startswith("one: ")
     assert fault.endswith("it may still move, cut its power")
     assert not moving.busy
+
+
+def test_two_makers_may_have_given_one_number() -> None:
+    assert one_instrument({"one": ("zaber", "70001"), "two": ("standa", "70001"), "three": ("standa", "")}) == []
+    (twice,) = one_instrument({"one": ("zaber", "70001"), "two": ("zaber", "70001")})
+    assert twice.startswith("two and one: one instrument, serial number 70001, answers for both; ")
