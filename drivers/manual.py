@@ -243,6 +243,10 @@ def open_axis(name: str, axis: AxisDescription, keys: ManualAxisKeys, share: Sha
     return ManualAxis(name, axis.limits, share("terminal", Terminal))
 
 
+def stop_axis(name: str, axis: AxisDescription, keys: ManualAxisKeys, share: Share) -> None:
+    """Nothing: who is not asked any more moves nothing."""
+
+
 def open_iris(address: str, keys: ManualIrisKeys, share: Share) -> ManualSetting[float]:
     """An iris turned by hand."""
     return ManualSetting("set the iris to f/{}", keys.f_numbers, share("terminal", Terminal))

@@ -17,20 +17,14 @@ whose home sensor was never found refuses ZHOME: where the reference has to be s
 as ``home_input``. On close the motor stays excited and holds.
 """
 
-import contextlib
-import logging
 import math
-import select
-import threading
 import time
-from collections.abc import Callable, Generator, Sequence
-from typing import Annotated, Any, Literal, TypeAlias
+from collections.abc import Callable
+from typing import Annotated, Literal
 
 from pydantic import Field
-from pymodbus import FramerType, ModbusException
-from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-from drivers.line import Line
+from drivers.modbus import ModbusLine, make_client
 from flflab.bench import AxisDescription
 from flflab.description import Description, Ratio, Time
 from flflab.errors import CommunicationError, DeviceError, LimitError
@@ -79,12 +73,7 @@ ALARMS = {
     0x85: "nobody spoke on the RS-485 line for too long; reset",
     0xF0: "processor error; switch the drive off and on",
 }
-EXCEPTIONS = {1: "function not known", 2: "no such register", 3: "impossible value", 4: "it cannot do this now"}
-
-logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what no handler takes Python prints, beside our own sentence
-
-Client: TypeAlias = ModbusSerialClient | ModbusTcpClient
-Share = Callable[[str, Callable[[], "ModbusLine"]], "ModbusLine"]
+Share = Callable[[str, Callable[[], ModbusLine]], ModbusLine]
 Bit = Annotated[int, Field(ge=0, le=15)]
 
 
@@ -110,134 +99,6 @@ class OrientalKeys(Description):
     baud: Annotated[int, Field(ge=9600)] = 115200
     parity: Literal["E", "N", "O"] = "E"
     timeout: Annotated[float, Field(gt=0)] = 0.5
-
-
-def to_words(values: Sequence[int]) -> list[int]:
-    """Signed 32-bit values as registers, the upper word first."""
-    return [word for value in values for word in ((value >> 16) & 0xFFFF, value & 0xFFFF)]
-
-
-def from_words(upper: int, lower: int) -> int:
-    """The signed 32-bit value of two registers."""
-    value = upper << 16 | lower
-    return value - (1 << 32) if value >> 31 else value
-
-
-class ModbusLine:
-    """An RS-485 line that several drives share: one exchange at a time; a stop goes before all others that wait.
-
-    After a failed exchange the line is opened anew and kept quiet for a while: an answer carries no number, and a late one must not
-    pass for the next.
-
-    Args:
-        make_client: makes a pymodbus client, not yet connected.
-        address: for messages.
-        quiet: how long to keep the line quiet after a failure, s.
-
-    Raises:
-        CommunicationError: the line cannot be opened.
-    """
-
-    def __init__(self, make_client: Callable[[], Client], address: str, quiet: float) -> None:
-        self._make_client = make_client
-        self._address = address
-        self._quiet = quiet
-        self._changed = threading.Condition()
-        self._busy, self._urgent = False, 0
-        self._failed = False
-        self._line = Line(self._connect)
-
-    def read(self, name: str, device: int, register: int) -> int:
-        """The signed 32-bit value at a register and the next; asked a second time when the first answer does not come.
-
-        Raises:
-            CommunicationError: no answer, or not a right one.
-            DeviceError: the drive refuses.
-        """
-        with self._turn():
-            try:
-                return self._pair(name, device, register)
-            except CommunicationError:
-                return self._pair(name, device, register)
-
-    def write(self, name: str, device: int, register: int, values: Sequence[int], *, urgent: bool = False) -> None:
-        """Write 32-bit values from a register on, once.
-
-        Raises:
-            CommunicationError: no answer, or not a right one; the drive may have taken the values all the same.
-            DeviceError: the drive refuses.
-        """
-        with self._turn(urgent):
-            asked = f"{name} (slave {device}): wrote {len(values)} values from register {register:#06x} on, "
-            self._exchange(asked, lambda client: client.write_registers(register, to_words(values), device_id=device))
-
-    def close(self) -> None:
-        """Let go of the line."""
-        self._line.close()
-
-    @contextlib.contextmanager
-    def _turn(self, urgent: bool = False) -> Generator[None]:
-        with self._changed:
-            self._urgent += urgent
-            self._changed.wait_for(lambda: not self._busy and (urgent or not self._urgent))
-            self._busy = True
-            self._urgent -= urgent
-        try:
-            yield
-        finally:
-            with self._changed:
-                self._busy = False
-                self._changed.notify_all()
-
-    def _connect(self) -> Client:
-        client = self._make_client()
-        if not client.connect():
-            if isinstance(client, ModbusTcpClient):
-                raise CommunicationError(f"{self._address}: cannot be reached; check power, network and address")
-            raise CommunicationError(f"{self._address}: cannot be opened; check the address, and who else holds it")
-        if self._failed:
-            time.sleep(self._quiet)
-            self._failed = False
-        return client
-
-    def _pair(self, name: str, device: int, register: int) -> int:
-        asked = f"{name} (slave {device}): asked for register {register:#06x}, "
-        reply = self._exchange(asked, lambda client: client.read_holding_registers(register, count=2, device_id=device))
-        if len(reply.registers) != 2:
-            raise CommunicationError(f"{asked}got {len(reply.registers)} registers instead of 2; check cable and parity")
-        return from_words(*reply.registers)
-
-    def _exchange(self, asked: str, ask: Callable[[Client], Any]) -> Any:
-        client = self._line.get()
-        try:
-            _pass_over_what_waits(client)
-            reply = ask(client)
-        except (ModbusException, OSError) as error:
-            self._line.lose(client)
-            self._failed = True
-            raise CommunicationError(
-                f"{asked}no right answer ({_first_line(error)}); check cable, parity, slave number and power"
-            ) from error
-        if reply.isError():
-            code = reply.exception_code
-            raise DeviceError(f"{asked}the drive refuses: {EXCEPTIONS.get(code, f'exception {code}')}; check model and settings")
-        return reply
-
-
-def _pass_over_what_waits(client: Client) -> None:
-    """Throw away what came after the last answer, such as that answer a second time; on serial lines pymodbus does so itself.
-
-    Raises:
-        OSError: the connection is closed.
-    """
-    if isinstance(client, ModbusTcpClient) and client.socket is not None:
-        while select.select([client.socket], [], [], 0)[0]:
-            if not client.socket.recv(4096):
-                raise ConnectionError("closed by the other side")
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
 class OrientalAxis:
@@ -275,7 +136,7 @@ class OrientalAxis:
                 self._line.write(self._name, self._keys.device, ALARM_RESET, (level,))
         self._require_ready("look for its reference")
         had_reference = self.is_homed()
-        self._pulse(self._keys.home_input)
+        _pulse(self._line, self._name, self._keys.device, self._keys.home_input)
         self._see_it_start("look for its reference", lambda: (not had_reference or self._read(COMMANDED) == 0) and self.is_homed())
 
     def start_move(self, position: float) -> None:
@@ -315,11 +176,8 @@ class OrientalAxis:
         return bool(self._read(INTERNAL) & HAS_REFERENCE)
 
     def stop(self) -> None:
-        """Decelerate to rest; goes before all who wait for the line, and the drive confirms it."""
-        try:
-            self._pulse(self._keys.stop_input, urgent=True)
-        except CommunicationError:
-            self._pulse(self._keys.stop_input, urgent=True)
+        """Decelerate to rest."""
+        _stop(self._line, self._name, self._keys)
 
     def faults(self) -> tuple[str, ...]:
         """The alarm, if there is one."""
@@ -346,11 +204,6 @@ class OrientalAxis:
 
     def _read(self, register: int) -> int:
         return self._line.read(self._name, self._keys.device, register)
-
-    def _pulse(self, bit: int, *, urgent: bool = False) -> None:
-        """An input on and off again: drives act on the edge."""
-        for level in (1 << bit, 0):
-            self._line.write(self._name, self._keys.device, INPUTS, (level,), urgent=urgent)
 
     @staticmethod
     def _output(outputs: int, bit: int) -> bool:
@@ -381,13 +234,30 @@ class OrientalAxis:
 
 def open_axis(name: str, axis: AxisDescription, keys: OrientalKeys, share: Share) -> OrientalAxis:
     """Open one drive; drives at one address share the line."""
-    line = share(axis.address, lambda: ModbusLine(lambda: make_client(axis.address, keys), axis.address, keys.timeout))
-    return OrientalAxis(name, line, keys, axis.speed)
+    return OrientalAxis(name, _line(axis, keys, share), keys, axis.speed)
 
 
-def make_client(address: str, keys: OrientalKeys) -> Client:
-    """A client for a serial port, or for a line behind a network (``socket://host:port``, ``host:port``), RTU frames on both."""
-    host, _, port = address.removeprefix("socket://").rpartition(":")
-    if host and port.isdigit() and "/" not in host:
-        return ModbusTcpClient(host, port=int(port), framer=FramerType.RTU, timeout=keys.timeout, retries=0)
-    return ModbusSerialClient(address, baudrate=keys.baud, parity=keys.parity, timeout=keys.timeout, retries=0)
+def stop_axis(name: str, axis: AxisDescription, keys: OrientalKeys, share: Share) -> None:
+    """Stop one drive, asked for nothing before."""
+    _stop(_line(axis, keys, share), name, keys)
+
+
+def _line(axis: AxisDescription, keys: OrientalKeys, share: Share) -> ModbusLine:
+    return share(
+        axis.address,
+        lambda: ModbusLine(lambda: make_client(axis.address, keys.baud, keys.parity, keys.timeout), axis.address, keys.timeout),
+    )
+
+
+def _pulse(line: ModbusLine, name: str, device: int, bit: int, *, urgent: bool = False) -> None:
+    """A drive's input on and off again: drives act on the edge."""
+    for level in (1 << bit, 0):
+        line.write(name, device, INPUTS, (level,), urgent=urgent)
+
+
+def _stop(line: ModbusLine, name: str, keys: OrientalKeys) -> None:
+    """Decelerate a drive to rest: goes before all who wait for the line, and the drive confirms it."""
+    try:
+        _pulse(line, name, keys.device, keys.stop_input, urgent=True)
+    except CommunicationError:
+        _pulse(line, name, keys.device, keys.stop_input, urgent=True)

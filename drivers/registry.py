@@ -32,6 +32,7 @@ class AxisDriver:
         keys: the model of its own keys in the bench file.
         open: opens one axis, given its name, description, own keys and what opens or shares the line at its address; raises
             CommunicationError where nobody answers, DeviceError where the device refuses a setting.
+        stop: given the same, stops one axis that was not opened: nothing that it could refuse is asked of it before.
         counts: lengths or angles; None: either.
         apart: which of its own keys tell the axes at one address from each other; None where an address says nothing.
         place: an address spelt one way; raises InputError where it is none.
@@ -40,6 +41,7 @@ class AxisDriver:
 
     keys: type[Description]
     open: Callable[[str, AxisDescription, Any, Share], AxisCommands]
+    stop: Callable[[str, AxisDescription, Any, Share], None]
     counts: Coordinate | None
     apart: tuple[str, ...] | None
     place: Callable[[str], str] = serial_place
@@ -66,11 +68,11 @@ class CameraDriver:
 
 
 AXES: Mapping[str, AxisDriver] = {
-    "zaber": AxisDriver(zaber.ZaberKeys, zaber.open_axis, LENGTH, ("device", "axis")),
-    "thorlabs": AxisDriver(thorlabs.ThorlabsKeys, thorlabs.open_axis, ANGLE, ("channel",)),
-    "oriental": AxisDriver(oriental.OrientalKeys, oriental.open_axis, ANGLE, ("device",)),
-    "standa": AxisDriver(standa.StandaKeys, standa.open_axis, LENGTH, (), standa.place),
-    "manual": AxisDriver(manual.ManualAxisKeys, manual.open_axis, None, None, str, patience=FOR_EVER),
+    "zaber": AxisDriver(zaber.ZaberKeys, zaber.open_axis, zaber.stop_axis, LENGTH, ("device", "axis")),
+    "thorlabs": AxisDriver(thorlabs.ThorlabsKeys, thorlabs.open_axis, thorlabs.stop_axis, ANGLE, ("channel",)),
+    "oriental": AxisDriver(oriental.OrientalKeys, oriental.open_axis, oriental.stop_axis, ANGLE, ("device",)),
+    "standa": AxisDriver(standa.StandaKeys, standa.open_axis, standa.stop_axis, LENGTH, (), standa.place),
+    "manual": AxisDriver(manual.ManualAxisKeys, manual.open_axis, manual.stop_axis, None, None, str, patience=FOR_EVER),
 }
 CAMERAS: Mapping[str, CameraDriver] = {
     "scpi": CameraDriver(scpi.ScpiCameraKeys, scpi.open_camera, tcp_place),

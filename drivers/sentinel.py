@@ -67,7 +67,7 @@ class Sentinel:
 
 
 def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
-    """Open every axis of a bench and stop it, all lines at once.
+    """Stop every axis of a bench, all lines at once; none is opened first, since what it refuses must not stand in the way of a stop.
 
     Args:
         bench: the bench file as read.
@@ -93,7 +93,7 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
             axis: AxisDescription = bench.description.axes[name].model_copy(update={"address": addresses[name]})
             try:
                 driver = driver_of(bench, name)
-                driver.open(name, axis, bench.own_keys(driver.keys, "axes", name), share).stop()
+                driver.stop(name, axis, bench.own_keys(driver.keys, "axes", name), share)
             except Exception as error:  # whatever it is, the next axis of the line is told too
                 why = str(error) if name in str(error) else f"{name}: {error}"
                 faults[name] = f"{why}; it may still move, cut its power"

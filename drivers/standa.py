@@ -113,6 +113,13 @@ class StandaController:
                 reason = str(error).partition(".")[0]
                 raise DeviceError(f"{name}: asked to {task}, the controller refuses ({reason}); check model and firmware") from error
 
+    def stop(self, name: str) -> None:
+        """Decelerate to rest; errors as ``ask``."""
+        try:
+            self.ask(name, "stop", lambda axis: axis.command_sstp())
+        except LostError:
+            self.ask(name, "stop", lambda axis: axis.command_sstp())
+
     def close(self) -> None:
         """Let go of it."""
         self._line.close()
@@ -209,10 +216,7 @@ class StandaAxis:
     def stop(self) -> None:
         """Decelerate to rest; a homing that is stopped found nothing."""
         self._homing = False
-        try:
-            self._ask("stop", lambda axis: axis.command_sstp())
-        except LostError:
-            self._ask("stop", lambda axis: axis.command_sstp())
+        self._controller.stop(self._name)
 
     def faults(self) -> tuple[str, ...]:
         """What the status says is wrong, and whether the last motion ended with an error."""
@@ -310,5 +314,13 @@ def place(address: str) -> str:
 
 def open_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> StandaAxis:
     """Open the axis of one controller."""
-    controller = share(axis.address, lambda: StandaController(axis.address))
-    return StandaAxis(name, controller, keys, axis.speed, homes_up=axis.homes_up)
+    return StandaAxis(name, _controller(axis, share), keys, axis.speed, homes_up=axis.homes_up)
+
+
+def stop_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> None:
+    """Stop one axis, asked for nothing and told nothing before."""
+    _controller(axis, share).stop(name)
+
+
+def _controller(axis: AxisDescription, share: Share) -> StandaController:
+    return share(axis.address, lambda: StandaController(axis.address))

@@ -168,6 +168,25 @@ class AptLink:
             except CommunicationError:
                 return self._exchange(name, message, answer, size)
 
+    def state(self, name: str, channel: int) -> State:
+        """The state of a channel.
+
+        Raises:
+            CommunicationError: no answer, or that of another channel.
+        """
+        told, counts, _, _, bits = struct.unpack("<HlhHL", self.ask(name, encode(REQUEST_STATUS, channel), STATUS, 14))
+        if told != channel:
+            raise CommunicationError(f"{name}: got the state of channel {told}, not of {channel}; check `channel`")
+        return State(counts, bits)
+
+    def stop(self, name: str, channel: int) -> None:
+        """Decelerate to rest; written at once, then the controller is asked for its state to know that it listens.
+
+        Raises:
+            CommunicationError: it does not answer, so that it may not have taken the stop.
+        """
+        tell_surely(self.line, encode(STOP, channel, GENTLY), lambda: self.state(name, channel))
+
     def close(self) -> None:
         """Let go of the line."""
         self.line.close()
@@ -270,8 +289,8 @@ class ThorlabsAxis:
         return bool(self._state().bits & REFERENCE)
 
     def stop(self) -> None:
-        """Decelerate to rest; written at once, then the controller is asked for its state to know that it listens."""
-        tell_surely(self._link.line, encode(STOP, self._keys.channel, GENTLY), self._state)
+        """Decelerate to rest."""
+        self._link.stop(self._name, self._keys.channel)
 
     def faults(self) -> tuple[str, ...]:
         """The status bits that spoil a motion."""
@@ -316,11 +335,7 @@ class ThorlabsAxis:
         return channel, least, acceleration, most
 
     def _state(self) -> State:
-        data = self._link.ask(self._name, encode(REQUEST_STATUS, self._keys.channel), STATUS, 14)
-        channel, counts, _, _, bits = struct.unpack("<HlhHL", data)
-        if channel != self._keys.channel:
-            raise CommunicationError(f"{self._name}: got the state of channel {channel}, not of {self._keys.channel}; check `channel`")
-        return State(counts, bits)
+        return self._link.state(self._name, self._keys.channel)
 
     def _start(self, message: bytes, ended: int, arrived: Callable[[State], bool]) -> None:
         """Write what moves, once, and see that it moves, has ended or has arrived."""
@@ -349,5 +364,13 @@ def _phrases(bits: int, known: dict[int, str]) -> tuple[str, ...]:
 
 def open_axis(name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> ThorlabsAxis:
     """Open the axis of one controller, which has its line for itself."""
-    link = share(axis.address, lambda: AptLink(lambda: open_serial(axis.address, keys.baud, handshake=keys.handshake), keys.timeout))
-    return ThorlabsAxis(name, link, keys, axis.speed)
+    return ThorlabsAxis(name, _link(axis, keys, share), keys, axis.speed)
+
+
+def stop_axis(name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> None:
+    """Stop one axis, told nothing before."""
+    _link(axis, keys, share).stop(name, keys.channel)
+
+
+def _link(axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> AptLink:
+    return share(axis.address, lambda: AptLink(lambda: open_serial(axis.address, keys.baud, handshake=keys.handshake), keys.timeout))

@@ -169,6 +169,16 @@ class ZaberChain:
         with self._turn:
             return self._exchange(name, device, axis, text)
 
+    def stop(self, name: str, device: int, axis: int) -> None:
+        """Decelerate an axis to rest; written at once, then the device is asked once for its state to know that it listens.
+
+        Raises:
+            CommunicationError: it does not answer, so that it may not have taken the stop.
+            DeviceError: it has no such axis.
+        """
+        stop = encode(device, axis, STOP_ID, "stop")  # its reply is skipped by whoever reads
+        tell_surely(self.line, stop, lambda: _accepted(name, "", self.ask(name, device, axis, "", repeatable=False)))
+
     def close(self) -> None:
         """Let go of the line."""
         self.line.close()
@@ -279,9 +289,8 @@ class ZaberAxis:
         return not any(flag in NO_REFERENCE for flag in self._flags())
 
     def stop(self) -> None:
-        """Decelerate to rest; written at once, then the device is asked once for its state to know that it listens."""
-        stop = encode(self._keys.device, self._keys.axis, STOP_ID, "stop")  # its reply is skipped by whoever reads
-        tell_surely(self._chain.line, stop, lambda: self._command("", repeatable=False))
+        """Decelerate to rest."""
+        self._chain.stop(self._name, self._keys.device, self._keys.axis)
 
     def faults(self) -> tuple[str, ...]:
         """Flags that spoil a motion: every F, and WL, NI, NC (as the vendor's client judges its own moves)."""
@@ -322,12 +331,16 @@ class ZaberAxis:
         return flags
 
     def _command(self, text: str, *, repeatable: bool, axis: int | None = None) -> Reply:
-        reply = self._chain.ask(self._name, self._keys.device, self._keys.axis if axis is None else axis, text, repeatable=repeatable)
-        if not reply.accepted:
-            raise (LimitError if reply.data == "BADDATA" and text.startswith("move") else DeviceError)(
-                f"{self._name}: asked {text!r}, the device refuses ({reply.data}: {REASONS.get(reply.data, 'a reason not known here')})"
-            )
-        return reply
+        numbers = (self._keys.device, self._keys.axis if axis is None else axis)
+        return _accepted(self._name, text, self._chain.ask(self._name, *numbers, text, repeatable=repeatable))
+
+
+def _accepted(name: str, text: str, reply: Reply) -> Reply:
+    if not reply.accepted:
+        raise (LimitError if reply.data == "BADDATA" and text.startswith("move") else DeviceError)(
+            f"{name}: asked {text!r}, the device refuses ({reply.data}: {REASONS.get(reply.data, 'a reason not known here')})"
+        )
+    return reply
 
 
 def _phrase(flag: str) -> str:
@@ -336,5 +349,13 @@ def _phrase(flag: str) -> str:
 
 def open_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberAxis:
     """Open one axis; axes at one address share the chain."""
-    chain = share(axis.address, lambda: ZaberChain(lambda: open_serial(axis.address, keys.baud), keys.checksum, keys.timeout))
-    return ZaberAxis(name, chain, keys, axis.speed)
+    return ZaberAxis(name, _chain(axis, keys, share), keys, axis.speed)
+
+
+def stop_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> None:
+    """Stop one axis, asked for nothing and told nothing before."""
+    _chain(axis, keys, share).stop(name, keys.device, keys.axis)
+
+
+def _chain(axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberChain:
+    return share(axis.address, lambda: ZaberChain(lambda: open_serial(axis.address, keys.baud), keys.checksum, keys.timeout))

@@ -15,7 +15,8 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers.oriental import ModbusLine, OrientalAxis, OrientalKeys, from_words, make_client, to_words
+from drivers.modbus import ModbusLine, from_words, make_client, to_words
+from drivers.oriental import OrientalAxis, OrientalKeys
 from flflab.errors import CommunicationError, DeviceError, LimitError
 
 DEGREE = math.pi / 180
@@ -122,7 +123,7 @@ def line() -> Iterator[Open]:
 
     def open_line(address: str) -> ModbusLine:
         keys = OrientalKeys(device=1, steps_per_degree=STEPS, timeout=0.3)
-        lines.append(ModbusLine(lambda: make_client(address, keys), address, 0.1))
+        lines.append(ModbusLine(lambda: make_client(address, keys.baud, keys.parity, keys.timeout), address, 0.1))
         return lines[-1]
 
     yield open_line
