@@ -18,27 +18,35 @@ from typing import Any, cast
 
 from drivers.described import spelt
 from flflab.description import read_yaml
-from flflab.errors import CommunicationError, DeviceError
+from flflab.errors import DeviceError
 
 STOP_TIMEOUT_S = 10.0
 LOCKED_BYTE = 1 << 20  # far behind what is written: a locked byte cannot be read on Windows
 
 
-def lock_files(bench_file: Path) -> tuple[Path, ...]:
-    """Where the owner of a bench writes its port: files of a user and bench, beside the system's temporary files.
+def lock_files(bench_file: Path) -> dict[str, tuple[Path, ...]]:
+    """Where the owner of a bench writes its port, by axis: files of a user and a line, beside the system's temporary files.
 
-    A bench is known by where its axes are reached, whatever file says so: a run's copy of the bench file is the same bench. Nothing else
-    in the file needs to be right, so that a bench can be stopped while its file is being edited. One file is for the addresses spelt one
-    way, one, where that differs, for what is written: what a link leads to is not known while a cable is out.
+    A line is known by its address, whatever file says so: a run's copy of the bench file is the same bench, and one that names some of its
+    axes reaches the same stages. Nothing else in the file needs to be right, so that a bench can be stopped while its file is being edited.
+    One file is for the address spelt one way, one, where that differs, for what is written: what a link leads to is not known while a
+    cable is out.
     """
     axes = read_yaml(bench_file)[0].get("axes")
-    described = [cast(dict[str, Any], axis) for axis in (axes.values() if isinstance(axes, dict) else ()) if isinstance(axis, dict)]
-    reached = [(str(axis.get("driver")), str(axis.get("address", ""))) for axis in described if axis.get("driver") != "manual"]
-    reached = [(driver, address) for driver, address in reached if address not in ("", "simulated")]
-    benches = {spelt(*one) for one in reached}, {address for _, address in reached}
-    keys = ("|".join((str(Path.home()), *sorted(bench))) for bench in benches)
-    names = dict.fromkeys(hashlib.blake2b(key.encode(), digest_size=12).hexdigest() for key in keys)
-    return tuple(Path(tempfile.gettempdir()) / f"flflab-bench-{name}.lock" for name in names)
+    described = (
+        {str(name): cast(dict[str, Any], axis) for name, axis in axes.items() if isinstance(axis, dict)} if isinstance(axes, dict) else {}
+    )
+    reached = {name: (str(axis.get("driver")), str(axis.get("address", ""))) for name, axis in described.items()}
+    return {
+        name: tuple(dict.fromkeys(_lock_file(place) for place in (spelt(driver, address), address)))
+        for name, (driver, address) in reached.items()
+        if driver != "manual" and address not in ("", "simulated")
+    }
+
+
+def _lock_file(place: str) -> Path:
+    name = hashlib.blake2b(f"{Path.home()}|{place}".encode(), digest_size=12).hexdigest()
+    return Path(tempfile.gettempdir()) / f"flflab-bench-{name}.lock"
 
 
 class Owner:
@@ -57,7 +65,8 @@ class Owner:
         self._thread: threading.Thread | None = None
         self._name = bench_file.name
         with contextlib.ExitStack() as held:
-            files = [_held(file, bench_file, held) for file in lock_files(bench_file)]
+            lines = sorted({file for files in lock_files(bench_file).values() for file in files})
+            files = [_held(file, bench_file, held) for file in lines]
             try:
                 self._listener = held.enter_context(socket.create_server(("127.0.0.1", 0)))
                 text = json.dumps({"process": os.getpid(), "port": self._listener.getsockname()[1], "token": self._token})
@@ -102,20 +111,24 @@ class Owner:
             link.sendall(str(error).encode())
 
 
-def ask_owner_to_stop(bench_file: Path) -> bool:
-    """Have the owner of a bench stop every axis.
+def ask_owners_to_stop(bench_file: Path) -> dict[str, str | None]:
+    """Have those who own lines of a bench stop every axis of theirs.
 
     Returns:
-        False where nobody owns the bench.
-
-    Raises:
-        DeviceError: the owner could not stop every axis; in its own words.
-        CommunicationError: there is an owner, but it does not answer.
+        Of each axis that is not simulated or moved by hand: None where nobody owns its line, nothing where its owner says that all
+        stopped, else a sentence that says what is wrong.
     """
-    taken = next((file for file in lock_files(bench_file) if not _is_free(file)), None)
-    if taken is None:
-        return False
-    owner = _read(taken)
+    owners: dict[str, dict[str, Any]] = {}
+    for name, files in lock_files(bench_file).items():
+        taken = next((file for file in files if not _is_free(file)), None)
+        if taken is not None:
+            owners[name] = _read(taken)
+    answers = {str(owner): _ask_to_stop(owner, bench_file) for owner in {str(owner): owner for owner in owners.values()}.values()}
+    return {name: answers[str(owners[name])] if name in owners else None for name in lock_files(bench_file)}
+
+
+def _ask_to_stop(owner: dict[str, Any], bench_file: Path) -> str:
+    """Nothing where an owner stopped, else what is wrong."""
     try:
         with socket.create_connection(("127.0.0.1", int(owner["port"])), 1.0) as link:
             link.settimeout(STOP_TIMEOUT_S)
@@ -123,12 +136,10 @@ def ask_owner_to_stop(bench_file: Path) -> bool:
             answer = b"".join(iter(lambda: link.recv(4096), b"")).decode(errors="replace")
     except (OSError, KeyError, ValueError) as error:
         who = owner.get("process", "unknown")
-        raise CommunicationError(
+        return (
             f"{bench_file}: process {who} drives this bench and does not answer ({error}); end it, which stops its axes, or cut their power"
-        ) from error
-    if answer != "stopped\n":
-        raise DeviceError(answer or f"{bench_file}: its owner did not say that the axes stopped; cut their power")
-    return True
+        )
+    return "" if answer == "stopped\n" else answer or f"{bench_file}: its owner did not say that the axes stopped; cut their power"
 
 
 def _held(file: Path, bench_file: Path, held: contextlib.ExitStack) -> int:

@@ -100,15 +100,16 @@ def jog(
 @app.command(short_help="Stop every axis.")
 def stop(bench: BenchFile) -> None:
     """Stop every axis: the program that drives the bench is told to, or this one opens the ports itself."""
-    from drivers.connection import can_outlive
-    from drivers.owner import ask_owner_to_stop
+    from drivers.owner import ask_owners_to_stop
     from drivers.sentinel import stop_axes
 
-    if not ask_owner_to_stop(bench):
+    answers = ask_owners_to_stop(bench)
+    faults = [answer for answer in dict.fromkeys(answers.values()) if answer]
+    if free := [name for name, answer in answers.items() if answer is None]:
         described = read_bench(bench)
-        moving = {name: axis.address for name, axis in described.description.axes.items() if can_outlive(axis)}
-        if faults := stop_axes(described, moving):
-            raise DeviceError("\n".join(faults))
+        faults += stop_axes(described, {name: described.description.axes[name].address for name in free})
+    if faults:
+        raise DeviceError("\n".join(faults))
     typer.echo("every axis took the stop")
 
 

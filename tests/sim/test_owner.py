@@ -13,9 +13,9 @@ import pytest
 import yaml
 
 from drivers.bench import connect
-from drivers.owner import Owner, ask_owner_to_stop, lock_files
+from drivers.owner import Owner, ask_owners_to_stop, lock_files
 from flflab.bench import Bench
-from flflab.errors import CommunicationError, DeviceError, MotionError
+from flflab.errors import DeviceError, MotionError
 from sim.serve import Served, serve, write_bench
 
 WriteBench = Callable[..., Bench]
@@ -88,7 +88,7 @@ def test_another_program_is_refused_and_can_have_the_owner_stop(slow: tuple[Serv
     with another_program(file) as child:
         with pytest.raises(DeviceError, match=rf"\(process {child.pid}\).*wait for its end: .* would stop its axes and with"):
             connect(file)
-        assert ask_owner_to_stop(file)
+        assert set(ask_owners_to_stop(file).values()) == {""}
         deadline = time.monotonic() + 5
         while not at_rest(served):
             assert time.monotonic() < deadline
@@ -100,12 +100,12 @@ def test_a_stop_reaches_the_motions_of_a_script_through_its_own_connection(slow:
     with connect(file) as bench:
         bench.ring.home().wait(20)
         status = bench.ring.move_to(math.radians(160))
-        asker = threading.Thread(target=ask_owner_to_stop, args=(file,))
+        asker = threading.Thread(target=ask_owners_to_stop, args=(file,))
         asker.start()
         with pytest.raises(MotionError, match=r"stopped on the way at \d+\.\d+ deg"):
             status.wait(10)
         asker.join()
-    assert not ask_owner_to_stop(file), "a bench that was let go still has an owner"
+    assert set(ask_owners_to_stop(file).values()) == {None}, "a bench that was let go still has an owner"
 
 
 def test_a_copy_of_the_bench_file_is_the_same_bench_even_where_it_is_half_edited(slow: tuple[Served, Path], tmp_path: Path) -> None:
@@ -115,27 +115,28 @@ def test_a_copy_of_the_bench_file_is_the_same_bench_even_where_it_is_half_edited
     with connect(file):
         with pytest.raises(DeviceError, match="another program drives this bench"):
             Owner(copy)
-        assert ask_owner_to_stop(copy)
-    assert not ask_owner_to_stop(copy)
+        assert set(ask_owners_to_stop(copy).values()) == {""}
+    assert set(ask_owners_to_stop(copy).values()) == {None}
 
 
 def test_an_owner_that_does_not_answer_is_named(slow: tuple[Served, Path]) -> None:
     _, file = slow
     with connect(file):
-        lock_files(file)[0].write_text('{"process": 4711, "port": 9, "token": "none"}')
-        with pytest.raises(CommunicationError, match="process 4711 drives this bench and does not answer"):
-            ask_owner_to_stop(file)
+        for lock in lock_files(file)["ring"]:
+            lock.write_text('{"process": 4711, "port": 9, "token": "none"}')
+        answers = ask_owners_to_stop(file)
+        assert "process 4711 drives this bench and does not answer" in (answers["ring"] or "")
+        assert answers["array_stage"] == "", "of two owners the other was not asked"
 
 
 def test_only_who_may_read_the_lock_file_can_stop_a_bench(slow: tuple[Served, Path]) -> None:
     _, file = slow
     with connect(file):
-        text = lock_files(file)[0].read_text()
-        lock_files(file)[0].write_text(text.replace('"token": "', '"token": "x'))
-        with pytest.raises(DeviceError, match="did not say that the axes stopped"):
-            ask_owner_to_stop(file)
+        lock = lock_files(file)["array_stage"][0]
+        lock.write_text(lock.read_text().replace('"token": "', '"token": "x'))
+        assert "did not say that the axes stopped" in (ask_owners_to_stop(file)["array_stage"] or "")
         if sys.platform != "win32":
-            assert lock_files(file)[0].stat().st_mode & 0o077 == 0
+            assert lock.stat().st_mode & 0o077 == 0
 
 
 def test_a_bench_is_the_same_one_however_its_addresses_are_spelt(slow: tuple[Served, Path], tmp_path: Path) -> None:
@@ -146,8 +147,30 @@ def test_a_bench_is_the_same_one_however_its_addresses_are_spelt(slow: tuple[Ser
     with connect(file):
         with pytest.raises(DeviceError, match="another program drives this bench"):
             Owner(other)
-        assert ask_owner_to_stop(other)
+        assert set(ask_owners_to_stop(other).values()) == {""}
     Owner(other).close()
+
+
+def test_a_bench_that_shares_one_line_with_another_is_not_driven_beside_it_and_stops_all_of_both(
+    slow: tuple[Served, Path], tmp_path: Path
+) -> None:
+    _, file = slow
+    whole = yaml.safe_load(file.read_text(encoding="utf-8"))
+    part = tmp_path / "part.yaml"
+    part.write_text(yaml.safe_dump({"axes": {"stage": whole["axes"]["ring"]}}), encoding="utf-8")
+    with connect(file):
+        with pytest.raises(DeviceError, match="another program drives this bench"):
+            Owner(part)
+        assert ask_owners_to_stop(part) == {"stage": ""}
+    owner = Owner(part)
+    try:
+        with pytest.raises(DeviceError, match="another program drives this bench"):
+            connect(file)
+        owner.stops_with(lambda: None)
+        others = {name for name, axis in whole["axes"].items() if axis["address"] != whole["axes"]["ring"]["address"]}
+        assert {name for name, answer in ask_owners_to_stop(file).items() if answer is None} == others
+    finally:
+        owner.close()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there ports are no files")
