@@ -47,6 +47,7 @@ class ConnectedBench:
         self.gap_rule = gap_rule(described, {name: axis.travel for name, axis in self.axes.items()})
         self._addresses = addresses
         self._resources = resources
+        self._told_to_stop = False
         self._watching = threading.Lock()
         self._sentinel: Sentinel | None = None
         self._outliving = {name: addresses[name] for name, axis in described.description.axes.items() if can_outlive(axis)}
@@ -94,6 +95,15 @@ class ConnectedBench:
             thread.join(STOP_TIMEOUT_S)
         if faults:
             raise DeviceError("\n".join(faults.values()))
+
+    def stop_for_good(self) -> None:
+        """Stop every axis as ``stop`` does, for somebody else: no axis moves over this connection any more, also where all stood just then.
+
+        Raises:
+            DeviceError: at least one axis did not take the command; each is named.
+        """
+        self._told_to_stop = True
+        self.stop()
 
     def close(self) -> None:
         """Let go of everything, in the reverse order of opening; may be called again."""
@@ -160,6 +170,10 @@ class ConnectedBench:
         return [look(name, device_of(self.described, name), instrument, self._addresses[name]) for name, instrument in instruments.items()]
 
     def _guard(self, name: str, start: float | None, end: float | None) -> None:
+        if self._told_to_stop:
+            raise DeviceError(
+                f"{name}: asked to move, nothing moved: another program had this bench stopped; connect again when it may move"
+            )
         self._have_sentinel()
         rule = self.gap_rule
         if rule is not None and name in rule.movers and not retreats(rule, name, start, end):
@@ -204,5 +218,5 @@ def connect(bench_file: str | Path) -> ConnectedBench:
             raise DeviceError("\n".join(twice))
         bench = ConnectedBench(described, axes, camera, iris, target, connection.addresses, resources.pop_all())
     if owner is not None:
-        owner.stops_with(bench.stop)
+        owner.stops_with(bench.stop_for_good)
     return bench

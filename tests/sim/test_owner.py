@@ -108,6 +108,18 @@ def test_a_stop_reaches_the_motions_of_a_script_through_its_own_connection(slow:
     assert set(ask_owners_to_stop(file).values()) == {None}, "a bench that was let go still has an owner"
 
 
+def test_a_stop_that_comes_while_every_axis_stands_keeps_the_owner_from_moving_any(slow: tuple[Served, Path]) -> None:
+    _, file = slow
+    with connect(file) as bench:
+        bench.ring.home().wait(20)
+        assert ask_owner_to_stop(file)
+        with pytest.raises(DeviceError, match="ring: asked to move, nothing moved: another program had this bench stopped; connect again"):
+            bench.ring.move_to(math.radians(160))
+        assert bench.ring.position() == pytest.approx(0, abs=1e-4)
+    with connect(file) as bench:
+        bench.ring.move_to(math.radians(2)).wait(20)
+
+
 def test_a_copy_of_the_bench_file_is_the_same_bench_even_where_it_is_half_edited(slow: tuple[Served, Path], tmp_path: Path) -> None:
     _, file = slow
     copy = tmp_path / "copy.yaml"
