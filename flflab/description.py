@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from flflab.errors import InputError
 from flflab.units import Dimension, parse_quantity
@@ -25,6 +25,17 @@ def quantity(dimension: Dimension) -> BeforeValidator:
             raise ValueError(str(error)) from error
 
     return BeforeValidator(read)
+
+
+def written_as(pattern: str, words: str) -> AfterValidator:
+    """A pydantic validator of a text; what a pattern allows is told in words."""
+
+    def look(given: str) -> str:
+        if re.fullmatch(pattern, given) is None:
+            raise ValueError(f"{words}, not {given!r}")
+        return given
+
+    return AfterValidator(look)
 
 
 Length = Annotated[float, quantity("length")]
@@ -141,6 +152,8 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
             elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
                 allowed = ", ".join(_fields_at(kind, fault["loc"]))
                 message = f"fields are due here{f' ({allowed})' if allowed else ''}, not {fault['input']!r}"
+            elif fault["type"] == "too_short" and not fault["input"]:
+                message = "the list is empty; give at least one entry"
             elif fault["type"] != "value_error":
                 message = f"{message[0].lower()}{message[1:]}, not {fault['input']!r}"
             faults.append(f"{file}:{line_of(path, lines)}: {field}: {message}")

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BeforeValidator, Field, model_validator
 
 from flflab.comparison import PROPERTY_NAMES
-from flflab.description import Angle, Description, Length, Lines, Ratio, check, read_yaml
+from flflab.description import Angle, Description, Length, Lines, Ratio, check, read_yaml, written_as
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.optics.focus import vergence_of
@@ -70,7 +70,7 @@ class ExposureDescription(Description):
 class StudyDescription(Description):
     """A study file."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
+    name: Annotated[str, written_as(r"[A-Za-z0-9][A-Za-z0-9_-]*", "a name of letters, digits, - and _ is due, for it names folders")]
     configurations: Annotated[list[ConfigurationsDescription], Field(min_length=1)]
     reference: Annotated[int, Field(ge=0)] = 0
     dots: dict[str, Any] = {"kind": "four-dot"}

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from flflab.description import Description, check, read_yaml
+from flflab.description import Description, check, read_yaml, written_as
 from flflab.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -101,7 +101,7 @@ class Observations:
 
 class _Target(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
-    checkerboard_corners: Annotated[str, Field(pattern=r"^\s*[1-9]\d*\s*x\s*[1-9]\d*\s*$")]
+    checkerboard_corners: Annotated[str, written_as(r"\s*[1-9]\d*\s*x\s*[1-9]\d*\s*", "two numbers are due, such as '8 x 5'")]
     spacing_mm: Annotated[float, Field(gt=0)]
 
 

@@ -113,7 +113,7 @@ def test_a_matrix_that_does_not_rotate_is_refused(copy: Path, factor: float) -> 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('"5 x 4"', '"5 by 4"', r"camera\.json:3: target\.checkerboard_corners: .*'5 by 4'"),
+        ('"5 x 4"', '"5 by 4"', r"camera\.json:3: target\.checkerboard_corners: two numbers are due, such as '8 x 5', not '5 by 4'"),
         ("4.0", "-4.0", r"camera\.json:4: target\.spacing_mm: .*greater than 0, not -4\.0"),
         ('"spacing_mm"', '"spacing"', r"target\.spacing_mm: this field is missing"),
     ],
