@@ -22,6 +22,7 @@ def _as_list(given: object) -> object:
 
 
 Kind = TypeVar("Kind", FourDot, Bars)
+MOST_CONFIGURATIONS = 100_000
 Places = Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)]
 Lengths = Annotated[list[Annotated[Length, Field(gt=0)]], BeforeValidator(_as_list), Field(min_length=1)]
 Angles = Annotated[list[Angle], BeforeValidator(_as_list), Field(min_length=1)]
@@ -173,6 +174,14 @@ def focused_sensor(optics: Camera, array: float, distance: float) -> float:
     return array + gap
 
 
+def count(description: StudyDescription) -> int:
+    """How many configurations the grids of a study have, without making them."""
+    listed = (
+        (g.f_number, g.distance, g.main_lens, g.array, g.sensor or g.focused_at, g.pitch, g.yaw, g.roll) for g in description.configurations
+    )
+    return sum(math.prod(len(values) for values in grid if values) for grid in listed)
+
+
 def expand(description: StudyDescription, optics: Camera) -> tuple[Configuration, ...]:
     """All configurations of a study in the order of the file, numbered from 0; of a grid the last thing listed changes fastest."""
     found: list[Configuration] = []
@@ -200,6 +209,11 @@ def read_study(file: Path, optics: Camera) -> Study:
     """
     data, lines = read_yaml(Path(file))
     description = check(data, StudyDescription, str(file), lines)
+    if (many := count(description)) > MOST_CONFIGURATIONS:
+        raise InputError(
+            f"{file}:{lines.get(('configurations',), 1)}: configurations: every value with every other makes {many} configurations; "
+            f"at most {MOST_CONFIGURATIONS} are allowed, list fewer values or give the settings one by one"
+        )
     try:
         configurations = expand(description, optics)
         for configuration in configurations:

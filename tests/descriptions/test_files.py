@@ -214,6 +214,18 @@ def test_a_wrong_study_field_is_refused(old: str, new: str, says: str, tmp_path:
     del line
 
 
+def test_a_study_of_more_configurations_than_anybody_takes_is_refused_before_they_are_made(tmp_path: Path) -> None:
+    many = [2 + k / 100 for k in range(101)]
+    file, _ = changed(
+        STUDY,
+        tmp_path,
+        "f_number: [2.8, 4, 5.6], distance: 507 mm",
+        f"f_number: {many}, distance: {[f'{500 + k} mm' for k in many]}, yaw: 0 deg, pitch: {[f'{k / 100} deg' for k in range(10)]}",
+    )
+    with pytest.raises(InputError, match=r"first\.yaml:3: configurations: .* makes 102014 configurations; at most 100000 are allowed"):
+        read_study(file, read_camera(CAMERA))
+
+
 def test_a_grid_is_every_f_number_with_every_distance() -> None:
     study = read_study(STUDY, read_camera(CAMERA))
     assert [(c.f_number, c.distance) for c in study.configurations] == [
