@@ -15,10 +15,10 @@ from flflab.bench import ANGLE, LENGTH, Bench
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.new import Kind, built_in
+from flflab.cli.quantities import option_quantity
 from flflab.cli.run import seeded, with_descriptions
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
-from flflab.units import parse_quantity
 from flflab.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def align(
         raise InputError("align: --exit-pupil and --overlap are two places of the one sensor; give one of them")
     with seeded(bench or built_in(Kind.BENCH), seed) as file:
         described = described_bench(file)
-        wanted = None if overlap is None else parse_quantity(overlap, "length")
+        wanted = None if overlap is None else option_quantity("--overlap", overlap, "length")
         request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
         require_reachable(request, described)
         failure: FlflabError | None = None

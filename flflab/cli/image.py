@@ -12,6 +12,7 @@ from rich.table import Table
 from flflab.camera_file import read_camera
 from flflab.cli.at_work import told_at_work
 from flflab.cli.ending import print_json
+from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
 from flflab.image.ground_truth import ground_truth
@@ -22,7 +23,6 @@ from flflab.image.scene import Plane
 from flflab.image.scene_file import PicturedScene, read_scene, short_scene, wavelength_from
 from flflab.image.sensor_response import SensorResponse
 from flflab.image_file import require_picture_file, write_picture
-from flflab.units import parse_quantity
 from flflab.whole_file import require_writable, write_whole
 
 WIDTH = 100  # characters, where the terminal is no narrower
@@ -62,7 +62,7 @@ def image(
     truth_file = out.with_suffix(".json")
     _require_ours(truth_file)
     pictured = read_scene(scene, camera) if scene is not None else _short(camera or Path(), target, distance or "", wavelength)
-    budget = None if time_budget is None else parse_quantity(time_budget, "time")
+    budget = None if time_budget is None else option_quantity("--time-budget", time_budget, "time")
     with told_at_work():
         report = take_picture(
             pictured.scene,
@@ -100,7 +100,7 @@ def image(
 
 def _short(camera: Path, target: str, distance: str, wavelength: str | None) -> PicturedScene:
     """One target on the axis, the short way."""
-    away = parse_quantity(distance, "length")
+    away = option_quantity("--distance", distance, "length")
     if not away > 0:
         raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm, or infinity")
     bent = None if wavelength is None else _bent(wavelength)

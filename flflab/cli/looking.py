@@ -12,6 +12,7 @@ import typer
 from flflab.analysis.focus import focus_figure, parabola_top
 from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, say_places
 from flflab.cli.ending import INTERRUPTED
+from flflab.cli.quantities import option_quantity
 from flflab.errors import DeviceError, InputError
 from flflab.image_file import write_picture
 from flflab.raw_file import RawPicture, write_raw
@@ -36,7 +37,7 @@ def snap(
     live: Annotated[bool, typer.Option("--live", help="go on until Ctrl-C; -o then always holds the newest picture")] = False,
 ) -> None:
     """Take one picture of whatever stands before the camera, or one after the other with a figure of focus."""
-    seconds = parse_quantity(exposure, "time")
+    seconds = option_quantity("--exposure", exposure, "time")
     if output is not None and output.suffix.lower() not in ENDINGS:
         raise InputError(f"{output}: a picture is written as .png, .tiff or .dng; give such a name")
     if output is None and not live:
@@ -65,7 +66,7 @@ def scan(
     go: Annotated[bool, typer.Option("--go", help="at the end go to the best reading, from the side of the first")] = False,
 ) -> None:
     """Move an axis through a range, take a picture at each reading, and show where it is sharpest."""
-    seconds = parse_quantity(exposure, "time")
+    seconds = option_quantity("--exposure", exposure, "time")
     with connected_bench(bench) as connected:
         moved, camera = axis_named(connected, axis), connected.camera
         show, dimension = moved.coordinate.show, moved.coordinate.dimension

@@ -12,11 +12,11 @@ from rich.table import Table
 from flflab.analysis.measure import measure as measure_picture
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
+from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
 from flflab.image_file import read_picture
 from flflab.raw_file import RAW, read_raw
-from flflab.units import parse_quantity
 
 
 def measure(
@@ -28,7 +28,7 @@ def measure(
     json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output (pixels, mm)")] = False,
 ) -> None:
     """Measure one picture; positions are (x, y) in pixels, (0, 0) is the centre of the top-left one."""
-    away = None if distance is None else parse_quantity(distance, "length")
+    away = None if distance is None else option_quantity("--distance", distance, "length")
     if away is not None and not away > 0:
         raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm")
     raw = frame.suffix.lower() in RAW and number in (None, 0)

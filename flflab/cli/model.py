@@ -8,13 +8,13 @@ import typer
 from flflab.camera_file import CameraDescription
 from flflab.cli.ending import print_json
 from flflab.cli.model_json import as_json
+from flflab.cli.quantities import option_quantity
 from flflab.description import load
 from flflab.errors import InputError
 from flflab.optics.area import measurement_area
 from flflab.optics.solution import solve_camera, solve_distance
 from flflab.optics.useful import sensor_fields
 from flflab.optics.volume import measurement_volume
-from flflab.units import parse_quantity
 from flflab.whole_file import make_folder
 
 
@@ -51,7 +51,7 @@ def model(
 
 
 def _distance(given: str) -> float:
-    value = parse_quantity(given, "length")
+    value = option_quantity("--distance", given, "length")
     if not value > 0:
         raise InputError(f"--distance {given}: a distance in front of the main lens is above 0 mm, or infinity")
     return value

@@ -182,7 +182,12 @@ def test_a_distance_behind_the_lens_is_refused_in_the_same_words_in_a_scene_and_
     ("arguments", "says"),
     [
         (("model", "nowhere.yaml"), "cannot be read"),
-        (("model", OSINSKI, "--distance", "500"), "has no unit"),
+        (("model", OSINSKI, "--distance", "500"), "--distance '500' has no unit"),
+        (("image", OSINSKI, "--distance", "500", "-o", "x.npy"), "--distance '500' has no unit"),
+        (("image", OSINSKI, "--distance", "500 mm", "--time-budget", "5", "-o", "x.npy"), "--time-budget '5' has no unit"),
+        (("measure", "x.png", "--camera", OSINSKI, "--distance", "500"), "--distance '500' has no unit"),
+        (("align", "--overlap", "50"), "--overlap '50' has no unit"),
+        (("bench", "snap", "--live", "--bench", "x.yaml", "--exposure", "5"), "--exposure '5' has no unit"),
         (("model", OSINSKI, "--distance", "-5 mm"), "above 0 mm"),
         (("image", OSINSKI, "--target", "stripes", "--distance", "500 mm", "-o", "x.npy"), "stripes"),
         (("image", OSINSKI, "--distance", "500 mm", "--tolerance", "2", "-o", "x.npy"), "tolerance: 2 of white"),
