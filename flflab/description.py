@@ -145,13 +145,19 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
             if (about := (*path, *message.partition(" ")[0].split("."))) in lines:
                 path = about  # a rule between fields begins with the one to change
             field = ".".join(str(part) for part in path) or "(file)"
-            if fault["type"] == "missing":
+            if fault["type"] == "missing" and isinstance(fault["loc"][-1], int):
+                message = f"fewer values than are due here: {fault['input']!r}"
+            elif fault["type"] == "missing":
                 message = "this field is missing"
             elif fault["type"] == "extra_forbidden":
                 message = f"there is no such field; allowed here: {', '.join(_fields_at(kind, fault['loc'][:-1]))}"
             elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
                 allowed = ", ".join(_fields_at(kind, fault["loc"]))
                 message = f"fields are due here{f' ({allowed})' if allowed else ''}, not {fault['input']!r}"
+            elif fault["type"] in ("tuple_type", "list_type"):
+                message = f"values in brackets are due here, [..., ...], not {fault['input']!r}"
+            elif fault["type"] == "too_long":
+                message = f"more values than are allowed here: {fault['input']!r}"
             elif fault["type"] == "too_short" and not fault["input"]:
                 message = "the list is empty; give at least one entry"
             elif fault["type"] != "value_error":

@@ -43,7 +43,9 @@ CAMERA_FAULTS = [
     ("count: [25, 25]", "count: [25, on]", "microlens_array.count.1", "are no number"),
     ("layout: square", "layout: round", "microlens_array.layout", "'square' or 'hexagonal'"),
     ("minimum_illumination: 0.5", "minimum_illumination: 1.5", "useful.minimum_illumination", "less than or equal to 1"),
-    ("count: [25, 25]", "count: [25]", "microlens_array.count", "missing"),
+    ("count: [25, 25]", "count: [25]", "microlens_array.count", "fewer values than are due here: [25]"),
+    ("count: [25, 25]", "count: [25, 25, 1]", "microlens_array.count", "more values than are allowed here: [25, 25, 1]"),
+    ("count: [25, 25]", "count: 25", "microlens_array.count", "values in brackets are due here, [..., ...], not 25"),
     ("count: [25, 25]", "count: [1000000, 25]", "microlens_array.count", "less than or equal to 1000, not 1000000"),
     ("pixel: 1.66 um", "pixel: nan um", "sensor.pixel", "not a quantity"),
 ]
