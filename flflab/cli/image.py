@@ -26,6 +26,7 @@ from flflab.image_file import require_picture_file, write_picture
 from flflab.whole_file import require_writable, write_whole
 
 WIDTH = 100  # characters, where the terminal is no narrower
+DOTS = "four-dot"
 OURS = {"camera", "lattice", "planes", "reasons", "error_estimate"}  # keys by which a ground truth is known
 
 
@@ -40,7 +41,9 @@ def image(
     camera: Annotated[Path | None, typer.Argument(help="camera file (YAML); not needed where the scene names one")] = None,
     scene: Annotated[Path | None, typer.Option(help="scene file (YAML), instead of --target and --distance")] = None,
     distance: Annotated[str | None, typer.Option(help="main lens to target, with its unit, or infinity")] = None,
-    target: Annotated[str, typer.Option(help="kind of target, or a YAML target file, or a picture file")] = "four-dot",
+    target: Annotated[
+        str | None, typer.Option(help="kind of target, or a YAML target file, or a picture file; without it four-dot")
+    ] = None,
     wavelength: Annotated[str | None, typer.Option(help="of the light, with its unit; without it light is rays, and nothing bends")] = None,
     effects: Annotated[str, typer.Option(help="auto, fast, reference, or a list of effects joined by commas")] = "auto",
     tolerance: Annotated[
@@ -54,6 +57,8 @@ def image(
     """Form the picture of a scene and write it; columns rise with the world's x, rows with its y."""
     if (scene is None) == (distance is None) or (camera is None and scene is None):
         context.fail("give a camera and --distance, or --scene with a scene that names its camera or a camera beside it")
+    if scene is not None and target is not None:
+        context.fail("--target belongs to --distance; a scene file has its targets in `planes`")
     if scene is not None and wavelength is not None:
         context.fail("--wavelength belongs to --target and --distance; a scene file has a field of that name")
     if time_budget is not None and tolerance is not None:
@@ -98,13 +103,13 @@ def image(
     console.print(f"{out}: {said}", highlight=False, soft_wrap=True)
 
 
-def _short(camera: Path, target: str, distance: str, wavelength: str | None) -> PicturedScene:
+def _short(camera: Path, target: str | None, distance: str, wavelength: str | None) -> PicturedScene:
     """One target on the axis, the short way."""
     away = option_quantity("--distance", distance, "length")
     if not away > 0:
         raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm, or infinity")
     bent = None if wavelength is None else _bent(wavelength)
-    return PicturedScene(short_scene(read_camera(camera), Plane(read_target(target), away), bent), SensorResponse(), None)
+    return PicturedScene(short_scene(read_camera(camera), Plane(read_target(target or DOTS), away), bent), SensorResponse(), None)
 
 
 def _bent(wavelength: str) -> float:

@@ -230,6 +230,7 @@ def test_help_has_a_short_name(flflab: Run, words: tuple[str, ...]) -> None:
         ("model", OSINSKI, "--nonsense"),
         ("image", OSINSKI),
         ("image", OSINSKI, "--distance", "500 mm", "--seed", "-4", "-o", "x.npy"),
+        ("image", "--scene", OSINSKI.parents[1] / "scenes/dark.yaml", "--target", "bars", "-o", "x.npy"),
         ("image", OSINSKI, "--distance", "500 mm", "--tolerance", "0.002", "--time-budget", "9 s", "-o", "x.npy"),
     ],
 )
