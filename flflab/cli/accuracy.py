@@ -141,9 +141,10 @@ def _described(camera: Path | None, what: What) -> tuple[Camera, str]:
 
 
 def _shown(table: PlainTable) -> Table:
-    shown = Table(box=box.SIMPLE, title=table.caption)
+    shown = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), title=table.caption)
     for number, heading in enumerate(table.headings):
-        shown.add_column(heading, justify="left" if number < 2 else "right", no_wrap=number < 2)
+        longest = max(len(word) for row in table.rows for word in row[number].split() or [""])  # no word of a cell is cut
+        shown.add_column(heading, justify="left" if number < 2 else "right", no_wrap=number < 2, min_width=longest)
     for row in table.rows:
         shown.add_row(*row)
     return shown

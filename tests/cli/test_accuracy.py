@@ -39,6 +39,7 @@ def test_accuracy_leaves_a_page_and_a_table_and_says_where(
     page, table = (tmp_path / "new" / "folder" / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
     assert f"Page: {page}" in ended.out
     assert f"Table: {table}" in ended.out
+    assert "…" not in ended.out, "a cell of the table is cut"
     assert says in " ".join((ended.out + page.read_text(encoding="utf-8")).split())
     text = page.read_text(encoding="utf-8")
     assert text.count('<img src="data:image/svg+xml;base64,') == pictures == text.count("<figcaption>")
