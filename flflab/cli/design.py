@@ -14,7 +14,7 @@ from flflab.design.answer import Option, answer, row
 from flflab.design.camera_text import camera_text
 from flflab.design.chunk_log import Found
 from flflab.design.cluster import search_on_cluster
-from flflab.design.page import asked, summary, write_page
+from flflab.design.page import asked, label, summary, write_page
 from flflab.design.requirements import Requirements, read_requirements
 from flflab.design.search import Hindrance, hindrance, search
 from flflab.errors import InputError
@@ -96,7 +96,7 @@ def _table(wanted: Requirements, named: tuple[Option, ...]) -> Table:
     several = {part for part in ("main_lens", "array", "sensor") if len({cells[part] for cells in rows}) > 1}
     for head in rows[0]:
         if head not in ({"name", "main_lens", "array", "sensor"} - several):
-            table.add_row(head.replace("_", " "), *(_cell(cells[head]) for cells in rows))
+            table.add_row(label(head), *(_cell(cells[head]) for cells in rows))
     return table
 
 

@@ -1,6 +1,7 @@
 """The page of a design search: aims, options, the front to click through, sensitivities; one file without anything from outside."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,13 @@ from flflab.design.answer import Option, row
 from flflab.design.chunk_log import Found
 from flflab.design.judgement import demands
 from flflab.design.requirements import Requirements
-from flflab.design.tolerances import DIMENSIONS, Sensitivity
+from flflab.design.tolerances import DIMENSIONS, RELATIVE, Sensitivity
 from flflab.whole_file import write_whole
 
 PARTS = ("main_lens", "array", "sensor")
 AIMS = ("area_mm2", "elr_px", "contrast", "marginal_angle_deg")
+NO_BREAK = "\N{NO-BREAK SPACE}"
+UNITS = {"mm": "mm", "mm2": "mm²", "um": "um", "px": "px", "deg": "deg"}
 
 
 def write_page(file: Path, title: str, wanted: Requirements, found: Found, named: tuple[Option, ...], front: tuple[Option, ...]) -> None:
@@ -33,7 +36,9 @@ def write_page(file: Path, title: str, wanted: Requirements, found: Found, named
         heads=heads,
         named=[([_cell(row(wanted, option)[head]) for head in heads], *_built(option)) for option in named],
         sensitivities=[(option.name, [_sensitivity(one, wanted) for one in option.sensitivities]) for option in named],
-        dimensions=[name.replace("_", " ") for name in DIMENSIONS if getattr(wanted.tolerances, name) > 0],
+        dimensions=[_off(name, wanted) for name in DIMENSIONS if getattr(wanted.tolerances, name) > 0],
+        labels=[label(head) for head in heads],
+        labels_json=_script([label(head) for head in heads]),
         heads_json=_script(heads),
         rows_json=_script([[cells[head] for head in heads] for cells in rows]),
         aims_json=_script([head for head in heads if head in AIMS]),
@@ -55,10 +60,29 @@ def asked(wanted: Requirements) -> list[str]:
     """The requirements as sentences."""
     near, far = wanted.measure.depth
     lines = [f"depth {near:g} mm to {far:g} mm from the main lens; in all of it:"]
-    lines += [f"{one.name} {'at least' if one.least else 'at most'} {one.show(one.limit)}" for one in demands(wanted)]
+    lines += [
+        f"{one.name if one.name != one.unit else ''} {'at least' if one.least else 'at most'} {one.show(one.limit)}".strip()
+        for one in demands(wanted)
+    ]
     if wanted.require.contrast is not None:
         lines[-1 - (wanted.require.marginal_angle is not None)] += f" at {wanted.require.contrast.at:g} cycles/mm"
     return [*lines, f"as much as possible of {', '.join(wanted.maximise)}"]
+
+
+def label(head: str) -> str:
+    """A column's name as people read it, with its unit after a comma."""
+    name, _, unit = head.rpartition("_")
+    return f"{name.replace('_', ' ')}, {UNITS[unit]}" if unit in UNITS else head.replace("_", " ")
+
+
+def _off(name: str, wanted: Requirements) -> str:
+    """A dimension and its tolerance, which stays on one line."""
+    value: float = getattr(wanted.tolerances, name)
+    if name in RELATIVE:
+        size = f"{100 * value:.4g} %"
+    else:
+        size = f"{math.degrees(value):.4g} deg" if name == "tilt" else f"{1e3 * value:.4g} um"
+    return f"{name.replace('_', ' ')} {f'± {size}'.replace(' ', NO_BREAK)}"
 
 
 def _built(option: Option) -> tuple[str, str]:

@@ -42,6 +42,10 @@ def test_it_leaves_a_page_a_table_and_camera_files(asked: Callable[..., Path], t
     assert balanced.sensor.distance == pytest.approx(said["named"][-1]["sensor_mm"], abs=1e-6)
     page = (out / "design.html").read_text(encoding="utf-8")
     assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
+    assert "<th>elr, px</th>" in page
+    assert "<th>marginal angle, deg</th>" in page
+    assert "<li>at least 2 views</li>" in page
+    assert "<th>gap ± 10 um</th><th>tilt ± 0.1 deg</th>" in page.replace("\N{NO-BREAK SPACE}", " ")
     design(asked(maximise=["elr", "light"]), out, json=True)  # the log says that all is done already
     assert json.loads(capsys.readouterr().out) == said
 
