@@ -23,6 +23,7 @@ from flflab.errors import RecordError
 from flflab.record.checksums import SUMS, write_sums
 from flflab.record.folder import DATASET, DOCUMENTS, FRAMES
 from flflab.record.reading import opened_frames, read_run
+from flflab.waiting import wait_for
 
 BEYOND = 2**31 - 2
 SPARE_BYTES = 50_000_000  # documents, log, report
@@ -126,7 +127,7 @@ class Recording:
         if self._writer.is_alive():
             done = threading.Event()
             self._todo.put(done.set)
-            done.wait()
+            wait_for(done)
 
     def _raise_fault(self) -> None:
         if self._fault is not None:
