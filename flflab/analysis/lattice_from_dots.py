@@ -28,7 +28,7 @@ def lattice_from_dots(
 
     Args:
         picture: DN, [row, col].
-        nominal: the camera's lattice, right to a few pixels; its light need not be.
+        nominal: the camera's lattice, right to a few pixels, its light to a factor of five: spots are at most ten times as bright.
         camera: nominal.
         target: what stood there.
         distance: main lens to target, mm, nominal.

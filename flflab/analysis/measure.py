@@ -18,7 +18,7 @@ from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lat
 from flflab.analysis.micro_images import every_micro_image
 from flflab.analysis.mosaic import Mosaic, from_raw
 from flflab.analysis.noise import SensorNoise, estimate_noise
-from flflab.analysis.presence import require_dots, require_light, unlike_whole
+from flflab.analysis.presence import brightest_light, require_dots, require_light, unlike_whole
 from flflab.analysis.profile import cone_of
 from flflab.analysis.registration import microlens_type_of, require_picture, require_shape, sensor_pixel
 from flflab.errors import InputError, MeasurementError
@@ -100,7 +100,7 @@ def measure(
             )
         each = micro_images_json(every_micro_image(values, lattice, evened), nominal_radii(lattice, camera))
         return {"lattice": lattice_json(lattice) | {"micro_images": each}, **result, "remarks": remarks}
-    lattice = nominal_lattice(camera, max(float(np.quantile(values, 0.999)) - evened.offset_dn, 1.0))
+    lattice = nominal_lattice(camera, brightest_light(values, evened))
     remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
     away = _sharp_distance(camera) if distance is None else distance
     if isinstance(target, FourDot):

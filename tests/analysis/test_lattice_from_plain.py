@@ -8,7 +8,7 @@ import pytest
 
 from flflab.analysis.lattice_from_bars import lattice_from_bars
 from flflab.analysis.lattice_from_dots import lattice_from_dots
-from flflab.analysis.measure import nominal_lattice
+from flflab.analysis.measure import measure, nominal_lattice
 from flflab.analysis.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
@@ -63,6 +63,28 @@ def test_what_is_white_in_them_shows_the_lattice_where_no_white_picture_was_take
     assert abs(found.inside_radius_px - nominal.inside_radius_px) < 4 * found.inside_uncertainty_px
     assert abs(found.outside_radius_px - nominal.outside_radius_px) < 4 * found.outside_uncertainty_px
     assert found.chi2_per_pixel == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.fixture(scope="module")
+def four_dots_in_a_whole_frame(brute: Any) -> Any:
+    """They cover a few ten thousandths of it."""
+    scene = replace(one_plane(brute.camera(4.0, (3664, 2748)), DOTS, FOCUS), falloff=Falloff())
+    return np.maximum(render(scene, tolerance=5e-4), 0.0)
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.ci) for seed in range(2, 7))])
+def test_four_dots_stand_where_they_are_without_a_white_picture_though_they_cover_next_to_nothing(
+    brute: Any, four_dots_in_a_whole_frame: Any, seed: int
+) -> None:
+    whole, noise = brute.camera(4.0, (3664, 2748)), replace(NOISE, offset_dn=0.0)
+    picture = brute.expose(four_dots_in_a_whole_frame, noise, 2600, np.random.default_rng(seed))
+    said = measure(picture, whole, DOTS, FOCUS)
+    lattice = said["lattice"]
+    assert abs(lattice["pitch_px"] - nominal_lattice(whole, 1.0).pitch_px) < 3 * lattice["uncertainty"]["pitch_px"]
+    for dot, (x, y) in zip(said["dots"], DOTS.centres, strict=True):
+        off = np.array(dot["position_mm"]) - [x, y, -FOCUS]
+        assert np.all(np.abs(off) < 3 * np.array(dot["uncertainty_mm"]))
+        assert dot["uncertainty_mm"][2] < 0.5
 
 
 @pytest.mark.ci
