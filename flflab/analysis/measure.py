@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from flflab.analysis.as_read import as_read
 from flflab.analysis.contrast import fit_contrasts
-from flflab.analysis.cut_darkness import mend_darkness, remark_on
 from flflab.analysis.dot_scale import scale_of_dots, unlike_the_description
 from flflab.analysis.dots import count_views
 from flflab.analysis.edges import EdgeCurve, measure_edges
@@ -16,11 +16,10 @@ from flflab.analysis.lattice_from_bars import lattice_from_bars
 from flflab.analysis.lattice_from_dots import lattice_from_dots
 from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json, micro_images_json
 from flflab.analysis.micro_images import every_micro_image
-from flflab.analysis.mosaic import Mosaic, from_raw
-from flflab.analysis.noise import SensorNoise, estimate_noise
+from flflab.analysis.noise import SensorNoise
 from flflab.analysis.presence import brightest_light, require_dots, require_light, unlike_whole
 from flflab.analysis.profile import cone_of
-from flflab.analysis.registration import microlens_type_of, require_picture, require_shape, sensor_pixel
+from flflab.analysis.registration import microlens_type_of, sensor_pixel
 from flflab.errors import InputError, MeasurementError
 from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.focus import sharp_vergence
@@ -34,8 +33,6 @@ Array = npt.NDArray[np.float64]
 RADIUS_TOLERANCE = 0.05  # a measured radius that differs more from the camera's is remarked on
 PITCH_TOLERANCE = 0.01  # the same of the pitch
 NOMINAL_UNCERTAINTY_PX = 1.0
-SCALED_WHITE_DN = 4000.0
-NEXT_TO_NONE = 5e-4  # of the brightest light: no sensor has less noise in a single picture
 
 
 def measure(
@@ -44,12 +41,13 @@ def measure(
     target: Target | None = None,
     distance: float | None = None,
     noise: SensorNoise | None = None,
+    white: npt.NDArray[np.generic] | RawPicture | None = None,
 ) -> dict[str, Any]:
     """Measure one frame.
 
-    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera. In a frame of dots or of bars
-    the lattice is measured where they are white, from the camera's nominal one; sines and edges are measured on that itself. A remark
-    says so.
+    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera. Another frame is measured on the
+    lattice of the white one beside it. Without one the lattice is measured where dots or bars are white, from the camera's nominal one;
+    sines and edges are measured on that itself. A remark says so.
 
     Args:
         picture: [row, col]; DN, or any other unit where ``noise`` is None. A raw one is measured above its black level, the filters of its
@@ -58,6 +56,7 @@ def measure(
         target: what stood there; None means white.
         distance: main lens to target, mm; None means where the camera is sharp.
         noise: of the sensor; None estimates it from the picture.
+        white: a picture of a white target, taken as this one was; None: there is none.
 
     Returns:
         ``lattice``, ``dots``, ``mtf`` as in the contract of ``measure --json`` (pixels, (x, y); mm; None where there is no value),
@@ -71,44 +70,28 @@ def measure(
     if not isinstance(target, White | FourDot | Bars | Edge):
         kinds = ", ".join(kind.kind for kind in (White, FourDot, Bars, Chirp, Edge))
         raise InputError(f"measure: a {target.kind} target cannot be measured; allowed are {kinds}")
-    remarks = list[str]()
-    if isinstance(picture, RawPicture):
-        require_shape(picture.values, camera, target.kind)
-        mosaic = from_raw(picture, noise)
-        if mosaic.gains is not None:
-            share = ", ".join(f"{gain:.4f}" for gain in mosaic.gains.ravel())
-            remarks.append(f"the mosaic {picture.pattern} was measured as four sub-lattices of gains {share}")
-    else:
-        mosaic = _grey(require_picture(picture, camera, target.kind), np.asarray(picture), noise, remarks)
-    if noise is None:
-        if (mended := mend_darkness(mosaic)) is not None:
-            mosaic = mended
-            remarks.append(remark_on(mosaic))
-        remarks.append(_remark_on_noise(mosaic))
+    if white is not None and isinstance(target, White):
+        raise InputError("measure: a white picture beside a white one; it belongs beside a picture of another target")
+    mosaic, remarks = as_read(picture, camera, target.kind, noise)
     values, evened = mosaic.even()
     require_light(values, evened, target)
     result: dict[str, Any] = {"dots": [], "mtf": []}
     if isinstance(target, White):
-        # micro-images of several kinds have no one profile in which their fall-off could be told
-        cone = cone_of(camera) if len(camera.array.focal_lengths) == 1 else None
-        lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, evened, cone)
-        remarks += _unlike_the_camera(lattice, camera)
-        if cone is None:
-            remarks.append(
-                "microlenses of several kinds: natural fall-off is left out, where there is any radii are off by up to a pixel, "
-                "far more than their uncertainty"
-            )
+        lattice = _lattice_of_white(values, evened, camera, remarks)
         each = micro_images_json(every_micro_image(values, lattice, evened), nominal_radii(lattice, camera))
         return {"lattice": lattice_json(lattice) | {"micro_images": each}, **result, "remarks": remarks}
-    lattice = nominal_lattice(camera, brightest_light(values, evened))
-    remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
+    if white is None:
+        lattice = nominal_lattice(camera, brightest_light(values, evened))
+        remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
+    else:
+        beside, notes = as_read(white, camera, White.kind, noise)
+        remarks += [f"white picture: {note}" for note in notes]
+        require_light(*beside.even(), White())
+        lattice = _lattice_of_white(*beside.even(), camera, remarks)
     away = _sharp_distance(camera) if distance is None else distance
     if isinstance(target, FourDot):
-        try:
-            lattice = lattice_from_dots(values, lattice, camera, target, away, evened)
-            remarks[-1] = "no white picture: the lattice was measured within the dots, from the camera's nominal one"
-        except MeasurementError as error:
-            remarks[-1] += f" ({error})"
+        if white is None:
+            lattice = _lattice_of_dots(values, lattice, camera, target, away, evened, remarks)
         dots = count_views(values, None, lattice, camera, target, away, evened)
         require_dots(values, dots, camera, target, away, evened)
         result["dots"] = [dot_json(dot) for dot in dots]
@@ -120,23 +103,45 @@ def measure(
         result["mtf"] = edge_json(edges, camera, away)
         remarks += _edge_remarks(edges)
     else:
-        lattice = _lattice_of_bars(values, lattice, camera, target, away, evened, remarks)
+        if white is None:
+            lattice = _lattice_of_bars(values, lattice, camera, target, away, evened, remarks)
         curves, reasons = fit_contrasts(mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains)
         result["mtf"] = [point for curve in curves for point in contrast_json(curve, lattice)]
         remarks += reasons
     return {"lattice": lattice_json(lattice), **result, "remarks": remarks}
 
 
-def _remark_on_noise(mosaic: Mosaic) -> str:
-    """Where the noise comes from that uncertainties count, and when that is next to nothing."""
-    light = float(mosaic.values.max()) - mosaic.noise.offset_dn
-    share = math.sqrt(float(mosaic.noise.variance(light + mosaic.noise.offset_dn))) / max(light, 1e-300)
-    if share >= NEXT_TO_NONE:
-        return "the sensor's noise was estimated from the picture itself"
-    return (
-        f"there is next to no noise in the picture, {share:.1g} of its light: uncertainties count that and nothing else that may be wrong "
-        "with it; a simulated picture has noise with --seed"
-    )
+def _lattice_of_white(values: npt.NDArray[np.floating[Any]], noise: SensorNoise, camera: Camera, remarks: list[str]) -> Lattice:
+    """The lattice of a white picture; remarks say what is unlike the camera."""
+    # micro-images of several kinds have no one profile in which their fall-off could be told
+    cone = cone_of(camera) if len(camera.array.focal_lengths) == 1 else None
+    lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, noise, cone)
+    remarks += _unlike_the_camera(lattice, camera)
+    if cone is None:
+        remarks.append(
+            "microlenses of several kinds: natural fall-off is left out, where there is any radii are off by up to a pixel, "
+            "far more than their uncertainty"
+        )
+    return lattice
+
+
+def _lattice_of_dots(
+    values: npt.NDArray[np.floating[Any]],
+    nominal: Lattice,
+    camera: Camera,
+    target: FourDot,
+    distance: float,
+    noise: SensorNoise,
+    remarks: list[str],
+) -> Lattice:
+    """The lattice measured within the dots, the nominal one where that cannot be; the last remark says which."""
+    try:
+        found = lattice_from_dots(values, nominal, camera, target, distance, noise)
+    except MeasurementError as error:
+        remarks[-1] += f" ({error})"
+        return nominal
+    remarks[-1] = "no white picture: the lattice was measured within the dots, from the camera's nominal one"
+    return found
 
 
 def _lattice_of_bars(
@@ -158,23 +163,6 @@ def _lattice_of_bars(
         return nominal
     remarks[-1] = "no white picture: the lattice was measured within the white bars, from the camera's nominal one"
     return found
-
-
-def _grey(values: Array, picture: npt.NDArray[np.generic], noise: SensorNoise | None, remarks: list[str]) -> Mosaic:
-    """A picture without filters, in steps of one."""
-    if noise is None and picture.dtype.kind == "f":
-        top = float(values.max())
-        if top < 0:
-            raise MeasurementError(f"picture: all its numbers are below 0, from {values.min():.4g}; light from 0 up is due")
-        # in units of the white level the rounding of whole numbers would count as noise; dots may cover less than a thousandth
-        values = values * (SCALED_WHITE_DN / top if top > 0 else 1.0)
-    if noise is None and picture.dtype.kind == "u":
-        step = int(np.gcd.reduce(picture.ravel().astype(np.int64))) or 1
-        if step > 1 and step & (step - 1) == 0:
-            values = values / step
-            picture = values.astype(np.uint16)
-            remarks.append(f"every number of the picture is a multiple of {step}: fewer bits, shifted up; they were shifted back")
-    return Mosaic(values, estimate_noise(picture if picture.dtype.kind == "u" else values) if noise is None else noise, None)
 
 
 def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:

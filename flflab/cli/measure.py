@@ -15,8 +15,8 @@ from flflab.cli.ending import print_json
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
-from flflab.image_file import read_picture
-from flflab.raw_file import RAW, read_raw
+from flflab.image_file import Picture, read_picture
+from flflab.raw_file import RAW, RawPicture, read_raw
 
 
 def measure(
@@ -24,6 +24,9 @@ def measure(
     camera: Annotated[Path, typer.Option(help="camera file (YAML) of the camera that took it")],
     target: Annotated[str, typer.Option(help="kind of target that stood there, or its YAML file")] = "white",
     distance: Annotated[str | None, typer.Option(help="main lens to target, with its unit; without it where the camera is sharp")] = None,
+    white: Annotated[
+        Path | None, typer.Option(help="picture of a white target taken as the frame was: the lattice is measured in it, much better")
+    ] = None,
     number: Annotated[int | None, typer.Option(help="which picture of a file of several (.h5, .tiff), from 0")] = None,
     json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output (pixels, mm)")] = False,
 ) -> None:
@@ -31,9 +34,8 @@ def measure(
     away = None if distance is None else option_quantity("--distance", distance, "length")
     if away is not None and not away > 0:
         raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm")
-    raw = frame.suffix.lower() in RAW and number in (None, 0)
-    picture = read_raw(frame) if raw else read_picture(frame, number)
-    result = measure_picture(picture, read_camera(camera), read_target(target), away)
+    picture, beside = _read(frame, number), None if white is None else _read(white, None)
+    result = measure_picture(picture, read_camera(camera), read_target(target), away, white=beside)
     if json:
         print_json(result)
         return
@@ -45,6 +47,11 @@ def measure(
         console.print(_contrasts(result["mtf"]))
     for remark in result["remarks"]:
         console.print(f"Note: {remark}.", highlight=False)
+
+
+def _read(file: Path, number: int | None) -> Picture | RawPicture:
+    """One picture; a raw file as the sensor read it."""
+    return read_raw(file) if file.suffix.lower() in RAW and number in (None, 0) else read_picture(file, number)
 
 
 def _print_lattice(console: Console, lattice: dict[str, Any]) -> None:

@@ -57,6 +57,26 @@ def test_a_picture_that_image_writes_is_measured_as_it_is(
     assert any("next to no noise" in remark for remark in measured["remarks"]) == (not noise)
 
 
+def test_a_white_picture_beside_dots_or_bars_is_where_their_lattice_comes_from(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+    white, camera = tmp_path / "white.png", ("--camera", small_camera)
+    for target in ("white", "four-dot", "bars"):
+        made = flflab("image", small_camera, "--target", target, "--distance", "507 mm", "--seed", 1, "-o", tmp_path / f"{target}.png")
+        assert made.code == 0
+    lattice = flflab("measure", white, *camera, "--json").json["lattice"]
+    for target in ("four-dot", "bars"):
+        there = (tmp_path / f"{target}.png", *camera, "--target", target, "--distance", "507 mm", "--white")
+        said = flflab("measure", *there, white, "--json").json
+        assert said["lattice"]["pitch_px"] == lattice["pitch_px"]
+        assert not any("no white picture" in remark for remark in said["remarks"])
+        if target == "four-dot":
+            for dot, place in zip(said["dots"], [(-4, -4, -507), (4, -4, -507), (-4, 4, -507), (4, 4, -507)], strict=True):
+                assert np.all(np.abs(np.array(dot["position_mm"]) - place) < 4 * np.array(dot["uncertainty_mm"]))
+                assert dot["uncertainty_mm"][2] < 0.02
+    beside_white = flflab("measure", white, *camera, "--white", white)
+    assert beside_white.code == 1
+    assert "a white picture beside a white one" in " ".join(beside_white.err.split())
+
+
 @pytest.mark.parametrize(
     ("name", "picture", "says"),
     [
