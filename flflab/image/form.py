@@ -195,8 +195,7 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
 
 def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None:
     blur = setup.kind_blur(largest=True)
-    fewest, chords = falloff_counts(setup), weighing_chords(setup)
-    counts = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), fewest)
+    counts, chords = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), falloff_counts(setup)), weighing_chords(setup)
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
     if is_turn(setup.by_pupil, setup.tolerance):
         counts = np.where(blur > LARGE_BLUR, 0, counts)
@@ -208,9 +207,6 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
         strips=strip_nodes(counts)[:, :2],
         chords=chord_nodes(counts),
         weighing=strip_nodes(np.array([chords]))[0, :2, :chords],
-        fewest=fewest,
-        fewer_strips=strip_nodes(fewest)[:, :2],
-        fewer_chords=chord_nodes(fewest),
         allowed=SPOT_BEND * setup.tolerance / setup.overlap,
         numbers=np.array([dots.diameter / 2, 0.0, 0.0]),
         table=np.zeros((0, 8)),

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from flflab.image.askew import mean_over
 from flflab.image.dot_area import MOST_SQUARES, spot_light, weighted_share
+from flflab.image.falloff_means import seen_weight
 from flflab.image.lenses import Lenses
 from flflab.image.neighbourhood import DISC
 from flflab.image.rim import part_share
@@ -30,9 +31,6 @@ class DotSeen(NamedTuple):
         strips: see ``strip_nodes``.
         chords: see ``chord_nodes``.
         weighing: heights and weights of the chords that tell the fall-off of the three-disc formula, shape (2, n); none without it.
-        fewest: points a side for what sees nothing but the dot, where only the fall-off counts.
-        fewer_strips: see ``strip_nodes``, for these.
-        fewer_chords: see ``chord_nodes``, for these.
         allowed: error of a pixel's mean by the three-disc formula, of white.
         numbers: the dot's radius, mm, and what ``mean_over`` asks for besides.
         table: of no bars.
@@ -45,9 +43,6 @@ class DotSeen(NamedTuple):
     strips: Array
     chords: Array
     weighing: Array
-    fewest: Whole
-    fewer_strips: Array
-    fewer_chords: Array
     allowed: float
     numbers: Array
     table: Array
@@ -81,6 +76,9 @@ def sampled_mean(
     slants: Array,
 ) -> float:
     """Mean radiance over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm.
+
+    The points tell how what is seen changes over the pupil; the fall-off of all of it is told apart, for few points miss it where the
+    rim cuts the pupil.
 
     Args:
         ex: place of the sensor point from the micro-image's centre.
@@ -117,20 +115,21 @@ def sampled_mean(
             y *= most / distance
     low, high = lens_rows(x, y, other)
     light = 0.0
-    area = 0.0
+    total = 0.0
     for index in range(count):
         at = 0.5 * (low + high) + 0.5 * (high - low) * rows[0, index]
         left, right = lens_chord(x, y, other, at)
         weight = rows[1, index] * max(right - left, 1e-300)
-        area += weight
         steep = slant_y + slants[3] * at
         for step in range(count):
             along = 0.5 * (left + right) + 0.5 * (right - left) * chord[0, step]
             tilted = slant_x + slants[3] * along
             x_there, y_there = origin_x + to[2] * along + to[3] * at, origin_y + to[4] * along + to[5] * at
             seen = mean_over(x_there, y_there, ux, uy, vx, vy, kind, numbers, table, law, sums)
-            light += 0.5 * weight * chord[1, step] * seen / (1.0 + tilted * tilted + steep * steep) ** 2
-    return light / area
+            counted = 0.5 * weight * chord[1, step] / (1.0 + tilted * tilted + steep * steep) ** 2
+            light += counted * seen
+            total += counted
+    return light / total * seen_weight(ex, ey, slope, reach, slants)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -188,23 +187,25 @@ def dot_light(dx: float, dy: float, entry: int, seen: DotSeen, squares: Array) -
                 light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
             else:
                 within = _aside(to, at_x, at_y) < radius - blurred - 0.5 * across * side
-                points = int(seen.fewest[kind]) if within else count
-                rows, chord = (seen.fewer_strips[kind], seen.fewer_chords[kind]) if within else (seen.strips[kind], seen.chords[kind])
-                light += share * sampled_mean(
-                    at_x,
-                    at_y,
-                    cone,
-                    to,
-                    rows,
-                    chord,
-                    points,
-                    side,
-                    DISC,
-                    seen.numbers,
-                    seen.table,
-                    seen.law,
-                    seen.sums,
-                    lenses.slants[entry],
+                light += share * (
+                    seen_weight(at_x, at_y, cone[0], cone[1], lenses.slants[entry])
+                    if within
+                    else sampled_mean(
+                        at_x,
+                        at_y,
+                        cone,
+                        to,
+                        seen.strips[kind],
+                        seen.chords[kind],
+                        count,
+                        side,
+                        DISC,
+                        seen.numbers,
+                        seen.table,
+                        seen.law,
+                        seen.sums,
+                        lenses.slants[entry],
+                    )
                 )
     return light / (divide * divide)
 

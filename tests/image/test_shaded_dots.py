@@ -11,6 +11,7 @@ import pytest
 from flflab.image import form
 from flflab.image.dot_area import weighted_share
 from flflab.image.effects.falloff import Falloff
+from flflab.image.reference import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Scene, one_plane
 from flflab.image.strips import strip_nodes
@@ -49,6 +50,19 @@ def test_the_light_of_the_common_area_is_the_sum_over_its_rays(
 def test_shaded_dots_out_of_focus_are_what_rays_make(camera: Camera, largest_difference: Callable[..., float], distance: float) -> None:
     """299.9 mm lies next to where the main lens images a dot onto the array."""
     assert largest_difference(replace(one_plane(camera, DOTS, distance), falloff=Falloff()), 6) < 0.002
+
+
+def test_what_a_rim_cuts_of_a_sharp_dots_cone_falls_off_as_its_rays_do(with_f_number: Callable[[float], Camera]) -> None:
+    """Two points a side of the pupil tell the fall-off of a whole cone, but were 1.4 tolerances off where a rim leaves a part of it."""
+    camera, tolerance = with_f_number(8.0), 1e-4
+    sensor = replace(camera.sensor, resolution=(60, 60), offset=(0.09, 0.03))
+    scene = one_plane(replace(camera, array=replace(camera.array, aperture=0.2), sensor=sensor), FourDot(30.0, 31.0), 506.7, (15.5, 15.5))
+    scene = replace(scene, falloff=Falloff())
+    image = render(scene, tolerance=tolerance)
+    rim = np.argwhere((image > 0.1) & (image < 0.9))[::60]
+    traced, _ = trace_pixels(scene, rim[:, ::-1], wanted=tolerance / 20)
+    assert len(rim) > 10
+    assert np.abs(image[rim[:, 0], rim[:, 1]] - traced).max() < 0.3 * tolerance
 
 
 @pytest.fixture
