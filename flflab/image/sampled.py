@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 MOST_DIVIDED = 32  # parts a side of a pixel that a steep rim cuts
-LEAST_BOX = 1e-3  # of a dot's radius, of half the height of bars or of a texel; a smaller pixel sees as much as this
+LEAST_BOX = 3e-5  # of a dot's radius, of half the height of bars or of a texel; a smaller pixel, or part of one, sees as much as this
 
 
 class DotSeen(NamedTuple):

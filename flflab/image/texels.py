@@ -13,7 +13,7 @@ from flflab.image.lenses import Lenses
 from flflab.image.neighbourhood import PICTURE
 from flflab.image.parallelogram import parallelogram_sum
 from flflab.image.rim import part_share
-from flflab.image.sampled import sampled_mean
+from flflab.image.sampled import LEAST_BOX, sampled_mean
 from flflab.image.texel_sums import boxed_sum, fill_sums, texels_mean
 from flflab.image.tiles import shrink
 
@@ -21,7 +21,6 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
-LEAST_BOX = 1e-3  # texels; a smaller pixel sees as much as this
 FRAME = 17  # numbers, see ``seen_texels``
 
 

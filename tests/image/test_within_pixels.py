@@ -16,6 +16,7 @@ from flflab.targets import Bars, Chirp, FourDot, Picture, Target
 Array = npt.NDArray[np.float64]
 
 CHECKS = Picture(np.random.default_rng(0).integers(0, 2, (30, 40)).astype(np.float64), 10.0)
+LARGE = Picture(np.random.default_rng(0).integers(0, 2, (6, 8)).astype(np.float64), 160.0)
 BLURS = pytest.mark.parametrize(
     ("f_number", "distance"),
     [
@@ -60,6 +61,22 @@ def test_every_pixel_of_a_dot_is_as_right_as_asked(
     off = [float(np.abs(render(scene, tolerance=tolerance) - truth).max()) / tolerance for tolerance in (1e-2, 1e-3, 1e-4, 1e-5)]
     print(np.round(off, 3))
     assert np.all(np.array(off) < [0.6, 0.4, 0.6, 0.25])
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4])
+@pytest.mark.parametrize(("target", "offset"), [(FourDot(60.0, 63.0), (15.0, 12.5)), (LARGE, (0.0, 0.0))], ids=["dots", "texels"])
+def test_edges_of_dots_and_texels_far_larger_than_a_pixel_are_as_right_on_a_rim(
+    before: Callable[[Target, float, float], Scene], target: Target, offset: tuple[float, float], tolerance: float
+) -> None:
+    """Parts of a pixel, a thousandth of the target's size wide, were counted larger and overlapped: up to 195 of the tolerance off."""
+    scene = before(target, 2.8, 506.7)
+    camera = replace(scene.camera, sensor=replace(scene.camera.sensor, resolution=(130, 130), offset=(0.1, 0.08)))
+    scene = replace(scene, camera=camera, planes=(replace(scene.planes[0], offset=offset, roll=0.3),))
+    image = render(scene, tolerance=tolerance)
+    steep = np.abs(np.gradient(image)).sum(axis=0) * ((image > 0.05) & (image < 0.95))
+    row, column = np.unravel_index(np.argsort(-steep.ravel())[:300:25], steep.shape)
+    traced, _ = trace_pixels(scene, np.stack([column, row], axis=1), wanted=tolerance / 20)
+    assert np.abs(image[row, column] - traced).max() < 0.6 * tolerance
 
 
 @pytest.mark.parametrize("target", [Bars(), Chirp((0.5, 5.0), 12.0, 8.0), CHECKS], ids=lambda target: target.kind)
