@@ -62,7 +62,8 @@ def weighted_share(ex: float, ey: float, cone: Array, to: Array, radius: float, 
     x, y, size = _seen_disc(ex, ey, to, radius)
     lens_x, lens_y, lens = (ex / cone[0], ey / cone[0], cone[1] / abs(cone[0])) if cone[0] != 0.0 else (0.0, 0.0, 2.0)
     low, high = lens_rows(lens_x, lens_y, lens)
-    low, high = max(low, y - size), min(high, y + size)
+    lowest, highest = lens_rows(x, y, size)
+    low, high = max(low, lowest), min(high, highest)
     slope_x, slope_y = slant[0] + slant[2] * ex, slant[1] + slant[2] * ey
     light, area = 0.0, 0.0
     for index in range(weighing.shape[1]):

@@ -46,6 +46,23 @@ def test_the_light_of_the_common_area_is_the_sum_over_its_rays(
     assert weighted_share(*sensor_point, np.array([1.0, 2.0]), to, size, slant, chords) == pytest.approx(rays, abs=2e-5)
 
 
+@pytest.mark.parametrize("number", [1, 2, 5])
+@pytest.mark.parametrize("toward", [0.3, 5.02])
+def test_few_chords_leave_what_is_said_of_them_where_a_large_dot_cuts_a_side_off_the_pupil(number: int, toward: float) -> None:
+    """The dot's own height reaches far beyond the pupil: chords laid over that missed the common area, 1.7 times as much as said."""
+    slant, away, size = np.array([0.2, 0.2, 0.0, 0.2]), 25.0, 25.2
+    dot = away * np.array([math.cos(toward), math.sin(toward)])
+    at = (np.arange(4000) + 0.5) / 2000 - 1
+    x, y = at, at[:, None]
+    lit = (np.hypot(x, y) < 1) & (np.hypot(x - dot[0], y - dot[1]) < size)
+    rays = float((lit / (1 + (0.2 + 0.2 * x) ** 2 + (0.2 + 0.2 * y) ** 2) ** 2).sum() / 2000**2 / math.pi)
+    to = np.array([-dot[0], -dot[1], 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    chords = np.ascontiguousarray(strip_nodes(np.array([number]))[0, :2])
+    off = weighted_share(0.0, 0.0, np.array([1.0, 3.7]), to, size, slant, chords) - rays
+    change = 4 * (math.hypot(0.2, 0.2) + 0.2) * 0.2
+    assert abs(off) < 0.1 * change / number**1.5 + 2e-5
+
+
 @pytest.mark.parametrize("distance", [480.0, 400.0, 299.9, 200.0])
 def test_shaded_dots_out_of_focus_are_what_rays_make(camera: Camera, largest_difference: Callable[..., float], distance: float) -> None:
     """299.9 mm lies next to where the main lens images a dot onto the array."""
