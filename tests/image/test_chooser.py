@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from flflab.errors import InputError
+from flflab.image import budget
 from flflab.image.budget import tiles_tried
 from flflab.image.chooser import LIGHT, NOISE, choose
 from flflab.image.effects.dead_pixels import DeadPixels
@@ -141,6 +144,31 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
         take_picture(scene, budget=1e-6)
     with pytest.raises(InputError, match="above 0 s"):
         take_picture(scene, budget=0.0)
+
+
+@pytest.mark.parametrize("seconds", [0.5, 3.0, 20.0])
+@pytest.mark.parametrize("power", [0.5, 1.0])
+def test_choosing_and_the_picture_chosen_together_take_no_longer_than_the_budget(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, seconds: float, power: float
+) -> None:
+    """By a clock of their own: a picture takes longer the finer it is, and so does every try; they had taken 2.3 s of 1 s."""
+    clock = [0.0]
+
+    def render_by_the_clock(_: Scene, *, tolerance: float, wanted: npt.NDArray[np.bool_], **__: object) -> npt.NDArray[np.float64]:
+        clock[0] += 0.01 * tolerance**-power * wanted.mean()
+        return np.zeros(wanted.shape)
+
+    def estimate_by_the_clock(_: Scene, image: npt.NDArray[np.float64], tolerance: float, __: object) -> float:
+        clock[0] += 0.005 * tolerance**-power
+        return tolerance
+
+    monkeypatch.setattr(budget, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    monkeypatch.setattr(budget, "render", render_by_the_clock)
+    monkeypatch.setattr(budget, "estimate_error", estimate_by_the_clock)
+    chosen = budget.affordable_tolerance(scene, seconds)
+    picture = 0.015 * choose(scene, chosen).tolerance ** -power
+    assert clock[0] + picture < seconds
+    assert picture > 0.1 * seconds
 
 
 def test_the_tiles_that_a_budget_is_judged_by_hold_their_share_of_light_though_dots_lie_far_between(camera: Camera) -> None:
