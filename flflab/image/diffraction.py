@@ -12,6 +12,7 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
+from flflab.image.askew_orders import is_even
 from flflab.image.diffraction_border import NO_BORDER, border_reach, make_borders
 from flflab.image.diffraction_dots import add_dots_diffracted, add_picture_diffracted
 from flflab.image.diffraction_falloff import pupil_moments, slant_rows
@@ -23,7 +24,7 @@ from flflab.image.diffraction_ruled import make_curves, make_line
 from flflab.image.diffraction_table import samples_needed
 from flflab.image.form import add_plane
 from flflab.image.moving import add_moving_plane
-from flflab.image.orders import in_bands, is_even
+from flflab.image.orders import in_bands
 from flflab.image.rim import disc_nodes
 from flflab.image.setup import Setup
 from flflab.optics.camera import pixel_positions

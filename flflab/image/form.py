@@ -7,29 +7,23 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from flflab.image.askew_orders import end_points, is_even, is_turn, picture_parts, picture_points
 from flflab.image.device.found import device_kernels, is_worth_it
+from flflab.image.falloff_orders import falloff_chunks, falloff_counts, weighing_chords
 from flflab.image.lenses import Lenses, packed
 from flflab.image.moments import ways_along
 from flflab.image.orders import (
     TEXELS,
     TIP,
-    end_points,
-    falloff_chunks,
-    falloff_counts,
     grid_counts,
     in_bands,
-    is_even,
     is_sharp,
-    is_turn,
     left_at_tips,
     lit_windows,
-    picture_parts,
-    picture_points,
     pixel_parts,
     rim_rows,
     spot_parts,
     strip_counts,
-    weighing_chords,
 )
 from flflab.image.profile import Cropped, Ruled, cropped, half_plane, profile_table
 from flflab.image.rim import STEEP, disc_nodes

@@ -26,8 +26,6 @@ MOST_STEPS = 16384
 LEAST_STRIPS = 3
 MOST_STRIPS = 512
 MOST_POINTS = 128
-SLIGHT = 1.5  # pixels of blur: up to here points of the pupil are cheaper than strips on a picture askew
-FALLOFF_SHARE = 0.2  # of the tolerance, for the fall-off of dots
 
 
 def lit_windows(setup: Setup, half_x: float, half_y: float) -> Whole:
@@ -137,112 +135,15 @@ def strip_counts(setup: Setup, roughness: float = 1.0) -> Whole:
     return np.stack([counts, np.where(blur > 0, 4 * counts, LEAST_STRIPS)], axis=1).astype(np.int64)
 
 
-def falloff_chunks(setup: Setup) -> int:
-    """Into how many pieces of one weight a strip is cut for the fall-off; 0 for none.
-
-    Where the weight changes by c from a strip's middle to its end, n pieces leave at most 0.088 c / n^2 of white.
-    """
-    return max(1, math.ceil(math.sqrt(0.22 * _weight_change(setup) / setup.tolerance))) if setup.falloff else 0
-
-
-def weighing_chords(setup: Setup) -> int:
-    """How many chords tell the mean of the fall-off over what three discs have in common; 0 for none.
-
-    Where the weight changes by c from the pupil's middle to its rim, n chords leave at most 0.1 c / n^1.5 of white, measured on random
-    discs.
-    """
-    if not setup.falloff:
-        return 0
-    allowed = FALLOFF_SHARE * setup.tolerance / setup.overlap
-    return int(np.clip(math.ceil((0.1 * _weight_change(setup) / allowed) ** (2 / 3)), 1, MOST_STRIPS))
-
-
-def _weight_change(setup: Setup) -> float:
-    """The most that the weight of a ray changes from the pupil's middle to its rim."""
-    pupils = setup.pupils
-    steepest = np.hypot(pupils.slant_x, pupils.slant_y) + np.abs(pupils.slant_scale) * pupils.outside + np.abs(pupils.slant_spread)
-    return 4 * float(np.max(steepest * np.abs(pupils.slant_spread)))
-
-
 def grid_counts(blur: Array, tolerance: float) -> Whole:
     """How many points a side across the pupil a blur in pixels needs; measured on dots: n of them leave 0.1 blur / n^2 of white."""
     return np.clip(np.ceil(np.sqrt(0.1 * blur / (0.6 * tolerance))), 1, MOST_POINTS).astype(np.int64)
-
-
-def falloff_counts(setup: Setup) -> Whole:
-    """How many points a side across the pupil the fall-off of sharp dots needs, for each kind of rim.
-
-    Where slopes at the sensor change by s over the pupil's radius, n of them leave at most s^(2 n) / 5^(n - 1) of white, measured on
-    whole pupils with s up to 0.8.
-    """
-    squared = np.zeros(len(setup.rims.slope))
-    if setup.falloff:
-        np.maximum.at(squared, setup.rims.kind, np.minimum(setup.pupils.slant_spread**2, 4.0))
-    allowed = FALLOFF_SHARE * setup.tolerance / setup.overlap
-    counts = np.ceil(math.log(allowed / 5) / np.log(np.maximum(squared, 1e-12) / 5))
-    return np.clip(counts, 1, MOST_POINTS).astype(np.int64)
 
 
 def spot_parts(blur: Array, tolerance: float) -> Whole:
     """Into how many parts a side a pixel is divided for the three-disc formula; n of them leave 0.07 / (n^2 sqrt(blur)) of white."""
     parts = np.ceil(np.sqrt(0.07 / (np.sqrt(np.maximum(blur, 0.1)) * 0.6 * tolerance)))
     return np.clip(parts, 2, MOST_SPOT_PARTS).astype(np.int64)
-
-
-def is_even(maps: Array, tolerance: float) -> bool:
-    """Whether maps to the target (N, 2, 2) keep the directions of rows and columns, as far as the tolerance can tell."""
-    off = np.abs(maps[:, [0, 1], [1, 0]]).max(axis=1)
-    return bool(np.all(off <= 0.5 * tolerance * np.abs(maps[:, [0, 1], [0, 1]]).max(axis=1)))
-
-
-def is_turn(maps: Array, tolerance: float) -> bool:
-    """Whether maps (N, 2, 2) are turns with one scale, as far as the tolerance can tell."""
-    skew = np.hypot(maps[:, 0, 0] - maps[:, 1, 1], maps[:, 0, 1] + maps[:, 1, 0])
-    return bool(np.all(skew <= tolerance * np.hypot(maps[:, 0, 0] + maps[:, 1, 1], maps[:, 0, 1] - maps[:, 1, 0])))
-
-
-def askew_points(setup: Setup) -> Whole:
-    """How many points a side across the pupil a target needs that pixels stand askew on, each a parallelogram; shape (N,).
-
-    Measured on black and white texels of 0.25 to 4 pixels: in a blur of b pixels n points leave up to 1.25 b^2 / n^3 of white. As many
-    as the fall-off needs, however slight the blur.
-    """
-    points = np.ceil(np.cbrt(1.25 * np.minimum(setup.blur, 1e4) ** 2 / _allowed(setup)))
-    return np.clip(np.maximum(points, falloff_counts(setup)[setup.rims.kind]), 1, MOST_POINTS).astype(np.int64)
-
-
-def picture_points(setup: Setup) -> Whole:
-    """The same for pictures; 0 where these lie along the pixels, are sharp, or so blurred that strips are cheaper."""
-    slight = ~is_sharp(setup) & (setup.blur < SLIGHT)
-    return np.where(slight & (not is_even(setup.by_sensor, setup.tolerance)), askew_points(setup), 0)
-
-
-def picture_parts(setup: Setup) -> Whole:
-    """Into how many parts a side a pixel is divided that strips are to see, shape (N,).
-
-    A part that stands askew on a picture counts as a square along its axes. Measured as in ``askew_points``: n parts leave up to
-    0.03 / (b^2 n^3) of white.
-    """
-    if is_even(setup.by_sensor, setup.tolerance):
-        return np.ones(len(setup.blur), dtype=np.int64)
-    parts = np.cbrt(0.03 / (np.maximum(setup.blur, SLIGHT) ** 2 * _allowed(setup)))
-    return np.clip(np.ceil(parts), 1, MOST_PARTS).astype(np.int64)
-
-
-def end_points(setup: Setup) -> Whole:
-    """Points as ``askew_points`` for the ends of bars, shape (N,); 0 where these are sharp, or strips are right.
-
-    Strips count a pixel's light along and across the bars apart. Measured on bars turned by 0.1 to 0.8 rad, that leaves 0.1 of the
-    sides' slope, up to 0.03 of white, the less the more they are blurred.
-    """
-    sides = np.sort(np.abs(setup.by_sensor), axis=2)
-    slope = (sides[:, :, 0] / np.maximum(sides[:, :, 1], 1e-300)).max(axis=1)
-    left = np.minimum(0.1 * slope, 0.03) / (1 + 5 * setup.blur**2)
-    return np.where(~is_sharp(setup) & (left > _allowed(setup)), askew_points(setup), 0)
-
-
-def _allowed(setup: Setup) -> float:
-    return 0.5 * setup.tolerance / setup.overlap
 
 
 def in_bands(add: Callable[[tuple[int, int]], None], windows: Whole, height: int = BAND_ROWS) -> None:
