@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from flflab.image.effects.diffraction import Diffraction
-from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
 from flflab.image.scene import Scene, one_plane
-from flflab.image.sensor_response import SensorResponse, digitise
+from flflab.image.sensor.random_numbers import noise_key
+from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 

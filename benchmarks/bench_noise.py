@@ -14,8 +14,8 @@ import numpy as np
 from flflab.image.effects.dark_current import DarkCurrent
 from flflab.image.effects.dead_pixels import DeadPixels
 from flflab.image.effects.fixed_pattern import FixedPattern
-from flflab.image.random_numbers import noise_key
-from flflab.image.sensor_response import SensorResponse, digitise
+from flflab.image.sensor.random_numbers import noise_key
+from flflab.image.sensor.response import SensorResponse, digitise
 
 SHAPE = (2748, 3664)
 ELECTRONS = 8000.0

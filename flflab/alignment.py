@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from flflab.analysis.lattice import Lattice, pitch_and_angle
+from flflab.analysis.lattice.tilting import Tilting, tilting_of
+from flflab.analysis.lattice.white import Lattice, pitch_and_angle
 from flflab.analysis.micro_images import MicroImages
-from flflab.analysis.tilting import Tilting, tilting_of
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench
 from flflab.calibration.bench_model import BenchModel, Setting, Stage
 from flflab.calibration.fit import Fit

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast import fit_contrast
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import lattice_behind
+from flflab.analysis.contrast.curve import fit_contrast
+from flflab.analysis.lattice.registration import lattice_behind
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
-from flflab.image.exposure import white_irradiance
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
+from flflab.image.sensor.exposure import white_irradiance
 from flflab.optics.camera import Camera
 from flflab.prediction import contrast_draws, drawn_errors, placements
 from flflab.study import Configuration, Study

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.base import CameraDevice, Status
-from flflab.analysis.contrast import fit_contrast
-from flflab.analysis.lattice import Lattice
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import lattice_behind
+from flflab.analysis.contrast.curve import fit_contrast
+from flflab.analysis.lattice.registration import lattice_behind
+from flflab.analysis.lattice.white import Lattice
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench
 from flflab.record import Recording

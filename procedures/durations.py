@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from flflab.bench import Bench, DeviceDescription
-from flflab.image.exposure import white_irradiance
+from flflab.image.sensor.exposure import white_irradiance
 from flflab.optics.camera import Camera
 from procedures.capture import FIRST_GUESS_S, MOST_TRIALS, better_exposure, fits, quantise
 from procedures.steps import (

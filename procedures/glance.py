@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.base import CameraDevice
+from flflab.analysis.lattice.registration import lattice_behind
 from flflab.analysis.measure import measure
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import lattice_behind
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench
 from flflab.errors import FlflabError
 from flflab.study import Configuration, Study

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from bluesky import Msg
 
 from drivers.bench import ConnectedBench
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench
 from flflab.errors import InputError, MeasurementError

@@ -20,11 +20,11 @@ from flflab.errors import InputError
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
-from flflab.image.exposure import white_irradiance
-from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
-from flflab.image.sensor_response import SensorResponse, digitise
+from flflab.image.sensor.exposure import white_irradiance
+from flflab.image.sensor.random_numbers import noise_key
+from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.optics.camera import Camera
 from flflab.targets import Target, White
 from sim.faults import Faults

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from flflab.image.raw_picture import raw_picture
+from flflab.image.sensor.raw_picture import raw_picture
 from flflab.raw_file import write_raw
 from sim.camera import SimulatedCamera
 from sim.scpi import ScpiError, decimal

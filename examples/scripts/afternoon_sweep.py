@@ -14,8 +14,8 @@ import numpy as np
 
 import drivers
 from drivers.base import wait_all
-from flflab.analysis.lattice import find_lattice
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.lattice.white import find_lattice
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.optics.resolution import central_smms
 from procedures.steps import home_steps
 

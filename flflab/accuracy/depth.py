@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.accuracy.measure import NOISE, WHITE_DN
-from flflab.analysis.dots import DotViews, count_views
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import lattice_behind
-from flflab.analysis.spot_profile import defocused_dot
+from flflab.analysis.dots.views import DotViews, count_views
+from flflab.analysis.lattice.registration import lattice_behind
+from flflab.analysis.sensor.noise import SensorNoise
+from flflab.analysis.spots.profile import defocused_dot
 from flflab.errors import InputError, MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.accuracy.measure import NOISE, WHITE_DN
-from flflab.analysis.lattice import Lattice
+from flflab.analysis.lattice.registration import lattice_behind
+from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.measure import nominal_lattice
-from flflab.analysis.registration import lattice_behind
 from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render

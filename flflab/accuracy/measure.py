@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast import fit_contrast
-from flflab.analysis.edge import fit_edge
-from flflab.analysis.edge_free import fit_free_edge
-from flflab.analysis.edge_profile import edge_profile, pixel_transfer
-from flflab.analysis.lattice import find_lattice
+from flflab.analysis.contrast.curve import fit_contrast
+from flflab.analysis.edges.fit import fit_edge
+from flflab.analysis.edges.free import fit_free_edge
+from flflab.analysis.edges.profile import edge_profile, pixel_transfer
+from flflab.analysis.lattice.white import find_lattice
 from flflab.analysis.measure import nominal_lattice
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor

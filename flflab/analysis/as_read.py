@@ -5,10 +5,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.cut_darkness import mend_darkness, remark_on
-from flflab.analysis.mosaic import Mosaic, from_raw
-from flflab.analysis.noise import SensorNoise, estimate_noise
-from flflab.analysis.registration import require_picture, require_shape
+from flflab.analysis.lattice.registration import require_picture, require_shape
+from flflab.analysis.sensor.cut_darkness import mend_darkness, remark_on
+from flflab.analysis.sensor.mosaic import Mosaic, from_raw
+from flflab.analysis.sensor.noise import SensorNoise, estimate_noise
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.raw_file import RawPicture

@@ -7,19 +7,19 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.as_read import as_read
-from flflab.analysis.contrast import fit_contrasts
-from flflab.analysis.dot_scale import scale_of_dots, unlike_the_description
-from flflab.analysis.dots import count_views
-from flflab.analysis.edges import EdgeCurve, measure_edges
-from flflab.analysis.lattice import Lattice, find_lattice, pitch_and_angle
-from flflab.analysis.lattice_from_bars import lattice_from_bars
-from flflab.analysis.lattice_from_dots import lattice_from_dots
+from flflab.analysis.contrast.curve import fit_contrasts
+from flflab.analysis.dots.scale import scale_of_dots, unlike_the_description
+from flflab.analysis.dots.views import count_views
+from flflab.analysis.edges.views import EdgeCurve, measure_edges
+from flflab.analysis.lattice.profile import cone_of
+from flflab.analysis.lattice.registration import microlens_type_of, sensor_pixel
+from flflab.analysis.lattice.white import Lattice, find_lattice, pitch_and_angle
 from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json, micro_images_json
 from flflab.analysis.micro_images import every_micro_image
-from flflab.analysis.noise import SensorNoise
 from flflab.analysis.presence import brightest_light, require_dots, require_light, unlike_whole
-from flflab.analysis.profile import cone_of
-from flflab.analysis.registration import microlens_type_of, sensor_pixel
+from flflab.analysis.sensor.noise import SensorNoise
+from flflab.analysis.without_white.bars import lattice_from_bars
+from flflab.analysis.without_white.dots import lattice_from_dots
 from flflab.errors import InputError, MeasurementError
 from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.focus import sharp_vergence

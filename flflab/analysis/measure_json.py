@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast import ContrastCurve
-from flflab.analysis.dots import DotViews
-from flflab.analysis.edges import EdgeCurve
-from flflab.analysis.lattice import Lattice
+from flflab.analysis.contrast.curve import ContrastCurve
+from flflab.analysis.dots.views import DotViews
+from flflab.analysis.edges.views import EdgeCurve
+from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.micro_images import MicroImages
 from flflab.optics.camera import Camera
 from flflab.optics.focus import magnification

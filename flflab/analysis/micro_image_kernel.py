@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.profile import BY_LARGE, BY_RADIUS, BY_SMALL, LOPSIDED, ORDERS, SQUARE, VALUE
+from flflab.analysis.lattice.profile import BY_LARGE, BY_RADIUS, BY_SMALL, LOPSIDED, ORDERS, SQUARE, VALUE
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]

@@ -12,12 +12,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
-from flflab.analysis.lattice import Lattice
-from flflab.analysis.lattice_model import SMALLEST_PX
+from flflab.analysis.lattice.model import SMALLEST_PX
+from flflab.analysis.lattice.profile import profile_table
+from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.micro_image_kernel import VALUES, sum_up, with_neighbours
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import profile_table
-from flflab.analysis.spots import light_level
+from flflab.analysis.sensor.noise import SensorNoise
+from flflab.analysis.spots.fit import light_level
 from flflab.errors import MeasurementError
 
 Array = npt.NDArray[np.float64]

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.dots import DotViews
-from flflab.analysis.lattice import Lattice
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import blur_px
+from flflab.analysis.dots.views import DotViews
+from flflab.analysis.lattice.registration import blur_px
+from flflab.analysis.lattice.white import Lattice
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.optics.focus import magnification

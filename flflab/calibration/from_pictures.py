@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.dots import count_views
-from flflab.analysis.lattice import Lattice
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import lattice_behind
+from flflab.analysis.dots.views import count_views
+from flflab.analysis.lattice.registration import lattice_behind
+from flflab.analysis.lattice.white import Lattice
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.calibration.bench_model import BenchModel
 from flflab.calibration.fit import Fit, fit_bench
 from flflab.calibration.quantities import Quantities, measured_quantities

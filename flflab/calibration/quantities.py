@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.dots import DotViews
-from flflab.analysis.lattice import Lattice
+from flflab.analysis.dots.views import DotViews
+from flflab.analysis.lattice.white import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.focus import blur, magnification
 from flflab.optics.resolution import central_smms

@@ -17,11 +17,11 @@ from flflab.cli.targets import read_target
 from flflab.errors import InputError
 from flflab.image.ground_truth import ground_truth
 from flflab.image.picture import Report, Told, take_picture
-from flflab.image.raw_picture import neutral
 from flflab.image.render import TOLERANCE
 from flflab.image.scene import Plane
 from flflab.image.scene_file import PicturedScene, read_scene, short_scene, wavelength_from
-from flflab.image.sensor_response import SensorResponse
+from flflab.image.sensor.raw_picture import neutral
+from flflab.image.sensor.response import SensorResponse
 from flflab.image_file import require_picture_file, write_picture
 from flflab.whole_file import require_writable, write_whole
 

@@ -12,11 +12,11 @@ from flflab.image.budget import affordable_tolerance
 from flflab.image.chooser import LEVELS, NOISE, Choice, Decision, choose, named
 from flflab.image.effects.effect import Effect
 from flflab.image.estimate import estimate_error
-from flflab.image.random_numbers import noise_key
 from flflab.image.regime import Regime
 from flflab.image.render import TOLERANCE, render
 from flflab.image.scene import Scene
-from flflab.image.sensor_response import SensorResponse, digitise, read_out
+from flflab.image.sensor.random_numbers import noise_key
+from flflab.image.sensor.response import SensorResponse, digitise, read_out
 
 Array = npt.NDArray[np.float64]
 

@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.image.card_parts import split
-from flflab.image.cards import cards_of
-from flflab.image.diffraction import add_plane_with_diffraction
+from flflab.image.cards.parts import split
+from flflab.image.cards.past import add_past_cards, bend_past_cards
+from flflab.image.cards.windows import cards_of
+from flflab.image.diffraction.form import add_plane_with_diffraction
 from flflab.image.effects.colour_filter import ColourFilter
-from flflab.image.moving import add_moving_plane
-from flflab.image.past_cards import add_past_cards, bend_past_cards
+from flflab.image.flat_target.moving import add_moving_plane
+from flflab.image.geometry.setup import make_setup
 from flflab.image.scene import ALL, Scene, without
-from flflab.image.setup import make_setup
 from flflab.targets import Bars, Black, FourDot, Picture, White
 
 Array = npt.NDArray[np.float64]

@@ -26,7 +26,7 @@ from flflab.image.effects.scatter import Scatter
 from flflab.image.effects.shot_noise import ShotNoise
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.scene import Plane, Scene
-from flflab.image.sensor_response import SensorResponse
+from flflab.image.sensor.response import SensorResponse
 from flflab.optics.camera import Camera
 from flflab.target_file import target_from
 from flflab.units import parse_quantity

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.pupil import Pupils, camera_pupils
+from flflab.image.geometry.pupil import Pupils, camera_pupils
 from flflab.image.regime import Change, PlaneRegime, Regime
 from flflab.image.scene import ALL, Plane, Scene, without
 from flflab.optics.camera import Camera

@@ -7,13 +7,13 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.alignment import Attitude, measure_attitude
-from flflab.analysis.contrast import ContrastCurve, fit_contrast
-from flflab.analysis.dots import DotViews, count_views
-from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.contrast.curve import ContrastCurve, fit_contrast
+from flflab.analysis.dots.views import DotViews, count_views
+from flflab.analysis.lattice.registration import lattice_behind, nominal_pitch_px
+from flflab.analysis.lattice.rough_pitch import mixed_up_units, rough_pitch
+from flflab.analysis.lattice.white import Lattice, find_lattice
 from flflab.analysis.micro_images import measure_micro_images
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.registration import lattice_behind, nominal_pitch_px
-from flflab.analysis.rough_pitch import mixed_up_units, rough_pitch
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast import ContrastCurve
+from flflab.analysis.contrast.curve import ContrastCurve
 from flflab.analysis.sequential import Look, split_up
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation

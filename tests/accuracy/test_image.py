@@ -15,12 +15,12 @@ from flflab.accuracy.table import write_table
 from flflab.accuracy.work_precision import Answer, Method, Problem, order, random_cost, work_precision
 from flflab.errors import InputError
 from flflab.image.effects.falloff import Falloff
-from flflab.image.orders import strip_counts
-from flflab.image.reference import trace_pixels
+from flflab.image.geometry.setup import make_setup
+from flflab.image.light.orders import strip_counts
+from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.image.scene_file import read_scene
-from flflab.image.setup import make_setup
 from flflab.targets import Bars
 
 pytestmark = pytest.mark.ci

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
 
 Array = npt.NDArray[np.float64]

@@ -9,11 +9,11 @@ import numpy.typing as npt
 import pytest
 
 from flflab.alignment import find_crossing, measure_attitude, nominal_slopes, sensitivity
-from flflab.analysis.lattice import Lattice, find_lattice
+from flflab.analysis.lattice.profile import cone_of, profile_table
+from flflab.analysis.lattice.white import Lattice, find_lattice
 from flflab.analysis.measure import nominal_lattice
 from flflab.analysis.micro_images import MicroImages, measure_micro_images
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of, profile_table
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 

@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.dots import count_views
-from flflab.analysis.lattice import find_lattice
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.spot_blind import blind_law, spots_in
+from flflab.analysis.dots.views import count_views
+from flflab.analysis.lattice.white import find_lattice
+from flflab.analysis.sensor.noise import SensorNoise
+from flflab.analysis.spots.blind import blind_law, spots_in
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
 from flflab.targets import Chirp, FourDot, Target, White

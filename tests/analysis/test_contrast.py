@@ -8,12 +8,12 @@ import numpy.typing as npt
 import pytest
 from scipy.special import fresnel, j1
 
-from flflab.analysis.contrast import ContrastCurve, fit_contrast, fit_contrasts
-from flflab.analysis.lattice import find_lattice
+from flflab.analysis.contrast.curve import ContrastCurve, fit_contrast, fit_contrasts
+from flflab.analysis.lattice.profile import cone_of
+from flflab.analysis.lattice.registration import microlens_type_of
+from flflab.analysis.lattice.white import find_lattice
 from flflab.analysis.measure import nominal_lattice
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
-from flflab.analysis.registration import microlens_type_of
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render

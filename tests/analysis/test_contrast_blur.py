@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.contrast_blur import with_blur_unsure
-from flflab.analysis.contrast_data import ChirpData
-from flflab.analysis.contrast_fit import ChirpFit, ChirpModel, Knots, Prior, noise_covariance, waves
-from flflab.analysis.contrast_template import Template, edges_of
+from flflab.analysis.contrast.blur import with_blur_unsure
+from flflab.analysis.contrast.data import ChirpData
+from flflab.analysis.contrast.fit import ChirpFit, ChirpModel, Knots, Prior, noise_covariance, waves
+from flflab.analysis.contrast.template import Template, edges_of
 from flflab.analysis.lowest import lowest
 from flflab.targets import Bars
 

@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.contrast import fit_contrast
-from flflab.analysis.contrast_data import ChirpData, field_of, gather
-from flflab.analysis.contrast_search import Frame, model_of, search, settle
-from flflab.analysis.lattice import find_lattice
+from flflab.analysis.contrast.curve import fit_contrast
+from flflab.analysis.contrast.data import ChirpData, field_of, gather
+from flflab.analysis.contrast.search import Frame, model_of, search, settle
+from flflab.analysis.lattice.profile import cone_of
+from flflab.analysis.lattice.white import find_lattice
 from flflab.analysis.measure import nominal_lattice
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera

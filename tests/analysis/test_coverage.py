@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.dots import count_views
-from flflab.analysis.lattice import find_lattice
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.dots.views import count_views
+from flflab.analysis.lattice.white import find_lattice
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from flflab.analysis.cut_light import common_area, pixel_in_disc
+from flflab.analysis.spots.cut_light import common_area, pixel_in_disc
 from flflab.optics.discs import disc_rectangle_area, three_disc_area
 
 REPEATS = 2000

@@ -7,12 +7,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.dots import DotViews, count_views
-from flflab.analysis.lattice import find_lattice
+from flflab.analysis.dots.views import DotViews, count_views
+from flflab.analysis.lattice.profile import cone_of
+from flflab.analysis.lattice.white import find_lattice
 from flflab.analysis.measure import nominal_lattice
-from flflab.analysis.noise import SensorNoise
 from flflab.analysis.presence import unlike_whole
-from flflab.analysis.profile import cone_of
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render

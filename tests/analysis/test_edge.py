@@ -8,9 +8,9 @@ import numpy.typing as npt
 import pytest
 from scipy.special import erf, j1
 
-from flflab.analysis.edge import EdgeFit, edge_pixels, fit_edge
-from flflab.analysis.edge_free import fit_free_edge, free_forms
-from flflab.analysis.edges import pooled
+from flflab.analysis.edges.fit import EdgeFit, edge_pixels, fit_edge
+from flflab.analysis.edges.free import fit_free_edge, free_forms
+from flflab.analysis.edges.views import pooled
 from flflab.errors import MeasurementError
 
 Array = npt.NDArray[np.float64]

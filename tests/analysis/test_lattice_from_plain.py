@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flflab.analysis.lattice_from_bars import lattice_from_bars
-from flflab.analysis.lattice_from_dots import lattice_from_dots
 from flflab.analysis.measure import measure, nominal_lattice
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sensor.noise import SensorNoise
+from flflab.analysis.without_white.bars import lattice_from_bars
+from flflab.analysis.without_white.dots import lattice_from_dots
 from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render

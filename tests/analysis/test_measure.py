@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flflab.analysis.lattice import find_lattice
+from flflab.analysis.lattice.white import find_lattice
 from flflab.analysis.measure import measure
-from flflab.analysis.noise import SensorNoise, estimate_noise
+from flflab.analysis.sensor.noise import SensorNoise, estimate_noise
 from flflab.errors import InputError
 from flflab.image.render import render
 from flflab.image.scene import one_plane

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.lattice import find_lattice
+from flflab.analysis.lattice.profile import cone_of
+from flflab.analysis.lattice.white import find_lattice
 from flflab.analysis.measure import measure
 from flflab.analysis.micro_images import every_micro_image
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import one_plane, without

@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.contrast import fit_contrast
-from flflab.analysis.dots import count_views
-from flflab.analysis.edges import measure_edges
-from flflab.analysis.lattice import find_lattice
+from flflab.analysis.contrast.curve import fit_contrast
+from flflab.analysis.dots.views import count_views
+from flflab.analysis.edges.views import measure_edges
+from flflab.analysis.lattice.white import find_lattice
 from flflab.analysis.measure import measure, nominal_lattice
-from flflab.analysis.mosaic import Mosaic, from_raw
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sensor.mosaic import Mosaic, from_raw
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.photon_transfer import Pair, photon_transfer
+from flflab.analysis.sensor.photon_transfer import Pair, photon_transfer
 from flflab.errors import InputError, MeasurementError
 
 Array = npt.NDArray[np.float64]

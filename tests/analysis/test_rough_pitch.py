@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flflab.analysis.rough_pitch import mixed_up_units, rough_pitch
+from flflab.analysis.lattice.rough_pitch import mixed_up_units, rough_pitch
 
 
 def discs(pitch: float, radius: float, shape: tuple[int, int], *, hexagonal: bool = False, angle: float = 0.0) -> np.ndarray:

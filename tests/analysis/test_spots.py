@@ -8,10 +8,10 @@ import numpy.typing as npt
 import pytest
 from scipy.ndimage import convolve1d
 
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import ProfileTable
-from flflab.analysis.spot_profile import defocused_dot, softened_dot
-from flflab.analysis.spots import Lit, Spots, fit_spots
+from flflab.analysis.lattice.profile import ProfileTable
+from flflab.analysis.sensor.noise import SensorNoise
+from flflab.analysis.spots.fit import Lit, Spots, fit_spots
+from flflab.analysis.spots.profile import defocused_dot, softened_dot
 
 Array = npt.NDArray[np.float64]
 

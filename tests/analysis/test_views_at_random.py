@@ -6,14 +6,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from flflab.analysis.dots import count_views
-from flflab.analysis.lattice import find_lattice
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.dots.views import count_views
+from flflab.analysis.lattice.white import find_lattice
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.errors import MeasurementError
-from flflab.image.random_numbers import noise_key
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
-from flflab.image.sensor_response import SensorResponse, digitise
+from flflab.image.sensor.random_numbers import noise_key
+from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
 from flflab.optics.useful import sensor_fields
 from flflab.optics.views import chief_view_indices

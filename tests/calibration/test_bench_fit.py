@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.calibration.bench_model import OPTICS, BenchModel, Setting, Stage
 from flflab.calibration.fit import Fit, fit_bench
 from flflab.calibration.from_pictures import Pictures, calibrate

@@ -11,7 +11,7 @@ import pytest
 
 import flflab
 
-SAY = "from flflab.image.clipping import clip; clip(9.0, 0.0, 1.0, 0.0, 0.5, 1.0); import os; print(os.environ['NUMBA_CACHE_DIR'])"
+SAY = "from flflab.image.geometry.clipping import clip; clip(9.0, 0.0, 1.0, 0.0, 0.5, 1.0); import os; print(os.environ['NUMBA_CACHE_DIR'])"
 SHARE = f"""
 import subprocess, sys
 from pathlib import Path

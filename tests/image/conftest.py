@@ -5,7 +5,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.image.reference import trace_pixels
+from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Scene
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor

@@ -16,7 +16,7 @@ from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
 from flflab.image.effects.scatter import Scatter
 from flflab.image.effects.stray_light import StrayLight
-from flflab.image.reference import trace_pixels
+from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
 from flflab.optics.camera import Camera, Sensor, Substrate

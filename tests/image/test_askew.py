@@ -6,13 +6,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.image.parallelogram import disc_parallelogram_area, parallelogram_sum, ruled_parallelogram
-from flflab.image.profile import first_antiderivative, first_mean, profile_table
-from flflab.image.reference import trace_pixels
+from flflab.image.cards.single_rays import add_single_rays
+from flflab.image.geometry.setup import make_setup
+from flflab.image.radiance.parallelogram import disc_parallelogram_area, parallelogram_sum, ruled_parallelogram
+from flflab.image.radiance.profile import first_antiderivative, first_mean, profile_table
+from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import ALL, Plane, Scene
-from flflab.image.setup import make_setup
-from flflab.image.single_rays import add_single_rays
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import Bars, Chirp, FourDot, Picture, Target
 

@@ -6,17 +6,17 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.image.card_parts import split, split_by_dots
-from flflab.image.cards import cards_of
+from flflab.image.cards.parts import split, split_by_dots
+from flflab.image.cards.single_rays import add_single_rays
+from flflab.image.cards.windows import cards_of
 from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
+from flflab.image.geometry.setup import make_setup
+from flflab.image.reference.rays import Path, landing
 from flflab.image.render import render
 from flflab.image.scene import ALL, Plane, Scene
-from flflab.image.setup import make_setup
-from flflab.image.single_rays import add_single_rays
-from flflab.image.traced_rays import Path, landing
 from flflab.optics.camera import Camera, Sensor, microlens_centres, pixel_positions
 from flflab.targets import Black, FourDot, Picture, White
 

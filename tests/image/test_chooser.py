@@ -22,7 +22,7 @@ from flflab.image.random_scene import RESOLUTION
 from flflab.image.render import LEAST_TOLERANCE, render
 from flflab.image.scene import Plane, Scene, one_plane
 from flflab.image.scene_file import short_scene
-from flflab.image.sensor_response import SensorResponse
+from flflab.image.sensor.response import SensorResponse
 from flflab.optics.camera import Camera
 from flflab.targets import Bars, Black, Edge, FourDot
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flflab.image.diffraction import add_plane_with_diffraction
-from flflab.image.diffraction_cut import clipped, cut_dots_spectrum
-from flflab.image.diffraction_fields import dots_spectrum
+from flflab.image.diffraction.cut import clipped, cut_dots_spectrum
+from flflab.image.diffraction.fields import dots_spectrum
+from flflab.image.diffraction.form import add_plane_with_diffraction
+from flflab.image.geometry.setup import make_setup
 from flflab.image.scene import one_plane
-from flflab.image.setup import make_setup
 from flflab.optics.camera import Camera, Sensor
 from flflab.targets import Edge, FourDot, Target
 

@@ -16,17 +16,17 @@ import numpy.typing as npt
 import pytest
 from numba.core.registry import CPUDispatcher
 
-from flflab.image import form
 from flflab.image.device import found, work
 from flflab.image.device.dots import dot_pixel
 from flflab.image.device.pieces import HIGH, WIDE
 from flflab.image.device.ruled import ROOM, ruled_pixel
 from flflab.image.device.texels import texel_pixel
 from flflab.image.device.work import dots_work, ruled_work, texels_work
-from flflab.image.dot_area import MOST_SQUARES
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
+from flflab.image.flat_target import form
+from flflab.image.light.dot_area import MOST_SQUARES
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor

@@ -9,13 +9,13 @@ import numpy.typing as npt
 import pytest
 from scipy.special import j0, j1
 
-from flflab.image.diffraction import add_plane_with_diffraction
+from flflab.image.diffraction.form import add_plane_with_diffraction
 from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.motion import Motion
+from flflab.image.geometry.setup import make_setup
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
-from flflab.image.setup import make_setup
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, pixel_positions
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 

@@ -7,9 +7,9 @@ import pytest
 
 from flflab.errors import InputError
 from flflab.image.effects.falloff import Falloff
-from flflab.image.exposure import electrons_at_white, white_irradiance
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.image.sensor.exposure import electrons_at_white, white_irradiance
 from flflab.optics.camera import Camera
 from flflab.targets import White
 

@@ -9,11 +9,11 @@ import numpy.typing as npt
 import pytest
 
 from flflab.errors import InputError
-from flflab.image.random_numbers import noise_key
-from flflab.image.reference import trace_pixels
+from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Scene, one_plane
-from flflab.image.sensor_response import SensorResponse, digitise
+from flflab.image.sensor.random_numbers import noise_key
+from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.optics.camera import Camera, MainLens, Sensor
 from flflab.targets import Bars, Black, Edge, FourDot, Target, White
 

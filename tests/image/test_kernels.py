@@ -13,14 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flflab.image.form import add_plane
-from flflab.image.profile import prepare, profile_mean, profile_table
-from flflab.image.ruled import add_ruled
-from flflab.image.sampled import add_dots
+from flflab.image.flat_target.form import add_plane
+from flflab.image.geometry.setup import Setup, make_setup
+from flflab.image.light.ruled import add_ruled
+from flflab.image.light.sampled import add_dots
+from flflab.image.light.strips import BLOCK, MEAN, ROWS, strip_means, strip_nodes
+from flflab.image.light.texels import add_texels
+from flflab.image.radiance.profile import prepare, profile_mean, profile_table
 from flflab.image.scene import one_plane
-from flflab.image.setup import Setup, make_setup
-from flflab.image.strips import BLOCK, MEAN, ROWS, strip_means, strip_nodes
-from flflab.image.texels import add_texels
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, pixel_positions
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 

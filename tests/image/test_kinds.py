@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.image.diffraction_kinds import largest_change
+from flflab.image.diffraction.kinds import largest_change
 from flflab.targets import FourDot, Picture
 
 Array = npt.NDArray[np.float64]

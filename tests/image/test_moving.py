@@ -8,10 +8,10 @@ import numpy.typing as npt
 import pytest
 
 from flflab.image.effects.motion import Motion
-from flflab.image.reference import trace_pixels
+from flflab.image.geometry.tiles import shrink
+from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene
-from flflab.image.tiles import shrink
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target
 

@@ -8,8 +8,8 @@ import numpy.typing as npt
 import pytest
 from scipy import special, stats
 
-from flflab.image.draws import Draws, draw
-from flflab.image.random_numbers import EDGES, FAR, HEIGHTS, LARGE_MEAN, TAIL, noise_key, philox
+from flflab.image.sensor.draws import Draws, draw
+from flflab.image.sensor.random_numbers import EDGES, FAR, HEIGHTS, LARGE_MEAN, TAIL, noise_key, philox
 
 Array = npt.NDArray[np.float64]
 SHAPE = (4, 50_000)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flflab.image.promise import drawn, sharpest
-from flflab.image.reference import trace_pixels
+from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Scene
 from flflab.targets import Picture, White

@@ -10,11 +10,11 @@ import rawpy
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.saturation import Saturation
-from flflab.image.random_numbers import noise_key
-from flflab.image.raw_picture import neutral, raw_picture
 from flflab.image.render import render
 from flflab.image.scene import one_plane
-from flflab.image.sensor_response import SensorResponse, digitise
+from flflab.image.sensor.random_numbers import noise_key
+from flflab.image.sensor.raw_picture import neutral, raw_picture
+from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.image_file import write_picture
 from flflab.optics.camera import Camera
 from flflab.raw_file import read_raw, write_raw

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from flflab.errors import InputError
-from flflab.image import sensor_response
 from flflab.image.effects.dark_current import DarkCurrent
 from flflab.image.effects.dead_pixels import DeadPixels
 from flflab.image.effects.fixed_pattern import FixedPattern
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
-from flflab.image.random_numbers import noise_key
-from flflab.image.sensor_response import SensorResponse, digitise, read_out
+from flflab.image.sensor.random_numbers import noise_key
+from flflab.image.sensor.response import SensorResponse, digitise, read_out
 
 RESPONSE = SensorResponse(Quantisation(12, 0.4, 64.0), Saturation(9000.0), read_noise=ReadNoise(4.0))
 QUIET = SensorResponse(Quantisation(16, 1.0, 0.0), None, None, None)
@@ -53,7 +52,7 @@ def test_a_picture_depends_on_its_key_alone_and_not_on_how_the_work_is_shared_ou
     assert not np.array_equal(whole, digitise(image, 5000.0, response, noise_key(2)))
     part = digitise(np.ascontiguousarray(image[37:90, 701:1222]), 5000.0, response, KEY, corner=(37, 701))
     assert np.array_equal(part, whole[37:90, 701:1222])
-    monkeypatch.setattr(sensor_response, "BAND_ROWS", 7)
+    monkeypatch.setattr("flflab.image.sensor.response.BAND_ROWS", 7)
     monkeypatch.setattr("os.cpu_count", lambda: 1)
     assert np.array_equal(digitise(image, 5000.0, response, KEY), whole)
 

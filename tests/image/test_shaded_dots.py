@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flflab.image import form
-from flflab.image.dot_area import weighted_share
 from flflab.image.effects.falloff import Falloff
-from flflab.image.reference import trace_pixels
+from flflab.image.flat_target import form
+from flflab.image.light.dot_area import weighted_share
+from flflab.image.light.strips import strip_nodes
+from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Scene, one_plane
-from flflab.image.strips import strip_nodes
 from flflab.optics.camera import Camera
 from flflab.targets import FourDot
 

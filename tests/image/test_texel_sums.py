@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from flflab.image.texel_sums import chord_sum, fill_sums, rows_between
+from flflab.image.light.texel_sums import chord_sum, fill_sums, rows_between
 
 TEXELS = np.random.default_rng(5).random((30, 60))
 # Columns and rows from the corner: inside, at a side, at the ends, past one.

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from flflab.image.diffraction_kinds import Kind
-from flflab.image.diffraction_modes import ALL, Sieve, find_modes
-from flflab.image.diffraction_table import transfer_table
-from flflab.image.smear import Smear
+from flflab.image.diffraction.kinds import Kind
+from flflab.image.diffraction.modes import ALL, Sieve, find_modes
+from flflab.image.diffraction.smear import Smear
+from flflab.image.diffraction.table import transfer_table
 from flflab.optics.diffraction import pupil_transfer
 
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from flflab.image.effects.falloff import Falloff
-from flflab.image.reference import trace_pixels
+from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
 from flflab.image.scene import Scene, in_light, one_plane
 from flflab.optics.camera import Camera

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from drivers.bench import ConnectedBench
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench
 from flflab.cli.report import analyse
 from flflab.cli.run import resume_run, run_study

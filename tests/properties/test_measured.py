@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.analysis.noise import SensorNoise
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import read_bench
 from flflab.errors import MeasurementError
 from flflab.properties.measured import measure_pictures

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.analysis.contrast import ContrastCurve
-from flflab.analysis.dots import DotViews
-from flflab.analysis.lattice import Lattice
+from flflab.analysis.contrast.curve import ContrastCurve
+from flflab.analysis.dots.views import DotViews
+from flflab.analysis.lattice.white import Lattice
 from flflab.bench import Bench, Element, read_bench
 from flflab.comparison import Comparison, Row, Verdict
 from flflab.evaluation import Evaluation, properties

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from flflab.alignment import measure_attitude
-from flflab.analysis.lattice import find_lattice
+from flflab.analysis.lattice.profile import cone_of
+from flflab.analysis.lattice.white import find_lattice
 from flflab.analysis.micro_images import measure_micro_images
-from flflab.analysis.noise import SensorNoise
-from flflab.analysis.profile import cone_of
+from flflab.analysis.sensor.noise import SensorNoise
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor

@@ -15,10 +15,10 @@ from flflab.image.device.ruled import ruled_pixel
 from flflab.image.device.texels import ROOM as TEXEL_ROOM
 from flflab.image.device.texels import texel_pixel
 from flflab.image.device.work import Work, dots_work, ruled_work, texels_work
-from flflab.image.dot_area import MOST_SQUARES
-from flflab.image.ruled import RuledSeen
-from flflab.image.sampled import DotSeen
-from flflab.image.texels import PictureSeen
+from flflab.image.light.dot_area import MOST_SQUARES
+from flflab.image.light.ruled import RuledSeen
+from flflab.image.light.sampled import DotSeen
+from flflab.image.light.texels import PictureSeen
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]

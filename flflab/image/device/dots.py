@@ -5,7 +5,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.device.pieces import Pieces, holds
-from flflab.image.sampled import DotSeen, dot_light
+from flflab.image.light.sampled import DotSeen, dot_light
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.tiles import shrink
+from flflab.image.geometry.tiles import shrink
 
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]

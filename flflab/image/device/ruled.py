@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.device.pieces import Pieces, holds
-from flflab.image.falloff_means import cut_weight, is_uneven, seen_weight, table_steps
-from flflab.image.parallelogram import stands_askew
-from flflab.image.profile import moved_mean
-from flflab.image.rim import part_share, rim_share
-from flflab.image.ruled import EDGE, EVEN, OFF_ENDS, RuledSeen, antiderivatives, askew_mean, columns_between, end_at, rim_boxes
-from flflab.image.strips import weighted_mean, window_mean
+from flflab.image.geometry.falloff_means import cut_weight, is_uneven, seen_weight, table_steps
+from flflab.image.geometry.rim import part_share, rim_share
+from flflab.image.light.ruled import EDGE, EVEN, OFF_ENDS, RuledSeen, antiderivatives, askew_mean, columns_between, end_at, rim_boxes
+from flflab.image.light.strips import weighted_mean, window_mean
+from flflab.image.radiance.parallelogram import stands_askew
+from flflab.image.radiance.profile import moved_mean
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]

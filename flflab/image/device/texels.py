@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.device.pieces import Pieces, holds
-from flflab.image.texel_sums import fill_sums
-from flflab.image.texels import FRAME, PictureSeen, picture_lens, seen_texels, texel_light
+from flflab.image.light.texel_sums import fill_sums
+from flflab.image.light.texels import FRAME, PictureSeen, picture_lens, seen_texels, texel_light
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from flflab.image.device.pieces import HIGH, Pieces, cut_windows, pieces_by_block
 from flflab.image.device.ruled import RuledTables, ruled_tables
 from flflab.image.device.texels import texel_tables
-from flflab.image.orders import BAND_ROWS
-from flflab.image.ruled import RuledSeen
-from flflab.image.sampled import DotSeen
-from flflab.image.texels import PictureSeen
+from flflab.image.light.orders import BAND_ROWS
+from flflab.image.light.ruled import RuledSeen
+from flflab.image.light.sampled import DotSeen
+from flflab.image.light.texels import PictureSeen
 
 Whole = npt.NDArray[np.int64]
 

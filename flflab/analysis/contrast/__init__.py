@@ -1,0 +1,1 @@
+"""Contrast against frequency, from pictures of bars or of a chirp."""

@@ -1,0 +1,1 @@
+"""The four dots: in which micro-images each is seen, and where in space that puts it."""

@@ -1,0 +1,1 @@
+"""The transfer function from slanted edges."""

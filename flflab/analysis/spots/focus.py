@@ -1,0 +1,125 @@
+"""How far a frame is out of focus, as all spots that an aperture cuts show it together, and what that leaves open of their centres.
+
+A cut spot is seen through one side of the cone: blur shifts it outwards or inwards, by the side of the focus on which the sensor stands,
+and its inner and outer edge by different amounts, which shows. How soft edges are says nothing of the side, and diffraction softens them
+as well: softness is fitted beside the focus and does not decide it. Every spot's (x, y, brightness) and the two numbers for all of them
+are solved at once: those first, from what the spots' own parameters cannot explain (Schur's complement).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.analysis.spots.fit import inverted
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+FOCUS_PX = 5.0  # of blur: so far, as a standard uncertainty, may the focus be off the nominal one
+MOST_PX = 1.0  # of blur, in a step
+SOUND = 1.1  # chi squared a pixel that noise may make of all spots together
+STRANGE = 20.0  # times the typical misfit, beyond which a spot has no say: a neighbour's light, dust
+SURE_PX = 0.01  # of blur: near focus the misfit has several least places so far apart, and edges no sharper than it bend it
+SOFTER_PX = 0.3  # of blur: edges softer than by rays and noise show diffraction or aberrations, which shift cut spots too
+SHARE_OF_SOFTER = 0.5  # of that, as a standard uncertainty of the focus: 550 nm lead it astray by 0.2 to 0.6 of it at F/2.8 to F/5.6
+NEAR = 2.0  # chi squared a pixel below which the blur is so nearly right that edges can be no sharper than it
+SHARPEST_PX = 0.03  # of blur: softer edges cannot be told from sharp ones
+
+
+@dataclass(frozen=True)
+class Focus:
+    """The focus that cut spots show.
+
+    Attributes:
+        nominal_px: diameter of the blur by the nominal camera, signed as its defocus b/(L x kappa) - 1.
+        blur_px: the same as the spots show it.
+        softness_px: diameter of the disc that softens edges as they are seen.
+        uncertainty_px: standard uncertainty of ``blur_px``; 0: the nominal focus counts as known.
+    """
+
+    nominal_px: float
+    blur_px: float
+    softness_px: float
+    uncertainty_px: float
+
+
+@dataclass(frozen=True)
+class CommonStep:
+    """A step of Gauss-Newton for spots and focus together.
+
+    Attributes:
+        steps: of (x, y, brightness), shape (n, 3).
+        covariance: of the same for a known focus, shape (n, 3, 3); infinite where the pixels say nothing.
+        by_focus: how the centres move with each pixel of blur, shape (n, 2).
+        focus: as it is known now.
+    """
+
+    steps: Array
+    covariance: Array
+    by_focus: Array
+    focus: Focus
+
+
+def nominal_focus(blur_px: float, known: bool) -> Focus:
+    """Where to start: what the camera says, known or to be fitted."""
+    return Focus(blur_px, blur_px, max(abs(blur_px), 0.0 if known else SHARPEST_PX), 0.0 if known else FOCUS_PX)
+
+
+def by_common_focus(normal: Array, right: Array, signed: Array, soft: Array, focus: Focus) -> tuple[Array, Array]:
+    """Normal matrices and right sides by the frame's blur and softness in place of each spot's own, shapes (n, 5, 5) and (n, 5).
+
+    A spot's softness S goes with its blur B as with the frame's s and b, S^2 = s^2 + B^2 - b^2 and B - b fixed: dS = (B - b)/S db + s/S ds.
+    """
+    own = np.tile(np.eye(5), (len(right), 1, 1))
+    own[:, 4, 3], own[:, 4, 4] = (signed - focus.blur_px) / soft, focus.softness_px / soft
+    turned = own.transpose(0, 2, 1)
+    return turned @ normal @ own, (turned @ right[:, :, None])[:, :, 0]
+
+
+def common_step(normal: Array, right: Array, chi2_per_pixel: Array, usable: Flags, lit: Flags, focus: Focus, first: bool) -> CommonStep:
+    """Solve for spots and their common focus.
+
+    Args:
+        normal: matrices of (x, y, brightness, blur, softness), shape (n, 5, 5).
+        right: right sides, shape (n, 5).
+        chi2_per_pixel: of each spot.
+        usable: spots bright enough to be solved for.
+        lit: those with so much light that they say something of the focus: the places of others are not known well enough.
+        focus: where this step starts.
+        first: spots are not where they belong yet, and show how soft edges are but no side of the focus.
+    """
+    covariance = inverted(normal[:, :3, :3], usable)
+    good = np.isfinite(covariance[:, 0, 0])
+    known = np.where(good[:, None, None], covariance, 0.0)
+    steps, gains = known @ right[:, :3, None], -known @ normal[:, :3, 3:]
+    if focus.uncertainty_px == 0:
+        return CommonStep(steps[:, :, 0], covariance, gains[:, :2, 0], focus)
+    typical = max(float(np.median(chi2_per_pixel[good & lit])), 1.0) if (good & lit).any() else 1.0
+    heard = good & lit & (chi2_per_pixel < STRANGE * typical)
+    says = (normal[:, 3:, 3:] + normal[:, 3:, :3] @ gains)[heard].sum(axis=0)
+    pulls = (right[:, 3:] + np.einsum("nik,ni->nk", gains, right[:, :3]))[heard].sum(axis=0)
+    misfit = float(chi2_per_pixel[heard].mean()) if heard.any() else 1.0
+    here, prior = np.array([focus.blur_px, focus.softness_px]), np.diag([FOCUS_PX**-2, 1e-6])
+    bend = prior + says
+    there, variance = _lowest(bend, bend @ here + pulls - prior @ (here - [focus.nominal_px, 0.0]), misfit < NEAR)
+    # what pictures have and spots here have not is alike in all of them and averages out in none
+    excess = max(misfit, 1.0) * (1 + max(0.0, 1 - SOUND / misfit if misfit > 0 else 0.0) * max(np.count_nonzero(heard) - 1, 0))
+    there = here + np.clip(there - here, -MOST_PX, MOST_PX) * [0.0 if first else 1.0, 1.0]
+    there[1] = max(there[1], abs(there[0]), SHARPEST_PX)
+    softer = max(0.0, float(there[1] ** 2 - there[0] ** 2) - SOFTER_PX**2)
+    doubt = math.sqrt(excess * variance + SURE_PX**2 + SHARE_OF_SOFTER**2 * softer)
+    found = Focus(focus.nominal_px, float(there[0]), float(there[1]), doubt)
+    return CommonStep(steps[:, :, 0] + gains @ (there - here), covariance, gains[:, :2, 0], found)
+
+
+def _lowest(bend: Array, pull: Array, bound: bool) -> tuple[Array, float]:
+    """Blur and softness where x . bend . x / 2 - pull . x is least, and the variance of the blur; ``bound``: edges no sharper than it."""
+    inverse = np.linalg.inv(bend)
+    free = inverse @ pull
+    if not bound or abs(free[0]) <= free[1]:
+        return free, float(inverse[0, 0])
+    along = np.array([1.0 if free[0] > 0 else -1.0, 1.0])
+    variance = 1 / float(along @ bend @ along)
+    return along * max(float(along @ pull) * variance, 0.0), variance

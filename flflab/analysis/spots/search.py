@@ -1,0 +1,167 @@
+"""The images of round dots in a picture of many micro-images: found, and fitted."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.analysis.lattice.profile import ProfileTable
+from flflab.analysis.lattice.registration import blur_px, require_shape, sensor_position, tilted_scales
+from flflab.analysis.lattice.white import Lattice
+from flflab.analysis.lowest import lowest
+from flflab.analysis.sensor.noise import SensorNoise
+from flflab.analysis.spots.clipping import FAR_PX, cut_spots, pupils_of, step_of_cut_spots
+from flflab.analysis.spots.fit import LIT, Lit, Spots, fit_spots, illumination, illumination_table, lit
+from flflab.analysis.spots.focus import SHARPEST_PX, Focus, nominal_focus
+from flflab.analysis.spots.law import Candidates, candidates_near, law_places, register, regress
+from flflab.analysis.spots.profile import defocused_dot
+from flflab.analysis.spots.start import where_to_look
+from flflab.errors import MeasurementError
+from flflab.optics.camera import Camera
+from flflab.optics.focus import microlens_limits
+from flflab.optics.resolution import central_smms
+from flflab.targets import FourDot
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+MOST_ROUNDS, SETTLED_PX = 12, 0.001  # a further round moves centres and radius by a tenth of that
+SETTLED_BLUR_PX = 0.001  # of the focus, a tenth of its uncertainty: it moves all cut spots alike, and depth with them
+SOFTER, SOFTER_PX = 0.03, 0.01  # share of the blur, and px: as much more leaves the centres of whole spots in few micro-images alone
+NEAR_PX = 1.0  # of blur, up to which edges hardly tell the sides of the focus apart
+
+
+@dataclass(frozen=True)
+class SeenSpots:
+    """The spots of a picture, one for each candidate, and what they were taken for.
+
+    Attributes:
+        spots: fitted.
+        candidates: dot and micro-image of each.
+        law: where the spots lie, as ``law_places`` reads it, shape (5, 2).
+        radius: of a spot in focus, px.
+        spread: diameter of the blur, px.
+        focus: how far it is off the nominal, as the cut spots show it.
+        table: how light falls off within a micro-image.
+        distance: main lens to target, mm: the nominal one, or where dots were not there, by their parallax.
+    """
+
+    spots: Spots
+    candidates: Candidates
+    law: Array
+    radius: float
+    spread: float
+    focus: Focus
+    table: ProfileTable
+    distance: float
+
+
+def find_spots(
+    values: npt.NDArray[Any], lattice: Lattice, camera: Camera, target: FourDot, distance: float, noise: SensorNoise
+) -> SeenSpots:
+    """Find the images of the dots round where the nominal camera puts them, to 30 px, and if they are not there, anywhere.
+
+    Raises:
+        MeasurementError: target at infinity, or no dot found where the camera puts some.
+    """
+    table = illumination_table(lattice)
+    law, distance = where_to_look(values, lattice, camera, target, distance, table, noise)
+    spread = blur_px(camera, distance)
+    start = law
+    sizes = 1 / tilted_scales(lattice, central_smms(camera), distance)
+    law, radius = register(values, lattice, camera, target, law, spread, sizes, table, noise)
+    candidates = candidates_near(lattice, camera, target, law, _half_width(radius, spread))
+    places, regressors = law_places(lattice, camera, target, law, candidates)
+    own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes, table)
+    pupils = pupils_of(lattice, candidates.lens, camera, distance)
+    spots = fit_spots(values, places, _half_width(radius, spread), own, defocused_dot(radius, spread), noise)
+    reach = radius + spread / 2
+    cut = cut_spots(spots, own, lattice, reach, pupils)
+    whole = np.setdiff1d(np.arange(len(places)), cut)
+    limited = bool(microlens_limits(central_smms(camera), 1 / distance))
+    focus = nominal_focus(0.0 if pupils is None else pupils.blur, known=not limited)
+
+    def settled(seen: SeenSpots, moved: float) -> SeenSpots:
+        # spots and focus want the radius, the radius the law and the law the spots: a step of each, until they agree
+        spots, law, radius, spread, focus, fitted = seen.spots, seen.law, seen.radius, seen.spread, seen.focus, (seen.radius, seen.spread)
+        for _ in range(MOST_ROUNDS):
+            before, last, focused, half = spots.centres, radius, focus.blur_px, _half_width(radius, spread)
+            if limited and not _lit(spots, own)[cut].any():
+                spread = _softness(values, spots, whole, half, own, radius, spread, noise)
+            if abs(radius - fitted[0]) > SETTLED_PX or abs(spread - fitted[1]) > max(SOFTER * spread, SOFTER_PX):
+                again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
+                spots, fitted = spots.with_those(whole, again), (radius, spread)
+            spots, focus = step_of_cut_spots(values, spots, cut, half, own, pupils, focus, radius, noise, moved)
+            bright = _lit(spots, own)
+            if limited and bright[cut].any():
+                spread = focus.softness_px
+            # the place of one that the sensor's border cuts depends on the radius, which must not depend on it
+            good = bright & np.all((spots.centres > reach) & (spots.centres < np.asarray(camera.sensor.resolution) - 1 - reach), axis=1)
+            if not good.any():
+                break
+            offsets = sensor_position(camera.sensor, spots.centres) - sensor_position(camera.sensor, own.centres)
+            law = regress(law, start, regressors[good], offsets[good], camera.sensor.pixel)
+            radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
+            far, moved = moved > FAR_PX, float(np.abs(spots.centres - before)[bright].max())
+            if max(moved, abs(radius - last)) < SETTLED_PX and abs(focus.blur_px - focused) < SETTLED_BLUR_PX and not far:
+                break
+        return SeenSpots(spots, candidates, law, radius, spread, focus, table, distance)
+
+    def misfit(seen: SeenSpots) -> float:
+        return float(seen.spots.chi2_per_pixel[cut][_lit(seen.spots, own)[cut]].sum())
+
+    seen = settled(SeenSpots(spots, candidates, law, radius, spread, focus, table, distance), math.inf)
+    if limited and 3 * seen.focus.uncertainty_px < abs(seen.focus.blur_px) < NEAR_PX:
+        # a blur on the wrong side of the focus is a lesser misfit than any near it
+        other = settled(replace(seen, focus=replace(seen.focus, blur_px=-seen.focus.blur_px)), 0.0)
+        seen = min(seen, other, key=misfit)
+    return seen
+
+
+def _lit(spots: Spots, own: Lit) -> npt.NDArray[np.bool_]:
+    """Which spots are seen in enough light to say where dots are, and in which focus."""
+    return (illumination(own.table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
+
+
+def _softness(
+    values: npt.NDArray[Any], spots: Spots, whole: Whole, half: int, own: Lit, radius: float, spread: float, noise: SensorNoise
+) -> float:
+    """Diameter of the disc, px, through which whole spots fit best: where none is cut, nothing else tells it."""
+    mine = own.those(whole)
+    bright = _lit(spots, own)[whole]
+    if not bright.any():
+        return spread
+
+    def misfit(square: float) -> float:
+        fitted = fit_spots(values, spots.centres[whole], half, mine, defocused_dot(radius, math.sqrt(square)), noise)
+        return float(fitted.chi2_per_pixel[bright].sum()) * (2 * half + 1) ** 2
+
+    squares = [max(spread, SHARPEST_PX) ** 2 + step for step in (0.0, 0.01, 0.04)]
+    return math.sqrt(lowest(misfit, squares, SHARPEST_PX**2))
+
+
+def _half_width(radius: float, spread: float) -> int:
+    """Of the windows that hold a spot, px."""
+    return math.ceil(radius + spread / 2 + 3)
+
+
+def usable_pixels(
+    picture: npt.NDArray[np.generic], white: npt.NDArray[np.generic] | None, camera: Camera, kind: str, noise: SensorNoise
+) -> npt.NDArray[Any]:
+    """The picture as it is, or, where the white one is saturated, a copy that is saturated there too.
+
+    Raises:
+        MeasurementError: wrong shape, or not finite.
+    """
+    require_shape(picture, camera, kind)
+    values = np.ascontiguousarray(picture)
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        raise MeasurementError(f"{kind} picture: every pixel must be a finite number")
+    if white is not None:
+        require_shape(white, camera, "white")
+        # of ten million pixels a maximum costs less than a comparison
+        if float(np.fmax.reduce(white, axis=None)) >= noise.full_scale_dn:
+            return np.where(np.asarray(white, dtype=np.float32) >= noise.full_scale_dn, noise.full_scale_dn, values.astype(np.float32))
+    return values

@@ -1,0 +1,1 @@
+"""From light to numbers: exposure, the sensor's response, its noise by counter, and the raw picture."""

@@ -1,0 +1,39 @@
+"""A sensor's numbers with the facts that a raw file holds."""
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.effects.colour_filter import ColourFilter
+from flflab.image.sensor.response import SensorResponse
+from flflab.raw_file import RawPicture
+
+
+def raw_picture(
+    numbers: npt.NDArray[np.uint16],
+    response: SensorResponse,
+    colour_filter: ColourFilter | None,
+    exposure_s: float = 0.0,
+    iso: float = 0.0,
+) -> RawPicture:
+    """What ``write_raw`` takes, of what ``digitise`` gives.
+
+    Args:
+        numbers: what the sensor reads.
+        response: the sensor; its offset, rounded, is the black level, and its saturation or full scale the white level.
+        colour_filter: of the scene.
+        exposure_s: exposure time, s; 0 notes none.
+        iso: speed; 0 notes none.
+    """
+    scale = response.quantisation
+    black = round(scale.offset_dn)
+    white = min(scale.full_scale, round(scale.offset_dn + scale.dn_per_electron * response.saturation_e))
+    pattern = None if colour_filter is None else colour_filter.pattern
+    return RawPicture(numbers, pattern, (black, black, black, black), white, neutral(colour_filter), exposure_s, iso)
+
+
+def neutral(colour_filter: ColourFilter | None) -> tuple[float, float, float]:
+    """What a white target gives in red, green and blue, of the largest of the three; all alike without filters or through black ones."""
+    if colour_filter is None or min(colour_filter.red, colour_filter.green, colour_filter.blue) == 0:
+        return 1.0, 1.0, 1.0
+    most = max(colour_filter.red, colour_filter.green, colour_filter.blue)
+    return colour_filter.red / most, colour_filter.green / most, colour_filter.blue / most
