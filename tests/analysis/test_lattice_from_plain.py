@@ -1,5 +1,6 @@
 """The lattice measured in a picture of dots or of bars alone, against the camera the picture was formed with."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -56,7 +57,9 @@ def test_what_is_white_in_them_shows_the_lattice_where_no_white_picture_was_take
         NOISE,
     )
     apart = np.hypot(*(found.centres_px[:, None] - nominal.centres_px[None]).transpose(2, 0, 1)).min(axis=1)
-    assert apart.max() < 0.1
+    reach = np.hypot(*found.indices.T).max()
+    assert apart.max() < 4 * math.hypot(reach * found.pitch_uncertainty_px, found.origin_uncertainty_px.max())
+    assert found.pitch_uncertainty_px < 0.02
     assert np.all(np.abs(found.origin_px - nominal.origin_px) < 4 * found.origin_uncertainty_px)
     assert found.origin_uncertainty_px.max() < 0.02
     assert abs(found.pitch_px - nominal.pitch_px) < 4 * found.pitch_uncertainty_px
