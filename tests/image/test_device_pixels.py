@@ -122,6 +122,19 @@ def test_a_pixel_by_itself_is_what_it_is_among_its_neighbours_however_it_is_roun
 
 
 @pytest.mark.ci
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
+@pytest.mark.parametrize(("distance", "roll"), [(1000.0, 0.0), (1000.0, 0.2), (990.0, 0.0)])
+def test_a_pixel_by_itself_has_the_fall_off_of_its_parts(
+    target: Target, distance: float, roll: float, pixel_by_pixel: Callable[[], None]
+) -> None:
+    """A tolerance so fine that the fall-off of a pixel's middle does not do."""
+    scene = Scene(camera(2.8, resolution=(60, 50)), (Plane(target, distance, roll=roll),), falloff=Falloff())
+    together = render(scene, tolerance=4e-4)
+    pixel_by_pixel()
+    assert np.abs(together - render(scene, tolerance=4e-4)).max() < EQUAL
+
+
+@pytest.mark.ci
 @pytest.mark.parametrize(("target", "make"), [(Bars(), ruled_work), (PICTURE, texels_work)], ids=["bars", "picture"])
 def test_more_tables_than_memory_should_hold_are_left_to_the_processor(
     target: Target, make: Callable[..., Any], monkeypatch: pytest.MonkeyPatch

@@ -16,7 +16,7 @@ from flflab.image.device.texels import ROOM as TEXEL_ROOM
 from flflab.image.device.texels import texel_pixel
 from flflab.image.device.work import Work, dots_work, ruled_work, texels_work
 from flflab.image.light.dot_area import MOST_SQUARES
-from flflab.image.light.ruled import RuledSeen
+from flflab.image.light.ruled_seen import RuledSeen
 from flflab.image.light.sampled import DotSeen
 from flflab.image.light.texels import PictureSeen
 

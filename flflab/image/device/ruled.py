@@ -10,7 +10,8 @@ import numpy.typing as npt
 from flflab.image.device.pieces import Pieces, holds
 from flflab.image.geometry.falloff_means import cut_weight, is_uneven, seen_weight, table_steps
 from flflab.image.geometry.rim import part_share, rim_share
-from flflab.image.light.ruled import EDGE, EVEN, OFF_ENDS, RuledSeen, antiderivatives, askew_mean, columns_between, end_at, rim_boxes
+from flflab.image.light.ruled import EDGE, EVEN, OFF_ENDS
+from flflab.image.light.ruled_seen import EVENLY, RuledSeen, antiderivatives, askew_mean, columns_between, end_at, lit_columns, rim_boxes
 from flflab.image.light.strips import weighted_mean, window_mean
 from flflab.image.radiance.parallelogram import stands_askew
 from flflab.image.radiance.profile import moved_mean
@@ -71,23 +72,26 @@ def weight_between(column: float, row: float, left: float, bottom: float, step: 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def falling_weight(dx: float, dy: float, full: bool, window: Whole, entry: int, seen: RuledSeen) -> float:
-    """What the fall-off leaves of a pixel whose blur is negligible, as ``add_ruled`` has it from its tables."""
+def falling_weight(x: float, y: float, full: bool, window: Whole, entry: int, seen: RuledSeen) -> float:
+    """What the fall-off leaves of a pixel, or of a part of it, where blur is negligible, as ``add_ruled`` has it from its tables."""
     lenses = seen.lenses
-    slope, reach, slant, width, pixel = lenses.cones[entry, 0], lenses.cones[entry, 1], lenses.slants[entry], lenses.width, lenses.pixel
-    clipped = slope if 2.0 * abs(slope) > width else 0.0  # a pixel that holds all of the rim sees the whole pupil
+    slope, reach, slant, pixel = lenses.cones[entry, 0], lenses.cones[entry, 1], lenses.slants[entry], lenses.pixel
+    kind = lenses.kinds[entry]
+    grain = 1 if seen.divided[kind] == 1 else int(lenses.parts[kind])  # see ``add_ruled``
+    side = lenses.width / grain
+    clipped = slope if 2.0 * abs(slope) > side else 0.0  # what holds all of the rim sees the whole pupil
     whole_step, rim_step = table_steps(slope, reach, slant, seen.fall)
-    uneven = is_uneven(slope, reach, slant, width, seen.fall)
-    tabled = rim_step >= pixel and not uneven
+    uneven = is_uneven(slope, reach, slant, side, seen.fall)
+    tabled = rim_step >= pixel / grain and not uneven
     if full or tabled:
         span = max(window[1] - window[0], window[3] - window[2]) * pixel
-        apart = min(max(rim_step if tabled else whole_step, 0.5 * pixel), span)
+        apart = min(max(rim_step if tabled else whole_step, 0.5 * pixel / grain), span)
         left = lenses.xs[window[0]] - lenses.centres[entry, 0] - 0.5 * pixel
         bottom = lenses.ys[window[2]] - lenses.centres[entry, 1] - 0.5 * pixel
-        return weight_between((dx - left) / apart, (dy - bottom) / apart, left, bottom, apart, clipped if tabled else 0.0, reach, slant)
+        return weight_between((x - left) / apart, (y - bottom) / apart, left, bottom, apart, clipped if tabled else 0.0, reach, slant)
     if uneven:
-        return cut_weight(dx, dy, width, slope, reach, slant, lenses.nodes)
-    return seen_weight(dx, dy, clipped, reach, slant)
+        return cut_weight(x, y, side, slope, reach, slant, lenses.nodes)
+    return seen_weight(x, y, clipped, reach, slant)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -145,10 +149,13 @@ def ruled_light(
     landing, slants = (origin_x, cxx, cxy, spread, along_x, along_y), (slant[0], slant[1], slant[2], slant[3])
     rim, rim_parts, strips, count = lenses.rims[kind], int(lenses.parts[kind]), seen.strips[kind, 0], int(seen.counts[kind, 0])
     varies, steep, everywhere = table.shape[0] > 0, rim[0] < 0.0, (0.0, 0.0, 0.0)
-    blurred, upright = varies and not seen.sharp[entry], cxy == 0.0 or not varies
-    quick = upright and not blurred and not steep and (rim_parts == 1 or EDGE * (width / abs(slope)) ** 1.5 < 4.0 * seen.fine)
+    divided = int(seen.divided[kind])
+    blurred, upright, weighed = varies and not seen.sharp[entry], cxy == 0.0 or not varies, False
+    quick = (
+        upright and divided == 1 and not blurred and not steep and (rim_parts == 1 or EDGE * (width / abs(slope)) ** 1.5 < 4.0 * seen.fine)
+    )
     light, distance, beside = 0.0, math.hypot(dx, dy), math.sqrt((1.0 - 1.0 / (rim_parts * rim_parts)) / 12.0) * width
-    even = not (varies or steep) and rim_parts > 2 and EVEN * (0.5 * width / abs(slope)) ** 1.5 < 4.0 * seen.fine
+    even = not (varies or steep) and divided == 1 and rim_parts > 2 and EVEN * (0.5 * width / abs(slope)) ** 1.5 < 4.0 * seen.fine
     off_ends = abs(reach - abs(slope)) + OFF_ENDS * width < distance <= reach + abs(slope) - OFF_ENDS * width
     ends[0], ends[1], ends[2], ends[3] = -math.inf, math.inf, 0.0, 0.0
     if full and clear and upright and not (blurred and chunks > 0):
@@ -157,7 +164,15 @@ def ruled_light(
             whole = (0.0, reach)
             light = weighted_mean(dx, 0.0, landing, whole, strips, count, sums, places[0], places[0], 0, slants, everywhere, ends)
         elif varies:
-            light = moved_mean(origin_x + cxx * dx, boxes[0, 0], 0.0, table, law, ways)
+            light = moved_mean(origin_x + cxx * dx, divided * boxes[0, 0], 0.0, table, law, ways)
+        weighed = chunks > 0 and divided > 1
+        if weighed:
+            middle, beside_x = lit_columns(origin_x + cxx * dx, cxx, width, divided, table, law, ways)
+            total = 0.0
+            for y in (dy - EVENLY * width, dy + EVENLY * width):
+                for x in (dx + middle - beside_x, dx + middle + beside_x):
+                    total += 0.25 * falling_weight(x, y, True, window, entry, seen)
+            light *= total
     elif clear and even and off_ends:
         for y in (dy - beside, dy + beside):
             for x in (dx - beside, dx + beside):
@@ -168,7 +183,8 @@ def ruled_light(
             value = moved_mean(origin_x + cxx * x, boxes[1, 0], 0.0, table, law, ways) if varies else 1.0
             light += value * rim_share(math.sqrt(x * x + dy * dy), rim) / rim_parts
     else:
-        askew, divide = varies and width > 0.0 and stands_askew(lenses.maps[entry, 2:]), 1 if full else rim_parts
+        askew, divide = varies and width > 0.0 and stands_askew(lenses.maps[entry, 2:]), divided if full else rim_parts
+        weighed = divided > 1
         side, near, far = width / divide, places[0 if full else 1], places[0 if full else 2]
         for j in range(divide):
             y = dy + ((j + 0.5) / divide - 0.5) * width
@@ -177,6 +193,8 @@ def ruled_light(
                 share, look = (1.0, 1.0) if full else part_share(x, y, side, slope, reach, rim, lenses.nodes)
                 if share <= 0.0:
                     continue
+                if weighed and chunks > 0 and not blurred:
+                    share *= falling_weight(x, y, full, window, entry, seen)
                 ex, ey, value = look * x, look * y, 1.0
                 if blurred and clear:
                     value = weighted_mean(ex, ey, landing, (slope, reach), strips, count, sums, near, far, chunks, slants, everywhere, ends)
@@ -195,7 +213,9 @@ def ruled_light(
                     if not (blurred or clear or askew):
                         value *= window_mean(at_y, lower, upper, ends[2], ends[3])
                 light += share * min(max(value, 0.0), 1.0) / (divide * divide)
-    return light * falling_weight(dx, dy, full, window, entry, seen) if chunks > 0 and not blurred else light
+    if weighed or blurred or chunks == 0:
+        return light
+    return light * falling_weight(dx, dy, full, window, entry, seen)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -12,7 +12,7 @@ from flflab.image.device.pieces import HIGH, Pieces, cut_windows, pieces_by_bloc
 from flflab.image.device.ruled import RuledTables, ruled_tables
 from flflab.image.device.texels import texel_tables
 from flflab.image.light.orders import BAND_ROWS
-from flflab.image.light.ruled import RuledSeen
+from flflab.image.light.ruled_seen import RuledSeen
 from flflab.image.light.sampled import DotSeen
 from flflab.image.light.texels import PictureSeen
 

@@ -12,7 +12,7 @@ from flflab.image.flat_target.moments import ways_along
 from flflab.image.geometry.rim import STEEP, disc_nodes
 from flflab.image.geometry.setup import Setup
 from flflab.image.light.askew_orders import end_points, is_even, is_turn, picture_parts, picture_points
-from flflab.image.light.falloff_orders import falloff_chunks, falloff_counts, weighing_chords
+from flflab.image.light.falloff_orders import falloff_chunks, falloff_counts, falloff_parts, weighing_chords
 from flflab.image.light.lenses import Lenses, packed
 from flflab.image.light.orders import (
     TEXELS,
@@ -27,7 +27,8 @@ from flflab.image.light.orders import (
     spot_parts,
     strip_counts,
 )
-from flflab.image.light.ruled import RuledSeen, add_ruled
+from flflab.image.light.ruled import add_ruled
+from flflab.image.light.ruled_seen import RuledSeen
 from flflab.image.light.sampled import DotSeen, add_dots, chord_nodes
 from flflab.image.light.strips import strip_nodes
 from flflab.image.light.texels import PictureSeen, add_texels
@@ -134,10 +135,11 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
     if isinstance(target, White):
         left = np.maximum(WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5, left_at_tips(setup, TIP))
         parts = np.where((setup.rims.width < STEEP) | (left > 0.2 * setup.tolerance), parts, 1)
+    divided = falloff_parts(setup, edges=not isinstance(target, White))
     nodes = strip_nodes(counts.ravel())
     grids, grid = np.unique(end_points(setup) if isinstance(target, Ruled) else np.zeros_like(setup.rims.kind), return_inverse=True)
     seen = RuledSeen(
-        lenses=_lenses(setup, parts, steep, chosen),
+        lenses=_lenses(setup, np.maximum(parts, divided), steep, chosen),
         sharp=sharp,
         counts=counts,
         strips=nodes.reshape(*counts.shape, *nodes.shape[1:]),
@@ -146,6 +148,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         rows_of_points=strip_nodes(grids)[:, :2],
         chords=chord_nodes(grids),
         chunks=falloff_chunks(setup),
+        divided=divided,
         fall=FALL * setup.tolerance / setup.overlap,
         fine=FINE * setup.tolerance,
         table=table,
@@ -165,11 +168,12 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
     counts, points = strip_counts(setup, PICTURE)[:, 0], picture_points(setup)
     grids, grid = np.unique(points, return_inverse=True)
     parts, steep = pixel_parts(setup, sharp | (points > 0), TEXELS)
+    divided = falloff_parts(setup)
     seen = PictureSeen(
-        lenses=_lenses(setup, parts, steep, chosen),
+        lenses=_lenses(setup, np.maximum(parts, divided), steep, chosen),
         sharp=sharp,
         askew=not is_even(setup.by_sensor, setup.tolerance),
-        divisions=picture_parts(setup),
+        divisions=np.maximum(np.where(sharp | (points > 0), 1, picture_parts(setup)), divided[setup.rims.kind]),
         grid=grid,
         grids=grids,
         rows_of_points=strip_nodes(grids)[:, :2],
@@ -191,13 +195,16 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
     blur = setup.kind_blur(largest=True)
     counts, chords = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), falloff_counts(setup)), weighing_chords(setup)
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
+    divided = falloff_parts(setup)
     if is_turn(setup.by_pupil, setup.tolerance):
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))
         parts = np.where(counts == 0, finer, parts)
+    parts = np.where((counts > 0) | steep, np.maximum(parts, divided), parts)
     seen = DotSeen(
         lenses=_lenses(setup, parts, steep, chosen),
         counts=counts,
+        divided=divided,
         strips=strip_nodes(counts)[:, :2],
         chords=chord_nodes(counts),
         weighing=strip_nodes(np.array([chords]))[0, :2, :chords],

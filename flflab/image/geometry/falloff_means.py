@@ -119,3 +119,10 @@ def read_between(column: float, row: float, weights: Array) -> float:
     u, v = column - i, row - j
     low = (1.0 - u) * weights[j, i] + u * weights[j, i + 1]
     return (1.0 - v) * low + v * ((1.0 - u) * weights[j + 1, i] + u * weights[j + 1, i + 1])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def read_around(column: float, row: float, beside: float, above: float, weights: Array) -> float:
+    """Mean of a table [row, column] over places that deviate by so much from one, by four of them."""
+    low = read_between(column - beside, row - above, weights) + read_between(column + beside, row - above, weights)
+    return 0.25 * (low + read_between(column - beside, row + above, weights) + read_between(column + beside, row + above, weights))

@@ -28,6 +28,7 @@ class DotSeen(NamedTuple):
     Attributes:
         lenses: the entries.
         counts: points a side across the pupil for each kind of rim; 0 for the three-disc formula at the sub-pixels' centres.
+        divided: parts a side of a pixel outside the rim that such points see, for the fall-off, for each kind of rim.
         strips: see ``strip_nodes``.
         chords: see ``chord_nodes``.
         weighing: heights and weights of the chords that tell the fall-off of the three-disc formula, shape (2, n); none without it.
@@ -40,6 +41,7 @@ class DotSeen(NamedTuple):
 
     lenses: Lenses
     counts: Whole
+    divided: Whole
     strips: Array
     chords: Array
     weighing: Array
@@ -165,12 +167,15 @@ def dot_light(dx: float, dy: float, entry: int, seen: DotSeen, squares: Array) -
     radius, steep, distance = seen.numbers[0], rim[0] < 0.0, math.hypot(dx, dy)
     across = math.hypot(abs(to[6]) + abs(to[7]), abs(to[8]) + abs(to[9]))  # a square's diagonal on the target, over its side
     blurred = math.sqrt(to[2] * to[2] + to[3] * to[3] + to[4] * to[4] + to[5] * to[5]) + LEAST_BOX * radius
-    if distance > cone[1] + abs(cone[0]) + 0.75 * width or _aside(to, dx, dy) > radius + blurred + across * width:
+    aside = _aside(to, dx, dy)
+    if distance > cone[1] + abs(cone[0]) + 0.75 * width or aside > radius + blurred + across * width:
         return 0.0
     full = distance < cone[1] - abs(cone[0]) - 0.75 * width
     if count == 0 and width > 0.0 and (full or not steep):
         return spot_light(dx, dy, width, cone, to, radius, full, parts, seen.allowed, lenses.slants[entry], seen.weighing, squares)
-    divide = 1 if full and count > 0 else min(parts, MOST_DIVIDED)
+    divide = min(parts, MOST_DIVIDED)
+    if full and count > 0:
+        divide = 1 if aside < radius - blurred - 0.5 * across * width else int(seen.divided[kind])
     side = width / divide
     light = 0.0
     for j in range(divide):

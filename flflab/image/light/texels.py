@@ -31,7 +31,8 @@ class PictureSeen(NamedTuple):
         lenses: the entries.
         sharp: entries whose blur is negligible.
         askew: whether pixels do not lie along the target's axes.
-        divisions: then parts a side of a blurred pixel of every entry, which count as squares along those axes.
+        divisions: parts a side of a pixel of every entry: for its fall-off, and where it is blurred and askew, as parts count as squares
+            along those axes.
         grid: which of the grids of points across the pupil an entry is summed by.
         grids: how many points a side each has; 0 for strips.
         rows_of_points: see ``strip_nodes``; (G, 2, most points).
@@ -153,7 +154,7 @@ def picture_lens(seen: PictureSeen, entry: int) -> PictureLens:
         lenses.nodes,
         blurred,
         seen.askew,
-        int(seen.divisions[entry]) if blurred else 1,
+        int(seen.divisions[entry]),
         int(seen.grids[own]),
         seen.rows_of_points[own],
         seen.chords[own],
