@@ -18,7 +18,7 @@ Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 BAND_ROWS = 232
-MOST_PARTS, MOST_SPOT_PARTS = 32, 128  # of a pixel a side
+MOST_PARTS, MOST_RIM_PARTS, MOST_SPOT_PARTS = 32, 128, 128  # of a pixel a side, of one on a rim, of one that sees a blurred dot's rim
 STEEP_PARTS = 8
 SHARP = 0.17  # of white, times the square of the number of parts and the rim's width in pixels: what an edge leaves in a pixel on a rim
 NEAR = 6.0  # pixels from the centre: a rim that begins nearer gives the light a tip
@@ -101,14 +101,14 @@ def left_at_tips(setup: Setup, tip: float) -> Array:
 def pixel_parts(setup: Setup, sharp: Flags, left: OnRims = BARS) -> tuple[Whole, Flags]:
     """Into how many parts a side a pixel in the rim is divided for each kind of rim, and which kinds are steep.
 
-    Where an entry is sharp an edge leaves SHARP / (w n^2) of white, and in others what is ``left``.
+    Where an entry is sharp an edge leaves SHARP / (w n^2) of white, in others what is ``left``; overlapping micro-images add theirs up.
     """
-    width, allowed = np.maximum(setup.rims.width, 1e-9), 0.5 * setup.tolerance
+    width, allowed = np.maximum(setup.rims.width, 1e-9), 0.5 * setup.tolerance / setup.overlap
     any_sharp = np.bincount(setup.rims.kind[sharp], minlength=len(width)) > 0
     softened = left.edge / np.maximum(setup.kind_blur(largest=False), 1.0) ** left.power
     leaves = np.where(any_sharp, SHARP / width, np.maximum(softened / width, left.ends / width**2))
     parts = np.sqrt(np.maximum(leaves, left_at_tips(setup, left.tip)) / allowed)
-    parts = np.clip(np.ceil(parts), 1, MOST_PARTS)
+    parts = np.clip(np.ceil(parts), 1, MOST_RIM_PARTS)
     if setup.pixel_width == 0:
         return np.ones(len(width), dtype=np.int64), setup.rims.slope == 0
     steep = width * parts < 1
