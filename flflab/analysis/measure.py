@@ -80,18 +80,15 @@ def measure(
         lattice = _lattice_of_white(values, evened, camera, remarks)
         each = micro_images_json(every_micro_image(values, lattice, evened), nominal_radii(lattice, camera))
         return {"lattice": lattice_json(lattice) | {"micro_images": each}, **result, "remarks": remarks}
+    away = _sharp_distance(camera) if distance is None else distance
     if white is None:
-        lattice = nominal_lattice(camera, brightest_light(values, evened))
-        remarks.append("no white picture: the lattice is the camera's nominal one, not measured")
+        lattice = _lattice_without_white(values, evened, camera, target, away, remarks)
     else:
         beside, notes = as_read(white, camera, White.kind, noise)
         remarks += [f"white picture: {note}" for note in notes]
         require_light(*beside.even(), White())
         lattice = _lattice_of_white(*beside.even(), camera, remarks)
-    away = _sharp_distance(camera) if distance is None else distance
     if isinstance(target, FourDot):
-        if white is None:
-            lattice = _lattice_of_dots(values, lattice, camera, target, away, evened, remarks)
         dots = count_views(values, None, lattice, camera, target, away, evened)
         require_dots(values, dots, camera, target, away, evened)
         result["dots"] = [dot_json(dot) for dot in dots]
@@ -103,8 +100,6 @@ def measure(
         result["mtf"] = edge_json(edges, camera, away)
         remarks += _edge_remarks(edges)
     else:
-        if white is None:
-            lattice = _lattice_of_bars(values, lattice, camera, target, away, evened, remarks)
         curves, reasons = fit_contrasts(mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains)
         result["mtf"] = [point for curve in curves for point in contrast_json(curve, lattice)]
         remarks += reasons
@@ -125,43 +120,27 @@ def _lattice_of_white(values: npt.NDArray[np.floating[Any]], noise: SensorNoise,
     return lattice
 
 
-def _lattice_of_dots(
+def _lattice_without_white(
     values: npt.NDArray[np.floating[Any]],
-    nominal: Lattice,
-    camera: Camera,
-    target: FourDot,
-    distance: float,
     noise: SensorNoise,
+    camera: Camera,
+    target: FourDot | Bars | Edge,
+    distance: float,
     remarks: list[str],
 ) -> Lattice:
-    """The lattice measured within the dots, the nominal one where that cannot be; the last remark says which."""
+    """The lattice measured within dots or white bars, from the camera's nominal one, else that one; a remark says which and why."""
+    nominal, why = nominal_lattice(camera, brightest_light(values, noise)), ""
     try:
-        found = lattice_from_dots(values, nominal, camera, target, distance, noise)
+        if isinstance(target, FourDot):
+            found, where = lattice_from_dots(values, nominal, camera, target, distance, noise), "the dots"
+        elif isinstance(target, Bars) and target.kind == "bars" and len(camera.array.focal_lengths) == 1:
+            found, where = lattice_from_bars(values, nominal, camera, target, distance, noise), "the white bars"
+        else:
+            found, where = nominal, ""
     except MeasurementError as error:
-        remarks[-1] += f" ({error})"
-        return nominal
-    remarks[-1] = "no white picture: the lattice was measured within the dots, from the camera's nominal one"
-    return found
-
-
-def _lattice_of_bars(
-    values: npt.NDArray[np.floating[Any]],
-    nominal: Lattice,
-    camera: Camera,
-    target: Bars,
-    distance: float,
-    noise: SensorNoise,
-    remarks: list[str],
-) -> Lattice:
-    """The lattice measured within the white bars, the nominal one where they are too narrow; the last remark says which."""
-    if target.kind != "bars" or len(camera.array.focal_lengths) > 1:
-        return nominal
-    try:
-        found = lattice_from_bars(values, nominal, camera, target, distance, noise)
-    except MeasurementError as error:
-        remarks.append(str(error))
-        return nominal
-    remarks[-1] = "no white picture: the lattice was measured within the white bars, from the camera's nominal one"
+        found, where, why = nominal, "", f" ({error})"
+    measured = f"was measured within {where}, from the camera's nominal one" if where else "is the camera's nominal one, not measured"
+    remarks.append(f"no white picture: the lattice {measured}{why}")
     return found
 
 
