@@ -118,13 +118,18 @@ def ask_owners_to_stop(bench_file: Path) -> dict[str, str | None]:
         Of each axis that is not simulated or moved by hand: None where nobody owns its line, nothing where its owner says that all
         stopped, else a sentence that says what is wrong.
     """
-    owners: dict[str, dict[str, Any]] = {}
+    answers: dict[str, str | None] = {}
+    asked: dict[str, str] = {}
     for name, files in lock_files(bench_file).items():
         taken = next((file for file in files if not _is_free(file)), None)
-        if taken is not None:
-            owners[name] = _read(taken)
-    answers = {str(owner): _ask_to_stop(owner, bench_file) for owner in {str(owner): owner for owner in owners.values()}.values()}
-    return {name: answers[str(owners[name])] if name in owners else None for name in lock_files(bench_file)}
+        if taken is None:
+            answers[name] = None
+            continue
+        owner = _read(taken)
+        if str(owner) not in asked:  # one may own several lines
+            asked[str(owner)] = _ask_to_stop(owner, bench_file)
+        answers[name] = asked[str(owner)]
+    return answers
 
 
 def _ask_to_stop(owner: dict[str, Any], bench_file: Path) -> str:
