@@ -14,6 +14,12 @@ from flflab.units import Dimension, parse_quantity
 Path_ = tuple[str | int, ...]
 Lines = dict[Path_, int]
 
+NUMBERS = {  # in words, by pydantic's kinds of faults
+    **dict.fromkeys(("float_parsing", "float_type"), "a number"),
+    **dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("bool_parsing", "bool_type"), "true or false"),
+}
+
 
 def quantity(dimension: Dimension) -> BeforeValidator:
     """A pydantic validator that reads a quantity with its unit."""
@@ -160,6 +166,8 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
                 message = f"more values than are allowed here: {fault['input']!r}"
             elif fault["type"] == "too_short" and not fault["input"]:
                 message = "the list is empty; give at least one entry"
+            elif fault["type"] in NUMBERS:
+                message = f"{NUMBERS[fault['type']]} is due here, not {fault['input']!r}"
             elif fault["type"] != "value_error":
                 message = f"{message[0].lower()}{message[1:]}, not {fault['input']!r}"
             faults.append(f"{file}:{line_of(path, lines)}: {field}: {message}")
