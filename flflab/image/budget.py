@@ -15,6 +15,7 @@ from flflab.image.scene import Scene
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+Clock = Callable[[], float]
 
 COARSEST = 0.3
 STEP = 3.0  # from one tolerance tried to the next
@@ -38,16 +39,41 @@ def affordable_tolerance(scene: Scene, budget: float, effects: str = "auto") -> 
     Raises:
         InputError: the budget is not a time above 0, or not even the coarsest picture fits it.
     """
+    tiles = tiles_tried(scene)
+
+    def tried(tolerance: float) -> float:
+        choice = choose(scene, tolerance, effects)
+        return expected_seconds(
+            lambda wanted: render(scene, tolerance=choice.tolerance, effects=choice.formed, wanted=wanted),
+            lambda image: estimate_error(scene, image, choice.tolerance, choice.effects),
+            tiles,
+            time.perf_counter,
+        )
+
+    return finest_within(budget, tried, time.perf_counter)
+
+
+def finest_within(budget: float, tried: Callable[[float], float], clock: Clock) -> float:
+    """The finest tolerance that a budget has time for, after trying coarser ones, which takes time of it, too.
+
+    Args:
+        budget: s.
+        tried: tries a tolerance; returns how long its picture is expected to take, s.
+        clock: tells the time, s.
+
+    Raises:
+        InputError: as ``affordable_tolerance``.
+    """
     if not budget > 0:
         raise InputError(f"time budget: {budget:g} s; a time above 0 s is due")
-    started, tiles = time.perf_counter(), tiles_tried(scene)
-    _seconds(scene, COARSEST, effects, tiles)  # the first call may compile
-    warm = time.perf_counter()
+    started = clock()
+    tried(COARSEST)  # the first call may compile
+    warm = clock()
     affordable, tolerance, before = 0.0, COARSEST, math.inf
     while tolerance >= 2 * LEAST_TOLERANCE:
-        begun = time.perf_counter()
-        predicted = MARGIN * _seconds(scene, tolerance, effects, tiles)
-        took, left = time.perf_counter() - begun, budget - (time.perf_counter() - warm)
+        begun = clock()
+        predicted = MARGIN * tried(tolerance)
+        took, left = clock() - begun, budget - (clock() - warm)
         if predicted > left:
             if affordable == 0.0:
                 raise InputError(
@@ -79,35 +105,37 @@ def tiles_tried(scene: Scene) -> Flags:
     return wanted
 
 
-def _seconds(scene: Scene, tolerance: float, effects: str, wanted: Flags) -> float:
-    """Time expected for all pixels at this tolerance, from what none and a few of them take, and for the estimate of the error."""
-    choice = choose(scene, tolerance, effects)
+def expected_seconds(form: Callable[[Flags], Array], estimate: Callable[[Array], object], wanted: Flags, clock: Clock) -> float:
+    """Time expected for all pixels, from what none and a few of them take, and for the estimate of the error, s.
 
-    def formed(mask: Flags) -> Array:
-        return render(scene, tolerance=choice.tolerance, effects=choice.formed, wanted=mask)
-
-    started = time.perf_counter()
-    image = formed(wanted)
-    some = time.perf_counter() - started
-    estimate = _timed(lambda: estimate_error(scene, image, choice.tolerance, choice.effects))
-    some = min(some, _shortest(lambda: formed(wanted))) if some < BRIEF else some
+    Args:
+        form: forms the wanted pixels, [row, column].
+        estimate: of the picture's error.
+        wanted: the few.
+        clock: tells the time, s.
+    """
+    started = clock()
+    image = form(wanted)
+    some = clock() - started
+    estimating = _timed(lambda: estimate(image), clock)
+    some = min(some, _shortest(lambda: form(wanted), clock)) if some < BRIEF else some
     if wanted.all():
-        return estimate + some
-    fixed = _shortest(lambda: formed(np.zeros_like(wanted)))
-    return estimate + fixed + max(some - fixed, 0.0) * wanted.size / max(int(wanted.sum()), 1)
+        return estimating + some
+    fixed = _shortest(lambda: form(np.zeros_like(wanted)), clock)
+    return estimating + fixed + max(some - fixed, 0.0) * wanted.size / max(int(wanted.sum()), 1)
 
 
-def _shortest(work: Callable[[], object]) -> float:
+def _shortest(work: Callable[[], object], clock: Clock) -> float:
     """The shortest of some tries; of one where that is no matter of chance any more."""
     shortest = math.inf
     for _ in range(TRIES):
-        shortest = min(shortest, _timed(work))
+        shortest = min(shortest, _timed(work, clock))
         if shortest > BRIEF:
             break
     return shortest
 
 
-def _timed(work: Callable[[], object]) -> float:
-    started = time.perf_counter()
+def _timed(work: Callable[[], object], clock: Clock) -> float:
+    started = clock()
     work()
-    return time.perf_counter() - started
+    return clock() - started

@@ -2,15 +2,13 @@
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from flflab.errors import InputError
-from flflab.image import budget
-from flflab.image.budget import tiles_tried
+from flflab.image.budget import expected_seconds, finest_within, tiles_tried
 from flflab.image.chooser import LIGHT, NOISE, choose
 from flflab.image.effects.dead_pixels import DeadPixels
 from flflab.image.effects.saturation import Saturation
@@ -148,26 +146,23 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
 
 @pytest.mark.parametrize("seconds", [0.5, 3.0, 20.0])
 @pytest.mark.parametrize("power", [0.5, 1.0])
-def test_choosing_and_the_picture_chosen_together_take_no_longer_than_the_budget(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch, seconds: float, power: float
-) -> None:
+def test_choosing_and_the_picture_chosen_together_take_no_longer_than_the_budget(seconds: float, power: float) -> None:
     """By a clock of their own: a picture takes longer the finer it is, and so does every try; they had taken 2.3 s of 1 s."""
-    clock = [0.0]
+    now, tiles = [0.0], np.arange(10000).reshape(100, 100) % 7 == 0
 
-    def render_by_the_clock(_: Scene, *, tolerance: float, wanted: npt.NDArray[np.bool_], **__: object) -> npt.NDArray[np.float64]:
-        clock[0] += 0.01 * tolerance**-power * wanted.mean()
+    def spend(time: float, tolerance: float) -> None:
+        now[0] += time * tolerance**-power
+
+    def form(tolerance: float, wanted: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+        spend(0.01 * wanted.mean(), tolerance)
         return np.zeros(wanted.shape)
 
-    def estimate_by_the_clock(_: Scene, image: npt.NDArray[np.float64], tolerance: float, __: object) -> float:
-        clock[0] += 0.005 * tolerance**-power
-        return tolerance
+    def tried(tolerance: float) -> float:
+        return expected_seconds(lambda wanted: form(tolerance, wanted), lambda _: spend(0.005, tolerance), tiles, lambda: now[0])
 
-    monkeypatch.setattr(budget, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
-    monkeypatch.setattr(budget, "render", render_by_the_clock)
-    monkeypatch.setattr(budget, "estimate_error", estimate_by_the_clock)
-    chosen = budget.affordable_tolerance(scene, seconds)
-    picture = 0.015 * choose(scene, chosen).tolerance ** -power
-    assert clock[0] + picture < seconds
+    chosen = finest_within(seconds, tried, lambda: now[0])
+    picture = 0.015 * chosen**-power
+    assert now[0] + picture < seconds
     assert picture > 0.1 * seconds
 
 
