@@ -126,6 +126,23 @@ class CameraDescription(Description):
             raise ValueError(str(error).removeprefix("camera: ")) from error
         return self
 
+    @model_validator(mode="after")
+    def _sees_a_micro_image(self) -> "CameraDescription":
+        """Sizes that no one camera has are units meant otherwise; what is computed may look at a part of a sensor, however small."""
+        sensor, pitches = self.sensor, self.microlens_array.pitch
+        columns, rows = (count * sensor.pixel for count in sensor.resolution)
+        if max(pitches) > max(columns, rows):
+            raise ValueError(
+                f"microlens_array.pitch is {max(pitches):g} mm, more than the whole sensor of {columns:g} mm x {rows:g} mm; "
+                "its longer side at most is allowed: check the units of pitch and pixel"
+            )
+        if sensor.pixel > min(pitches):
+            raise ValueError(
+                f"sensor.pixel is {sensor.pixel:g} mm, more than the {min(pitches):g} mm from microlens to microlens; "
+                "the pitch at most is allowed: check the units of pixel and pitch"
+            )
+        return self
+
     def camera(self) -> Camera:
         """The frozen camera this file describes."""
         array, plate = self.microlens_array, self.microlens_array.substrate

@@ -48,7 +48,16 @@ CAMERA_FAULTS = [
     ("count: [25, 25]", "count: 25", "microlens_array.count", "values in brackets are due here, [..., ...], not 25"),
     ("count: [25, 25]", "count: [1000000, 25]", "microlens_array.count", "less than or equal to 1000, not 1000000"),
     ("pixel: 1.66 um", "pixel: nan um", "sensor.pixel", "not a quantity"),
+    ("pitch: 400 um", "pitch: 400 mm", "microlens_array.pitch", "is 400 mm, more than the whole sensor of 6.08224 mm x 4.56168 mm"),
+    ("pitch: 400 um", "pitch: [0.4 mm, 400 mm]", "microlens_array.pitch", "is 400 mm, more than the whole sensor"),
+    ("pixel: 1.66 um", "pixel: 1.66 mm", "sensor.pixel", "is 1.66 mm, more than the 0.4 mm from microlens to microlens"),
 ]
+
+
+@pytest.mark.parametrize("sensor", ["[1, 250]\n  pixel: 1.6 um", "[2, 3]\n  pixel: 400 um"], ids=["one microlens", "a pixel each"])
+def test_the_smallest_cameras_are_cameras(sensor: str, tmp_path: Path) -> None:
+    file, _ = changed(CAMERA, tmp_path, "[3664, 2748]  # columns, rows\n  pixel: 1.66 um", sensor)
+    assert read_camera(file).array.pitch == (0.4, 0.4)
 
 
 @pytest.mark.parametrize(("old", "new", "field", "says"), CAMERA_FAULTS, ids=[fault[1] for fault in CAMERA_FAULTS])
