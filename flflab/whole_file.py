@@ -3,13 +3,15 @@
 import contextlib
 import csv
 import errno
+import hashlib
 import io
 import os
 import secrets
 import shutil
+import sys
 from collections.abc import Generator, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from flflab.errors import InputError
 
@@ -32,7 +34,7 @@ def write_whole(file: Path, content: str | bytes | memoryview) -> None:
         if _special(file):
             file.write_bytes(content)
         else:
-            with part_of(file.resolve()) as part, part.open("xb") as stream:  # the file that a link leads to, not the link
+            with part_of(file.resolve()) as part, part.open("wb") as stream:  # the file that a link leads to, not the link
                 stream.write(content)
     except OSError as error:
         raise _unwritten(file, error, len(content)) from error
@@ -92,15 +94,43 @@ def _require_place(file: Path) -> None:
 
 @contextlib.contextmanager
 def part_of(file: Path) -> Generator[Path]:
-    """A name beside a file for what is to take its place at the end; where that fails nothing of it is left."""
-    part = file.with_name(f".{secrets.token_hex(8)}.part")
+    """An empty file beside a file, to take its place at the end; where that fails nothing of it is left.
+
+    One that a killed program left of the same file is removed before.
+    """
+    own = f".{hashlib.blake2b(os.fsencode(file.name), digest_size=4).hexdigest()}"  # as short for the longest name that a file may have
+    for left in file.parent.glob(f"{own}.*.part"):
+        _remove_unless_held(left)
+    part = file.with_name(f"{own}.{secrets.token_hex(8)}.part")
     try:
-        yield part
+        with part.open("xb") as held:
+            _hold(held)
+            yield part
         if file.exists():
             shutil.copymode(file, part)
         os.replace(part, file)
     finally:
         part.unlink(missing_ok=True)
+
+
+def _remove_unless_held(part: Path) -> None:
+    with contextlib.suppress(OSError), part.open("r+b") as left:
+        if _hold(left):
+            left.close()
+            part.unlink()
+
+
+def _hold(part: BinaryIO) -> bool:
+    """Keep a part from others' removal until it is closed, however this program ends; False where another one keeps it, or none can."""
+    if sys.platform == "win32":
+        return True  # what is open cannot be removed there
+    import fcntl
+
+    try:
+        fcntl.flock(part, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False  # or a disk on the network that knows no locks
+    return True
 
 
 def _unwritten(file: Path, error: OSError, needed: int) -> InputError:

@@ -52,7 +52,7 @@ def new_hdf5(file: Path) -> Generator[tuple[h5py.File, Callable[[], None]]]:
     Raises:
         OSError: the disk does not take it; what was in the file's place is there still.
     """
-    with part_of(file) as part, _Stream(part, "x+") as stream:
+    with part_of(file) as part, _Stream(part, "r+") as stream:
         with h5py.File(stream, "w") as into:
             yield into, stream.raise_fault
         stream.raise_fault()

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -12,7 +13,7 @@ import pytest
 
 from flflab.errors import InputError
 from flflab.image_file import write_picture
-from flflab.whole_file import require_writable, write_csv, write_whole
+from flflab.whole_file import part_of, require_writable, write_csv, write_whole
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files, and names devices, the POSIX way")
 WRITER = """
@@ -31,6 +32,40 @@ try:
 except InputError as error:
     print(error)
 """
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from flflab.record.new_hdf5 import new_hdf5
+from flflab.whole_file import part_of
+
+file = Path(sys.argv[1])
+with new_hdf5(file) if file.suffix == ".nxs" else part_of(file) as part:
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@POSIX
+@pytest.mark.parametrize("name", ["a.csv", "a.nxs", f"{'a' * 250}.csv"], ids=["table", "hdf5", "the longest name"])
+def test_what_a_killed_program_began_goes_when_the_file_is_written_next(tmp_path: Path, name: str) -> None:
+    file, other = tmp_path / name, tmp_path / "b.csv"
+    for killed in (file, other):
+        ended = subprocess.run([sys.executable, "-c", KILLED, str(killed)], check=False)
+        assert ended.returncode == -signal.SIGKILL
+    assert len(list(tmp_path.iterdir())) == 2
+    write_whole(file, "whole")
+    (left,) = set(tmp_path.iterdir()) - {file}  # of the other file
+    write_whole(other, "whole too")
+    assert not left.exists()
+    assert {one.name: one.read_text() for one in tmp_path.iterdir()} == {name: "whole", "b.csv": "whole too"}
+
+
+def test_two_who_write_one_file_at_once_leave_each_other_alone(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    with part_of(file) as part:
+        write_whole(file, "the second, sooner ready")
+        assert file.read_text() == "the second, sooner ready"
+        part.write_text("the first")
+    assert {one.name: one.read_text() for one in tmp_path.iterdir()} == {"a.csv": "the first"}
 
 
 @POSIX
