@@ -40,7 +40,7 @@ def driver_of(bench: Bench, name: str) -> Any:
 
 
 def require_drivable(bench: Bench) -> None:
-    """Refuse what no driver could open, two axes that are one stage or speak unlike on one line, and array or sensor that cannot be homed.
+    """Refuse what no driver could open, axes that are one stage, makers that share a line, and array or sensor that cannot be homed.
 
     Raises:
         InputError: every such fault, with file, line and field.
@@ -50,23 +50,28 @@ def require_drivable(bench: Bench) -> None:
     lines: dict[object, str] = {}
     for name in (*bench.description.axes, *_DRIVERS):
         try:
-            stage = _stage(bench, name)
+            driver = driver_of(bench, name)
+            keys = bench.own_keys(driver.keys, *path_of(name))
+            place = _place(bench, name, driver)
         except InputError as fault:
             faults.append(str(fault))
             continue
-        if not stage:
+        if place is None:
             continue
-        driver, place = stage[:2]
+        spoken = device_of(bench, name).driver
         first = lines.setdefault(place, name)
-        if (spoken := device_of(bench, first).driver) != driver:
+        if (other := device_of(bench, first).driver) != spoken:
             faults.append(
-                f"{bench.where('axes', name, 'address')}: {name} ({driver}) shares {place} with {first} ({spoken}); "
+                f"{bench.where(*path_of(name), 'address')}: {name} ({spoken}) shares {place} with {first} ({other}); "
                 "one line speaks one maker's protocol, give each its own address"
             )
-        if (other := stages.setdefault(stage, name)) != name:
-            apart = driver_of(bench, name).apart
+        if name in _DRIVERS:
+            continue
+        apart: tuple[str, ...] = driver.apart
+        stage = spoken, place, *(getattr(keys, key) for key in apart)
+        if (twin := stages.setdefault(stage, name)) != name:
             faults.append(
-                f"{bench.where('axes', name, *apart[:1])}: {name} is the same stage as {other}, "
+                f"{bench.where('axes', name, *apart[:1])}: {name} is the same stage as {twin}, "
                 f"{_in_words(stage, apart)}; give each axis {' or '.join(('an address', *apart))} of its own"
             )
     if faults:
@@ -96,23 +101,20 @@ def _require_homing_free(bench: Bench) -> None:
             )
 
 
-def _stage(bench: Bench, name: str) -> tuple[object, ...] | None:
-    """What a device is known by: driver, address spelt one way, keys; None where that tells nothing, as of what is no axis or simulated.
+def _place(bench: Bench, name: str, driver: Any) -> str | None:
+    """The address of a device spelt one way; None where it tells nothing, as of what is moved by hand or simulated.
 
     Raises:
-        InputError: its driver, keys or address are wrong.
+        InputError: it is no address.
     """
-    driver, device = driver_of(bench, name), device_of(bench, name)
-    keys = bench.own_keys(driver.keys, *path_of(name))
-    if device.address == "simulated":
+    address = device_of(bench, name).address
+    if address == "simulated":
         return None
     try:
-        place = driver.place(device.address)
+        place = driver.place(address)
     except InputError as error:
         raise InputError(f"{bench.where(*path_of(name), 'address')}: {error}") from error
-    if not isinstance(device, AxisDescription) or driver.apart is None:
-        return None
-    return device.driver, place, *(getattr(keys, key) for key in driver.apart)
+    return None if driver.place is str else place
 
 
 def spelt(driver: str, address: str) -> str:

@@ -44,8 +44,8 @@ def write(root: Path, tmp_path: Path) -> Write:
 
 
 def nowhere() -> dict[str, Any]:
-    places = ["axes.main_lens_stage", "axes.array_stage", "axes.sensor_stage", "axes.target_stage", "camera", "iris", "target"]
-    return {f"{place}.address": "127.0.0.1:9" for place in places}
+    axes = {f"axes.{name}_stage.address": "127.0.0.1:9" for name in ("main_lens", "array", "sensor", "target")}
+    return axes | {f"{name}.address": "127.0.0.1:10" for name in ("camera", "iris", "target")}
 
 
 @pytest.mark.parametrize(

@@ -77,6 +77,25 @@ def test_two_makers_are_never_at_one_address(here: str, there: str, shown: str, 
         require_drivable(read_bench(file))
 
 
+@pytest.mark.parametrize("device", ["camera", "iris", "target"])
+def test_no_scpi_instrument_is_at_the_address_of_a_stage(device: str, pair: Changed) -> None:
+    file = pair(ZABER | {"address": LINE, "device": 1}, ZABER | {"address": LINE, "device": 2})
+    bench = yaml.safe_load(file.read_text(encoding="utf-8"))
+    bench[device] = {"driver": "scpi", "address": "localhost:5001"}
+    file.write_text(yaml.safe_dump(bench, sort_keys=False), encoding="utf-8")
+    asked = rf"{device}\.address: {device} \(scpi\) shares 127\.0\.0\.1:5001 with one \(zaber\); one line speaks one maker's protocol"
+    with pytest.raises(InputError, match=rf"pair\.yaml:\d+: {asked}"):
+        require_drivable(read_bench(file))
+
+
+def test_scpi_instruments_may_share_an_address_of_their_own(pair: Changed) -> None:
+    file = pair(ZABER | {"address": LINE, "device": 1}, ZABER | {"address": LINE, "device": 2})
+    bench = yaml.safe_load(file.read_text(encoding="utf-8"))
+    bench |= {device: {"driver": "scpi", "address": "localhost:5002"} for device in ("camera", "iris", "target")}
+    file.write_text(yaml.safe_dump(bench, sort_keys=False), encoding="utf-8")
+    require_drivable(read_bench(file))
+
+
 @pytest.mark.parametrize(
     ("axis", "here", "there"),
     [
