@@ -304,12 +304,13 @@ class StandaAxis:
 
 
 def place(address: str) -> str:
-    """An address spelt one way; the library's own as they are.
+    """An address spelt one way; the library's own as they are, but for ports.
 
     Raises:
         InputError: it is neither a port nor one of the library's.
     """
-    return address if address.startswith("xi-") else serial_place(address)
+    port = address.removeprefix("xi-com:")
+    return port if port.startswith("xi-") else serial_place(port)
 
 
 def open_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> StandaAxis:

@@ -195,6 +195,8 @@ def tcp_place(address: str) -> str:
 def serial_place(address: str) -> str:
     """The address of a serial line spelt one way: links followed to the port they lead to; URLs of pyserial as they are.
 
+    macOS has two files for a port, /dev/tty.X that waits for a carrier and /dev/cu.X that does not: the second stands for both.
+
     Raises:
         InputError: it is none.
     """
@@ -205,7 +207,7 @@ def serial_place(address: str) -> str:
     if "://" in address:
         return address
     if address.startswith("/"):
-        return os.path.realpath(address)
+        return re.sub(r"^/dev/tty\.", "/dev/cu.", os.path.realpath(address))
     raise InputError(f"{address!r} is not an address; give a serial port, such as /dev/ttyUSB0 or COM3, or socket://host:port")
 
 

@@ -56,8 +56,9 @@ def pair(root: Path, tmp_path: Path) -> Changed:
         (THORLABS, {"address": "COM3"}, {"address": "com3"}),
         (ORIENTAL, {"address": LINE, "device": 4}, {"address": LINE, "device": 4, "parity": "N"}),
         (STANDA, {"address": "xi-net://host/123"}, {"address": "xi-net://host/123"}),
+        (STANDA, {"address": "COM3"}, {"address": r"xi-com:\\.\COM3"}),
     ],
-    ids=["zaber", "zaber spelt in another way", "thorlabs", "oriental", "standa"],
+    ids=["zaber", "zaber spelt in another way", "thorlabs", "oriental", "standa", "standa spelt in another way"],
 )
 def test_two_axes_are_never_one_stage(axis: dict[str, Any], here: dict[str, Any], there: dict[str, Any], pair: Changed) -> None:
     with pytest.raises(InputError, match=r"pair\.yaml:\d+: axes\.two.*: two is the same stage as one, .*; give each axis an address"):
@@ -66,8 +67,13 @@ def test_two_axes_are_never_one_stage(axis: dict[str, Any], here: dict[str, Any]
 
 @pytest.mark.parametrize(
     ("here", "there", "shown"),
-    [("/dev/ttyS0", "/dev/../dev/ttyS0", "/dev/ttyS0"), ("COM3", "com3", "COM3"), ("localhost:5001", LINE, "127.0.0.1:5001")],
-    ids=["paths", "ports", "network"],
+    [
+        ("/dev/ttyS0", "/dev/../dev/ttyS0", "/dev/ttyS0"),
+        ("/dev/tty.usbserial-1", "/dev/cu.usbserial-1", "/dev/cu.usbserial-1"),
+        ("COM3", "com3", "COM3"),
+        ("localhost:5001", LINE, "127.0.0.1:5001"),
+    ],
+    ids=["paths", "the two files of a port on macOS", "ports", "network"],
 )
 @pytest.mark.skipif(sys.platform == "win32", reason="there a path is spelt with its drive")
 def test_two_makers_are_never_at_one_address(here: str, there: str, shown: str, pair: Changed) -> None:

@@ -205,6 +205,19 @@ def test_the_owner_of_a_port_is_found_by_the_link_to_it_also_after_the_link_has_
     Owner(files[0]).close()
 
 
+def test_the_two_files_that_macos_has_for_a_port_are_one_line(tmp_path: Path) -> None:
+    files = [tmp_path / "tty.yaml", tmp_path / "cu.yaml"]
+    for file in files:
+        axis = {"driver": "zaber", "address": f"/dev/{file.stem}.usbserial-1"}
+        file.write_text(yaml.safe_dump({"axes": {"stage": axis}}), encoding="utf-8")
+    owner = Owner(files[0])
+    try:
+        with pytest.raises(DeviceError, match="another program drives this bench"):
+            Owner(files[1])
+    finally:
+        owner.close()
+
+
 @pytest.mark.ci
 def test_simulated_benches_of_one_file_can_be_driven_side_by_side(root: Path) -> None:
     file = root / "examples" / "benches" / "simulated.yaml"
