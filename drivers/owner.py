@@ -18,9 +18,10 @@ from typing import Any, cast
 
 from drivers.described import spelt
 from flflab.description import read_yaml
-from flflab.errors import DeviceError
+from flflab.errors import DeviceError, InputError
 
 STOP_TIMEOUT_S = 10.0
+LOCK = "flflab-bench-"
 LOCKED_BYTE = 1 << 20  # far behind what is written: a locked byte cannot be read on Windows
 
 
@@ -46,7 +47,7 @@ def lock_files(bench_file: Path) -> dict[str, tuple[Path, ...]]:
 
 def _lock_file(place: str) -> Path:
     name = hashlib.blake2b(f"{Path.home()}|{place}".encode(), digest_size=12).hexdigest()
-    return Path(tempfile.gettempdir()) / f"flflab-bench-{name}.lock"
+    return Path(tempfile.gettempdir()) / f"{LOCK}{name}.lock"
 
 
 class Owner:
@@ -69,7 +70,8 @@ class Owner:
             files = [_held(file, bench_file, held) for file in lines]
             try:
                 self._listener = held.enter_context(socket.create_server(("127.0.0.1", 0)))
-                text = json.dumps({"process": os.getpid(), "port": self._listener.getsockname()[1], "token": self._token})
+                says = {"process": os.getpid(), "port": self._listener.getsockname()[1], "token": self._token, "bench": _named(bench_file)}
+                text = json.dumps(says)
                 for file in files:
                     os.ftruncate(file, 0)
                     os.write(file, text.encode())
@@ -112,24 +114,42 @@ class Owner:
 
 
 def ask_owners_to_stop(bench_file: Path) -> dict[str, str | None]:
-    """Have those who own lines of a bench stop every axis of theirs.
+    """Have those who own lines of a bench, or began with its file whatever stands in it now, stop every axis of theirs.
 
     Returns:
-        Of each axis that is not simulated or moved by hand: None where nobody owns its line, nothing where its owner says that all
-        stopped, else a sentence that says what is wrong.
+        Of each axis that is not simulated or moved by hand, and of each further owner by process: None where nobody owns its line,
+        nothing where its owner says that all stopped, else a sentence that says what is wrong.
+
+    Raises:
+        InputError: the file cannot be read, and nobody who drives a bench began with it.
+        DeviceError: a lock file cannot be opened.
     """
     answers: dict[str, str | None] = {}
     asked: dict[str, str] = {}
-    for name, files in lock_files(bench_file).items():
-        taken = next((file for file in files if not _is_free(file)), None)
-        if taken is None:
-            answers[name] = None
-            continue
-        owner = _read(taken)
+
+    def ask(owner: dict[str, Any]) -> str:
         if str(owner) not in asked:  # one may own several lines
             asked[str(owner)] = _ask_to_stop(owner, bench_file)
-        answers[name] = asked[str(owner)]
+        return asked[str(owner)]
+
+    for file in Path(tempfile.gettempdir()).glob(f"{LOCK}*"):
+        owner = _read(file)
+        if owner.get("bench") == _named(bench_file) and not _is_free(file):
+            answers[f"process {owner.get('process')}"] = ask(owner)
+    try:
+        lines = lock_files(bench_file)
+    except InputError:
+        if not asked:
+            raise
+        return answers
+    for name, files in lines.items():
+        taken = next((file for file in files if not _is_free(file)), None)
+        answers[name] = None if taken is None else ask(_read(taken))
     return answers
+
+
+def _named(bench_file: Path) -> str:
+    return str(bench_file.resolve())
 
 
 def _ask_to_stop(owner: dict[str, Any], bench_file: Path) -> str:

@@ -1,5 +1,6 @@
 """``flflab bench ...``: look at a bench and move it by hand."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,7 +12,7 @@ from flflab.bench import LENGTH, read_bench
 from flflab.cli.connected import AxisName, BenchFile, TakesReadings, axis_named, connected_bench, say_places
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
-from flflab.errors import CommunicationError, DeviceError
+from flflab.errors import CommunicationError, DeviceError, InputError
 from flflab.units import parse_quantity
 
 PIPED = 400  # columns that any line may take where no terminal folds it
@@ -103,14 +104,27 @@ def stop(bench: BenchFile) -> None:
     from drivers.owner import ask_owners_to_stop
     from drivers.sentinel import stop_axes
 
-    answers = ask_owners_to_stop(bench)
+    try:
+        answers = ask_owners_to_stop(bench)
+    except InputError as unreadable:
+        raise InputError(f"{unreadable}\n{_by_hand('no axis', bench)}") from unreadable
     faults = [answer for answer in dict.fromkeys(answers.values()) if answer]
     if free := [name for name, answer in answers.items() if answer is None]:
-        described = read_bench(bench)
-        faults += stop_axes(described, {name: described.description.axes[name].address for name in free})
+        try:
+            described = read_bench(bench)
+            faults += stop_axes(described, {name: described.description.axes[name].address for name in free})
+        except InputError as unreadable:
+            faults += [str(unreadable), _by_hand(f"none of {', '.join(free)}", bench)]
     if faults:
         raise DeviceError("\n".join(faults))
     typer.echo("every axis took the stop")
+
+
+def _by_hand(told: str, bench: Path) -> str:
+    return (
+        f"{told} was told to stop: no running program began with {bench}, and what is in it does not say how to reach the stages; "
+        "stop them by hand, by the emergency stop or by their power, then correct the file"
+    )
 
 
 app.command(short_help="Take one picture, or one after the other with a figure of focus.")(snap)

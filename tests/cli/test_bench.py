@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 import yaml
 
+from drivers.bench import connect
 from flflab.bench import read_bench
+from flflab.errors import DeviceError
 from sim.serve import serve, write_bench
 
 Run = Callable[..., Any]
@@ -76,6 +78,33 @@ def test_every_axis_that_answers_is_stopped_whatever_else_of_the_bench_is_off_or
         stage.write(f"/{number}\n".encode())
         stage.flush()
         assert b"IDLE" in stage.readline()
+
+
+@pytest.mark.parametrize("broken", ["axes: [", "axes: {}", None], ids=["no YAML", "other axes", "no file"])
+def test_who_drives_a_bench_is_stopped_whatever_became_of_its_file(flflab: Run, bench_file: Path, broken: str | None) -> None:
+    with connect(bench_file) as bench:
+        bench_file.unlink()
+        if broken is not None:
+            bench_file.write_text(broken, encoding="utf-8")
+        stopped = flflab("bench", "stop", "--bench", bench_file)
+        assert (stopped.code, stopped.out) == (0, "every axis took the stop\n")
+        with pytest.raises(DeviceError, match="ring: asked to move, nothing moved: another program had this bench stopped"):
+            bench.ring.home()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "none"), [("axes:", "axes: [", "no axis"), ("minimum_gap:", "minimal_gap:", "none of main_lens_stage, ")]
+)
+def test_where_nobody_drives_a_bench_whose_file_is_broken_the_operator_is_sent_to_stop_it_by_hand(
+    flflab: Run, bench_file: Path, old: str, new: str, none: str
+) -> None:
+    bench_file.write_text(bench_file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    stopped = flflab("bench", "stop", "--bench", bench_file)
+    assert (stopped.code, stopped.out) == (1, "")
+    said = stopped.err.splitlines()
+    assert said[0].startswith(f"flflab: {bench_file}:")
+    assert said[-1].startswith(none)
+    assert said[-1].endswith("stop them by hand, by the emergency stop or by their power, then correct the file")
 
 
 def test_80_columns_show_serial_numbers_names_and_limits_whole_and_a_pipe_one_line_a_device(
