@@ -4,8 +4,9 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import yaml
@@ -13,6 +14,7 @@ import yaml
 import drivers
 from drivers.connection import Connection
 from drivers.described import one_instrument, require_drivable
+from drivers.registry import AXES, AxisDriver
 from drivers.sentinel import stop_axes
 from drivers.simulated import SimulatedOnDemand
 from drivers.survey import survey
@@ -194,6 +196,23 @@ def test_an_axis_that_could_not_be_set_up_is_stopped_all_the_same(
     assert stop_axes(bench, {"one": address, "two": address}) == []
     assert not unknown.busy
     assert not stubborn.busy
+
+
+def test_an_axis_whose_driver_fails_as_nobody_foresaw_keeps_the_next_of_its_line_from_no_stop(
+    pair: Changed, toy_chain: Callable[..., str], toy_stage: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(name: str, *_: object) -> None:
+        raise ZeroDivisionError(f"{name} divided by nothing")
+
+    monkeypatch.setitem(cast(dict[str, AxisDriver], AXES), "careless", replace(AXES["zaber"], stop=stop))
+    stages = still_moving, stopped = toy_stage(speed=10.0), toy_stage(speed=10.0)
+    for stage in stages:
+        stage.go(stage.limit)
+    address = toy_chain(*stages)
+    bench = read_bench(pair(ZABER | {"driver": "careless", "address": address, "device": 1}, ZABER | {"address": address, "device": 2}))
+    assert stop_axes(bench, {"one": address, "two": address}) == ["one divided by nothing; it may still move, cut its power"]
+    assert still_moving.busy
+    assert not stopped.busy
 
 
 def test_two_makers_may_have_given_one_number() -> None:
