@@ -166,6 +166,20 @@ def test_choosing_and_the_picture_chosen_together_take_no_longer_than_the_budget
     assert picture > 0.1 * seconds
 
 
+@pytest.mark.parametrize(("seconds", "counts"), [(0.01, (4, 3)), (0.2, (1, 1))], ids=["brief", "long"])
+def test_only_what_is_brief_is_tried_again_so_that_a_budget_is_not_spent_on_trying(seconds: float, counts: tuple[int, int]) -> None:
+    now, formed = [0.0], list[int]()
+    tiles = np.arange(100).reshape(10, 10) % 7 == 0
+
+    def form(wanted: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+        now[0] += seconds
+        formed.append(int(wanted.sum()))
+        return np.zeros(wanted.shape)
+
+    assert expected_seconds(form, lambda _: None, tiles, lambda: now[0]) == pytest.approx(seconds)
+    assert (formed.count(int(tiles.sum())), formed.count(0)) == counts
+
+
 def test_the_tiles_that_a_budget_is_judged_by_hold_their_share_of_light_though_dots_lie_far_between(camera: Camera) -> None:
     whole_sensor = replace(camera, sensor=replace(camera.sensor, resolution=(3664, 2748)))
     scene = short_scene(whole_sensor, Plane(FourDot(), 507.0))
