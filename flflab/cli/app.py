@@ -8,6 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from flflab.cli.ending import InterruptedCommandError, is_interruption
+from flflab.cli.quantities import where_quotes_are_missing
 
 COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 columns
     "validate": "Run a study on a bench and hold the camera against its model.",
@@ -28,6 +29,7 @@ COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 col
     "sim": "Serve a simulated bench until Ctrl-C.",
     "new": "Write a commented copy of a built-in file to begin from.",
 }
+GIVEN = "flflab.given"  # where a context keeps the words of the command line
 
 
 class Commands(TyperGroup):
@@ -51,13 +53,20 @@ class Commands(TyperGroup):
         command.short_help = COMMANDS[cmd_name]
         return command
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Keep what was given, for ``invoke``."""
+        ctx.meta[GIVEN] = list(args)
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; its Ctrl-C goes to ``main``, which says so."""
+        """Run the command; its Ctrl-C goes to ``main``, which says so, and a word too many that is a unit is told to belong in quotes."""
         try:
             return super().invoke(ctx)
         except BaseException as error:
             if is_interruption(error):
                 raise InterruptedCommandError from error
+            if type(error) is typer.BadParameter.__base__ and (quoted := where_quotes_are_missing(ctx.meta[GIVEN])):
+                cast(Any, error).message += f"; a number and its unit go into quotes: {quoted}"
             raise
 
 

@@ -211,6 +211,33 @@ def test_what_cannot_be_done_is_one_sentence_and_exit_1(flflab: Run, arguments: 
     assert ended.err.startswith("flflab: ")
 
 
+@pytest.mark.parametrize(
+    ("words", "quoted"),
+    [
+        ("model camera.yaml --distance 507 mm", '--distance "507 mm"'),
+        ("model camera.yaml --distance=507 mm", '--distance="507 mm"'),
+        ("align --overlap -20 um", '--overlap "-20 um"'),
+        ("bench snap --exposure 5e-3 s --live --bench x.yaml", '--exposure "5e-3 s"'),
+        ("bench move ring -.5 deg --bench x.yaml", '"-.5 deg"'),
+    ],
+)
+def test_a_quantity_that_was_given_as_two_words_is_told_to_go_into_quotes(flflab: Run, words: str, quoted: str) -> None:
+    ended = flflab(*words.split())
+    assert ended.code == 2
+    assert ended.err.endswith(f"; a number and its unit go into quotes: {quoted}\n")
+
+
+def test_a_unit_that_was_taken_for_a_file_is_told_to_go_into_quotes_too(flflab: Run) -> None:
+    ended = flflab("image", "--target", "bars", "--distance", "507", "mm", "-o", "x.npy")
+    assert ended.code == 1
+    assert ended.err.endswith('; a space before the unit wants quotes: --distance "507 mm"\n')
+
+
+@pytest.mark.parametrize("words", ["model one.yaml two.yaml", "model one.yaml mm", "model one.yaml two.yaml 3 m2"])
+def test_of_quotes_nothing_is_said_where_a_word_is_too_many_for_another_reason(flflab: Run, words: str) -> None:
+    assert "quotes" not in flflab(*words.split()).err
+
+
 def test_the_version_is_that_of_the_package(flflab: Run) -> None:
     assert flflab("--version") == (0, f"flflab {version('flflab')}\n", "")
 
