@@ -203,14 +203,18 @@ def connect(bench_file: str | Path) -> ConnectedBench:
         InputError: the bench file is wrong; every fault with file, line and field.
         DeviceError: another program drives the bench, or devices are missing or wrong: every fault in one message; nothing stays open.
     """
-    described = read_bench(Path(bench_file))
+    return connect_described(read_bench(Path(bench_file)))
+
+
+def connect_described(described: Bench) -> ConnectedBench:
+    """Connect to every device of a bench as read; nothing moves. Errors as ``connect``."""
     description = described.description
     require_drivable(described)
     with ExitStack() as resources:
         owner = Owner(described.file) if any(can_outlive(axis) for axis in description.axes.values()) else None
         if owner is not None:
             resources.callback(owner.close)
-        connection = Connection(described, resources, SimulatedOnDemand(described.file, resources))
+        connection = Connection(described, resources, SimulatedOnDemand(described, resources))
         axes: dict[str, Axis] = {name: device for name in description.axes if (device := connection.open(name)) is not None}
         camera, iris, target = (connection.open(name) for name in ("camera", "iris", "target"))
         connection.raise_faults()

@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from flflab.bench import Bench
 from flflab.errors import CommunicationError
 from flflab.waiting import wait_for
 
@@ -23,14 +24,15 @@ class SimulatedBench:
 
     Args:
         bench_file: the bench file.
+        seed: of its errors and noise, whatever the file says.
         timeout: how long it may take to say its addresses, s (it starts Python and compiles what is not in its cache).
 
     Raises:
         CommunicationError: it did not start; with the last line it wrote.
     """
 
-    def __init__(self, bench_file: Path, timeout: float = 60.0) -> None:
-        command = [sys.executable, "-P", "-m", "flflab", "sim", str(bench_file), "--json"]
+    def __init__(self, bench_file: Path, seed: int, timeout: float = 60.0) -> None:
+        command = [sys.executable, "-P", "-m", "flflab", "sim", str(bench_file), "--json", "--seed", str(seed)]
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._complaints)
         self._file = bench_file
@@ -127,12 +129,12 @@ class SimulatedOnDemand:
     """The simulated bench, started for the first device that needs it and tried once only; any thread may ask.
 
     Args:
-        bench_file: the bench file.
+        bench: the bench as read.
         resources: ends it.
     """
 
-    def __init__(self, bench_file: Path, resources: ExitStack) -> None:
-        self._file = bench_file
+    def __init__(self, bench: Bench, resources: ExitStack) -> None:
+        self._bench = bench
         self._resources = resources
         self._starting = threading.Lock()
         self._started: SimulatedBench | CommunicationError | None = None
@@ -147,7 +149,7 @@ class SimulatedOnDemand:
         with self._starting:
             if self._started is None:
                 try:
-                    self._started = SimulatedBench(self._file)
+                    self._started = SimulatedBench(self._bench.file, self._bench.description.simulated.seed)
                     self._resources.callback(self._started.close)
                 except CommunicationError as fault:
                     self._started = fault

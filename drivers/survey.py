@@ -69,7 +69,7 @@ def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
     with ExitStack() as resources:
         if any(can_outlive(axis) for axis in bench.description.axes.values()):
             resources.callback(Owner(bench.file).close)
-        simulated = SimulatedOnDemand(bench.file, resources)
+        simulated = SimulatedOnDemand(bench, resources)
         rows: dict[str, Identity] = {}
 
         def look_along(line: list[str]) -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args
 
@@ -262,3 +262,18 @@ def read_bench(file: Path) -> Bench:
             f"{file}:{lines.get(('optics',), 1)}: optics: there is no camera file {optics}; give its path relative to the bench file"
         )
     return Bench(description, file, lines, read_camera(optics))
+
+
+def with_seed(bench: Bench, seed: int | None) -> Bench:
+    """A bench whose simulated errors and noise have another seed than its file says; the same where none is given."""
+    if seed is None:
+        return bench
+    simulated = bench.description.simulated.model_copy(update={"seed": seed})
+    return replace(bench, description=bench.description.model_copy(update={"simulated": simulated}))
+
+
+def fields_of(bench: Bench) -> dict[str, Any]:
+    """What a bench's file says, with the seed that the bench has; raises as ``read_yaml``."""
+    data, _ = read_yaml(bench.file)
+    simulated, seed = data.get("simulated") or {}, bench.description.simulated.seed
+    return data if simulated.get("seed", 0) == seed else data | {"simulated": simulated | {"seed": seed}}

@@ -14,8 +14,7 @@ from typing import Any
 
 import yaml
 
-from flflab.bench import Bench, DeviceDescription, read_bench
-from flflab.description import read_yaml
+from flflab.bench import Bench, DeviceDescription, fields_of
 from flflab.errors import InputError
 from sim.camera import SimulatedCamera
 from sim.clock import Clock, RunningClock
@@ -201,7 +200,7 @@ def write_bench(bench: Bench, served: Served, file: Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    data, _ = read_yaml(bench.file)
+    data = fields_of(bench)
     for name, where in served.addresses["axes"].items():
         data["axes"][name]["address"] = _as_written(where["address"])
     for name in ("camera", "iris", "target"):
@@ -218,15 +217,14 @@ def _as_written(address: str) -> str:
     return f"socket://{address}" if address.startswith("127.0.0.1:") else address
 
 
-def main(bench_file: Path, port: int = 0, *, pty: bool = False, json_line: bool = False, write_bench_file: Path | None = None) -> None:
+def main(bench: Bench, port: int = 0, *, pty: bool = False, json_line: bool = False, write_bench_file: Path | None = None) -> None:
     """Serve a bench until SIGINT, SIGTERM or, where standard input is a pipe, its end: simulators die with their parent.
 
     Prints one flushed line of JSON with all addresses and, once all that a first frame needs is compiled, another; or lines for people.
 
     Raises:
-        InputError: the bench cannot be read, simulated or written.
+        InputError: the bench cannot be simulated or written.
     """
-    bench = read_bench(bench_file)
     try:
         served = serve(bench, port, pty=pty)
     except OSError as error:

@@ -11,12 +11,12 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from flflab.bench import ANGLE, LENGTH, Bench
+from flflab.bench import ANGLE, LENGTH, Bench, with_seed
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.new import Kind, built_in
 from flflab.cli.quantities import option_quantity
-from flflab.cli.run import seeded, with_descriptions
+from flflab.cli.run import with_descriptions
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
 from flflab.whole_file import write_whole
@@ -34,27 +34,26 @@ def align(
     seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
 ) -> None:
     """Turn the array straight to the sensor's rows and parallel to it, and move the sensor where it is wanted, by white pictures."""
-    from drivers.bench import connect  # the engine and the drivers are loaded by those who use them
+    from drivers.bench import connect_described  # the engine and the drivers are loaded by those who use them
     from procedures.align import Request, most_frames, require_reachable
     from procedures.align import align as run
     from procedures.engine import RunInterruptedError
 
     if exit_pupil and overlap is not None:
         raise InputError("align: --exit-pupil and --overlap are two places of the one sensor; give one of them")
-    with seeded(bench or built_in(Kind.BENCH), seed) as file:
-        described = described_bench(file)
-        wanted = None if overlap is None else option_quantity("--overlap", overlap, "length")
-        request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
-        require_reachable(request, described)
-        failure: FlflabError | None = None
-        outcomes: tuple[Outcome, ...] = ()
-        with run_folder(out, "align") as folder, connect(file) as connected:
-            columns, rows = described.optics.sensor.resolution
-            recording = with_descriptions(Recording(folder, most_frames(request), (rows, columns)), described, None)
-            try:
-                outcomes = run(connected, request, recording, _tell)
-            except FlflabError as error:
-                failure = error  # raised below: every axis was told to stop, and what goes wrong in leaving must not hide why
+    described = with_seed(described_bench(bench or built_in(Kind.BENCH)), seed)
+    wanted = None if overlap is None else option_quantity("--overlap", overlap, "length")
+    request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
+    require_reachable(request, described)
+    failure: FlflabError | None = None
+    outcomes: tuple[Outcome, ...] = ()
+    with run_folder(out, "align") as folder, connect_described(described) as connected:
+        columns, rows = described.optics.sensor.resolution
+        recording = with_descriptions(Recording(folder, most_frames(request), (rows, columns)), described, None)
+        try:
+            outcomes = run(connected, request, recording, _tell)
+        except FlflabError as error:
+            failure = error  # raised below: every axis was told to stop, and what goes wrong in leaving must not hide why
     if isinstance(failure, RunInterruptedError):
         sys.stderr.write(f"flflab: {failure}; align begins anew, a few pictures are all it takes\n")
         raise typer.Exit(INTERRUPTED)

@@ -2,20 +2,17 @@
 
 import contextlib
 import sys
-import tempfile
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import typer
-import yaml
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from flflab.bench import Bench, read_bench
+from flflab.bench import Bench, read_bench, with_seed
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
-from flflab.description import read_yaml
 from flflab.errors import CommunicationError, FlflabError, InputError, RecordError
 from flflab.record import ContinuedRecording, Recording, Run, keep_descriptions, read_run, run_folder
 from flflab.study import read_study
@@ -45,19 +42,18 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
         RecordError: the folder holds a run already, or cannot be written.
     """
     # The engine and the drivers are loaded here, so that commands without a bench start fast.
-    from drivers.bench import connect
+    from drivers.bench import connect_described
     from procedures.steps import steps
     from procedures.study import begin_recording, take_study
 
-    with seeded(bench_file, seed) as file:
-        bench = described_bench(file)
-        study = read_study(study_file, bench.optics)
-        steps(study, bench)  # refused here, before anything connects
-        for sentence in unlike_the_wheel(study, bench):
-            sys.stderr.write(f"flflab: {sentence}\n")
-        with run_folder(folder, study.description.name) as place, connect(file) as connected:
-            recording = with_descriptions(begin_recording(connected, study, place), bench, study_file)
-            failure = failure_of(place, lambda: take_study(connected, study, recording, tell, name))
+    bench = with_seed(described_bench(bench_file), seed)
+    study = read_study(study_file, bench.optics)
+    steps(study, bench)  # refused here, before anything connects
+    for sentence in unlike_the_wheel(study, bench):
+        sys.stderr.write(f"flflab: {sentence}\n")
+    with run_folder(folder, study.description.name) as place, connect_described(bench) as connected:
+        recording = with_descriptions(begin_recording(connected, study, place), bench, study_file)
+        failure = failure_of(place, lambda: take_study(connected, study, recording, tell, name))
     return ended(place, failure)
 
 
@@ -158,26 +154,6 @@ def ended(folder: Path, failure: FlflabError | None) -> Run:
     if failure is not None:
         raise failure
     return read_run(folder)
-
-
-@contextlib.contextmanager
-def seeded(bench_file: Path, seed: int | None) -> Generator[Path, None, None]:
-    """A bench file with another seed for its simulated errors and noise; the file itself where no seed is given.
-
-    Raises:
-        InputError: the bench file is wrong; the lines are those of the file given, not of the copy.
-    """
-    if seed is None:
-        yield bench_file
-        return
-    read_bench(bench_file)
-    data, _ = read_yaml(bench_file)
-    data["simulated"] = (data.get("simulated") or {}) | {"seed": seed}
-    data["optics"] = str((bench_file.parent / str(data.get("optics", ""))).resolve())
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / bench_file.name
-        file.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), encoding="utf-8")
-        yield file
 
 
 @contextlib.contextmanager

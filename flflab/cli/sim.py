@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from flflab.cli.run import seeded
+from flflab.bench import read_bench, with_seed
 
 
 def sim(
@@ -19,5 +19,4 @@ def sim(
     """Serve until Ctrl-C, or until standard input ends where it is a pipe."""
     from sim.serve import main  # what draws pictures is loaded by those who draw
 
-    with seeded(bench, seed) as file:
-        main(file, port, pty=pty, json_line=json, write_bench_file=write_bench)
+    main(with_seed(read_bench(bench), seed), port, pty=pty, json_line=json, write_bench_file=write_bench)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from flflab.bench import Bench
+from flflab.bench import Bench, fields_of
 from flflab.description import read_yaml
 from flflab.errors import RecordError
 
@@ -92,11 +92,10 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
     Raises:
         RecordError: the folder cannot be written.
     """
-    text = bench.file.read_text(encoding="utf-8")
+    text, fields = bench.file.read_text(encoding="utf-8"), fields_of(bench)
     copied, found = re.subn(r"(?m)^optics:.*$", "optics: camera.yaml", text)
-    if found != 1:  # written in another style: without the comments, but right
-        data, _ = read_yaml(bench.file)
-        copied = yaml.safe_dump(data | {"optics": "camera.yaml"}, sort_keys=False, allow_unicode=True)
+    if found != 1 or fields != read_yaml(bench.file)[0]:  # written in another style, or another seed: without the comments, but right
+        copied = yaml.safe_dump(fields | {"optics": "camera.yaml"}, sort_keys=False, allow_unicode=True)
     try:
         (folder / "bench.yaml").write_text(copied, encoding="utf-8")
         shutil.copyfile(bench.file.parent / bench.description.optics, folder / "camera.yaml")

@@ -304,3 +304,15 @@ def test_a_bench_file_is_refused_with_its_own_lines_also_where_another_seed_is_g
     assert ended.code == 1
     assert f"{file}:{line}: simulated" in ended.err
     assert fault in ended.err
+
+
+@pytest.mark.parametrize("command", ["sweep", "align"])
+def test_a_fault_of_a_driver_names_the_operators_file_also_where_another_seed_is_given(command: str, flflab: Run, tmp_path: Path) -> None:
+    text = (EXAMPLES / "benches" / "simulated.yaml").read_text(encoding="utf-8")
+    file = tmp_path / "bench.yaml"
+    file.write_text(text.replace("../cameras/osinski.yaml", str(OSINSKI)).replace("driver: zaber", "driver: zabre", 1), encoding="utf-8")
+    line = 1 + text[: text.index("driver: zaber")].count("\n")
+    study = [EXAMPLES / "studies" / "first.yaml"] if command == "sweep" else []
+    ended = flflab(command, *study, "--bench", file, "--seed", 2, "--out", tmp_path / "run")
+    assert ended.code == 1
+    assert ended.err.startswith(f"flflab: {file}:{line}: axes.main_lens_stage.driver: there is no driver 'zabre' here")

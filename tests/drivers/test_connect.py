@@ -1,6 +1,7 @@
 """Connecting to a whole bench: every fault at once, nothing left open, one stop for all, a simulated bench that dies with its parent."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,8 +16,9 @@ import yaml
 
 import drivers
 from drivers.base import wait_all
-from drivers.bench import ConnectedBench
+from drivers.bench import ConnectedBench, connect_described
 from drivers.simulated import SimulatedBench
+from flflab.bench import read_bench, with_seed
 from flflab.errors import CommunicationError, DeviceError, InputError, MotionError
 
 Write = Callable[..., Path]
@@ -170,13 +172,25 @@ def test_address_simulated_starts_a_bench_and_ends_it(root: Path) -> None:
 
 def test_a_simulated_bench_that_does_not_start_says_its_last_words(tmp_path: Path) -> None:
     with pytest.raises(CommunicationError, match=r"the simulated bench did not start, it ended .*its last words: .*no-such"):
-        SimulatedBench(tmp_path / "no-such.yaml")
+        SimulatedBench(tmp_path / "no-such.yaml", seed=0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a shell stands for Python")
+def test_what_simulates_a_bench_is_told_its_file_and_the_seed_that_it_has_now(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, shell = root / "examples" / "benches" / "simulated.yaml", tmp_path / "shell"
+    shell.write_text('#!/bin/sh\necho "$@" >&2\n')
+    shell.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(shell))
+    with pytest.raises(CommunicationError, match=rf"last words: -P -m flflab sim {re.escape(str(file))} --json --seed 4711"):
+        connect_described(with_seed(read_bench(file), 4711))
 
 
 def test_a_simulated_bench_is_asked_for_its_first_frame_when_what_draws_it_is_compiled(
     root: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    bench = SimulatedBench(root / "examples" / "benches" / "simulated.yaml")
+    bench = SimulatedBench(root / "examples" / "benches" / "simulated.yaml", seed=1)
     try:
         with pytest.raises(CommunicationError, match=r"simulated\.yaml: the simulated bench still compiles .* after 0 s; see what else"):
             bench.wait_until_ready(timeout=0.0)
@@ -220,7 +234,7 @@ def lives(process: str) -> bool:
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
 def test_a_simulated_bench_dies_with_its_parent(root: Path) -> None:
     bench = root / "examples" / "benches" / "simulated.yaml"
-    program = f"import time, drivers.simulated as s; s.SimulatedBench({str(bench)!r}); print('up', flush=True); time.sleep(60)"
+    program = f"import time, drivers.simulated as s; s.SimulatedBench({str(bench)!r}, seed=1); print('up', flush=True); time.sleep(60)"
     with subprocess.Popen([sys.executable, "-P", "-c", program], stdout=subprocess.PIPE) as parent:
         assert parent.stdout is not None
         assert parent.stdout.readline() == b"up\n"

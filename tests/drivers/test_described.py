@@ -179,7 +179,7 @@ def test_two_spellings_of_one_line_are_one_connection(pair: Changed, toy_chain: 
     there = here.replace("127.0.0.1", "localhost")
     bench = read_bench(pair(ZABER | {"address": here, "device": 1}, ZABER | {"address": there, "device": 2}))
     with ExitStack() as opened:
-        connection = Connection(bench, opened, SimulatedOnDemand(bench.file, opened))
+        connection = Connection(bench, opened, SimulatedOnDemand(bench, opened))
         assert [connection.open(name).is_moving() for name in ("one", "two")] == [False, False]
     assert stop_axes(bench, {"one": here, "two": there}) == []
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.bench import read_bench
+from flflab.bench import read_bench, with_seed
 from flflab.errors import RecordError
 from flflab.record import Recording, claim_folder, keep_descriptions, new_folder, read_documents, read_run
 
@@ -260,3 +260,11 @@ def test_a_camera_of_another_size_than_described_is_named(tmp_path: Path) -> Non
         recording.frame(np.zeros((3, 4), np.uint16))
     recording.discard()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_seed_that_a_run_was_given_is_kept_with_its_descriptions(tmp_path: Path) -> None:
+    bench = read_bench(BUILT_IN / "benches" / "simulated.yaml")
+    assert bench.description.simulated.seed != 4711
+    keep_descriptions(tmp_path, with_seed(bench, 4711), None)
+    kept = read_bench(tmp_path / "bench.yaml")
+    assert kept.description.model_copy(update={"optics": bench.description.optics}) == with_seed(bench, 4711).description

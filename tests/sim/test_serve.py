@@ -40,7 +40,8 @@ with serve(read_bench(Path(sys.argv[1]))) as served:
         assert camera.next_frame(ended)[1].any()
     print(compiled() - warm)
 """
-CHILD = "import sys; from pathlib import Path; from sim.serve import main; main(Path(sys.argv[1]), json_line=True)"
+READ = "import sys; from pathlib import Path; from flflab.bench import read_bench; bench = read_bench(Path(sys.argv[1])); "
+CHILD = f"{READ}from sim.serve import main; main(bench, json_line=True)"
 TELLS_OF_DRAWING = "from sim.camera import SimulatedCamera; SimulatedCamera.warm_up = lambda camera: print('drawn', flush=True); "
 
 
@@ -86,7 +87,7 @@ def test_every_axis_of_the_full_bench_is_served_those_of_one_line_together(write
 
 
 def test_people_are_told_where_each_axis_answers(root: Path) -> None:
-    code = "import sys; from pathlib import Path; from sim.serve import main; main(Path(sys.argv[1]))"
+    code = f"{READ}from sim.serve import main; main(bench)"
     command = [sys.executable, "-P", "-c", code, str(root / "examples/benches/full.yaml")]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout is not None
