@@ -10,7 +10,7 @@ from flflab.image.effects.motion import Motion
 from flflab.image.geometry.pupil import Pupils, camera_pupils
 from flflab.image.geometry.rays import is_straight, linearised
 from flflab.image.geometry.rim import Rims, find_rims
-from flflab.image.geometry.tiles import blur_of, counts_needed, cut, middles, windows_of
+from flflab.image.geometry.tiles import blur_of, counts_needed, cut, holding, middles, windows_of
 from flflab.image.scene import ALL, Plane, Scene
 from flflab.optics.camera import Camera, Sensor
 
@@ -78,7 +78,7 @@ class Setup:
 
     def reaching(self, wanted: npt.NDArray[np.bool_]) -> "Setup":
         """The entries in whose windows there are wanted pixels, [row, column]."""
-        entries = np.flatnonzero([wanted[low:high, left:right].any() for left, right, low, high in self.window])
+        entries = np.flatnonzero(holding(wanted, self.window))
         return self.of(entries, self.window[entries])
 
     def of(self, entries: Whole, windows: Whole) -> "Setup":

@@ -78,6 +78,19 @@ def shrink(wanted: npt.NDArray[np.bool_], start: int, end: int, first: int, last
     return (left, right, bottom, top) if left < right else (start, start, first, first)
 
 
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def holding(wanted: npt.NDArray[np.bool_], windows: Whole) -> npt.NDArray[np.bool_]:
+    """Which windows (N, 4) hold wanted pixels, [row, column]."""
+    found = np.zeros(len(windows), dtype=np.bool_)
+    for entry in range(len(windows)):
+        left, right, first, last = windows[entry]
+        for row in range(first, last):
+            if wanted[row, left:right].any():
+                found[entry] = True
+                break
+    return found
+
+
 def counts_needed(
     sensor: Sensor,
     pupils: Pupils,
