@@ -35,13 +35,15 @@ class CardParts:
 
     Attributes:
         clear: with all their rays.
+        bent: with all their rays too, which end crookedly.
         light: what is seen past one card, as a picture of what that leaves.
         shadow: pictures of a card, white, that takes as much of the light of ``clear`` and ``light``.
-        singly: parts that need single rays, and what they look at: past several cards, too crookedly, or at a dot's edge.
+        singly: parts that need single rays, and what they look at: past several cards, or crookedly past the edge of one.
         behind: all that a card leaves less than all light, dark or not.
     """
 
     clear: Setup
+    bent: Setup
     light: Pictures
     shadow: Pictures
     singly: list[tuple[Setup, Target]]
@@ -77,18 +79,19 @@ def split(setup: Setup, plane: Plane, distortion: Distortion | None, cards: tupl
             # Ends of bars take single rays less time; waves are held against rays in all these parts, so that they must be small.
             alone &= ((met == 0) | (met == 2)) & ruled & small
         told = alone | dark
-        return none, clear, alone, dark, np.where(full, crooked, small) & ~told
+        return none, clear, full & crooked & ~told, alone, dark, small & ~full & ~told
 
-    clear, alone, dark, singly = _quartered(setup, sort, LEAST_SIDE if white else SMALLEST)
+    clear, bent, alone, dark, singly = _quartered(setup, sort, LEAST_SIDE if white else SMALLEST)
     behind = setup.of(*_together(alone, dark, singly))
     rest = [(setup.of(*singly), target)]
     if own is not None and isinstance(target, Bars):
         width, height = own.size
         bars = Cropped(target, min(width, target.width), min(height, target.height))
-        return CardParts(setup.of(*clear), [(setup.of(*alone), bars)], [], rest, behind)
+        return CardParts(setup.of(*clear), setup.of(*bent), [(setup.of(*alone), bars)], [], rest, behind)
     if isinstance(target, FourDot):
         dots = split(setup.of(*alone), replace(plane, target=White()), distortion, cards)
-        return CardParts(setup.of(*clear), [(dots.clear, White()), *dots.light], dots.shadow, [*rest, *dots.singly], behind)
+        light = [(dots.clear, White()), *dots.light]
+        return CardParts(setup.of(*clear), setup.of(*bent), light, dots.shadow, [*rest, *dots.singly], behind)
     met = seen_past(setup, setup.pupils.of(alone[0]), alone[1], 1 / plane.distance, distortion, cards)[2]
     light, shadow = Pictures(), Pictures()
     for number in np.unique(met):
@@ -102,7 +105,7 @@ def split(setup: Setup, plane: Plane, distortion: Distortion | None, cards: tupl
         else:
             shadow.append((before, _white(card)))
             clear = _together(clear, part)
-    return CardParts(setup.of(*clear), light, shadow, rest, behind)
+    return CardParts(setup.of(*clear), setup.of(*bent), light, shadow, rest, behind)
 
 
 def split_by_dots(setup: Setup, plane: Plane, dots: FourDot, distortion: Distortion | None) -> tuple[Setup, Setup]:

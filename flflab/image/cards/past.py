@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from flflab.image.cards.bends import add_bent
 from flflab.image.cards.parts import CardParts, split, split_by_dots
 from flflab.image.cards.single_rays import add_single_rays
 from flflab.image.cards.windows import Card
@@ -47,6 +48,7 @@ def add_past_cards(
         cards: those that stop rays; they move as the target does.
         wanted: the pixels to compute; None for all.
     """
+    add_bent(image, parts.bent, plane, distortion, wanted)
     for before, target in parts.light:
         add_moving_plane(image, before, target, wanted)
     if parts.shadow:

@@ -37,7 +37,7 @@ MOST_CROSSED = 3  # cards whose edges are told apart within one neighbourhood
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _end(mx: float, my: float, ax: float, ay: float, vergence: float, surface: Array, coefficient: float) -> tuple[float, float]:
+def ray_end(mx: float, my: float, ax: float, ay: float, vergence: float, surface: Array, coefficient: float) -> tuple[float, float]:
     """Where a ray through (mx, my) of the main lens that heads for the direction a (seen from the lens, at a vergence) meets a surface.
 
     See ``flflab.image.geometry.rays`` for the formulas; the answer is in the surface's own axes.
@@ -61,7 +61,7 @@ def _end(mx: float, my: float, ax: float, ay: float, vergence: float, surface: A
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _lit_share(away: float, slope: float, reach: float) -> float:
+def lit_share(away: float, slope: float, reach: float) -> float:
     """Share of the full cone at a sensor point."""
     if slope > 0.0:
         return two_disc_area(1.0, reach / slope, away / slope) / math.pi
@@ -130,7 +130,7 @@ def _mean(
             crossed = 0
             for index in range(surfaces.shape[0] - 1, 0, -1):
                 surface = surfaces[index]
-                px, py = _end(mx, my, ax, ay, surfaces[0, 1], surface, coefficient)
+                px, py = ray_end(mx, my, ax, ay, surfaces[0, 1], surface, coefficient)
                 share = card_share(px, py, surface, boxes[index])
                 if share == (0.0 if surface[12] > 0.0 else 1.0):
                     seen = 0.0
@@ -147,7 +147,7 @@ def _mean(
             if seen == 0.0:
                 area += width * height
                 continue
-            px, py = _end(mx, my, ax, ay, surfaces[0, 1], surfaces[0], coefficient)
+            px, py = ray_end(mx, my, ax, ay, surfaces[0, 1], surfaces[0], coefficient)
             if crossed > 0 and own_share < 1.0 and crossed < MOST_CROSSED:
                 places[crossed, 0], places[crossed, 1], places[crossed, 2] = px, py, own
                 crossed += 1
@@ -219,7 +219,7 @@ def _pixel_light(
                 elif steep and part > 0.0:
                     share, rim = (0.0 if away > reach + slope + part else 1.0), part
                 else:
-                    share = _lit_share(away, slope, reach)
+                    share = lit_share(away, slope, reach)
                 if share > 0.0:
                     light += share * _mean(
                         x,

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.cards.single_ray_sums import add_rays
+from flflab.image.cards.surfaces import lens_numbers, surface_numbers
 from flflab.image.cards.windows import Card, pupils_before
 from flflab.image.effects.distortion import Distortion
 from flflab.image.flat_target.moments import moment_counts, smear_of, widths_moved
-from flflab.image.geometry.rays import linearised, own_axes
+from flflab.image.geometry.rays import linearised
 from flflab.image.geometry.setup import Setup
 from flflab.image.geometry.tiles import blur_of, middles
 from flflab.image.light.orders import in_bands
@@ -60,7 +61,7 @@ def add_single_rays(
         return
     pupils, pixel = setup.pupils, setup.sensor.pixel
     middle = middles(setup.sensor, pupils, setup.window)[0]
-    surfaces = np.array([_surface(Card(plane, False)), *(_surface(card) for card in cards)])
+    surfaces = np.array([surface_numbers(Card(plane, False)), *(surface_numbers(card) for card in cards)])
     maps = np.empty((len(setup.blur), len(surfaces), 8))
     blurs, smears = np.zeros((2, len(setup.blur), len(surfaces)))
     for index, before in enumerate((plane, *(card.plane for card in cards))):
@@ -89,25 +90,6 @@ def add_single_rays(
         parts = np.ones_like(parts)
     aligned: Chosen = ~turned
     along = aligned.all(axis=1) & ~_aslant(maps[:, 0, :4])
-    known = np.column_stack(
-        [
-            pupils.centre_x,
-            pupils.centre_y,
-            pupils.slope,
-            pupils.reach,
-            pupils.lens_spread,
-            pupils.lens_scale,
-            pupils.spread,
-            pupils.scale,
-            pupils.direction_x,
-            pupils.direction_y,
-            pupils.level,
-            pupils.slant_x,
-            pupils.slant_y,
-            pupils.slant_scale,
-            pupils.slant_spread,
-        ]
-    )
     kind, numbers, table, law, sums = described(plane.target)
     xs, ys = pixel_positions(setup.sensor)
     coefficient = 0.0 if distortion is None else distortion.coefficient
@@ -125,7 +107,7 @@ def add_single_rays(
             image,
             band,
             setup.window,
-            known,
+            lens_numbers(pupils),
             surfaces,
             maps,
             aligned,
@@ -174,21 +156,3 @@ def _aslant(by_pupil: Array) -> Chosen:
     """Whether rows and columns of the pupil do not count as parallel to a surface's axes, for maps to it (T, 4)."""
     rows = np.abs(by_pupil.reshape(-1, 2, 2))
     return np.any(rows.min(axis=2) > SKEW * np.maximum(np.linalg.norm(rows, axis=2), 1e-300), axis=1)
-
-
-def _surface(card: Card) -> Array:
-    """A plane as numbers: distance, vergence, offset, tilt, own axes, half its card's size, whether rays must end on the card."""
-    plane = card.plane
-    size = card.size
-    return np.array(
-        [
-            plane.distance,
-            1 / plane.distance,
-            *plane.offset,
-            *plane.tilt,
-            *own_axes(plane).ravel(),
-            size[0] / 2,
-            size[1] / 2,
-            float(card.own),
-        ]
-    )
