@@ -120,6 +120,23 @@ def test_noise_is_estimated_from_a_picture(brute: Any) -> None:
     assert found.offset_dn == pytest.approx(64.0, abs=1.0)
 
 
+def test_edges_of_dots_are_not_taken_for_noise(brute: Any) -> None:
+    """Few of the squares that see a dot see no edge: with all of them the noise's variance came out twice what it is."""
+    camera, dots = brute.camera(4.0, (800, 800)), FourDot(diameter=1.0, spacing=4.0)
+    picture = brute.dots_picture(camera, 506.7016, dots.centres, dots.diameter)
+    for gain in (0.3, 3.0):
+        noise = SensorNoise(dn_per_electron=gain, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
+        found = [estimate_noise(brute.expose(picture, noise, 3000, np.random.default_rng(seed))) for seed in range(8)]
+        assert np.mean([one.dn_per_electron for one in found]) == pytest.approx(gain, rel=0.12)
+
+
+def test_where_dots_are_blurred_all_over_their_noise_is_rather_taken_for_too_large(brute: Any) -> None:
+    camera, dots = brute.camera(4.0, (800, 800)), FourDot(diameter=1.0, spacing=4.0)
+    picture = brute.dots_picture(camera, 590.0, dots.centres, dots.diameter)
+    for seed in range(8):
+        assert estimate_noise(brute.expose(picture, NOISE, 3000, np.random.default_rng(seed))).dn_per_electron > 0.8 * 0.3
+
+
 def test_darkness_cut_at_zero_and_coarse_steps_are_not_taken_for_a_picture_without_noise(brute: Any) -> None:
     white = brute.white_picture(RESOLUTION[::-1], "square", 120.0, 0.0, (379.5, 259.5), 40.0, 10.0)
     cut = SensorNoise(dn_per_electron=0.4, read_noise_dn=0.8, offset_dn=0.0, full_scale_dn=4095.0)

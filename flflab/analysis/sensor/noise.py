@@ -2,15 +2,21 @@
 
 import math
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from flflab.errors import InputError, MeasurementError
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
+FEWEST = 100  # pixels of one brightness, for a variance
+FEWEST_FLAT = 400  # squares in the light, for the noise of flat ones: it is known to 9 per cent then, and half of it would be too little
+STEEPEST = 4.0  # variances, of the two differences of sides together: one in seven squares of nothing but noise is steeper
+ROUNDS, SETTLED = 6, 0.01  # of finding which squares are flat, until the gain moves by less
+STEPS = 12  # of brightness
 FULL_SCALES = tuple(2.0**bits - 1 for bits in (8, 10, 12, 14, 16))
 
 
@@ -62,27 +68,76 @@ class SensorNoise:
         return np.greater_equal(np.asarray(dn, dtype=np.float64), self.full_scale_dn)
 
 
-def _bins(mean: Array, gaps: npt.NDArray[np.bool_], high: float) -> list[npt.NDArray[np.bool_]]:
-    """Pixels of like brightness: the darkest, then equal steps up to the brightest; only those of 100 pixels at least."""
-    edges = np.linspace(float(mean[gaps].max()), high, 13)
-    parts = [gaps, *((mean > start) & (mean <= end) for start, end in pairwise(edges.tolist()))]
-    return [part for part in parts if np.count_nonzero(part) >= 100] or [np.ones_like(gaps)]
-
-
 def _level_and_variance(mean: Array, rough: Array) -> tuple[float, float]:
-    """Median brightness and variance of like pixels; a quarter of normal deviates lie within 0.3186 standard deviations.
+    """Median brightness and variance of like pixels, from the value below which a quarter of their absolute differences lie.
 
-    In darkness that is cut at 0, and where steps are coarse, a quarter of them are 0 but for rounding; then three quarters within 1.1503
-    count.
+    Where numbers are whole many are equal to it, of which half are counted. In darkness that is cut at 0, and where steps are coarse, a
+    quarter of them are 0 but for rounding; then three quarters count.
     """
     quarter, most = np.quantile(rough, [0.25, 0.75])
-    return float(np.median(mean)), float(quarter / 0.3186 if quarter > 1e-9 * most else most / 1.1503) ** 2
+    value = quarter if quarter > 1e-9 * most else most
+    share = (np.mean(rough < value) + np.mean(rough <= value)) / 2
+    return float(np.median(mean)), float(value / ndtri((1 + min(share, 0.99)) / 2)) ** 2
+
+
+def _in_steps(mean: Array, rough: Array, edges: Array) -> Array:
+    """Level, variance and number of the pixels from each edge of brightness to the next; of 100 pixels at least; shape (n, 3)."""
+    step = np.searchsorted(edges, mean)
+    parts = [step == n for n in range(1, len(edges))]
+    found = [(*_level_and_variance(mean[part], rough[part]), np.count_nonzero(part)) for part in parts if np.count_nonzero(part) >= FEWEST]
+    return np.array(found).reshape(-1, 3)
+
+
+def _steepness(values: Array) -> Array:
+    """Half the sum of squares of the differences along both diagonals of four pixels: twice the variance where there is noise alone."""
+    down, up = values[1:, 1:] - values[:-1, :-1], values[1:, :-1] - values[:-1, 1:]
+    return (down * down + up * up) / 2
+
+
+def _line(level: Array, rough: Array, steep: Array, gaps: Flags, high: float) -> tuple[float, float]:
+    """Variance in the dark, and by how much it grows with the light, from the squares that are flat; see ``estimate_noise``.
+
+    Args:
+        level: of each square above the offset, DN.
+        rough: difference of its diagonals' sums over two.
+        steep: as ``_steepness``.
+        gaps: the darkest squares.
+        high: brightest level.
+    """
+    edges = np.linspace(float(level[gaps].max()), high, STEPS + 1)
+    dim = np.array([*_level_and_variance(level[gaps], rough[gaps]), np.count_nonzero(gaps)])
+    level, rough, steep = level[~gaps], rough[~gaps], steep[~gaps]
+    found = np.vstack([dim, _in_steps(level, rough, edges)])
+    if len(found) == 1:
+        return float(found[0, 1]), 0.0
+    # relative: where structure enlarges a variance it counts for little
+    dark, gain = _fitted(found, 1 / (found[:, 1] + np.median(found[:, 1]) / 100 + 1e-12))
+    for _ in range(ROUNDS):
+        flat = steep <= STEEPEST * (dark + gain * level)
+        found = np.vstack([dim, _in_steps(level[flat], rough[flat], edges)])
+        if found[1:, 2].sum() < FEWEST_FLAT or gain <= 0:
+            break
+        # by the noise expected: by the noise found, what is found too small would count most
+        before = gain
+        dark, gain = _fitted(found, np.sqrt(found[:, 2]) / (dark + gain * np.maximum(found[:, 0], 0.0) + 1e-12))
+        if abs(gain - before) < SETTLED * before:
+            break
+    return dark, gain
+
+
+def _fitted(found: Array, weight: Array) -> tuple[float, float]:
+    """The line variance = dark + gain level, its dark from 0 up, by weighted least squares."""
+    design = np.stack([np.ones(len(found)), found[:, 0]], axis=1) * weight[:, None]
+    dark, gain = np.linalg.lstsq(design, found[:, 1] * weight, rcond=None)[0]
+    return max(float(dark), 0.0), float(gain)
 
 
 def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
     """Noise of a picture of which nothing else is known, from the differences of neighbouring pixels at each brightness.
 
-    The picture's own structure can only enlarge the result. The offset is the level of the dark gaps where there are some, else 0.
+    Of four pixels a square the difference of the diagonals' sums tells the noise. Those of its sides' sums are independent of it where
+    there is nothing but noise: squares in which they are larger than noise makes them lie on an edge, and are left out. What is left of
+    the picture's own structure can only enlarge the result. The offset is the level of the dark gaps where there are some, else 0.
 
     Raises:
         MeasurementError: fewer than 3 x 3 pixels, or not finite.
@@ -95,11 +150,7 @@ def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
     low, high = (float(value) for value in np.quantile(mean, [0.001, 0.9999]))  # dots may cover less than a thousandth
     gaps = mean <= low + 0.01 * (high - low) + 3 * float(np.median(rough[mean <= low + 0.01 * (high - low)]))
     offset = float(np.median(mean[gaps])) if low < 0.2 * high else 0.0
-    level, variance = np.array([[_level_and_variance(mean[inside], rough[inside]) for inside in _bins(mean, gaps, high)]]).reshape(-1, 2).T
-    level = level - offset
-    weight = 1 / (variance + np.median(variance) / 100 + 1e-12)  # relative: where structure enlarges a variance it counts for little
-    design = np.stack([np.ones(len(level)), level], axis=1) * weight[:, None]
-    dark, gain = np.linalg.lstsq(design, variance * weight, rcond=None)[0] if len(level) > 1 else (variance.sum(), 0.0)
+    dark, gain = _line(mean - offset, rough, _steepness(values), gaps, high - offset)
     top = float(values.max())
     whole = np.asarray(picture).dtype.kind == "u"
     full_scale = top if whole and top in FULL_SCALES else max(2 * top, offset + 1.0)
