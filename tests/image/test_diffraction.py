@@ -237,6 +237,15 @@ def test_bars_in_short_waves_are_those_of_rays_on_rims_narrower_than_a_pixel(wit
     assert np.abs(diffracted(scene, GREEN / 128) - render(scene, tolerance=1e-4)).max() < 0.001
 
 
+@pytest.mark.parametrize("cutoff", [80.0, 160.0])
+def test_where_bars_end_short_waves_are_rays(lone: Camera, cutoff: float) -> None:
+    """Half of what an edge loses to waves falls with them; between 40 frequencies a pixel's own was lost, 0.2 of white and more."""
+    camera = replace(lone, sensor=Sensor((10, 10), 0.012, 61.15, offset=(0.1, 0.1)))
+    scene = one_plane(camera, Bars((0.2, 0.2), 60.0, 7.0), FOCUS)
+    waves = diffracted(scene, 0.336 * 0.012 / (1.15 * cutoff), tolerance=1e-3)
+    assert np.abs(waves - render(scene, tolerance=1e-4)).max() < 0.16 / cutoff
+
+
 def test_a_slow_chirp_in_focus_loses_contrast_by_the_wavelength(lone: Camera) -> None:
     """A sine far below the cutoff keeps 1 - 4 / pi of their ratio; that of the middle, 0.2 cycles/mm, is all that the microlens sees."""
     scene = one_plane(lone, Chirp((0.1, 0.3), 120.0, 120.0), FOCUS)

@@ -26,6 +26,7 @@ PER_WAVE = 4.5  # samples of the shortest wave that a pupil lets pass
 EXACT = 1e-4  # of white: half of it is what splines of so many samples leave at the edge of a dot, found in light in focus
 WIDE = 8.0  # pixels; across a wider blur nothing is fine
 FEW, MORE = 2.25, 4.0  # the least samples a pixel where that wave is shorter than a pixel
+NODES, PER_CYCLE = 40, 2.0  # frequencies at least, and for each cycle/pixel: borders read between them what a pixel leaves, too
 OUTERMOST = 1 - 1e-7  # the last radius, as a share of the micro-image's: beyond it there is no pupil
 
 
@@ -76,7 +77,7 @@ def transfer_table(kind: Kind, samples: float, radii: int, angles: int) -> Trans
     beta = np.linspace(0, np.pi, angles)
     half = beta[: (angles + 1) // 2]
     band = min(kind.cutoff, samples / 2)
-    count = 40 + math.ceil(6 * abs(kind.blur) * band)
+    count = max(NODES, math.ceil(PER_CYCLE * band)) + math.ceil(6 * abs(kind.blur) * band)
     shift = (1 - np.cos(np.linspace(0, np.pi, count))) * band / kind.cutoff
     x, y = clip[:, None, None] * np.cos(half)[:, None], clip[:, None, None] * np.sin(half)[:, None]
     waves = kind.blur * kind.cutoff / 2 * shift
