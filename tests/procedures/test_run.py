@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from drivers.bench import ConnectedBench
-from flflab.bench import read_bench
+from flflab.bench import Bench
 from flflab.cli.run import run_study
 from flflab.errors import CommunicationError, DeviceError, MotionError, RecordError
 from flflab.record import read_documents, read_run
@@ -183,12 +183,12 @@ def test_who_begins_a_moment_later_in_the_same_folder_is_refused_and_changes_not
     study, bench = write()
     others = ("documents.jsonl", "bench.yaml", "camera.yaml", "study.yaml", "versions.json")
 
-    def connect(file: Path) -> ConnectedBench:
+    def connect(described: Bench) -> ConnectedBench:
         for name in others:
             (tmp_path / "run" / name).write_text("another's")
-        return in_memory(read_bench(file), memory_camera(shape=(90, 120)))
+        return in_memory(described, memory_camera(shape=(90, 120)))
 
-    monkeypatch.setattr("drivers.bench.connect", connect)
+    monkeypatch.setattr("drivers.bench.connect_described", connect)
     with pytest.raises(RecordError, match="run: another run is recorded there; give another folder"):
         run_study(study, bench, tmp_path / "run", None, tell_nobody, "sweep")
     assert {one.name: one.read_text() for one in (tmp_path / "run").iterdir()} == dict.fromkeys(others, "another's")
@@ -203,14 +203,14 @@ def test_a_run_that_cannot_begin_leaves_no_folder(
     full = SimpleNamespace(free=0)
     monkeypatch.setattr("flflab.record.writing.shutil.disk_usage", lambda _: full)  # pyright: ignore[reportUnknownLambdaType, reportUnknownArgumentType]
 
-    def connect(file: Path) -> ConnectedBench:
-        return in_memory(read_bench(file), memory_camera(shape=(90, 120)))
+    def connect(described: Bench) -> ConnectedBench:
+        return in_memory(described, memory_camera(shape=(90, 120)))
 
-    def driven_by_another(file: Path) -> ConnectedBench:
-        raise DeviceError(f"{file}: another program drives this bench")
+    def driven_by_another(described: Bench) -> ConnectedBench:
+        raise DeviceError(f"{described.file}: another program drives this bench")
 
     for way, error in ((connect, RecordError), (driven_by_another, DeviceError)):
-        monkeypatch.setattr("drivers.bench.connect", way)
+        monkeypatch.setattr("drivers.bench.connect_described", way)
         for folder in (tmp_path / "run", None):
             with pytest.raises(error, match=r"0\.00 GB are free|another program"):
                 run_study(study, bench, folder, None, tell_nobody, "sweep")
