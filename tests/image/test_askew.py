@@ -119,6 +119,20 @@ def test_a_blurred_picture_is_what_rays_show(distance: float, roll: float, pixel
 
 
 @pytest.mark.parametrize(
+    ("target", "pixels"),
+    [(FourDot(), [(51, 29), (11, 50)]), (Picture(BLACK_AND_WHITE, 2.0), [(56, 32), (32, 32)])],
+    ids=["dots", "picture"],
+)
+def test_a_steep_target_on_wide_pixels_is_what_rays_show(target: Target, pixels: list[tuple[int, int]]) -> None:
+    """A tilt of 27 degrees bends the map within two pixels of 20 um: parts of two pixels a side were off by 7.2 and 5.2 tolerances."""
+    camera = replace(CAMERA, array=replace(CAMERA.array, count=(3, 3)), sensor=Sensor((65, 65), 0.02, 61.15))
+    scene = Scene(camera, (Plane(target, 506.7, roll=0.3, tilt=(0.4, 0.3)),))
+    traced, uncertainty = trace_pixels(scene, np.array(pixels)[:, ::-1], wanted=3e-5)
+    assert uncertainty.max() <= 3e-5
+    assert np.abs(render(scene, tolerance=2e-4)[tuple(np.array(pixels).T)] - traced).max() < 2e-4
+
+
+@pytest.mark.parametrize(
     ("distance", "tolerance", "pixel"), [(470.0, 0.001, (9, 47)), (490.0, 5e-4, (36, 42))], ids=["6 pixels of blur", "2.5 pixels of blur"]
 )
 def test_single_rays_on_a_blurred_picture_are_those_traced(distance: float, tolerance: float, pixel: tuple[int, int]) -> None:

@@ -15,7 +15,7 @@ from flflab.image.cards.windows import PARTS, SIDES, Card, pupils_before, seen_o
 from flflab.image.effects.distortion import Distortion
 from flflab.image.geometry.rays import linearised
 from flflab.image.geometry.setup import MAP_SHARE, Setup
-from flflab.image.geometry.tiles import LEAST_SIDE, blur_of, counts_needed, cut, middles
+from flflab.image.geometry.tiles import blur_of, counts_needed, cut, middles
 from flflab.image.radiance.profile import Cropped
 from flflab.image.scene import Plane
 from flflab.targets import Bars, Edge, FourDot, Target, White
@@ -26,6 +26,7 @@ Parts = tuple[Whole, Whole]  # entries of a setup, and windows of pixels
 Pictures = list[tuple[Setup, Target | Cropped]]
 
 SMALLEST = 4  # pixels a side of a part that is summed by single rays
+SMALLEST_WHITE = 2  # the same before a white target
 SHARP = 1.0  # pixels of blur; corners that are blurred more take single rays less time
 
 
@@ -81,7 +82,7 @@ def split(setup: Setup, plane: Plane, distortion: Distortion | None, cards: tupl
         told = alone | dark
         return none, clear, full & crooked & ~told, alone, dark, small & ~full & ~told
 
-    clear, bent, alone, dark, singly = _quartered(setup, sort, LEAST_SIDE if white else SMALLEST)
+    clear, bent, alone, dark, singly = _quartered(setup, sort, SMALLEST_WHITE if white else SMALLEST)
     behind = setup.of(*_together(alone, dark, singly))
     rest = [(setup.of(*singly), target)]
     if own is not None and isinstance(target, Bars):

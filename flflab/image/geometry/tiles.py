@@ -16,7 +16,6 @@ from flflab.optics.camera import Sensor, pixel_positions
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-LEAST_SIDE = 2  # pixels of a part
 SPOKES = 2 * np.pi * np.arange(8) / 8
 RIM = np.stack([np.cos(SPOKES), np.sin(SPOKES)], axis=1)  # points on the pupil's rim
 BLURRED = 0.5  # what a wrong end of the rays through the pupil's rim counts against one of all rays
@@ -104,6 +103,8 @@ def counts_needed(
     What is left of the map by second order falls with the square of a part's side along the sensor, with the side where pupil and
     sensor act together, and not at all within the pupil.
 
+    No part is smaller than a pixel, in whose middle its map is right; what that leaves of the bend within the pixel is not counted.
+
     Returns:
         The counts (N, 2), and which windows no cutting helps, because rays through one sensor point end too crookedly.
     """
@@ -125,8 +126,8 @@ def counts_needed(
         alone = np.maximum(error(still, along), corner / 2)
         together = np.maximum(error(RIM[None], along[:, :1]), error(RIM[None], along[:, 1:])) - bent - alone
         counts[:, axis] = np.maximum(np.sqrt(alone / allowed), BLURRED * together / allowed)
-    most = np.maximum(np.stack([windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]], axis=1) // LEAST_SIDE, 1)
-    return np.clip(np.ceil(counts), 1, most).astype(np.int64), BENT * bent > allowed
+    pixels = np.maximum(np.stack([windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]], axis=1), 1)
+    return np.clip(np.ceil(counts), 1, pixels).astype(np.int64), BENT * bent > allowed
 
 
 def largest_stretch(matrix: Array) -> Array:
