@@ -12,7 +12,7 @@ from typing import Any
 from drivers.commands import AxisCommands
 from drivers.status import Status
 from flflab.bench import LENGTH, Coordinate
-from flflab.errors import CommunicationError, DeviceError, LimitError, MotionError, NotHomedError
+from flflab.errors import CommunicationError, DeviceError, FlflabError, LimitError, MotionError, NotHomedError
 
 Guard = Callable[[str, float | None, float | None], None]
 POLL_S = 0.02
@@ -283,13 +283,12 @@ class Axis:
                 if self._stops != stops:
                     motion.stopped = True
                     self._commands.stop()
-            except CommunicationError:
-                # The command may have arrived: never repeated, and stopped.
-                self._stop_quietly()
-                motion.status.complete()
-                raise
-            except BaseException:
-                self._motion = None
+            except BaseException as fault:
+                if isinstance(fault, FlflabError) and not isinstance(fault, CommunicationError):
+                    self._motion = None  # refused
+                else:  # the command may have arrived: never repeated, and stopped
+                    self._stop_quietly()
+                    motion.status.complete()
                 raise
             self._watcher = threading.Thread(target=self._watch, args=(motion,), name=f"watch {self.name}", daemon=True)
             self._watcher.start()
@@ -355,5 +354,5 @@ class Axis:
         return None
 
     def _stop_quietly(self) -> None:
-        with contextlib.suppress(DeviceError):
+        with contextlib.suppress(Exception):  # whatever it is, who waits for the motion is told why it ended
             self._commands.stop()

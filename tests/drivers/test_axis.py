@@ -24,12 +24,12 @@ def axis(toy_chain: Callable[..., str], toy_stage: type[Any]) -> Iterator[Build]
     """Build an axis of 0 to 40 mm on a toy stage of 0 to 50 mm that runs at 50 mm/s."""
     built: list[tuple[Axis, ZaberChain]] = []
 
-    def build(*, patience: float = 0.3, guard: Any = None, **stage_is: Any) -> tuple[Axis, Any]:
+    def build(*, patience: float = 0.3, guard: Any = None, driver: type[ZaberAxis] = ZaberAxis, **stage_is: Any) -> tuple[Axis, Any]:
         stage = toy_stage(**stage_is)
         address = toy_chain(stage)
         chain = ZaberChain(lambda: open_serial(address, 115200), timeout=0.15)
         keys = ZaberKeys.model_validate({"device": 1, "microstep": "0.5 um"})
-        axis = Axis("array_stage", ZaberAxis("array_stage", chain, keys, 10.0), (0.0, 40.0), 10.0, patience=patience)
+        axis = Axis("array_stage", driver("array_stage", chain, keys, 10.0), (0.0, 40.0), 10.0, patience=patience)
         if guard:
             axis.guard = guard
         built.append((axis, chain))
@@ -242,6 +242,36 @@ def test_a_move_whose_reply_is_lost_is_stopped_and_not_repeated(axis: Build) -> 
     assert not stage.busy
     stage.fault = None
     device.move_to(1.0).wait(5)
+
+
+class CarelessOnTheWay(ZaberAxis):
+    """A driver that fails as nobody foresaw when it is asked where it is, and when it has told a stop."""
+
+    def position(self) -> float:
+        raise ZeroDivisionError("on the way")
+
+    def stop(self) -> None:
+        super().stop()
+        raise ZeroDivisionError("as it was stopped")
+
+
+class CarelessAtStart(CarelessOnTheWay):
+    """The same, when it has told a motion."""
+
+    def start_move(self, position: float) -> None:
+        super().start_move(position)
+        raise ZeroDivisionError("as it started")
+
+
+@pytest.mark.parametrize(("driver", "says"), [(CarelessAtStart, "as it started"), (CarelessOnTheWay, "on the way")])
+def test_a_driver_that_fails_as_nobody_foresaw_is_told_to_stop_and_who_waits_is_told_why(
+    driver: type[ZaberAxis], says: str, axis: Build
+) -> None:
+    device, stage = axis(driver=driver)
+    with pytest.raises(ZeroDivisionError, match=says):
+        device.move_to(30.0).wait(5)
+    assert "stop" in stage.heard
+    assert not stage.busy
 
 
 def test_a_line_that_is_lost_on_the_way_is_opened_anew_for_the_stop(axis: Build) -> None:
