@@ -31,7 +31,7 @@ from drivers.line import Line
 from drivers.transport import LostError, serial_place
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
-from flflab.errors import CommunicationError, DeviceError
+from flflab.errors import CommunicationError, DeviceError, NotHomedError
 
 STEPPER, ENCODERS = 3, (1, 6)  # kind of motor; feedbacks whose positions are counts of an encoder
 RUNNING, FAILED, COMMAND, HOME = 0x80, 0x40, 0x3F, 6
@@ -179,11 +179,14 @@ class StandaAxis:
         """Start towards a reading in mm, rounded to the microstep.
 
         Raises:
+            NotHomedError: it has just lost its reference.
             DeviceError: the controller is in alarm, or takes the command and does nothing.
         """
         count = round(position / self.resolution)
         task = f"move to {position:.6f} mm"
         self._require_no_alarm(task)
+        if self.reading() is None:
+            raise NotHomedError(f"{self._name}: asked to {task}, but it just lost its reference (switched off?); home it, nothing moved")
         self._homing = False
         self._ask(task, lambda axis: axis.command_move(*self._steps(count)))
         self._see_it(task, lambda status: bool(int(status.MvCmdSts) & RUNNING) or self._count(status) == count)

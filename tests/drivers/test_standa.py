@@ -91,6 +91,28 @@ def test_a_move_reads_back_to_the_microstep(position: float, emulated: Callable[
     assert axis.position() / STEP * PARTS == pytest.approx(round(axis.position() / STEP * PARTS), abs=1e-6)
 
 
+def test_a_controller_that_was_switched_off_since_its_way_was_found_free_does_not_move(
+    emulated: Callable[..., str], tmp_path: Path
+) -> None:
+    controller = StandaController(emulated())
+    device = StandaAxis("stage", controller, StandaKeys.model_validate({"step": "2.5 um"}), 100.0, homes_up=False)
+    axis = Axis("stage", device, (0.0, 25.0), 100.0)
+
+    def switch_off(*_: object) -> None:
+        controller.close()
+        (tmp_path / "controller.bin").unlink()  # where the emulated controller remembers
+
+    try:
+        axis.home().wait(5)
+        axis.guard = switch_off
+        with pytest.raises(NotHomedError, match="just lost its reference"):
+            axis.move_to(20.0)
+        assert device.position() == 0.0
+    finally:
+        axis.close()
+        controller.close()
+
+
 def test_a_stop_ends_a_motion_on_the_way(emulated: Callable[..., str], stage: Callable[..., StandaAxis]) -> None:
     axis = Axis("stage", stage(emulated(), 5.0), (0.0, 25.0), 5.0)
     axis.home().wait(5)
