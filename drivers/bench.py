@@ -36,6 +36,7 @@ class ConnectedBench:
         iris: Setting[float],
         target: Setting[str],
         addresses: Mapping[str, str],
+        sentinels: ExitStack,
         resources: ExitStack,
     ) -> None:
         self.described = described
@@ -46,6 +47,7 @@ class ConnectedBench:
         self.target = target
         self.gap_rule = gap_rule(described, {name: axis.travel for name, axis in self.axes.items()})
         self._addresses = addresses
+        self._sentinels = sentinels
         self._resources = resources
         self._told_to_stop = False
         self._watching = threading.Lock()
@@ -184,11 +186,11 @@ class ConnectedBench:
             check_motion(rule, name, start, end, others)
 
     def _have_sentinel(self) -> None:
-        """Before the first motion a sentinel begins to watch over the axes that could outlive this process."""
+        """Before a motion a sentinel begins to watch over the axes that could outlive this process, unless one does."""
         with self._watching:
-            if self._outliving and self._sentinel is None:
+            if self._outliving and (self._sentinel is None or not self._sentinel.watches()):
                 self._sentinel = Sentinel(self.described.file, self._outliving)
-                self._resources.callback(self._sentinel.close)
+                self._sentinels.callback(self._sentinel.close)
 
     def _reaches(self, besides: str = "") -> dict[str, tuple[float, float] | None]:
         """Between which readings the axes of the gap rule are until they rest."""
@@ -214,13 +216,14 @@ def connect_described(described: Bench) -> ConnectedBench:
         owner = Owner(described.file) if any(can_outlive(axis) for axis in description.axes.values()) else None
         if owner is not None:
             resources.callback(owner.close)
+        sentinels = resources.enter_context(ExitStack())  # let go after every axis was stopped, before the bench is another program's
         connection = Connection(described, resources, SimulatedOnDemand(described, resources))
         axes: dict[str, Axis] = {name: device for name in description.axes if (device := connection.open(name)) is not None}
         camera, iris, target = (connection.open(name) for name in ("camera", "iris", "target"))
         connection.raise_faults()
         if twice := one_instrument({name: (description.axes[name].driver, axis.serial()) for name, axis in axes.items()}):
             raise DeviceError("\n".join(twice))
-        bench = ConnectedBench(described, axes, camera, iris, target, connection.addresses, resources.pop_all())
+        bench = ConnectedBench(described, axes, camera, iris, target, connection.addresses, sentinels, resources.pop_all())
     if owner is not None:
         owner.stops_with(bench.stop_for_good)
     return bench

@@ -56,6 +56,10 @@ class Sentinel:
     def _stdout(self) -> Any:
         return self._child.stdout
 
+    def watches(self) -> bool:
+        """Whether it still lives."""
+        return self._child.poll() is None
+
     def close(self) -> None:
         """Let go: nothing is stopped."""
         try:

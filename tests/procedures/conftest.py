@@ -187,7 +187,9 @@ def in_memory() -> Callable[[Bench, MemoryCamera], ConnectedBench]:
         }
         iris = Setting[float]("iris", MemorySetting((1.0, 32.0), 8.0))
         target = Setting[str]("target", MemorySetting(("four-dot", "bars", "white", "black"), "white"))
-        return ConnectedBench(bench, axes, device, iris, target, dict.fromkeys((*axes, "camera", "iris", "target"), ""), ExitStack())
+        return ConnectedBench(
+            bench, axes, device, iris, target, dict.fromkeys((*axes, "camera", "iris", "target"), ""), ExitStack(), ExitStack()
+        )
 
     return connect
 

@@ -178,7 +178,7 @@ def in_memory(
     camera = Watching(described, loose, hidden, seed)
     iris, target = Setting[float]("iris", Fixed((1.0, 32.0), 4.0)), Setting[str]("target", Fixed(("white", "black"), "white"))
     with ConnectedBench(
-        described, axes, camera, iris, target, dict.fromkeys((*axes, "camera", "iris", "target"), ""), ExitStack()
+        described, axes, camera, iris, target, dict.fromkeys((*axes, "camera", "iris", "target"), ""), ExitStack(), ExitStack()
     ) as bench:
         yield bench, camera
 

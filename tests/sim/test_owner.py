@@ -2,6 +2,8 @@
 
 import contextlib
 import math
+import os
+import signal
 import subprocess
 import sys
 import threading
@@ -14,6 +16,7 @@ import yaml
 
 from drivers.bench import connect
 from drivers.owner import Owner, ask_owners_to_stop, lock_files
+from drivers.sentinel import Sentinel
 from flflab.bench import Bench
 from flflab.errors import DeviceError, MotionError
 from sim.serve import Served, serve, write_bench
@@ -81,6 +84,45 @@ def test_when_the_owner_is_killed_its_sentinel_stops_every_axis_on_the_way(slow:
     assert 0 < math.degrees(places["ring"]) < 100
     with connect(file) as bench:  # the lock died with its owner
         assert not any(bench.axes[name].is_moving() for name in MOVING)
+
+
+def sentinels() -> list[int]:
+    """Process numbers of this process's sentinels."""
+    children = Path(f"/proc/{os.getpid()}/task").glob("*/children")
+    pids = [int(pid) for file in children for pid in file.read_text().split()]
+    return [pid for pid in pids if b"drivers.sentinel" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
+def test_a_sentinel_that_has_died_is_followed_by_another_before_the_next_motion(slow: tuple[Served, Path]) -> None:
+    _, file = slow
+    with connect(file) as bench:
+        bench.ring.home().wait(20)
+        (first,) = sentinels()
+        os.kill(first, signal.SIGKILL)
+        deadline = time.monotonic() + 5
+        while Path(f"/proc/{first}/stat").read_text().rpartition(") ")[2][0] != "Z":
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        bench.ring.move_to(math.radians(2)).wait(20)
+        (second,) = sentinels()
+        assert second != first
+
+
+def test_a_sentinel_watches_until_every_axis_stands(slow: tuple[Served, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    served, file = slow
+    stood, let_go = list[bool](), Sentinel.close
+
+    def close(sentinel: Sentinel) -> None:
+        stood.append(at_rest(served))
+        let_go(sentinel)
+
+    monkeypatch.setattr(Sentinel, "close", close)
+    with connect(file) as bench:
+        bench.ring.home().wait(20)
+        bench.ring.move_to(math.radians(160))
+        assert not at_rest(served)
+    assert stood == [True]
 
 
 def test_another_program_is_refused_and_can_have_the_owner_stop(slow: tuple[Served, Path]) -> None:
