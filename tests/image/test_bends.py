@@ -48,4 +48,4 @@ def test_rays_that_end_where_no_map_says_are_those_traced(camera: Camera, target
     traced, uncertainty = trace_pixels(scene, pixels[:, ::-1], wanted=TOLERANCE / 5)
     rows, columns = pixels.T
     assert np.all(np.abs(told[rows, columns] - traced) < TOLERANCE + 3 * uncertainty)
-    assert np.all(np.abs(straight[rows, columns] - traced) > 2 * TOLERANCE)
+    assert np.all(np.abs(straight[rows, columns] - traced) > TOLERANCE + 3 * uncertainty)  # the map alone would not pass

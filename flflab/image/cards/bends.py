@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.cards.single_ray_sums import lit_share, ray_end
+from flflab.image.cards.single_ray_sums import lit_rows, lit_share, ray_end
 from flflab.image.cards.surfaces import lens_numbers, surface_numbers
 from flflab.image.cards.windows import Card
 from flflab.image.effects.distortion import Distortion
@@ -24,7 +24,7 @@ from flflab.image.radiance.neighbourhood import DOTS, PICTURE, RULED, boxes_roun
 from flflab.image.radiance.parallelogram import stands_askew
 from flflab.image.scene import Plane
 from flflab.optics.camera import pixel_positions
-from flflab.optics.discs import lens_rows, lens_strip
+from flflab.optics.discs import lens_strip
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -122,13 +122,7 @@ def _bend_mean(
 ) -> float:
     """What the bends change of the mean light over the part of the pupil that lights a sensor point."""
     slope, reach = lens[2], lens[3]
-    x, y, other = 0.0, 0.0, 2.0
-    if slope != 0.0 and ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2:
-        x, y, other = ex / slope, ey / slope, reach / abs(slope)
-        shrink = min(1.0, (1.0 + other) * (1.0 - 1e-9) / math.sqrt(x * x + y * y))
-        x *= shrink
-        y *= shrink
-    low, high = lens_rows(x, y, other)
+    x, y, other, low, high = lit_rows(ex, ey, slope, reach)
     askew = kind in (DOTS, RULED, PICTURE) and stands_askew(by)
     at_x, at_y = to[0] + to[6] * ex + to[7] * ey, to[1] + to[8] * ex + to[9] * ey
     light, area = 0.0, 0.0

@@ -69,6 +69,23 @@ def lit_share(away: float, slope: float, reach: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def lit_rows(ex: float, ey: float, slope: float, reach: float) -> tuple[float, float, float, float, float]:
+    """The part of the pupil, a disc of radius 1, that lights a sensor point.
+
+    Returns:
+        Centre and radius of the circle that cuts it, of radius 2 about its middle where none does; lowest and highest y of the part.
+    """
+    x, y, other = 0.0, 0.0, 2.0
+    if slope != 0.0 and ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2:
+        x, y, other = ex / slope, ey / slope, reach / abs(slope)
+        shrink = min(1.0, (1.0 + other) * (1.0 - 1e-9) / math.sqrt(x * x + y * y))
+        x *= shrink
+        y *= shrink
+    low, high = lens_rows(x, y, other)
+    return x, y, other, low, high
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _mean(
     ex: float,
     ey: float,
@@ -96,13 +113,7 @@ def _mean(
     the light is the mean over the whole pupil and the square. 0 where the rim cuts the pupil.
     """
     slope, reach = lens[2], lens[3]
-    x, y, other = 0.0, 0.0, 2.0
-    if rim == 0.0 and slope != 0.0 and ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2:
-        x, y, other = ex / slope, ey / slope, reach / abs(slope)
-        shrink = min(1.0, (1.0 + other) * (1.0 - 1e-9) / math.sqrt(x * x + y * y))
-        x *= shrink
-        y *= shrink
-    low, high = lens_rows(x, y, other)
+    x, y, other, low, high = lit_rows(ex if rim == 0.0 else 0.0, ey if rim == 0.0 else 0.0, slope, reach)
     askew = kind in (DOTS, RULED, PICTURE) and stands_askew(maps[0])
     light, area, own = 0.0, 0.0, 0
     for row in range(rows):  # of equal steps of an angle, for the rows' lengths rise from 0 like a circle's

@@ -91,7 +91,7 @@ def add_single_rays(
     aligned: Chosen = ~turned
     along = aligned.all(axis=1) & ~_aslant(maps[:, 0, :4])
     kind, numbers, table, law, sums = described(plane.target)
-    xs, ys = pixel_positions(setup.sensor)
+    known, (xs, ys) = lens_numbers(pupils), pixel_positions(setup.sensor)
     coefficient = 0.0 if distortion is None else distortion.coefficient
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
     smear = smears.max(axis=1)
@@ -107,7 +107,7 @@ def add_single_rays(
             image,
             band,
             setup.window,
-            lens_numbers(pupils),
+            known,
             surfaces,
             maps,
             aligned,
