@@ -24,7 +24,8 @@ Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.generic]
 Whole = npt.NDArray[np.int64]
 
-SHARP_PX, WIDE_PX = 0.06, 1.5  # of blur: few rays stand for the cone, a few points for a pixel
+WIDE_PX = 1.5  # of blur, from which a few points stand for a pixel, not a few rays for the cone
+ALONG, ACROSS = 5, 3  # rays for the cone, and 4.5 more a pixel of blur: by one or two fewer each way the focus is 0.006 px off
 SPARE_PX = 3.0  # how much further a spot may reach where the frame is out of focus, and a pixel's side
 UNLIKE_PX = 0.03  # of blur: places of spots with sharp edges are off by a thousandth of a pixel if they are taken for as sharp as others
 MINOR = 0.1  # share of a spot's light up to which few do as well
@@ -201,9 +202,9 @@ def step_of_cut_spots(
     signed, soft = pupils.seen_in(focus)
     spread = float(soft.max())
     broad, more = spread > WIDE_PX, math.ceil(4.5 * spread)
-    nodes = (2 if moved > FAR_PX else 4 if spread < 4 else 3, 1) if broad else (3 + more, 1 + more) if spread > SHARP_PX else (2, 1)
+    nodes = (2 if moved > FAR_PX else 4 if spread < 4 else 3, 1) if broad else (ALONG + more, ACROSS + more)
     seen_through = np.stack([pupils.main, pupils.small, pupils.by_chief, signed, soft], axis=1)
-    fine, rough = ((_gauss(one), _gauss(other)) for one, other in (nodes, (2, 1)))
+    fine, rough = ((_gauss(one), _gauss(other)) for one, other in (nodes, (2, 1) if broad else (4, 2)))
     now = np.concatenate([spots.centres, spots.brightness[:, None]], axis=1)
 
     def sums(part: Whole) -> tuple[Array, Array, Array, Array]:
