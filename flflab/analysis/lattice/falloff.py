@@ -19,7 +19,6 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 LEAST_LIGHT = 1e-3  # of the middle's: what is darker than that is not shaded
-DIM = 5.0  # standard deviations of a dark pixel: up to there a per cent more or less is lost in the noise
 PUPIL, EDGE = 24, 801  # points across a pupil, across a blurred edge
 
 
@@ -70,9 +69,8 @@ def unshaded(picture: npt.NDArray[Any], lattice: Lattice, noise: SensorNoise) ->
         return picture
     shades, step = _shades(lattice)
     even = picture.astype(np.float32)
-    dim = noise.offset_dn + DIM * noise.dark_variance**0.5
     reach = min(lattice.outside_radius_px, lattice.pitch_px / 2)
-    arguments = slants_of(lattice), shades, step, reach, noise.offset_dn, dim, noise.full_scale_dn
+    arguments = slants_of(lattice), shades, step, reach, noise.offset_dn, noise.full_scale_dn
     parts = np.array_split(np.arange(len(lattice.centres_px)), numba.get_num_threads())
     with ThreadPoolExecutor(len(parts)) as pool:
         list(pool.map(lambda part: _unshade(even, np.ascontiguousarray(lattice.centres_px), part, *arguments), parts))
@@ -89,7 +87,6 @@ def _unshade(
     step: float,
     reach: float,
     offset: float,
-    dim: float,
     ceiling: float,
 ) -> None:  # pragma: no cover - compiled
     for n in lenses:
@@ -98,7 +95,8 @@ def _unshade(
             dy = row - cy
             half = np.sqrt(max(reach * reach - dy * dy, 0.0))
             for column in range(max(0, int(np.ceil(cx - half))), min(picture.shape[1] - 1, int(np.floor(cx + half))) + 1):
-                if not dim < picture[row, column] < ceiling:
+                # dark ones too: which is dark would be for the noise to say, and what it left out put the focus 0.008 px off
+                if picture[row, column] >= ceiling:
                     continue
                 left = _left(column - cx, dy, slants[n], shades, step)
                 picture[row, column] = offset + (picture[row, column] - offset) / left

@@ -105,17 +105,19 @@ def _line(level: Array, rough: Array, steep: Array, gaps: Flags, high: float) ->
         high: brightest level.
     """
     edges = np.linspace(float(level[gaps].max()), high, STEPS + 1)
-    dim = np.array([*_level_and_variance(level[gaps], rough[gaps]), np.count_nonzero(gaps)])
-    level, rough, steep = level[~gaps], rough[~gaps], steep[~gaps]
-    found = np.vstack([dim, _in_steps(level, rough, edges)])
-    if len(found) == 1:
-        return float(found[0, 1]), 0.0
+    dim = np.array([[*_level_and_variance(level[gaps], rough[gaps]), np.count_nonzero(gaps)]])
+    dim = dim[dim[:, 2] >= FEWEST]
+    lit, apart, steep = level[~gaps], rough[~gaps], steep[~gaps]
+    found = np.vstack([dim, _in_steps(lit, apart, edges)])
+    if len(found) < 2:
+        return float(found[0, 1] if len(found) else _level_and_variance(level, rough)[1]), 0.0
     # relative: where structure enlarges a variance it counts for little
     dark, gain = _fitted(found, 1 / (found[:, 1] + np.median(found[:, 1]) / 100 + 1e-12))
     for _ in range(ROUNDS):
-        flat = steep <= STEEPEST * (dark + gain * level)
-        found = np.vstack([dim, _in_steps(level[flat], rough[flat], edges)])
-        if found[1:, 2].sum() < FEWEST_FLAT or gain <= 0:
+        flat = steep <= STEEPEST * (dark + gain * lit)
+        bright = _in_steps(lit[flat], apart[flat], edges)
+        found = np.vstack([dim, bright])
+        if len(found) < 2 or bright[:, 2].sum() < FEWEST_FLAT or gain <= 0:
             break
         # by the noise expected: by the noise found, what is found too small would count most
         before = gain
