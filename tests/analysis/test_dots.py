@@ -8,6 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from flflab.analysis.dots.views import DotViews, count_views
+from flflab.analysis.lattice.falloff import unshaded
 from flflab.analysis.lattice.profile import cone_of
 from flflab.analysis.lattice.white import find_lattice
 from flflab.analysis.measure import nominal_lattice
@@ -182,6 +183,16 @@ def test_natural_fall_off_leaves_the_depth_where_it_is(brute: Any, distance: flo
     lattice = find_lattice(white, "square", 245.0, NOISE, cone_of(camera))
     depths = [dot.position_mm[2] for dot in count_views(dots, white, lattice, camera, TARGET, distance, NOISE)]
     assert np.abs(np.array(depths) + distance).max() < within
+
+
+def test_fall_off_is_taken_out_of_dark_pixels_as_of_bright_ones(brute: Any) -> None:
+    """Only what noise let look bright was put right, and the focus of dim dots was a third of its uncertainty off."""
+    camera = brute.camera(4.0, (640, 640))
+    light = 3000 * render(replace(one_plane(camera, White(), FOCUS), falloff=Falloff()), tolerance=1e-3)
+    lattice = find_lattice(64 + light, "square", 245.0, NOISE, cone_of(camera))
+    bright, dim = unshaded(64 + light, lattice, NOISE), unshaded(64 + light / 1000, lattice, NOISE)
+    assert np.abs(bright - 64 - light).max() > 20
+    np.testing.assert_allclose(1000 * (dim - 64), bright - 64, atol=0.05)
 
 
 def test_dots_larger_than_every_bright_field_are_remarked_on(brute: Any) -> None:

@@ -19,6 +19,7 @@ Flags = npt.NDArray[np.bool_]
 
 FOCUS_PX = 5.0  # of blur: so far, as a standard uncertainty, may the focus be off the nominal one
 MOST_PX = 1.0  # of blur, in a step
+MOST_SHARP_PX = 0.25  # of blur, in a step from sharp edges, whose slopes say nothing of how soft they become; half the softness more
 SOUND = 1.1  # chi squared a pixel that noise may make of all spots together
 STRANGE = 20.0  # times the typical misfit, beyond which a spot has no say: a neighbour's light, dust
 SURE_PX = 0.01  # of blur: near focus the misfit has several least places so far apart, and edges no sharper than it bend it
@@ -106,7 +107,8 @@ def common_step(normal: Array, right: Array, chi2_per_pixel: Array, usable: Flag
     there, variance = _lowest(bend, bend @ here + pulls - prior @ (here - [focus.nominal_px, 0.0]), misfit < NEAR)
     # what pictures have and spots here have not is alike in all of them and averages out in none
     excess = max(misfit, 1.0) * (1 + max(0.0, 1 - SOUND / misfit if misfit > 0 else 0.0) * max(np.count_nonzero(heard) - 1, 0))
-    there = here + np.clip(there - here, -MOST_PX, MOST_PX) * [0.0 if first else 1.0, 1.0]
+    most = min(MOST_PX, MOST_SHARP_PX + focus.softness_px / 2)
+    there = here + np.clip(there - here, -most, most) * [0.0 if first else 1.0, 1.0]
     there[1] = max(there[1], abs(there[0]), SHARPEST_PX)
     softer = max(0.0, float(there[1] ** 2 - there[0] ** 2) - SOFTER_PX**2)
     doubt = math.sqrt(excess * variance + SURE_PX**2 + SHARE_OF_SOFTER**2 * softer)
