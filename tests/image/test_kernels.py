@@ -177,6 +177,28 @@ def test_more_strips_come_nearer_by_the_power_they_promise(target: Bars) -> None
     assert np.polyfit(np.log(counts[:-1]), np.log(errors), 1)[0] < -1.7
 
 
+@pytest.mark.parametrize("pieces", [1, 2, 4])
+@pytest.mark.parametrize("cycles", [0.7, 2.0])
+def test_a_strips_fall_off_is_that_of_rays_weighed_one_by_one(cycles: float, pieces: int) -> None:
+    target, spread, radius, places = Bars((cycles, cycles), 40.0, 40.0), 0.25, 1.9, np.zeros((3, 4))
+    boxes, slant = np.full((3, 2), 1e-6), (0.1, -0.05, 0.02, 0.28)
+    sums = prepare(-1.0, 1.0, spread, boxes, 1e-6, *profile_table(target, target.width), np.zeros(1), places)
+    points = np.zeros((ROWS, BLOCK))
+    points[0, :12], points[1, :12] = ex, ey = 0.3 * np.arange(12) - 2.2, 0.17 * np.arange(12) - 0.9
+    strips, landing, place = strip_nodes(np.array([512]))[0], (0.44 / 3, 0.2 / 3, 0.0, spread, 1.0, 0.0), places[0]
+    strip_means(points.ravel(), 12, landing, (1.0, radius), strips, 512, sums, place, place, pieces, slant)
+    x, y = np.meshgrid((np.arange(3000) + 0.5) / 1500 - 1, (np.arange(400) + 0.5) / 200 - 1)
+    weights = [
+        1 / (1 + (slant[0] + slant[2] * at_x + slant[3] * x) ** 2 + (slant[1] + slant[2] * at_y + slant[3] * y) ** 2) ** 2
+        for at_x, at_y in zip(ex, ey, strict=True)
+    ]
+    for number, weight in enumerate(weights):
+        lit = (np.hypot(x, y) < 1) & (np.hypot(x - ex[number], y - ey[number]) < radius)
+        seen = target.radiance(landing[0] + landing[1] * ex[number] + spread * x, np.zeros_like(x))
+        change = 4 * (math.hypot(slant[0], slant[1]) + slant[3]) * slant[3]
+        assert points[2, number] == pytest.approx((weight * seen)[lit].mean(), abs=0.037 * change / pieces**2 + 2e-4)
+
+
 def test_white_falls_off_on_the_axis_as_the_closed_form_says() -> None:
     setup = replace(setup_of(White(), FOCUS), falloff=True, pixel_width=0.0)
     xs, ys = pixel_positions(setup.sensor)

@@ -12,7 +12,7 @@ from flflab.image.flat_target.moments import ways_along
 from flflab.image.geometry.rim import STEEP, disc_nodes
 from flflab.image.geometry.setup import Setup
 from flflab.image.light.askew_orders import end_points, is_even, is_turn, picture_parts, picture_points
-from flflab.image.light.falloff_orders import falloff_chunks, falloff_counts, falloff_parts, weighing_chords
+from flflab.image.light.falloff_orders import falloff_chunks, falloff_counts, falloff_parts, falloff_pieces, weighing_chords
 from flflab.image.light.lenses import Lenses, packed
 from flflab.image.light.orders import (
     TEXELS,
@@ -147,7 +147,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         grids=grids,
         rows_of_points=strip_nodes(grids)[:, :2],
         chords=chord_nodes(grids),
-        chunks=falloff_chunks(setup),
+        chunks=falloff_pieces(setup),
         divided=divided,
         fall=FALL * setup.tolerance / setup.overlap,
         fine=FINE * setup.tolerance,

@@ -13,11 +13,25 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 FALLOFF_SHARE = 0.2  # of the tolerance, for the fall-off of dots
+STRIP_SHARE = 0.4  # of it, along the strips across bars
 PART_SHARE = 0.5  # of it, for the fall-off within a pixel that is lit in part
 
 
+def falloff_pieces(setup: Setup) -> int:
+    """Into how many pieces of two of Gauss's nodes each a strip across bars or an edge is cut for the fall-off; 0 for none.
+
+    Where the weight changes by c over the pupil, n pieces leave at most 0.037 c / n^2 of white, and in blurs of b pixels no more than
+    (0.008 + 0.0075 b) c / n^3. Measured on edges and on bars of all widths, b from 0.4 to 55 and n from 1 to 8.
+    """
+    if not setup.falloff:
+        return 0
+    demand = _weight_change(setup) / (STRIP_SHARE * setup.tolerance)
+    anyhow, softened = math.sqrt(0.037 * demand), math.cbrt((0.008 + 0.0075 * min(float(setup.blur.max()), 1e4)) * demand)
+    return max(1, math.ceil(min(anyhow, softened)))
+
+
 def falloff_chunks(setup: Setup) -> int:
-    """Into how many pieces of one weight a strip is cut for the fall-off; 0 for none.
+    """Into how many pieces of one weight a strip across a picture is cut for the fall-off; 0 for none.
 
     Where the weight changes by c from a strip's middle to its end, n pieces leave at most 0.088 c / n^2 of white.
     """

@@ -34,7 +34,7 @@ class RuledSeen(NamedTuple):
         grids: how many points a side each has; 0 where strips do.
         rows_of_points: see ``strip_nodes``; (G, 2, most points).
         chords: see ``chord_nodes``; the same.
-        chunks: pieces of a strip for the fall-off; 0 for no fall-off.
+        chunks: pieces of a strip for the fall-off, see ``strip_means``; 0 for no fall-off.
         divided: parts a side of a pixel outside the rim, for each kind of rim: above 1 every part has its own fall-off, in rims too.
         fall: largest error of the fall-off's tables.
         fine: largest error of the antiderivatives' tables.

@@ -18,8 +18,9 @@ Whole = npt.NDArray[np.int64]
 
 BLOCK = 256  # sensor points side by side
 # Where their numbers begin in one array of ROWS times BLOCK: its parts lie fixed steps apart, or the compiler makes no use of vectors.
-EX, EY, MEAN, BASE, CLIP_X, CLIP_Y, MIDDLE, REACH, AREA, RIGHT, LEFT, WEIGHT = range(0, 12 * BLOCK, BLOCK)
-ROWS = 12
+EX, EY, MEAN, BASE, CLIP_X, CLIP_Y, MIDDLE, REACH, AREA, RIGHT, LEFT, WEIGHT, FROM, LENGTH = range(0, 14 * BLOCK, BLOCK)
+ROWS = 14
+GAUSS = 0.5 / math.sqrt(3.0)  # of a piece's length: how far its two nodes lie from its middle
 
 
 def strip_nodes(counts: Whole) -> Array:
@@ -62,7 +63,8 @@ def strip_means(
         sums: antiderivatives at even steps of x'.
         whole: where in ``sums`` to look: first position, 1 / step, first index, last index.
         cut: the same for ends of strips at the clipping disc.
-        chunks: into how many pieces a strip is cut, each of one weight by cos^4 of its slope; 0 where all rays count alike.
+        chunks: into how many pieces a strip is cut, of two of Gauss's nodes each, to count rays by cos^4 of their slopes; 0 where all count
+            alike.
         slant: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per unit of pupil.
     """
     origin, by_x, by_y, spread, along_x, along_y = landing
@@ -80,47 +82,56 @@ def strip_means(
         points[REACH + p] = 0.5 * (high - low)
         points[MEAN + p] = 0.0
         points[AREA + p] = 0.0
-    falls = chunks > 0
-    pieces = max(chunks, 1)
     start1, step1, low1, high1 = whole[0], whole[1], whole[2], whole[3]
     start2, step2, low2, high2 = cut[0], cut[1], cut[2], cut[3]
-    for piece in range(pieces):
-        begin, end = piece / pieces, (piece + 1) / pieces
-        first, last = piece == 0, piece == pieces - 1
-        for strip in range(count):
-            node, weight = strips[0, strip], strips[1, strip]
+    for strip in range(count):
+        node, weight = strips[0, strip], strips[1, strip]
+        for p in range(number):
+            shift = points[CLIP_X + p]
+            at = points[MIDDLE + p] + points[REACH + p] * node
+            off = at - points[CLIP_Y + p]
+            own = math.sqrt(max(0.0, 1.0 - at * at))
+            other = math.sqrt(max(0.0, squared - off * off))
+            left = max(shift - other, -own)
+            length = max(0.0, min(shift + other, own) - left)
+            right = left + length
+            to, came = points[BASE + p] + spread * right, points[BASE + p] + spread * left
+            to1 = min(max((to - start1) * step1 + low1, low1), high1)
+            to2 = min(max((to - start2) * step2 + low2, low2), high2)
+            came1 = min(max((came - start1) * step1 + low1, low1), high1)
+            came2 = min(max((came - start2) * step2 + low2, low2), high2)
+            up, down = to2 if shift + other < own else to1, came2 if shift - other > -own else came1
+            points[RIGHT + p], points[LEFT + p] = up, down
+            points[FROM + p], points[LENGTH + p] = left, length
+            points[AREA + p] += weight * length
+            slant_x = slant[0] + slant[2] * points[EX + p] + slant[3] * (along_x * right - along_y * at)
+            slant_y = slant[1] + slant[2] * points[EY + p] + slant[3] * (along_y * right + along_x * at)
+            falling = 1.0 + slant_x * slant_x + slant_y * slant_y
+            points[WEIGHT + p] = weight / (falling * falling) if chunks > 0 else weight
+        for p in range(number):  # apart from the above: reading here and there is faster without vectors
+            up, down = points[RIGHT + p], points[LEFT + p]
+            i, j = np.int64(up), np.int64(down)
+            upper, lower = np.uint64(i), np.uint64(j)
+            before = sums[lower] + (down - j) * (sums[lower + np.uint64(1)] - sums[lower])
+            light = sums[upper] + (up - i) * (sums[upper + np.uint64(1)] - sums[upper]) - before
+            points[MEAN + p] += points[WEIGHT + p] * light
+            points[LEFT + p] = before
+        for half in range(2 * chunks):  # by parts: the weight at the right end, less what it gained on the way to there
+            place = (half // 2 + 0.5 + (GAUSS if half % 2 else -GAUSS)) / chunks
             for p in range(number):
-                shift = points[CLIP_X + p]
-                at = points[MIDDLE + p] + points[REACH + p] * node
-                off = at - points[CLIP_Y + p]
-                own = math.sqrt(max(0.0, 1.0 - at * at))
-                other = math.sqrt(max(0.0, squared - off * off))
-                cut_right = (shift + other < own) & last
-                cut_left = (shift - other > -own) & first
-                left = max(shift - other, -own)
-                length = max(0.0, min(shift + other, own) - left)
-                right = left + end * length
-                left += begin * length
-                to, came = points[BASE + p] + spread * right, points[BASE + p] + spread * left
-                to1 = min(max((to - start1) * step1 + low1, low1), high1)
-                to2 = min(max((to - start2) * step2 + low2, low2), high2)
-                came1 = min(max((came - start1) * step1 + low1, low1), high1)
-                came2 = min(max((came - start2) * step2 + low2, low2), high2)
-                up, down = to2 if cut_right else to1, came2 if cut_left else came1
-                points[RIGHT + p], points[LEFT + p] = up, down
-                points[AREA + p] += weight * (right - left)
-                middle = 0.5 * (left + right)
-                slant_x = slant[0] + slant[2] * points[EX + p] + slant[3] * (along_x * middle - along_y * at)
-                slant_y = slant[1] + slant[2] * points[EY + p] + slant[3] * (along_y * middle + along_x * at)
+                x, at = points[FROM + p] + place * points[LENGTH + p], points[MIDDLE + p] + points[REACH + p] * node
+                points[RIGHT + p] = min(max((points[BASE + p] + spread * x - start1) * step1 + low1, low1), high1)
+                slant_x = slant[0] + slant[2] * points[EX + p] + slant[3] * (along_x * x - along_y * at)
+                slant_y = slant[1] + slant[2] * points[EY + p] + slant[3] * (along_y * x + along_x * at)
                 falling = 1.0 + slant_x * slant_x + slant_y * slant_y
-                points[WEIGHT + p] = weight / (falling * falling) if falls else weight
-            for p in range(number):  # apart from the above: reading here and there is faster without vectors
-                up, down = points[RIGHT + p], points[LEFT + p]
-                i, j = np.int64(up), np.int64(down)
-                upper, lower = np.uint64(i), np.uint64(j)
-                light = sums[upper] + (up - i) * (sums[upper + np.uint64(1)] - sums[upper])
-                light -= sums[lower] + (down - j) * (sums[lower + np.uint64(1)] - sums[lower])
-                points[MEAN + p] += points[WEIGHT + p] * light
+                gained = -4.0 * slant[3] * (slant_x * along_x + slant_y * along_y) / (falling * falling * falling)
+                points[WEIGHT + p] = weight * points[LENGTH + p] * gained / (2 * chunks)
+            for p in range(number):
+                up = points[RIGHT + p]
+                i = np.int64(up)
+                upper = np.uint64(i)
+                light = sums[upper] + (up - i) * (sums[upper + np.uint64(1)] - sums[upper]) - points[LEFT + p]
+                points[MEAN + p] -= points[WEIGHT + p] * light
     for p in range(number):
         points[MEAN + p] = points[MEAN + p] / max(spread * points[AREA + p], 1e-300)
 
@@ -172,7 +183,6 @@ def weighted_mean(
     x, y = clip(ex, ey, along_x, along_y, slope, reach)
     low, high = lens_span(x, y, radius)
     base = origin + by_x * ex + by_y * ey
-    pieces = max(chunks, 1)
     light, area = 0.0, 0.0
     for strip in range(count):
         at = 0.5 * (low + high) + 0.5 * (high - low) * strips[0, strip]
@@ -189,20 +199,17 @@ def weighted_mean(
         if seen == 0.0:
             continue
         before = antiderivative(base + spread * left, sums, cut if x - other > -own else whole)
-        part = (right - left) / pieces
-        total = 0.0
-        for piece in range(pieces):
-            end = left + part * (piece + 1)
-            clipped = piece == pieces - 1 and x + other < own
-            after = antiderivative(base + spread * end, sums, cut if clipped else whole)
-            falling = 1.0
-            if chunks > 0:
-                middle = end - 0.5 * part
-                slant_x = slant[0] + slant[2] * ex + slant[3] * (along_x * middle - along_y * at)
-                slant_y = slant[1] + slant[2] * ey + slant[3] * (along_y * middle + along_x * at)
-                falling += slant_x * slant_x + slant_y * slant_y
-            total += (after - before) / (falling * falling)
-            before = after
+        after = antiderivative(base + spread * right, sums, cut if x + other < own else whole)
+        slant_x, slant_y = slant[0] + slant[2] * ex - slant[3] * along_y * at, slant[1] + slant[2] * ey + slant[3] * along_x * at
+        to_x, to_y = slant[3] * along_x, slant[3] * along_y
+        falling = 1.0 + (slant_x + to_x * right) ** 2 + (slant_y + to_y * right) ** 2 if chunks > 0 else 1.0
+        total = (after - before) / (falling * falling)
+        for half in range(2 * chunks):
+            to = left + (right - left) * (half // 2 + 0.5 + (GAUSS if half % 2 else -GAUSS)) / chunks
+            one, other_one = slant_x + to_x * to, slant_y + to_y * to
+            falling = 1.0 + one * one + other_one * other_one
+            gained = -4.0 * (one * to_x + other_one * to_y) / (falling * falling * falling)
+            total -= (right - left) / (2 * chunks) * gained * (antiderivative(base + spread * to, sums, whole) - before)
         light += strips[1, strip] * seen * total / spread
     return light / area if area > 0.0 else 0.0
 
