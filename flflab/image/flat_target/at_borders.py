@@ -25,7 +25,7 @@ def at_borders(shape: tuple[int, ...], setup: Setup, target: Target | Cropped) -
     if motion is None:
         return found
     moved = np.abs(setup.by_motion @ np.array(motion.drift)) / 2 + np.abs(setup.by_motion @ np.array(motion.vibration))
-    reach = moved + np.linalg.norm(setup.by_pupil, axis=2) + np.abs(setup.by_sensor).sum(axis=2) * setup.sensor.pixel
+    reach = moved + np.linalg.norm(setup.by_pupil, axis=2) + np.abs(setup.by_sensor).sum(axis=2) * (0.5 * setup.sensor.pixel)
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])
     maps = np.column_stack([setup.origin, setup.by_sensor.reshape(-1, 4)])
     places = (setup.window, centres, maps, reach, *pixel_positions(setup.sensor))

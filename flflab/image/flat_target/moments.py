@@ -78,7 +78,7 @@ def at_heights(setup: Setup) -> Iterator[Setup]:
 
     All moments, sorted by the target's y' then, are dealt out in equal shares; the middle of each stands for it.
     """
-    drift, swing, smear = _smear_along(setup, 1)
+    drift, swing, smear, _ = _smear_along(setup, 1)
     count = moment_count(setup, 1)
     moments = _moments(setup, count, moment_count(setup, 0))
     for share in np.array_split(_sorted(moments, drift, swing, smear), count, axis=1):
@@ -102,7 +102,7 @@ def ways_along(setup: Setup) -> Array:
     if setup.motion is None or not len(setup.origin):
         return np.zeros((len(setup.origin), 1))
     whole = moment_count(setup, 0)
-    drift, swing, smear = _smear_along(setup, 0)
+    drift, swing, smear, _ = _smear_along(setup, 0)
     moments, most = _moments(setup, whole, 1), int(np.argmax(smear))
     spread, way = float(np.ptp(drift[most] * moments[0] + swing[most] * moments[1])), abs(drift[most]) + 2 * abs(swing[most])
     count = max(math.ceil(whole * math.sqrt(spread / way)), 1) if whole > 1 else 1
@@ -114,21 +114,43 @@ def ways_along(setup: Setup) -> Array:
 
 
 def moment_count(setup: Setup, axis: int) -> int:
-    """How many moments a movement along one axis of the target needs.
+    """How many moments a movement along one axis of the target needs for all entries of a setup; see ``counts_along``."""
+    return int(counts_along(setup, axis).max(initial=1))
 
-    Places of bars or an edge dealt out among n leave up to 0.25 S / n^2 of white. S is the way from end to end over the width to which
-    pixel and blur smooth an edge.
+
+def counts_along(setup: Setup, axis: int) -> Whole:
+    """How many moments a movement along one axis of the target needs for each entry, shape (N,).
+
+    Places of bars or an edge dealt out among n leave up to 0.125 S / n^2 of white: S is the way from end to end over the width to which
+    pixel and blur smooth an edge, and that is left where its slope breaks. The lesser of the two rounds the break off: over q of the
+    width, the slope changes by up to 4 / (pi q) for each side of a bar, and 0.11 S^2 / (q n^2) are left.
     """
-    return max(math.ceil(math.sqrt(float(_smear_along(setup, axis)[2].max(initial=0.0)) / (8 * ALONG * setup.tolerance))), 1)
+    smear, other = _smear_along(setup, axis)[2:]
+    left = np.minimum(0.125 * smear, 0.11 * np.divide(smear**2, other, out=np.full_like(smear, np.inf), where=other > 0))
+    return np.maximum(np.ceil(np.sqrt(left / (ALONG * setup.tolerance))), 1).astype(np.int64)
 
 
-def _smear_along(setup: Setup, axis: int) -> tuple[Array, Array, Array]:
-    """Drift and amplitude along an axis of the target, mm, and over how many widths of a smoothed edge they carry it; shape (N,)."""
+def alike(setup: Setup, axis: int) -> Iterator[Setup]:
+    """The parts of a setup whose entries need as many moments of a movement along an axis as each other."""
+    counts = counts_along(setup, axis)
+    for count in np.unique(counts):
+        entries = np.flatnonzero(counts == count)
+        yield setup.of(entries, setup.window[entries])
+
+
+def _smear_along(setup: Setup, axis: int) -> tuple[Array, Array, Array, Array]:
+    """Drift and amplitude along an axis of the target, mm; over how many widths of a smoothed edge they carry it; all of shape (N,).
+
+    The width is that to which the greater of pixel and blur smooths it; the last is how wide the lesser is, in such widths.
+    """
     motion = setup.motion or Motion()
     drift, swing = setup.by_motion[:, axis] @ np.array(motion.drift), setup.by_motion[:, axis] @ np.array(motion.vibration)
     pixel, pupil = (np.linalg.norm(part[:, axis], axis=1) for part in (setup.by_sensor * setup.sensor.pixel, setup.by_pupil))
     width, way = np.maximum(pixel, np.pi / 2 * pupil), np.abs(drift) + 2 * np.abs(swing)
-    return drift, swing, np.divide(way, width, out=np.zeros_like(width), where=width > 0)
+    smear, other = (
+        np.divide(part, width, out=np.zeros_like(width), where=width > 0) for part in (way, np.minimum(pixel, np.pi / 2 * pupil))
+    )
+    return drift, swing, smear, other
 
 
 def _moments(setup: Setup, count: int, other: int) -> Array:

@@ -4,12 +4,14 @@ What moves along the lines of bars or of an edge changes nothing but at the bars
 for all moments. Only pixels that see an end, the rim of a dot or a border between texels are formed at one place after the other.
 """
 
+from itertools import chain
+
 import numpy as np
 import numpy.typing as npt
 
 from flflab.image.flat_target.at_borders import at_borders
 from flflab.image.flat_target.form import add_plane
-from flflab.image.flat_target.moments import at_heights, at_moments, moment_count
+from flflab.image.flat_target.moments import alike, at_heights, at_moments, moment_count
 from flflab.image.geometry.setup import Setup
 from flflab.image.radiance.profile import Cropped, Ruled
 from flflab.targets import FourDot, Picture, Target
@@ -29,11 +31,16 @@ def add_moving_plane(image: Array, setup: Setup, target: Target | Cropped, wante
     """
     has_borders = isinstance(target, FourDot | Picture) or (isinstance(target, Ruled) and moment_count(setup, 1) > 1)
     if not has_borders or not (found := at_borders(image.shape, setup, target)).any():
-        add_plane(image, setup, target, wanted)
+        for part in alike(setup, 0):
+            add_plane(image, part, target, wanted)
         return
     near, far = (found, ~found) if wanted is None else (wanted & found, wanted & ~found)
     away, close = setup.reaching(far), setup.reaching(near)
-    add_plane(image, away, target, far)
-    if len(close.origin):
-        for part in at_heights(close) if isinstance(target, Ruled) else at_moments(close):
+    for part in alike(away, 0):
+        add_plane(image, part, target, far)
+    if isinstance(target, Ruled):
+        for part in chain.from_iterable(map(at_heights, alike(close, 1))):
+            add_plane(image, part, target, near)
+    elif len(close.origin):
+        for part in at_moments(close):
             add_plane(image, part, target, near)
