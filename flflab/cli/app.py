@@ -30,6 +30,7 @@ COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 col
     "new": "Write a commented copy of a built-in file to begin from.",
 }
 GIVEN = "flflab.given"  # where a context keeps the words of the command line
+UNUSABLE = typer.BadParameter.__base__  # click's UsageError, which a word too many raises; typer names its kinds alone
 
 
 class Commands(TyperGroup):
@@ -65,7 +66,7 @@ class Commands(TyperGroup):
         except BaseException as error:
             if is_interruption(error):
                 raise InterruptedCommandError from error
-            if type(error) is typer.BadParameter.__base__ and (quoted := where_quotes_are_missing(ctx.meta[GIVEN])):
+            if type(error) is UNUSABLE and (quoted := where_quotes_are_missing(ctx.meta[GIVEN])):
                 cast(Any, error).message += f"; a number and its unit go into quotes: {quoted}"
             raise
 
