@@ -66,7 +66,7 @@ class Motor:
             elif address == 0x007C:
                 self.inputs.append(signed[0])
                 if signed[0] >> 5 & 1:
-                    self.go(self.position, 1.0)
+                    self.start = self.end = self.position
                 if signed[0] >> 4 & 1 and not self.deaf:
                     self.go(0, 10_000)
                     self.homed = 1

@@ -101,7 +101,8 @@ def test_a_sentinel_that_has_died_is_followed_by_another_before_the_next_motion(
         (first,) = sentinels()
         os.kill(first, signal.SIGKILL)
         deadline = time.monotonic() + 5
-        while Path(f"/proc/{first}/stat").read_text().rpartition(") ")[2][0] != "Z":
+        # Its last thread must have ended too: until then it is not over for who waits for it.
+        while Path(f"/proc/{first}/stat").read_text().rpartition(") ")[2][0] != "Z" or len(list(Path(f"/proc/{first}/task").iterdir())) > 1:
             assert time.monotonic() < deadline
             time.sleep(0.01)
         bench.ring.move_to(math.radians(2)).wait(20)
