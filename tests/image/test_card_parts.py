@@ -120,6 +120,7 @@ def test_a_moving_picture_past_its_own_card_in_waves_too_short_to_bend_is_that_i
     assert np.abs(render(short, tolerance=tolerance) - render(scene, tolerance=tolerance)).max() < tolerance
 
 
+@pytest.mark.ci
 def test_waves_of_a_picture_past_its_own_card_move_as_it_does(camera: Camera) -> None:
     scene, tolerance = replace(cut_squares(camera, Motion((0.2, 0.0))), diffraction=Diffraction(800e-6)), 0.03
     assert np.abs(render(scene, tolerance=tolerance) - mean_of_standing(scene, 16, tolerance)).max() < tolerance
