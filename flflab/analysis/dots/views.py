@@ -1,29 +1,26 @@
 """In which micro-images each dot of a four-dot target is seen, where exactly, and where that puts the dot in space."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.dots.triangulation import triangulate
-from flflab.analysis.lattice.falloff import drawn_by_falloff, followed, unshaded
+from flflab.analysis.lattice.falloff import unshaded
 from flflab.analysis.lattice.profile import ProfileTable
 from flflab.analysis.lattice.registration import sensor_position
 from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.sensor.noise import SensorNoise
-from flflab.analysis.spots.clipping import pupils_of
 from flflab.analysis.spots.fit import Spots, illumination
 from flflab.analysis.spots.law import HALF, SEARCH_PX, Candidates, law_places
-from flflab.analysis.spots.search import SeenSpots, find_spots, usable_pixels
+from flflab.analysis.spots.search import find_spots, usable_pixels
 from flflab.optics.camera import Camera
-from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-SHARP_PX = 0.1  # radius of a blur below which it does not matter how a fit follows it
 FIT_ERROR_PX = 0.0001  # of a spot's centre; pictures without noise show this much
 CUT_ERROR_PX = 0.0002  # more where the micro-image cuts its cone
 
@@ -89,7 +86,6 @@ def count_views(
     values = unshaded(usable_pixels(picture, white, camera, target.kind, noise), lattice, noise)
     seen = find_spots(values, lattice, camera, target, distance, noise)
     distance = seen.distance
-    seen = replace(seen, spots=_put_right(seen, lattice, camera, distance, noise))
     spots, candidates, law, radius, spread = seen.spots, seen.candidates, seen.law, seen.radius, seen.spread
     # the brightest half of the well lit spots are whole: they say what a dot's full light is
     level = _full_light(spots, candidates, lattice, seen.table)
@@ -99,19 +95,6 @@ def count_views(
     places = np.where((agreed_doubts < worse)[:, None], agreed, spots.centres)
     decided = Decided(spots, doubts, by_focus, places, np.minimum(agreed_doubts, worse))
     return tuple(_views(dot, decided, candidates, lattice, seen.table, camera, level, distance) for dot in range(len(target.centres)))
-
-
-def _put_right(seen: SeenSpots, lattice: Lattice, camera: Camera, distance: float, noise: SensorNoise) -> Spots:
-    """The spots where they were without fall-off: a blurred one is drawn towards where its less steep rays land."""
-    spots, lens, smms = seen.spots, seen.candidates.lens, central_smms(camera)
-    pupils = pupils_of(lattice, lens, camera, distance)
-    if pupils is None or lattice.cone is None:
-        return spots
-    rim = -math.copysign(float(smms.aperture) / 2 / float(smms.gap), float(smms.kappa))
-    drawn = drawn_by_falloff(spots.centres, lens, lattice, pupils.main, pupils.small, rim)
-    blur = pupils.beta * 2 * pupils.small + seen.focus.blur_px - pupils.blur
-    dark = noise.dark_variance / (noise.dn_per_electron * max(float(lattice.light[0]), 1e-9))
-    return replace(spots, centres=spots.centres + followed(max(seen.spread / 2, SHARP_PX), dark) * blur[:, None] / 2 * drawn)
 
 
 def _full_light(spots: Spots, candidates: Candidates, lattice: Lattice, table: ProfileTable) -> float:

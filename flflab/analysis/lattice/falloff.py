@@ -1,7 +1,7 @@
-"""How natural fall-off shades each micro-image within itself, as a measured lattice has it, and what it does to blurred dots.
+"""How natural fall-off shades each micro-image within itself, as a measured lattice has it.
 
 Steep rays bring less light, so a white target is darker on that side of a micro-image which lies away from the axis, by some per cent at
-F/4. What is read there of bars and dots is shaded alike. A dot out of focus is drawn besides towards where its less steep rays land.
+F/4. What is read there of bars and dots is shaded alike. What it does to dots out of focus besides is for ``spots.falloff`` to say.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +19,6 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 LEAST_LIGHT = 1e-3  # of the middle's: what is darker than that is not shaded
-PUPIL, EDGE = 24, 801  # points across a pupil, across a blurred edge
 
 
 def shade(lattice: Lattice, lens: npt.NDArray[np.int64], away_px: Array) -> Array:
@@ -100,59 +99,6 @@ def _unshade(
                     continue
                 left = _left(column - cx, dy, slants[n], shades, step)
                 picture[row, column] = offset + (picture[row, column] - offset) / left
-
-
-def drawn_by_falloff(places_px: Array, lens: Whole, lattice: Lattice, main_px: Array, small_px: Array, rim: float) -> Array:
-    """Where on the pupil the light of a blurred dot comes from on average with fall-off, over where it comes from without.
-
-    The pupil points v with |v| <= small and |v - e| <= main send light, each by (1 + |slant + s|^2)^-2 as in ``profile``; the share of
-    it that there is, is the lattice's.
-
-    Args:
-        places_px: of the dots on the sensor, shape (n, 2).
-        lens: position of each one's micro-image in the lattice, shape (n,).
-        lattice: measured.
-        main_px: radius of the main lens's disc, shape (n,).
-        small_px: of the microlens's, shape (n,).
-        rim: slope of a ray from the microlens's rim beside that from its middle, signed as in ``Cone``.
-
-    Returns:
-        In radii of the microlens's disc, shape (n, 2).
-    """
-    if lattice.cone is None:
-        return np.zeros((len(lens), 2))
-    side = (np.arange(PUPIL) + 0.5) * 2 / PUPIL - 1
-    points = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    points = points[np.hypot(*points.T) <= 1]
-    away, slant, share = places_px - lattice.centres_px[lens], slants_of(lattice)[lens], float(lattice.slants[0])
-    passing = np.hypot(*np.moveaxis(points * small_px[:, None, None] - away[:, None], -1, 0)) <= main_px[:, None]
-    beside = rim * points + lattice.cone.tilting.per_px * (1 + 1 / lattice.cone.tilting.gap) * away[:, None]
-    steep = (slant**2).sum(axis=1)[:, None] + 2 * (slant[:, None] * beside).sum(axis=2) + share * (beside**2).sum(axis=2)
-    means = [
-        (weight[..., None] * points).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)[:, None]
-        for weight in (passing / (1 + steep) ** 2, passing)
-    ]
-    return means[0] - means[1]
-
-
-def followed(blur_radius_px: float, dark: float) -> float:
-    """By how much of it least squares move a spot whose blur is drawn aside: not all, because the dark side of an edge is the less noisy.
-
-    Across an edge the light is the integral E of the blur's line spread l, what is drawn adds M = -integral of t l, and with the weights
-    of the noise, 1 / (dark + E), the edge moves by sum(l M w) / sum(l^2 w), where the blur's own middle moves by R^2 / 4.
-
-    Args:
-        blur_radius_px: R.
-        dark: variance in the dark over what the light of a whole dot adds to it.
-    """
-    across = np.linspace(-blur_radius_px - 1, blur_radius_px + 1, EDGE)
-    sharp = np.sqrt(np.maximum(blur_radius_px**2 - across**2, 0.0))
-    pixel = (np.abs(across) <= 0.5) / np.count_nonzero(np.abs(across) <= 0.5)
-    spread, drawn = (np.convolve(one / sharp.sum(), pixel, "same") for one in (sharp, across * sharp))
-    light, added = np.cumsum(spread), -np.cumsum(drawn)
-    weight = 1 / (dark + light)
-    step = across[1] - across[0]
-    return float((spread * added * weight).sum() / (spread**2 * weight).sum() * step / (blur_radius_px**2 / 4))
 
 
 def slants_of(lattice: Lattice) -> Array:

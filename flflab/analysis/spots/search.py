@@ -13,6 +13,7 @@ from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.lowest import lowest
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.clipping import FAR_PX, cut_spots, pupils_of, step_of_cut_spots
+from flflab.analysis.spots.falloff import evenly_blurred, steepness_of
 from flflab.analysis.spots.fit import LIT, Lit, Spots, fit_spots, illumination, illumination_table, lit
 from flflab.analysis.spots.focus import SHARPEST_PX, Focus, nominal_focus
 from flflab.analysis.spots.law import Candidates, candidates_near, law_places, register, regress
@@ -30,6 +31,8 @@ Whole = npt.NDArray[np.int64]
 MOST_ROUNDS, SETTLED_PX = 12, 0.001  # a further round moves centres and radius by a tenth of that
 SETTLED_BLUR_PX = 0.001  # of the focus, a tenth of its uncertainty: it moves all cut spots alike, and depth with them
 SOFTER, SOFTER_PX = 0.03, 0.01  # share of the blur, and px: as much more leaves the centres of whole spots in few micro-images alone
+TAKEN_OUT = 2  # times what fall-off makes too much is taken out, by spots then known better: after the first depth is up to 0.005 mm off
+UNFITTED = (math.inf, math.inf)  # radius and blur of a frame of which no whole spot has been fitted
 NEAR_PX = 1.0  # of blur, up to which edges hardly tell the sides of the focus apart
 
 
@@ -83,9 +86,9 @@ def find_spots(
     limited = bool(microlens_limits(central_smms(camera), 1 / distance))
     focus = nominal_focus(0.0 if pupils is None else pupils.blur, known=not limited)
 
-    def settled(seen: SeenSpots, moved: float) -> SeenSpots:
+    def settled(values: npt.NDArray[Any], seen: SeenSpots, fitted: tuple[float, float], moved: float) -> SeenSpots:
         # spots and focus want the radius, the radius the law and the law the spots: a step of each, until they agree
-        spots, law, radius, spread, focus, fitted = seen.spots, seen.law, seen.radius, seen.spread, seen.focus, (seen.radius, seen.spread)
+        spots, law, radius, spread, focus = seen.spots, seen.law, seen.radius, seen.spread, seen.focus
         for _ in range(MOST_ROUNDS):
             before, last, focused, half = spots.centres, radius, focus.blur_px, _half_width(radius, spread)
             if limited and not _lit(spots, own)[cut].any():
@@ -112,11 +115,19 @@ def find_spots(
     def misfit(seen: SeenSpots) -> float:
         return float(seen.spots.chi2_per_pixel[cut][_lit(seen.spots, own)[cut]].sum())
 
-    seen = settled(SeenSpots(spots, candidates, law, radius, spread, focus, table, distance), math.inf)
+    seen = settled(values, SeenSpots(spots, candidates, law, radius, spread, focus, table, distance), (radius, spread), math.inf)
     if limited and 3 * seen.focus.uncertainty_px < abs(seen.focus.blur_px) < NEAR_PX:
         # a blur on the wrong side of the focus is a lesser misfit than any near it
-        other = settled(replace(seen, focus=replace(seen.focus, blur_px=-seen.focus.blur_px)), 0.0)
+        turned = replace(seen, focus=replace(seen.focus, blur_px=-seen.focus.blur_px))
+        other = settled(values, turned, (seen.radius, seen.spread), 0.0)
         seen = min(seen, other, key=misfit)
+    steepness = steepness_of(lattice, candidates.lens, camera)
+    if steepness is None or pupils is None:
+        return seen
+    for _ in range(TAKEN_OUT):
+        half = _half_width(seen.radius, seen.spread)
+        even = evenly_blurred(values, seen.spots, half, own, pupils, seen.focus, seen.radius, steepness, noise)
+        seen = settled(even, seen, UNFITTED, 0.0)
     return seen
 
 
