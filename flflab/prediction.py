@@ -160,11 +160,14 @@ def drawn_systems(system: Smms, camera: Camera, placement: Placement) -> Smms:
     )
 
 
-def contrast_draws(camera: Camera, placement: Placement, cycles_per_mm: Array, wavelength: float | None = None) -> Array:
-    """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies); by rays alone without a wavelength (mm)."""
+def contrast_draws(
+    camera: Camera, placement: Placement, cycles_per_mm: Array, wavelength: float | None = None, falloff: float = 0.0
+) -> Array:
+    """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies); see ``transfer`` for the light's arguments."""
     drawn = drawn_systems(central_smms(camera), camera, placement)
     columns = Smms(**{field.name: getattr(drawn, field.name)[:, None] for field in fields(Smms)})
-    return transfer(columns, 1 / placement.distance[:, None], camera.sensor.pixel, cycles_per_mm[None, :], wavelength=wavelength)
+    vergence, nu = 1 / placement.distance[:, None], cycles_per_mm[None, :]
+    return transfer(columns, vergence, camera.sensor.pixel, nu, wavelength=wavelength, falloff=falloff)
 
 
 def predicted_view_indices(camera: Camera, distance: float, points: Array) -> list[npt.NDArray[np.int64]]:

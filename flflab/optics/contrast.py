@@ -4,6 +4,8 @@ Frequencies are cycles/mm on the target; u = nu pixel / M is the same in cycles 
 geometric optics; ``transfer`` adds diffraction where it is given a wavelength.
 """
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -30,29 +32,48 @@ def mtf_pixel(cycles_per_px: Array) -> Array:
 def disc_transfer(diameter: Array | float, cycles_per_mm: Array) -> Array:
     """Transfer of a uniform disc of blur: 2 J1(z)/z with z = pi * diameter * frequency; negative where bars look reversed.
 
-    Up to z = 25 the integral (2/pi) of sqrt(1 - t^2) cos(z t) over (-1, 1) by Gauss-Chebyshev's 41 nodes, exact to roundoff there;
-    beyond, Hankel's asymptotic series (Abramowitz and Stegun 25.4.40 and 9.2.5). Absolute error below 1e-15.
+    Absolute error below 1e-15.
+    """
+    return _transfer_of_order(1, np.pi * np.abs(diameter * cycles_per_mm))
+
+
+def dimming_disc_transfer(diameter: Array | float, cycles_per_mm: Array, loss: Array | float) -> Array:
+    """Transfer of a disc of blur whose light falls from 1 in the middle by 1 - loss (r / R)^2 to 1 - loss at the rim.
+
+    It is a uniform disc of light 1 - loss and one of light loss that falls to 0: the mean, by their shares of the light, of 2 J1(z)/z and
+    8 J2(z)/z^2 (Sonine's first integral, Abramowitz and Stegun 11.4.10 with mu = 0), z as in ``disc_transfer``. Absolute error below 2e-15.
     """
     z = np.pi * np.abs(diameter * cycles_per_mm)
+    uniform, share = _transfer_of_order(1, z), loss / (2 - loss)
+    return uniform + share * (_transfer_of_order(2, z) - uniform)
+
+
+def _transfer_of_order(order: int, z: Array) -> Array:
+    """2^n n! Jn(z)/z^n, n the ``order``: the transfer of a disc of light (1 - (r / R)^2)^(n - 1).
+
+    Up to z = 25 Poisson's integral of (1 - t^2)^(n - 1/2) cos(z t) over (-1, 1) by Gauss-Chebyshev's 41 nodes, exact to roundoff there;
+    beyond, Hankel's asymptotic series (Abramowitz and Stegun 9.1.20, 25.4.40 and 9.2.5).
+    """
     near = np.minimum(z, _HANKEL_FROM)
     angle = np.arange(1, _NODES // 2 + 1) * np.pi / (_NODES + 1)
     total = np.ones_like(near)  # the node at t = 0; the others come in equal pairs
-    for weight, node in zip(2 * np.sin(angle) ** 2, np.cos(angle), strict=True):
+    for weight, node in zip(2 * np.sin(angle) ** (2 * order), np.cos(angle), strict=True):
         total = total + weight * np.cos(near * node)
-    total = total * (2 / (_NODES + 1))
+    norm = math.gamma(order + 1) * math.sqrt(math.pi) / math.gamma(order + 0.5)  # 2 of order 1, 8/3 of order 2
+    total = total * (norm / (_NODES + 1))
     if np.all(z <= _HANKEL_FROM):
         return total
     far = np.maximum(z, _HANKEL_FROM)
     even, odd, term = np.ones_like(far), np.zeros_like(far), np.ones_like(far)
     for k in range(1, 17):
-        term = term * ((4.0 - (2 * k - 1) ** 2) / (8 * k)) / far
+        term = term * ((4.0 * order**2 - (2 * k - 1) ** 2) / (8 * k)) / far
         if k % 2:
             odd = odd + (term if k % 4 == 1 else -term)
         else:
             even = even + (term if k % 4 == 0 else -term)
-    phase = far - 0.75 * np.pi
+    phase = far - (0.5 * order + 0.25) * np.pi
     bessel = np.sqrt(2 / (np.pi * far)) * (even * np.cos(phase) - odd * np.sin(phase))
-    return np.where(z <= _HANKEL_FROM, total, 2 * bessel / far)
+    return np.where(z <= _HANKEL_FROM, total, 2**order * math.factorial(order) * bessel / far**order)
 
 
 def cone_half_angle(smms: Smms, vergence: Array | float) -> Array:
@@ -86,7 +107,20 @@ def lost_over_edges(away: Array, half_angle: float, wavelength: float) -> Array:
     return far_light(half_angle, wavelength) * ((1 / away).sum(axis=-1) - corners.sum(axis=(-2, -1)))
 
 
-def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: Array, *, wavelength: float | None = None) -> Array:
+def falloff_over_cone(smms: Smms, vergence: Array | float) -> Array:
+    """By how much less than its middle the rim of a cone brings, whose axis meets the sensor upright: 1 - cos^4, 0 to 1."""
+    return 1 - (1 + np.square(cone_half_angle(smms, vergence))) ** -2
+
+
+def transfer(
+    smms: Smms,
+    vergence: Array | float,
+    pixel: float,
+    cycles_per_mm: Array,
+    *,
+    wavelength: float | None = None,
+    falloff: float = 0.0,
+) -> Array:
     """What a picture shows of a sine on the target in the bright field: pixel times blur, signed.
 
     Args:
@@ -95,13 +129,16 @@ def transfer(smms: Smms, vergence: Array | float, pixel: float, cycles_per_mm: A
         pixel: pixel size, mm.
         cycles_per_mm: frequencies on the target.
         wavelength: of the light, mm: blur with diffraction at the limiting stop, see ``cone_half_angle``. None for rays alone.
+        falloff: how much of natural fall-off there is, 1 in a real camera: the rim of the cone brings less light than its middle, so the
+            disc of blur is the smaller. With waves it is left out, as simulated pictures leave it.
 
     Returns:
         Contrast of the image's fundamental over the target's; the MTF is its absolute value.
     """
     on_sensor = cycles_per_mm / magnification(smms, vergence)
     if wavelength is None:
-        return np.sinc(on_sensor * pixel) * disc_transfer(blur(smms, vergence), on_sensor)
+        loss = falloff * falloff_over_cone(smms, vergence)
+        return np.sinc(on_sensor * pixel) * dimming_disc_transfer(blur(smms, vergence), on_sensor, loss)
     with np.errstate(divide="ignore", invalid="ignore"):
         shift = np.abs(on_sensor) * wavelength / cone_half_angle(smms, vergence)
         waves = np.abs(on_sensor) * blur(smms, vergence) / 2

@@ -64,7 +64,8 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
     points = study.dots.centres
     systems, order = drawn_systems(central_smms(camera), camera, placement), errors.order
     cycles_per_mm = measured.curve.cycles_per_mm if measured.curve else np.zeros(0)
-    contrast = contrast_draws(camera, placement, cycles_per_mm, bench.description.wavelength)
+    falloff = float(measured.lattice.slants[0])  # as the white picture shows it: real cameras have it, pictures may be without
+    contrast = contrast_draws(camera, placement, cycles_per_mm, bench.description.wavelength, falloff)
     indices = tuple(predicted_view_indices(camera, distance, points))
     return Predicted(
         camera=camera,

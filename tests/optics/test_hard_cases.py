@@ -9,7 +9,7 @@ import pytest
 
 from flflab.errors import InputError
 from flflab.optics.camera import Camera, microlens_centres
-from flflab.optics.contrast import contrast_paper, disc_transfer
+from flflab.optics.contrast import contrast_paper, dimming_disc_transfer, disc_transfer
 from flflab.optics.focus import blur, depth_of_field, image_distance, virtual_depth
 from flflab.optics.resolution import central_smms
 from flflab.optics.solution import array_arrangement, solve_camera
@@ -134,6 +134,18 @@ def test_the_disc_s_transfer_keeps_its_digits_near_zero(z: float) -> None:
     with mpmath.workdps(50):
         expected = float(2 * mpmath.besselj(1, z) / z) if z else 1.0
     assert float(disc_transfer(z / np.pi, np.array(1.0))) == pytest.approx(expected, abs=1e-15, rel=1e-13)
+
+
+@pytest.mark.parametrize("z", [0.0, 1e-9, 1e-4, 0.5, 3.8, 24.9, 25.1, 60.0])
+@pytest.mark.parametrize("loss", [0.0417, 1.0])
+def test_a_disc_that_dims_towards_its_rim_has_the_transfer_of_its_light(z: float, loss: float) -> None:
+    """The mean of J0(z r) over the disc, weighted by 1 - loss r^2: by quadrature, of 50 digits."""
+    with mpmath.workdps(50):
+        parts = mpmath.linspace(0, 1, 12)
+        light = mpmath.mpf(mpmath.quad(lambda r: r * (1 - loss * r * r), parts))
+        seen = mpmath.mpf(mpmath.quad(lambda r: r * (1 - loss * r * r) * mpmath.besselj(0, z * r), parts))
+        expected = float(seen / light)
+    assert float(dimming_disc_transfer(z / np.pi, np.array(1.0), loss)) == pytest.approx(expected, abs=2e-15)
 
 
 def test_mirrored_points_are_seen_as_often(laboratory: Callable[..., Camera]) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import transfer
-from flflab.optics.focus import image_distance, marginal_angle, virtual_depth
+from flflab.optics.focus import image_distance, magnification, marginal_angle, virtual_depth
 from flflab.optics.resolution import central_smms, mean_row_views, stereo
 from flflab.optics.solution import solve_camera
 from flflab.optics.useful import row_fields
@@ -138,6 +138,26 @@ def test_contrast_is_the_mean_phase_of_traced_rays_over_pixels(f_number: float, 
         expected = spread * float(np.sinc(u * 1.66e-3))
         found = float(transfer(central_smms(camera), 1 / distance, 1.66e-3, np.asarray(frequency)))
         assert found == pytest.approx(expected, abs=2e-5)
+
+
+@pytest.mark.parametrize(("f_number", "distance", "frequency"), [(4.0, 520.0, 9.0), (4.0, 470.0, 3.0), (16.0, 480.0, 6.0)])
+def test_contrast_with_fall_off_is_the_mean_phase_of_rays_that_count_by_their_slope(
+    f_number: float, distance: float, frequency: float, laboratory: Build, trace: Trace
+) -> None:
+    camera = laboratory(f_number)
+    at_array, landed, _ = trace(camera, distance, 0.0, 0.0, np.array([1.0]))
+    at_array, landed = float(at_array[0]), float(landed[0])  # per mm from the middle of the main lens
+    rim = min(camera.main_lens.aperture / 2, 0.168 / abs(at_array))
+    # the cone of a pixel, not that of a point of the target: s = 0 sees m by q = m b / (L kappa)
+    b, away = camera.gap, camera.array.distance
+    steepest = min(0.168 / b, camera.main_lens.aperture / 2 / (away * abs(1 + b / away - b / camera.array.focal_lengths[0])))
+    x, y = np.meshgrid(np.linspace(-1, 1, 2001), np.linspace(-1, 1, 2001))
+    light = (np.hypot(x, y) <= 1) / (1 + (np.hypot(x, y) * steepest) ** 2) ** 2
+    smms, at = central_smms(camera), (1 / distance, 1.66e-3, np.asarray(frequency))
+    u = frequency / float(magnification(smms, 1 / distance))
+    expected = float((light * np.cos(2 * np.pi * u * landed * rim * x)).sum() / light.sum() * np.sinc(u * 1.66e-3))
+    assert float(transfer(smms, *at, falloff=1.0)) == pytest.approx(expected, abs=4e-5)
+    assert abs(float(transfer(smms, *at)) - expected) > 1e-3
 
 
 def test_the_useful_width_shrinks_with_crosstalk_forbidden_and_grows_with_it_allowed(laboratory: Build) -> None:

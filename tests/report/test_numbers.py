@@ -5,10 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import j1, jv
 
 from flflab.bench import Bench
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation
+from flflab.optics.focus import blur, magnification
+from flflab.prediction import drawn_errors
+from flflab.properties.predicted import predict
 from flflab.report import charts
 from flflab.report.facts import airy_diameter, diffraction_contrast, exact_counts, listed, pictured, z_statistics
 from flflab.report.frames import predicted_view_places, useful_outline
@@ -32,6 +36,20 @@ def test_diffraction_leaves_the_contrast_of_two_discs_moved_apart(bench: Bench) 
         common = np.count_nonzero(pupil & moved) / np.count_nonzero(pupil)
         assert float(diffraction_contrast(bench.optics, 507.0, frequency)) == pytest.approx(common, abs=2e-3)
     assert float(diffraction_contrast(bench.optics, 507.0, 100.0)) == 0
+
+
+def test_the_predicted_contrast_has_the_fall_off_that_the_white_picture_shows(evaluation: Evaluation, bench: Bench, study: Study) -> None:
+    errors, first = drawn_errors(bench, 20, np.random.default_rng(0)), evaluation.measured[0]
+    blurred = replace(first, worlds=first.worlds | {"target.z": -480.0})
+    assert blurred.curve is not None
+    lattices = [replace(first.lattice, slants=np.array([share, 0.0, 0.0, 0.0])) for share in (0.0, 1.0)]
+    even, shaded = (predict(replace(blurred, lattice=lattice), study, bench, errors) for lattice in lattices)
+    on_sensor = blurred.curve.cycles_per_mm / magnification(even.systems, even.vergences)[:, None]
+    z = np.pi * blur(even.systems, even.vergences)[:, None] * on_sensor
+    c = 1 - (1 + (even.systems.aperture / 2 / even.systems.gap) ** 2)[:, None] ** -2
+    ratio = (1 - c + 2 * c * jv(2, z) / (z * j1(z))) / (1 - c / 2)
+    assert np.abs(ratio - 1).max() > 1e-3
+    assert shaded.contrast_draws / even.contrast_draws == pytest.approx(ratio, rel=1e-9)
 
 
 def test_predicted_views_lie_where_straight_lines_through_the_microlenses_put_them(evaluation: Evaluation, study: Study) -> None:
