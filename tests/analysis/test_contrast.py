@@ -179,15 +179,18 @@ def test_natural_fall_off_within_the_bright_fields_leaves_the_contrast_as_it_is(
 
 @pytest.mark.ci
 def test_out_of_focus_contrast_is_that_of_blur_which_fall_off_makes_smaller(brute: Any) -> None:
-    """The rim of the pupil sends 4 % less light than its middle: by an even pupil 0.0011 of contrast was too much, 0.0002 stated."""
-    camera, distance = brute.camera(4.0, (1216, 912)), 500.0
+    """The rim of the pupil sends 4 % less light than its middle: by an even pupil contrast was 0.0025 too high, 0.0002 stated.
+
+    It draws bars aside besides, unlike on either side of a bright field: 0.0007 was left where one view ends and the next begins.
+    """
+    camera, distance = brute.camera(4.0, (1216, 912)), 520.0
     scenes = [replace(one_plane(camera, target, distance), falloff=Falloff()) for target in (White(), Bars())]
     white, bars = (64.0 + 3000.0 * render(scene, tolerance=5e-5) for scene in scenes)
     lattice = find_lattice(white, "square", 245.6, NOISE, cone_of(camera))
     curve = fit_contrast(bars, lattice, camera, Bars(), distance, NOISE)
     predicted = transfer(central_smms(camera), 1 / distance, camera.sensor.pixel, curve.cycles_per_mm, falloff=float(lattice.slants[0]))
-    assert np.abs(curve.contrast - predicted).max() < 3e-4
-    assert np.abs(curve.contrast - closed_form(camera, distance, curve.cycles_per_mm)).max() > 8e-4
+    assert np.abs(curve.contrast - predicted).max() < 2e-4
+    assert np.abs(curve.contrast - closed_form(camera, distance, curve.cycles_per_mm)).max() > 2e-3
 
 
 def test_a_sine_chirp_gives_the_same_curve(brute: Any) -> None:

@@ -9,7 +9,7 @@ import pytest
 from flflab.analysis.contrast.blur import with_blur_unsure
 from flflab.analysis.contrast.data import ChirpData
 from flflab.analysis.contrast.fit import ChirpFit, ChirpModel, Knots, Prior, noise_covariance, waves
-from flflab.analysis.contrast.template import Template, edges_of
+from flflab.analysis.contrast.template import Template, dimming_slope_at, edges_of
 from flflab.analysis.lowest import lowest
 from flflab.targets import Bars
 
@@ -69,3 +69,18 @@ def test_where_misfit_is_least_is_found_though_it_is_no_parabola(least: float) -
     """Between places ten standard uncertainties of 0.01 apart: up to two were left, and bars' extremes off by as much."""
     there = lowest(lambda place: 1e4 * (place - least) ** 2 * (1 + place - least), [0.9**2, 1.0, 1.1**2], 0.0)
     assert there == pytest.approx(least, abs=3e-4)
+
+
+@pytest.mark.parametrize("disc", [0.02, 0.15, 0.4])
+def test_light_that_grows_across_the_blur_adds_the_slope_of_bars_through_a_disc_that_dims(disc: float) -> None:
+    """By strips of the disc, each a pixel of sharp bars: (1 + k t) in place of 1 adds k B / 8 times that slope."""
+    target, pixel, growth = Bars(width=12.0, height=8.0), 0.06, 0.04
+    edges, turn = edges_of(target), (np.arange(20000) + 0.5) * math.pi / 20000
+    strips, shares = np.cos(turn), np.sin(turn) ** 2 / np.sum(np.sin(turn) ** 2)
+    ends, wave = np.append(edges, target.width / 2), np.where(np.arange(len(edges)) % 2 == 0, 1.0, -1.0)
+    integral = np.append(0.0, np.cumsum(np.diff(ends) * wave))
+    for x in (-4.321, -1.03, 0.57, 2.222, 4.9):
+        right, left = (np.interp(x + disc / 2 * strips + side * pixel / 2, ends, integral) for side in (1, -1))
+        added = growth * float(shares @ (strips * (right - left) / pixel))
+        phase = (x + 6.0) * (0.5 + 9.5 / 12 * (x + 6.0) / 2)
+        assert growth * disc / 8 * dimming_slope_at(x, phase, edges, pixel, disc) == pytest.approx(added, abs=2e-7)

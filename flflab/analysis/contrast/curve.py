@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from flflab.analysis.contrast.blur import with_blur_unsure
 from flflab.analysis.contrast.data import MARGIN_PX, MOST_ROWS, ChirpData, classic_reading, field_of, gather
+from flflab.analysis.contrast.falloff import drawn_aside
 from flflab.analysis.contrast.fit import CURVE, GEOMETRY, ChirpFit, ChirpModel, expected, noise_covariance
 from flflab.analysis.contrast.readings import fitted_extremes, transfer_rows, views_contrast
 from flflab.analysis.contrast.search import (
@@ -226,6 +227,10 @@ def _fit_type(
         # the stages' errors blur differently from what is nominal, and the highest harmonics are seen through the template alone
         before = fit
         model, fit = with_fitted_blur(frame, data, before, model)
+        drawn = drawn_aside(frame, data, model, fit)
+        if drawn.any():
+            data = replace(data, read=data.read - drawn)
+            fit = settle(frame, data, fit, model)
         data, model, fit, by_tilt = as_sharp_as_the_axis(frame, data, fit, model, before)
         return _curve(frame, fit, data, model, by_tilt, float(lost.mean()))
     return _curve(frame, fit, data, model, np.zeros((0, CURVE + len(fit.curve))), float(lost.mean()))

@@ -293,13 +293,16 @@ def through_others(data: ChirpData, model: ChirpModel, fit: ChirpFit, pixels: Ar
     Of the template as strong as the whole transfer is: g alone may be more, with a free curve that takes it back.
     """
     template, x = model.template, data.places @ fit.geometry
-    nu = np.linspace(*model.span, model.knots.count)
-    design = model.knots.design(nu, template)
-    alone = design[:, 0]
-    strength = float(alone @ design @ fit.curve / (alone @ alone))
     own = _bars(x, model.law, model.edges, pixels, discs)
     same = _bars(x, model.law, model.edges, np.full(len(x), template.pixel), np.full(len(x), template.blur))
-    return strength * (data.light @ fit.brightness) * (own - same)
+    return strength_of(model, fit) * (data.light @ fit.brightness) * (own - same)
+
+
+def strength_of(model: ChirpModel, fit: ChirpFit) -> float:
+    """The whole transfer over the template's, on average."""
+    design = model.knots.design(np.linspace(*model.span, model.knots.count), model.template)
+    alone = design[:, 0]
+    return float(alone @ design @ fit.curve / (alone @ alone))
 
 
 def expected(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> Array:

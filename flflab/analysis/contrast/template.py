@@ -115,3 +115,28 @@ def bars_at(x: float, phase: float, edges: Array, pixel: float, disc: float) -> 
         slope += sign * spread
         k += 1
     return wave, slope
+
+
+@numba.njit(nogil=True, cache=True)
+def _dimming_edge(t: float, disc: float) -> float:  # pragma: no cover - compiled
+    """Edge spread (0 to 1) t mm behind an edge of a disc of light 1 - (r / R)^2: of its line spread 8 (1 - z^2)^(3/2) / (3 pi)."""
+    if 2.0 * abs(t) >= disc:
+        return 1.0 if t > 0.0 else 0.0
+    z = 2.0 * t / disc
+    root = np.sqrt((1.0 - z) * (1.0 + z))
+    return 0.5 + (2.0 * z * root**3 / 3.0 + z * root + np.arcsin(z)) / np.pi
+
+
+@numba.njit(nogil=True, cache=True)
+def dimming_slope_at(x: float, phase: float, edges: Array, pixel: float, disc: float) -> float:  # pragma: no cover - compiled
+    """Slope at x (1/mm) of bars of amplitude 1 seen through a pixel and a disc that dims to 0 at its rim."""
+    half, reach = int(np.floor(2.0 * phase)), (pixel + disc) / 2.0
+    first, slope = min(half, len(edges) - 1), 0.0
+    while first > 0 and x - edges[first - 1] < reach:
+        first -= 1
+    for k in range(max(first, 0), len(edges)):
+        if edges[k] - x >= reach:
+            break
+        spread = (_dimming_edge(x - edges[k] + pixel / 2.0, disc) - _dimming_edge(x - edges[k] - pixel / 2.0, disc)) / pixel
+        slope += 2.0 * spread if k % 2 == 0 else -2.0 * spread
+    return slope
