@@ -45,7 +45,7 @@ def dimming_disc_transfer(diameter: Array | float, cycles_per_mm: Array, loss: A
     """
     z = np.pi * np.abs(diameter * cycles_per_mm)
     uniform, share = _transfer_of_order(1, z), loss / (2 - loss)
-    return uniform + share * (_transfer_of_order(2, z) - uniform)
+    return uniform + share * (_transfer_of_order(2, z) - uniform) if np.any(share) else uniform
 
 
 def _transfer_of_order(order: int, z: Array) -> Array:
