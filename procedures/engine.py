@@ -150,7 +150,11 @@ def signals_heard() -> Generator[threading.Event, None, None]:
 
 
 class PatientLoop(asyncio.SelectorEventLoop):
-    """An event loop that may be told of a device's end after its own: nobody listens any more then."""
+    """An event loop that may be told of a device's end after its own: nobody listens any more then, and the log is told at most."""
+
+    def call_exception_handler(self, context: dict[str, Any]) -> None:
+        """What a task failed with that nobody waited for; asyncio's would print it below the sentence an operator gets."""
+        logging.getLogger(__name__).info("left by the engine: %s", context["message"], exc_info=context.get("exception"))
 
     def call_soon_threadsafe(self, callback: Any, *args: Any, context: Any = None) -> asyncio.Handle:
         """As asyncio's, or nothing after the end."""

@@ -1,7 +1,11 @@
 """The plans themselves, on a bench in memory: looked through by bluesky, done by its engine, and what their documents say."""
 
+import asyncio
+import gc
+import logging
 import signal
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -82,6 +86,27 @@ def test_the_engine_leaves_no_thread_and_looks_through_a_plan_without_it(study: 
         check_limits(sweep(instruments(bench, study, recording), steps(study, bench.described), Course(), tell_nobody))
     recording.close()
     assert {thread.name for thread in threading.enumerate()} == before
+
+
+async def _stopped() -> None:
+    raise MotionError("stopped on the way, as it was told")
+
+
+def test_what_the_engine_leaves_behind_is_for_the_log_alone(caplog: pytest.LogCaptureFixture) -> None:
+    """asyncio prints it, with a traceback, below the sentence that tells an operator of the interruption."""
+    caplog.set_level(logging.INFO)
+    with running_engine() as engine:
+        failed = asyncio.run_coroutine_threadsafe(_left_behind(), engine.loop).result(5)
+        while not failed.done():
+            time.sleep(0.001)
+    del failed
+    gc.collect()
+    assert [record.levelno for record in caplog.records] == [logging.INFO]
+    assert "as it was told" in caplog.text
+
+
+async def _left_behind() -> "asyncio.Task[None]":
+    return asyncio.get_running_loop().create_task(_stopped())
 
 
 def test_a_study_is_recorded_point_by_point(study: Study, bench: ConnectedBench, tmp_path: Path) -> None:
