@@ -16,7 +16,9 @@ from scipy.interpolate import make_interp_spline
 from flflab.image.diffraction.far import mean_light, poisson_light, poisson_transfer, poisson_weight
 from flflab.image.diffraction.kinds import Kind
 from flflab.image.diffraction.modes import Modes
-from flflab.image.diffraction.ruled import Line, line_spectrum, mirrored, spline_weights, weigh_waves
+from flflab.image.diffraction.ruled import Line, line_spectrum, mirrored, spline_weights
+from flflab.image.diffraction.shading import ODD
+from flflab.image.diffraction.terms import weigh_waves
 
 Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -40,7 +42,7 @@ class Border:
         waves: the terms' light over a part of a pixel, each for the cosine of the sensor point's angle and, unless of order 0, for the
             sine: so K waves, those that are felt farthest first; shape (Y, X, K), single precision.
         terms: the term of each wave, shape (K,).
-        turns: twice its order for the cosine, 1 more for the sine, shape (K,).
+        turns: twice the order of the sensor point's turn for its cosine, 1 more for its sine, shape (K,).
         last: the row, counted from outside, after which a wave no longer matters, shape (K,).
         place: node of the border itself, nodes a unit and scale (pixels) of the distance's inverse hyperbolic sine; first position
             along x', pixels, and coefficients a pixel.
@@ -155,7 +157,9 @@ def _border(
                 wave = wave + poisson_weight(float(modes.tails[term])) * far
             felt = np.flatnonzero(np.abs(wave).max(axis=1) > tolerance / 15 / np.abs(modes.radial[term]).max())
             if len(felt):
-                found.append((float(felt[-1]), term, 2 * int(orders[index]) + index % 2, np.asarray(wave, dtype=np.float32)))
+                odd = int(modes.weights[term] >= ODD)  # sin(order (phi - alpha))
+                turn = 2 * int(orders[index]) + (index + odd) % 2
+                found.append((float(felt[-1]), term, turn, np.asarray(-wave if odd and index % 2 else wave, dtype=np.float32)))
     found.sort(key=lambda wave: -wave[0])
     return Border(
         core,
@@ -243,7 +247,11 @@ def _step_weights(coarse: Array, distance: Array) -> ComplexArray:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def read_sheet(
-    sheet: Array, row: int, column: int, by_row: tuple[float, float, float, float], by_column: tuple[float, float, float, float]
+    sheet: Array | SingleArray,
+    row: int,
+    column: int,
+    by_row: tuple[float, float, float, float],
+    by_column: tuple[float, float, float, float],
 ) -> float:
     """A spline over two axes from its coefficients around a place; the rows are mirrored at their ends."""
     total = 0.0
@@ -264,41 +272,42 @@ def read_waves(waves: SingleArray, row: int, column: int, weights: SingleArray) 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def border_row(inside: float, place: tuple[float, float, float, float, float]) -> float:
+    """The row at ``inside`` pixels from a border; from a sheet's last one on its light is not felt. ``place``: see ``Border``."""
+    return math.asinh(inside / place[2]) * place[1] + place[0]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def from_beyond(
     radial: float,
     cos: float,
     sin: float,
     x: float,
-    inside: float,
+    row: float,
     sheet: Array,
     waves: SingleArray,
     terms: Whole,
     turns: Whole,
     last: Array,
     place: tuple[float, float, float, float, float],
-    coefficients: Array,
     scratch: tuple[Array, Array, SingleArray],
 ) -> float:
-    """The light from beyond a border at ``inside`` pixels from it; infinite where nothing else is seen.
+    """The light from beyond a border at a row below the last; infinite where nothing else is seen.
 
     Args:
         radial: place of the sensor point in nodes of radius, below 0 where nothing is clipped.
         cos: cosine of its direction from the micro-image's centre.
         sin: the sine.
         x: position along x', pixels.
-        inside: distance from the border, pixels.
+        row: see ``border_row``.
         sheet: of the unclipped pupil, see ``Border``.
         waves: the same.
         terms: the same.
         turns: the same.
         last: the same.
         place: the same.
-        coefficients: ``radial`` of ``Modes``, with the terms along the second axis.
-        scratch: room for the terms, for twice the orders from 0 to the highest, and for the waves.
+        scratch: the terms' amounts, room for twice the orders from 0 to the highest, and for the waves.
     """
-    row = math.asinh(inside / place[2]) * place[1] + place[0]
-    if row >= sheet.shape[0] - 1.0:
-        return 0.0
     column = (x - place[3]) * place[4]
     if row <= 0.0 or column < 0.0 or column > sheet.shape[1] - 1.0:
         return math.inf
@@ -312,7 +321,7 @@ def from_beyond(
     while felt < last.size and row <= last[felt] + 2.0:
         felt += 1
     weights = scratch[2][:felt]
-    weigh_waves(radial, cos, sin, terms, turns, coefficients, scratch[0], scratch[1], weights)
+    weigh_waves(cos, sin, terms, turns, scratch[0], scratch[1], weights)
     total = 0.0
     for m in range(4):
         line = mirrored(base_row + m - 1, sheet.shape[0])

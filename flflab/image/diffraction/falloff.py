@@ -1,7 +1,8 @@
 """Natural fall-off behind a clipped pupil: the mean of cos^4 of the slopes of its rays at the sensor, from the pupil's moments.
 
 Diffracted light is weighted by this mean, and looks towards the middle of the weighted pupil: with a blur, light that is weaker on one
-side of the pupil comes from farther to the other. What the weight changes of the pattern's shape is left out.
+side of the pupil comes from farther to the other. What the weight changes of the pattern's shape is left out; ``shading`` tells where
+that matters.
 """
 
 import math

@@ -13,8 +13,10 @@ from scipy.special import j1
 from flflab.image.diffraction.border import read_sheet, read_waves
 from flflab.image.diffraction.falloff import mean_falloff
 from flflab.image.diffraction.modes import Modes
-from flflab.image.diffraction.ruled import mirrored, spline_weights
+from flflab.image.diffraction.ruled import spline_weights
+from flflab.image.diffraction.shading import WEIGHTS, weigh_pupil
 from flflab.image.diffraction.table import fast_length
+from flflab.image.diffraction.terms import shade_pairs, weigh_pairs
 from flflab.image.geometry.rim import place_on_rim
 from flflab.targets import Picture
 
@@ -215,34 +217,8 @@ def add_pattern(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def read_pairs(
-    radial: float, angle: float, orders: Whole, coefficients: Array, waves: SingleArray, column: float, row: float, weights: SingleArray
-) -> float:
-    """The sum of terms at a place of a grid, seen by a sensor point at a radius (in nodes) and an angle.
-
-    Args:
-        radial: of the sensor point.
-        angle: the same, rad.
-        orders: of the terms, rising.
-        coefficients: ``radial`` of ``Modes`` for them, with the terms along the second axis.
-        waves: of ``Fields``.
-        column: the place.
-        row: the same.
-        weights: room for as many numbers as there are waves.
-    """
-    last = coefficients.shape[0]
-    base = min(int(radial), last - 2)
-    a, b, c, d = spline_weights(radial - base)
-    low, high = mirrored(base - 1, last), mirrored(base + 2, last)
-    order = orders[0]
-    cos, sin, by_cos, by_sin = math.cos(order * angle), math.sin(order * angle), math.cos(angle), math.sin(angle)
-    for term in range(orders.size):
-        while order < orders[term]:
-            cos, sin = cos * by_cos - sin * by_sin, sin * by_cos + cos * by_sin
-            order += 1
-        amount = a * coefficients[low, term] + b * coefficients[base, term]
-        amount += c * coefficients[base + 1, term] + d * coefficients[high, term]
-        weights[2 * term], weights[2 * term + 1] = amount * cos, amount * sin
+def read_pairs(waves: SingleArray, column: float, row: float, weights: SingleArray) -> float:
+    """The sum of so weighted waves (see ``Fields``) at a place of their grid."""
     i, j = int(column), int(row)
     by_column, by_row = spline_weights(column - i), spline_weights(row - j)
     total = 0.0
@@ -263,6 +239,8 @@ def add_fields(
     levels: Array,
     rims: Array,
     steep: bool,
+    bright: float,
+    ring: tuple[float, float],
     offsets: Array,
     amounts: Array,
     box: float,
@@ -270,13 +248,13 @@ def add_fields(
     ys: Array,
     pixel: float,
     sheets: tuple[SingleArray, SingleArray, SingleArray],
-    orders: Whole,
-    coefficients: Array,
+    terms: tuple[Whole, Whole, Array],
     count: int,
     first: tuple[float, float],
     samples: float,
     slants: Array,
     moments: Array,
+    fit: Array,
     blur: float,
     nodes: Array,
     chosen: Chosen,
@@ -293,26 +271,30 @@ def add_fields(
         levels: light at full pupil.
         rims: see ``Kind``.
         steep: whether its rim is too narrow for terms of its own.
-        offsets: see ``PixelParts``.
+        bright: see ``PixelParts``.
+        ring: the same.
+        offsets: the same.
         amounts: the same.
         box: side of the square over which a pixel gathers light, pixels.
         xs: positions of the columns, mm.
         ys: of the rows.
         pixel: side of a pixel, mm.
         sheets: ``whole``, ``part`` and ``waves`` of ``Fields``.
-        orders: of the terms whose waves they are.
-        coefficients: see ``read_pairs``.
+        terms: ``orders``, ``polynomials`` and ``coefficients`` of those whose waves they are, see ``weigh_pairs``.
         count: steps of the table over a rim.
         first: see ``Grid``.
         samples: the same.
         slants: see ``slant_rows``.
         moments: see ``pupil_moments``.
+        fit: see ``Shading``.
         blur: see ``Kind``.
         nodes: pupil points for steep rims.
         chosen: which pixels to compute.
     """
     unclipped, part, waves = sheets
-    weights = np.empty(2 * orders.size, dtype=np.float32)
+    orders, polynomials, coefficients = terms
+    weights, shaded = np.empty(2 * orders.size, dtype=np.float32), fit.shape[0] > 0
+    told = np.ones(WEIGHTS)
     for entry in range(windows.shape[0]):
         rim = rims[entry]
         for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):
@@ -320,8 +302,10 @@ def add_fields(
             for column in range(windows[entry, 0], windows[entry, 1]):
                 dx = (xs[column] - centres[entry, 0]) / pixel
                 from_centre = math.sqrt(dx * dx + dy * dy)
-                whole = from_centre < rim[0] - 0.75
+                whole = from_centre < rim[0] - bright
                 if (whole and unclipped.size == 0) or from_centre > rim[3] + 0.75 or not chosen[row, column]:
+                    continue
+                if not ring[0] <= rim[0] - from_centre < ring[1]:
                     continue
                 pieces = 1 if whole else offsets.size
                 side = max(box / pieces, 1e-3)
@@ -332,7 +316,12 @@ def add_fields(
                         x = dx + (0.0 if whole else offsets[i] * box)
                         amount = 1.0 if whole else amounts[i] * amounts[j]
                         radial, share, look = place_on_rim(x, y, side, rim, steep and not whole, count, nodes)
-                        falling, aside_x, aside_y = mean_falloff(x, y, rim, slants[entry], moments)
+                        falling, aside_x, aside_y = 1.0, 0.0, 0.0
+                        if shaded:
+                            falling = weigh_pupil(x, y, slants[entry], fit, told)
+                            radial = max(radial, 0.0)
+                        else:
+                            falling, aside_x, aside_y = mean_falloff(x, y, rim, slants[entry], moments)
                         seen_x, seen_y = look * x + blur * aside_x, look * y + blur * aside_y
                         across = (origins[entry, 0] + looks[entry, 0, 0] * seen_x + looks[entry, 0, 1] * seen_y - first[0]) * samples
                         along = (origins[entry, 1] + looks[entry, 1, 0] * seen_x + looks[entry, 1, 1] * seen_y - first[1]) * samples
@@ -340,11 +329,10 @@ def add_fields(
                             continue
                         if radial >= 0.0:
                             if orders.size > 0:
-                                light += (
-                                    amount
-                                    * falling
-                                    * read_pairs(radial, math.atan2(y, x), orders, coefficients, waves, across, along, weights)
-                                )
+                                weigh_pairs(radial, math.atan2(y, x), orders, coefficients, weights)
+                                if shaded:
+                                    shade_pairs(polynomials, told, weights)
+                                light += amount * falling * read_pairs(waves, across, along, weights)
                         elif unclipped.size > 0:
                             base_row, base_column = int(along), int(across)
                             by_row, by_column = spline_weights(along - base_row), spline_weights(across - base_column)

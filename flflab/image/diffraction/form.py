@@ -7,19 +7,32 @@ light of the rays, so that white stays white. Paraxial, incoherent, first stop c
 
 import math
 from dataclasses import replace
+from functools import partial
 from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.diffraction.border import NO_BORDER, border_reach, make_borders
+from flflab.image.diffraction.border import NO_BORDER, Border, border_reach, make_borders
 from flflab.image.diffraction.dots import add_dots_diffracted, add_picture_diffracted
 from flflab.image.diffraction.falloff import pupil_moments, slant_rows
 from flflab.image.diffraction.kinds import BLURRED, Kind, find_kinds
 from flflab.image.diffraction.lines import add_ruled_diffracted
 from flflab.image.diffraction.modes import Known, shared_modes
-from flflab.image.diffraction.orders import LEAST_TERMS, MOMENTS, finest_lines, lit_counts, lit_windows, looked_at, node_counts, pixel_parts
-from flflab.image.diffraction.ruled import make_curves, make_line
+from flflab.image.diffraction.orders import (
+    LEAST_TERMS,
+    MOMENTS,
+    PixelParts,
+    divisions,
+    finest_lines,
+    lit_counts,
+    lit_windows,
+    looked_at,
+    node_counts,
+    pixel_parts,
+)
+from flflab.image.diffraction.ruled import Curves, make_curves, make_line
+from flflab.image.diffraction.shading import MEAN, find_shading, within_pixel
 from flflab.image.diffraction.table import samples_needed
 from flflab.image.flat_target.form import add_plane
 from flflab.image.flat_target.moving import add_moving_plane
@@ -34,6 +47,7 @@ Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
+NO_BORDERS = [NO_BORDER, NO_BORDER]
 SHARE = 0.7  # of the tolerance; the errors of nodes, parts and terms are each kept below it
 LINE_TERMS = 0.5  # of it, for terms left out: the same lines pass all of them, and a border leaves out its own
 KIND_COST: dict[type[Target], float] = {Edge: 6e3, Bars: 5e4, Chirp: 5e4, FourDot: 5e4, Picture: 5e4}  # in pixels, of a kind's tables
@@ -84,14 +98,16 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     if isinstance(target, Edge):
         cos, sin = math.cos(target.angle), math.sin(target.angle)
         axes = np.array([[cos, sin], [-sin, cos]])
-    divided = pixel_parts(kind, setup.tolerance)
+    within = within_pixel(setup, kind)
+    divided = pixel_parts(kind, setup.tolerance, within=within)
+    shading = find_shading(setup, kind, divided.steep)
     radii, angles = node_counts(kind, setup, finest_lines(kind, target))
     samples, box, left_out = (
         samples_needed(kind, setup.tolerance),
         setup.pixel_width / pixel,
         max(LINE_TERMS * setup.tolerance, LEAST_TERMS),
     )
-    modes = shared_modes(known, kind, samples, (1, 1) if divided.steep else (radii, angles), box, left_out)
+    modes = shared_modes(known, kind, samples, (1, 1) if divided.steep else (radii, angles), box, left_out, shading=shading)
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     directions = axes @ kind.by_sensor
     scales = np.hypot(*directions.T)
@@ -101,8 +117,8 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     low, high = looked_at(windows, centres, origins, looks, setup)
     seen = float(low[0] * scales[0]), float(high[0] * scales[0])
     line = make_line(modes, samples, target, seen, directions[0], setup.tolerance)
-    curves = make_curves(modes, line, box, box * divided.side)
-    half, borders, mirror = math.inf, [NO_BORDER, NO_BORDER], False
+    half, mirror = math.inf, False
+    inwards: list[tuple[Array, tuple[float, float]]] = []
     at_border = modes.but_for(left_out if isinstance(target, Bars) else math.inf)
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
@@ -113,11 +129,10 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
             mirror = kind.smear.extent == 0 and is_even(directions[None], 0.0)
             either = min(lower[0], upper[0]), max(lower[1], upper[1])
             inwards = [(directions[1], either)] if mirror else [(directions[1], lower), (-directions[1], upper)]
-            borders = make_borders(at_border, line, inwards, box, box * divided.side, setup.tolerance) * (2 if mirror else 1)
-    border_rows = [(some.core, some.part, some.waves, some.terms, some.turns, some.last, some.place) for some in borders]
     xs, ys = pixel_positions(setup.sensor)
 
-    def add(rows: tuple[int, int]) -> None:
+    def add(rows: tuple[int, int], parts: PixelParts, curves: Curves, borders: list[Border]) -> None:
+        border_rows = [(some.core, some.part, some.waves, some.terms, some.turns, some.last, some.place) for some in borders]
         add_ruled_diffracted(
             image,
             rows,
@@ -127,26 +142,33 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
             looks,
             setup.pupils.level[kind.entries] * kind.weights,
             kind.rims,
-            divided.steep,
-            divided.offsets,
-            divided.amounts,
+            parts.steep,
+            parts.bright,
+            parts.ring,
+            parts.offsets,
+            parts.amounts,
             box,
             xs,
             ys,
             pixel,
             half,
             (curves.core, curves.part, curves.waves, curves.place),
-            (modes.orders, np.ascontiguousarray(modes.radial.T, dtype=np.float32)),
+            (modes.orders, modes.weights, np.ascontiguousarray(modes.radial.T, dtype=np.float32)),
             border_rows[0],
             border_rows[1],
             -1.0 if mirror else 1.0,
             int(modes.orders.max(initial=0)),
-            np.ascontiguousarray(at_border.radial.T),
+            (at_border.weights, np.ascontiguousarray(at_border.radial.T)),
             slant_rows(setup, kind),
             pupil_moments(kind.slope, kind.reach, 1 if divided.steep else MOMENTS),
+            shading.fit,
             kind.blur,
             disc_nodes(8, 8),
             chosen,
         )
 
-    in_bands(add, windows)
+    for parts in divisions(kind, setup.tolerance, divided, within, shading is not MEAN):
+        side = box * parts.side
+        curves = make_curves(modes, line, box, side)
+        borders = make_borders(at_border, line, inwards, box, side, setup.tolerance) * (2 if mirror else 1) if inwards else NO_BORDERS
+        in_bands(partial(add, parts=parts, curves=curves, borders=borders), windows)

@@ -14,7 +14,8 @@ from flflab.image.diffraction.falloff import pupil_moments, slant_rows
 from flflab.image.diffraction.fields import Fields, Grid, add_fields, kept_frequencies, make_fields, on_sensor
 from flflab.image.diffraction.kinds import Kind
 from flflab.image.diffraction.modes import ALL, Known, Modes, Sieve, shared_modes
-from flflab.image.diffraction.orders import LEAST_TERMS, MOMENTS, PixelParts, lit_counts, node_counts, pixel_parts
+from flflab.image.diffraction.orders import LEAST_TERMS, MOMENTS, PixelParts, divisions, lit_counts, node_counts, pixel_parts
+from flflab.image.diffraction.shading import MEAN, Shading, find_shading, within_pixel
 from flflab.image.diffraction.table import samples_needed
 from flflab.image.geometry.rim import disc_nodes
 from flflab.image.geometry.setup import Setup
@@ -118,18 +119,23 @@ def layers(thing: Thing, samples: float, tolerance: float, reads: float) -> tupl
 
 def add_thing(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, things: list[Thing], finest: float, chosen: Chosen) -> None:
     """Add the light of a thing, told in one way or another, by the way of least work; ``finest``: see ``finest_lines``."""
-    divided = pixel_parts(kind, setup.tolerance, finest)
+    within = within_pixel(setup, kind)
+    divided = pixel_parts(kind, setup.tolerance, finest, within)
+    shading = find_shading(setup, kind, divided.steep)
+    divided_so = divisions(kind, setup.tolerance, divided, within, shading is not MEAN)
     box, samples = setup.pixel_width / setup.sensor.pixel, min(samples_needed(kind, setup.tolerance), MOST_SAMPLES)
-    on_rim = 1 - (kind.inner / kind.outer) ** 2
-    reads = float(lit_counts(lit[kind.entries], chosen).sum()) * (1 + on_rim * (divided.count - 1))
+    inside = 1 if divided_so[0] is divided else divided_so[0].count
+    bright = (kind.inner / kind.outer) ** 2
+    reads = float(lit_counts(lit[kind.entries], chosen).sum()) * (bright * inside + (1 - bright) * divided.count)
     nodes = (1, 1) if divided.steep else node_counts(kind, setup, finest)
     ways = [layers(thing, samples, setup.tolerance, reads * len(thing.places)) for thing in things]
     way = min(range(len(ways)), key=lambda index: ways[index][0])
     for layer in ways[way][1]:
         looks, windows = _looks(setup, kind, lit, things[way], layer.grid)
         if len(windows):
-            modes = shared_modes(known, kind, samples, nodes, box, max(setup.tolerance, LEAST_TERMS), layer.sieve)
-            _add_layer(image, setup, kind, modes, things[way], layer, looks, windows, divided, chosen)
+            modes = shared_modes(known, kind, samples, nodes, box, max(setup.tolerance, LEAST_TERMS), layer.sieve, shading)
+            for parts in divided_so:
+                _add_layer(image, setup, kind, modes, things[way], layer, looks, windows, parts, shading, chosen)
 
 
 def _looks(setup: Setup, kind: Kind, lit: Whole, thing: Thing, grid: Grid) -> tuple[Looks, Whole]:
@@ -156,6 +162,7 @@ def _add_layer(
     looks: Looks,
     windows: Whole,
     divided: PixelParts,
+    shading: Shading,
     chosen: Chosen,
 ) -> None:
     """Add the light of a layer to some windows."""
@@ -177,6 +184,8 @@ def _add_layer(
                 looks.levels,
                 looks.rims,
                 divided.steep,
+                divided.bright,
+                divided.ring,
                 divided.offsets,
                 divided.amounts,
                 box,
@@ -184,13 +193,13 @@ def _add_layer(
                 ys,
                 setup.sensor.pixel,
                 (fields.whole, fields.part, fields.waves),
-                modes.orders[terms],
-                np.ascontiguousarray(modes.radial[terms].T),
+                (modes.orders[terms], modes.weights[terms], np.ascontiguousarray(modes.radial[terms].T)),
                 modes.radial.shape[1] - 1,
                 grid.first,
                 grid.samples,
                 looks.slants,
                 moments,
+                shading.fit,
                 kind.blur,
                 pupil_nodes,
                 chosen,

@@ -1,7 +1,7 @@
 """How finely diffracted light is formed: parts of a pixel, nodes over a rim, and where pixels look and light falls."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,8 @@ Whole = npt.NDArray[np.int64]
 
 MOMENTS = 33  # nodes over a rim for the fall-off
 POINTS = 0.2  # of the tolerance, for points in a pixel: what squares leave is mostly a fifth of what is said of them
+BRIGHT = 0.75  # pixels within the bright field, from which on nothing clips a pixel
+WITHIN_SHARE = 0.25  # of the tolerance, for the fall-off within parts of a pixel
 LEAST_TERMS = 1e-4  # of white, that terms left out of the sum over a rim may amount to; finer ones are too many
 
 
@@ -32,12 +34,16 @@ class PixelParts:
         amounts: how much of the pixel each stands for, shape (n,).
         side: over how much of the pixel's side each gathers light; 0 for a point.
         steep: whether the rim is too steep for curves of its own.
+        bright: how far within the bright field pixels are whole, pixels; infinite where none is.
+        ring: for pixels how far within the bright field they are parts, pixels, from and below; all where infinite.
     """
 
     offsets: Array
     amounts: Array
     side: float
     steep: bool
+    bright: float
+    ring: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def count(self) -> int:
@@ -45,7 +51,7 @@ class PixelParts:
         return len(self.offsets) ** 2
 
 
-def pixel_parts(kind: Kind, tolerance: float, finest: float = 0.0) -> PixelParts:
+def pixel_parts(kind: Kind, tolerance: float, finest: float = 0.0, within: float = 0.0) -> PixelParts:
     """Into what parts a pixel on the rim is divided: squares of equal size, or fewer points of Gauss's rule.
 
     Across a pixel share and radiance vary together: on a rim w pixels wide n squares a side leave up to 0.2 / (w n^2) of a sharp edge,
@@ -56,23 +62,45 @@ def pixel_parts(kind: Kind, tolerance: float, finest: float = 0.0) -> PixelParts
         kind: the kind.
         tolerance: largest error asked for, of white.
         finest: see ``finest_lines``, of a picture; 0 for what has edges along one direction or few.
+        within: what the fall-off in its middle leaves of white, n^2 times less n squares a side.
     """
     width = max(2 * kind.slope, 1e-9)
     sharp = min(1.0, 2 * kind.cutoff, 1 / math.sqrt(max(abs(kind.blur), 1e-9))) * (1 + 3 * min(1.0, 2 * finest))
-    parts = math.ceil(math.sqrt((0.22 * sharp + 0.45 / max(width, 1.0)) / (width * tolerance)))
+    left = max((0.22 * sharp + 0.45 / max(width, 1.0)) / width, within / WITHIN_SHARE)
+    parts = math.ceil(math.sqrt(left / tolerance))
     parts = min(max(parts, 1), MOST_PARTS)
     if width * parts < 1:
-        return _squares(STEEP_PARTS, True)
+        return _squares(STEEP_PARTS, True, BRIGHT)
+    bright = BRIGHT if within <= WITHIN_SHARE * tolerance else math.inf
     points = np.arange(2, parts)
     enough = points[_points_leave(points, width, kind.cutoff) <= POINTS * tolerance] if width >= 1 else points[:0]
     if not len(enough):
-        return _squares(parts, False)
+        return _squares(parts, False, bright)
     places, amounts = np.polynomial.legendre.leggauss(int(enough[0]))
-    return PixelParts(places / 2, amounts / 2, 0.0, False)
+    return PixelParts(places / 2, amounts / 2, 0.0, False, bright)
 
 
-def _squares(count: int, steep: bool) -> PixelParts:
-    return PixelParts((np.arange(count) + 0.5) / count - 0.5, np.full(count, 1 / count), 1 / count, steep)
+def divisions(kind: Kind, tolerance: float, divided: PixelParts, within: float, shaded: bool) -> list[PixelParts]:
+    """Parts for all pixels, or apart for those in the bright field, if fall-off divides these too and they need less than half as many.
+
+    Args:
+        kind: the kind.
+        tolerance: largest error asked for, of white.
+        divided: the parts of pixels on the rim.
+        within: see ``pixel_parts``.
+        shaded: whether pupils are weighted by polynomials, which the terms tell and they alone.
+    """
+    if not shaded and divided.bright < math.inf:
+        return [divided]
+    inside = replace(_squares(max(1, math.ceil(math.sqrt(within / WITHIN_SHARE / tolerance))), False, math.inf), ring=(BRIGHT, math.inf))
+    outside = replace(divided, bright=math.inf)
+    if kind.inner <= BRIGHT or len(divided.offsets) <= 2 * len(inside.offsets):
+        return [outside]
+    return [inside, replace(outside, ring=(-math.inf, BRIGHT))]
+
+
+def _squares(count: int, steep: bool, bright: float) -> PixelParts:
+    return PixelParts((np.arange(count) + 0.5) / count - 0.5, np.full(count, 1 / count), 1 / count, steep, bright)
 
 
 def _points_leave(count: Whole, width: float, cutoff: float) -> Array:

@@ -279,64 +279,6 @@ def read_line(line: Array, place: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def weigh_waves(
-    radial: float,
-    cos: float,
-    sin: float,
-    terms: Whole,
-    turns: Whole,
-    coefficients: Array,
-    amounts: Array,
-    turned: Array,
-    weights: SingleArray,
-) -> None:
-    """The first waves' weights at a sensor point, as many as ``weights`` holds; ``amounts`` and ``turned`` are scratch.
-
-    Args:
-        radial: place of the sensor point in nodes of radius.
-        cos: cosine of its direction.
-        sin: the sine.
-        terms: the term of each wave.
-        turns: twice its order for the cosine, 1 more for the sine.
-        coefficients: ``radial`` of ``Modes``, with the terms along the second axis.
-        amounts: room for the terms.
-        turned: room for twice the orders from 0 to the highest.
-        weights: of the waves.
-    """
-    last = coefficients.shape[0]
-    base = min(int(radial), last - 2)
-    a, b, c, d = spline_weights(radial - base)
-    low, high = mirrored(base - 1, last), mirrored(base + 2, last)
-    for term in range(coefficients.shape[1]):
-        amounts[term] = a * coefficients[low, term] + b * coefficients[base, term]
-        amounts[term] += c * coefficients[base + 1, term] + d * coefficients[high, term]
-    turned[0], turned[1] = 1.0, 0.0
-    for order in range(2, turned.size, 2):
-        turned[order] = turned[order - 2] * cos - turned[order - 1] * sin
-        turned[order + 1] = turned[order - 1] * cos + turned[order - 2] * sin
-    for wave in range(weights.size):
-        weights[wave] = amounts[terms[wave]] * turned[turns[wave]]
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def weigh_terms(radial: float, cos: float, orders: Whole, coefficients: SingleArray, weights: SingleArray) -> None:
-    """The terms' weights at a sensor point whose direction has this cosine from x'; as ``weigh_waves`` for terms of rising order."""
-    last = coefficients.shape[0]
-    base = min(int(radial), last - 2)
-    a, b, c, d = spline_weights(radial - base)
-    one, two, three, four = np.float32(a), np.float32(b), np.float32(c), np.float32(d)
-    low, middle, next_one, high = mirrored(base - 1, last), base, base + 1, mirrored(base + 2, last)
-    for term in range(weights.size):
-        near = two * coefficients[middle, term] + three * coefficients[next_one, term]
-        weights[term] = near + one * coefficients[low, term] + four * coefficients[high, term]
-    before, now, order = cos, 1.0, 0
-    for term in range(weights.size):
-        while order < orders[term]:
-            before, now, order = now, 2.0 * cos * now - before, order + 1
-        weights[term] *= np.float32(now)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def read_terms(waves: SingleArray, place: float, weights: SingleArray) -> float:
     """The weighted sum of curves, shape (X, T), at a place in samples."""
     base = min(max(int(place), 1), waves.shape[0] - 3)
@@ -351,24 +293,15 @@ def read_terms(waves: SingleArray, place: float, weights: SingleArray) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def seen_through(
-    radial: float,
-    cos: float,
-    at: float,
-    line: Array,
-    waves: SingleArray,
-    place: tuple[float, float, float, float, float, float],
-    orders: Whole,
-    coefficients: SingleArray,
-    weights: SingleArray,
+    radial: float, at: float, line: Array, waves: SingleArray, place: tuple[float, float, float, float, float, float], weights: SingleArray
 ) -> float:
-    """What a sensor point sees at a position in pixels: by ``line`` where ``radial`` is below 0, else through a clipped pupil.
+    """What a sensor point sees at a position in pixels: by ``line`` where ``radial`` is below 0, else by ``waves`` so weighted.
 
-    ``radial`` counts nodes from the bright field's edge; ``cos`` is of the angle from x'; the rest as in ``Curves`` and ``weigh_terms``.
+    For the rest see ``Curves``.
     """
     sample = (at - place[0]) * place[1]
     if sample < 0.0 or sample > line.size - 1.0:
         return place[2] * place[5] * abs(1.0 / (at - place[4]) - 1.0 / (at - place[3]))
     if radial < 0.0:
         return read_line(line, sample)
-    weigh_terms(radial, cos, orders, coefficients, weights)
     return read_terms(waves, sample, weights)
