@@ -218,6 +218,33 @@ def disc_rectangle_area(radius: float, left: float, right: float, bottom: float,
 
 
 @numba.njit(cache=True, error_model="numpy")
+def common_span(radius: float, other: float, distance: float) -> tuple[float, float, float]:
+    """Ends of the region common to a disc round the origin and one at ``distance``, along the line to that one, and where its corners lie.
+
+    Returns:
+        Low end, corners and high end; empty if low >= high. A region without corners has them at its low end.
+    """
+    low, high = max(-radius, distance - other), min(radius, distance + other)
+    corners = low
+    if abs(other - radius) < distance:
+        corners = min(max((distance * distance + radius * radius - other * other) / (2 * distance), low), high)
+    return low, corners, high
+
+
+@numba.njit(cache=True, error_model="numpy")
+def common_row(radius: float, other: float, distance: float, start: float, end: float, node: float) -> tuple[float, float, float]:
+    """A row across that region, from ``start`` to ``end`` by an angle in which half its length is smooth, for Gauss's node from -1 to 1.
+
+    Returns:
+        Its place along the line, half its length, and the area that one of the rule's weight stands for, for a weight of 1 across it.
+    """
+    angle = 0.5 * math.pi * (1 + node)
+    at = start + (end - start) * 0.5 * (1 - math.cos(angle))
+    half = math.sqrt(max(min(radius * radius - at * at, other * other - (at - distance) ** 2), 0.0))
+    return at, half, math.sin(angle) * (end - start) * half
+
+
+@numba.njit(cache=True, error_model="numpy")
 def lens_rows(x: float, y: float, radius: float) -> tuple[float, float]:
     """Lowest and highest y of the region common to the unit disc round the origin and the disc at (x, y); empty if low >= high."""
     distance = math.hypot(x, y)

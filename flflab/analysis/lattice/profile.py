@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from flflab.analysis.lattice.tilting import Tilting, tilting_of
 from flflab.optics.camera import Camera
-from flflab.optics.discs import two_disc_area, two_disc_areas
+from flflab.optics.discs import common_row, common_span, two_disc_area, two_disc_areas
 from flflab.optics.resolution import central_smms
 
 Array = npt.NDArray[np.float64]
@@ -102,20 +102,14 @@ def _pupil_means(
 ) -> None:  # pragma: no cover - compiled
     """Means over the common region of the light by powers of the slant: even, odd, then second and third order."""
     by_pupil = rim / small
-    low, high = max(-small, r - large), min(small, r + large)
-    middle = (low + high) / 2
-    if r > 0 and abs(large - small) < r < large + small:
-        middle = min(max((r * r + small * small - large * large) / (2 * r), low), high)
+    low, corners, high = common_span(small, large, r)
     area = 0.0
     if high - low > 1e-9 * small:
         for part in range(2):
-            start = low if part == 0 else middle
-            length = (middle if part == 0 else high) - start
-            for n in range(len(nodes)):
-                angle = 0.5 * math.pi * (1 + nodes[n])
-                u = start + length * 0.5 * (1 - math.cos(angle))
-                half = math.sqrt(max(min(small * small - u * u, large * large - (u - r) ** 2), 0.0))
-                weight = weights[n] * math.sin(angle) * length * half
+            start, end = (low, corners) if part == 0 else (corners, high)
+            for n in range(len(nodes) if end > start else 0):
+                u, half, area_of_one = common_row(small, large, r, start, end, nodes[n])
+                weight = weights[n] * area_of_one
                 area += weight
                 s = r * by_place + u * by_pupil
                 _add_ray(means, weight * 4 / 9, s, 0.0)  # three Gauss points of the chord; the outer two are alike

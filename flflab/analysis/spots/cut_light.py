@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.optics.discs import arc_share, disc_rectangle_area, two_disc_area
+from flflab.optics.discs import arc_share, common_row, common_span, disc_rectangle_area, two_disc_area
 
 Array = npt.NDArray[np.float64]
 Nodes = tuple[Array, Array]
@@ -96,23 +96,18 @@ def narrow(
     """
     r = math.hypot(x, y)
     area = two_disc_area(small, main, r)
-    low, high = max(-small, r - main), min(small, r + main)
-    middle = low
-    if abs(main - small) < r:
-        middle = min(max((r * r + small * small - main * main) / (2 * r), low), high)
+    low, corners, high = common_span(small, main, r)
     to_x, to_y = (x / r, y / r) if r > 0 else (1.0, 0.0)
     total, seen, by_x, by_y, by_beta = 0.0, 0.0, 0.0, 0.0, 0.0
     for part in range(2):
-        start, length = (low, middle - low) if part == 0 else (middle, high - middle)
-        if length <= 0.0:
+        start, end = (low, corners) if part == 0 else (corners, high)
+        if end <= start:
             continue
         for n in range(len(along[0])):
-            angle = 0.5 * math.pi * (1 + along[0][n])
-            u = start + length * 0.5 * (1 - math.cos(angle))
-            half = math.sqrt(max(min(small * small - u * u, main * main - (u - r) ** 2), 0.0))
+            u, half, area_of_one = common_row(small, main, r, start, end, along[0][n])
             for m in range(len(across[0])):
                 w = half * across[0][m]
-                weight = along[1][n] * across[1][m] * math.sin(angle) * length * half
+                weight = along[1][n] * across[1][m] * area_of_one
                 vx, vy = u * to_x - w * to_y, u * to_y + w * to_x
                 share, more_x, more_y = pixel_in_disc(radius, x - 0.5 - spot[0] + beta * vx, y - 0.5 - spot[1] + beta * vy)
                 total += weight

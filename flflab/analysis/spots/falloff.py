@@ -23,6 +23,7 @@ from flflab.analysis.spots.cut_light import Nodes, pixel_in_disc
 from flflab.analysis.spots.fit import Lit, Spots, light_share
 from flflab.analysis.spots.focus import Focus
 from flflab.optics.camera import Camera
+from flflab.optics.discs import common_row, common_span
 from flflab.optics.resolution import central_smms
 
 Array = npt.NDArray[np.float64]
@@ -152,25 +153,20 @@ def _too_much(
 ) -> float:  # pragma: no cover - compiled
     """Share of its white that a pixel at (x, y), (dx, dy) from the spot, sees through the pupil weighed, less that through an even one."""
     r = math.hypot(x, y)
-    low, high = max(-small, r - main), min(small, r + main)
-    middle = low
-    if abs(main - small) < r:
-        middle = min(max((r * r + small * small - main * main) / (2 * r), low), high)
+    low, corners, high = common_span(small, main, r)
     to_x, to_y = (x / r, y / r) if r > 0 else (1.0, 0.0)
     share, by_place, by_pupil = falling[0], falling[1], falling[2] / small
     steep = slant[0] ** 2 + slant[1] ** 2
     even, even_seen, weighed, weighed_seen = 0.0, 0.0, 0.0, 0.0
     for part in range(2):
-        start, length = (low, middle - low) if part == 0 else (middle, high - middle)
-        if length <= 0.0:
+        start, end = (low, corners) if part == 0 else (corners, high)
+        if end <= start:
             continue
         for n in range(len(nodes[0])):
-            angle = 0.5 * math.pi * (1 + nodes[0][n])
-            u = start + length * 0.5 * (1 - math.cos(angle))
-            reach = math.sqrt(max(min(small * small - u * u, main * main - (u - r) ** 2), 0.0))
+            u, reach, area_of_one = common_row(small, main, r, start, end, nodes[0][n])
             for m in range(len(nodes[0])):
                 w = reach * nodes[0][m]
-                area = nodes[1][n] * nodes[1][m] * math.sin(angle) * length * reach
+                area = nodes[1][n] * nodes[1][m] * area_of_one
                 vx, vy = u * to_x - w * to_y, u * to_y + w * to_x
                 sx, sy = by_place * x + by_pupil * vx, by_place * y + by_pupil * vy
                 weight = area / (1 + steep + 2 * (slant[0] * sx + slant[1] * sy) + share * (sx * sx + sy * sy)) ** 2

@@ -10,7 +10,7 @@ from flflab.image.diffraction.border import border_row, from_beyond
 from flflab.image.diffraction.falloff import mean_falloff
 from flflab.image.diffraction.ruled import seen_through
 from flflab.image.diffraction.shading import WEIGHTS, weigh_pupil
-from flflab.image.diffraction.terms import border_amounts, shade_amounts, turn_terms, turn_weighted, weigh_terms
+from flflab.image.diffraction.terms import shade_amounts, term_amounts, turn_terms, turn_weighted
 from flflab.image.geometry.rim import place_on_rim
 
 Array = npt.NDArray[np.float64]
@@ -75,7 +75,7 @@ def add_ruled_diffracted(
         pixel: side of a pixel, mm.
         half: half the target's extent along y', pixels; infinite where it does not end.
         curves: see ``Curves``.
-        curve_terms: ``orders``, ``polynomials`` and ``coefficients`` of their waves, see ``weigh_terms``.
+        curve_terms: ``orders``, ``polynomials`` and ``coefficients`` of their waves, see ``term_amounts``.
         lower: see ``Border``.
         upper: the same.
         mirror: -1 where the upper one is the lower one's mirror image, else 1.
@@ -130,7 +130,7 @@ def add_ruled_diffracted(
                         if radial >= 0.0:
                             away = max(distance, 1e-9) * stretch
                             ahead = min(max(toward / away, -1.0), 1.0)
-                            weigh_terms(radial, own_radial, weights)
+                            term_amounts(radial, own_radial, weights)
                             if shaded:
                                 beside = (directions[entry, 0, 0] * y - directions[entry, 0, 1] * x) / away
                                 turn_weighted(ahead, beside, orders, polynomials, told, weights)
@@ -150,7 +150,7 @@ def add_ruled_diffracted(
                                 if at_row >= sheet.shape[0] - 1.0:
                                     continue
                                 if radial >= 0.0:
-                                    border_amounts(radial, radial_terms, scratch[0])
+                                    term_amounts(radial, radial_terms, scratch[0])
                                 if shaded:
                                     shade_amounts(border_polynomials, told, mirror if upwards else 1.0, scratch[0])
                                 seen -= from_beyond(radial, cos, side_on, at, at_row, sheet, waves, terms, turns, last, border, scratch)

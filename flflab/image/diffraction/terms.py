@@ -15,16 +15,17 @@ Whole = npt.NDArray[np.int64]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def weigh_terms(radial: float, coefficients: SingleArray, weights: SingleArray) -> None:
-    """The terms' weights at a place in nodes of radius, but for their turn, in single precision; as ``border_amounts``."""
+def term_amounts(radial: float, coefficients: Array | SingleArray, amounts: Array | SingleArray) -> None:
+    """The terms' amounts at a place in nodes of radius; ``coefficients``: ``radial`` of ``Modes`` with the terms along the second axis."""
     last = coefficients.shape[0]
     base = min(int(radial), last - 2)
     a, b, c, d = spline_weights(radial - base)
-    one, two, three, four = np.float32(a), np.float32(b), np.float32(c), np.float32(d)
+    of = coefficients.dtype.type
+    one, two, three, four = of(a), of(b), of(c), of(d)
     low, middle, next_one, high = mirrored(base - 1, last), base, base + 1, mirrored(base + 2, last)
-    for term in range(weights.size):
+    for term in range(amounts.size):
         near = two * coefficients[middle, term] + three * coefficients[next_one, term]
-        weights[term] = near + one * coefficients[low, term] + four * coefficients[high, term]
+        amounts[term] = near + one * coefficients[low, term] + four * coefficients[high, term]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
@@ -46,18 +47,6 @@ def turn_weighted(cos: float, sin: float, orders: Whole, polynomials: Whole, tol
             before, now, order = now, 2.0 * cos * now - before, order + 1
             sine_before, sine = sine, 2.0 * cos * sine - sine_before
         weights[term] *= np.float32(told[polynomials[term]] * (sine if polynomials[term] >= ODD else now))
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def border_amounts(radial: float, coefficients: Array, amounts: Array) -> None:
-    """The terms' amounts at a place in nodes of radius; ``coefficients``: ``radial`` of ``Modes`` with the terms along the second axis."""
-    last = coefficients.shape[0]
-    base = min(int(radial), last - 2)
-    a, b, c, d = spline_weights(radial - base)
-    low, high = mirrored(base - 1, last), mirrored(base + 2, last)
-    for term in range(amounts.size):
-        amounts[term] = a * coefficients[low, term] + b * coefficients[base, term]
-        amounts[term] += c * coefficients[base + 1, term] + d * coefficients[high, term]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
@@ -96,7 +85,7 @@ def weigh_pairs(radial: float, angle: float, orders: Whole, coefficients: Array,
         radial: place of the sensor point in nodes of radius.
         angle: its direction, rad.
         orders: of the terms.
-        coefficients: see ``border_amounts``.
+        coefficients: see ``term_amounts``.
         weights: of the waves, twice as many as terms.
     """
     last = coefficients.shape[0]
