@@ -10,8 +10,8 @@ import pytest
 from flflab.image.effects.falloff import Falloff
 from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
-from flflab.image.scene import Scene, in_light, one_plane
-from flflab.optics.camera import Camera
+from flflab.image.scene import Plane, Scene, in_light, one_plane
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 
 Array = npt.NDArray[np.float64]
@@ -98,6 +98,21 @@ def test_the_fall_off_of_wide_pixels_that_are_lit_in_part_is_as_right_as_rays_sh
     row, column = np.unravel_index(np.argsort(np.abs(image - in_quarters(scene, tolerance)).ravel())[-3:], image.shape)
     traced, _ = trace_pixels(scene, np.stack([column, row], axis=1), wanted=tolerance / 4)
     assert np.abs(image[row, column] - traced).max() < tolerance
+
+
+@pytest.mark.parametrize("width", [0.05, 0.4, 1.5, 6.0])
+@pytest.mark.parametrize("target", [Bars((0.3, 0.3), 60.0, 60.0), Edge(0.3), Picture(CHECKS.values, 60.0)], ids=lambda target: target.kind)
+def test_blurs_on_rims_of_any_width_are_as_right_as_rays_show(target: Target, width: float) -> None:
+    """Up to five pixels of blur far off the axis at F/4, where the light falls off over the pupil, along a rim so many pixels wide."""
+    gap, pixel, tolerance = 1.01695 + 0.02542 * width, 0.004, 1e-3
+    array = MicrolensArray("square", (1, 1), (0.2, 0.2), 0.16, (1.0,), 60.0, offset=(15.0, 8.0))
+    sensor = Sensor((10, 10), pixel, 60.0 + gap, offset=(15.0 * (1 + gap / 60) + 0.083 * gap, 8.0 * (1 + gap / 60) + 0.0663 * gap))
+    scene = Scene(Camera(MainLens(50.0, 4.0), array, sensor), (Plane(target, 1000.0, offset=(-238.4, -124.1)),), falloff=Falloff())
+    image = render(scene, tolerance=tolerance)
+    row, column = np.unravel_index(np.argsort(-np.abs(np.gradient(image)).sum(axis=0).ravel())[::20], image.shape)
+    traced, uncertainty = trace_pixels(scene, np.stack([column, row], axis=1), wanted=tolerance / 6)
+    print(np.abs(image[row, column] - traced).max() / tolerance, uncertainty.max() / tolerance, image.min(), image.max())
+    assert np.all(np.abs(image[row, column] - traced) < 0.7 * tolerance + 2 * uncertainty)
 
 
 @pytest.mark.parametrize(("f_number", "tolerance"), [(2.0, 5e-4), (2.0, 5e-5), pytest.param(1.6, 5e-5, marks=pytest.mark.ci)])

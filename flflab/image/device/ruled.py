@@ -149,7 +149,7 @@ def ruled_light(
     landing, slants = (origin_x, cxx, cxy, spread, along_x, along_y), (slant[0], slant[1], slant[2], slant[3])
     rim, rim_parts, strips, count = lenses.rims[kind], int(lenses.parts[kind]), seen.strips[kind, 0], int(seen.counts[kind, 0])
     varies, steep, everywhere = table.shape[0] > 0, rim[0] < 0.0, (0.0, 0.0, 0.0)
-    divided = int(seen.divided[kind])
+    whole, divided = int(seen.whole[kind]), int(seen.divided[kind])
     blurred, upright, weighed = varies and not seen.sharp[entry], cxy == 0.0 or not varies, False
     quick = (
         upright and divided == 1 and not blurred and not steep and (rim_parts == 1 or EDGE * (width / abs(slope)) ** 1.5 < 4.0 * seen.fine)
@@ -161,13 +161,13 @@ def ruled_light(
     if full and clear and upright and not (blurred and chunks > 0):
         light = 1.0
         if blurred:
-            whole = (0.0, reach)
-            light = weighted_mean(dx, 0.0, landing, whole, strips, count, sums, places[0], places[0], 0, slants, everywhere, ends)
+            unclipped = (0.0, reach)
+            light = weighted_mean(dx, 0.0, landing, unclipped, strips, count, sums, places[0], places[0], 0, slants, everywhere, ends)
         elif varies:
-            light = moved_mean(origin_x + cxx * dx, divided * boxes[0, 0], 0.0, table, law, ways)
+            light = moved_mean(origin_x + cxx * dx, whole * boxes[0, 0], 0.0, table, law, ways)
         weighed = chunks > 0 and divided > 1
         if weighed:
-            middle, beside_x = lit_columns(origin_x + cxx * dx, cxx, width, divided, table, law, ways)
+            middle, beside_x = lit_columns(origin_x + cxx * dx, cxx, width, whole, table, law, ways)
             total = 0.0
             for y in (dy - EVENLY * width, dy + EVENLY * width):
                 for x in (dx + middle - beside_x, dx + middle + beside_x):
@@ -183,7 +183,7 @@ def ruled_light(
             value = moved_mean(origin_x + cxx * x, boxes[1, 0], 0.0, table, law, ways) if varies else 1.0
             light += value * rim_share(math.sqrt(x * x + dy * dy), rim) / rim_parts
     else:
-        askew, divide = varies and width > 0.0 and stands_askew(lenses.maps[entry, 2:]), divided if full else rim_parts
+        askew, divide = varies and width > 0.0 and stands_askew(lenses.maps[entry, 2:]), whole if full else rim_parts
         weighed = divided > 1
         side, near, far = width / divide, places[0 if full else 1], places[0 if full else 2]
         for j in range(divide):

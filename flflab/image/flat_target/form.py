@@ -135,7 +135,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
     if isinstance(target, White):
         left = np.maximum(WHITE_EDGE * (2 / np.maximum(setup.rims.width, 1e-9)) ** 1.5, left_at_tips(setup, TIP))
         parts = np.where((setup.rims.width < STEEP) | (left > 0.2 * setup.tolerance), parts, 1)
-    divided = falloff_parts(setup, edges=not isinstance(target, White))
+    whole, divided = falloff_parts(setup, edges=not isinstance(target, White))
     nodes = strip_nodes(counts.ravel())
     grids, grid = np.unique(end_points(setup) if isinstance(target, Ruled) else np.zeros_like(setup.rims.kind), return_inverse=True)
     seen = RuledSeen(
@@ -148,6 +148,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
         rows_of_points=strip_nodes(grids)[:, :2],
         chords=chord_nodes(grids),
         chunks=falloff_pieces(setup),
+        whole=whole,
         divided=divided,
         fall=FALL * setup.tolerance / setup.overlap,
         fine=FINE * setup.tolerance,
@@ -168,12 +169,12 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
     counts, points = strip_counts(setup, PICTURE)[:, 0], picture_points(setup)
     grids, grid = np.unique(points, return_inverse=True)
     parts, steep = pixel_parts(setup, sharp | (points > 0), TEXELS)
-    divided = falloff_parts(setup)
+    whole, divided = falloff_parts(setup)
     seen = PictureSeen(
         lenses=_lenses(setup, np.maximum(parts, divided), steep, chosen),
         sharp=sharp,
         askew=not is_even(setup.by_sensor, setup.tolerance),
-        divisions=np.maximum(np.where(sharp | (points > 0), 1, picture_parts(setup)), divided[setup.rims.kind]),
+        divisions=np.maximum(np.where(sharp | (points > 0), 1, picture_parts(setup)), whole[setup.rims.kind]),
         grid=grid,
         grids=grids,
         rows_of_points=strip_nodes(grids)[:, :2],
@@ -195,7 +196,7 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
     blur = setup.kind_blur(largest=True)
     counts, chords = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), falloff_counts(setup)), weighing_chords(setup)
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
-    divided = falloff_parts(setup)
+    _, divided = falloff_parts(setup)
     if is_turn(setup.by_pupil, setup.tolerance):
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from flflab.image.geometry.falloff_means import NARROW
 from flflab.image.geometry.setup import Setup
-from flflab.image.light.orders import MOST_PARTS, MOST_POINTS, MOST_STRIPS
+from flflab.image.light.orders import MOST_PARTS, MOST_POINTS, MOST_STRIPS, is_sharp
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -71,22 +71,29 @@ def falloff_counts(setup: Setup) -> Whole:
     return np.clip(counts, 1, MOST_POINTS).astype(np.int64)
 
 
-def falloff_parts(setup: Setup, edges: bool = True) -> Whole:
+def falloff_parts(setup: Setup, edges: bool = True) -> tuple[Whole, Whole]:
     """Into how many parts a side a pixel lit in part is divided for its fall-off, for each kind of rim; 1 where its middle tells it.
 
-    Light that an edge cuts lies up to an eighth of a pixel's side from the middle, times its share of white. Where the weight changes by
-    c over the pupil, a rim of w pixels lets through 1.3 / w less from side to side of a pixel, and of rays that count c / w less: a
-    twelfth of the product is left. Both are n^2 times less by n parts. Held against rays at F/2 to F/4, pixels of 1.66 to 20 um: at
-    most 1.0 of that.
+    Light that an edge cuts lies up to an eighth of a pixel's side from the middle, times its share of white, and where rays are weighed
+    one by one and a blur of b pixels softens the edge, up to 0.106 / b of it. Where the weight changes by c over the pupil, a rim of w
+    pixels lets through 1.3 / w less from side to side of a pixel, and of rays that count c / w less: a twelfth of the product is left.
+    All are n^2 times less by n parts. Held against rays at F/2 to F/4, pixels of 1.66 to 20 um: at most 1.0 of that.
+
+    Returns:
+        Of pixels that no rim crosses, and of those on rims.
     """
-    pupils, pixel = setup.pupils, setup.pixel_width
+    pupils, pixel, kinds = setup.pupils, setup.pixel_width, setup.rims.kind
     steepest = np.hypot(pupils.slant_x, pupils.slant_y) + np.abs(pupils.slant_scale) * pupils.reach
     bend = 4 * steepest / (1 + steepest**2) ** 3
-    width = setup.rims.width[setup.rims.kind]
+    width = setup.rims.width[kinds]
     across = bend * np.abs(pupils.slant_scale) * pixel
     seen = bend * np.abs(pupils.slant_spread) / np.maximum(width, NARROW)
-    left = np.maximum(0.125 * (across + 0.5 * seen) if edges else 0.0, 0.11 / np.maximum(width, 1.0) * (across + seen))
-    most = np.zeros(len(setup.rims.width))
+    cut = 0.125 * (across + 0.5 * seen) if edges else np.zeros(len(across))
+    softened = across * np.minimum(0.125, 0.106 / np.maximum(setup.blur, 0.1)) if edges else cut
+    on_rims = np.maximum(cut, 0.11 / np.maximum(width, 1.0) * (across + seen))
+    by_kind = np.zeros((2, len(setup.rims.width)))
     if setup.falloff and pixel > 0:
-        np.maximum.at(most, setup.rims.kind, pupils.level * left)
-    return np.clip(np.ceil(np.sqrt(most * setup.overlap / (PART_SHARE * setup.tolerance))), 1, MOST_PARTS).astype(np.int64)
+        np.maximum.at(by_kind[0], kinds, pupils.level * np.where(is_sharp(setup), on_rims, softened))
+        np.maximum.at(by_kind[1], kinds, pupils.level * on_rims)
+    parts = np.clip(np.ceil(np.sqrt(by_kind * setup.overlap / (PART_SHARE * setup.tolerance))), 1, MOST_PARTS).astype(np.int64)
+    return parts[0], parts[1]

@@ -72,7 +72,8 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
         landing = (origin_x, cxx, cxy, spread, along_x, along_y)
         cone, slants = (slope, reach), (slant[0], slant[1], slant[2], slant[3])
         rim, strip = lenses.rims[kind], seen.strips[kind, 0]
-        count, rim_parts, divided = int(seen.counts[kind, 0]), int(lenses.parts[kind]), int(seen.divided[kind])
+        count, rim_parts = int(seen.counts[kind, 0]), int(lenses.parts[kind])
+        whole, divided = int(seen.whole[kind]), int(seen.divided[kind])
         steep, blurred = rim[0] < 0.0, varies and not seen.sharp[entry]
         askew = varies and width > 0.0 and stands_askew(to[2:])
         level, lower, upper = lenses.levels[entry], bounds[0], bounds[1]
@@ -101,7 +102,7 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
         elif full_by_column and varies:
             for column in range(start, end):
                 at = origin_x + cxx * (xs[column] - centre_x)
-                steady[0, column - start] = moved_mean(at, divided * boxes[0, 0], 0.0, table, law, ways)
+                steady[0, column - start] = moved_mean(at, whole * boxes[0, 0], 0.0, table, law, ways)
                 for i in range(rim_parts):
                     shifted = at + cxx * ((i + 0.5) / rim_parts - 0.5) * width
                     steady[1 + i, column - start] = moved_mean(shifted, boxes[1, 0], 0.0, table, law, ways)
@@ -110,7 +111,7 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
             lit = np.zeros((2, end - start))
             for column in range(start, end):
                 at = origin_x + cxx * (xs[column] - centre_x)
-                lit[0, column - start], lit[1, column - start] = lit_columns(at, cxx, width, divided, table, law, ways)
+                lit[0, column - start], lit[1, column - start] = lit_columns(at, cxx, width, whole, table, law, ways)
         grain = 1 if divided == 1 else rim_parts  # how many parts a side of a pixel have a fall-off of their own
         seen_side = width / grain
         clipped = slope if 2.0 * abs(slope) > seen_side else 0.0  # what holds all of the rim sees the whole pupil
@@ -184,7 +185,7 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
                     for p in range(number):
                         light[p] /= rim_parts
                 else:
-                    divide, weighed = divided if full else rim_parts, divided > 1
+                    divide, weighed = whole if full else rim_parts, divided > 1
                     side, near, far = width / divide, places[0 if full else 1], places[0 if full else 2]
                     window[2], window[3] = abs(cyx) * side, abs(cyy) * side
                     box_x, box_y = boxes[0 if full else 1]

@@ -35,7 +35,8 @@ class RuledSeen(NamedTuple):
         rows_of_points: see ``strip_nodes``; (G, 2, most points).
         chords: see ``chord_nodes``; the same.
         chunks: pieces of a strip for the fall-off, see ``strip_means``; 0 for no fall-off.
-        divided: parts a side of a pixel outside the rim, for each kind of rim: above 1 every part has its own fall-off, in rims too.
+        whole: parts a side of a pixel that no rim crosses, for its fall-off, for each kind of rim.
+        divided: the same on rims, and where blur is negligible: above 1 every part has its own fall-off.
         fall: largest error of the fall-off's tables.
         fine: largest error of the antiderivatives' tables.
         table: profile, see ``profile_table``; no row where the target does not vary along x'.
@@ -55,6 +56,7 @@ class RuledSeen(NamedTuple):
     rows_of_points: Array
     chords: Array
     chunks: int
+    whole: Whole
     divided: Whole
     fall: float
     fine: float
@@ -98,7 +100,7 @@ def rim_boxes(seen: RuledSeen, entry: int, boxes: Array) -> None:
     lenses = seen.lenses
     kind, slope, to = lenses.kinds[entry], lenses.cones[entry, 0], lenses.maps[entry]
     for axis in range(2):
-        boxes[0, axis] = abs(to[6 + axis]) * lenses.width / seen.divided[kind]
+        boxes[0, axis] = abs(to[6 + axis]) * lenses.width / seen.whole[kind]
         boxes[1, axis] = abs(to[6 + axis]) * lenses.width / lenses.parts[kind]
         moved = 0.0 if lenses.rims[kind, 0] < 0.0 or slope == 0.0 else to[2 + axis] / slope
         boxes[2, axis] = abs(to[6 + axis] + moved) * lenses.width / lenses.parts[kind]
