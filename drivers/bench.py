@@ -189,7 +189,7 @@ class ConnectedBench:
         """Before a motion a sentinel begins to watch over the axes that could outlive this process, unless one does."""
         with self._watching:
             if self._outliving and (self._sentinel is None or not self._sentinel.watches()):
-                self._sentinel = Sentinel(self.described.file, self._outliving)
+                self._sentinel = Sentinel(self.described, self._outliving)
                 self._sentinels.callback(self._sentinel.close)
 
     def _reaches(self, besides: str = "") -> dict[str, tuple[float, float] | None]:

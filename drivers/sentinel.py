@@ -4,20 +4,20 @@ It holds the reading end of a pipe. The pipe ends when the owner does; what the 
 """
 
 import contextlib
-import json
+import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from drivers.described import driver_of, spelt
-from flflab.bench import AxisDescription, Bench, read_bench
+from flflab.bench import AxisDescription, Bench
 from flflab.errors import DeviceError
 
-RELEASED, WATCHING = "released", "watching\n"
+RELEASED, WATCHING = b"released", b"watching\n"
 PATIENCE_S = 5.0
 START_S = 20.0
 
@@ -26,32 +26,35 @@ class Sentinel:
     """The child, from the owner's side, as soon as it watches; ``close`` lets it go without a stop.
 
     Args:
-        bench_file: the bench file.
+        bench: the bench as read, whatever becomes of its file.
         addresses: where each axis really is.
 
     Raises:
         DeviceError: it does not start.
     """
 
-    def __init__(self, bench_file: Path, addresses: Mapping[str, str]) -> None:
-        command = [
-            sys.executable,
-            "-P",
-            "-c",
-            "from drivers.sentinel import main; main()",
-            str(bench_file.resolve()),
-            json.dumps(dict(addresses)),
-        ]
+    def __init__(self, bench: Bench, addresses: Mapping[str, str]) -> None:
+        command = [sys.executable, "-P", "-c", "from drivers.sentinel import main; main()"]
         # A session of its own: what ends the owner's process group must not end its sentinel.
-        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True)
-        said: list[str] = []
+        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+        said: list[bytes] = []
         listener = threading.Thread(target=lambda: said.append(self._stdout().readline()), name="sentinel", daemon=True)
         listener.start()
-        listener.join(START_S)
+        try:
+            with contextlib.suppress(OSError):
+                pickle.dump((bench, dict(addresses)), self._stdin())
+                self._stdin().flush()
+            listener.join(START_S)
+        finally:
+            if said != [WATCHING]:  # Ctrl-C, too: nothing moves yet that it would have to stop
+                self._child.kill()
+                listener.join()
+                self.close()
         if said != [WATCHING]:
-            self.close()
-            listener.join()
-            raise DeviceError(f"{bench_file}: the sentinel that stops the axes when this program dies did not start; nothing moved")
+            raise DeviceError(f"{bench.file}: the sentinel that stops the axes when this program dies did not start; nothing moved")
+
+    def _stdin(self) -> Any:
+        return self._child.stdin
 
     def _stdout(self) -> Any:
         return self._child.stdout
@@ -115,14 +118,16 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
 
 
 def main() -> None:
-    """Wait for the owner's end; stop every axis unless it let go. The command line names the bench file and the axes' addresses."""
+    """Wait for the owner's end; stop every axis unless it let go. Standard input brings the bench and the axes' addresses first."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    bench_file, addresses = Path(sys.argv[1]), json.loads(sys.argv[2])
-    bench = read_bench(bench_file)
-    sys.stdout.write(WATCHING)
-    sys.stdout.flush()
-    if sys.stdin.read() == RELEASED:
+    try:
+        bench, addresses = pickle.load(sys.stdin.buffer)  # noqa: S301 - from the owner, which started this process
+    except EOFError:  # the owner died before anything moved
+        return
+    with contextlib.suppress(OSError):  # it died meanwhile
+        os.write(sys.stdout.fileno(), WATCHING)
+    if sys.stdin.buffer.read() == RELEASED:
         return
     faults = stop_axes(bench, addresses)
     said = faults or ["every axis was told to stop"]
-    sys.stderr.write("".join(f"flflab: the program that drove {bench_file} is gone; {sentence}\n" for sentence in said))
+    sys.stderr.write("".join(f"flflab: the program that drove {bench.file} is gone; {sentence}\n" for sentence in said))

@@ -38,6 +38,18 @@ with connect(sys.argv[1]) as bench:
 """
 
 
+EDITED = DRIVER.replace("as bench:", "as bench:\n    open(sys.argv[1], 'w').write('axes: {}')", 1)
+INTERRUPTED = """
+import os, signal, sys, threading, time
+from flflab.cli import main
+started = threading.Event()
+sys.setprofile(lambda frame, event, what: started.set() if frame.f_code.co_name == "_have_sentinel" and event == "call" else None)
+threading.Thread(target=lambda: (started.wait(), time.sleep(0.05), os.kill(os.getpid(), signal.SIGINT)), daemon=True).start()
+sys.argv = ["flflab", "bench", "home", "ring", "--bench", sys.argv[1]]
+main()
+"""
+
+
 @pytest.fixture
 def slow(write_bench_file: WriteBench, tmp_path: Path) -> Iterator[tuple[Served, Path]]:
     """A bench in real time that stands near its references, served; and a bench file that leads to it."""
@@ -53,9 +65,9 @@ def slow(write_bench_file: WriteBench, tmp_path: Path) -> Iterator[tuple[Served,
 
 
 @contextlib.contextmanager
-def another_program(file: Path) -> Generator[subprocess.Popen[bytes]]:
+def another_program(file: Path, program: str = DRIVER) -> Generator[subprocess.Popen[bytes]]:
     """A program that moves three axes of three makers, killed in the end."""
-    with subprocess.Popen([sys.executable, "-P", "-c", DRIVER, str(file)], stdout=subprocess.PIPE) as child:
+    with subprocess.Popen([sys.executable, "-P", "-c", program, str(file)], stdout=subprocess.PIPE) as child:
         try:
             assert child.stdout is not None
             assert child.stdout.readline() == b"moving\n"
@@ -69,9 +81,11 @@ def at_rest(served: Served) -> bool:
     return not any(served.world.carriages[name].moving(now) for name in MOVING)
 
 
-def test_when_the_owner_is_killed_its_sentinel_stops_every_axis_on_the_way(slow: tuple[Served, Path]) -> None:
+@pytest.mark.parametrize("program", [DRIVER, EDITED], ids=["as it is", "whose bench file was edited before the first motion"])
+def test_when_the_owner_is_killed_its_sentinel_stops_every_axis_on_the_way(slow: tuple[Served, Path], program: str) -> None:
     served, file = slow
-    with another_program(file) as child:
+    described = file.read_text(encoding="utf-8")
+    with another_program(file, program) as child:
         assert not at_rest(served)
         child.kill()
     deadline = time.monotonic() + 20
@@ -82,6 +96,7 @@ def test_when_the_owner_is_killed_its_sentinel_stops_every_axis_on_the_way(slow:
     assert 0 < places["array_stage"] < 29
     assert 0 < math.degrees(places["rotation_stage"]) < 5.9
     assert 0 < math.degrees(places["ring"]) < 100
+    file.write_text(described, encoding="utf-8")
     with connect(file) as bench:  # the lock died with its owner
         assert not any(bench.axes[name].is_moving() for name in MOVING)
 
@@ -91,6 +106,14 @@ def sentinels() -> list[int]:
     children = Path(f"/proc/{os.getpid()}/task").glob("*/children")
     pids = [int(pid) for file in children for pid in file.read_text().split()]
     return [pid for pid in pids if b"drivers.sentinel" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there")
+def test_an_interrupt_while_the_sentinel_starts_is_told_in_one_sentence(slow: tuple[Served, Path]) -> None:
+    _, file = slow
+    program = [sys.executable, "-P", "-c", INTERRUPTED, str(file)]
+    ended = subprocess.run(program, capture_output=True, text=True, check=False, timeout=60)
+    assert (ended.returncode, ended.stderr) == (130, "\nflflab: interrupted\n")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
