@@ -23,7 +23,7 @@ from procedures.align_sensor import expected_sensor, place_sensor
 from procedures.devices import Frames, Stages
 from procedures.engine import perform
 from procedures.home import home
-from procedures.steps import WHITE, home_steps, homed_readings, move_step
+from procedures.steps import WHITE, home_steps, homed_readings, move_step, unsure_when_homed
 from procedures.white_pictures import Looking, Seen, Tell, approach, sensor_noise, straight
 
 Plan = Generator[Msg, Any, Any]
@@ -97,7 +97,8 @@ def _plan(looking: Looking, request: Request, outcomes: list[Outcome]) -> Plan:
         yield from home(bench.axes, step)
     yield from bps.mv(bench.iris, request.f_number)
     yield from bps.mv(bench.target, WHITE)
-    for group in move_step(_start(request, described), described, homed_readings(described)).groups:
+    start = move_step(_start(request, described), described, homed_readings(described), unsure_when_homed(described))
+    for group in start.groups:
         for name, reading in group.items():
             yield from approach(described, bench.axes[name], reading)
     last = yield from _straighten(looking, outcomes)

@@ -37,6 +37,7 @@ from procedures.steps import (
     homed_readings,
     move_step,
     steps,
+    unsure_when_homed,
 )  # fmt: skip
 from procedures.study import metadata, tell_nobody
 from procedures.sweep import Course, Instruments, Tell, instruments, sweep
@@ -140,7 +141,7 @@ def way_back(rest: Rest, bench: ConnectedBench) -> tuple[Step, ...]:
     if rest.standing.configuration is not None:
         ends = homed_readings(bench.described)
         now = {name: ends[name] if name in lost else axis.position() for name, axis in bench.axes.items()}
-        move = move_step(rest.standing.configuration, bench.described, now)
+        move = move_step(rest.standing.configuration, bench.described, now, unsure_when_homed(bench.described) & lost)
         found += [move] if move.groups else []
     return tuple(found)
 

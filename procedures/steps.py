@@ -143,12 +143,17 @@ def home_steps(bench: Bench) -> tuple[Home, ...]:
 
 
 def homed_readings(bench: Bench) -> dict[str, float]:
-    """Where every axis stands after homing: at the end of its limits towards which it homes, one that turns the array at 0."""
+    """Where every axis is taken to stand after homing: the end of its limits towards which it homes, 0 of one that turns the array."""
     axes = bench.description.axes
     return {name: 0.0 if axis.coordinate.unit == "rad" else axis.limits[1 if axis.homes_up else 0] for name, axis in axes.items()}
 
 
-def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]:
+def unsure_when_homed(bench: Bench) -> frozenset[str]:
+    """Axes that may stand elsewhere after homing: a reference reads 0, limits that begin elsewhere do not say where it lies."""
+    return frozenset(name for name, reading in homed_readings(bench).items() if reading != 0)
+
+
+def sweep_steps(study: Study, bench: Bench, start: Readings, unsure: frozenset[str] = frozenset()) -> tuple[Step, ...]:
     """A study's points, ordered so that a person acts as seldom as possible: by iris, then target, then configuration.
 
     White comes first, it gives the exposures; the configurations are passed to and fro; dark frames come last, once for all.
@@ -157,6 +162,7 @@ def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]
         study: what to take.
         bench: on what.
         start: where every axis stands before, readings in mm.
+        unsure: axes that may stand elsewhere.
 
     Raises:
         LimitError: a configuration is out of an axis's reach.
@@ -172,7 +178,8 @@ def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]
         for target in (WHITE, *study.shown):
             steps.append(ShowTarget(target))
             for configuration in configurations:
-                move = move_step(configuration, bench, now)
+                move = move_step(configuration, bench, now, unsure)
+                unsure = frozenset[str]()  # it moves them all
                 if move.groups:
                     steps.append(move)
                     now.update(item for together in move.groups for item in together.items())
@@ -183,7 +190,7 @@ def sweep_steps(study: Study, bench: Bench, start: Readings) -> tuple[Step, ...]
 
 def steps(study: Study, bench: Bench) -> tuple[Step, ...]:
     """Everything ``validate`` does on a bench; errors as ``sweep_steps``."""
-    return (*home_steps(bench), *sweep_steps(study, bench, homed_readings(bench)))
+    return (*home_steps(bench), *sweep_steps(study, bench, homed_readings(bench), unsure_when_homed(bench)))
 
 
 def most_frames(steps: tuple[Step, ...]) -> int:
@@ -214,8 +221,11 @@ def _frames(study: Study, configuration: Configuration, target: str) -> Iterator
     yield from (Capture(configuration, target, repeat) for repeat in range(1 if target == WHITE else 0, exposure.frames))
 
 
-def move_step(configuration: Configuration, bench: Bench, now: Readings) -> Move:
-    """The axes that have to move for a configuration from these readings, in an order in which the gap holds; errors as ``sweep_steps``."""
+def move_step(configuration: Configuration, bench: Bench, now: Readings, unsure: frozenset[str] = frozenset()) -> Move:
+    """The axes that have to move for a configuration from these readings, in an order in which the gap holds; errors as ``sweep_steps``.
+
+    Those that may stand elsewhere, ``unsure``, are sent also to where they are taken to stand.
+    """
     lens = configuration.main_lens
     worlds: dict[Element, float] = {
         "main_lens.z": lens, "array.z": lens + configuration.array, "sensor.z": lens + configuration.sensor,
@@ -227,7 +237,7 @@ def move_step(configuration: Configuration, bench: Bench, now: Readings) -> Move
             name, axis = turning
             reading = axis.reading(angle)
             _require_within(configuration, name, axis, reading)
-            if abs(reading - now[name]) > NOT_MOVED:
+            if name in unsure or abs(reading - now[name]) > NOT_MOVED:
                 wanted[name] = reading
         elif not math.isclose(angle, (stands := _angles(None, bench)[turn]), abs_tol=1e-9):
             raise InputError(
@@ -242,7 +252,7 @@ def move_step(configuration: Configuration, bench: Bench, now: Readings) -> Move
         name, axis = found
         reading = axis.reading(world)
         _require_within(configuration, name, axis, reading)
-        if abs(reading - now[name]) > NOT_MOVED:
+        if name in unsure or abs(reading - now[name]) > NOT_MOVED:
             wanted[name] = reading
     rule = gap_rule(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
     free = {name: mm for name, mm in wanted.items() if rule is None or name not in rule.movers}

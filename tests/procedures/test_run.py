@@ -18,11 +18,12 @@ import pytest
 
 from drivers.bench import ConnectedBench
 from flflab.bench import Bench
-from flflab.cli.run import run_study
+from flflab.cli.run import resume_run, run_study
 from flflab.errors import CommunicationError, DeviceError, MotionError, RecordError
 from flflab.record import read_documents, read_run
 from procedures.study import tell_nobody
 from procedures.sweep import Progress
+from sim.motion import rest
 
 Connect = Callable[..., ConnectedBench]
 Until = Callable[..., None]
@@ -64,6 +65,34 @@ def test_a_study_over_the_wire(served: Callable[..., Any], tmp_path: Path) -> No
     for element, true in elements.items():
         assert true == pytest.approx(last[element], abs=5 * (0.05 if element == "target.z" else 0.0015))  # pyright: ignore[reportArgumentType]
     assert {device["name"] for device in run.start["devices"]} >= {"array_stage", "camera", "iris", "target"}
+
+
+def test_an_axis_whose_limits_begin_beyond_its_reference_goes_to_its_first_place_as_well(
+    served: Callable[..., Any], tmp_path: Path
+) -> None:
+    with served(study=ONE, axes={"target_stage": {"limits": ["93 mm", "150 mm"]}}) as (_, study, bench):  # at 507 mm it reads 93 mm
+        run = run_study(study, bench, tmp_path / "run", None, tell_nobody, "sweep")
+    assert [frame.distance for frame in run.frames] == pytest.approx([507] * 4, abs=1e-3)
+
+
+def test_a_stage_that_is_pushed_while_frames_are_taken_ends_the_run_before_a_frame_says_otherwise(
+    served: Callable[..., Any], tmp_path: Path
+) -> None:
+    with served(study=ONE | {"exposure": {"frames": 3}}) as (running, study, bench):
+
+        def push(progress: Progress) -> None:
+            if progress.step.startswith("c0/four-dot/1"):
+                carriage = running.world.carriages["array_stage"]
+                carriage.motion = rest(carriage.at(running.world.clock.now()) - 0.02)
+
+        pushed = r"array_stage: sent to 20\.0000 mm, it now stands at 19\.980\d mm; see what pushed it"
+        with pytest.raises(MotionError, match=pushed):
+            run_study(study, bench, tmp_path / "run", None, push, "sweep")
+        run = read_run(tmp_path / "run")
+        assert [frame.key for frame in run.frames][-1] == "c0/four-dot/0"
+        resumed = resume_run(tmp_path / "run", None, tell_nobody)
+    assert [frame.array for frame in resumed.frames] == pytest.approx([60] * len(resumed.frames), abs=1e-3)
+    assert resumed.complete
 
 
 @pytest.mark.ci
