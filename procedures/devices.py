@@ -11,11 +11,12 @@ import numpy as np
 
 from drivers.base import Axis, CameraDevice, Frame, Status
 from flflab.bench import Bench, Element
-from flflab.errors import DeviceError
+from flflab.errors import DeviceError, MotionError
 from flflab.record import ELEMENTS, Recording, checksum, world_key
 from procedures.steps import standing
 
 NO_CONFIGURATION = -1
+STRAYED = 3.0  # resolutions: a motion may end one away, and a servo hunts by as much
 
 
 class Triggered:
@@ -40,6 +41,8 @@ class Triggered:
 class Stages:
     """All axes as one readable: their readings, and where the elements then stand, world z, mm.
 
+    ``sent`` is kept by who moves them: where axes were sent, or homed to, and have to stand.
+
     Args:
         axes: the connected axes by name.
         bench: the bench file.
@@ -49,6 +52,7 @@ class Stages:
     parent = None
 
     def __init__(self, axes: Mapping[str, Axis], bench: Bench) -> None:
+        self.sent: dict[str, float] = {}
         self._axes = axes
         self._bench = bench
 
@@ -59,9 +63,21 @@ class Stages:
         return {element: places[element] for element in ELEMENTS if element in places}
 
     def read(self) -> dict[str, Any]:
-        """Each axis asked once."""
+        """Each axis asked once.
+
+        Raises:
+            MotionError: one stands elsewhere than it was sent.
+        """
         now = time.time()
         readings = {name: axis.position() for name, axis in self._axes.items()}
+        for name, sent in self.sent.items():
+            axis, reading = self._axes[name], readings[name]
+            if abs(reading - sent) > STRAYED * axis.resolution:
+                show = axis.coordinate.show
+                raise MotionError(
+                    f"{name}: sent to {show(sent, '.4f')}, it now stands at {show(reading, '.4f')}; "
+                    "see what pushed it, this frame was not recorded"
+                )
         values = {self._axes[name].coordinate.column(name): reading for name, reading in readings.items()} | {
             world_key(element): z for element, z in self.worlds(readings).items()
         }

@@ -118,12 +118,15 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
         match step:
             case Home():
                 yield from home(bench.axes, step)
+                for name in step.axes:
+                    stages.sent[name] = yield from bps.rd(bench.axes[name])
             case SetIris(f_number):
                 yield from moved(bench.iris, f_number)
             case ShowTarget(kind):
                 yield from moved(bench.target, kind)
             case Move(_, groups):
                 for group in groups:
+                    stages.sent |= group
                     yield from moved(*(item for name, reading in group.items() for item in (bench.axes[name], reading)))
             case Expose(configuration):
                 yield from recorded()

@@ -15,6 +15,7 @@ from drivers.base import wait_all
 from drivers.bench import connect
 from flflab.bench import Bench
 from flflab.study import Study
+from procedures.devices import Stages
 from procedures.glance import Glance
 from procedures.steps import Move, SetIris, ShowTarget, steps
 from procedures.sweep import Course, Instruments, Progress, sweep
@@ -62,7 +63,7 @@ def test_the_moves_of_a_sweep_run_on_ophyds_simulated_devices(
     nothing: Any = SimpleNamespace(latest=None, shot=None, arrived=None)
     told: list[Progress] = []
     idle = Glance(study, bench, nothing)
-    engine(sweep(Instruments(peers, nothing, nothing, nothing, idle, 0.7), moves, Course(), told.append))
+    engine(sweep(Instruments(peers, nothing, Stages({}, bench), nothing, idle, 0.7), moves, Course(), told.append))
     due: dict[str, list[float]] = {name: [] for name in axes}
     for step in moves:
         for group in step.groups if isinstance(step, Move) else ():
