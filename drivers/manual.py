@@ -14,7 +14,7 @@ from typing import Annotated, Generic
 from pydantic import Field
 
 from drivers.commands import Value
-from flflab.bench import AxisDescription
+from flflab.bench import LENGTH, AxisDescription, Coordinate
 from flflab.description import Description
 from flflab.errors import DeviceError, MotionError
 
@@ -118,25 +118,35 @@ def _typed() -> str:
 
 
 class ManualAxis:
-    """A stage moved by hand to a reading on its scale; satisfies ``AxisCommands``. Its position is the last one confirmed."""
+    """A stage moved by hand to a reading on its scale; satisfies ``AxisCommands``. Its position is the last one confirmed.
+
+    Args:
+        name: the axis's name in the bench file.
+        limits: readings.
+        terminal: where the person is asked.
+        coordinate: whether it counts lengths or angles.
+        home: the reading asked for in place of a reference.
+    """
 
     resolution = 1e-6
 
-    def __init__(self, name: str, limits: tuple[float, float], terminal: Terminal) -> None:
+    def __init__(self, name: str, limits: tuple[float, float], terminal: Terminal, coordinate: Coordinate, home: float) -> None:
         self.travel = limits
         self._name = name
         self._terminal = terminal
+        self._coordinate = coordinate
+        self._home = home
         self._question: Question | None = None
-        self._target = self._position = min(max(0.0, limits[0]), limits[1])
+        self._target = self._position = home
         self._known = False
 
     def start_home(self) -> None:
-        """Ask for the reading 0, or the limit nearest to it."""
-        self.start_move(min(max(0.0, self.travel[0]), self.travel[1]))
+        """Ask for the reading that stands for a reference."""
+        self.start_move(self._home)
 
     def start_move(self, position: float) -> None:
         """Ask for a reading."""
-        self._question = self._terminal.ask(f"set {self._name} to {position:.3f} mm")
+        self._question = self._terminal.ask(f"set {self._name} to {self._coordinate.show(position, '.3f')}")
         self._target, self._known = position, False
 
     def position(self) -> float:
@@ -239,8 +249,13 @@ class ManualSetting(Generic[Value]):
 
 
 def open_axis(name: str, axis: AxisDescription, keys: ManualAxisKeys, share: Share) -> ManualAxis:
-    """A stage moved by hand; all manual devices share the terminal."""
-    return ManualAxis(name, axis.limits, share("terminal", Terminal))
+    """A stage moved by hand; all manual devices share the terminal.
+
+    What shifts homes to the limit towards which it homes, as the rule of the gap has it; what turns to 0, or the limit nearest to it.
+    """
+    low, high = axis.limits
+    home = (high if axis.homes_up else low) if axis.coordinate is LENGTH else min(max(0.0, low), high)
+    return ManualAxis(name, axis.limits, share("terminal", Terminal), axis.coordinate, home)
 
 
 def stop_axis(name: str, axis: AxisDescription, keys: ManualAxisKeys, share: Share) -> None:

@@ -1,5 +1,6 @@
 """Devices a person moves: asked for on a terminal (a pseudo terminal here), confirmed by Enter, refused without a terminal."""
 
+import math
 import os
 import sys
 import time
@@ -8,8 +9,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from drivers.axis import Axis
-from drivers.manual import ManualAxis, ManualSetting, Terminal
+from drivers.manual import ManualAxis, ManualAxisKeys, ManualSetting, Terminal, open_axis
 from drivers.setting import Setting
+from flflab.bench import LENGTH, AxisDescription
 from flflab.errors import DeviceError, LimitError, MotionError, NotHomedError
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="a pseudo terminal stands for the person")
@@ -33,7 +35,18 @@ def person(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
 
 
 def manual_axis(terminal: Terminal) -> Axis:
-    return Axis("target_stage", ManualAxis("target_stage", (0.0, 100.0), terminal), (0.0, 100.0), 5.0, patience=FOR_EVER)
+    return Axis("target_stage", ManualAxis("target_stage", (0.0, 100.0), terminal, LENGTH, home=0.0), (0.0, 100.0), 5.0, patience=FOR_EVER)
+
+
+def described(moves: str, home_towards: str, *limits: str) -> AxisDescription:
+    return AxisDescription.model_validate(
+        {"driver": "manual", "moves": moves, "home_towards": home_towards, "limits": limits, "speed": f"1 {limits[0].split()[1]}/s"}
+    )
+
+
+def opened(axis: AxisDescription) -> Axis:
+    commands = open_axis("stage", axis, ManualAxisKeys(), lambda _, opener: opener())
+    return Axis("stage", commands, axis.limits, axis.speed, coordinate=axis.coordinate, patience=FOR_EVER)
 
 
 def manual_iris(terminal: Terminal) -> Setting[float]:
@@ -55,6 +68,28 @@ def test_a_stage_moved_by_hand_is_where_the_person_confirmed(person: Callable[[s
     asked = capsys.readouterr().err
     assert "set target_stage to 0.000 mm, then press Enter" in asked
     assert "set target_stage to 12.500 mm, then press Enter" in asked
+    axis.close()
+
+
+def test_what_turns_is_asked_for_in_degrees(person: Callable[[str], None], capsys: pytest.CaptureFixture[str]) -> None:
+    axis = opened(described("array.pitch", "-pitch", "-10 deg", "10 deg"))
+    home = axis.home()
+    person("\n")
+    home.wait(2)
+    axis.move_to(math.radians(1.5))
+    asked = capsys.readouterr().err
+    assert "set stage to 0.000 deg, then press Enter" in asked
+    assert "set stage to 1.500 deg, then press Enter" in asked
+    axis.close()
+
+
+@pytest.mark.parametrize(("home_towards", "end"), [("-z", "-25"), ("+z", "25")])
+def test_an_array_is_asked_for_where_the_rule_of_the_gap_has_it_home(
+    home_towards: str, end: str, person: Callable[[str], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    axis = opened(described("array.z", home_towards, "-25 mm", "25 mm"))
+    axis.home()
+    assert f"set stage to {end}.000 mm, then press Enter" in capsys.readouterr().err
     axis.close()
 
 
