@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from drivers.modbus import ModbusLine, make_client
 from flflab.bench import AxisDescription
@@ -37,6 +37,7 @@ OVERTRAVEL, UPPER_LIMIT, LOWER_LIMIT = 0x0386, 0x0388, 0x038A
 ABSOLUTE, WITHIN_WRAP, ALL_AT_ONCE = 1, 8, 1
 HAS_REFERENCE = 1 << 17  # ABSPEN, bit 1 of the upper word
 START_S = 0.5  # until a motion shows
+MOST = 2**31 - 1  # a value of two registers
 ALARMS = {
     0x10: "position deviation: the load is too heavy or blocked; free it, then reset",
     0x20: "overcurrent: check the motor cable, then switch the drive off and on",
@@ -100,6 +101,14 @@ class OrientalKeys(Description):
     parity: Literal["E", "N", "O"] = "E"
     timeout: Annotated[float, Field(gt=0)] = 0.5
 
+    @model_validator(mode="after")
+    def _bits_differ(self) -> "OrientalKeys":
+        for signals in (("home_input", "stop_input"), ("ready_output", "alarm_output", "moving_output")):
+            bits = [getattr(self, signal) for signal in signals]
+            if len(set(bits)) < len(bits):
+                raise ValueError(f"{', '.join(signals)} are bits {', '.join(map(str, bits))}; give each a bit of its own")
+        return self
+
 
 class OrientalAxis:
     """One drive of a line, in rad; satisfies ``AxisCommands``. Connecting reads its software limits; nothing moves.
@@ -120,7 +129,17 @@ class OrientalAxis:
         self._line = line
         self._keys = keys
         self._step = math.pi / 180 / keys.steps_per_degree
-        self._speed = max(1, round(speed / self._step))
+        self._speed, self._rate = round(speed / self._step), round(speed / self._step / keys.ramp)
+        if not 1 <= self._speed <= MOST:
+            raise DeviceError(
+                f"{name}: asked for {math.degrees(speed):g} deg/s, {self._speed} steps/s of a drive that takes 1 to {MOST}; "
+                "correct `speed` or `steps_per_degree`"
+            )
+        if not 1 <= self._rate <= MOST:
+            raise DeviceError(
+                f"{name}: asked to reach its speed in {keys.ramp:g} s, {self._rate} steps/s^2 of a drive that takes 1 to {MOST}; "
+                "correct `ramp`"
+            )
         self.resolution = keys.deadband * self._step
         limited = self._read(OVERTRAVEL) != -1
         self.travel = (self._read(LOWER_LIMIT) * self._step, self._read(UPPER_LIMIT) * self._step) if limited else (-math.inf, math.inf)
@@ -153,9 +172,8 @@ class OrientalAxis:
             )
         task = f"move to {math.degrees(position):.6f} deg"
         self._require_ready(task)
-        rate = max(1, round(self._speed / self._keys.ramp))
         kind = WITHIN_WRAP if self._keys.wrap else ABSOLUTE
-        operation = (0, kind, steps, self._speed, rate, rate, round(1000 * self._keys.current), ALL_AT_ONCE)
+        operation = (0, kind, steps, self._speed, self._rate, self._rate, round(1000 * self._keys.current), ALL_AT_ONCE)
         self._line.write(self._name, self._keys.device, OPERATION, operation)
         self._see_it_start(task, lambda: self._read(COMMANDED) == steps)
 

@@ -30,7 +30,7 @@ from drivers.line import Line, tell_surely
 from drivers.transport import LostError, Wire, open_serial
 from flflab.bench import AxisDescription
 from flflab.description import Description
-from flflab.errors import CommunicationError, DeviceError, NotHomedError
+from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedError
 
 HOST, CONTROLLER, WITH_DATA = 0x01, 0x50, 0x80
 REQUEST_INFO, INFO = 0x0005, 0x0006
@@ -51,6 +51,7 @@ FAULTS = {
 STATES = {0: "at the forward limit switch", 1: "at the reverse limit switch", 24: "motor current at its limit"}
 START_S = 0.5  # until a motion shows
 LONGEST = 255  # bytes of data, as the manual has it
+MOST = 2**31 - 1  # a position or a speed in a message
 
 Share = Callable[[str, Callable[[], "AptLink"]], "AptLink"]
 
@@ -251,6 +252,8 @@ class ThorlabsAxis:
         self._count = math.pi / 180 / keys.counts_per_degree
         self.resolution = keys.deadband * self._count
         self._speed = round(speed / self._count * SERVO_S * 65536)
+        if self._speed > MOST:
+            raise DeviceError(f"{name}: asked for {math.degrees(speed):g} deg/s, more than the controller can be told; correct `speed`")
         self._set_up()
 
     def start_home(self) -> None:
@@ -264,10 +267,15 @@ class ThorlabsAxis:
 
         Raises:
             DeviceError: the motor is off.
+            LimitError: the reading is further than the controller can count.
             NotHomedError: it has just lost its reference.
             CommunicationError: the motion does not show.
         """
         counts = round(position / self._count)
+        if abs(counts) > MOST:
+            raise LimitError(
+                f"{self._name}: {math.degrees(position):g} deg are {counts} counts, more than the controller can count; nothing moved"
+            )
         message = encode(MOVE, data=struct.pack("<Hl", self._keys.channel, counts))
         self._start(message, COMPLETED, lambda now: abs(now.counts - counts) <= self._keys.deadband)
 

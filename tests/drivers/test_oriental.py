@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from pymodbus import FramerType
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
@@ -241,6 +242,29 @@ def test_a_stop_goes_before_all_who_wait_for_the_line(axes: Axes) -> None:
 def test_more_steps_than_the_drive_can_count_are_refused(axes: Axes) -> None:
     with pytest.raises(LimitError, match="more than the drive can count"):
         axes[0].start_move(1e9)
+
+
+@pytest.mark.parametrize(
+    ("speed", "ramp", "sentence"),
+    [
+        (1e-3, "0.2 s", r"tilt: asked for 0\.001 deg/s, 0 steps/s of a drive that takes 1 to 2147483647; correct `speed` or"),
+        (1e9, "0.2 s", r"tilt: asked for 1e\+09 deg/s, 100000000000 steps/s of a drive"),
+        (10.0, "100 ns", r"tilt: asked to reach its speed in 1e-07 s, 10000000000 steps/s\^2 of a drive .*; correct `ramp`"),
+    ],
+)
+def test_a_speed_or_ramp_that_a_drive_cannot_be_told_is_refused(
+    speed: float, ramp: str, sentence: str, dialogue: Callable[..., str], line: Open
+) -> None:
+    keys = OrientalKeys.model_validate({"device": 1, "steps_per_degree": STEPS, "ramp": ramp})
+    with pytest.raises(DeviceError, match=sentence):
+        OrientalAxis("tilt", line(dialogue([])), keys, speed * DEGREE)
+
+
+@pytest.mark.parametrize("bits", [{"stop_input": 4}, {"home_input": 5}, {"ready_output": 7}, {"moving_output": 5}])
+def test_two_signals_on_one_bit_are_refused(bits: dict[str, int]) -> None:
+    """A stop that is the start of a homing would be none."""
+    with pytest.raises(ValidationError, match="a bit of its own"):
+        OrientalKeys.model_validate({"device": 1, "steps_per_degree": STEPS, **bits})
 
 
 def test_an_absent_slave_is_named_with_what_to_look_at(dialogue: Callable[..., str], line: Open) -> None:

@@ -13,7 +13,7 @@ from drivers.axis import Axis
 from drivers.thorlabs import AptLink, ThorlabsAxis, ThorlabsKeys, encode, read_message
 from drivers.transport import open_tcp
 from flflab.bench import ANGLE
-from flflab.errors import CommunicationError, DeviceError, NotHomedError
+from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedError
 
 Pairs = list[tuple[bytes, bytes | Callable[[], bytes] | None]]
 Start = Callable[[Pairs], str]
@@ -110,6 +110,15 @@ def test_a_move_is_whole_counts_and_reads_back(stage: Callable[..., ThorlabsAxis
     )
     axis.start_move(math.radians(12.3456789))
     assert math.degrees(axis.position()) == pytest.approx(12.3456789, abs=0.5 / PER_DEGREE)
+
+
+def test_more_counts_than_a_controller_takes_are_refused_before_it_is_told(
+    stage: Callable[..., ThorlabsAxis], dialogue: Start, linked: Callable[[str], AptLink]
+) -> None:
+    with pytest.raises(LimitError, match=r"tilt: 2e\+06 deg are 3839283716 counts, more than the controller can count; nothing moved"):
+        stage().start_move(math.radians(2e6))
+    with pytest.raises(DeviceError, match=r"tilt: asked for 1e\+06 deg/s, more than the controller can be told; correct `speed`"):
+        ThorlabsAxis("tilt", linked(dialogue([])), ThorlabsKeys(timeout=0.3), math.radians(1e6))
 
 
 def test_a_move_that_never_shows_is_an_error_that_says_so(stage: Callable[..., ThorlabsAxis], monkeypatch: pytest.MonkeyPatch) -> None:
