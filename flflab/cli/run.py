@@ -14,8 +14,8 @@ from flflab.bench import Bench, read_bench, with_seed
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.errors import CommunicationError, FlflabError, InputError, RecordError
-from flflab.record import ContinuedRecording, Recording, Run, keep_descriptions, read_run, run_folder
-from flflab.study import read_study
+from flflab.record import ContinuedRecording, Recording, Run, forget_descriptions, keep_descriptions, read_run, run_folder
+from flflab.study import Study, read_study
 from flflab.wheel import unlike_the_wheel
 
 if TYPE_CHECKING:
@@ -52,20 +52,27 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
     for sentence in unlike_the_wheel(study, bench):
         sys.stderr.write(f"flflab: {sentence}\n")
     with run_folder(folder, study.description.name) as place, connect_described(bench) as connected:
-        recording = with_descriptions(begin_recording(connected, study, place), bench, study_file)
+        recording = with_descriptions(begin_recording(connected, study, place), bench, study_file, study)
         failure = failure_of(place, lambda: take_study(connected, study, recording, tell, name))
     return ended(place, failure)
 
 
-def with_descriptions(recording: Recording, bench: Bench, study_file: Path | None) -> Recording:
+def with_descriptions(recording: Recording, bench: Bench, study_file: Path | None, study: Study | None = None) -> Recording:
     """A record with the descriptions beside it: written when the folder is its own, so that no other run's are written over.
 
     Raises:
-        RecordError: the folder cannot be written; nothing is left in it.
+        RecordError: the folder cannot be written, or a file is no longer what was read of it; nothing is left in the folder.
     """
+    folder = recording.folder
     try:
-        keep_descriptions(recording.folder, bench, study_file)
-    except RecordError:
+        keep_descriptions(folder, bench, study_file)
+        kept = read_bench(folder / "bench.yaml")
+        same = kept.optics == bench.optics and kept.description == bench.description.model_copy(update={"optics": "camera.yaml"})
+        if not same or (study is not None and read_study(folder / "study.yaml", kept.optics) != study):
+            changed = bench.file if study is None else f"{bench.file} or {study_file}"
+            raise RecordError(f"{folder}: {changed} was changed while the bench was connected; nothing moved, begin again")
+    except FlflabError:
+        forget_descriptions(folder)
         recording.discard()
         raise
     return recording

@@ -5,7 +5,7 @@
 """
 
 from flflab.record.checksums import checksum
-from flflab.record.folder import claim_folder, keep_descriptions, new_folder, run_folder, versions
+from flflab.record.folder import claim_folder, forget_descriptions, keep_descriptions, new_folder, run_folder, versions
 from flflab.record.nexus import export_nexus
 from flflab.record.packing import pack
 from flflab.record.reading import ELEMENTS, AccuracyRecord, FrameRecord, Run, read_documents, read_run, world_key
@@ -13,5 +13,5 @@ from flflab.record.writing import ContinuedRecording, Recording
 
 __all__ = [
     "ELEMENTS", "AccuracyRecord", "ContinuedRecording", "FrameRecord", "Recording", "Run", "checksum", "claim_folder", "export_nexus",
-    "keep_descriptions", "new_folder", "pack", "read_documents", "read_run", "run_folder", "versions", "world_key",
+    "forget_descriptions", "keep_descriptions", "new_folder", "pack", "read_documents", "read_run", "run_folder", "versions", "world_key",
 ]  # fmt: skip

@@ -1,7 +1,7 @@
 """CRC-32 of every frame, kept in its event, and SHA-256 of the folder's files, kept in ``SHA256SUMS`` as ``sha256sum -c`` reads it.
 
-A frame's sum is to name a disk or memory that failed, thousands of times a run: CRC-32 sees every burst of up to 32 bits and takes 3 ms for
-10 megapixels, SHA-256 11.
+The descriptions have theirs from the beginning, the documents once the run has ended. A frame's sum is to name a disk or memory that
+failed, thousands of times a run: CRC-32 sees every burst of up to 32 bits and takes 3 ms for 10 megapixels, SHA-256 11.
 """
 
 import hashlib
@@ -40,7 +40,7 @@ def write_sums(folder: Path, names: Iterable[str]) -> None:
 
 
 def verify_sums(folder: Path) -> None:
-    """Compare the files of a folder with their sums; nothing where there are none, as in a run that never ended.
+    """Compare the files of a folder with their sums; nothing where there are none.
 
     Raises:
         RecordError: a file is not what was recorded, or is missing; it is named.
@@ -52,11 +52,11 @@ def verify_sums(folder: Path) -> None:
         digest, _, name = line.partition("  ")
         if not (folder / name).is_file():
             raise RecordError(
-                f"{folder / name}: is missing, and was there when the run ended; take it from a copy, or delete {SUMS} where that is meant"
+                f"{folder / name}: is missing, and was there when recorded; take it from a copy, or delete {SUMS} where that is meant"
             )
         if _of_file(folder / name) != digest:
             raise RecordError(
-                f"{folder / name}: not as it was when the run ended (its SHA-256 is not the one in {SUMS}); take it from a copy, "
+                f"{folder / name}: not as it was recorded (its SHA-256 is not the one in {SUMS}); take it from a copy, "
                 f"or delete {SUMS} where the change is meant"
             )
 

@@ -17,10 +17,12 @@ import yaml
 from flflab.bench import Bench, fields_of
 from flflab.description import read_yaml
 from flflab.errors import RecordError
+from flflab.record.checksums import SUMS, write_sums
 
 DOCUMENTS, FRAMES, DATASET = "documents.jsonl", "frames.h5", "frames"
 VERSIONS = "versions.json"
-BEFORE = {"bench.yaml", "camera.yaml", "study.yaml", VERSIONS}  # what a run writes before its first document
+DESCRIPTIONS = ("bench.yaml", "camera.yaml", "study.yaml", VERSIONS)
+BEFORE = {*DESCRIPTIONS, SUMS}  # what a run writes before its first document
 PACKAGES = ("flflab", "bluesky", "event-model", "h5py", "numba", "numpy", "opencv-contrib-python-headless", "pydantic", "pyserial", "scipy")
 
 
@@ -82,7 +84,7 @@ def claim_folder(folder: Path) -> Path:
 
 
 def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> None:
-    """Write bench.yaml, camera.yaml and study.yaml as used, and versions.json: all of them, or none.
+    """Write bench.yaml, camera.yaml and study.yaml as used, versions.json, and the sums of these: all of them, or none.
 
     Args:
         folder: the run's.
@@ -104,10 +106,19 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
         else:
             (folder / "study.yaml").unlink(missing_ok=True)  # of a run that never began
         (folder / VERSIONS).write_text(json.dumps(versions(), indent=1) + "\n", encoding="utf-8")
+        write_sums(folder, DESCRIPTIONS)
+    except RecordError:
+        forget_descriptions(folder)
+        raise
     except OSError as error:
-        for name in BEFORE:
-            (folder / name).unlink(missing_ok=True)
+        forget_descriptions(folder)
         raise RecordError(f"{folder}: cannot be written ({error.strerror or error}); give a folder you may write in") from error
+
+
+def forget_descriptions(folder: Path) -> None:
+    """Remove what ``keep_descriptions`` wrote."""
+    for name in BEFORE:
+        (folder / name).unlink(missing_ok=True)
 
 
 def versions() -> dict[str, str]:

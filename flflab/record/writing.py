@@ -20,14 +20,13 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import RecordError
-from flflab.record.checksums import SUMS, write_sums
-from flflab.record.folder import DATASET, DOCUMENTS, FRAMES
+from flflab.record.checksums import write_sums
+from flflab.record.folder import DATASET, DESCRIPTIONS, DOCUMENTS, FRAMES
 from flflab.record.reading import opened_frames, read_run
 from flflab.waiting import wait_for
 
 BEYOND = 2**31 - 2
 SPARE_BYTES = 50_000_000  # documents, log, report
-SUMMED = ("bench.yaml", "camera.yaml", "study.yaml", "versions.json", DOCUMENTS)
 Picture = npt.NDArray[np.uint16]
 
 
@@ -182,7 +181,7 @@ class Recording:
         if self._writer.is_alive():
             self._close_files()
             if self._ended:
-                write_sums(self.folder, SUMMED)
+                write_sums(self.folder, (*DESCRIPTIONS, DOCUMENTS))
         self._raise_fault()
 
     def _close_files(self) -> None:
@@ -252,7 +251,7 @@ class ContinuedRecording(Recording):
             _keep_for_oneself(documents, folder)
             run = read_run(folder)
             with _beginning(folder):
-                (folder / SUMS).unlink(missing_ok=True)  # the documents grow: written anew at the end
+                write_sums(folder, DESCRIPTIONS)  # the documents grow: theirs are written anew at the end
                 documents.truncate(file.read_bytes().rfind(b"\n") + 1)
                 self._begin(folder, documents)
         except RecordError:

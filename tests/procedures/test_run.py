@@ -17,11 +17,12 @@ import numpy as np
 import pytest
 
 from drivers.bench import ConnectedBench
-from flflab.bench import Bench
-from flflab.cli.run import resume_run, run_study
-from flflab.errors import CommunicationError, DeviceError, MotionError, RecordError
-from flflab.record import read_documents, read_run
-from procedures.study import tell_nobody
+from flflab.bench import Bench, read_bench
+from flflab.cli.run import resume_run, run_study, with_descriptions
+from flflab.errors import CommunicationError, DeviceError, FlflabError, MotionError, RecordError
+from flflab.record import read_documents, read_run, run_folder
+from flflab.study import read_study
+from procedures.study import begin_recording, tell_nobody
 from procedures.sweep import Progress
 from sim.motion import rest
 
@@ -93,6 +94,28 @@ def test_a_stage_that_is_pushed_while_frames_are_taken_ends_the_run_before_a_fra
         resumed = resume_run(tmp_path / "run", None, tell_nobody)
     assert [frame.array for frame in resumed.frames] == pytest.approx([60] * len(resumed.frames), abs=1e-3)
     assert resumed.complete
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [("study", "507 mm", "508 mm"), ("bench", "10 mm/s", "9 mm/s"), ("camera", "60 mm", "59 mm"), ("bench", "axes:", "")],
+)
+def test_a_description_that_is_edited_while_the_bench_is_connected_begins_no_run(
+    name: str, before: str, after: str, write: Write, in_memory: Connect, memory_camera: Callable[..., Any], tmp_path: Path
+) -> None:
+    study_file, bench_file = write(study=ONE)
+    bench = read_bench(bench_file)
+    study, folder = read_study(study_file, bench.optics), tmp_path / "run"
+    connected = in_memory(bench, memory_camera(shape=(90, 120)))
+    edited = tmp_path / f"{name}.yaml"
+    described = edited.read_text()
+    edited.write_text(described.replace(before, after, 1))
+    with pytest.raises(FlflabError, match=r"was changed while the bench was connected|not YAML"), run_folder(folder, "one") as place:
+        with_descriptions(begin_recording(connected, study, place), bench, study_file, study)
+    assert not folder.exists()
+    edited.write_text(described)
+    with run_folder(folder, "one") as place:
+        with_descriptions(begin_recording(connected, study, place), bench, study_file, study).close()
 
 
 @pytest.mark.ci

@@ -15,7 +15,7 @@ import pytest
 
 from flflab.bench import read_bench, with_seed
 from flflab.errors import RecordError
-from flflab.record import Recording, claim_folder, keep_descriptions, new_folder, read_documents, read_run
+from flflab.record import ContinuedRecording, Recording, claim_folder, keep_descriptions, new_folder, read_documents, read_run
 
 SHAPE = (6, 8)
 BUILT_IN = Path(__file__).parents[2] / "flflab" / "builtin"
@@ -188,7 +188,20 @@ def test_the_folder_of_a_run_that_never_began_is_taken_again(tmp_path: Path) -> 
         keep_descriptions(claim_folder(tmp_path / "run"), bench, BUILT_IN / "studies" / "first.yaml")
     assert claim_folder(tmp_path / "run") == tmp_path / "run"
     keep_descriptions(tmp_path / "run", bench, None)
-    assert {one.name for one in (tmp_path / "run").iterdir()} == {"bench.yaml", "camera.yaml", "versions.json"}
+    assert {one.name for one in (tmp_path / "run").iterdir()} == {"bench.yaml", "camera.yaml", "versions.json", "SHA256SUMS"}
+
+
+@pytest.mark.parametrize("resumed", [False, True], ids=["killed", "resumed and killed"])
+@pytest.mark.parametrize("name", ["bench.yaml", "camera.yaml", "study.yaml"])
+def test_a_description_that_was_edited_is_told_of_a_run_that_never_ended(name: str, resumed: bool, tmp_path: Path) -> None:
+    keep_descriptions(tmp_path, read_bench(BUILT_IN / "benches" / "simulated.yaml"), BUILT_IN / "studies" / "first.yaml")
+    write_two(tmp_path).close()
+    if resumed:
+        ContinuedRecording(tmp_path).close()
+    assert len(read_run(tmp_path).frames) == 2
+    (tmp_path / name).write_text((tmp_path / name).read_text().replace(" mm", " cm", 1))
+    with pytest.raises(RecordError, match=rf"{name}: not as it was recorded .*; take it from a copy"):
+        read_run(tmp_path)
 
 
 def test_what_a_file_browser_hides_in_an_empty_folder_is_in_nobodys_way(tmp_path: Path) -> None:

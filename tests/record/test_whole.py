@@ -110,7 +110,7 @@ def test_a_changed_document_or_description_is_named(whole: Path) -> None:
     file = whole / "documents.jsonl"
     content = file.read_bytes()
     file.write_bytes(content.replace(b'"iris": 4.0', b'"iris": 5.0', 1))
-    with pytest.raises(RecordError, match=r"documents\.jsonl: not as it was when the run ended"):
+    with pytest.raises(RecordError, match=r"documents\.jsonl: not as it was recorded"):
         read_run(whole)
     file.write_bytes(content)
     assert len(read_run(whole).frames) == 4
@@ -123,7 +123,7 @@ def test_a_missing_description_is_said_to_be_missing(cut: Path, name: str) -> No
     recording.document("stop", {"exit_status": "success"})
     recording.close()
     (cut / name).unlink()
-    with pytest.raises(RecordError, match=rf"{name}: is missing, and was there when the run ended; take it from a copy"):
+    with pytest.raises(RecordError, match=rf"{name}: is missing, and was there when recorded; take it from a copy"):
         read_run(cut)
 
 
