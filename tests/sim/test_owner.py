@@ -251,6 +251,19 @@ def test_a_bench_that_shares_one_line_with_another_is_not_driven_beside_it_and_s
         owner.close()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="every account has a folder there")
+def test_an_account_without_a_folder_of_its_own_owns_a_bench_too(slow: tuple[Served, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    import pwd
+
+    def nobody(number: int) -> None:
+        raise KeyError(number)
+
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    with connect(slow[1]), pytest.raises(DeviceError, match="another program drives this bench"):
+        Owner(slow[1])
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="there ports are no files")
 def test_the_owner_of_a_port_is_found_by_the_link_to_it_also_after_the_link_has_gone(tmp_path: Path) -> None:
     port, link = tmp_path / "ttyUSB0", tmp_path / "by-id"
