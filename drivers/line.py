@@ -1,4 +1,4 @@
-"""A connection that is opened anew after it was lost, and a message that is sure to have gone over the present one."""
+"""A connection that is opened anew after it was lost, and a stop that is sure to have gone over the present one."""
 
 import threading
 from collections.abc import Callable
@@ -37,15 +37,21 @@ class Line(Generic[Link]):
         self._link: Link | None = None
         self.get()
 
-    def get(self) -> Link:
+    def get(self, asked: str = "") -> Link:
         """The way as it is open now.
+
+        Args:
+            asked: who needs it and for what, as the error is to begin.
 
         Raises:
             CommunicationError: it was lost and cannot be opened.
         """
         with self._opening:
             if self._link is None:
-                self._link = self._opener()
+                try:
+                    self._link = self._opener()
+                except CommunicationError as error:
+                    raise CommunicationError(f"{asked}{error}") from error
             return self._link
 
     def lose(self, link: Link) -> None:
@@ -60,29 +66,31 @@ class Line(Generic[Link]):
             self.lose(self._link)
 
 
-def tell_surely(line: Line[Wire], message: bytes, listens: Callable[[], object]) -> None:
-    """Write a message at once, past whoever waits, and see that the instrument listens; written again where the line was lost meanwhile.
+def stop_surely(line: Line[Wire], name: str, message: bytes, listens: Callable[[], object]) -> None:
+    """Write a stop at once, past whoever waits, and see that the instrument listens; written again where the line was lost meanwhile.
 
     Args:
         line: the line.
-        message: such as a stop: one that may be told twice.
+        name: of the axis, for messages.
+        message: the stop.
         listens: asks the instrument something.
 
     Raises:
         CommunicationError: it does not listen.
     """
+    told = f"{name}: told to stop, "
     for last in (False, True):
-        wire = line.get()
+        wire = line.get(told)
         try:
             try:
                 wire.write(message)
-            except LostError:
+            except LostError as error:
                 line.lose(wire)
-                raise
+                raise LostError(f"{told}{error}") from error
             listens()
-            if line.get() is wire:
+            if line.get(told) is wire:
                 return
-            raise LostError(f"{wire.address}: lost and opened anew while the axis was told to stop; check the cable")
+            raise LostError(f"{told}{wire.address} was lost and opened anew meanwhile; check the cable")
         except CommunicationError:
             if last:
                 raise

@@ -117,7 +117,7 @@ class ModbusLine:
         return from_words(*reply.registers)
 
     def _exchange(self, asked: str, ask: Callable[[Client], Any]) -> Any:
-        client = self._line.get()
+        client = self._line.get(asked)
         try:
             _pass_over_what_waits(client)
             reply = ask(client)

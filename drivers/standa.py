@@ -102,7 +102,7 @@ class StandaController:
             DeviceError: it refuses.
         """
         with self._turn:
-            device = self._line.get()
+            device = self._line.get(f"{name}: asked to {task}, ")
             try:
                 return ask(device.axis)
             except ConnectionError as error:

@@ -26,7 +26,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from drivers.line import Line, tell_surely
+from drivers.line import Line, stop_surely
 from drivers.transport import LostError, Wire, open_serial
 from flflab.bench import AxisDescription
 from flflab.description import Description
@@ -144,7 +144,7 @@ class AptLink:
         Raises:
             LostError: the line is gone.
         """
-        wire = self.line.get()
+        wire = self.line.get(f"{name}: told {message.hex(' ')}, ")
         try:
             wire.write(message)
         except LostError as error:
@@ -186,14 +186,14 @@ class AptLink:
         Raises:
             CommunicationError: it does not answer, so that it may not have taken the stop.
         """
-        tell_surely(self.line, encode(STOP, channel, GENTLY), lambda: self.state(name, channel))
+        stop_surely(self.line, name, encode(STOP, channel, GENTLY), lambda: self.state(name, channel))
 
     def close(self) -> None:
         """Let go of the line."""
         self.line.close()
 
     def _exchange(self, name: str, message: bytes, answer: int, size: int) -> bytes:
-        wire = self.line.get()
+        wire = self.line.get(f"{name}: asked {message.hex(' ')}, ")
         try:
             if not self._in_step:
                 wire.drain()

@@ -21,7 +21,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from drivers.line import Line, tell_surely
+from drivers.line import Line, stop_surely
 from drivers.transport import LostError, Wire, open_serial, show
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
@@ -177,7 +177,7 @@ class ZaberChain:
             DeviceError: it has no such axis.
         """
         stop = encode(device, axis, STOP_ID, "stop")  # its reply is skipped by whoever reads
-        tell_surely(self.line, stop, lambda: _accepted(name, "", self.ask(name, device, axis, "", repeatable=False)))
+        stop_surely(self.line, name, stop, lambda: _accepted(name, "", self.ask(name, device, axis, "", repeatable=False)))
 
     def close(self) -> None:
         """Let go of the line."""
@@ -189,7 +189,7 @@ class ZaberChain:
         message_id = self._ids.popleft()
         self._unanswered.append(message_id)  # used for nothing else: its late reply would be taken for another command's
         asked = f"{name} (device {device} axis {axis}): asked {text or 'for its state'!r}, "
-        wire = self.line.get()
+        wire = self.line.get(asked)
         try:
             if not self._in_step:
                 wire.drain()

@@ -25,7 +25,7 @@ import drivers
 from drivers.base import Axis, wait_all
 from drivers.bench import ConnectedBench
 from flflab.bench import read_bench
-from flflab.errors import DeviceError, InterlockError, LimitError, MotionError, NotHomedError
+from flflab.errors import CommunicationError, DeviceError, InterlockError, LimitError, MotionError, NotHomedError
 from sim.serve import serve, write_bench
 
 LINEAR = ["main_lens_stage", "array_stage", "sensor_stage", "target_stage"]
@@ -249,6 +249,23 @@ def go_back_and_forth(axis: Axis) -> None:
     for _ in range(4):
         axis.home().wait(20)
         axis.move_to(reading(axis, 0.8)).wait(20)
+
+
+def test_where_no_line_can_be_opened_any_more_every_axis_is_named(root: Path, tmp_path: Path) -> None:
+    described = read_bench(write_bench_of_all(root, tmp_path / "bench.yaml", 5.0))
+    with serve(described) as served, contextlib.ExitStack() as connected:
+        write_bench(described, served, tmp_path / "served.yaml")
+        bench = connected.enter_context(drivers.connect(tmp_path / "served.yaml"))
+        served.stop()
+        for _ in range(2):  # as the lines are lost, and when they cannot be opened anew
+            for name, axis in bench.axes.items():
+                with pytest.raises(CommunicationError, match=rf"^{name}.*: asked .*; check"):
+                    axis.position()
+        with pytest.raises(DeviceError) as caught:
+            bench.stop()
+        sentences = str(caught.value).splitlines()
+        assert [sentence.split()[0].rstrip(":") for sentence in sorted(sentences)] == sorted(bench.axes)
+        assert all("cannot be reached" in sentence and sentence.endswith("; it may still move, cut its power") for sentence in sentences)
 
 
 COMMON = ("silence", "garbage", "cut", "hang-up", "stall", "reset")

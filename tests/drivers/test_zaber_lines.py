@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from drivers.line import tell_surely
+from drivers.line import stop_surely
 from drivers.transport import open_serial
 from drivers.zaber import ZaberChain, checksum, encode, parse
 from flflab.errors import CommunicationError
@@ -151,7 +151,7 @@ def test_a_stop_does_not_wait_for_another_exchange_and_its_reply_disturbs_none(d
     stop = line("/1 1 99 stop")
     chain = chain_at(dialogue([(stop, line("@01 1 99 OK IDLE -- 0")), (FIRST, GOOD)]))
     with chain._turn:  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
-        tell_surely(chain.line, stop, lambda: None)
+        stop_surely(chain.line, "stage", stop, lambda: None)
     assert chain.ask("array_stage", 2, 1, "get pos", repeatable=False).data == "5"
     chain.close()
 
