@@ -61,7 +61,8 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
         except RunEngineInterrupted:
             # It prints what it does, and fails with the motions that were told to stop.
             with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(FailedStatus):
-                engine.abort()
+                if engine.state != "idle":  # the plan ended just then
+                    engine.abort()
         except Exception as error:
             failure = sentence(error, stop(bench))
         if asked.is_set() and recording.empty:

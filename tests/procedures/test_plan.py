@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import logging
+import os
 import signal
 import threading
 import time
@@ -66,6 +67,24 @@ def test_a_ctrl_c_before_the_run_begins_moves_nothing_and_leaves_no_record_behin
         perform(plan(rehearsed=False), plan(rehearsed=True), {}, bench, recording)
     assert not any(axis.is_homed() for axis in bench.axes.values())
     assert not (tmp_path / "documents.jsonl").exists()
+
+
+def test_a_ctrl_c_as_a_run_ends_is_told_like_any_and_the_record_is_whole(
+    study: Study, bench: ConnectedBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = begin_recording(bench, study, tmp_path)
+    hear = recording.document
+
+    def hear_the_end(name: str, document: Any) -> None:
+        hear(name, document)
+        if name == "stop":
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.3)  # the engine is asked to pause meanwhile, and has nothing left to do
+
+    monkeypatch.setattr(recording, "document", hear_the_end)
+    with pytest.raises(RunInterruptedError, match=f"interrupted; recorded so far is in {tmp_path}"):
+        take_study(bench, study, recording, tell_nobody, "sweep")
+    assert read_run(tmp_path).complete
 
 
 def test_bluesky_reads_the_plan_aloud(study: Study, bench: ConnectedBench, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
