@@ -11,7 +11,7 @@ What this file relies on, from Thorlabs' "Host-Controller Communications Protoco
 - Positions are whole encoder counts. Speeds are counts/s * T * 65536, accelerations counts/s^2 * T^2 * 65536, T = 2048 / 6e6 s.
 - Messages carry no checksum: what guards the bytes is USB's own.
 
-A controller has a backlash correction, 1 degree at first, which overshoots the target from one side: it is switched off, since a
+A controller has a backlash correction, 1 degree at first, which overshoots the target from one side: it is switched off, and asked whether it is, since a
 motion has to stay between its ends. Not confirmed from the manual: within how many counts the servo comes to rest (``deadband``).
 On close the motor holds its place.
 """
@@ -36,7 +36,7 @@ HOST, CONTROLLER, WITH_DATA = 0x01, 0x50, 0x80
 REQUEST_INFO, INFO = 0x0005, 0x0006
 SET_ENABLED, REQUEST_ENABLED, ENABLE_STATE = 0x0210, 0x0211, 0x0212
 SET_SPEED, REQUEST_SPEED, SPEED = 0x0413, 0x0414, 0x0415
-SET_BACKLASH = 0x043A
+SET_BACKLASH, REQUEST_BACKLASH, BACKLASH = 0x043A, 0x043B, 0x043C
 HOME, HOMED = 0x0443, 0x0444
 MOVE, COMPLETED = 0x0453, 0x0464
 STOP = 0x0465
@@ -334,8 +334,17 @@ class ThorlabsAxis:
             self._link.tell(self._name, encode(SET_SPEED, data=struct.pack("<Hlll", channel, least, acceleration, wanted)))
             if (set_to := self._speeds()[3]) != wanted:
                 raise DeviceError(f"{self._name}: asked for the speed {wanted}, it keeps {set_to}; give a speed the stage can reach")
-        self._link.tell(self._name, encode(SET_BACKLASH, data=struct.pack("<Hl", channel, 0)))
+        if self._backlash() != 0:
+            self._link.tell(self._name, encode(SET_BACKLASH, data=struct.pack("<Hl", channel, 0)))
+            if kept := self._backlash():
+                raise DeviceError(
+                    f"{self._name}: asked to switch its backlash correction off, it keeps {kept} counts; "
+                    "switch it off in the maker's software"
+                )
         self._link.tell(self._name, encode(SET_ENABLED, channel, 1))
+
+    def _backlash(self) -> int:
+        return struct.unpack("<Hl", self._link.ask(self._name, encode(REQUEST_BACKLASH, self._keys.channel), BACKLASH, 6))[1]
 
     def _speeds(self) -> tuple[int, int, int, int]:
         data = self._link.ask(self._name, encode(REQUEST_SPEED, self._keys.channel), SPEED, 14)

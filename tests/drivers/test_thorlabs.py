@@ -36,10 +36,13 @@ def bare_state(counts: int, bits: int, channel: int = 1) -> bytes:
 
 INFO = bytes.fromhex("060054008150") + struct.pack("<L8sH4B60sHHH", 27123456, b"KDC101", 44, 9, 1, 2, 0, bytes(60), 1, 0, 1)
 VELOCITY = bytes.fromhex("15040e008150") + struct.pack("<Hlll", 1, 0, 147, 429417)
+BACKLASH = bytes.fromhex("3c0406008150") + struct.pack("<Hl", 1, 1920)
 WAKING: Pairs = [
     (apt.hw_req_info(**TO), INFO),
     (apt.mot_req_velparams(**TO, chan_ident=1) + MARK, VELOCITY + MARKED),
+    (apt.mot_req_genmoveparams(**TO, chan_ident=1) + MARK, BACKLASH + MARKED),
     (apt.mot_set_genmoveparams(**TO, chan_ident=1, backlash_distance=0), b""),
+    (apt.mot_req_genmoveparams(**TO, chan_ident=1) + MARK, BACKLASH[:-4] + bytes(4) + MARKED),
     (apt.mod_set_chanenablestate(**TO, chan_ident=1, enable_state=1), b""),
 ]
 
@@ -98,6 +101,13 @@ def test_connecting_sets_the_speed_that_was_asked_for(dialogue: Start, linked: C
     )
     axis = ThorlabsAxis("tilt", linked(address), ThorlabsKeys(timeout=0.3), math.radians(5))
     assert axis.identity() == "Thorlabs KDC101, serial 27123456, firmware 2.1.9"
+
+
+def test_a_controller_that_keeps_its_backlash_correction_is_refused(dialogue: Start, linked: Callable[[str], AptLink]) -> None:
+    """It would overshoot beyond the way that was found free."""
+    address = dialogue([*WAKING[:4], (apt.mot_req_genmoveparams(**TO, chan_ident=1) + MARK, BACKLASH + MARKED)])
+    with pytest.raises(DeviceError, match="tilt: asked to switch its backlash correction off, it keeps 1920 counts; switch it off in"):
+        ThorlabsAxis("tilt", linked(address), ThorlabsKeys(timeout=0.3), math.radians(10))
 
 
 def test_a_move_is_whole_counts_and_reads_back(stage: Callable[..., ThorlabsAxis]) -> None:

@@ -1,5 +1,7 @@
 """Lost, doubled, late and flipped answers of each maker's instruments: a recovery or one sentence, and never a wrong position."""
 
+import contextlib
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -44,3 +46,19 @@ def go_to_and_fro(axis: Axis, world: World) -> None:
         told = [axis.position() for _ in range(4)]
         true = world.carriages[axis.name].at(world.clock.now())
         assert told == pytest.approx([true] * 4, abs=STEPS[axis.name])
+
+
+@pytest.mark.parametrize("after", range(10))
+def test_whichever_message_is_lost_no_thorlabs_controller_that_is_connected_overshoots(
+    after: int, write_bench_file: WriteBench, tmp_path: Path
+) -> None:
+    bench = write_bench_file("full", faults=[{"device": "rotation_stage", "fault": "unheard", "after": after}], clock=200)
+    with serve(bench) as served:
+        write_bench(bench, served, tmp_path / "served.yaml")
+        with contextlib.suppress(DeviceError), connect(tmp_path / "served.yaml"):
+            host, port = served.addresses["axes"]["rotation_stage"]["address"].split(":")
+            with socket.create_connection((host, int(port))) as client:
+                client.settimeout(5)
+                client.sendall(bytes.fromhex("3b0401005001"))  # asks for the backlash distance, after 6 bytes and the channel
+                answer = client.recv(12, socket.MSG_WAITALL)
+            assert answer[8:] == bytes(4)
