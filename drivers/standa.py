@@ -154,21 +154,30 @@ class StandaAxis:
         engine = self._ask("say how it drives", lambda axis: axis.get_engine_settings())
         self._parts = 1 << (int(engine.MicrostepMode) - 1)
         self.resolution = keys.step / self._parts
-        self._switch_play_compensation_off(engine)
         self.travel = self._read_travel(keys.step)
-        self._set_speed(round(speed / self.resolution))
+        self._speed, self._homes_up = round(speed / self.resolution), homes_up
+        self._set_up()
+
+    def _set_up(self) -> None:
+        """Play compensation off, the speed as wanted, and a look at the way home; a controller that was off has forgotten the first two."""
+        self._switch_play_compensation_off()
+        self._set_speed(self._speed)
         home = self._ask("say how it homes", lambda axis: axis.get_home_settings())
-        if bool(int(home.HomeFlags) & HOMES_UP) != homes_up:
-            where = "higher" if not homes_up else "lower"
-            raise DeviceError(f"{name}: its controller homes towards {where} readings; correct `home_towards` or the controller's settings")
+        if bool(int(home.HomeFlags) & HOMES_UP) != self._homes_up:
+            where = "higher" if not self._homes_up else "lower"
+            raise DeviceError(
+                f"{self._name}: its controller homes towards {where} readings; correct `home_towards` or the controller's settings"
+            )
 
     def start_home(self) -> None:
-        """Start to look for the reference.
+        """Start to look for the reference; a controller without one may have been off.
 
         Raises:
-            DeviceError: the controller is in alarm, or takes the command and does nothing.
+            DeviceError: the controller is in alarm, homes the other way, does not take a setting, or takes the command and does nothing.
         """
         self._require_no_alarm("look for its reference")
+        if not self.is_homed():
+            self._set_up()
         self._referenced = False
         for command in ("command_sstp", "command_home"):  # a stop first, so that the homing seen is this one
             self._ask("look for its reference", methodcaller(command))
@@ -280,7 +289,8 @@ class StandaAxis:
                     f"{self._name}: asked to {task}, the controller took it and did nothing for {START_S:g} s; look at its state"
                 )
 
-    def _switch_play_compensation_off(self, engine: Any) -> None:
+    def _switch_play_compensation_off(self) -> None:
+        engine = self._ask("say how it drives", lambda axis: axis.get_engine_settings())
         if int(engine.EngineFlags) & ANTIPLAY:
             engine.EngineFlags = type(engine.EngineFlags)(int(engine.EngineFlags) & ~ANTIPLAY)
             self._ask("switch play compensation off", lambda axis: axis.set_engine_settings(engine))

@@ -11,8 +11,9 @@ What this file relies on, from Thorlabs' "Host-Controller Communications Protoco
 - Positions are whole encoder counts. Speeds are counts/s * T * 65536, accelerations counts/s^2 * T^2 * 65536, T = 2048 / 6e6 s.
 - Messages carry no checksum: what guards the bytes is USB's own.
 
-A controller has a backlash correction, 1 degree at first, which overshoots the target from one side: it is switched off, and asked whether it is, since a
-motion has to stay between its ends. Not confirmed from the manual: within how many counts the servo comes to rest (``deadband``).
+A controller has a backlash correction, 1 degree at first, which overshoots the target from one side: it is switched off, and asked
+whether it is, since a motion has to stay between its ends. Not confirmed from the manual: within how many counts the servo comes to
+rest (``deadband``).
 On close the motor holds its place.
 """
 

@@ -137,6 +137,27 @@ def test_connecting_switches_play_compensation_off(emulated: Callable[..., str])
     assert [flags & 8 for flags in seen] == [8, 0]
 
 
+def test_a_controller_that_was_off_is_told_again_before_it_homes(emulated: Callable[..., str], tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+
+    def look(axis: Any) -> None:
+        seen.append((int(axis.get_engine_settings().EngineFlags) & 8, axis.get_move_settings().Speed))
+
+    controller = StandaController(emulated())
+    axis = Axis(
+        "stage", StandaAxis("stage", controller, StandaKeys.model_validate({"step": "2.5 um"}), 100.0, homes_up=False), (0, 25), 100
+    )
+    axis.home().wait(5)
+    controller.close()
+    (tmp_path / "controller.bin").unlink()  # where the emulated controller remembers
+    emulated(compensate_play, look)  # as it was delivered
+    axis.home().wait(5)
+    axis.close()
+    controller.close()
+    emulated(look)
+    assert seen == [(8, 1000), (0, 40_000)]
+
+
 def test_a_controller_that_homes_the_other_way_is_refused(emulated: Callable[..., str], stage: Callable[..., StandaAxis]) -> None:
     """The rule of the gap relies on ``home_towards``."""
     address = emulated(turn_home_round)
