@@ -40,8 +40,9 @@ class SimulatedBench:
         self._started, self._ready = threading.Event(), threading.Event()
         self._listener = threading.Thread(target=self._listen, name="simulated bench", daemon=True)
         self._listener.start()
-        silent = not wait_for(self._started, timeout)
+        silent = False
         try:
+            silent = not wait_for(self._started, timeout)
             self.addresses: dict[str, Any] = json.loads(self._said[0])
         except (IndexError, ValueError):
             self._end()
@@ -49,6 +50,9 @@ class SimulatedBench:
             self._let_go()
             reason = f"it said nothing for {timeout:g} s" if silent else "it ended without saying its addresses"
             raise CommunicationError(f"{bench_file}: the simulated bench did not start, {reason}; its last words: {last}") from None
+        except BaseException:  # Ctrl-C: nobody else knows of the child yet
+            self.close()
+            raise
 
     def wait_until_ready(self, timeout: float = READY_S) -> None:
         """Wait until all that a first frame needs is compiled; an operator who waits is told why.

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -168,6 +169,20 @@ def test_address_simulated_starts_a_bench_and_ends_it(root: Path) -> None:
         wait_all(bench.array_stage.home(), bench.sensor_stage.home(), timeout=20)
         bench.array_stage.move_to(12.5).wait(20)
         assert bench.world("array.z") == pytest.approx(52.5, abs=0.001)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there")
+def test_a_simulated_bench_whose_start_is_interrupted_ends(root: Path) -> None:
+    """No process is left behind, which conftest sees to, and no thread."""
+    threads = set(threading.enumerate())
+    threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            SimulatedBench(root / "examples" / "benches" / "simulated.yaml", seed=1)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert not {thread.name for thread in set(threading.enumerate()) - threads if not isinstance(thread, threading.Timer)}
 
 
 def test_a_simulated_bench_that_does_not_start_says_its_last_words(tmp_path: Path) -> None:
