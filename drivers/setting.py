@@ -105,8 +105,16 @@ class Setting(Generic[Value]):
         self._commands.close()
 
     def read(self) -> dict[str, Any]:
-        """The present value."""
-        return {self.name: {"value": self.value(), "timestamp": time.time()}}
+        """The present value.
+
+        Raises:
+            MotionError: it is another than it was set to.
+        """
+        value = self.value()
+        settled = self._change is not None and self._change.success
+        if settled and self._asked is not None and not self._equal(value, self._asked):
+            raise MotionError(f"{self.name}: set to {self._asked}, it now is {value}; see what changed it and go on")
+        return {self.name: {"value": value, "timestamp": time.time()}}
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns."""
@@ -140,11 +148,13 @@ class Setting(Generic[Value]):
         if self._stopped is not None:
             return None if self._stopped else MotionError(f"{change.task}: given up on the way, as it was told")
         reached = self._commands.value()
-        if isinstance(value, str) or isinstance(reached, str):
-            there = reached == value
-        else:
-            there = math.isclose(reached, value, rel_tol=self._closeness)
-        if there:
+        if self._equal(reached, value):
             return None
         fault = self._commands.fault()
         return MotionError(f"{change.task}: ended at {reached or 'no known value'} instead{fault and f' ({fault})'}; look what holds it")
+
+    def _equal(self, reached: Value, value: Value) -> bool:
+        """Whether what it is is what was asked for."""
+        if isinstance(value, str) or isinstance(reached, str):
+            return reached == value
+        return math.isclose(reached, value, rel_tol=self._closeness)

@@ -25,6 +25,7 @@ from flflab.study import read_study
 from procedures.study import begin_recording, tell_nobody
 from procedures.sweep import Progress
 from sim.motion import rest
+from sim.world import WHEEL
 
 Connect = Callable[..., ConnectedBench]
 Until = Callable[..., None]
@@ -94,6 +95,31 @@ def test_a_stage_that_is_pushed_while_frames_are_taken_ends_the_run_before_a_fra
         resumed = resume_run(tmp_path / "run", None, tell_nobody)
     assert [frame.array for frame in resumed.frames] == pytest.approx([60] * len(resumed.frames), abs=1e-3)
     assert resumed.complete
+
+
+@pytest.mark.parametrize(
+    ("moved", "place", "sentence"),
+    [
+        ("wheel", WHEEL.index("edge"), "target: set to four-dot, it now is edge; see what changed it and go on"),
+        ("iris", 5.6, r"iris: set to 4\.0, it now is 5\.6; see what changed it and go on"),
+    ],
+)
+def test_a_target_or_an_iris_that_is_changed_while_frames_are_taken_ends_the_run(
+    moved: str, place: float, sentence: str, served: Callable[..., Any], tmp_path: Path
+) -> None:
+    with served(study=ONE | {"exposure": {"frames": 3}}) as (running, study, bench):
+
+        def change(progress: Progress) -> None:
+            if progress.step.startswith("c0/four-dot/1"):
+                getattr(running.world, moved).motion = rest(place)
+
+        with pytest.raises(MotionError, match=sentence):
+            run_study(study, bench, tmp_path / "run", None, change, "sweep")
+        resumed = resume_run(tmp_path / "run", None, tell_nobody)
+    assert resumed.complete
+    for frame in resumed.frames:
+        assert frame.f_number == 4.0
+        assert frame.target == ("black" if frame.configuration is None else frame.key.split("/")[1])
 
 
 @pytest.mark.parametrize(
