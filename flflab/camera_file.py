@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, PositiveInt, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, model_validator
 
 from flflab.description import Angle, Description, Length, Ratio, load
 from flflab.errors import InputError
@@ -21,6 +21,12 @@ def _as_list(given: object) -> object:
 
 def _as_pair(given: object) -> object:
     return given if isinstance(given, list) else [given, given]
+
+
+def _not_zero(focal: float) -> float:
+    if focal == 0:
+        raise ValueError("0 mm is no focal length; give that of the microlens")
+    return focal
 
 
 class MainLensDescription(Description):
@@ -46,7 +52,9 @@ class ArrayDescription(Description):
     count: tuple[MicrolensCount, MicrolensCount]
     pitch: Annotated[tuple[PositiveLength, PositiveLength], BeforeValidator(_as_pair)]
     aperture: PositiveLength | None = None
-    focal_length: Annotated[list[Length], BeforeValidator(_as_list), Field(min_length=1)] | None = None
+    focal_length: Annotated[list[Annotated[Length, AfterValidator(_not_zero)]], BeforeValidator(_as_list), Field(min_length=1)] | None = (
+        None
+    )
     pattern: list[list[int]] = Field(default=[[0]])
     radius_of_curvature: PositiveLength | None = None
     refractive_index: Annotated[float, Field(gt=1)] | None = None

@@ -115,7 +115,7 @@ def _made(
 ) -> Target:
     place = ".".join(str(part) for part in (*under, "kind"))
     kind = data.get("kind")
-    if kind not in DESCRIPTIONS:
+    if not isinstance(kind, str) or kind not in DESCRIPTIONS:
         asked = "this field is missing" if kind is None else f"{kind!r} is not a target"
         raise InputError(
             f"{source}:{lines.get((*under, 'kind'), lines.get(under, 1))}: {place}: {asked}; allowed: {', '.join(DESCRIPTIONS)}"

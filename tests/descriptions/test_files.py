@@ -34,6 +34,7 @@ def changed(source: Path, folder: Path, old: str, new: str) -> tuple[Path, int]:
 
 
 CAMERA_FAULTS = [
+    ("focal_length: 0.917 mm", "focal_length: [1 mm, 0 mm]", "microlens_array.focal_length.1", "0 mm is no focal length"),
     ("pitch: 400 um", "pitch: 400", "microlens_array.pitch", "has no unit"),
     ("pitch: 400 um", "pitsch: 400 um", "microlens_array.pitsch", "there is no such field; allowed here: layout, count, pitch"),
     ("pitch: 400 um", "pitch: 400 deg", "microlens_array.pitch", "unit of angle"),
@@ -200,6 +201,7 @@ def test_a_scene_takes_yes_and_no_where_they_answer_a_question_only(tmp_path: Pa
 
 
 STUDY_FAULTS = [
+    ("{kind: four-dot, diam", "{kind: [four-dot], diam", "['four-dot'] is not a target; allowed: four-dot"),
     ("distance: 507 mm", "distance: 507", "has no unit"),
     ("reference: 1", "reference: 12", "allowed: 0 to 6"),
     ("diameter: 1 mm", "diameter: 1", "has no unit"),
