@@ -338,11 +338,8 @@ class Axis:
         homed = self._commands.is_homed()
         task = motion.status.task
         if motion.stopped:
-            return (
-                None
-                if motion.stopped_as_planned
-                else MotionError(f"{task}: stopped on the way at {self.coordinate.show(position)}, as it was told")
-            )
+            where = f"at {self.coordinate.show(position)}" if homed else "where nobody knows, for it has no reference"
+            return None if motion.stopped_as_planned else MotionError(f"{task}: stopped on the way {where}, as it was told")
         faults = "; ".join(self._commands.faults())
         if not homed:
             lost = "did not find it" if motion.end is None else "lost its reference on the way"
