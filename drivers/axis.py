@@ -49,6 +49,7 @@ class Axis:
             None when the axis looks for its reference, ``start`` is None when its position is not known.
         coordinate: whether it counts lengths or angles.
         patience: how long the axis may stay busy without coming nearer to its end, s.
+        homes_up: whether its reference lies at the high end of its travel; None where that is not known.
     """
 
     parent = None
@@ -63,6 +64,7 @@ class Axis:
         *,
         coordinate: Coordinate = LENGTH,
         patience: float = 3.0,
+        homes_up: bool | None = None,
     ) -> None:
         self.name = name
         self.limits = limits
@@ -71,6 +73,7 @@ class Axis:
         self.coordinate = coordinate
         self._commands = commands
         self._patience = patience
+        self._homes_up = homes_up
         self._starting = threading.Lock()
         self._motion: Motion | None = None
         self._watcher: threading.Thread | None = None
@@ -346,9 +349,22 @@ class Axis:
             return MotionError(f"{task}: {lost} ({faults or 'was it switched off?'}); look what holds it, then home it again")
         if faults:
             return MotionError(f"{task}: ended at {self.coordinate.show(position)} ({faults}); look what holds it, then home it again")
+        if motion.end is None and self._at_the_other_end(position):
+            found, due = ("low", "high") if self._homes_up else ("high", "low")
+            return MotionError(
+                f"{task}: found it at {self.coordinate.show(position)}, at the {found} end of its travel, where `home_towards` and `sign` "
+                f"of the bench file have the {due} one; correct them before anything else moves, the rule of the gap relies on them"
+            )
         if motion.end is not None and abs(position - motion.end) > 1.01 * self._commands.resolution:
             return MotionError(f"{task}: ended at {self.coordinate.show(position)} instead; look what holds it, then home it again")
         return None
+
+    def _at_the_other_end(self, reference: float) -> bool:
+        """Whether a reference lies in the quarter of the travel that is farthest from where it should be."""
+        low, high = self.travel
+        if self._homes_up is None or self.coordinate is not LENGTH or not math.isfinite(high - low):
+            return False
+        return (reference - low if self._homes_up else high - reference) < (high - low) / 4
 
     def _stop_quietly(self) -> None:
         with contextlib.suppress(Exception):  # whatever it is, who waits for the motion is told why it ended

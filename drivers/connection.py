@@ -75,7 +75,10 @@ class Connection:
 
         if isinstance(device, AxisDescription):
             commands = driver.open(name, device, keys, share)
-            return Axis(name, commands, device.limits, device.speed, coordinate=device.coordinate, patience=driver.patience)
+            return Axis(
+                name, commands, device.limits, device.speed,
+                coordinate=device.coordinate, patience=driver.patience, homes_up=device.homes_up,
+            )  # fmt: skip
         opened = driver.open(device.address, keys, share)
         if name == "camera":
             return Camera(name, opened, self._simulated.wait_until_ready) if simulated else Camera(name, opened)

@@ -263,6 +263,21 @@ def test_a_homing_that_is_stopped_tells_no_position_that_is_counted_from_nowhere
                 status.wait(10)
 
 
+@pytest.mark.parametrize("wrong", [{"home_towards": "+z"}, {"sign": -1}], ids=["home_towards", "sign"])
+def test_a_reference_that_is_found_at_the_other_end_is_told(wrong: dict[str, Any], root: Path, tmp_path: Path) -> None:
+    described = read_bench(write_bench_of_all(root, tmp_path / "bench.yaml", 50.0))
+    with serve(described) as served:
+        write_bench(described, served, tmp_path / "served.yaml")
+        data = yaml.safe_load((tmp_path / "served.yaml").read_text())
+        data["axes"]["main_lens_stage"] |= wrong
+        (tmp_path / "served.yaml").write_text(yaml.safe_dump(data))
+        with drivers.connect(tmp_path / "served.yaml") as bench:
+            found = r"main_lens_stage: .* found it at 0\.0+ mm, at the low end of its travel, where .* have the high one; correct"
+            with pytest.raises(MotionError, match=found):
+                bench.main_lens_stage.home().wait(20)
+            bench.target_stage.home().wait(20)
+
+
 def test_where_no_line_can_be_opened_any_more_every_axis_is_named(root: Path, tmp_path: Path) -> None:
     described = read_bench(write_bench_of_all(root, tmp_path / "bench.yaml", 5.0))
     with serve(described) as served, contextlib.ExitStack() as connected:
