@@ -14,6 +14,7 @@ from typing import Any
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import gaussian_filter
 
 from flflab.analysis.lattice.falloff import slants_of
 from flflab.analysis.lattice.white import Lattice
@@ -99,6 +100,19 @@ def evenly_blurred(
         noise.full_scale_dn,
     )
     return even
+
+
+def as_softened(picture: npt.NDArray[Any], even: npt.NDArray[Any], softness: float, noise: SensorNoise) -> npt.NDArray[Any]:
+    """The picture less what ``even`` takes out of it, softened: by rays it is too near to the dots' edges where light bends.
+
+    Args:
+        picture: DN, [row, col].
+        even: the same after ``evenly_blurred``.
+        softness: diameter of the disc that softens edges beyond their blur, px; a normal distribution of a quarter of it is as wide.
+        noise: of the sensor; saturated pixels stay as they are.
+    """
+    softened = picture + gaussian_filter(even - picture, softness / 4)
+    return np.where(picture >= noise.full_scale_dn, picture, softened)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

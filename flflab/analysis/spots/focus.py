@@ -24,7 +24,7 @@ SOUND = 1.1  # chi squared a pixel that noise may make of all spots together
 STRANGE = 20.0  # times the typical misfit, beyond which a spot has no say: a neighbour's light, dust
 SURE_PX = 0.01  # of blur: near focus the misfit has several least places so far apart, and edges no sharper than it bend it
 SOFTER_PX = 0.3  # of blur: edges softer than by rays and noise show diffraction or aberrations, which shift cut spots too
-SHARE_OF_SOFTER = 0.5  # of that, as a standard uncertainty of the focus: 550 nm lead it astray by 0.2 to 0.6 of it at F/2.8 to F/5.6
+SHARE_OF_SOFTER = 0.5  # of that, as a standard uncertainty of the focus: unexplained, 550 nm lead it astray by 0.2 to 0.6 at F/2.8 to F/5.6
 NEAR = 2.0  # chi squared a pixel below which the blur is so nearly right that edges can be no sharper than it
 SHARPEST_PX = 0.03  # of blur: softer edges cannot be told from sharp ones
 
@@ -79,7 +79,16 @@ def by_common_focus(normal: Array, right: Array, signed: Array, soft: Array, foc
     return turned @ normal @ own, (turned @ right[:, :, None])[:, :, 0]
 
 
-def common_step(normal: Array, right: Array, chi2_per_pixel: Array, usable: Flags, lit: Flags, focus: Focus, first: bool) -> CommonStep:
+def common_step(
+    normal: Array,
+    right: Array,
+    chi2_per_pixel: Array,
+    usable: Flags,
+    lit: Flags,
+    focus: Focus,
+    first: bool,
+    astray: float = SHARE_OF_SOFTER,
+) -> CommonStep:
     """Solve for spots and their common focus.
 
     Args:
@@ -90,6 +99,8 @@ def common_step(normal: Array, right: Array, chi2_per_pixel: Array, usable: Flag
         lit: those with so much light that they say something of the focus: the places of others are not known well enough.
         focus: where this step starts.
         first: spots are not where they belong yet, and show how soft edges are but no side of the focus.
+        astray: share of what softens edges beyond their blur that leads the focus astray, as a standard uncertainty, where noise
+            explains the misfit; ``SHARE_OF_SOFTER`` where it does not.
     """
     covariance = inverted(normal[:, :3, :3], usable)
     good = np.isfinite(covariance[:, 0, 0])
@@ -111,7 +122,8 @@ def common_step(normal: Array, right: Array, chi2_per_pixel: Array, usable: Flag
     there = here + np.clip(there - here, -most, most) * [0.0 if first else 1.0, 1.0]
     there[1] = max(there[1], abs(there[0]), SHARPEST_PX)
     softer = max(0.0, float(there[1] ** 2 - there[0] ** 2) - SOFTER_PX**2)
-    doubt = math.sqrt(excess * variance + SURE_PX**2 + SHARE_OF_SOFTER**2 * softer)
+    share = astray if misfit < SOUND else SHARE_OF_SOFTER
+    doubt = math.sqrt(excess * variance + SURE_PX**2 + share**2 * softer)
     found = Focus(focus.nominal_px, float(there[0]), float(there[1]), doubt)
     return CommonStep(steps[:, :, 0] + gains @ (there - here), covariance, gains[:, :2, 0], found)
 

@@ -1,7 +1,9 @@
-"""The images of round dots in a picture of many micro-images: found, and fitted."""
+"""The images of round dots in a picture of many micro-images: found, and fitted, by rays and where edges show diffraction by waves."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,27 +14,35 @@ from flflab.analysis.lattice.registration import blur_px, require_shape, sensor_
 from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.lowest import lowest
 from flflab.analysis.sensor.noise import SensorNoise
+from flflab.analysis.spots.bent_light import CYCLES
 from flflab.analysis.spots.clipping import FAR_PX, cut_spots, pupils_of, step_of_cut_spots
-from flflab.analysis.spots.falloff import evenly_blurred, steepness_of
+from flflab.analysis.spots.falloff import as_softened, evenly_blurred, steepness_of
 from flflab.analysis.spots.fit import LIT, Lit, Spots, fit_spots, illumination, illumination_table, lit
-from flflab.analysis.spots.focus import SHARPEST_PX, Focus, nominal_focus
+from flflab.analysis.spots.focus import SHARPEST_PX, SOUND, Focus, nominal_focus
 from flflab.analysis.spots.law import Candidates, candidates_near, law_places, register, regress
 from flflab.analysis.spots.profile import defocused_dot
 from flflab.analysis.spots.start import where_to_look
+from flflab.analysis.spots.waves import bent_px, light_of, step_of_diffracted_spots
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
+from flflab.optics.contrast import cone_half_angle
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
+Step = Callable[..., tuple[Spots, Focus]]
 
 MOST_ROUNDS, SETTLED_PX = 12, 0.001  # a further round moves centres and radius by a tenth of that
 SETTLED_BLUR_PX = 0.001  # of the focus, a tenth of its uncertainty: it moves all cut spots alike, and depth with them
 SOFTER, SOFTER_PX = 0.03, 0.01  # share of the blur, and px: as much more leaves the centres of whole spots in few micro-images alone
 TAKEN_OUT = 2  # times what fall-off makes too much is taken out, by spots then known better: after the first depth is up to 0.005 mm off
 UNFITTED = (math.inf, math.inf)  # radius and blur of a frame of which no whole spot has been fitted
+SHORTEST = 300e-6  # mm: a camera sees no shorter light, so that edges softened by less are not softened by diffraction
+EXPLAINED = 0.1  # of the misfit by rays: waves that leave more of it, and more than noise, are not what softens edges; Gaussians leave 0.4
+MOST_TABLES, NEAR_TABLE_PX = 8, 0.03  # of bent light; px of blur and softness from a table's within which it holds
+LARGEST_PX = 60  # half width of a window, beyond which tables of bent light take hundreds of megabytes: larger dots are left to rays
 NEAR_PX = 1.0  # of blur, up to which edges hardly tell the sides of the focus apart
 
 
@@ -86,17 +96,21 @@ def find_spots(
     limited = bool(microlens_limits(central_smms(camera), 1 / distance))
     focus = nominal_focus(0.0 if pupils is None else pupils.blur, known=not limited)
 
-    def settled(values: npt.NDArray[Any], seen: SeenSpots, fitted: tuple[float, float], moved: float) -> SeenSpots:
+    by_rays = partial(step_of_cut_spots, cut=cut, own=own, pupils=pupils, noise=noise)
+
+    def settled(
+        values: npt.NDArray[Any], seen: SeenSpots, whole: Whole, step: Step, fitted: tuple[float, float], moved: float
+    ) -> SeenSpots:
         # spots and focus want the radius, the radius the law and the law the spots: a step of each, until they agree
         spots, law, radius, spread, focus = seen.spots, seen.law, seen.radius, seen.spread, seen.focus
         for _ in range(MOST_ROUNDS):
             before, last, focused, half = spots.centres, radius, focus.blur_px, _half_width(radius, spread)
             if limited and not _lit(spots, own)[cut].any():
                 spread = _softness(values, spots, whole, half, own, radius, spread, noise)
-            if abs(radius - fitted[0]) > SETTLED_PX or abs(spread - fitted[1]) > max(SOFTER * spread, SOFTER_PX):
+            if len(whole) and (abs(radius - fitted[0]) > SETTLED_PX or abs(spread - fitted[1]) > max(SOFTER * spread, SOFTER_PX)):
                 again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
                 spots, fitted = spots.with_those(whole, again), (radius, spread)
-            spots, focus = step_of_cut_spots(values, spots, cut, half, own, pupils, focus, radius, noise, moved)
+            spots, focus = step(values, spots, half=half, focus=focus, radius=radius, moved=moved)
             bright = _lit(spots, own)
             if limited and bright[cut].any():
                 spread = focus.softness_px
@@ -113,22 +127,45 @@ def find_spots(
         return SeenSpots(spots, candidates, law, radius, spread, focus, table, distance)
 
     def misfit(seen: SeenSpots) -> float:
-        return float(seen.spots.chi2_per_pixel[cut][_lit(seen.spots, own)[cut]].sum())
+        lit_ones = seen.spots.chi2_per_pixel[cut][_lit(seen.spots, own)[cut]]
+        return float(lit_ones.mean()) if len(lit_ones) else math.inf
 
-    seen = settled(values, SeenSpots(spots, candidates, law, radius, spread, focus, table, distance), (radius, spread), math.inf)
+    start_at = SeenSpots(spots, candidates, law, radius, spread, focus, table, distance)
+    seen = settled(values, start_at, whole, by_rays, (radius, spread), math.inf)
     if limited and 3 * seen.focus.uncertainty_px < abs(seen.focus.blur_px) < NEAR_PX:
         # a blur on the wrong side of the focus is a lesser misfit than any near it
         turned = replace(seen, focus=replace(seen.focus, blur_px=-seen.focus.blur_px))
-        other = settled(values, turned, (seen.radius, seen.spread), 0.0)
+        other = settled(values, turned, whole, by_rays, (seen.radius, seen.spread), 0.0)
         seen = min(seen, other, key=misfit)
-    steepness = steepness_of(lattice, candidates.lens, camera)
-    if steepness is None or pupils is None:
+    if pupils is None:
         return seen
-    for _ in range(TAKEN_OUT):
+    steepness = steepness_of(lattice, candidates.lens, camera)
+
+    def even(seen: SeenSpots) -> npt.NDArray[Any]:
+        if steepness is None:
+            return values
         half = _half_width(seen.radius, seen.spread)
-        even = evenly_blurred(values, seen.spots, half, own, pupils, seen.focus, seen.radius, steepness, noise)
-        seen = settled(even, seen, UNFITTED, 0.0)
-    return seen
+        return evenly_blurred(values, seen.spots, half, own, pupils, seen.focus, seen.radius, steepness, noise)
+
+    for _ in range(0 if steepness is None else TAKEN_OUT):
+        seen = settled(even(seen), seen, whole, by_rays, UNFITTED, 0.0)
+    shortest = CYCLES * SHORTEST / camera.sensor.pixel / (2 * float(cone_half_angle(central_smms(camera), 1 / distance)))
+    told = seen.focus.uncertainty_px > 0 and _lit(seen.spots, own)[cut].any() and _half_width(seen.radius, seen.spread) <= LARGEST_PX
+    if not told or bent_px(seen.focus) < shortest:
+        return seen
+    # the edges of all spots, cut by the sensor's border too, are those of waves
+    every, nowhere, bent = np.flatnonzero(seen.spots.seen), np.empty(0, dtype=np.int64), seen
+    for _ in range(MOST_TABLES):
+        last = bent.focus
+        light = light_of(last, pupils, bent.radius, _half_width(bent.radius, bent.spread))
+        by_waves = partial(step_of_diffracted_spots, which=every, own=own, pupils=pupils, noise=noise, light=light)
+        softened = values if steepness is None else as_softened(values, even(bent), bent_px(last), noise)
+        bent = settled(softened, bent, nowhere, by_waves, UNFITTED, 0.0)
+        if max(abs(bent.focus.blur_px - last.blur_px), abs(bent.focus.softness_px - last.softness_px)) < NEAR_TABLE_PX:
+            break
+    # edges that something else softens are fitted by waves as well, to an end that says nothing of the focus
+    explained = misfit(bent) < min(misfit(seen), max(SOUND, EXPLAINED * misfit(seen)))
+    return bent if explained and bent_px(bent.focus) > shortest else seen
 
 
 def _lit(spots: Spots, own: Lit) -> npt.NDArray[np.bool_]:
