@@ -16,7 +16,7 @@ from flflab.analysis.lattice.registration import microlens_type_of, sensor_pixel
 from flflab.analysis.lattice.white import Lattice, find_lattice, pitch_and_angle
 from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json, micro_images_json
 from flflab.analysis.micro_images import every_micro_image
-from flflab.analysis.presence import brightest_light, require_dots, require_light, unlike_whole
+from flflab.analysis.presence import brightest_light, require_dots, require_light
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.without_white.bars import lattice_from_bars
 from flflab.analysis.without_white.dots import lattice_from_dots
@@ -94,7 +94,6 @@ def measure(
         result["dots"] = [dot_json(dot) for dot in dots]
         scale = scale_of_dots(dots, lattice, camera, target, away)
         remarks += unlike_the_description(scale, camera, away) if scale else []
-        remarks += unlike_whole(dots, lattice, camera, target, away)
     elif isinstance(target, Edge):
         edges = measure_edges(values, lattice, camera, evened)
         result["mtf"] = edge_json(edges, camera, away)

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from flflab.analysis.dots.views import DotViews
 from flflab.analysis.lattice.registration import blur_px
-from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
@@ -87,15 +86,3 @@ def require_dots(
             f"four-dot picture: where dots are due, {len(centres) - spots} of {len(centres)} places are no spots of light on a darker "
             "ground; check target, distance and exposure"
         )
-
-
-def unlike_whole(dots: Sequence[DotViews], lattice: Lattice, camera: Camera, target: FourDot, distance: float) -> list[str]:
-    """A sentence where no bright field holds a dot and its blur: stated uncertainties of places are then too small."""
-    size = abs(float(magnification(central_smms(camera), 1 / distance))) / camera.sensor.pixel
-    reach = (target.diameter * size + blur_px(camera, distance)) / 2
-    if reach <= lattice.inside_radius_px or not any(np.isfinite(dot.position_mm).all() for dot in dots):
-        return []
-    return [
-        f"no bright field, {lattice.inside_radius_px:.1f} px in radius, holds a dot and its blur, {reach:.1f} px: places of dots are "
-        "off by far more than their uncertainty (15 mm of 900 mm in a trial); take smaller dots, or a larger aperture of the main lens"
-    ]

@@ -11,8 +11,6 @@ from flflab.analysis.dots.views import DotViews, count_views
 from flflab.analysis.lattice.falloff import unshaded
 from flflab.analysis.lattice.profile import cone_of
 from flflab.analysis.lattice.white import find_lattice
-from flflab.analysis.measure import nominal_lattice
-from flflab.analysis.presence import unlike_whole
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
@@ -199,14 +197,6 @@ def test_fall_off_is_taken_out_of_dark_pixels_as_of_bright_ones(brute: Any) -> N
     bright, dim = unshaded(64 + light, lattice, NOISE), unshaded(64 + light / 1000, lattice, NOISE)
     assert np.abs(bright - 64 - light).max() > 20
     np.testing.assert_allclose(1000 * (dim - 64), bright - 64, atol=0.05)
-
-
-def test_dots_larger_than_every_bright_field_are_remarked_on(brute: Any) -> None:
-    camera = brute.camera(4.0, RESOLUTION)
-    found = counted(brute, camera, FOCUS, np.zeros(2), camera)
-    lattice = nominal_lattice(camera, 3000.0)
-    assert unlike_whole(found, lattice, camera, TARGET, FOCUS) == []
-    assert "no bright field" in unlike_whole(found, lattice, camera, FourDot(diameter=8.0, spacing=12.0), FOCUS)[0]
 
 
 def test_how_depths_move_together_is_part_of_their_uncertainty(brute: Any) -> None:

@@ -15,7 +15,7 @@ Array = npt.NDArray[np.float64]
 def triangulate(
     centres_px: Array,
     uncertainty_px: Array,
-    by_focus_px: Array,
+    together_px: Array,
     lens: npt.NDArray[np.int64],
     lattice: Lattice,
     camera: Camera,
@@ -31,7 +31,7 @@ def triangulate(
     Args:
         centres_px: where the dot is seen, shape (n, 2).
         uncertainty_px: of each in x and in y by itself, shape (n, 2).
-        by_focus_px: how all of them move together with a standard uncertainty of the focus, shape (n, 2).
+        together_px: how all of them move with a standard deviation along either axis of focus and dots' radius, shape (n, 2, 2).
         lens: position of each micro-image in the lattice, shape (n,).
         lattice: the micro-images.
         camera: nominal.
@@ -39,10 +39,10 @@ def triangulate(
 
     Returns:
         Position, uncertainties, and how the position moves with a standard uncertainty of each thing that other dots share: the focus,
-        six numbers of the lattice, two of the tilt; shape (3, 9). nan for fewer than two views, or where the main lens limits: then all
+        six numbers of the lattice, two of the tilt; shape (3, 10). nan for fewer than two views, or where the main lens limits: then all
         views look along one ray.
     """
-    nowhere, alike = np.full(3, np.nan), np.full((3, 9), np.nan)
+    nowhere, alike = np.full(3, np.nan), np.full((3, 10), np.nan)
     smms = central_smms(camera)
     if len(centres_px) < 2 or not bool(microlens_limits(smms, 1 / distance)):
         return nowhere, nowhere, alike
@@ -55,8 +55,9 @@ def triangulate(
     design[:, :, 0] = away * L_each
     design[:, 0, 1] = design[:, 1, 2] = b_each[:, 0]
     right = -b_each * c / (L + b) - away * (1 - L_each / F)
-    scatter, by_focus = (part.reshape(-1) * camera.sensor.pixel * x for part in (uncertainty_px, by_focus_px))
-    spread = np.hypot(scatter, by_focus)
+    scatter = uncertainty_px.reshape(-1) * camera.sensor.pixel * x
+    together = together_px.reshape(-1, 2) * camera.sensor.pixel * x
+    spread = np.sqrt(scatter**2 + (together**2).sum(axis=1))
     rows, values = design.reshape(-1, 3) / spread[:, None], right.reshape(-1) / spread
     scale = np.sqrt((rows**2).sum(axis=0))
     normal = (rows / scale).T @ (rows / scale)
@@ -66,7 +67,7 @@ def triangulate(
     best = inverse @ ((rows / scale).T @ values)
     gains = (rows / scale) @ inverse / spread[:, None]
     tilt = _from_tilt(gains, away * (x - 1 + L * x / b), lattice, lens)
-    common = np.concatenate([(gains.T @ by_focus)[:, None], _from_lattice(gains, lattice, lens, camera, x), tilt], axis=1)
+    common = np.concatenate([gains.T @ together, _from_lattice(gains, lattice, lens, camera, x), tilt], axis=1)
     vergence, angle_x, angle_y = best / scale
     far = 1 / vergence
     # world: x = (o V)/V, y likewise, z = -1/V

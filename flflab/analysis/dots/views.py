@@ -39,8 +39,8 @@ class DotViews:
         position_mm: of the dot in the world (main lens at z = 0, target at negative z), given the nominal camera; nan where fewer
             than two views leave it open, shape (3,).
         uncertainty_mm: its standard uncertainties, shape (3,).
-        common_mm: how it moves with a standard uncertainty of each thing that all dots of the picture share: the focus, the lattice, the
-            tilt of the array; part of ``uncertainty_mm``, shape (3, k).
+        common_mm: how it moves with a standard uncertainty of each thing that all dots of the picture share: focus and radius, the
+            lattice, the tilt of the array; part of ``uncertainty_mm``, shape (3, k).
     """
 
     dot: int
@@ -89,11 +89,11 @@ def count_views(
     spots, candidates, law, radius, spread = seen.spots, seen.candidates, seen.law, seen.radius, seen.spread
     # the brightest half of the well lit spots are whole: they say what a dot's full light is
     level = _full_light(spots, candidates, lattice, seen.table)
-    doubts, by_focus = _centre_doubts(spots, candidates, lattice, radius, spread), spots.by_focus * seen.focus.uncertainty_px
-    worse = np.hypot(doubts, by_focus).max(axis=1)
-    agreed, agreed_doubts = _agreed_centres(spots, worse, by_focus, candidates, lattice, camera, target, law)
+    doubts = _centre_doubts(spots, candidates, lattice, radius, spread)
+    worse = _with_shared(doubts, spots.together).max(axis=1)
+    agreed, agreed_doubts = _agreed_centres(spots, worse, candidates, lattice, camera, target, law)
     places = np.where((agreed_doubts < worse)[:, None], agreed, spots.centres)
-    decided = Decided(spots, doubts, by_focus, places, np.minimum(agreed_doubts, worse))
+    decided = Decided(spots, doubts, places, np.minimum(agreed_doubts, worse))
     return tuple(_views(dot, decided, candidates, lattice, seen.table, camera, level, distance) for dot in range(len(target.centres)))
 
 
@@ -141,13 +141,11 @@ class Decided:
     """Spots, and the places by which views are decided.
 
     A spot that its micro-image cuts is known better from all other spots than from itself. Uncertainties are standard, px: of each
-    coordinate those of the spots for a known focus, shape (n, 2), and how they move with the focus's, shape (n, 2); in one coordinate
-    those of the places, shape (n,).
+    coordinate those of the spots for a known focus and radius of the dots, shape (n, 2); in one coordinate those of the places, shape (n,).
     """
 
     spots: Spots
     doubts: Array
-    by_focus: Array
     places: Array
     place_doubts: Array
 
@@ -160,10 +158,14 @@ def _centre_doubts(spots: Spots, candidates: Candidates, lattice: Lattice, radiu
     return np.sqrt(np.where(np.isfinite(noise), noise, 100.0**2) + own[:, None])
 
 
+def _with_shared(doubts: Array, together: Array) -> Array:
+    """Standard uncertainties of x and y by themselves and of what moves all spots together, shape (n, 2)."""
+    return np.sqrt(doubts**2 + (together**2).sum(axis=2))
+
+
 def _agreed_centres(
     spots: Spots,
     doubts: Array,
-    by_focus: Array,
     candidates: Candidates,
     lattice: Lattice,
     camera: Camera,
@@ -185,8 +187,8 @@ def _agreed_centres(
         excess = max(1.0, float((weight * left**2).sum()) / max(2 * np.count_nonzero(weight) - 6, 1))
         weight = np.where(left > 6 * doubts * math.sqrt(excess), 0.0, weight)
     shift = design @ step
-    together = design @ (covariance @ ((design.conj().T * weight) @ (by_focus @ [1, 1j])))
-    spread = np.sqrt(np.einsum("nk,km,nm->n", design, covariance, design.conj()).real * excess + np.abs(together) ** 2)
+    together = design @ (covariance @ ((design.conj().T * weight) @ np.einsum("nck,c->nk", spots.together, [1, 1j])))
+    spread = np.sqrt(np.einsum("nk,km,nm->n", design, covariance, design.conj()).real * excess + (np.abs(together) ** 2).sum(axis=1))
     places, _ = law_places(lattice, camera, target, law, candidates)
     return places + np.stack([shift.real, shift.imag], axis=1), np.hypot(spread, FIT_ERROR_PX)
 
@@ -210,15 +212,15 @@ def _views(
     counted = (margin >= 0) & (light >= HALF)
     near_edge = (np.abs(margin) < 2 * doubt) & (light > HALF - 2 * light_doubt)
     near_dark = (np.abs(light - HALF) < 2 * light_doubt) & (margin > -2 * doubt)
-    centres, sure, by_focus = spots.centres[mine][counted], decided.doubts[mine][counted], decided.by_focus[mine][counted]
-    position, uncertainty, common = triangulate(centres, sure, by_focus, lens[counted], lattice, camera, distance)
+    centres, sure, together = spots.centres[mine][counted], decided.doubts[mine][counted], spots.together[mine][counted]
+    position, uncertainty, common = triangulate(centres, sure, together, lens[counted], lattice, camera, distance)
     return DotViews(
         dot=dot,
         views=int(counted.sum()),
         views_uncertain=int(np.count_nonzero(near_edge | near_dark)),
         indices=lattice.indices[lens[counted]],
         centres_px=centres,
-        centre_uncertainty_px=np.hypot(sure, by_focus),
+        centre_uncertainty_px=_with_shared(sure, together),
         position_mm=position,
         uncertainty_mm=uncertainty,
         common_mm=common,

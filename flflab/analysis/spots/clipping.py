@@ -15,6 +15,7 @@ from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.cut_light import Nodes, narrow, wide
 from flflab.analysis.spots.fit import DARKEST, LIT, Lit, Spots, illumination, light_share, moved_by
 from flflab.analysis.spots.focus import SHARPEST_PX, Focus, by_common_focus, common_step
+from flflab.analysis.spots.law import Square
 from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
@@ -96,14 +97,15 @@ def _sums(
     offset: float,
     ceiling: float,
 ) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
-    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness, focus, softness) in windows round ``at``.
+    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness, focus, softness, radius) in windows round ``at``.
 
     ``pupils`` holds radii of main lens's and microlens's disc, by_chief, focus and softness of each. A dot that is seen as far on this
-    side of the focus as edges are soft, and one as far on the other, make up one between, as soft as both.
+    side of the focus as edges are soft, and one as far on the other, make up one between, as soft as both. How large the dot is, only
+    broad blur is asked: sharp spots stand still as it grows.
     """
-    normal, right = np.zeros((len(at), 5, 5)), np.zeros((len(at), 5))
+    normal, right = np.zeros((len(at), 6, 6)), np.zeros((len(at), 6))
     chi2, count = np.zeros(len(at)), np.zeros(len(at))
-    g, spot, seen = np.zeros(5), np.zeros(2), np.zeros((2, 4))
+    g, spot, seen = np.zeros(6), np.zeros(2), np.zeros((2, 5))
     for n in range(len(at)):
         main, small, by_chief, focus, softness = pupils[n]
         part, unit = focus / softness, 2 * small
@@ -133,24 +135,25 @@ def _sums(
                             if broad:
                                 seen[side] = wide(x, y, spot, disc, main, small, beta, along)
                             else:
-                                seen[side] = narrow(x, y, spot, disc, main, small, beta, along, across)
+                                seen[side, :4] = narrow(x, y, spot, disc, main, small, beta, along, across)
                     light = (shares[0] * seen[0, 0] + shares[1] * seen[1, 0]) / full
                     g[0] = (shares[0] * seen[0, 1] + shares[1] * seen[1, 1]) * by_chief / full
                     g[1] = (shares[0] * seen[0, 2] + shares[1] * seen[1, 2]) * by_chief / full
                     g[3] = (seen[0, 0] - seen[1, 0]) / (2 * softness) / full
                     g[4] = (shares[0] * seen[0, 3] - shares[1] * seen[1, 3]) / (unit * full) - part * g[3]
+                    g[5] = (shares[0] * seen[0, 4] + shares[1] * seen[1, 4]) * sizes[n] * abs(by_chief) / full
                 level = lights[n] * spots[n, 2]
                 weight = 1 / (dark + gain * max(level * light, 0.0))
                 rest = picture[row, column] - offset - level * light
                 g *= level
                 g[2] = lights[n] * light
-                for i in range(5):
+                for i in range(6):
                     right[n, i] += weight * rest * g[i]
                     for j in range(i + 1):
                         normal[n, i, j] += weight * g[i] * g[j]
                 chi2[n] += weight * rest * rest
                 count[n] += 1
-        for i in range(5):
+        for i in range(6):
             for j in range(i):
                 normal[n, j, i] = normal[n, i, j]
     return normal, right, chi2, count
@@ -162,13 +165,13 @@ def _gauss(count: int) -> Nodes:
     return np.polynomial.legendre.leggauss(count)
 
 
-def cut_spots(spots: Spots, own: Lit, lattice: Lattice, reach: float, pupils: Pupils | None) -> Whole:
-    """Positions of the spots, ``reach`` px wide to each side, that an aperture cuts or a tilt of the array blurs unlike the others."""
-    away = np.hypot(*(spots.centres - own.centres).T)
+def cut_spots(places: Array, own: Lit, lattice: Lattice, reach: float, pupils: Pupils | None) -> Whole:
+    """Positions of the spots at ``places``, ``reach`` px wide to each side, that an aperture cuts or a tilt blurs unlike the others."""
+    away = np.hypot(*(places - own.centres).T)
     cut = (away + reach + SPARE_PX > lattice.inside_radius_px) & (away < lattice.outside_radius_px)
     if pupils is not None:
         cut |= np.abs(2 * pupils.beta * pupils.small - pupils.blur) > UNLIKE_PX
-    return np.flatnonzero(cut & spots.seen)
+    return np.flatnonzero(cut)
 
 
 def step_of_cut_spots(
@@ -180,10 +183,11 @@ def step_of_cut_spots(
     pupils: Pupils | None,
     focus: Focus,
     radius: float,
+    square: Square,
     noise: SensorNoise,
     moved: float,
-) -> tuple[Spots, Focus]:
-    """A step of Gauss-Newton for the spots that an aperture cuts and for the focus that they share; the other spots stay as they are.
+) -> tuple[Spots, Focus, float]:
+    """A step of Gauss-Newton for the spots that an aperture cuts, and for focus and radius, which they share; other spots stay as they are.
 
     Args:
         picture: DN, [row, col].
@@ -191,14 +195,15 @@ def step_of_cut_spots(
         cut: positions of those that are cut.
         half: half width of the windows round them, px.
         own: their micro-images.
-        pupils: what the dots are seen through; None leaves spots and focus as they are.
+        pupils: what the dots are seen through; None leaves spots and focus as they are, and the radius to the law.
         focus: as it is known.
-        radius: of a spot in focus, px.
+        radius: of a spot in focus, px, as it is known.
+        square: what the law says of it.
         noise: of the sensor.
         moved: by how much spots moved last, px.
     """
     if pupils is None or len(cut) == 0:
-        return spots, focus
+        return spots, focus, square.radius_px
     signed, soft = pupils.seen_in(focus)
     spread = float(soft.max())
     broad, more = spread > WIDE_PX, math.ceil(4.5 * spread)
@@ -238,6 +243,7 @@ def step_of_cut_spots(
         normal, right = by_common_focus(normal, right, signed[cut], soft[cut], focus)
     chi2 = misfit / np.maximum(count - 3, 1)
     lit = illumination(own.table, np.hypot(*(spots.centres - own.centres)[cut].T)) > LIT
-    step = common_step(normal, right, chi2, spots.brightness[cut] > DARKEST, lit, focus, math.isinf(moved))
+    step = common_step(normal, right, chi2, spots.brightness[cut] > DARKEST, lit, focus, radius, square.those(cut), first=math.isinf(moved))
     new = moved_by(now[cut], step.steps)
-    return spots.with_those(cut, Spots(new[:, :2], new[:, 2], step.covariance, chi2, step.by_focus)), step.focus
+    fitted = Spots(new[:, :2], new[:, 2], step.covariance, chi2, step.together)
+    return spots.with_those(cut, fitted), step.focus, step.radius

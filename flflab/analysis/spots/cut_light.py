@@ -229,12 +229,12 @@ def common_area(
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def wide(
     x: float, y: float, spot: Array, radius: float, main: float, small: float, beta: float, within: Nodes
-) -> tuple[float, float, float, float]:  # pragma: no cover - compiled
-    """Light in the pixel at (x, y) and its slopes by the spot's place and by beta: the mean of a few of its points, each in closed form.
+) -> tuple[float, float, float, float, float]:  # pragma: no cover - compiled
+    """Light in the pixel at (x, y) and its slopes by the spot's place, beta and the dot's radius: the mean of a few points, in closed form.
 
     As the dot's disc moves or grows, the common area grows by as much along that part of its rim which lies in the other two discs.
     """
-    light, by_x, by_y, by_beta = 0.0, 0.0, 0.0, 0.0
+    light, by_x, by_y, by_beta, by_radius = 0.0, 0.0, 0.0, 0.0, 0.0
     size = radius / abs(beta)
     for n in range(len(within[0])):
         for m in range(len(within[0])):
@@ -246,4 +246,5 @@ def wide(
             by_x += weight * out_x / beta
             by_y += weight * out_y / beta
             by_beta -= weight * (ax * out_x + ay * out_y + size * length) / beta
-    return light, by_x, by_y, by_beta
+            by_radius += weight * length / abs(beta)
+    return light, by_x, by_y, by_beta, by_radius

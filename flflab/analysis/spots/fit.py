@@ -38,19 +38,24 @@ class Spots:
         brightness: plateau over the light of a white target there, shape (n,).
         covariance: of (x, y, brightness), shape (n, 3, 3); infinite where the pixels say nothing.
         chi2_per_pixel: of each, shape (n,).
-        by_focus: how the centres move with each pixel of blur that the frame is out of focus, shape (n, 2).
+        together: how the centres move with a standard deviation along either axis of what is shared and not sure, focus and radius of
+            the dots; shape (n, 2, 2).
     """
 
     centres: Array
     brightness: Array
     covariance: Array
     chi2_per_pixel: Array
-    by_focus: Array
+    together: Array
 
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
         """Which are bright enough to be there."""
         return np.isfinite(self.covariance[:, 0, 0]) & (self.brightness > LEAST_BRIGHTNESS)
+
+    def those(self, which: Whole) -> "Spots":
+        """Some of them."""
+        return Spots(**{part.name: getattr(self, part.name)[which] for part in fields(Spots)})
 
     def with_those(self, which: Whole, others: "Spots") -> "Spots":
         """These, but others at some positions."""
@@ -262,7 +267,8 @@ def gauss_newton(places: Array, brightness: Array, half: int, sums: Sums) -> Spo
             break
     lost = np.hypot(*(spots[:, :2] - places).T) > (2 * half + 1) / 3
     inverse[lost] = np.inf
-    return Spots(np.where(lost[:, None], places, spots[:, :2]), np.where(lost, 0.0, spots[:, 2]), inverse, chi2, np.zeros_like(places))
+    there, bright = np.where(lost[:, None], places, spots[:, :2]), np.where(lost, 0.0, spots[:, 2])
+    return Spots(there, bright, inverse, chi2, np.zeros((len(places), 2, 2)))
 
 
 def fit_spots(picture: Picture, places: Array, half: int, own: Lit, profile: SpotProfile, noise: SensorNoise) -> Spots:

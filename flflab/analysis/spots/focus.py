@@ -2,8 +2,9 @@
 
 A cut spot is seen through one side of the cone: blur shifts it outwards or inwards, by the side of the focus on which the sensor stands,
 and its inner and outer edge by different amounts, which shows. How soft edges are says nothing of the side, and diffraction softens them
-as well: softness is fitted beside the focus and does not decide it. Every spot's (x, y, brightness) and the two numbers for all of them
-are solved at once: those first, from what the spots' own parameters cannot explain (Schur's complement).
+as well: softness is fitted beside the focus and does not decide it. Where blur is broad, the dots' radius shifts cut spots too: with the
+square that they make it would grow or shrink without end, but the spots' own look tells it. Every spot's (x, y, brightness) and the three
+numbers for all of them are solved at once: those first, from what the spots' own parameters cannot explain (Schur's complement).
 """
 
 import math
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.spots.fit import inverted
+from flflab.analysis.spots.law import Square
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -53,14 +55,16 @@ class CommonStep:
     Attributes:
         steps: of (x, y, brightness), shape (n, 3).
         covariance: of the same for a known focus, shape (n, 3, 3); infinite where the pixels say nothing.
-        by_focus: how the centres move with each pixel of blur, shape (n, 2).
+        together: as in ``Spots``.
         focus: as it is known now.
+        radius: of a spot in focus, px, as it is known now.
     """
 
     steps: Array
     covariance: Array
-    by_focus: Array
+    together: Array
     focus: Focus
+    radius: float
 
 
 def nominal_focus(blur_px: float, known: bool) -> Focus:
@@ -69,11 +73,11 @@ def nominal_focus(blur_px: float, known: bool) -> Focus:
 
 
 def by_common_focus(normal: Array, right: Array, signed: Array, soft: Array, focus: Focus) -> tuple[Array, Array]:
-    """Normal matrices and right sides by the frame's blur and softness in place of each spot's own, shapes (n, 5, 5) and (n, 5).
+    """Normal matrices and right sides by the frame's blur and softness in place of each spot's own, shapes (n, 6, 6) and (n, 6).
 
     A spot's softness S goes with its blur B as with the frame's s and b, S^2 = s^2 + B^2 - b^2 and B - b fixed: dS = (B - b)/S db + s/S ds.
     """
-    own = np.tile(np.eye(5), (len(right), 1, 1))
+    own = np.tile(np.eye(6), (len(right), 1, 1))
     own[:, 4, 3], own[:, 4, 4] = (signed - focus.blur_px) / soft, focus.softness_px / soft
     turned = own.transpose(0, 2, 1)
     return turned @ normal @ own, (turned @ right[:, :, None])[:, :, 0]
@@ -86,54 +90,64 @@ def common_step(
     usable: Flags,
     lit: Flags,
     focus: Focus,
+    radius: float,
+    square: Square,
     first: bool,
     astray: float = SHARE_OF_SOFTER,
 ) -> CommonStep:
-    """Solve for spots and their common focus.
+    """Solve for spots and what they share: focus and radius.
 
     Args:
-        normal: matrices of (x, y, brightness, blur, softness), shape (n, 5, 5).
-        right: right sides, shape (n, 5).
+        normal: matrices of (x, y, brightness, blur, softness, radius), shape (n, 6, 6).
+        right: right sides, shape (n, 6).
         chi2_per_pixel: of each spot.
         usable: spots bright enough to be solved for.
         lit: those with so much light that they say something of the focus: the places of others are not known well enough.
         focus: where this step starts.
-        first: spots are not where they belong yet, and show how soft edges are but no side of the focus.
+        radius: the same of the radius of a spot in focus, px.
+        square: what the law says of the radius, by the places of these spots.
+        first: spots are not where they belong yet, and show how soft edges are but neither the side of the focus nor the radius.
         astray: share of what softens edges beyond their blur that leads the focus astray, as a standard uncertainty, where noise
             explains the misfit; ``SHARE_OF_SOFTER`` where it does not.
     """
     covariance = inverted(normal[:, :3, :3], usable)
     good = np.isfinite(covariance[:, 0, 0])
     known = np.where(good[:, None, None], covariance, 0.0)
-    steps, gains = known @ right[:, :3, None], -known @ normal[:, :3, 3:]
+    steps, gains = (known @ right[:, :3, None])[:, :, 0], -known @ normal[:, :3, 3:]
+    # the square makes spots as large as its own size, which their places show, which move with what they share
+    moved = square.radius_px + float((square.by_places * steps[:, :2]).sum()) - radius
     if focus.uncertainty_px == 0:
-        return CommonStep(steps[:, :, 0], covariance, gains[:, :2, 0], focus)
+        return CommonStep(steps, covariance, np.zeros((len(steps), 2, 2)), focus, radius + moved)
     typical = max(float(np.median(chi2_per_pixel[good & lit])), 1.0) if (good & lit).any() else 1.0
     heard = good & lit & (chi2_per_pixel < STRANGE * typical)
     says = (normal[:, 3:, 3:] + normal[:, 3:, :3] @ gains)[heard].sum(axis=0)
     pulls = (right[:, 3:] + np.einsum("nik,ni->nk", gains, right[:, :3]))[heard].sum(axis=0)
     misfit = float(chi2_per_pixel[heard].mean()) if heard.any() else 1.0
-    here, prior = np.array([focus.blur_px, focus.softness_px]), np.diag([FOCUS_PX**-2, 1e-6])
-    bend = prior + says
-    there, variance = _lowest(bend, bend @ here + pulls - prior @ (here - [focus.nominal_px, 0.0]), misfit < NEAR)
+    by_square = (np.einsum("nk,nkq->q", square.by_places, gains[:, :2]) - [0.0, 0.0, 1.0]) / square.uncertainty_px
+    here, prior = np.array([focus.blur_px, focus.softness_px, radius]), np.diag([FOCUS_PX**-2, 1e-6, 0.0])
+    bend = prior + says + np.outer(by_square, by_square)
+    pull = pulls - prior @ (here - [focus.nominal_px, 0.0, 0.0]) - by_square * moved / square.uncertainty_px
+    there, spread = _lowest(bend, bend @ here + pull, misfit < NEAR)
     # what pictures have and spots here have not is alike in all of them and averages out in none
     excess = max(misfit, 1.0) * (1 + max(0.0, 1 - SOUND / misfit if misfit > 0 else 0.0) * max(np.count_nonzero(heard) - 1, 0))
     most = min(MOST_PX, MOST_SHARP_PX + focus.softness_px / 2)
-    there = here + np.clip(there - here, -most, most) * [0.0 if first else 1.0, 1.0]
+    there = here + np.clip(there - here, -most, most) * ([0.0, 1.0, 0.0] if first else [1.0, 1.0, 1.0])
     there[1] = max(there[1], abs(there[0]), SHARPEST_PX)
     softer = max(0.0, float(there[1] ** 2 - there[0] ** 2) - SOFTER_PX**2)
     share = astray if misfit < SOUND else SHARE_OF_SOFTER
-    doubt = math.sqrt(excess * variance + SURE_PX**2 + share**2 * softer)
-    found = Focus(focus.nominal_px, float(there[0]), float(there[1]), doubt)
-    return CommonStep(steps[:, :, 0] + gains @ (there - here), covariance, gains[:, :2, 0], found)
+    shared = excess * spread[::2, ::2] + np.diag([SURE_PX**2 + share**2 * softer, 0.0])
+    found = Focus(focus.nominal_px, float(there[0]), float(there[1]), math.sqrt(shared[0, 0]))
+    together = gains[:, :2, ::2] @ np.linalg.cholesky(shared)
+    return CommonStep(steps + gains @ (there - here), covariance, together, found, float(there[2]))
 
 
-def _lowest(bend: Array, pull: Array, bound: bool) -> tuple[Array, float]:
-    """Blur and softness where x . bend . x / 2 - pull . x is least, and the variance of the blur; ``bound``: edges no sharper than it."""
-    inverse = np.linalg.inv(bend)
+def _lowest(bend: Array, pull: Array, bound: bool) -> tuple[Array, Array]:
+    """Blur, softness and radius where x . bend . x / 2 - pull . x is least, and covariance; ``bound``: edges no sharper than the blur."""
+    inverse: Array = np.asarray(np.linalg.inv(bend), dtype=np.float64)
     free = inverse @ pull
     if not bound or abs(free[0]) <= free[1]:
-        return free, float(inverse[0, 0])
-    along = np.array([1.0 if free[0] > 0 else -1.0, 1.0])
-    variance = 1 / float(along @ bend @ along)
-    return along * max(float(along @ pull) * variance, 0.0), variance
+        return free, inverse
+    along = np.array([[1.0 if free[0] > 0 else -1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    within: Array = np.asarray(np.linalg.inv(along.T @ bend @ along), dtype=np.float64)
+    found = within @ (along.T @ pull)
+    return along @ np.array([max(float(found[0]), 0.0), float(found[1])]), along @ within @ along.T

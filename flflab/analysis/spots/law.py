@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 SEARCH_PX = 8.0  # how far each may then still be
+FLOOR_PX = 1e-4  # of a spot's place, that no scatter shows
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
 
@@ -31,6 +32,25 @@ class Candidates:
 
     dot: Whole
     lens: Whole
+
+
+@dataclass(frozen=True)
+class Square:
+    """How large dots are in focus, as the square that they make on the sensor shows.
+
+    Attributes:
+        radius_px: by the law through spots where they are.
+        uncertainty_px: standard, for the radius they were fitted with.
+        by_places: how the radius grows with each spot's x and y, shape (n, 2).
+    """
+
+    radius_px: float
+    uncertainty_px: float
+    by_places: Array
+
+    def those(self, which: Whole) -> "Square":
+        """The same of some of the spots, the others held."""
+        return Square(self.radius_px, self.uncertainty_px, self.by_places[which])
 
 
 def law_at(dots: complex, parallax: complex, shift: complex = 0j) -> Array:
@@ -80,11 +100,14 @@ def register(
         half = math.ceil(radius + spread / 2 + search)
         own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes, table)
         centroids, total = flat_centroids(values, places, half, radius, own, noise)
-        whole = _well_lit(centroids, total, lattice, candidates, radius, table)
-        if not whole.any():
+        telling = _well_lit(centroids, total, lattice, candidates, radius, table)
+        if spread > radius:  # what an aperture cuts of so wide a blur draws its centroid further aside than the law is off
+            away = np.hypot(*(places - own.centres).T)
+            telling &= away + radius + spread / 2 < lattice.inside_radius_px
+        if not telling.any():
             return law, radius
         offsets = sensor_position(camera.sensor, centroids) - sensor_position(camera.sensor, lattice.centres_px)[candidates.lens]
-        law = regress(law, start, regressors[whole], offsets[whole], camera.sensor.pixel)
+        law, _, _ = regress(law, start, regressors[telling], offsets[telling], camera.sensor.pixel)
         radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
     return law, radius
 
@@ -99,15 +122,20 @@ def _well_lit(
     return lit & enough
 
 
-def regress(law: Array, nominal: Array, regressors: Array, offsets: Array, pixel: float) -> Array:
-    """Update the law by a shift, and by one complex factor for dots and one for centres (scale and turn), outliers left out."""
+def regress(law: Array, nominal: Array, regressors: Array, offsets: Array, pixel: float) -> tuple[Array, Array, float]:
+    """Update the law by a shift, and by one complex factor for dots and one for centres (scale and turn), outliers left out.
+
+    Returns:
+        The law, how the size of the dots' square (mm on the sensor per mm on the target) grows with each offset, per mm, shape (n, 2),
+        and the standard uncertainty of that size, by how spots scatter round the law.
+    """
     rest = offsets - regressors @ law
     z, o, c = rest @ [1, 1j], regressors[:, 1:3] @ [1, 1j], regressors[:, 3:5] @ [1, 1j]
     # few spots, or dots that are seen once each, cannot tell the factors apart: then those of the nominal camera hold
     prior = np.diag([0.0, 1e-3, 1e-3]) * len(z)
     off = (law - nominal)[[0, 1, 3]] @ [1, 1j]
-    weight = np.ones(len(z))
-    step = np.zeros(3, dtype=np.complex128)
+    weight, left = np.ones(len(z)), np.abs(z)
+    step, normal = np.zeros(3, dtype=np.complex128), np.eye(3, dtype=np.complex128)
     design = np.stack([np.ones(len(z)), o, c], axis=1)
     for _ in range(5):
         normal = (design.conj().T * weight) @ design
@@ -116,4 +144,8 @@ def regress(law: Array, nominal: Array, regressors: Array, offsets: Array, pixel
         limit = max(3 * float(np.median(left)), 0.3 * pixel)
         weight = np.minimum(1.0, limit / np.maximum(left, 1e-12)) ** 2
     shift, dots, centres = step
-    return law + law_at(dots, centres, shift)
+    found = law + law_at(dots, centres, shift)
+    turn = complex(*found[1]) / max(abs(complex(*found[1])), 1e-300)
+    by_offset = np.linalg.solve(normal + prior, design.conj().T * weight)[1] * turn.conjugate()
+    scatter = math.sqrt(float((weight * left**2).sum()) / max(2 * len(z) - 6, 1)) + FLOOR_PX * pixel
+    return found, np.stack([by_offset.real, -by_offset.imag], axis=1), scatter * float(np.linalg.norm(by_offset))

@@ -19,7 +19,7 @@ from flflab.analysis.spots.clipping import FAR_PX, cut_spots, pupils_of, step_of
 from flflab.analysis.spots.falloff import as_softened, evenly_blurred, steepness_of
 from flflab.analysis.spots.fit import LIT, Lit, Spots, fit_spots, illumination, illumination_table, lit
 from flflab.analysis.spots.focus import SHARPEST_PX, SOUND, Focus, nominal_focus
-from flflab.analysis.spots.law import Candidates, candidates_near, law_places, register, regress
+from flflab.analysis.spots.law import Candidates, Square, candidates_near, law_places, register, regress
 from flflab.analysis.spots.profile import defocused_dot
 from flflab.analysis.spots.start import where_to_look
 from flflab.analysis.spots.waves import bent_px, light_of, step_of_diffracted_spots
@@ -32,7 +32,7 @@ from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
-Step = Callable[..., tuple[Spots, Focus]]
+Step = Callable[..., tuple[Spots, Focus, float]]
 
 MOST_ROUNDS, SETTLED_PX = 12, 0.001  # a further round moves centres and radius by a tenth of that
 SETTLED_BLUR_PX = 0.001  # of the focus, a tenth of its uncertainty: it moves all cut spots alike, and depth with them
@@ -43,6 +43,9 @@ SHORTEST = 300e-6  # mm: a camera sees no shorter light, so that edges softened 
 EXPLAINED = 0.1  # of the misfit by rays: waves that leave more of it, and more than noise, are not what softens edges; Gaussians leave 0.4
 MOST_TABLES, NEAR_TABLE_PX = 8, 0.03  # of bent light; px of blur and softness from a table's within which it holds
 LARGEST_PX = 60  # half width of a window, beyond which tables of bent light take hundreds of megabytes: larger dots are left to rays
+APART = 0.9  # of the width of blurred dots: so far apart, what light they have of one another moves them by less than is stated
+KNOWN_PX = 1.0  # standard uncertainty of a spot's place, beyond which it says nothing of the law: a dot may fill a micro-image
+BESIDE_PX = 3.0  # of darkness beside a spot, in its window
 NEAR_PX = 1.0  # of blur, up to which edges hardly tell the sides of the focus apart
 
 
@@ -77,7 +80,7 @@ def find_spots(
     """Find the images of the dots round where the nominal camera puts them, to 30 px, and if they are not there, anywhere.
 
     Raises:
-        MeasurementError: target at infinity, or no dot found where the camera puts some.
+        MeasurementError: target at infinity, no dot found where the camera puts some, or dots blurred into one another.
     """
     table = illumination_table(lattice)
     law, distance = where_to_look(values, lattice, camera, target, distance, table, noise)
@@ -85,14 +88,16 @@ def find_spots(
     start = law
     sizes = 1 / tilted_scales(lattice, central_smms(camera), distance)
     law, radius = register(values, lattice, camera, target, law, spread, sizes, table, noise)
-    candidates = candidates_near(lattice, camera, target, law, _half_width(radius, spread))
+    _require_apart(target, radius, spread)
+    candidates = candidates_near(lattice, camera, target, law, radius + spread / 2 + BESIDE_PX)
     places, regressors = law_places(lattice, camera, target, law, candidates)
     own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes, table)
     pupils = pupils_of(lattice, candidates.lens, camera, distance)
-    spots = fit_spots(values, places, _half_width(radius, spread), own, defocused_dot(radius, spread), noise)
+    spots = fit_spots(values, places, _half_width(target, radius, spread), own, defocused_dot(radius, spread), noise)
     reach = radius + spread / 2
-    cut = cut_spots(spots, own, lattice, reach, pupils)
+    cut = cut_spots(places, own, lattice, reach, pupils)
     whole = np.setdiff1d(np.arange(len(places)), cut)
+    spots = _started_by_law(spots, cut, places, own)
     limited = bool(microlens_limits(central_smms(camera), 1 / distance))
     focus = nominal_focus(0.0 if pupils is None else pupils.blur, known=not limited)
 
@@ -103,24 +108,29 @@ def find_spots(
     ) -> SeenSpots:
         # spots and focus want the radius, the radius the law and the law the spots: a step of each, until they agree
         spots, law, radius, spread, focus = seen.spots, seen.law, seen.radius, seen.spread, seen.focus
+        square = Square(radius, radius, np.zeros(places.shape))
         for _ in range(MOST_ROUNDS):
-            before, last, focused, half = spots.centres, radius, focus.blur_px, _half_width(radius, spread)
+            before, last, focused, half = spots.centres, radius, focus.blur_px, _half_width(target, radius, spread)
             if limited and not _lit(spots, own)[cut].any():
                 spread = _softness(values, spots, whole, half, own, radius, spread, noise)
             if len(whole) and (abs(radius - fitted[0]) > SETTLED_PX or abs(spread - fitted[1]) > max(SOFTER * spread, SOFTER_PX)):
                 again = fit_spots(values, before[whole], half, own.those(whole), defocused_dot(radius, spread), noise)
                 spots, fitted = spots.with_those(whole, again), (radius, spread)
-            spots, focus = step(values, spots, half=half, focus=focus, radius=radius, moved=moved)
+            spots, focus, radius = step(values, spots, half=half, focus=focus, radius=radius, square=square, moved=moved)
             bright = _lit(spots, own)
             if limited and bright[cut].any():
                 spread = focus.softness_px
             # the place of one that the sensor's border cuts depends on the radius, which must not depend on it
             good = bright & np.all((spots.centres > reach) & (spots.centres < np.asarray(camera.sensor.resolution) - 1 - reach), axis=1)
+            good &= np.einsum("nkk->n", spots.covariance[:, :2, :2]) < KNOWN_PX**2
             if not good.any():
                 break
             offsets = sensor_position(camera.sensor, spots.centres) - sensor_position(camera.sensor, own.centres)
-            law = regress(law, start, regressors[good], offsets[good], camera.sensor.pixel)
-            radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
+            law, by_offset, doubt = regress(law, start, regressors[good], offsets[good], camera.sensor.pixel)
+            by_places = np.zeros((len(good), 2))
+            by_places[good] = target.diameter / 2 * by_offset
+            per_size = target.diameter / 2 / camera.sensor.pixel
+            square = Square(per_size * float(np.hypot(*law[1])), per_size * doubt, by_places)
             far, moved = moved > FAR_PX, float(np.abs(spots.centres - before)[bright].max())
             if max(moved, abs(radius - last)) < SETTLED_PX and abs(focus.blur_px - focused) < SETTLED_BLUR_PX and not far:
                 break
@@ -144,20 +154,20 @@ def find_spots(
     def even(seen: SeenSpots) -> npt.NDArray[Any]:
         if steepness is None:
             return values
-        half = _half_width(seen.radius, seen.spread)
+        half = _half_width(target, seen.radius, seen.spread)
         return evenly_blurred(values, seen.spots, half, own, pupils, seen.focus, seen.radius, steepness, noise)
 
     for _ in range(0 if steepness is None else TAKEN_OUT):
         seen = settled(even(seen), seen, whole, by_rays, UNFITTED, 0.0)
     shortest = CYCLES * SHORTEST / camera.sensor.pixel / (2 * float(cone_half_angle(central_smms(camera), 1 / distance)))
-    told = seen.focus.uncertainty_px > 0 and _lit(seen.spots, own)[cut].any() and _half_width(seen.radius, seen.spread) <= LARGEST_PX
+    told = seen.focus.uncertainty_px > 0 and _lit(seen.spots, own)[cut].any() and _half_width(target, seen.radius, seen.spread) <= LARGEST_PX
     if not told or bent_px(seen.focus) < shortest:
         return seen
     # the edges of all spots, cut by the sensor's border too, are those of waves
     every, nowhere, bent = np.flatnonzero(seen.spots.seen), np.empty(0, dtype=np.int64), seen
     for _ in range(MOST_TABLES):
         last = bent.focus
-        light = light_of(last, pupils, bent.radius, _half_width(bent.radius, bent.spread))
+        light = light_of(last, pupils, bent.radius, _half_width(target, bent.radius, bent.spread))
         by_waves = partial(step_of_diffracted_spots, which=every, own=own, pupils=pupils, noise=noise, light=light)
         softened = values if steepness is None else as_softened(values, even(bent), bent_px(last), noise)
         bent = settled(softened, bent, nowhere, by_waves, UNFITTED, 0.0)
@@ -168,9 +178,25 @@ def find_spots(
     return bent if explained and bent_px(bent.focus) > shortest else seen
 
 
+def _require_apart(target: FourDot, radius: float, spread: float) -> None:
+    apart, width = 2 * radius * target.spacing / target.diameter, 2 * radius + spread
+    if apart < APART * width:
+        raise MeasurementError(
+            f"four-dot picture: the dots' images are {apart:.1f} px apart and, with {spread:.1f} px of blur, {width:.1f} px wide; "
+            f"{APART * width:.1f} px apart are needed to tell one from the next; take dots further apart, or move them towards the focus"
+        )
+
+
 def _lit(spots: Spots, own: Lit) -> npt.NDArray[np.bool_]:
     """Which spots are seen in enough light to say where dots are, and in which focus."""
     return (illumination(own.table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
+
+
+def _started_by_law(spots: Spots, cut: Whole, places: Array, own: Lit) -> Spots:
+    """Cut spots where the law has them, as bright as spots are: fitted as if nothing cut them they are pixels aside, and dark."""
+    bright = spots.brightness[_lit(spots, own)]
+    level = np.full(len(cut), float(np.median(bright)) if len(bright) else 1.0)
+    return spots.with_those(cut, replace(spots.those(cut), centres=places[cut], brightness=level))
 
 
 def _softness(
@@ -190,9 +216,9 @@ def _softness(
     return math.sqrt(lowest(misfit, squares, SHARPEST_PX**2))
 
 
-def _half_width(radius: float, spread: float) -> int:
-    """Of the windows that hold a spot, px."""
-    return math.ceil(radius + spread / 2 + 3)
+def _half_width(target: FourDot, radius: float, spread: float) -> int:
+    """Of the windows that hold a spot, px: halfway to the next dot at most, which a micro-image may show too."""
+    return min(math.ceil(radius + spread / 2 + BESIDE_PX), math.floor(radius * target.spacing / target.diameter))
 
 
 def usable_pixels(

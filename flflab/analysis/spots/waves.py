@@ -9,9 +9,10 @@ import numpy.typing as npt
 
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.bent_light import BY_BENT, BY_BLUR, LIGHT, BentLight, bent_light
-from flflab.analysis.spots.clipping import Pupils
+from flflab.analysis.spots.clipping import WIDE_PX, Pupils
 from flflab.analysis.spots.fit import DARKEST, LIT, Lit, Spots, illumination, light_share, moved_by
 from flflab.analysis.spots.focus import Focus, common_step
+from flflab.analysis.spots.law import Square
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.generic]
@@ -42,11 +43,12 @@ def step_of_diffracted_spots(
     pupils: Pupils,
     focus: Focus,
     radius: float,
+    square: Square,
     noise: SensorNoise,
     moved: float,
     light: BentLight,
-) -> tuple[Spots, Focus]:
-    """A step of Gauss-Newton for spots and for the focus and softness that they share; the other spots stay as they are.
+) -> tuple[Spots, Focus, float]:
+    """A step of Gauss-Newton for spots and for the focus, softness and radius that they share; the other spots stay as they are.
 
     Args:
         picture: DN, [row, col].
@@ -56,7 +58,8 @@ def step_of_diffracted_spots(
         own: their micro-images.
         pupils: what the dots are seen through.
         focus: as it is known.
-        radius: of a spot in focus, px.
+        radius: of a spot in focus, px, as it is known.
+        square: what the law says of it.
         noise: of the sensor.
         moved: by how much spots moved last, px; infinite as long as they are not where they belong.
         light: tabulated for nearly this focus and radius.
@@ -77,6 +80,8 @@ def step_of_diffracted_spots(
             now[part],
             mine.centres,
             mine.light,
+            mine.sizes,
+            abs(focus.blur_px) > WIDE_PX,
             mine.table.values,
             mine.table.step,
             off[part],
@@ -95,21 +100,22 @@ def step_of_diffracted_spots(
     with ThreadPoolExecutor(len(parts)) as pool:
         normal, right, misfit, count = (np.concatenate(part) for part in zip(*pool.map(sums, parts), strict=True))
     # softness s, blur b and what waves add, s^2 = b^2 + bent^2
-    turn = np.eye(5)
+    turn = np.eye(6)
     turn[4, 3], turn[4, 4] = -focus.blur_px / bent, focus.softness_px / bent
     chi2 = misfit / np.maximum(count - 3, 1)
     lit = illumination(own.table, np.hypot(*(spots.centres - own.centres)[which].T)) > LIT
     bright = spots.brightness[which] > DARKEST
-    step = common_step(turn.T @ normal @ turn, right @ turn, chi2, bright, lit, focus, math.isinf(moved), LEFT_ASTRAY)
+    first, says = math.isinf(moved), square.those(which)
+    step = common_step(turn.T @ normal @ turn, right @ turn, chi2, bright, lit, focus, radius, says, first, LEFT_ASTRAY)
     new = moved_by(now[which], step.steps)
-    return spots.with_those(which, Spots(new[:, :2], new[:, 2], step.covariance, chi2, step.by_focus)), step.focus
+    return spots.with_those(which, Spots(new[:, :2], new[:, 2], step.covariance, chi2, step.together)), step.focus, step.radius
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _read(
     fields: npt.NDArray[np.float32], place: float, u: float, v: float, off: Array, weight: float, seen: Array
 ) -> None:  # pragma: no cover - compiled
-    """Add light at a way (u, v) from the spot, in samples, and its slopes along u and v, by blur and by softness, to ``seen``."""
+    """Add light at a way (u, v) from the spot, in samples, and its slopes along u and v, by blur, softness and radius, to ``seen``."""
     k, side = int(place), 1.0 if v > 0.0 else -1.0
     v = abs(v)
     i, j = int(u), int(v)
@@ -128,6 +134,8 @@ def _read(
                 seen[3] += value
             elif kind == BY_BENT:
                 seen[4] += value
+            else:
+                seen[5] += value
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -137,6 +145,8 @@ def _sums(
     spots: Array,
     centres: Array,
     lights: Array,
+    sizes: Array,
+    broad: bool,
     shares: Array,
     step: float,
     off: Array,
@@ -150,10 +160,13 @@ def _sums(
     offset: float,
     ceiling: float,
 ) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
-    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness, blur, bent softness) in windows round spots."""
-    normal, right = np.zeros((len(spots), 5, 5)), np.zeros((len(spots), 5))
+    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness, blur, bent softness, radius) in windows round spots.
+
+    How large the dot is, only broad blur is asked, as by rays.
+    """
+    normal, right = np.zeros((len(spots), 6, 6)), np.zeros((len(spots), 6))
     chi2, count = np.zeros(len(spots)), np.zeros(len(spots))
-    g, seen = np.zeros(5), np.zeros(5)
+    g, seen = np.zeros(6), np.zeros(6)
     middle = fields.shape[1] // 2
     for n in range(len(spots)):
         left, top = int(np.rint(spots[n, 0])) - half, int(np.rint(spots[n, 1])) - half
@@ -181,15 +194,16 @@ def _sums(
                 level = lights[n] * spots[n, 2]
                 g[0], g[1] = -level * samples * (seen[1] * to_x - seen[2] * to_y), -level * samples * (seen[1] * to_y + seen[2] * to_x)
                 g[2], g[3], g[4] = lights[n] * seen[0], level * seen[3], level * seen[4]
+                g[5] = level * sizes[n] * seen[5] if broad else 0.0
                 weight = 1 / (dark + gain * max(level * seen[0], 0.0))
                 rest = picture[row, column] - offset - level * seen[0]
-                for i in range(5):
+                for i in range(6):
                     right[n, i] += weight * rest * g[i]
                     for j in range(i + 1):
                         normal[n, i, j] += weight * g[i] * g[j]
                 chi2[n] += weight * rest * rest
                 count[n] += 1
-        for i in range(5):
+        for i in range(6):
             for j in range(i):
                 normal[n, j, i] = normal[n, i, j]
     return normal, right, chi2, count

@@ -1,0 +1,78 @@
+"""Dots blurred over more than any bright field, as in a Raytrix R12: every spot is cut, and some micro-images show two of them."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from flflab.analysis.dots.views import DotViews, count_views
+from flflab.analysis.lattice.profile import cone_of
+from flflab.analysis.lattice.white import find_lattice
+from flflab.analysis.measure import nominal_lattice
+from flflab.analysis.sensor.noise import SensorNoise
+from flflab.analysis.spots.cut_light import wide
+from flflab.errors import MeasurementError
+from flflab.image.render import render
+from flflab.image.scene import one_plane
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
+from flflab.targets import FourDot, White
+
+Array = npt.NDArray[np.float64]
+NOISE = SensorNoise(dn_per_electron=0.3, read_noise_dn=2.0, offset_dn=64.0, full_scale_dn=4095.0)
+CAMERA = Camera(
+    MainLens(49.885, 4.0),
+    MicrolensArray("hexagonal", (30, 30), (0.12744, 0.12744), 0.12744, (0.56057,), 56.866),
+    Sensor((420, 420), 0.0055, 57.1971),
+)
+BRIGHT_PX = 1.8  # radius of the bright fields; spots with their blur reach 7.4 to 13 px
+
+
+def measured(brute: Any, target: FourDot, distance: float, offset: tuple[float, float], seed: int) -> tuple[DotViews, ...]:
+    rng = np.random.default_rng(seed)
+    scenes = [one_plane(CAMERA, one, distance, offset) for one in (White(), target)]
+    white, dots = (brute.expose(render(scene, tolerance=5e-4), NOISE, 3000, rng) for scene in scenes)
+    lattice = find_lattice(white, "hexagonal", nominal_lattice(CAMERA, 1.0).pitch_px, NOISE, cone_of(CAMERA))
+    assert abs(lattice.inside_radius_px - BRIGHT_PX) < 0.1
+    return count_views(dots, white, lattice, CAMERA, target, distance, NOISE)
+
+
+@pytest.mark.parametrize(
+    ("diameter", "spacing", "distance"),
+    [
+        (6.0, 20.0, 900.0),
+        # what the square of dots says of their radius and what their radius does to the square go round and round here
+        (6.0, 20.0, 600.0),
+        pytest.param(10.0, 30.0, 900.0, marks=pytest.mark.ci),
+        pytest.param(4.0, 20.0, 900.0, marks=pytest.mark.ci),
+    ],
+)
+def test_dots_that_every_micro_image_cuts_stand_where_they_are(brute: Any, diameter: float, spacing: float, distance: float) -> None:
+    target, offset = FourDot(diameter=diameter, spacing=spacing), (0.5, -0.3)
+    for dot in measured(brute, target, distance, offset, seed=4):
+        off = dot.position_mm - np.append(target.centres[dot.dot] + offset, -distance)
+        assert np.abs(off / dot.uncertainty_mm).max() < 3.5
+        assert dot.uncertainty_mm[2] < 0.6
+
+
+def test_dots_blurred_into_one_another_are_refused(brute: Any) -> None:
+    with pytest.raises(MeasurementError, match=r"10\.\d px apart and, with 11\.4 px of blur"):
+        measured(brute, FourDot(diameter=6.0, spacing=12.0), 900.0, (0.0, 0.0), seed=1)
+
+
+@pytest.mark.ci
+def test_of_many_such_pictures_depths_scatter_as_is_stated(brute: Any) -> None:
+    target, scores = FourDot(diameter=6.0, spacing=20.0), []
+    for seed in range(12):
+        for dot in measured(brute, target, 900.0, (0.1, 0.2), seed):
+            off = dot.position_mm - np.append(target.centres[dot.dot] + (0.1, 0.2), -900.0)
+            scores.append(off / dot.uncertainty_mm)
+    assert np.all(np.sqrt(np.mean(np.square(scores), axis=0)) < 1.3)
+
+
+def test_the_light_of_a_broadly_blurred_dot_grows_with_its_radius_as_its_slope_says() -> None:
+    nodes, step = np.polynomial.legendre.leggauss(4), 1e-5
+    spot = np.array([2.3, -1.1])
+    for x, y in ((0.0, 0.0), (3.0, 1.0), (-2.0, 4.0), (5.5, -3.5)):
+        there, here = (wide(x, y, spot, 2.6 + side * step, 6.6, 4.8, -1.2, nodes)[0] for side in (1, -1))
+        assert wide(x, y, spot, 2.6, 6.6, 4.8, -1.2, nodes)[4] == pytest.approx((there - here) / (2 * step), rel=1e-6, abs=1e-6)
