@@ -11,6 +11,7 @@ from flflab.analysis.contrast.curve import fit_contrasts
 from flflab.analysis.dots.scale import scale_of_dots, unlike_the_description
 from flflab.analysis.dots.views import count_views
 from flflab.analysis.edges.views import EdgeCurve, measure_edges
+from flflab.analysis.lattice.kinds import kinds_of
 from flflab.analysis.lattice.profile import cone_of
 from flflab.analysis.lattice.registration import microlens_type_of, sensor_pixel
 from flflab.analysis.lattice.white import Lattice, find_lattice, pitch_and_angle
@@ -107,9 +108,10 @@ def measure(
 
 def _lattice_of_white(values: npt.NDArray[np.floating[Any]], noise: SensorNoise, camera: Camera, remarks: list[str]) -> Lattice:
     """The lattice of a white picture; remarks say what is unlike the camera."""
-    # micro-images of several kinds have no one profile in which their fall-off could be told
-    cone = cone_of(camera) if len(camera.array.focal_lengths) == 1 else None
-    lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, noise, cone)
+    kinds = kinds_of(camera)
+    # micro-images of kinds that are taken for one have no one profile in which their fall-off could be told
+    cone = cone_of(camera) if kinds or len(camera.array.focal_lengths) == 1 else None
+    lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, noise, cone, kinds)
     remarks += _unlike_the_camera(lattice, camera)
     if cone is None:
         remarks.append(
@@ -178,6 +180,10 @@ def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:
         chi2_per_pixel=math.nan,
         background_dn=0.0,
         light=np.array([light_dn, 0, 0, 0, 0, 0.0]),
+        cone=cone_of(camera) if any(camera.array.tilt) else None,
+        slants=np.zeros(4),
+        tilt=np.array(camera.array.tilt),
+        kinds=kinds_of(camera),
     )
 
 

@@ -200,7 +200,7 @@ def _fit_type(
     kinds = len(camera.array.focal_lengths)
     chosen = np.ones(len(lattice.centres_px), dtype=np.bool_) if kinds == 1 else microlens_type_of(lattice, camera) == float(smms.focal)
     nominal = float(smms.inside_radius) / camera.sensor.pixel
-    # a lattice of several kinds has one measured radius for all
+    # a lattice of several kinds has the central one's measured radius
     radius = lattice.inside_radius_px if kinds == 1 else min(lattice.inside_radius_px, nominal)
     start = np.array([0.0, across, 0.0, along, 0.0])
     looks_at = np.abs(sensor_position(camera.sensor, lattice.centres_px) * along) - radius * camera.sensor.pixel * abs(across)

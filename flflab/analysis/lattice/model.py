@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.lattice.kernels import BY_RISE, LEVER, OUT, PLACES, RADII_BY_RISE, RISE, TABLE, X, Y
+from flflab.analysis.lattice.kinds import Kinds
 from flflab.analysis.lattice.profile import BY_LARGE, BY_SMALL, Cone, profile_table, table_step
 from flflab.analysis.lattice.tilting import Tilting
 
@@ -36,6 +37,7 @@ class LatticeModel:
         chi2_per_pixel: about 1 where model and noise are right.
         cone: how rays land; None where fall-off and tilt are left out.
         expected: values expected beforehand and their standard deviations, shape (2, COUNT); None where only the pixels count.
+        kinds: of microlenses; None where there is one, or they are taken for one.
     """
 
     values: Array
@@ -43,6 +45,7 @@ class LatticeModel:
     chi2_per_pixel: float
     cone: Cone | None = None
     expected: Array | None = None
+    kinds: Kinds | None = None
 
     @property
     def vectors(self) -> Array:
@@ -105,22 +108,36 @@ def laid(model: LatticeModel, present: npt.NDArray[np.bool_], shape: tuple[int, 
     step = coarser * table_step(*model.radii)
     if model.cone is None:
         return Laid(lights, places, _tables(model, None, np.zeros((1, 2)), np.array([model.radii]), step), step, 0.0)
-    tilting, straight = model.cone.tilting, model.straight(half_counts)
+    cone, tilting, straight = model.cone, model.cone.tilting, model.straight(half_counts)
     rises = tilting.rises(straight, model.values[TILT])
     reach = sum(model.radii) + 2
     near = np.all((centres > -reach) & (centres < np.array([shape[1], shape[0]]) + reach), axis=-1)
-    at, radii, by_rise = _rises_of_tables(model, tilting, rises[near])
-    which = np.searchsorted((at[1:] + at[:-1]) / 2, rises)
-    places[..., RISE], places[..., TABLE] = np.where(near, rises - at[which], 0.0), which
     places[..., OUT], places[..., LEVER] = centres - tilting.axis_px, tilting.per_px * (straight - tilting.axis_px)
-    places[..., RADII_BY_RISE] = by_rise[which]
+    tables, first = list[tuple[Array, Array]](), 0
+    for mine, of_kind, on_axis in _by_kind(model, tilting, centres):
+        at, radii, by_rise = _rises_of_tables(on_axis, of_kind, rises[near & mine])
+        which = np.searchsorted((at[1:] + at[:-1]) / 2, rises[mine])
+        places[mine, RISE], places[mine, TABLE] = np.where(near[mine], rises[mine] - at[which], 0.0), first + which
+        places[mine, RADII_BY_RISE] = by_rise[which]
+        tables.append((by_rise, radii))
+        first += len(at)
     shifted = float(np.abs(centres - straight)[near].max(initial=0.0))
-    return Laid(lights, places, _tables(model, model.cone, by_rise, radii, step), step, shifted)
+    by_rise, radii = (np.concatenate(part) for part in zip(*tables, strict=True))
+    return Laid(lights, places, _tables(model, cone, by_rise, radii, step), step, shifted)
 
 
-def _rises_of_tables(model: LatticeModel, tilting: Tilting, rises: Array) -> tuple[Array, Array, Array]:
+def _by_kind(model: LatticeModel, tilting: Tilting, centres: Array) -> list[tuple[npt.NDArray[np.bool_], Tilting, Array]]:
+    """Of each kind of microlenses which micro-images it has, what a tilt does to them, and their discs' radii on the axis."""
+    radii = np.array(model.radii)
+    if model.kinds is None:
+        return [(np.ones(centres.shape[:-1], dtype=np.bool_), tilting, radii)]
+    kind = model.kinds.of(centres)
+    return [(kind == k, model.kinds.tilting(tilting, k), model.kinds.radii(radii, k)) for k in range(len(model.kinds.focal))]
+
+
+def _rises_of_tables(radii: Array, tilting: Tilting, rises: Array) -> tuple[Array, Array, Array]:
     """Rises for which profiles are tabulated, the discs' radii there and how they change with the rise, shapes (n,), (n, 2), (n, 2)."""
-    radii, nudge = np.array(model.radii), 1e-7
+    nudge = 1e-7
     fastest = float(np.abs(tilting.discs(radii, np.array([nudge])) - radii).max()) / nudge
     low, high = float(rises.min(initial=0.0)), float(rises.max(initial=0.0))
     apart = max(SHARED_PX * math.sqrt(1 + float(radii.min())) / max(fastest, 1e-300), (high - low) / MOST_TABLES)

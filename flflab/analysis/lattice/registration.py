@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from flflab.analysis.lattice.kinds import kinds_of
 from flflab.analysis.lattice.profile import cone_of
 from flflab.analysis.lattice.white import Lattice, find_lattice
 from flflab.analysis.sensor.noise import SensorNoise
@@ -90,7 +91,7 @@ def lattice_behind(camera: Camera, white: npt.NDArray[np.generic], noise: Sensor
     Raises:
         MeasurementError: as ``find_lattice``.
     """
-    return find_lattice(white, camera.array.layout, nominal_pitch_px(camera), noise, cone_of(camera))
+    return find_lattice(white, camera.array.layout, nominal_pitch_px(camera), noise, cone_of(camera), kinds_of(camera))
 
 
 def blur_px(camera: Camera, distance: float) -> float:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from flflab.analysis.lattice.fit import Region, finish, micro_images_present, refine
 from flflab.analysis.lattice.kernels import COUNT
+from flflab.analysis.lattice.kinds import Kinds
 from flflab.analysis.lattice.model import GEOMETRY, LIGHT, RATE, SHARE, SLANT, TILT, LatticeModel
 from flflab.analysis.lattice.profile import Cone
 from flflab.analysis.lattice.search import RoughLattice, search_lattice
@@ -50,6 +51,7 @@ class Lattice:
         slants: share of the fall-off within a micro-image, slope (x, y) of the middle ray at the origin and how it grows per px.
         tilt: slope of the array's plane along (x, y).
         tilt_uncertainty: of both.
+        kinds: of microlenses, as were taken, the radii being the central one's; None where there is one, or they were taken for one.
         light_uncertainty_dn: of the light in the middle of the picture.
     """
 
@@ -76,6 +78,7 @@ class Lattice:
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     tilt_uncertainty: Array = field(default_factory=lambda: np.zeros(2))
     light_uncertainty_dn: float = 0.0
+    kinds: Kinds | None = None
 
     @property
     def rises(self) -> Array:
@@ -89,11 +92,22 @@ class Lattice:
     def discs_px(self) -> Array:
         """Radii of larger and smaller disc of every micro-image, shape (N, 2): sum and difference are outside and inside."""
         radii = np.array([self.outside_radius_px + self.inside_radius_px, self.outside_radius_px - self.inside_radius_px]) / 2
-        return np.tile(radii, (len(self.centres_px), 1)) if self.cone is None else self.cone.tilting.discs(radii, self.rises)
+        if self.kinds is None:
+            return np.tile(radii, (len(self.centres_px), 1)) if self.cone is None else self.cone.tilting.discs(radii, self.rises)
+        found, kind, rises = np.zeros((len(self.centres_px), 2)), self.kinds.of(self.centres_px), self.rises
+        for k in range(len(self.kinds.focal)):
+            own = self.kinds.radii(radii, k)
+            found[kind == k] = own if self.cone is None else self.kinds.tilting(self.cone.tilting, k).discs(own, rises[kind == k])
+        return found
 
 
 def find_lattice(
-    white_picture: npt.NDArray[np.generic], layout: Layout, rough_pitch_px: float, noise: SensorNoise, cone: Cone | None = None
+    white_picture: npt.NDArray[np.generic],
+    layout: Layout,
+    rough_pitch_px: float,
+    noise: SensorNoise,
+    cone: Cone | None = None,
+    kinds: Kinds | None = None,
 ) -> Lattice:
     """Measure the lattice of micro-images in a picture of a white target.
 
@@ -108,6 +122,7 @@ def find_lattice(
         noise: of the sensor; weights the pixels and makes the uncertainties.
         cone: how rays land, from the camera's description; how much of that fall-off there is, round which axis, and how the array is
             tilted, is fitted. None: light does not fall off within a micro-image, as paraxial pictures have it, and nothing is tilted.
+        kinds: of microlenses, each with a profile of its own; None: one profile for all. Without a cone they are taken for one.
 
     Raises:
         MeasurementError: not a picture of at least 2 x 2 micro-images, not finite, dark or saturated, or no such lattice in it.
@@ -123,7 +138,7 @@ def find_lattice(
     if float(read.max()) <= noise.offset_dn + 5 * math.sqrt(noise.dark_variance):
         raise MeasurementError("white picture: no pixel lies above the dark level by five times its noise; expose it longer")
     rough = search_lattice(picture, layout, rough_pitch_px, noise.offset_dn)
-    model, present = _fit(picture, rough, noise, cone)
+    model, present = _fit(picture, rough, noise, cone, kinds)
     some = picture[:: max(1, picture.shape[0] // 500), :: max(1, picture.shape[1] // 500)]
     some = some[some < noise.full_scale_dn]
     left = model.chi2_per_pixel * float(noise.variance(some.mean())) / max(float(some.var()), 1e-300)
@@ -143,7 +158,7 @@ def half_counts(vectors: Array, shape: tuple[int, ...], reach: float) -> tuple[i
 
 
 def _fit(
-    picture: npt.NDArray[np.float32], rough: RoughLattice, noise: SensorNoise, cone: Cone | None
+    picture: npt.NDArray[np.float32], rough: RoughLattice, noise: SensorNoise, cone: Cone | None, kinds: Kinds | None
 ) -> tuple[LatticeModel, npt.NDArray[np.bool_]]:
     """From the middle of the picture outwards, so that no step is larger than the profile's own width."""
     pitch = float(np.linalg.norm(rough.vectors[:, 0]))
@@ -159,7 +174,10 @@ def _fit(
     present = micro_images_present(picture, model, counts, noise)
     free = WITHOUT_SLANT
     if cone is not None:
-        model, free = refine(picture, replace(model, cone=cone), present, noise, _sparse(whole, pitch, 80), TILTED, 8, 0.02), FULLY
+        model, free = (
+            refine(picture, replace(model, cone=cone, kinds=kinds), present, noise, _sparse(whole, pitch, 80), TILTED, 8, 0.02),
+            FULLY,
+        )
     model = refine(picture, model, present, noise, _sparse(whole, pitch, 150), free, 8, 5e-3)
     _require_settled(model, pitch)
     present = micro_images_present(picture, model, counts, noise)
@@ -250,4 +268,5 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         tilt=model.values[TILT],
         tilt_uncertainty=np.sqrt(np.diag(scaled)[TILT]),
         light_uncertainty_dn=math.sqrt(scaled[LIGHT.start, LIGHT.start]),
+        kinds=model.kinds,
     )
