@@ -2,7 +2,7 @@
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numba
@@ -67,6 +67,8 @@ def pupils_of(lattice: Lattice, lens: Whole, camera: Camera, distance: float) ->
     if float(image_offset(central, 1 / distance)) == 0 or float(central.kappa) == 0:
         return None
     each = tilted_smms(lattice, central)
+    if lattice.kinds is not None:
+        each = replace(each, focal=float(central.distance) * lattice.kinds.focal[lattice.kinds.of(lattice.centres_px)])
     beta = (each.gap / each.distance / (image_offset(each, 1 / distance) * each.kappa) - 1)[lens]
     main, microlens = lattice.discs_px[lens].T if central.lens_width >= central.microlens_width else lattice.discs_px[lens, ::-1].T
     # where the main lens limits, the chief ray goes through its middle, and the disc is seen smaller by as much

@@ -54,7 +54,7 @@ def lattice_within(plain: npt.NDArray[np.float32], nominal: Lattice, light: floa
         values[[SHARE, RATE]] = spread[[SHARE, RATE]] = 0.5, cone.tilting.per_px / 2
         spread[SLANT] = LOOSE_SLANT
         begun = np.where(np.isin(np.arange(COUNT), FREE), model.values, values)
-        falling = LatticeModel(begun, np.zeros((COUNT, COUNT)), math.inf, cone, np.stack([values, spread]))
+        falling = LatticeModel(begun, np.zeros((COUNT, COUNT)), math.inf, cone, np.stack([values, spread]), nominal.kinds)
         falling = refine(plain, falling, present, noise, region, FALLING, 12, 1e-3)
         # a few small dots leave it open, and the fit goes astray
         if falling.chi2_per_pixel <= model.chi2_per_pixel and np.all(np.abs(falling.values - values)[FALLING] < LIKELY * spread[FALLING]):
