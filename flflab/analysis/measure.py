@@ -17,7 +17,7 @@ from flflab.analysis.lattice.registration import microlens_type_of, sensor_pixel
 from flflab.analysis.lattice.white import Lattice, find_lattice, pitch_and_angle
 from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json, micro_images_json
 from flflab.analysis.micro_images import every_micro_image
-from flflab.analysis.presence import brightest_light, require_dots, require_light
+from flflab.analysis.presence import brightest_light, require_blur_within, require_dots, require_light
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.without_white.bars import lattice_from_bars
 from flflab.analysis.without_white.dots import lattice_from_dots
@@ -139,6 +139,8 @@ def _lattice_without_white(
         else:
             found, where = nominal, ""
     except MeasurementError as error:
+        if isinstance(target, FourDot):
+            require_blur_within(nominal, camera, distance)
         found, where, why = nominal, "", f" ({error})"
     measured = f"was measured within {where}, from the camera's nominal one" if where else "is the camera's nominal one, not measured"
     remarks.append(f"no white picture: the lattice {measured}{why}")

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from flflab.analysis.dots.views import DotViews
 from flflab.analysis.lattice.registration import blur_px
+from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
@@ -85,4 +86,19 @@ def require_dots(
         raise MeasurementError(
             f"four-dot picture: where dots are due, {len(centres) - spots} of {len(centres)} places are no spots of light on a darker "
             "ground; check target, distance and exposure"
+        )
+
+
+def require_blur_within(lattice: Lattice, camera: Camera, distance: float) -> None:
+    """Refuse dots of whose blur no bright field holds any, on a lattice that does not show how light falls off: it draws all spots aside.
+
+    Raises:
+        MeasurementError: see there.
+    """
+    blur = blur_px(camera, distance) / 2
+    if blur > lattice.inside_radius_px:
+        raise MeasurementError(
+            f"four-dot picture: no bright field, {lattice.inside_radius_px:.1f} px in radius, holds the dots' blur, {blur:.1f} px, "
+            "and such dots do not show how light falls off in micro-images, by which they would be off by 2 % of their distance; "
+            "name a picture of a white target taken alike (--white)"
         )

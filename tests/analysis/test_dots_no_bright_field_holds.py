@@ -9,6 +9,7 @@ import pytest
 
 from flflab.analysis.dots.views import DotViews, count_views
 from flflab.analysis.lattice.registration import lattice_behind
+from flflab.analysis.measure import measure
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.cut_light import wide
 from flflab.errors import MeasurementError
@@ -64,6 +65,20 @@ def test_behind_tilted_microlenses_of_three_kinds_dots_stand_where_they_are(brut
         off = dot.position_mm - np.append(target.centres[dot.dot] + offset, -distance)
         assert np.abs(off / dot.uncertainty_mm).max() < 3.5
         assert dot.uncertainty_mm[2] < 0.6
+
+
+def test_without_a_white_picture_they_are_refused_since_nothing_shows_how_light_falls_off() -> None:
+    target = FourDot(diameter=6.0, spacing=20.0)
+    picture = 64 + 3000 * render(one_plane(CAMERA, target, 900.0), tolerance=1e-3)
+    with pytest.raises(MeasurementError, match="name a picture of a white target"):
+        measure(picture, CAMERA, target, 900.0, NOISE)
+
+
+def test_what_stands_for_saturated_in_single_precision_is_saturated() -> None:
+    """Rounded down, all that was no dot passed for plain white."""
+    for full in (4095.0, 8000.000000000001, 65535 / 8):
+        noise = replace(NOISE, full_scale_dn=full)
+        assert noise.saturated(noise.saturated_dn)
 
 
 def test_dots_blurred_into_one_another_are_refused(brute: Any) -> None:

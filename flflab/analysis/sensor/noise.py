@@ -63,6 +63,12 @@ class SensorNoise:
         """The noise of a mean of several frames."""
         return replace(self, dn_per_electron=self.dn_per_electron / frames, read_noise_dn=self.read_noise_dn / frames**0.5)
 
+    @property
+    def saturated_dn(self) -> np.float32:
+        """Full scale in single precision, rounded up: what is rounded down would not be saturated."""
+        near = np.float32(self.full_scale_dn)
+        return near if float(near) >= self.full_scale_dn else np.nextafter(near, np.float32(np.inf))
+
     def saturated(self, dn: npt.ArrayLike) -> npt.NDArray[np.bool_]:
         """Which pixels read full scale."""
         return np.greater_equal(np.asarray(dn, dtype=np.float64), self.full_scale_dn)

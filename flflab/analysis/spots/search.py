@@ -237,5 +237,5 @@ def usable_pixels(
         require_shape(white, camera, "white")
         # of ten million pixels a maximum costs less than a comparison
         if float(np.fmax.reduce(white, axis=None)) >= noise.full_scale_dn:
-            return np.where(np.asarray(white, dtype=np.float32) >= noise.full_scale_dn, noise.full_scale_dn, values.astype(np.float32))
+            return np.where(np.asarray(white, dtype=np.float32) >= noise.full_scale_dn, noise.saturated_dn, values.astype(np.float32))
     return values

@@ -81,4 +81,4 @@ def _plain(
         lit[window] += own
         white[window] += own & sure & (across > rise + off) & (across < fall - off)
     # where micro-images overlap each of them must look into white
-    return np.where((lit > 0) & (white == lit), values, np.float32(noise.full_scale_dn))
+    return np.where((lit > 0) & (white == lit), values, noise.saturated_dn)

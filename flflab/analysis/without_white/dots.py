@@ -53,7 +53,7 @@ def _plain(values: npt.NDArray[np.float32], seen: SeenSpots, nominal: Lattice, n
 
     What is saturated the fit leaves out.
     """
-    plain = np.full(values.shape, noise.full_scale_dn, dtype=np.float32)
+    plain = np.full(values.shape, noise.saturated_dn, dtype=np.float32)
     radius = seen.radius - seen.spread / 2 - EDGE_PX
     sure = np.isfinite(seen.spots.covariance[:, 0, 0]) & (np.sqrt(np.abs(seen.spots.covariance[:, 0, 0])) < 0.3)
     steps = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3) if (i, j) != (0, 0)]) @ nominal.vectors_px.T
