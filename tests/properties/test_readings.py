@@ -93,7 +93,7 @@ def test_a_depth_read_with_the_nominal_camera_is_what_a_bench_with_other_distanc
     to_pixel = (np.array([camera.sensor.resolution[0], camera.sensor.resolution[1]]) - 1) / 2
     lattice = as_lattice(centres / camera.sensor.pixel + to_pixel)
     places, doubts = landings / camera.sensor.pixel + to_pixel, np.full((9, 2), 0.01)
-    position, _, _ = triangulate(places, doubts, np.zeros((9, 2)), np.arange(9), lattice, camera, 507.0)
+    position, _, _ = triangulate(places, doubts, np.zeros((9, 2, 2)), np.arange(9), lattice, camera, 507.0)
     model = Predicted(
         camera, 507.0, np.zeros(4, np.int64), np.zeros((1, 4), np.int64), (), np.zeros((1, 0)), np.ones(0), 0.0,
         Smms(**{name: getattr(smms, name)[None] for name in Smms.__dataclass_fields__}), np.array([1 / distance]),
