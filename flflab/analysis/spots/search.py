@@ -160,7 +160,9 @@ def find_spots(
     for _ in range(0 if steepness is None else TAKEN_OUT):
         seen = settled(even(seen), seen, whole, by_rays, UNFITTED, 0.0)
     shortest = CYCLES * SHORTEST / camera.sensor.pixel / (2 * float(cone_half_angle(central_smms(camera), 1 / distance)))
-    told = seen.focus.uncertainty_px > 0 and _lit(seen.spots, own)[cut].any() and _half_width(target, seen.radius, seen.spread) <= LARGEST_PX
+    told = (
+        seen.focus.uncertainty_px > 0 and _lit(seen.spots, own)[cut].any() and _half_width(target, seen.radius, seen.spread) <= LARGEST_PX
+    )
     if not told or bent_px(seen.focus) < shortest:
         return seen
     # the edges of all spots, cut by the sensor's border too, are those of waves
