@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.bent_light import BY_BENT, BY_BLUR, LIGHT, BentLight, bent_light
-from flflab.analysis.spots.clipping import WIDE_PX, Pupils
+from flflab.analysis.spots.clipping import Pupils
 from flflab.analysis.spots.fit import DARKEST, LIT, Lit, Spots, illumination, light_share, moved_by
 from flflab.analysis.spots.focus import Focus, common_step
 from flflab.analysis.spots.law import Square
@@ -81,7 +81,6 @@ def step_of_diffracted_spots(
             mine.centres,
             mine.light,
             mine.sizes,
-            abs(focus.blur_px) > WIDE_PX,
             mine.table.values,
             mine.table.step,
             off[part],
@@ -146,7 +145,6 @@ def _sums(
     centres: Array,
     lights: Array,
     sizes: Array,
-    broad: bool,
     shares: Array,
     step: float,
     off: Array,
@@ -160,10 +158,7 @@ def _sums(
     offset: float,
     ceiling: float,
 ) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
-    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness, blur, bent softness, radius) in windows round spots.
-
-    How large the dot is, only broad blur is asked, as by rays.
-    """
+    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness, blur, bent softness, radius) round spots."""
     normal, right = np.zeros((len(spots), 6, 6)), np.zeros((len(spots), 6))
     chi2, count = np.zeros(len(spots)), np.zeros(len(spots))
     g, seen = np.zeros(6), np.zeros(6)
@@ -194,7 +189,7 @@ def _sums(
                 level = lights[n] * spots[n, 2]
                 g[0], g[1] = -level * samples * (seen[1] * to_x - seen[2] * to_y), -level * samples * (seen[1] * to_y + seen[2] * to_x)
                 g[2], g[3], g[4] = lights[n] * seen[0], level * seen[3], level * seen[4]
-                g[5] = level * sizes[n] * seen[5] if broad else 0.0
+                g[5] = level * sizes[n] * seen[5]
                 weight = 1 / (dark + gain * max(level * seen[0], 0.0))
                 rest = picture[row, column] - offset - level * seen[0]
                 for i in range(6):
