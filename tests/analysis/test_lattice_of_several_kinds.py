@@ -43,6 +43,7 @@ def test_every_kind_has_its_own_discs_and_the_tilt_is_found(brute: Any, falling:
         np.testing.assert_allclose(lattice.discs_px[near & (kinds == focal)].mean(axis=0), discs_px(focal), atol=0.006)
 
 
+@pytest.mark.ci
 def test_nothing_is_left_out_of_a_white_picture_of_several_kinds(brute: Any) -> None:
     white = brute.expose(render(one_plane(CAMERA, White(), 900.0), tolerance=5e-4), NOISE, 3000, np.random.default_rng(1))
     measured = measure(white, CAMERA, noise=NOISE)

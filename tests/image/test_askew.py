@@ -64,10 +64,11 @@ def test_the_integral_of_bars_over_a_parallelogram_ends_where_they_end(place: tu
     assert found == pytest.approx(float(seen.mean()), abs=1.5e-3)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("target", "pixels"),
     [
-        pytest.param(FourDot(0.6, 1.0), [(33, 51), (37, 60), (33, 61)], marks=pytest.mark.ci),
+        (FourDot(0.6, 1.0), [(33, 51), (37, 60), (33, 61)]),
         (Picture(NOISE, 2.0), [(65, 60), (64, 61), (63, 62)]),
     ],
     ids=["dots", "picture"],

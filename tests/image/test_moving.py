@@ -59,6 +59,7 @@ def test_rims_and_borders_that_move_are_the_mean_of_standing_ones(camera: Camera
     assert np.abs(moving - standing).max() < TOLERANCE / 2
 
 
+@pytest.mark.ci
 def test_bars_that_drift_and_tremble_are_the_mean_of_standing_ones(camera: Camera) -> None:
     scene = Scene(camera, (Plane(Bars((3.0, 6.0), 8.0, 0.5), 506.7016, (0.05, 0.2), roll=0.1),), motion=Motion((0.15, -0.08), (0.05, 0.12)))
     phases = (np.arange(24) + 0.5) / 24
