@@ -94,6 +94,7 @@ def test_micro_images_in_one_row_do_not_tell_the_tilt() -> None:
         measure_attitude(few, lattice, CAMERA)
 
 
+@pytest.mark.ci
 def test_each_micro_image_of_a_drawn_white_picture_is_found_where_it_was_drawn(brute: type) -> None:
     image = brute.white_picture((120, 160), "square", 24.5, 0.02, (80.3, 59.8), 7.2, 2.4)
     noise = SensorNoise(0.33, 1.0, 64.0, 4095.0)
