@@ -47,6 +47,7 @@ WHITE_EDGE = 0.002  # of white: what a table leaves in the last pixels of a rim,
 SPOT_BEND = 0.3  # of the tolerance, for how the area common to three discs bends within a pixel; micro-images that overlap share it
 # What takes as long as so many strips of bars: a strip with fall-off, a strip of a picture, a pixel of a dot.
 FALL_STEPS, TEXEL_STEPS, SPOT_STEPS = 4.0, 20.0, 1000.0
+ELLIPSE = 2.0  # 2/pi over the share of the tolerance that a dot's skew may take, a third
 LARGE_BLUR = 0.7  # pixels; from here on a dot's image is the area common to three discs
 
 
@@ -197,7 +198,9 @@ def _add_dots(image: Array, setup: Setup, dots: FourDot, chosen: Chosen) -> None
     counts, chords = np.maximum(grid_counts(blur, setup.tolerance / setup.overlap), falloff_counts(setup)), weighing_chords(setup)
     parts, steep = pixel_parts(setup, np.ones(len(setup.blur), dtype=np.bool_))
     _, divided = falloff_parts(setup)
-    if is_turn(setup.by_pupil, setup.tolerance):
+    # a dot seen as an ellipse is off by the skew times its radius, where the blur makes its edge as steep as a disc's
+    size = float(np.max(0.5 * dots.diameter / np.maximum(np.linalg.norm(setup.by_pupil, axis=(1, 2)) / math.sqrt(2), 1e-300)))
+    if is_turn(setup.by_pupil, setup.tolerance / max(1.0, ELLIPSE * size)):
         counts = np.where(blur > LARGE_BLUR, 0, counts)
         finer = np.maximum(parts, spot_parts(setup.kind_blur(largest=False), setup.tolerance))
         parts = np.where(counts == 0, finer, parts)
