@@ -1,7 +1,6 @@
 """Spots that main lens or microlens cut: fitted as what both let through of a defocused dot."""
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -13,9 +12,10 @@ from flflab.analysis.lattice.registration import tilted_smms
 from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.cut_light import Nodes, narrow, wide
-from flflab.analysis.spots.fit import DARKEST, LIT, Lit, Spots, illumination, light_share, moved_by
-from flflab.analysis.spots.focus import SHARPEST_PX, Focus, by_common_focus, common_step
+from flflab.analysis.spots.fit import Lit, Spots, light_share
+from flflab.analysis.spots.focus import SHARPEST_PX, Focus, by_common_focus
 from flflab.analysis.spots.law import Square
+from flflab.analysis.spots.sharing import count_pixel, on_all_cores, stepped
 from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
@@ -99,7 +99,7 @@ def _sums(
     offset: float,
     ceiling: float,
 ) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
-    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness, focus, softness, radius) in windows round ``at``.
+    """What ``on_all_cores`` asks for, by (x, y, brightness, focus, softness, radius) of each, in windows round ``at``.
 
     ``pupils`` holds radii of main lens's and microlens's disc, by_chief, focus and softness of each. A dot that is seen as far on this
     side of the focus as edges are soft, and one as far on the other, make up one between, as soft as both. How large the dot is, only
@@ -149,15 +149,9 @@ def _sums(
                 rest = picture[row, column] - offset - level * light
                 g *= level
                 g[2] = lights[n] * light
-                for i in range(6):
-                    right[n, i] += weight * rest * g[i]
-                    for j in range(i + 1):
-                        normal[n, i, j] += weight * g[i] * g[j]
+                count_pixel(normal[n], right[n], g, rest, weight)
                 chi2[n] += weight * rest * rest
                 count[n] += 1
-        for i in range(6):
-            for j in range(i):
-                normal[n, j, i] = normal[n, i, j]
     return normal, right, chi2, count
 
 
@@ -238,14 +232,7 @@ def step_of_cut_spots(
             noise.full_scale_dn,
         )
 
-    parts = np.array_split(cut, numba.get_num_threads())
-    with ThreadPoolExecutor(len(parts)) as pool:
-        normal, right, misfit, count = (np.concatenate(part) for part in zip(*pool.map(sums, parts), strict=True))
+    normal, right, chi2 = on_all_cores(sums, cut)
     if focus.uncertainty_px > 0:
         normal, right = by_common_focus(normal, right, signed[cut], soft[cut], focus)
-    chi2 = misfit / np.maximum(count - 3, 1)
-    lit = illumination(own.table, np.hypot(*(spots.centres - own.centres)[cut].T)) > LIT
-    step = common_step(normal, right, chi2, spots.brightness[cut] > DARKEST, lit, focus, radius, square.those(cut), first=math.isinf(moved))
-    new = moved_by(now[cut], step.steps)
-    fitted = Spots(new[:, :2], new[:, 2], step.covariance, chi2, step.together)
-    return spots.with_those(cut, fitted), step.focus, step.radius
+    return stepped(spots, cut, own, (normal, right, chi2), focus, radius, square, moved)

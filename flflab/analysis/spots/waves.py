@@ -1,7 +1,6 @@
 """Spots in light that bends, whole or cut: fitted with what diffraction leaves of a defocused dot."""
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 
 import numba
 import numpy as np
@@ -10,9 +9,10 @@ import numpy.typing as npt
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.bent_light import BY_BENT, BY_BLUR, LIGHT, BentLight, bent_light
 from flflab.analysis.spots.clipping import Pupils
-from flflab.analysis.spots.fit import DARKEST, LIT, Lit, Spots, illumination, light_share, moved_by
-from flflab.analysis.spots.focus import Focus, common_step
+from flflab.analysis.spots.fit import Lit, Spots, light_share
+from flflab.analysis.spots.focus import Focus
 from flflab.analysis.spots.law import Square
+from flflab.analysis.spots.sharing import count_pixel, on_all_cores, stepped
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.generic]
@@ -95,19 +95,12 @@ def step_of_diffracted_spots(
             noise.full_scale_dn,
         )
 
-    parts = np.array_split(which, numba.get_num_threads())
-    with ThreadPoolExecutor(len(parts)) as pool:
-        normal, right, misfit, count = (np.concatenate(part) for part in zip(*pool.map(sums, parts), strict=True))
+    normal, right, chi2 = on_all_cores(sums, which)
     # softness s, blur b and what waves add, s^2 = b^2 + bent^2
     turn = np.eye(6)
     turn[4, 3], turn[4, 4] = -focus.blur_px / bent, focus.softness_px / bent
-    chi2 = misfit / np.maximum(count - 3, 1)
-    lit = illumination(own.table, np.hypot(*(spots.centres - own.centres)[which].T)) > LIT
-    bright = spots.brightness[which] > DARKEST
-    first, says = math.isinf(moved), square.those(which)
-    step = common_step(turn.T @ normal @ turn, right @ turn, chi2, bright, lit, focus, radius, says, first, LEFT_ASTRAY)
-    new = moved_by(now[which], step.steps)
-    return spots.with_those(which, Spots(new[:, :2], new[:, 2], step.covariance, chi2, step.together)), step.focus, step.radius
+    summed = turn.T @ normal @ turn, right @ turn, chi2
+    return stepped(spots, which, own, summed, focus, radius, square, moved, LEFT_ASTRAY)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -158,7 +151,7 @@ def _sums(
     offset: float,
     ceiling: float,
 ) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
-    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness, blur, bent softness, radius) round spots."""
+    """What ``on_all_cores`` asks for, by (x, y, brightness, blur, bent softness, radius) of each, in windows round spots."""
     normal, right = np.zeros((len(spots), 6, 6)), np.zeros((len(spots), 6))
     chi2, count = np.zeros(len(spots)), np.zeros(len(spots))
     g, seen = np.zeros(6), np.zeros(6)
@@ -192,13 +185,7 @@ def _sums(
                 g[5] = level * sizes[n] * seen[5]
                 weight = 1 / (dark + gain * max(level * seen[0], 0.0))
                 rest = picture[row, column] - offset - level * seen[0]
-                for i in range(6):
-                    right[n, i] += weight * rest * g[i]
-                    for j in range(i + 1):
-                        normal[n, i, j] += weight * g[i] * g[j]
+                count_pixel(normal[n], right[n], g, rest, weight)
                 chi2[n] += weight * rest * rest
                 count[n] += 1
-        for i in range(6):
-            for j in range(i):
-                normal[n, j, i] = normal[n, i, j]
     return normal, right, chi2, count
