@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 Reply = bytes | Callable[[], bytes] | None
+LAST_WORDS_S = 1.0  # what a driver sent last, asking for no answer, may still be on its way
 
 
 class Dialogue:
@@ -61,6 +62,9 @@ class Dialogue:
             heard += more
 
     def end(self) -> None:
+        deadline = time.monotonic() + LAST_WORDS_S
+        while self.left and not self.faults and time.monotonic() < deadline:
+            time.sleep(0.005)
         self._over.set()
         self._thread.join()
         self._server.close()
@@ -78,6 +82,7 @@ def dialogue() -> Iterator[Callable[[list[tuple[bytes, Reply]]], str]]:
     yield start
     for peer in peers:
         peer.end()
+    for peer in peers:
         assert peer.faults == []
         assert peer.left == []
 
