@@ -106,6 +106,20 @@ def test_a_large_dot_on_a_tilted_target_is_an_ellipse() -> None:
     assert try_scene(30026, waves=False).kept
 
 
+@pytest.mark.parametrize("tilt", [0.05, pytest.param(0.17, marks=pytest.mark.ci)])
+def test_blurred_dots_on_a_tilted_target_are_as_right_as_rays_show(tilt: float) -> None:
+    """Edges along the rows, blurred over eight pixels: by too few points of the pupil, 1.7 of the tolerance off."""
+    tolerance = 0.005
+    array = MicrolensArray("square", (3, 3), (0.4, 0.4), 0.336, (0.917,), 60.0)
+    sensor = Sensor((20, 34), 0.004, 61.15, offset=(0.016, -0.052))
+    scene = Scene(Camera(MainLens(50.0, 4.0), array, sensor), (Plane(FourDot(90.0, 100.0), 900.0, offset=(-50.0, -5.0), tilt=(tilt, 0.0)),))
+    image = render(scene, tolerance=tolerance)
+    row, column = np.unravel_index(np.argsort(-np.abs(image - render(scene, tolerance=tolerance / 10)).ravel())[:3], image.shape)
+    traced, _ = trace_pixels(scene, np.stack([column, row], axis=1), wanted=tolerance / 8)
+    print(np.abs(image[row, column] - traced).max() / tolerance)
+    assert np.abs(image[row, column] - traced).max() < 0.7 * tolerance
+
+
 @pytest.mark.parametrize("width", [0.05, 0.4, 1.5, 6.0])
 @pytest.mark.parametrize("target", [Bars((0.3, 0.3), 60.0, 60.0), Edge(0.3), Picture(CHECKS.values, 60.0)], ids=lambda target: target.kind)
 def test_blurs_on_rims_of_any_width_are_as_right_as_rays_show(target: Target, width: float) -> None:

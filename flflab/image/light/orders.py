@@ -138,8 +138,13 @@ def strip_counts(setup: Setup, roughness: float = 1.0) -> Whole:
 
 
 def grid_counts(blur: Array, tolerance: float) -> Whole:
-    """How many points a side across the pupil a blur in pixels needs; measured on dots: n of them leave 0.1 blur / n^2 of white."""
-    return np.clip(np.ceil(np.sqrt(0.1 * blur / (0.6 * tolerance))), 1, MOST_POINTS).astype(np.int64)
+    """How many points a side across the pupil a blur in pixels needs.
+
+    Measured on dots 0.3 to 210 pixels in radius: n of them leave at most c blur / n^2 of white, where c is 0.18 in blurs up to 2.6 pixels
+    and grows with the blur to 0.5.
+    """
+    left = np.clip(0.07 * blur, 0.18, 0.5) * blur
+    return np.clip(np.ceil(np.sqrt(left / (0.6 * tolerance))), 1, MOST_POINTS).astype(np.int64)
 
 
 def spot_parts(blur: Array, tolerance: float) -> Whole:
