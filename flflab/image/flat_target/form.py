@@ -12,6 +12,7 @@ from flflab.image.flat_target.moments import ways_along
 from flflab.image.geometry.rim import STEEP, disc_nodes
 from flflab.image.geometry.setup import Setup
 from flflab.image.light.askew_orders import end_points, is_even, is_turn, picture_parts, picture_points
+from flflab.image.light.even_texels import count_borders
 from flflab.image.light.falloff_orders import falloff_chunks, falloff_counts, falloff_parts, falloff_pieces, weighing_chords
 from flflab.image.light.lenses import Lenses, packed
 from flflab.image.light.orders import (
@@ -185,6 +186,7 @@ def _add_texels(image: Array, setup: Setup, picture: Picture, chosen: Chosen) ->
         chunks=falloff_chunks(setup),
         texel=picture.texel,
         values=np.ascontiguousarray(picture.values, dtype=np.float64),
+        borders=count_borders(np.asarray(picture.values, dtype=np.float64)),
         numbers=np.array([1.0, 0.0, 0.0]),
         table=np.zeros((0, 8)),
         law=np.zeros(6),

@@ -11,6 +11,7 @@ from flflab.image.geometry.clipping import clip, lens_span
 from flflab.image.geometry.falloff_means import seen_weight
 from flflab.image.geometry.rim import part_share
 from flflab.image.geometry.tiles import shrink
+from flflab.image.light.even_texels import even_radiance
 from flflab.image.light.lenses import Lenses
 from flflab.image.light.sampled import LEAST_BOX, sampled_mean
 from flflab.image.light.texel_sums import boxed_sum, fill_sums, texels_mean
@@ -21,7 +22,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
-FRAME = 17  # numbers, see ``seen_texels``
+FRAME = 19  # numbers, see ``seen_texels``
 
 
 class PictureSeen(NamedTuple):
@@ -42,6 +43,7 @@ class PictureSeen(NamedTuple):
         chunks: pieces of a strip for the fall-off; 0 for no fall-off.
         texel: side of a texel, mm.
         values: the radiance [row, column].
+        borders: see ``count_borders``.
         numbers: what ``mean_over`` asks for: a texel's side in texels.
         table: of no bars.
         law: the same.
@@ -60,6 +62,7 @@ class PictureSeen(NamedTuple):
     chunks: int
     texel: float
     values: Array
+    borders: Whole
     numbers: Array
     table: Array
     law: Array
@@ -86,6 +89,8 @@ class PictureLens(NamedTuple):
     strip_count: int
     strips: Array
     chunks: int
+    values: Array
+    borders: Whole
     numbers: Array
     table: Array
     law: Array
@@ -106,7 +111,8 @@ def seen_texels(seen: PictureSeen, entry: int, window: Whole, frame: Array) -> t
         entry: the entry.
         window: first column, column after the last, first row, row after the last.
         frame: filled, FRAME numbers: the maps in texels from the middle of those seen, the changes along and across the strips (see
-            ``texels_mean``), the strips' direction, and where x' and y' are 0, in texels from the first one seen.
+            ``texels_mean``), the strips' direction, where x' and y' are 0, in texels from the first one seen, and that one's column
+            and row.
 
     Returns:
         First column, first row, number of columns, number of rows; no texel is seen where a number is not above 0.
@@ -137,6 +143,7 @@ def seen_texels(seen: PictureSeen, entry: int, window: Whole, frame: Array) -> t
     rows = int(min(max(math.ceil(seen_y + reach_y), 0.0), high + 1.0)) - row
     frame[15], frame[16] = origin_x + 0.5 * wide - column, origin_y + 0.5 * high - row
     frame[0], frame[1] = frame[15] - 0.5 * columns, frame[16] - 0.5 * rows
+    frame[17], frame[18] = column, row
     return column, row, columns, rows
 
 
@@ -161,6 +168,8 @@ def picture_lens(seen: PictureSeen, entry: int) -> PictureLens:
         int(seen.counts[kind]),
         seen.strips[kind],
         seen.chunks,
+        seen.values,
+        seen.borders,
         seen.numbers,
         seen.table,
         seen.law,
@@ -197,6 +206,12 @@ def texel_light(dx: float, dy: float, lens: PictureLens, frame: Array, sums: Arr
         boxes[1], boxes[2] = boxes[0], boxes[0]
     for index in range(3):
         boxes[index] = max(boxes[index], LEAST_BOX)
+    spread, even = blurred or lens.points > 0, -1.0
+    if spread:
+        at_x, at_y = frame[15] + cxx * dx + cxy * dy, frame[16] + cyx * dx + cyy * dy
+        even = even_radiance(at_x, at_y, frame, width, lens.values, lens.borders)
+        if even == 0.0:
+            return 0.0
     light = 0.0
     for j in range(divide):
         y = dy + ((j + 0.5) / divide - 0.5) * width
@@ -207,7 +222,11 @@ def texel_light(dx: float, dy: float, lens: PictureLens, frame: Array, sums: Arr
                 continue
             ex, ey = look * x, look * y
             at_x, at_y = frame[15] + cxx * ex + cxy * ey, frame[16] + cyx * ex + cyy * ey
-            if lens.points > 0:
+            value = even_radiance(at_x, at_y, frame, side, lens.values, lens.borders) if spread and even < 0.0 and divide > 1 else even
+            if value >= 0.0:
+                if value > 0.0 and slant[3] != 0.0:
+                    value *= seen_weight(ex, ey, slope, reach, slant)
+            elif lens.points > 0:
                 value = sampled_mean(
                     ex,
                     ey,

@@ -1,0 +1,51 @@
+"""What sees texels of one radiance only needs no sums over the pupil."""
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+
+def count_borders(values: Array) -> Whole:
+    """How many texels are unlike the one to their left, and how many unlike the one above them; the picture is black around.
+
+    Args:
+        values: the radiance [row, column].
+
+    Returns:
+        Shape (rows + 3, columns + 3, 2): of texels before row j - 1 and column i - 1 at [j, i].
+    """
+    padded = np.pad(values, 1)
+    unlike = np.zeros((*padded.shape, 2), dtype=np.int64)
+    unlike[:, 1:, 0] = padded[:, 1:] != padded[:, :-1]
+    unlike[1:, :, 1] = padded[1:] != padded[:-1]
+    return np.pad(unlike.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0), (0, 0)))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def even_radiance(at_x: float, at_y: float, frame: Array, side: float, values: Array, borders: Whole) -> float:
+    """The radiance of all texels that a part of a pixel sees through the whole pupil; -1 where they are unlike.
+
+    Args:
+        at_x: where its middle looks, texels from the first one of the tables.
+        at_y: the same along y'.
+        frame: see ``seen_texels``.
+        side: of the part, mm.
+        values: the radiance of the picture [row, column].
+        borders: see ``count_borders``.
+    """
+    high, wide = values.shape
+    half_x = math.hypot(frame[2], frame[3]) + 0.5 * (abs(frame[6]) + abs(frame[7])) * side
+    half_y = math.hypot(frame[4], frame[5]) + 0.5 * (abs(frame[8]) + abs(frame[9])) * side
+    x, y = at_x + frame[17] + 1.0, at_y + frame[18] + 1.0  # a black texel is before the first
+    left, right = int(min(max(x - half_x, 0.0), wide + 1.0)), int(min(max(x + half_x, 0.0), wide + 1.0)) + 1
+    low, up = int(min(max(y - half_y, 0.0), high + 1.0)), int(min(max(y + half_y, 0.0), high + 1.0)) + 1
+    beside = borders[up, right, 0] - borders[low, right, 0] - borders[up, left + 1, 0] + borders[low, left + 1, 0]
+    above = borders[up, right, 1] - borders[low + 1, right, 1] - borders[up, left, 1] + borders[low + 1, left, 1]
+    if beside + above > 0:
+        return -1.0
+    return values[low - 1, left - 1] if 0 < low <= high and 0 < left <= wide else 0.0
