@@ -2,14 +2,14 @@
 
 Each axis may be anywhere between its readings (one reading at rest, start to end under way, its whole travel when unknown), widened
 by three standard uncertainties of its place and by the following error. A tilted array reaches out of its plane as far as the circle
-round its corners does, however it is rolled.
+about the main axis does that holds its corners, however it is rolled; its size and how it was set are doubted as the bench file says.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from flflab.bench import AxisDescription, Bench
+from flflab.bench import AxisDescription, Bench, OpticsUncertaintyDescription
 from flflab.errors import InterlockError
 from flflab.optics.camera import MicrolensArray
 
@@ -21,11 +21,19 @@ FOLLOWING = {"mm": 0.01, "rad": 2e-4}
 
 @dataclass(frozen=True)
 class Mover:
-    """An axis of the rule: it shifts array or sensor, or tilts the array; ``travel`` is all it can reach, readings."""
+    """An axis of the rule: it shifts array or sensor, or tilts the array.
+
+    Args:
+        name: of the axis.
+        axis: as the bench file has it.
+        travel: all it can reach, readings.
+        set_by: standard uncertainty of how the array was set on what tilts it, rad.
+    """
 
     name: str
     axis: AxisDescription
     travel: Interval
+    set_by: float = 0.0
 
     @property
     def tilts(self) -> bool:
@@ -39,7 +47,8 @@ class Mover:
 
     def spread(self, readings: Interval) -> float:
         """By how much its place may be off, mm or rad."""
-        return COVERAGE * max(self.axis.uncertainty(reading) for reading in readings) + FOLLOWING[self.axis.coordinate.unit]
+        stated = max(math.hypot(self.axis.uncertainty(reading), self.set_by) for reading in readings)
+        return COVERAGE * stated + FOLLOWING[self.axis.coordinate.unit]
 
     def place(self, readings: Interval | None) -> Interval:
         """Between which world places it may be when it is between two readings, or anywhere."""
@@ -52,11 +61,11 @@ class Mover:
 
 @dataclass(frozen=True)
 class Plate:
-    """The array as a stiff plate that tilts about its middle.
+    """The array as a stiff plate that tilts about where the main axis meets it.
 
     Args:
-        radius: of the circle round its corners, mm.
-        tilt: along (x, y) what tilts it (yaw, pitch), or the slope as the camera file has it where nothing does.
+        radius: of the circle about that point that holds its corners, mm.
+        tilt: along (x, y) what tilts it (yaw, pitch), or the steepest slope that the camera file may mean where nothing does.
     """
 
     radius: float
@@ -94,23 +103,30 @@ def gap_rule(bench: Bench, travels: Mapping[str, Interval]) -> GapRule | None:
         None where no axis moves or tilts either of the two.
     """
     description, array = bench.description, bench.optics.array
+    doubt = description.optics_uncertainty
 
-    def mover(element: str, otherwise: float) -> Mover | float:
+    def mover(element: str, otherwise: float, set_by: float = 0.0) -> Mover | float:
         found = next(((name, axis) for name, axis in description.axes.items() if axis.moves == element), None)
-        return Mover(*found, travels[found[0]]) if found else otherwise
+        return Mover(*found, travels[found[0]], set_by) if found else otherwise
+
+    def tilt(turn: str, slope: float) -> Mover | float:
+        steepest = math.atan(abs(slope)) + COVERAGE * doubt.array_tilt
+        return mover(turn, math.tan(steepest) if steepest < math.pi / 2 else math.inf, doubt.array_tilt)
 
     rule = GapRule(
         description.minimum_gap,
         mover("array.z", array.distance),
         mover("sensor.z", bench.optics.sensor.distance),
-        Plate(corner_radius(array), (mover("array.yaw", array.tilt[0]), mover("array.pitch", array.tilt[1]))),
+        Plate(corner_radius(array, doubt), (tilt("array.yaw", array.tilt[0]), tilt("array.pitch", array.tilt[1]))),
     )
     return rule if rule.movers else None
 
 
-def corner_radius(array: MicrolensArray) -> float:
-    """Radius of the circle round the array's corners, mm."""
-    return math.hypot(*((count * pitch + array.aperture) / 2 for count, pitch in zip(array.count, array.pitch, strict=True)))
+def corner_radius(array: MicrolensArray, doubt: OpticsUncertaintyDescription) -> float:
+    """Radius of the circle about the main axis that holds the array's corners, mm, were it as large as is doubted."""
+    pitch, aperture = (1 + COVERAGE * share for share in (doubt.pitch, doubt.microlens_aperture))
+    sides = (count * step * pitch + array.aperture * aperture for count, step in zip(array.count, array.pitch, strict=True))
+    return math.hypot(*sides) / 2 + math.hypot(*array.offset)
 
 
 def least_gap(rule: GapRule, readings: Readings) -> float:

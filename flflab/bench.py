@@ -88,7 +88,7 @@ class AxisDescription(DeviceDescription):
     """An axis: the place of what it moves = zero + sign * reading, in mm, or in rad for one that turns the array.
 
     ``array.pitch`` turns about the world's x axis, its positive sense takes the edge at +y away from the main lens; ``array.yaw`` turns
-    about y and takes the edge at +x away; ``array.roll`` turns from x towards y. All pass through the array's middle. Limits are
+    about y and takes the edge at +x away, both where the main axis meets the array; ``array.roll`` turns from x towards y. Limits are
     readings of the axis. The standard uncertainty of the zero is a length or an angle, that of the scale a share of the reading.
     """
 

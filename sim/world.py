@@ -191,13 +191,14 @@ class World:
 def corner_reach(array: MicrolensArray, angles: Mapping[str, float]) -> float:
     """How far the foremost corner of the turned array stands out of the plane through its middle towards the sensor, mm.
 
-    The array is a stiff plate that is rolled about its axis and then tilted.
+    The array is a stiff plate that is rolled about its middle, shifted by its offset and then tilted about where the main axis meets it.
     """
     x, y = ((count * pitch + array.aperture) / 2 for count, pitch in zip(array.count, array.pitch, strict=True))
     cos, sin = math.cos(angles["array.roll"]), math.sin(angles["array.roll"])
     slope_x, slope_y = math.tan(angles["array.yaw"]), math.tan(angles["array.pitch"])
     steepness = math.sqrt(1 + slope_x**2 + slope_y**2)
-    return max(slope_x * (cos * a - sin * b) + slope_y * (sin * a + cos * b) for a in (-x, x) for b in (-y, y)) / steepness
+    rolled = max(slope_x * (cos * a - sin * b) + slope_y * (sin * a + cos * b) for a in (-x, x) for b in (-y, y))
+    return (rolled + slope_x * array.offset[0] + slope_y * array.offset[1]) / steepness
 
 
 def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truths: Truths) -> TrueAxis:

@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from drivers.interlocks import FOLLOWING, GapRule, Interval, Mover, Plate, check_motion, corner_radius, least_gap, order_moves, retreats
-from flflab.bench import AxisDescription
+from flflab.bench import AxisDescription, OpticsUncertaintyDescription
 from flflab.errors import InterlockError
 from flflab.optics.camera import MicrolensArray
 
@@ -228,17 +228,18 @@ def turn(element: str, zero_uncertainty: str = "0.02 deg") -> AxisDescription:
 
 
 ARRAY = MicrolensArray("square", (25, 25), (0.12, 0.12), 0.1, (0.9,), 60.0)
+KNOWN = OpticsUncertaintyDescription()  # of its size nothing is doubted
 TILTS = (-math.radians(10), math.radians(10))
 
 
 def tilted_rule() -> GapRule:
     yaw, pitch = (Mover(name, turn(f"array.{name}"), TILTS) for name in ("yaw", "pitch"))
-    return GapRule(LEAST_MM, rule().array, rule().sensor, Plate(corner_radius(ARRAY), (yaw, pitch)))
+    return GapRule(LEAST_MM, rule().array, rule().sensor, Plate(corner_radius(ARRAY, KNOWN), (yaw, pitch)))
 
 
 def test_the_circle_round_the_corners_of_a_tilted_array_reaches_out() -> None:
     radius = 1.55 * math.sqrt(2)
-    assert corner_radius(ARRAY) == pytest.approx(radius)
+    assert corner_radius(ARRAY, KNOWN) == pytest.approx(radius)
     fixed = Plate(radius, (math.tan(math.radians(1)), 0.0))
     assert fixed.reach({}) == pytest.approx(radius * math.sin(math.radians(1)))
     rule_, flat = tilted_rule(), rule()

@@ -1,16 +1,20 @@
 """The real drivers on the simulated benches: whatever is asked, array and sensor never meet in truth, tilted or not."""
 
 import contextlib
+import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from drivers.base import wait_all
 from drivers.bench import connect
-from flflab.bench import Bench
+from flflab.bench import Bench, read_bench
 from flflab.errors import DeviceError, InterlockError, MotionError
+from flflab.optics.smms import camera_smms
 from sim.serve import serve, write_bench
 
 WriteBench = Callable[..., Bench]
@@ -78,3 +82,47 @@ def test_the_true_gap_is_kept_by_a_tilting_array_whose_axes_move_together(write_
     assert refused > 3
     assert tilted > 3
     assert bench.description.minimum_gap <= least < 3
+
+
+def edited(bench: Bench, array: dict[str, Any], **fields: Any) -> Bench:
+    """The bench with another array in its camera file, far from the sensor, and other fields in its own."""
+    optics = bench.file.parent / bench.description.optics
+    camera, own = (yaml.safe_load(file.read_text()) for file in (optics, bench.file))
+    camera["microlens_array"] |= array
+    camera["sensor"]["distance"] = "65 mm"
+    optics.write_text(yaml.safe_dump(camera))
+    bench.file.write_text(yaml.safe_dump(own | fields, sort_keys=False))
+    return read_bench(bench.file)
+
+
+@pytest.mark.parametrize(
+    ("array", "doubt", "truths"),
+    [
+        ({"offset": ["3 mm", "-4 mm"], "tilt": ["6 deg", "-8 deg"]}, {}, {}),
+        ({}, {"array_tilt": "20 mrad"}, {"microlens_array.yaw": "-50 mrad", "microlens_array.pitch": "55 mrad"}),
+        ({"tilt": ["8 deg", "8 deg"]}, {"pitch": 0.1, "microlens_aperture": 0.01}, {}),
+    ],
+    ids=["decentred and tilted", "tilted by as much as the file doubts", "larger by as much as the file doubts"],
+)
+def test_a_sensor_that_goes_as_far_as_it_may_keeps_the_gap_to_every_microlens_that_the_camera_sees(
+    write_bench_file: WriteBench, tmp_path: Path, array: dict[str, Any], doubt: dict[str, Any], truths: dict[str, str]
+) -> None:
+    write_bench_file(clock=1000, truths={f"{axis}_stage.zero": "0 mm" for axis in ("array", "sensor")} | truths, seed=203)
+    bench = edited(read_bench(tmp_path / "bench.yaml"), array, optics_uncertainty={"array_tilt": "0 rad"} | doubt)
+    with serve(bench) as served:
+        write_bench(bench, served, tmp_path / "served.yaml")
+        with connect(tmp_path / "served.yaml") as connected:
+            array_stage, sensor_stage = connected.array_stage, connected.sensor_stage
+            wait_all(array_stage.home(), sensor_stage.home())
+            array_stage.move_to(10.0).wait()
+            with pytest.raises(InterlockError) as refused:
+                sensor_stage.move_to(29.99)
+            far = re.search(r"it may go as far as (\d+\.\d+) mm", str(refused.value))
+            assert far is not None
+            sensor_stage.move_to(float(far[1])).wait()
+        now = served.world.clock.now()
+        camera = served.world.scene(now).camera
+        gap = served.world.gap(now)
+    assert camera is not None
+    lenses = float(camera_smms(camera).gap.min())
+    assert bench.description.minimum_gap <= gap <= lenses
