@@ -1,5 +1,6 @@
 """YAML descriptions: read with line numbers, checked by pydantic, refused with file, line, field and what is allowed."""
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -13,6 +14,9 @@ from flflab.units import Dimension, parse_quantity
 
 Path_ = tuple[str | int, ...]
 Lines = dict[Path_, int]
+
+LEAST, MOST = 1e-15, 1e12  # mm, rad, s and whatever else is a number in a file, wide of anything that is built
+PHYSICAL = f"0 and {LEAST:g} to {MOST:g} are allowed, in mm, rad, s and 1/mm: see its unit and exponent"
 
 NUMBERS = {  # in words, by pydantic's kinds of faults
     **dict.fromkeys(("float_parsing", "float_type"), "a number"),
@@ -133,20 +137,15 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
     """
     try:
         found = kind.model_validate(data)
-        if counted := list(_counted(data, found, under)):
-            raise InputError(
-                "\n".join(
-                    f"{file}:{line_of(path, lines)}: {'.'.join(map(str, path))}: yes, no, true and false are no number; give a number"
-                    for path in counted
-                )
-            )
+        wrong = [(path, "yes, no, true and false are no number; give a number") for path in _counted(data, found, under)]
+        wrong += [(_given(path, lines), f"{value:g} is no size that a thing has; {PHYSICAL}") for path, value in _unphysical(found, under)]
+        if wrong:
+            raise InputError("\n".join(f"{file}:{line_of(path, lines)}: {'.'.join(map(str, path))}: {why}" for path, why in wrong))
         return found
     except ValidationError as error:
         faults: list[str] = []
         for fault in error.errors():
-            path = (*under, *fault["loc"])
-            while path and isinstance(path[-1], int) and path not in lines:
-                path = path[:-1]  # one number given for a pair is one fault
+            path = _given((*under, *fault["loc"]), lines)
             message = fault["msg"].removeprefix("Value error, ")
             if (about := (*path, *message.partition(" ")[0].split("."))) in lines:
                 path = about  # a rule between fields begins with the one to change
@@ -174,6 +173,13 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
         raise InputError("\n".join(dict.fromkeys(faults))) from error
 
 
+def _given(path: Path_, lines: Mapping[Path_, int]) -> Path_:
+    """The path of what the file has: of one number given for a pair that of the pair."""
+    while path and isinstance(path[-1], int) and path not in lines:
+        path = path[:-1]
+    return path
+
+
 def _counted(given: Any, found: Any, path: Path_) -> Iterator[Path_]:
     """Where what was given as true or false was read as a number."""
     if isinstance(given, bool):
@@ -186,6 +192,19 @@ def _counted(given: Any, found: Any, path: Path_) -> Iterator[Path_]:
     elif isinstance(given, list):
         for place, (value, read) in enumerate(zip(cast(list[Any], given), found, strict=True)):
             yield from _counted(value, read, (*path, place))
+
+
+def _unphysical(found: Any, path: Path_) -> Iterator[tuple[Path_, float]]:
+    """Numbers, in the units used inside, that would overflow or vanish in what is computed of them."""
+    if isinstance(found, float):
+        if 0 < abs(found) < LEAST or MOST < abs(found) < math.inf:
+            yield path, found
+    elif isinstance(found, (BaseModel, dict)):
+        for name, value in cast(Iterator[tuple[str, Any]], iter(found) if isinstance(found, BaseModel) else found.items()):
+            yield from _unphysical(value, (*path, name))
+    elif isinstance(found, (list, tuple)):
+        for place, value in enumerate(cast(list[Any], found)):
+            yield from _unphysical(value, (*path, place))
 
 
 def _fields_at(kind: type[BaseModel], path: Path_) -> list[str]:

@@ -80,7 +80,7 @@ class StudyDescription(Description):
     exposure: ExposureDescription = ExposureDescription()
     mtf_standard_uncertainty: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
     draws: Annotated[int, Field(ge=100, le=100000)] = 1000
-    significance: Annotated[Ratio, Field(gt=0, lt=0.5)] = 0.05
+    significance: Annotated[Ratio, Field(ge=1e-4, lt=0.5)] = 0.05
 
     @model_validator(mode="after")
     def _draws_tell_the_significance(self) -> "StudyDescription":

@@ -52,6 +52,9 @@ CAMERA_FAULTS = [
     ("pitch: 400 um", "pitch: 400 mm", "microlens_array.pitch", "is 400 mm, more than the whole sensor of 6.08224 mm x 4.56168 mm"),
     ("pitch: 400 um", "pitch: [0.4 mm, 400 mm]", "microlens_array.pitch", "is 400 mm, more than the whole sensor"),
     ("pixel: 1.66 um", "pixel: 1.66 mm", "sensor.pixel", "is 1.66 mm, more than the 0.4 mm from microlens to microlens"),
+    ("f_number: 4", "f_number: 1e308", "main_lens.f_number", "1e+308 is no size that a thing has; 0 and 1e-15 to 1e+12 are allowed"),
+    ("distance: 61.15 mm", "distance: 1e308 mm", "sensor.distance", "1e+308 is no size that a thing has"),
+    ("aperture: 336 um", "aperture: 1e-300 um", "microlens_array.aperture", "1e-303 is no size that a thing has"),
 ]
 
 
@@ -163,6 +166,7 @@ BENCH_FAULTS = [
     ("clock: 20", "clock: true", "simulated.clock", "are no number"),
     ("sign: 1", "sign: yes", "axes.main_lens_stage.sign", "are no number"),
     ("truths: {}", "truths: {iris.scale: no}", "simulated.truths.iris.scale", "are no number"),
+    ("limits: [0 mm, 25 mm]", "limits: [-1e308 mm, 25 mm]", "axes.main_lens_stage.limits.0", "-1e+308 is no size that a thing has"),
 ]
 
 
@@ -216,6 +220,8 @@ STUDY_FAULTS = [
     ("draws: 1000", "draws: 359", "at least 360"),
     ("reference: 1", "reference: yes", "reference: yes, no, true and false are no number"),
     ("significance: 0.05", "significance: 0.01", "at least 1800"),
+    ("significance: 0.05", "significance: 1e-308", "greater than or equal to 0.0001"),
+    ("f_number: [2.8, 4, 5.6]", "f_number: [2.8, 4e300, 5.6]", "configurations.0.f_number.1: 4e+300 is no size that a thing has"),
 ]
 
 
