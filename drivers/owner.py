@@ -20,7 +20,9 @@ from drivers.described import spelt
 from flflab.description import read_yaml
 from flflab.errors import DeviceError, InputError
 
+HEARD_TIMEOUT_S = 2.0
 STOP_TIMEOUT_S = 10.0
+HEARD, STOPPED = b"heard\n", b"stopped\n"
 LOCK = "flflab-bench-"
 LOCKED_BYTE = 1 << 20  # far behind what is written: a locked byte cannot be read on Windows
 
@@ -107,9 +109,10 @@ class Owner:
     def _answer(self, link: socket.socket, stop: Callable[[], None]) -> None:
         if not secrets.compare_digest(link.recv(200).strip(), self._token.encode()):
             return
+        link.sendall(HEARD)  # who hangs does not say so, and is stopped past
         try:
             stop()
-            link.sendall(b"stopped\n")
+            link.sendall(STOPPED)
         except DeviceError as error:
             link.sendall(str(error).encode())
 
@@ -157,15 +160,21 @@ def _ask_to_stop(owner: dict[str, Any], bench_file: Path) -> str:
     """Nothing where an owner stopped, else what is wrong."""
     try:
         with socket.create_connection(("127.0.0.1", int(owner["port"])), 1.0) as link:
-            link.settimeout(STOP_TIMEOUT_S)
+            link.settimeout(HEARD_TIMEOUT_S)
             link.sendall(str(owner["token"]).encode() + b"\n")
-            answer = b"".join(iter(lambda: link.recv(4096), b"")).decode(errors="replace")
+            answer = link.recv(4096)
+            link.settimeout(STOP_TIMEOUT_S)
+            answer += b"".join(iter(lambda: link.recv(4096), b""))
     except (OSError, KeyError, ValueError) as error:
         who = owner.get("process", "unknown")
         return (
-            f"{bench_file}: process {who} drives this bench and does not answer ({error}); end it, which stops its axes, or cut their power"
+            f"{bench_file}: process {who} drives this bench and does not answer ({error}); end it, where it hangs by `kill -9 {who}`, "
+            "which stops its axes, or cut their power"
         )
-    return "" if answer == "stopped\n" else answer or f"{bench_file}: its owner did not say that the axes stopped; cut their power"
+    said = answer.removeprefix(HEARD)
+    if said == STOPPED:
+        return ""
+    return said.decode(errors="replace") or f"{bench_file}: its owner did not say that the axes stopped; cut their power"
 
 
 def _held(file: Path, bench_file: Path, held: contextlib.ExitStack) -> int:

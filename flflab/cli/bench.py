@@ -100,7 +100,7 @@ def jog(
 
 @app.command(short_help="Stop every axis.")
 def stop(bench: BenchFile) -> None:
-    """Stop every axis: the program that drives the bench is told to, or this one opens the ports itself."""
+    """Stop every axis: the program that drives the bench is told to; where it does not, or there is none, this one opens the ports."""
     from drivers.owner import ask_owners_to_stop
     from drivers.sentinel import stop_axes
 
@@ -109,12 +109,14 @@ def stop(bench: BenchFile) -> None:
     except InputError as unreadable:
         raise InputError(f"{unreadable}\n{_by_hand('no axis', bench)}") from unreadable
     faults = [answer for answer in dict.fromkeys(answers.values()) if answer]
-    if free := [name for name, answer in answers.items() if answer is None]:
+    if left := {name: answer for name, answer in answers.items() if answer != ""}:
         try:
             described = read_bench(bench)
-            faults += stop_axes(described, {name: described.description.axes[name].address for name in free})
+            addresses = {name: described.description.axes[name].address for name in left if name in described.description.axes}
+            untold = stop_axes(described, addresses)
+            faults += untold or (["past it every axis was told to stop"] if faults else [])
         except InputError as unreadable:
-            faults += [str(unreadable), _by_hand(f"none of {', '.join(free)}", bench)]
+            faults += [str(unreadable), _by_hand(f"none of {', '.join(left)}", bench)]
     if faults:
         raise DeviceError("\n".join(faults))
     typer.echo("every axis took the stop")

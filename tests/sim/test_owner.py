@@ -207,6 +207,28 @@ def test_an_owner_that_does_not_answer_is_named(slow: tuple[Served, Path]) -> No
         assert answers["array_stage"] == "", "of two owners the other was not asked"
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no program can be held there")
+def test_axes_of_an_owner_that_hangs_are_stopped_past_it_and_it_goes_on_with_none(slow: tuple[Served, Path]) -> None:
+    served, file = slow
+    command = [sys.executable, "-P", "-m", "flflab", "bench", "stop", "--bench", str(file)]
+    with another_program(file) as child:
+        os.kill(child.pid, signal.SIGSTOP)
+        assert not at_rest(served)
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert at_rest(served)
+        places = [served.world.carriages[name].at(served.world.clock.now()) for name in MOVING]
+        assert 0 < places[0] < 29
+        assert 0 < math.degrees(places[1]) < 5.9
+        assert 0 < math.degrees(places[2]) < 100
+        os.kill(child.pid, signal.SIGCONT)
+        time.sleep(0.5)
+        assert [served.world.carriages[name].at(served.world.clock.now()) for name in MOVING] == places
+    assert ended.returncode == 1
+    assert f"process {child.pid} drives this bench and does not answer" in ended.stderr
+    assert f"`kill -9 {child.pid}`" in ended.stderr
+    assert ended.stderr.endswith("past it every axis was told to stop\n")
+
+
 def test_only_who_may_read_the_lock_file_can_stop_a_bench(slow: tuple[Served, Path]) -> None:
     _, file = slow
     with connect(file):
