@@ -15,8 +15,8 @@ from bluesky import plan_stubs as bps
 
 from drivers.bench import ConnectedBench
 from flflab.alignment import Attitude, Outcome
-from flflab.bench import Bench, Moved
-from flflab.errors import InputError
+from flflab.bench import ANGLE, Bench, Moved
+from flflab.errors import InputError, MeasurementError
 from flflab.record import Recording, versions
 from flflab.study import Configuration
 from procedures.align_sensor import expected_sensor, place_sensor
@@ -29,6 +29,7 @@ from procedures.white_pictures import Looking, Seen, Tell, approach, sensor_nois
 Plan = Generator[Msg, Any, Any]
 
 MOST_PICTURES = 6  # an axis
+DOUBLED = 1.75, 2.25  # what is left over what was there, of a correction the wrong way
 MOVED: dict[str, Moved] = {"roll": "array.roll", "yaw": "array.yaw", "pitch": "array.pitch"}
 
 
@@ -67,7 +68,7 @@ def align(bench: ConnectedBench, request: Request, recording: Recording, tell: T
         RunInterruptedError: the operator asked for the end; every axis stands.
         LimitError: an axis would have to leave its limits.
         InterlockError: array and sensor would come too near to each other.
-        MeasurementError: no exposure fits, or no lattice is seen.
+        MeasurementError: no exposure fits, no lattice is seen, or an axis turns the other way than its sign says.
         DeviceError: an instrument failed; every axis was told to stop.
     """
     outcomes: list[Outcome] = []
@@ -124,6 +125,7 @@ def _straighten(looking: Looking, outcomes: list[Outcome]) -> Plan:
                 continue
             pictures[angle] = len(attitudes)
             deviations, doubt = [one.angles[angle][0] for one in attitudes], last.attitude.angles[angle][1]
+            require_corrected(angle, axis.name, deviations, doubt + axis.resolution)
             if reason := why_stop(deviations, doubt, axis.resolution):
                 why[angle] = reason
                 continue
@@ -154,6 +156,28 @@ def why_stop(deviations: list[float], doubt: float, resolution: float) -> str:
     if len(deviations) >= MOST_PICTURES:
         return f"{MOST_PICTURES} pictures were taken"
     return ""
+
+
+def require_corrected(angle: str, name: str, deviations: list[float], doubt: float) -> None:
+    """Refuse to go on with an axis that turns the other way: what it is to take away it doubles with every picture.
+
+    Args:
+        angle: what it turns.
+        name: of the axis.
+        deviations: measured so far, rad, one a picture.
+        doubt: how far a correction may miss, rad.
+
+    Raises:
+        MeasurementError: the last correction doubled what it was to take away.
+    """
+    before, now = deviations[-2:] if len(deviations) > 1 else (0.0, 0.0)
+    if abs(before) > 4 * doubt and DOUBLED[0] < now / before < DOUBLED[1]:
+        show = ANGLE.show
+        raise MeasurementError(
+            f"{name}: told to take the array's {angle} of {show(before, '+.4f')} away it made it {show(now, '+.4f')}; it turns the other "
+            "way than `sign` of the bench file says, or the camera turns or mirrors its pictures: correct that (with `sign`, `home_towards`), "
+            "then align again"
+        )
 
 
 def _start(request: Request, bench: Bench) -> Configuration:

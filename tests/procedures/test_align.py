@@ -13,10 +13,10 @@ import pytest
 import yaml
 
 from drivers.base import Axis, Frame, Setting
-from drivers.bench import ConnectedBench
+from drivers.bench import ConnectedBench, connect
 from flflab.alignment import Outcome
 from flflab.bench import Bench, read_bench
-from flflab.errors import InputError, InterlockError
+from flflab.errors import InputError, InterlockError, MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.record import Recording, read_documents, read_run
@@ -219,6 +219,23 @@ def test_a_correction_ends_for_a_reason(deviations: list[float], doubt: float, r
     assert why_stop(deviations, doubt, resolution) == reason
 
 
+def test_an_axis_that_turns_the_other_way_is_told_after_its_first_correction(full_bench: Callable[..., Path], tmp_path: Path) -> None:
+    """The bench file that is aligned by has the ring's sign wrong, the bench that is served has it right."""
+    described = read_bench(full_bench({"roll": 1.2, "yaw": 0.0, "pitch": 0.0}))
+    with serve(described) as running:
+        write_bench(described, running, served := tmp_path / "served.yaml")
+        data = yaml.safe_load(served.read_text())
+        data["axes"]["ring"] |= {"sign": -1, "home_towards": "+roll"}
+        served.write_text(yaml.safe_dump(data, sort_keys=False))
+        with (
+            connect(served) as bench,
+            pytest.raises(MeasurementError, match=r"^ring: .* roll of \+1\.20\d+ deg away it made it \+2\.40\d+ deg; .* `sign`"),
+        ):
+            run(bench, Request(4.0), tmp_path / "run")
+        turned = running.world.angles(running.world.clock.now())["array.roll"]
+    assert turned == pytest.approx(2.4 * DEGREE, abs=0.03 * DEGREE)
+
+
 def test_what_the_description_puts_out_of_reach_is_refused_before_anything_connects(full_bench: Callable[..., Path]) -> None:
     uncertain = read_bench(full_bench({}, "1.2 deg"))
     with pytest.raises(InterlockError, match=r"at least 0.3 mm are kept"):
@@ -235,8 +252,6 @@ def test_a_misaligned_bench_is_straightened_over_the_wire(full_bench: Callable[.
     described = read_bench(file)
     with serve(described) as running:
         write_bench(described, running, file.with_name("served.yaml"))
-        from drivers.bench import connect
-
         with connect(file.with_name("served.yaml")) as bench:
             outcomes = run(bench, Request(4.0, exit_pupil=True), tmp_path / "run")
         world: World = running.world
