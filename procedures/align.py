@@ -175,8 +175,8 @@ def require_corrected(angle: str, name: str, deviations: list[float], doubt: flo
         show = ANGLE.show
         raise MeasurementError(
             f"{name}: told to take the array's {angle} of {show(before, '+.4f')} away it made it {show(now, '+.4f')}; it turns the other "
-            "way than `sign` of the bench file says, or the camera turns or mirrors its pictures: correct that (with `sign`, `home_towards`), "
-            "then align again"
+            "way than `sign` of the bench file says, or the camera turns or mirrors its pictures: correct that (with `sign` "
+            "`home_towards`), then align again"
         )
 
 

@@ -37,7 +37,6 @@ from procedures.steps import (
     homed_readings,
     move_step,
     steps,
-    unsure_when_homed,
 )  # fmt: skip
 from procedures.study import metadata, tell_nobody
 from procedures.sweep import Course, Instruments, Tell, instruments, sweep
@@ -130,7 +129,10 @@ def _finished(step: CaptureUntil, looks: dict[int, tuple[Look, ...]]) -> bool:
 
 
 def way_back(rest: Rest, bench: ConnectedBench) -> tuple[Step, ...]:
-    """Home the axes without a reference, then stand as when the last frame was taken; errors as ``move_step``."""
+    """Home the axes without a reference, then stand as when the last frame was taken; errors as ``move_step``.
+
+    Every axis is sent there, one that stands there too: it has to stay where it was sent.
+    """
     lost = {name for name, axis in bench.axes.items() if not axis.is_homed()}
     homes = (Home(tuple(name for name in step.axes if name in lost)) for step in home_steps(bench.described))
     found: list[Step] = [step for step in homes if step.axes]
@@ -141,7 +143,7 @@ def way_back(rest: Rest, bench: ConnectedBench) -> tuple[Step, ...]:
     if rest.standing.configuration is not None:
         ends = homed_readings(bench.described)
         now = {name: ends[name] if name in lost else axis.position() for name, axis in bench.axes.items()}
-        move = move_step(rest.standing.configuration, bench.described, now, unsure_when_homed(bench.described) & lost)
+        move = move_step(rest.standing.configuration, bench.described, now, frozenset(bench.axes))
         found += [move] if move.groups else []
     return tuple(found)
 

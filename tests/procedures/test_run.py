@@ -97,6 +97,27 @@ def test_a_stage_that_is_pushed_while_frames_are_taken_ends_the_run_before_a_fra
     assert resumed.complete
 
 
+def test_a_stage_that_stood_in_its_place_when_a_run_was_gone_on_with_may_not_be_pushed_either(
+    served: Callable[..., Any], tmp_path: Path
+) -> None:
+    at_its_reference = {"configurations": [{"f_number": 4, "distance": "507 mm", "main_lens": "-10 mm"}], "exposure": {"frames": 3}}
+    with served(study=at_its_reference) as (running, study, bench):
+
+        def pushing(step: str) -> Callable[[Progress], None]:
+            def push(progress: Progress) -> None:
+                if progress.step.startswith(step):
+                    carriage = running.world.carriages["main_lens_stage"]
+                    carriage.motion = rest(carriage.at(running.world.clock.now()) + 0.02)
+
+            return push
+
+        with pytest.raises(MotionError, match="main_lens_stage: sent to"):
+            run_study(study, bench, tmp_path / "run", None, pushing("c0/four-dot/1"), "sweep")
+        running.world.carriages["main_lens_stage"].motion = rest(0.0)  # back by hand
+        with pytest.raises(MotionError, match=r"main_lens_stage: sent to 0\.0000 mm, it now stands at 0\.019\d mm"):
+            resume_run(tmp_path / "run", None, pushing("c0/bars/1"))
+
+
 @pytest.mark.parametrize(
     ("moved", "place", "sentence"),
     [
