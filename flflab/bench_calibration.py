@@ -16,7 +16,7 @@ import yaml
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench
 from flflab.calibration.bench_model import BenchModel, Setting, Stage
-from flflab.calibration.fit import Fit
+from flflab.calibration.fit import FAR, Fit
 from flflab.calibration.from_pictures import Pictures, calibrate
 from flflab.calibration.least_squares import Direction
 from flflab.calibration.quantities import Quantities
@@ -29,7 +29,6 @@ from flflab.whole_file import write_whole
 Array = npt.NDArray[np.float64]
 
 FILES = ("calibration.json", "calibrated-camera.yaml", "calibrated-bench.yaml")
-FAR = 3.0  # standard uncertainties from which on a description is called wrong
 
 
 @dataclass(frozen=True)

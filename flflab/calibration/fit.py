@@ -14,6 +14,8 @@ from flflab.errors import MeasurementError
 
 Array = npt.NDArray[np.float64]
 
+FAR = 3.0  # standard uncertainties from which on a description is called wrong
+MOST_DOUBTS = 8
 UNDETERMINED = 10.0  # natural units; what is not known better gets no value
 
 
@@ -58,7 +60,8 @@ def fit_bench(model: BenchModel, measured: Sequence[Quantities]) -> Fit:
     """Fit zeros, scales and optics to the quantities of every setting.
 
     The description's uncertainties of zeros and scales count as measurements; what they give as exact (0) is not fitted, and of the
-    optics nothing is taken for granted but pitch and pixel.
+    optics nothing is taken for granted but pitch and pixel. One that turns out farther off than it may be is believed no better than
+    that, and the bench is fitted anew: a wrong one would be made up for by all the others.
 
     Args:
         model: the bench as described, with the settings.
@@ -75,8 +78,9 @@ def fit_bench(model: BenchModel, measured: Sequence[Quantities]) -> Fit:
     free = np.flatnonzero(model.prior > 0)
     nominal, prior, natural = model.nominal, model.prior[free], model.natural[free]
 
-    # what nothing determines stays where it is described: too weak to shift anything else by a hundredth of its uncertainty
-    known = 1 / np.where(np.isfinite(prior), prior, 1e4 * natural)
+    def known() -> Array:
+        # what nothing determines stays where it is described: too weak to shift anything else by a hundredth of its uncertainty
+        return 1 / np.where(np.isfinite(prior), prior, 1e4 * natural)
 
     def of_pictures(changed: Array) -> Array:
         parameters = nominal.copy()
@@ -88,7 +92,7 @@ def fit_bench(model: BenchModel, measured: Sequence[Quantities]) -> Fit:
         """Where pictures, weighted by ``trust``, and description agree best; the covariance there, and the pictures' derivatives."""
 
         def residuals(changed: Array) -> Array:
-            return np.concatenate([trust * of_pictures(changed), (changed - nominal[free]) * known])
+            return np.concatenate([trust * of_pictures(changed), (changed - nominal[free]) * known()])
 
         def derivatives(place: Array) -> Array:
             return jacobian(residuals, place, 1e-6 * natural)
@@ -98,7 +102,14 @@ def fit_bench(model: BenchModel, measured: Sequence[Quantities]) -> Fit:
         covariance = np.linalg.inv(scaled.T @ scaled) * np.outer(natural, natural)
         return found.x, covariance, jacobian(of_pictures, found.x, 1e-6 * natural)
 
-    changed, covariance, pictures = solve(model.start(values, angles)[free], 1.0)
+    begin = model.start(values, angles)[free]
+    changed, covariance, pictures = solve(begin, 1.0)
+    for _ in range(MOST_DOUBTS):
+        off = np.abs(changed - nominal[free]) / prior
+        if not np.any(off > FAR):
+            break
+        prior = prior * np.where(off > FAR, off, 1.0)
+        changed, covariance, pictures = solve(begin, 1.0)
     count = int(np.count_nonzero(np.isfinite(values)))
     chi2 = float(np.sum(of_pictures(changed) ** 2)) / max(count - float(np.trace(covariance @ pictures.T @ pictures)), 1.0)
     if chi2 > 1:

@@ -116,6 +116,16 @@ def test_a_bench_is_found_again_from_exact_quantities(small: BenchModel) -> None
     assert found.chi2 < 1e-6
 
 
+@pytest.mark.parametrize(("stage", "times"), [(1, -150), (2, 150), (3, 150)], ids=["array", "sensor", "target"])
+def test_a_zero_that_is_farther_off_than_stated_is_not_made_up_for_by_the_others(small: BenchModel, stage: int, times: int) -> None:
+    rng = np.random.default_rng(5)
+    truth = hidden(small, rng)
+    truth[2 * stage] = times * small.prior[2 * stage]
+    found = fit_bench(small, drawn(small, truth, rng))
+    assert np.abs(scores(found, truth)).max() < 4
+    assert abs((found.values - truth)[4] - (found.values - truth)[2]) < 0.005  # what the rule of the gap relies on, mm
+
+
 @pytest.mark.ci
 def test_two_sigma_hold_the_truth_in_95_of_100_drawn_benches(small: BenchModel) -> None:
     rng = np.random.default_rng(7)
