@@ -139,7 +139,7 @@ class Axis:
             raise LimitError(f"{self.name}: {value!r} is not a position; give a finite number of {self.coordinate.unit}")
         for (low, high), whose in ((self.limits, "its soft limits"), (self._commands.travel, "the device's own limits")):
             if not low <= value <= high:
-                least, most = (self.coordinate.show(limit, "g") for limit in (low, high))
+                least, most = (self.coordinate.show(limit, ".9g") for limit in (low, high))
                 raise LimitError(
                     f"{self.name}: asked to go to {self.coordinate.show(float(value))}, outside {whose}, {least} to {most}; "
                     "nothing moved, ask for a position inside"

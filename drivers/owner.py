@@ -109,7 +109,8 @@ class Owner:
     def _answer(self, link: socket.socket, stop: Callable[[], None]) -> None:
         if not secrets.compare_digest(link.recv(200).strip(), self._token.encode()):
             return
-        link.sendall(HEARD)  # who hangs does not say so, and is stopped past
+        with contextlib.suppress(OSError):  # who asked may be gone: it stops all the same
+            link.sendall(HEARD)
         try:
             stop()
             link.sendall(STOPPED)

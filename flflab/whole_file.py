@@ -26,9 +26,12 @@ def write_whole(file: Path, content: str | bytes | memoryview) -> None:
         content: text is written as UTF-8, its line ends as they are.
 
     Raises:
-        InputError: the disk is full, or the file or its folder cannot be written.
+        InputError: the disk is full, the file or its folder cannot be written, or its text holds a name that is not UTF-8.
     """
-    content = content.encode("utf-8") if isinstance(content, str) else content
+    try:
+        content = content.encode("utf-8") if isinstance(content, str) else content
+    except UnicodeEncodeError as error:
+        raise InputError(f"{file}: would hold a file's name that is not UTF-8; give names that are") from error
     try:
         _require_place(file)
         if _special(file):

@@ -96,6 +96,13 @@ def test_the_devices_own_limits_count_beside_the_soft_ones(axis: Build) -> None:
     assert motions(stage) == []
 
 
+def test_a_position_just_outside_is_told_the_limit_to_the_digit_that_refuses_it(axis: Build) -> None:
+    device, _ = axis(resolution=63)
+    device.limits = (0.0, 60.0)
+    with pytest.raises(LimitError, match=r"go to 50\.793660 mm, outside the device's own limits, 0 mm to 50\.7936508 mm"):
+        device.move_to(50.79366)
+
+
 def test_a_device_that_refuses_the_position_itself_is_a_refusal_too(axis: Build) -> None:
     device, stage = axis()
     stage.limit = 10

@@ -137,3 +137,10 @@ def test_where_nothing_can_be_written_is_refused_beforehand(tmp_path: Path) -> N
             require_writable(place)
     require_writable(tmp_path / "a.csv")
     assert [one.name for one in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_name_that_is_not_utf_8_does_not_get_into_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "bench.yaml"
+    with pytest.raises(InputError, match=r"bench\.yaml: would hold a file's name that is not UTF-8"):
+        write_whole(file, f"optics: {os.fsdecode(bytes([0x63, 0xE9]))}.yaml")
+    assert list(tmp_path.iterdir()) == []
