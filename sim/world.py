@@ -16,7 +16,7 @@ import numpy as np
 
 from flflab.bench import AxisDescription, Bench, Element, Turn
 from flflab.errors import InputError
-from flflab.optics.camera import Camera, MicrolensArray
+from flflab.optics.camera import Camera, MicrolensArray, nearest_neighbour
 from flflab.optics.focus import sharp_vergence
 from flflab.optics.smms import camera_smms
 from flflab.target_file import target_from
@@ -226,7 +226,10 @@ def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truth
 
 
 def true_optics(bench: Bench, truths: Truths) -> Camera:
-    """The camera file's optics with hidden errors drawn from the bench file's uncertainties, and the planted truths about them."""
+    """The camera file's optics with hidden errors drawn from the bench file's uncertainties, and the planted truths about them.
+
+    Microlenses that are drawn wider than there is room between neighbours touch: so do those described as touching in every second draw.
+    """
     lens, array, doubt = bench.optics.main_lens, bench.optics.array, bench.description.optics_uncertainty
     seed = bench.description.simulated.seed
 
@@ -236,14 +239,14 @@ def true_optics(bench: Bench, truths: Truths) -> Camera:
     focal, pitch = factor("focal", doubt.microlens_focal_length), factor("pitch", doubt.pitch)
     first = _planted(truths, "microlens_array.focal_length", "length", array.focal_lengths[0] * focal)
     lens_focal = lens.focal_length * factor("lens", doubt.main_lens_focal_length)
-    aperture = array.aperture * factor("aperture", doubt.microlens_aperture)
+    array = replace(array, pitch=(array.pitch[0] * pitch, array.pitch[1] * pitch))
+    aperture = min(array.aperture * factor("aperture", doubt.microlens_aperture), nearest_neighbour(array))
     return replace(
         bench.optics,
         main_lens=replace(lens, focal_length=_planted(truths, "main_lens.focal_length", "length", lens_focal)),
         array=replace(
             array,
             focal_lengths=(first, *(one * focal for one in array.focal_lengths[1:])),
-            pitch=(array.pitch[0] * pitch, array.pitch[1] * pitch),
             aperture=_planted(truths, "microlens_array.aperture", "length", aperture),
             roll=_planted(truths, "microlens_array.roll", "angle", array.roll),
             tilt=tuple(

@@ -130,7 +130,7 @@ class Camera:
             raise InputError(f"camera: microlens_array.substrate.thickness is {plate.thickness:g} mm; 0 mm or more is due")
         if plate is not None and plate.index < 1:
             raise InputError(f"camera: microlens_array.substrate.refractive_index is {plate.index:g}; 1 or more is due")
-        nearest = _nearest_neighbour(self.array)
+        nearest = nearest_neighbour(self.array)
         if self.array.aperture > nearest * (1 + 1e-9):
             raise InputError(
                 f"camera: microlens_array.aperture is {self.array.aperture:g} mm, wider than the {nearest:g} mm between neighbours; "
@@ -168,7 +168,7 @@ class Camera:
         return plate.thickness / plate.index if plate is not None and plate.side == side else 0.0
 
 
-def _nearest_neighbour(array: MicrolensArray) -> float:
+def nearest_neighbour(array: MicrolensArray) -> float:
     """Distance between the centres of the nearest two places of the lattice, mm."""
     x, y = array.pitch
     return min(x, math.hypot(x / 2, y * math.sqrt(0.75)) if array.layout == "hexagonal" else y)

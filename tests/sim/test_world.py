@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,6 +44,20 @@ def test_hidden_errors_have_the_stated_spread(write_bench_file: WriteBench) -> N
 def test_a_keyed_generator_depends_on_every_part_of_its_key() -> None:
     draws = {keyed(*key).integers(2**63) for key in [(1, "a"), (1, "b"), (2, "a"), (1, "a", 0), ("1", "a"), (11, ""), (1, "1")]}
     assert len(draws) == 7
+
+
+def test_microlenses_that_touch_are_drawn_no_wider_than_there_is_room(write_bench_file: WriteBench) -> None:
+    bench = write_bench_file()
+    touching = replace(bench.optics, array=replace(bench.optics.array, aperture=0.4))
+    doubt = bench.description.optics_uncertainty.model_copy(update={"microlens_aperture": 0.005, "pitch": 0.001})
+    drawn: list[float] = []
+    for seed in range(40):
+        simulated = bench.description.simulated.model_copy(update={"seed": seed})
+        description = bench.description.model_copy(update={"optics_uncertainty": doubt, "simulated": simulated})
+        array = World(replace(bench, optics=touching, description=description), SteppedClock()).optics.array
+        drawn.append(array.aperture / min(array.pitch))
+    assert max(drawn) == 1.0
+    assert min(drawn) < 0.995
 
 
 def test_an_array_that_no_stage_turns_can_be_tilted_on_purpose(write_bench_file: WriteBench) -> None:
