@@ -144,7 +144,8 @@ def _errors(suspect: Suspicion, changes: Array) -> Errors:
     """Benches with just that change, one for each."""
     still, exact = np.zeros(len(changes)), exact_optics(len(changes))
     stages: dict[Element, tuple[Array, Array]] = {element: (changes if element == suspect.field else still, still) for element in ELEMENTS}
-    attitude = np.stack([changes if turn == suspect.field else still for turn in TURNS], axis=1)
+    turned = suspect.unit == "rad"  # a pitch may be of the microlenses too
+    attitude = np.stack([changes if turned and turn == suspect.field else still for turn in TURNS], axis=1)
     changed = {suspect.field: 1 + changes} if suspect.unit == "%" else {}
     if suspect.field == "lens_focal":
         changed["lens_aperture"] = 1 + changes  # the f-number stays: a longer lens has a wider aperture
