@@ -13,7 +13,7 @@ import numpy as np
 
 from flflab.bench import Bench
 from flflab.comparison import Comparison, Row
-from flflab.diagnosis import Suspect, diagnose, turns_among
+from flflab.diagnosis import Suspect, diagnose, not_told_apart, turns_among
 from flflab.prediction import Errors, drawn_errors
 from flflab.properties.attitude import attitude
 from flflab.properties.contrast import contrasts
@@ -147,8 +147,10 @@ def explain(values: tuple[Values, ...], measured: tuple[Measured, ...], study: S
         return [found for found in properties(measured, models, bench) if found.quantity not in EXPLAINED_BY_OTHERS]
 
     suspects = diagnose([found for found in values if found.quantity not in EXPLAINED_BY_OTHERS], numbers, bench)
-    # An array turned otherwise than described disturbs every other number, so where it is turned nothing else is told from it.
-    return turns_among(suspects) if turned else suspects
+    # An array turned otherwise than described disturbs every other number, so where a turn explains nothing else is told from it;
+    # where none does, what scales the turns that are set (a focal length) may have been taken for one.
+    turns = turns_among(suspects)
+    return turns if turned and not_told_apart(turns) else suspects
 
 
 def _rejects(comparison: Comparison, name: str) -> bool:

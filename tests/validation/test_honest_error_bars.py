@@ -99,6 +99,16 @@ def test_a_planted_error_is_found_and_named(one_bench: OneRun, change: Change, n
     assert not_told_apart(run.suspects) == run.suspects[:1]
 
 
+@pytest.mark.ci
+@pytest.mark.timeout(300)
+def test_longer_microlenses_are_named_where_the_array_is_turned_step_by_step_too(one_bench: OneRun) -> None:
+    """They scale the turns that are read, so tilt is rejected beside the fields; then turns alone were tried, of which none explains it."""
+    turned = [{"f_number": 4, "distance": "507 mm", "yaw": ["-0.3 deg", "0.3 deg"], "pitch": "0.3 deg"}]
+    run = one_bench(3, longer_microlenses, file="full.yaml", configurations=turned)
+    assert "array_attitude_mrad" in [one.quantity for one in run.comparison.verdicts if not one.accepted]
+    assert "focal length of the microlenses" in [suspect.what for suspect in not_told_apart(run.suspects)]
+
+
 def spread(camera: Camera, times: float) -> Camera:
     x, y = camera.array.pitch
     return replace(camera, array=replace(camera.array, pitch=(times * x, times * y), aperture=times * camera.array.aperture))
