@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from flflab.analysis.lattice.kinds import Kinds
 from flflab.analysis.lattice.tilting import Tilting, tilting_of
 from flflab.analysis.lattice.white import Lattice, pitch_and_angle
 from flflab.analysis.micro_images import MicroImages
@@ -24,6 +25,7 @@ ANGLES = ("roll", "yaw", "pitch")
 SHADOW_PX = 0.02  # how far a fitted radius of about a pixel is off, with exact pictures
 SLOPE_SHARE = 0.1  # standard uncertainty of a slope by the camera's description
 CENTRES, RADII = np.array([0, 1]), np.array([2, 3])  # of what is measured of a micro-image
+BY_CENTRES = np.array([0, 1, 2, 3, 4, 5, 8, 9])  # of what is fitted: all but the radii
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,8 @@ def measure_attitude(images: MicroImages, lattice: Lattice, camera: Camera) -> A
     """Roll and tilt by least squares on the centres and radii of all micro-images.
 
     Origin, vectors and the two radii of the lattice are free; of the camera only L, b, f and d are used, and they scale the tilt: where
-    they are 2 % off so is the tilt, and no tilt stays no tilt.
+    they are 2 % off so is the tilt, and no tilt stays no tilt. Microlenses of several kinds have each the radii of their kind; where the
+    lattice took them for one, the centres alone tell the tilt.
 
     Args:
         images: each micro-image by itself.
@@ -97,7 +100,10 @@ def measure_attitude(images: MicroImages, lattice: Lattice, camera: Camera) -> A
         MeasurementError: all micro-images lie in one row, or there are too few.
     """
     tilting = tilting_of(camera)
-    both = _fit(images, lattice, tilting, np.arange(4), np.arange(10))
+    told_apart = lattice.kinds is not None or len(camera.array.focal_lengths) == 1
+    # radii of kinds that the lattice took for one say more of the kinds than of the tilt
+    seen_columns, free = (np.arange(4), np.arange(10)) if told_apart else (CENTRES, BY_CENTRES)
+    both = _fit(images, lattice, tilting, seen_columns, free)
     vectors = both.values[2:6]
     _, roll = pitch_and_angle(lattice.layout, vectors.reshape(2, 2).T)
     by_values = np.zeros((3, 10))
@@ -109,7 +115,7 @@ def measure_attitude(images: MicroImages, lattice: Lattice, camera: Camera) -> A
         yaw=math.atan(both.values[8]),
         pitch=math.atan(both.values[9]),
         covariance=by_values @ both.covariance @ by_values.T,
-        by_centres=_angles(_fit(images, lattice, tilting, CENTRES, np.array([0, 1, 2, 3, 4, 5, 8, 9]))),
+        by_centres=_angles(_fit(images, lattice, tilting, CENTRES, BY_CENTRES)),
         by_radii=_angles(_fit(images, lattice, tilting, RADII, np.array([6, 7, 8, 9]))),
         chi2=both.chi2,
     )
@@ -140,7 +146,7 @@ def _fit(images: MicroImages, lattice: Lattice, tilting: Tilting, seen_columns: 
     def residuals(changed: Array) -> Array:
         values = start.copy()
         values[free] = changed
-        return np.einsum("nij,nj->ni", whiten, seen - _expected(values, places, tilting)[:, seen_columns]).ravel()
+        return np.einsum("nij,nj->ni", whiten, seen - _expected(values, places, tilting, lattice.kinds)[:, seen_columns]).ravel()
 
     found = least_squares(residuals, start[free], x_scale=scale, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     normal = (found.jac * scale).T @ (found.jac * scale)
@@ -156,10 +162,12 @@ def _fit(images: MicroImages, lattice: Lattice, tilting: Tilting, seen_columns: 
     return _Fit(values, covariance, chi2)
 
 
-def _expected(values: Array, places: Array, tilting: Tilting) -> Array:
+def _expected(values: Array, places: Array, tilting: Tilting, kinds: Kinds | None) -> Array:
     """(x, y, larger, smaller radius) of the micro-images at these places in the lattice, px, shape (n, 4)."""
     straight, tilt = values[:2] + places @ values[2:6].reshape(2, 2), values[8:10]
-    return np.concatenate([tilting.centres(straight, tilt), tilting.discs(values[6:8], tilting.rises(straight, tilt))], axis=1)
+    centres, rises = tilting.centres(straight, tilt), tilting.rises(straight, tilt)
+    discs = tilting.discs(values[6:8], rises) if kinds is None else kinds.discs(values[6:8], kinds.of(centres), tilting, rises)
+    return np.concatenate([centres, discs], axis=1)
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,13 @@ class Kinds:
         """What a tilt does to a kind's micro-images, from what it does to the central one's."""
         return replace(tilting, focal=float(self.focal[kind]))
 
+    def discs(self, radii_px: Array, kind: Whole, tilting: Tilting, rises: Array) -> Array:
+        """Radii of larger and smaller disc, px, of micro-images of these kinds at these rises, from the central one's, shape (n, 2)."""
+        found = np.zeros((len(kind), 2))
+        for k in range(len(self.focal)):
+            found[kind == k] = self.tilting(tilting, k).discs(self.radii(radii_px, k), rises[kind == k])
+        return found
+
 
 def kinds_of(camera: Camera) -> Kinds | None:
     """Those of a camera; None where there is one, or where a kind's disc is larger than the main lens's or its image on the other side."""

@@ -92,13 +92,11 @@ class Lattice:
     def discs_px(self) -> Array:
         """Radii of larger and smaller disc of every micro-image, shape (N, 2): sum and difference are outside and inside."""
         radii = np.array([self.outside_radius_px + self.inside_radius_px, self.outside_radius_px - self.inside_radius_px]) / 2
+        if self.cone is None:
+            return np.tile(radii, (len(self.centres_px), 1))
         if self.kinds is None:
-            return np.tile(radii, (len(self.centres_px), 1)) if self.cone is None else self.cone.tilting.discs(radii, self.rises)
-        found, kind, rises = np.zeros((len(self.centres_px), 2)), self.kinds.of(self.centres_px), self.rises
-        for k in range(len(self.kinds.focal)):
-            own = self.kinds.radii(radii, k)
-            found[kind == k] = own if self.cone is None else self.kinds.tilting(self.cone.tilting, k).discs(own, rises[kind == k])
-        return found
+            return self.cone.tilting.discs(radii, self.rises)
+        return self.kinds.discs(radii, self.kinds.of(self.centres_px), self.cone.tilting, self.rises)
 
 
 def find_lattice(
