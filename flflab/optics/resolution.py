@@ -4,7 +4,7 @@ Source: paper, "Effective lateral resolution" (eq. 3) and "Stereo and multistere
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,10 +31,12 @@ class Stereo:
 
 
 def central_smms(camera: Camera) -> Smms:
-    """The system of the microlens nearest the axis, fields of shape ()."""
+    """The system of the microlens nearest the axis, fields of shape (); L and b are those on the axis, also of a tilted array."""
     smms = camera_smms(camera)
     nearest = int(np.argmin(np.round(np.hypot(smms.centre_x, smms.centre_y), 12)))
-    return Smms(**{name: np.asarray(getattr(smms, name)[nearest]) for name in Smms.__dataclass_fields__})
+    central = Smms(**{name: np.asarray(getattr(smms, name)[nearest]) for name in Smms.__dataclass_fields__})
+    # that microlens may stand half a pitch aside, where a tilt of 3 mrad has moved it by a micrometre
+    return replace(central, distance=np.asarray(camera.optical_distance), gap=np.asarray(camera.optical_gap))
 
 
 def mean_row_views(row: RowFields, pitch: float, vergence: float) -> float:

@@ -171,6 +171,16 @@ def test_behind_a_turned_array_near_focus_all_dots_stand_at_one_depth(brute: Any
     assert np.ptp(depths) < 0.002
 
 
+def test_behind_a_turned_array_without_a_microlens_on_the_axis_dots_stand_where_they_are(brute: Any) -> None:
+    """The nearest one stands half a pitch aside, 0.6 um along the axis, which was taken for the array's own place: 0.2 mm off."""
+    straight = brute.camera(4.0, (640, 640))
+    camera = replace(straight, array=replace(straight.array, count=(24, 24), tilt=(3e-3, 0.0)))
+    white, dots = (render(one_plane(camera, target, FOCUS), tolerance=1e-4) * 2700 + 64 for target in (White(), TARGET))
+    lattice = find_lattice(white, "square", 245.0, NOISE, cone_of(camera))
+    found = count_views(dots, white, lattice, camera, TARGET, FOCUS, NOISE)
+    assert np.abs([dot.position_mm[2] + FOCUS for dot in found]).max() < 0.01
+
+
 @pytest.mark.parametrize(
     ("f_number", "distance"),
     [(4.0, 470.0), *(pytest.param(n, away, marks=pytest.mark.ci) for n, away in ((4.0, 450.0), (4.0, FOCUS), (4.0, 590.0), (2.8, 450.0)))],
