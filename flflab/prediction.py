@@ -176,25 +176,26 @@ def predicted_view_indices(camera: Camera, distance: float, points: Array) -> li
     return [chief_view_indices(seen, 1 / distance, point / distance) for point in points]
 
 
-def view_draws(camera: Camera, placement: Placement, points: Array) -> npt.NDArray[np.int64]:
+def view_draws(camera: Camera, placement: Placement, attitude: Array, points: Array) -> npt.NDArray[np.int64]:
     """Number of chief views of each target point (x, y) mm for each draw, shape (draws, points).
 
     Args:
         camera: the nominal camera of the configuration.
         placement: where the elements stand, fields of shape (draws,).
+        attitude: roll, yaw and pitch of the array beyond those described, shape (draws, 3), rad.
         points: positions on the target, shape (P, 2), mm.
     """
     smms = camera_smms(camera)
     neighbours = neighbours_of(smms, camera, slack=0.05)
     counts = np.zeros((len(placement.distance), len(points)), dtype=np.int64)
     for column, point in enumerate(points):
-        members = _candidates(smms, placement, point)
+        members = _candidates(smms, placement, attitude, point)
         needed = np.unique(np.concatenate([members, neighbours[members][neighbours[members] >= 0]]))
-        counts[:, column] = _count(camera, select(smms, needed), _within(neighbours[needed], needed), placement, point)
+        counts[:, column] = _count(camera, select(smms, needed), _within(neighbours[needed], needed), placement, attitude, point)
     return counts
 
 
-def _candidates(smms: Smms, placement: Placement, point: Array) -> npt.NDArray[np.int64]:
+def _candidates(smms: Smms, placement: Placement, attitude: Array, point: Array) -> npt.NDArray[np.int64]:
     """Microlenses within reach of the point's light in any draw."""
     vergence = 1 / placement.distance
     first = Smms(**{field.name: getattr(smms, field.name)[:1] for field in fields(Smms)})
@@ -205,7 +206,8 @@ def _candidates(smms: Smms, placement: Placement, point: Array) -> npt.NDArray[n
     away = placement.array / placement.distance / optics.pitch
     low, high = np.min(-point[:, None] * away, axis=1) - reach, np.max(-point[:, None] * away, axis=1) + reach
     centres = np.stack([smms.centre_x, smms.centre_y], axis=1)
-    return np.flatnonzero(np.all((centres >= low) & (centres <= high), axis=1))
+    aside = np.abs(attitude[:, 0]).max() * np.hypot(*centres.T)[:, None]
+    return np.flatnonzero(np.all((centres >= low - aside) & (centres <= high + aside), axis=1))
 
 
 def _within(neighbours: npt.NDArray[np.int64], needed: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -214,7 +216,9 @@ def _within(neighbours: npt.NDArray[np.int64], needed: npt.NDArray[np.int64]) ->
     return np.where((neighbours >= 0) & (needed[place] == neighbours), place, -1)
 
 
-def _count(camera: Camera, smms: Smms, neighbours: npt.NDArray[np.int64], placement: Placement, point: Array) -> npt.NDArray[np.int64]:
+def _count(
+    camera: Camera, smms: Smms, neighbours: npt.NDArray[np.int64], placement: Placement, attitude: Array, point: Array
+) -> npt.NDArray[np.int64]:
     """Chief views in each draw among systems that are repeated once a draw, so that all draws are one array."""
     draws, systems = len(placement.distance), len(smms.focal)
     if systems == 0:
@@ -224,15 +228,19 @@ def _count(camera: Camera, smms: Smms, neighbours: npt.NDArray[np.int64], placem
     def each(described: Array, factor: Array) -> Array:
         return np.tile(described, draws) * np.repeat(factor, systems)
 
+    x, y = each(smms.centre_x, optics.pitch), each(smms.centre_y, optics.pitch)
+    roll, yaw, pitch = np.repeat(attitude, systems, axis=0).T
+    x, y = np.cos(roll) * x - np.sin(roll) * y, np.sin(roll) * x + np.cos(roll) * y
+    rise = (camera.array.tilt[0] + np.tan(yaw)) * x + (camera.array.tilt[1] + np.tan(pitch)) * y
     tiled = Smms(
         lens_focal=each(smms.lens_focal, optics.lens_focal),
         lens_aperture=each(smms.lens_aperture, optics.lens_aperture),
-        distance=np.repeat(placement.array, systems) + np.tile(smms.distance - camera.array.distance, draws),
-        gap=np.repeat(placement.gap, systems) + np.tile(smms.gap - camera.gap, draws),
+        distance=np.repeat(placement.array, systems) + camera.optical_distance - camera.array.distance + rise,
+        gap=np.repeat(placement.gap, systems) + camera.optical_gap - camera.gap - rise,
         focal=each(smms.focal, optics.focal),
         aperture=each(smms.aperture, optics.aperture),
-        centre_x=each(smms.centre_x, optics.pitch),
-        centre_y=each(smms.centre_y, optics.pitch),
+        centre_x=x,
+        centre_y=y,
     )
     offsets = np.repeat(np.arange(draws) * systems, systems)[:, None]
     repeated = np.tile(neighbours, (draws, 1))

@@ -71,7 +71,7 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
         camera=camera,
         distance=distance,
         views=np.array([len(seen) for seen in indices]),
-        view_draws=view_draws(camera, placement, points),
+        view_draws=view_draws(camera, placement, errors.attitude, points),
         view_indices=indices,
         contrast_draws=contrast * order.contrast[:, None],
         waves_left=_waves_left(camera, distance, cycles_per_mm, bench.description.wavelength),

@@ -1,5 +1,6 @@
 """Draws of the errors of stages and optics change the predicted camera as one would build them, one camera at a time."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,7 +41,8 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: f
     where = placements(bench, worlds, errors)  # pyright: ignore[reportArgumentType]
     camera = replace(bench.optics, main_lens=replace(bench.optics.main_lens, f_number=f_number))
     camera = replace(camera, array=replace(camera.array, tilt=(1e-3, 0.0), substrate=substrate))
-    counted = view_draws(camera, where, POINTS)
+    attitude = 4 * drawn.attitude
+    counted = view_draws(camera, where, attitude, POINTS)
     for draw in range(12):
         focal, aperture, pitch = (float(factor[draw]) for factor in (drawn.optics.focal, drawn.optics.aperture, drawn.optics.pitch))
         lens, wide = float(drawn.optics.lens_focal[draw]), float(drawn.optics.lens_aperture[draw])
@@ -53,6 +55,8 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: f
                 focal_lengths=(camera.array.focal_lengths[0] * focal,),
                 aperture=camera.array.aperture * aperture,
                 pitch=(camera.array.pitch[0] * pitch, camera.array.pitch[1] * pitch),
+                roll=float(attitude[draw, 0]),
+                tilt=(1e-3 + math.tan(attitude[draw, 1]), math.tan(attitude[draw, 2])),
             ),
             sensor=replace(camera.sensor, distance=float(where.array[draw] + where.gap[draw])),
         )
