@@ -261,7 +261,8 @@ class SimulatedCamera:
         picture = self._picture(scene)
         electrons = 0.0
         if scene.camera:
-            electrons = self._light.electrons_per_second * exposure.duration * white_irradiance(scene.camera) / self._reference
+            white = white_irradiance(scene.camera) / self._reference * self._world.lamp(scene)
+            electrons = self._light.electrons_per_second * exposure.duration * white
         key = noise_key(self._world.seed, "frame", scene.state, exposure.duration, exposure.gain, repeat)
         return digitise(picture, electrons, self.response(exposure.gain), key)
 

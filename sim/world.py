@@ -119,23 +119,25 @@ class World:
         check_truths(bench)
         self.optics = true_optics(bench, simulated.truths)
         self.wavelength = bench.description.wavelength
-        self._fixed = {
+        left_at = {
             "main_lens.z": 0.0,
             "array.z": bench.optics.array.distance,
             "sensor.z": bench.optics.sensor.distance,
             "target.z": -sharp_distance(bench.optics),
-            "array.pitch": math.atan(self.optics.array.tilt[1]),
-            "array.yaw": math.atan(self.optics.array.tilt[0]),
-            "array.roll": self.optics.array.roll,
+            **_turns(bench.optics.array),
         }
+        self._fixed = left_at | _turns(self.optics.array)
+        doubt = bench.description.optics_uncertainty
+        set_by = {"array.pitch": doubt.array_tilt, "array.yaw": doubt.array_tilt, "array.roll": doubt.array_roll}
         self.axes = {
-            name: true_axis(name, axis, self._fixed[axis.moves], simulated.seed, simulated.truths)
+            name: true_axis(name, axis, left_at[axis.moves], simulated.seed, simulated.truths, set_by.get(axis.moves, 0.0))
             for name, axis in bench.description.axes.items()
         }
         self.carriages = {name: Carriage(clock, axis.start) for name, axis in self.axes.items()}
         self.iris = Carriage(clock, bench.optics.main_lens.f_number)
         self.wheel = Carriage(clock, WHEEL.index("white"))
         drawn = keyed(self.seed, "optics", "f_number").normal() * bench.description.optics_uncertainty.f_number
+        self._lamp_unsure = bench.description.light_uncertainty
         self._iris_scale = _planted(simulated.truths, "iris.scale", "ratio", float(drawn))
         self.targets = wheel_targets(bench)
 
@@ -161,6 +163,10 @@ class World:
         """True f-number."""
         with self.lock:
             return self.iris.at(instant) * (1 + self._iris_scale)
+
+    def lamp(self, scene: "Scene") -> float:
+        """The light over what it is stated to be: another in every setting of the bench, the same for all that is shown there."""
+        return 1 + float(keyed(self.seed, "lamp", scene.state[:-1]).normal()) * self._lamp_unsure
 
     def target_name(self, instant: float) -> str:
         """What the wheel shows; empty between two places."""
@@ -188,6 +194,10 @@ class World:
         return Scene(camera, distance, target, state) if distance > 0 else Scene(None, None, target, state)
 
 
+def _turns(array: MicrolensArray) -> dict[str, float]:
+    return {"array.pitch": math.atan(array.tilt[1]), "array.yaw": math.atan(array.tilt[0]), "array.roll": array.roll}
+
+
 def corner_reach(array: MicrolensArray, angles: Mapping[str, float]) -> float:
     """How far the foremost corner of the turned array stands out of the plane through its middle towards the sensor, mm.
 
@@ -201,7 +211,7 @@ def corner_reach(array: MicrolensArray, angles: Mapping[str, float]) -> float:
     return (rolled + slope_x * array.offset[0] + slope_y * array.offset[1]) / steepness
 
 
-def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truths: Truths) -> TrueAxis:
+def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truths: Truths, set_by: float = 0.0) -> TrueAxis:
     """Draw an axis's hidden errors, unless they are planted.
 
     Args:
@@ -210,9 +220,10 @@ def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truth
         left_at: place in mm or rad where its element was left.
         seed: the recorded seed.
         truths: planted truths ``<axis>.zero`` (error of the zero), ``<axis>.scale`` (error of the scale), ``<axis>.start`` (reading).
+        set_by: how well the array was set upon an axis that turns it, rad, beside the axis's own zero.
     """
     dimension = axis.coordinate.dimension
-    zero, scale = keyed(seed, "axis", name).normal(size=2) * (axis.zero_uncertainty, axis.scale_uncertainty)
+    zero, scale = keyed(seed, "axis", name).normal(size=2) * (math.hypot(axis.zero_uncertainty, set_by), axis.scale_uncertainty)
     reading = axis.reading(left_at)
     if not axis.limits[0] <= reading <= axis.limits[1]:
         reading = (axis.limits[0] + axis.limits[1]) / 2
@@ -236,6 +247,10 @@ def true_optics(bench: Bench, truths: Truths) -> Camera:
     def factor(name: str, share: float) -> float:
         return 1 + float(keyed(seed, "optics", name).normal()) * share
 
+    def angle(name: str, described: float, uncertainty: float) -> float:
+        drawn = float(keyed(seed, "optics", f"array.{name}").normal()) * uncertainty
+        return _planted(truths, f"microlens_array.{name}", "angle", described + drawn)
+
     focal, pitch = factor("focal", doubt.microlens_focal_length), factor("pitch", doubt.pitch)
     first = _planted(truths, "microlens_array.focal_length", "length", array.focal_lengths[0] * focal)
     lens_focal = lens.focal_length * factor("lens", doubt.main_lens_focal_length)
@@ -248,10 +263,9 @@ def true_optics(bench: Bench, truths: Truths) -> Camera:
             array,
             focal_lengths=(first, *(one * focal for one in array.focal_lengths[1:])),
             aperture=_planted(truths, "microlens_array.aperture", "length", aperture),
-            roll=_planted(truths, "microlens_array.roll", "angle", array.roll),
+            roll=angle("roll", array.roll, doubt.array_roll),
             tilt=tuple(
-                math.tan(_planted(truths, f"microlens_array.{turn}", "angle", math.atan(slope)))
-                for turn, slope in zip(("yaw", "pitch"), array.tilt, strict=True)
+                math.tan(angle(turn, math.atan(slope), doubt.array_tilt)) for turn, slope in zip(("yaw", "pitch"), array.tilt, strict=True)
             ),
         ),
     )

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flflab.bench import Bench
+from flflab.bench import Bench, with_seed
 from flflab.errors import InputError
 from flflab.targets import Bars, Black, FourDot
 from sim.clock import SteppedClock
 from sim.motion import move, rest
-from sim.world import WHEEL, Carriage, World, keyed, true_axis, wheel_targets
+from sim.world import WHEEL, Carriage, World, keyed, true_axis, true_optics, wheel_targets
 
 WriteBench = Callable[..., Bench]
 
@@ -39,6 +39,27 @@ def test_hidden_errors_have_the_stated_spread(write_bench_file: WriteBench) -> N
     assert stats.kstest(zeros, "norm").pvalue > 0.01
     assert stats.kstest(scales, "norm").pvalue > 0.01
     assert abs(np.corrcoef(zeros, scales)[0, 1]) < 0.07
+
+
+def test_an_array_is_turned_by_as_much_as_it_is_said_to_be_unsure(write_bench_file: WriteBench) -> None:
+    bench = write_bench_file()
+    drawn = [true_optics(with_seed(bench, seed), {}).array for seed in range(1000)]
+    for angles in ([one.roll for one in drawn], [math.atan(one.tilt[0]) for one in drawn], [math.atan(one.tilt[1]) for one in drawn]):
+        assert stats.kstest(np.array(angles) / 0.5e-3, "norm").pvalue > 0.01
+    turning = write_bench_file("full").description.axes["rotation_stage"]
+    zeros = [true_axis("rotation_stage", turning, 0.0, seed, {}, 0.5e-3).zero for seed in range(1000)]
+    assert stats.kstest(np.array(zeros) / math.hypot(0.5e-3, math.radians(0.01)), "norm").pvalue > 0.01
+
+
+def test_the_lamp_is_another_in_every_setting_and_the_same_for_all_targets_shown_in_it(write_bench_file: WriteBench) -> None:
+    world = World(write_bench_file(), SteppedClock())
+    lamps = list[float]()
+    for place in np.linspace(0.0, 100.0, 1000):
+        world.carriages["target_stage"].motion = rest(float(place))
+        lamps.append(world.lamp(world.scene(0.0)))
+    assert stats.kstest((np.array(lamps) - 1) / 0.005, "norm").pvalue > 0.01
+    world.wheel.motion = rest(WHEEL.index("bars"))
+    assert world.lamp(world.scene(0.0)) == lamps[-1]
 
 
 def test_a_keyed_generator_depends_on_every_part_of_its_key() -> None:
@@ -71,6 +92,7 @@ def test_the_camera_sees_where_the_stages_really_stand(write_bench_file: WriteBe
     truths = {
         "main_lens_stage.zero": "10 um", "main_lens_stage.scale": 0, "array_stage.zero": "30 um", "array_stage.scale": "100 ppm",
         "sensor_stage.zero": 0, "sensor_stage.scale": 0, "target_stage.zero": "-1 mm", "target_stage.scale": 0, "iris.scale": "1 %",
+        "microlens_array.roll": "0 deg", "microlens_array.yaw": "0 deg", "microlens_array.pitch": "0 deg",
     }  # fmt: skip
     clock = SteppedClock()
     world = World(write_bench_file(truths=truths), clock)
