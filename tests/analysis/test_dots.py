@@ -171,6 +171,17 @@ def test_behind_a_turned_array_near_focus_all_dots_stand_at_one_depth(brute: Any
     assert np.ptp(depths) < 0.002
 
 
+@pytest.mark.parametrize(("f_number", "diameter"), [(4.0, 0.5), (4.0, 1.0), (5.6, 1.0), (5.6, 2.0)])
+def test_dots_close_together_are_not_taken_for_one_another(brute: Any, f_number: float, diameter: float) -> None:
+    """Centroids took in the next dot's light up to 8 px beyond this one's edge: depth was up to 2.5 mm off, or none was found."""
+    fine, close = brute.camera(f_number, (320, 320)), FourDot(diameter, 1.5 * diameter)
+    camera = replace(fine, sensor=replace(fine.sensor, pixel=4 * fine.sensor.pixel))
+    white, dots = (render(one_plane(camera, target, FOCUS), tolerance=1e-4) * 2700 + 64 for target in (White(), close))
+    lattice = find_lattice(white, "square", 61.4, NOISE, cone_of(camera))
+    found = count_views(dots, white, lattice, camera, close, FOCUS, NOISE)
+    assert np.abs([dot.position_mm[2] + FOCUS for dot in found]).max() < 0.05
+
+
 def test_behind_a_turned_array_without_a_microlens_on_the_axis_dots_stand_where_they_are(brute: Any) -> None:
     """The nearest one stands half a pitch aside, 0.6 um along the axis, which was taken for the array's own place: 0.2 mm off."""
     straight = brute.camera(4.0, (640, 640))

@@ -97,7 +97,8 @@ def register(
     for search in (SEARCH_PX, SEARCH_PX / 2, 3.0):
         candidates = candidates_near(lattice, camera, target, law, 0.0)
         places, regressors = law_places(lattice, camera, target, law, candidates)
-        half = math.ceil(radius + spread / 2 + search)
+        # beyond halfway to the next dot a micro-image may show that one, whose light draws the centroid to the middle of both
+        half = min(math.ceil(radius + spread / 2 + search), math.floor(radius * target.spacing / target.diameter))
         own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes, table)
         centroids, total = flat_centroids(values, places, half, radius, own, noise)
         telling = _well_lit(centroids, total, lattice, candidates, radius, table)
