@@ -126,7 +126,7 @@ def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> st
     sentence = f"At {1e6 * light:g} nm the Airy diameter on the sensor is {span} pixels"
     verb = "more than the one pixel of blur that the depth of field allows" if high > 1 else "within one pixel"
     counted = (
-        "The predicted contrast holds it; where the dots' edges are softer than by rays, their focus counts as less sure for it."
+        "The predicted contrast holds it, and dots whose edges show it are fitted by waves."
         if wavelength
         else "Where the sensor sees that, the contrast measured at high frequencies must lie below the prediction: "
         "a wavelength in the bench file counts it."

@@ -111,6 +111,7 @@ def test_in_light_of_a_wavelength_diffraction_is_in_the_model(
     assert "diffraction in the contrast" in text
     assert "At 532 nm the Airy diameter" in text
     assert "must lie below the prediction" not in text
+    assert "dots whose edges show it are fitted by waves" in text
 
 
 def test_every_configuration_is_shown_with_its_frames_and_curves(page: Page, study: Study, source: str) -> None:
