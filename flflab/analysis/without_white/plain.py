@@ -9,7 +9,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice.fit import Region, refine
+from flflab.analysis.lattice.fit import Region, finish, refine
 from flflab.analysis.lattice.kernels import COUNT
 from flflab.analysis.lattice.model import RATE, SHARE, SLANT, LatticeModel
 from flflab.analysis.lattice.profile import Cone
@@ -21,6 +21,7 @@ LOOSE_PITCH = 2e-3  # of the pitch
 LOOSE_RADIUS_PX = 1.0
 LOOSE_LIGHT = 0.05  # each of the terms by which the light may vary over the picture, relative
 LIKELY = 5.0  # of those, within which fall-off counts as found
+SURE = 4.0  # standard uncertainties below half of it, from which there is none
 LOOSE_SLANT = 0.01  # of the ray to the lattice's origin
 FREE = np.concatenate([np.arange(8), np.arange(9, 15)])
 FALLING = np.concatenate([FREE, np.arange(SHARE, RATE + 1)])  # where light falls off within a micro-image
@@ -49,14 +50,19 @@ def lattice_within(plain: npt.NDArray[np.float32], nominal: Lattice, light: floa
     region = Region(max(plain.shape) / 2 + 1, 1)
     model = refine(plain, model, present, noise, region, FREE, 12, 1e-3)
     if cone is not None:
-        # between none of it and that of rays which come straight from the main lens's middle
+        # that of rays which come straight from the main lens's middle: expected halfway to none, it would be drawn there
         values, spread = values.copy(), spread.copy()
-        values[[SHARE, RATE]] = spread[[SHARE, RATE]] = 0.5, cone.tilting.per_px / 2
+        values[[SHARE, RATE]] = spread[[SHARE, RATE]] = 1.0, cone.tilting.per_px
         spread[SLANT] = LOOSE_SLANT
         begun = np.where(np.isin(np.arange(COUNT), FREE), model.values, values)
         falling = LatticeModel(begun, np.zeros((COUNT, COUNT)), math.inf, cone, np.stack([values, spread]), nominal.kinds)
         falling = refine(plain, falling, present, noise, region, FALLING, 12, 1e-3)
         # a few small dots leave it open, and the fit goes astray
-        if falling.chi2_per_pixel <= model.chi2_per_pixel and np.all(np.abs(falling.values - values)[FALLING] < LIKELY * spread[FALLING]):
+        likely = bool(np.all(np.abs(falling.values - values)[FALLING] < LIKELY * spread[FALLING]))
+        # where there is none, how it grows over the picture would be anything's guess, and the pitch with it
+        there = falling.values[SHARE] + SURE * math.sqrt(falling.covariance[SHARE, SHARE]) > 0.5
+        if likely and there and falling.chi2_per_pixel <= model.chi2_per_pixel:
             model = falling
+    # the profiles till then are coarse
+    model = finish(plain, model, present, noise, region, FREE if model.cone is None else FALLING)
     return lattice_of(model, nominal.layout, present, (plain.shape[0], plain.shape[1]))
