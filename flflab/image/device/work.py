@@ -62,7 +62,7 @@ def texels_work(shape: tuple[int, int], windows: Whole, seen: PictureSeen) -> Wo
     tables = texel_tables(pieces, seen, MOST)
     if len(tables.held) < tables.begins[-1]:
         return None
-    return _work(shape, pieces, tables, seen._replace(values=np.zeros((0, 0))))
+    return _work(shape, pieces, tables, seen)
 
 
 def _work(shape: tuple[int, int], pieces: Pieces, *seen: Any) -> Work:

@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int64]
+Counts = npt.NDArray[np.int32]
 
 
-def count_borders(values: Array) -> Whole:
+def count_borders(values: Array) -> Counts:
     """How many texels are unlike the one to their left, and how many unlike the one above them; the picture is black around.
 
     Args:
@@ -20,14 +20,14 @@ def count_borders(values: Array) -> Whole:
         Shape (rows + 3, columns + 3, 2): of texels before row j - 1 and column i - 1 at [j, i].
     """
     padded = np.pad(values, 1)
-    unlike = np.zeros((*padded.shape, 2), dtype=np.int64)
+    unlike = np.zeros((*padded.shape, 2), dtype=np.int32)
     unlike[:, 1:, 0] = padded[:, 1:] != padded[:, :-1]
     unlike[1:, :, 1] = padded[1:] != padded[:-1]
-    return np.pad(unlike.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0), (0, 0)))
+    return np.pad(unlike.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32), ((1, 0), (1, 0), (0, 0)))
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def even_radiance(at_x: float, at_y: float, frame: Array, side: float, values: Array, borders: Whole) -> float:
+def even_radiance(at_x: float, at_y: float, frame: Array, side: float, values: Array, borders: Counts) -> float:
     """The radiance of all texels that a part of a pixel sees through the whole pupil; -1 where they are unlike.
 
     Args:

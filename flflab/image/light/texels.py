@@ -62,7 +62,7 @@ class PictureSeen(NamedTuple):
     chunks: int
     texel: float
     values: Array
-    borders: Whole
+    borders: npt.NDArray[np.int32]
     numbers: Array
     table: Array
     law: Array
@@ -90,7 +90,7 @@ class PictureLens(NamedTuple):
     strips: Array
     chunks: int
     values: Array
-    borders: Whole
+    borders: npt.NDArray[np.int32]
     numbers: Array
     table: Array
     law: Array
