@@ -79,7 +79,7 @@ def test_light_of_many_wavelengths_is_taken_for_one_between(brute: Any) -> None:
     assert stated.max() < 0.015
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_depth_in_green_light_is_as_sure_as_it_is_stated(brute: Any) -> None:
     rng, missed = np.random.default_rng(5), list[float]()
     for f_number in (2.8, 4.0, 5.6):

@@ -86,7 +86,7 @@ def test_dots_blurred_into_one_another_are_refused(brute: Any) -> None:
         measured(brute, FourDot(diameter=6.0, spacing=12.0), 900.0, (0.0, 0.0), seed=1)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_of_many_such_pictures_depths_scatter_as_is_stated(brute: Any) -> None:
     target, scores = FourDot(diameter=6.0, spacing=20.0), []
     for seed in range(12):

@@ -44,6 +44,7 @@ def home(tmp_path: Path) -> Path:
     return home
 
 
+@pytest.mark.ci
 def test_a_change_in_what_a_kernel_calls_makes_it_compiled_anew_and_old_ones_go(home: Path, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     (cache / "another's").mkdir(parents=True)

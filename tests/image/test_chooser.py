@@ -136,6 +136,7 @@ def test_tolerances_that_cannot_be_kept_are_refused(scene: Scene, tolerance: flo
         take_picture(scene, tolerance=tolerance)
 
 
+@pytest.mark.ci
 def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene) -> None:
     assert take_picture(scene, budget=60.0).tolerance < take_picture(scene).tolerance
     with pytest.raises(InputError, match="cannot be kept; the least that can is about"):
