@@ -24,14 +24,14 @@ GRABS = 6
 
 def scpi_camera(served: Served) -> Camera:
     link = ScpiLink("camera", served.addresses["camera"]["address"], timeout=0.5)
-    return Camera("camera", ScpiCamera(link, slack=3.0))
+    return Camera("camera", ScpiCamera(link, slack=0.5))
 
 
 def folder_camera(served: Served) -> Camera:
     keys = FolderKeys.model_validate(
         {
             "black_level": 64, "electrons_per_dn": 3, "read_noise_electrons": 3, "full_scale": 4095, "released_by": "program",
-            "exposures": ["1 ms", "1 s"], "timeout": "1.5 s", "settle": "60 ms",
+            "exposures": ["1 ms", "1 s"], "timeout": "0.6 s", "settle": "60 ms",
         }
     )  # fmt: skip
     return Camera("camera", FolderCamera(Path(served.addresses["camera"]["address"]), keys))

@@ -98,7 +98,7 @@ class Setup:
 
 
 def make_setup(scene: Scene, plane: Plane, tolerance: float, effects: frozenset[str] = ALL) -> Setup:
-    """Set up a scene's camera before one of its planes.
+    """Set up a scene's camera before one of its planes; microlenses that light no pixel are left out.
 
     Raises:
         InputError: the distortion folds the picture over, or a tilted plane or array reaches too far.
@@ -109,16 +109,16 @@ def make_setup(scene: Scene, plane: Plane, tolerance: float, effects: frozenset[
     pupils = replace(pupils, slope=slope if "vignetting" in effects else np.zeros_like(slope))
     if "defocus" not in effects:
         pupils = replace(pupils, lens_spread=np.zeros_like(slope), spread=np.zeros_like(slope))
-    windows, rims = windows_of(sensor, pupils, "overlap" in effects), find_rims(pupils, sensor.pixel)
+    windows = windows_of(sensor, pupils, "overlap" in effects)
     overlap = max(1.0, _coverage(scene.camera, pupils)) if "overlap" in effects else 1.0
-    crooked = np.zeros(len(slope), dtype=np.bool_)
-    middle = np.zeros((len(slope), 2))
+    seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
+    pupils, windows = pupils.of(seen), windows[seen]
+    rims = find_rims(pupils, sensor.pixel)
+    crooked, middle = np.zeros(len(seen), dtype=np.bool_), np.zeros((len(seen), 2))
     if not is_straight(plane, scene.distortion):
-        seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
-        lenses = pupils.of(seen)
-        counts, crooked = counts_needed(sensor, lenses, windows[seen], plane, scene.distortion, MAP_SHARE * tolerance)
-        entries, windows = cut(windows[seen], counts)
-        pupils, crooked, rims = lenses.of(entries), crooked[entries], replace(rims, kind=rims.kind[seen][entries])
+        counts, crooked = counts_needed(sensor, pupils, windows, plane, scene.distortion, MAP_SHARE * tolerance)
+        entries, windows = cut(windows, counts)
+        pupils, crooked, rims = pupils.of(entries), crooked[entries], replace(rims, kind=rims.kind[entries])
         middle = middles(sensor, pupils, windows)[0]
     landing = linearised(pupils, plane, scene.distortion, middle)
     return Setup(
