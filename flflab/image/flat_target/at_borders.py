@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.geometry.setup import Setup
+from flflab.image.light.even_texels import count_borders, radiance_round
 from flflab.image.radiance.profile import Cropped
 from flflab.optics.camera import pixel_positions
 from flflab.targets import Bars, FourDot, Picture, Target
@@ -35,8 +36,8 @@ def at_borders(shape: tuple[int, ...], setup: Setup, target: Target | Cropped) -
         case FourDot():
             _mark_rims(found, *places, np.array(target.centres), target.diameter / 2)
         case Picture():
-            values = np.pad(np.asarray(target.values, dtype=np.float64), 1)  # black beyond
-            _mark_texels(found, *places, values, target.texel)
+            values = np.asarray(target.values, dtype=np.float64)
+            _mark_texels(found, *places, values, count_borders(values), target.texel)
         case _:
             pass
     return found
@@ -70,32 +71,30 @@ def _mark_rims(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _mark_texels(
-    found: Chosen, windows: Whole, centres: Array, maps: Array, reach: Array, xs: Array, ys: Array, values: Array, texel: float
+    found: Chosen,
+    windows: Whole,
+    centres: Array,
+    maps: Array,
+    reach: Array,
+    xs: Array,
+    ys: Array,
+    values: Array,
+    borders: npt.NDArray[np.int32],
+    texel: float,
 ) -> None:
-    """Mark the pixels that look at unlike texels less than ``reach`` away; ``values`` [row, column] have a black border."""
+    """Mark the pixels that look at unlike texels less than ``reach`` away; ``borders`` are those of ``count_borders``."""
     rows, columns = values.shape
     for entry in range(windows.shape[0]):
+        half_x, half_y = reach[entry, 0] / texel, reach[entry, 1] / texel
         for row in range(windows[entry, 2], windows[entry, 3]):
             for column in range(windows[entry, 0], windows[entry, 1]):
-                if found[row, column]:
-                    continue
-                x, y = _looks(maps[entry], xs[column] - centres[entry, 0], ys[row] - centres[entry, 1])
-                left, right = _texel_at(x - reach[entry, 0], texel, columns), _texel_at(x + reach[entry, 0], texel, columns)
-                low, high = _texel_at(y - reach[entry, 1], texel, rows), _texel_at(y + reach[entry, 1], texel, rows)
-                if right - left > 2 or high - low > 2:
-                    found[row, column] = True  # as good as surely
-                else:
-                    part = values[low : high + 1, left : right + 1]
-                    found[row, column] = part.min() != part.max()
+                if not found[row, column]:
+                    x, y = _looks(maps[entry], xs[column] - centres[entry, 0], ys[row] - centres[entry, 1])
+                    x, y = x / texel + 0.5 * columns, y / texel + 0.5 * rows
+                    found[row, column] = radiance_round(x, y, half_x, half_y, values, borders) < 0.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _looks(to: Array, ex: float, ey: float) -> tuple[float, float]:
     """Where a sensor point e looks on the target: origin (0, 1) and the matrix (2 to 5) row by row."""
     return to[0] + to[2] * ex + to[3] * ey, to[1] + to[4] * ex + to[5] * ey
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _texel_at(place: float, texel: float, count: int) -> int:
-    """Index of the texel at a place, mm from the middle of so many, the first and last of which go on for ever."""
-    return int(min(max(math.floor(place / texel + 0.5 * count), 0.0), count - 1.0))
