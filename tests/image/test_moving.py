@@ -8,6 +8,8 @@ import numpy.typing as npt
 import pytest
 
 from flflab.image.effects.motion import Motion
+from flflab.image.flat_target.moments import places_of
+from flflab.image.geometry.setup import make_setup
 from flflab.image.geometry.tiles import shrink
 from flflab.image.reference.pixels import trace_pixels
 from flflab.image.render import render
@@ -57,6 +59,39 @@ def test_rims_and_borders_that_move_are_the_mean_of_standing_ones(camera: Camera
     even = (np.arange(16) + 0.5) / 16 - 0.5
     moving, standing = render(scene, tolerance=TOLERANCE), mean_of_standing(scene, [(at, 0.0) for at in even])
     assert np.abs(moving - standing).max() < TOLERANCE / 2
+
+
+@pytest.mark.parametrize("target", [FourDot(1.2, 1.5), CHECKS])
+@pytest.mark.parametrize("vibration", [(0.008, -0.0122), (0.01, 0.005)], ids=["along-one-line", "across"])
+def test_rims_and_borders_that_drift_and_tremble_are_the_mean_of_standing_ones(
+    camera: Camera, target: Target, vibration: tuple[float, float]
+) -> None:
+    scene = Scene(camera, (Plane(target, 500.0, (0.05, 0.2), roll=0.1),), motion=Motion((0.02, -0.03), vibration))
+    phases = (np.arange(12) + 0.5) / 12
+    standing = mean_of_standing(scene, [(even - 0.5, np.cos(np.pi * turn)) for even in phases for turn in phases])
+    assert np.abs(render(scene, tolerance=TOLERANCE) - standing).max() < TOLERANCE / 2
+
+
+def test_drift_and_vibration_along_one_line_take_as_many_moments_as_one_of_them(camera: Camera) -> None:
+    drift, vibration = Motion((0.3, -0.4)), Motion(vibration=(-0.15, 0.2))
+    counts = [len(moments_of(camera, motion)[1]) for motion in (drift, vibration, Motion(drift.drift, vibration.vibration))]
+    assert counts[2] <= np.sqrt(2) * max(counts[:2]) + 1
+
+
+@pytest.mark.parametrize("motion", [Motion((0.03, -0.04)), Motion(vibration=(0.02, 0.01)), Motion((0.03, -0.04), (0.02, 0.01))])
+def test_moments_are_spread_as_widely_as_the_motion(camera: Camera, motion: Motion) -> None:
+    """A drift d has the variance d^2 / 12, a sine of amplitude v one of v^2 / 2."""
+    places, shares = moments_of(camera, motion)
+    assert shares.sum() == pytest.approx(1.0)
+    assert shares @ places == pytest.approx(0.0, abs=1e-5)
+    spread = np.outer(motion.drift, motion.drift) / 12 + np.outer(motion.vibration, motion.vibration) / 2
+    assert (places.T * shares) @ places == pytest.approx(spread, abs=0.01 * np.trace(spread))
+
+
+def moments_of(camera: Camera, motion: Motion) -> tuple[Array, Array]:
+    """Places of a target at 500 mm, mm, and shares of the exposure."""
+    plane = Plane(CHECKS, 500.0)
+    return places_of(make_setup(Scene(camera, (plane,), motion=motion), plane, TOLERANCE))
 
 
 @pytest.mark.ci

@@ -4,7 +4,6 @@ The change of it without cards counts by the share of a pixel's rays that the ca
 reach a pixel they are laid side by side.
 """
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +17,7 @@ from flflab.image.cards.windows import Card
 from flflab.image.diffraction.form import add_plane_with_diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.flat_target.form import add_plane
-from flflab.image.flat_target.moments import moments_of
+from flflab.image.flat_target.moments import places_of
 from flflab.image.flat_target.moving import add_moving_plane
 from flflab.image.geometry.setup import Setup
 from flflab.image.scene import Plane, Scene
@@ -83,7 +82,7 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
         inside, across = split_by_dots(finer, plane, plane.target, scene.distortion)
         add_plane(change, inside, White(), chosen)
         add_single_rays(change, across, plane, scene.distortion, (), chosen)
-    elif isinstance(plane.target, Picture) and math.prod(moments_of(finer)) > MANY:
+    elif isinstance(plane.target, Picture) and len(places_of(finer)[1]) > MANY:
         add_single_rays(change, finer, plane, scene.distortion, (), chosen)
     else:
         add_moving_plane(change, finer, plane.target, chosen)
