@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.device.pieces import Pieces, holds
-from flflab.image.geometry.falloff_means import cut_weight, is_uneven, seen_weight, table_steps
+from flflab.image.geometry.falloff_means import cut_weight, is_uneven, read_weight, seen_weight, table_steps
 from flflab.image.geometry.rim import part_share, rim_share
 from flflab.image.light.ruled import EDGE, EVEN, OFF_ENDS
 from flflab.image.light.ruled_seen import EVENLY, RuledSeen, antiderivatives, askew_mean, columns_between, end_at, lit_columns, rim_boxes
@@ -60,24 +60,11 @@ def ruled_tables(pieces: Pieces, seen: RuledSeen, most: int) -> RuledTables:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def weight_between(column: float, row: float, left: float, bottom: float, step: float, slope: float, reach: float, slant: Array) -> float:
-    """What ``read_between`` reads from the table that ``seen_weights`` makes: the four places round one are worked out at once."""
-    i, j = int(column), int(row)
-    u, v = column - i, row - j
-    x, y = left + i * step, bottom + j * step
-    low = (1.0 - u) * seen_weight(x, y, slope, reach, slant) + u * seen_weight(left + (i + 1) * step, y, slope, reach, slant)
-    y = bottom + (j + 1) * step
-    high = (1.0 - u) * seen_weight(x, y, slope, reach, slant) + u * seen_weight(left + (i + 1) * step, y, slope, reach, slant)
-    return (1.0 - v) * low + v * high
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
 def falling_weight(x: float, y: float, full: bool, window: Whole, entry: int, seen: RuledSeen) -> float:
     """What the fall-off leaves of a pixel, or of a part of it, where blur is negligible, as ``add_ruled`` has it from its tables."""
     lenses = seen.lenses
     slope, reach, slant, pixel = lenses.cones[entry, 0], lenses.cones[entry, 1], lenses.slants[entry], lenses.pixel
-    kind = lenses.kinds[entry]
-    grain = 1 if seen.divided[kind] == 1 else int(lenses.parts[kind])  # see ``add_ruled``
+    grain = int(seen.divided[lenses.kinds[entry]])
     side = lenses.width / grain
     clipped = slope if 2.0 * abs(slope) > side else 0.0  # what holds all of the rim sees the whole pupil
     whole_step, rim_step = table_steps(slope, reach, slant, seen.fall)
@@ -88,7 +75,7 @@ def falling_weight(x: float, y: float, full: bool, window: Whole, entry: int, se
         apart = min(max(rim_step if tabled else whole_step, 0.5 * pixel / grain), span)
         left = lenses.xs[window[0]] - lenses.centres[entry, 0] - 0.5 * pixel
         bottom = lenses.ys[window[2]] - lenses.centres[entry, 1] - 0.5 * pixel
-        return weight_between((x - left) / apart, (y - bottom) / apart, left, bottom, apart, clipped if tabled else 0.0, reach, slant)
+        return read_weight(x, y, seen.table[:0], (left, bottom, apart, clipped if tabled else 0.0, reach), slant)
     if uneven:
         return cut_weight(x, y, side, slope, reach, slant, lenses.nodes)
     return seen_weight(x, y, clipped, reach, slant)
@@ -184,7 +171,7 @@ def ruled_light(
             light += value * rim_share(math.sqrt(x * x + dy * dy), rim) / rim_parts
     else:
         askew, divide = varies and width > 0.0 and stands_askew(lenses.maps[entry, 2:]), whole if full else rim_parts
-        weighed = divided > 1
+        weighed, grain = divided > 1, min(divided, divide)
         side, near, far = width / divide, places[0 if full else 1], places[0 if full else 2]
         for j in range(divide):
             y = dy + ((j + 0.5) / divide - 0.5) * width
@@ -194,7 +181,9 @@ def ruled_light(
                 if share <= 0.0:
                     continue
                 if weighed and chunks > 0 and not blurred:
-                    share *= falling_weight(x, y, full, window, entry, seen)
+                    cell_x = ((i * grain // divide + 0.5) / grain - 0.5) * width
+                    cell_y = ((j * grain // divide + 0.5) / grain - 0.5) * width
+                    share *= falling_weight(dx + cell_x, dy + cell_y, full, window, entry, seen)
                 ex, ey, value = look * x, look * y, 1.0
                 if blurred and clear:
                     value = weighted_mean(ex, ey, landing, (slope, reach), strips, count, sums, near, far, chunks, slants, everywhere, ends)

@@ -141,7 +141,7 @@ def _add_ruled(image: Array, setup: Setup, target: Target | Cropped, chosen: Cho
     nodes = strip_nodes(counts.ravel())
     grids, grid = np.unique(end_points(setup) if isinstance(target, Ruled) else np.zeros_like(setup.rims.kind), return_inverse=True)
     seen = RuledSeen(
-        lenses=_lenses(setup, np.maximum(parts, divided), steep, chosen),
+        lenses=_lenses(setup, -(-parts // divided) * divided, steep, chosen),  # each part lies in one cell of the fall-off
         sharp=sharp,
         counts=counts,
         strips=nodes.reshape(*counts.shape, *nodes.shape[1:]),

@@ -13,6 +13,7 @@ Array = npt.NDArray[np.float64]
 
 ACROSS = math.sqrt(0.6)  # of half a chord, where Gauss looks beside its middle
 NARROW = 4.0  # pixels
+READ, CUT, EACH = range(3)  # how cells are weighed, see ``weigh_cells``
 GAUSS = tuple((0.5 + 0.5 * float(node), float(weight)) for node, weight in zip(*np.polynomial.legendre.leggauss(4), strict=True))
 
 
@@ -113,16 +114,80 @@ def seen_weights(left: float, bottom: float, step: float, weights: Array, slope:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def read_between(column: float, row: float, weights: Array) -> float:
-    """A table [row, column] between its places."""
+def read_weight(x: float, y: float, weights: Array, grid: tuple[float, float, float, float, float], slant: Array) -> float:
+    """The weight at a place (x, y), mm from the centre, between those of a table.
+
+    Args:
+        x: the place.
+        y: the same.
+        weights: the table, see ``seen_weights``; an empty one has the four places round this one worked out at once.
+        grid: where it begins (x, y) and its step, mm; slope and reach that it is made for.
+        slant: see ``seen_weight``.
+    """
+    left, bottom, step, slope, reach = grid
+    column, row = (x - left) / step, (y - bottom) / step
     i, j = int(column), int(row)
     u, v = column - i, row - j
-    low = (1.0 - u) * weights[j, i] + u * weights[j, i + 1]
-    return (1.0 - v) * low + v * ((1.0 - u) * weights[j + 1, i] + u * weights[j + 1, i + 1])
+    if weights.size > 0:
+        low = (1.0 - u) * weights[j, i] + u * weights[j, i + 1]
+        return (1.0 - v) * low + v * ((1.0 - u) * weights[j + 1, i] + u * weights[j + 1, i + 1])
+    x, y = left + i * step, bottom + j * step
+    low = (1.0 - u) * seen_weight(x, y, slope, reach, slant) + u * seen_weight(left + (i + 1) * step, y, slope, reach, slant)
+    y = bottom + (j + 1) * step
+    high = (1.0 - u) * seen_weight(x, y, slope, reach, slant) + u * seen_weight(left + (i + 1) * step, y, slope, reach, slant)
+    return (1.0 - v) * low + v * high
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def read_around(column: float, row: float, beside: float, above: float, weights: Array) -> float:
-    """Mean of a table [row, column] over places that deviate by so much from one, by four of them."""
-    low = read_between(column - beside, row - above, weights) + read_between(column + beside, row - above, weights)
-    return 0.25 * (low + read_between(column - beside, row + above, weights) + read_between(column + beside, row + above, weights))
+def read_around(
+    x: float, y: float, beside: float, above: float, weights: Array, grid: tuple[float, float, float, float, float], slant: Array
+) -> float:
+    """Mean of the weights at places that deviate by so much, mm, from one, by four of them; see ``read_weight``."""
+    low = read_weight(x - beside, y - above, weights, grid, slant) + read_weight(x + beside, y - above, weights, grid, slant)
+    high = read_weight(x - beside, y + above, weights, grid, slant) + read_weight(x + beside, y + above, weights, grid, slant)
+    return 0.25 * (low + high)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def weigh_cells(
+    cells: Array,
+    number: int,
+    xs: Array,
+    dy: float,
+    count: int,
+    width: float,
+    by: int,
+    weights: Array,
+    grid: tuple[float, float, float, float, float],
+    cone: tuple[float, float, float],
+    slant: Array,
+    nodes: Array,
+) -> None:
+    """The weight of each of ``count`` cells a side of some pixels of a row, row of cells by row, into ``cells`` (count^2 or more, number).
+
+    Args:
+        cells: to fill.
+        number: of pixels.
+        xs: their places from the micro-image's centre, mm.
+        dy: their row's place.
+        count: cells a side.
+        width: of a pixel, mm.
+        by: READ of a table, CUT by a narrow rim, else each by itself.
+        weights: the table.
+        grid: see ``read_weight``.
+        cone: slope of the micro-image, mm, the same or 0 where a cell holds all of its rim, and its reach, mm.
+        slant: see ``seen_weight``.
+        nodes: see ``cut_weight``.
+    """
+    slope, clipped, reach = cone
+    for cell in range(count * count):
+        y = dy + ((cell // count + 0.5) / count - 0.5) * width
+        aside = ((cell % count + 0.5) / count - 0.5) * width
+        for p in range(number):
+            x = xs[p] + aside
+            if by == READ:
+                cells[cell, p] = read_weight(x, y, weights, grid, slant)
+            elif by == CUT:
+                cells[cell, p] = cut_weight(x, y, width / count, slope, reach, slant, nodes)
+            else:
+                cells[cell, p] = seen_weight(x, y, clipped, reach, slant)

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.geometry.falloff_means import cut_weight, is_uneven, read_around, read_between, seen_weight, seen_weights, table_steps
+from flflab.image.geometry.falloff_means import CUT, EACH, READ, is_uneven, read_around, seen_weights, table_steps, weigh_cells
 from flflab.image.geometry.rim import part_share, rim_share
 from flflab.image.geometry.tiles import shrink
 from flflab.image.light.ruled_seen import (
@@ -54,7 +54,8 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
     window[:2] = bounds
     lit = np.zeros((2, 0))
     places, boxes, sums, piece = np.zeros((3, 4)), np.zeros((3, 2)), np.zeros(2), np.zeros(4, dtype=np.int64)
-    points, shares, light = np.zeros(ROWS * BLOCK), np.zeros(BLOCK), np.zeros(BLOCK)
+    points, shares, light, aside = np.zeros(ROWS * BLOCK), np.zeros(BLOCK), np.zeros(BLOCK), np.zeros(BLOCK)
+    cells = np.zeros((int(seen.divided.max()) ** 2, BLOCK))
     for entry in range(windows.shape[0]):
         first, last = max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])
         start, end = windows[entry, 0], windows[entry, 1]
@@ -112,18 +113,20 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
             for column in range(start, end):
                 at = origin_x + cxx * (xs[column] - centre_x)
                 lit[0, column - start], lit[1, column - start] = lit_columns(at, cxx, width, whole, table, law, ways)
-        grain = 1 if divided == 1 else rim_parts  # how many parts a side of a pixel have a fall-off of their own
-        seen_side = width / grain
-        clipped = slope if 2.0 * abs(slope) > seen_side else 0.0  # what holds all of the rim sees the whole pupil
+        clipped = slope if 2.0 * abs(slope) > width / divided else 0.0  # what holds all of the rim sees the whole pupil
         whole_step, rim_step = table_steps(slope, reach, slant, seen.fall)
-        uneven = falls and is_uneven(slope, reach, slant, seen_side, seen.fall)
-        rim_tabled = rim_step >= pixel / grain and not uneven
+        uneven = falls and is_uneven(slope, reach, slant, width / divided, seen.fall)
+        rim_tabled = rim_step >= pixel / divided and not uneven
         tabled = falls and (rim_tabled or deep > 0.0)
-        apart = min(max(rim_step if rim_tabled else whole_step, 0.5 * pixel / grain), max(end - start, last - first) * pixel)
+        apart = min(max(rim_step if rim_tabled else whole_step, 0.5 * pixel / divided), max(end - start, last - first) * pixel)
         corner_x, corner_y = xs[start] - centre_x - 0.5 * pixel, ys[first] - centre_y - 0.5 * pixel
-        weights = np.ones((int((last - first) * pixel / apart) + 2, int((end - start) * pixel / apart) + 2) if tabled else (1, 1))
+        grid, cones = (corner_x, corner_y, apart, clipped if rim_tabled else 0.0, reach), (slope, clipped, reach)
+        places_y, places_x = int((last - first) * pixel / apart) + 2, int((end - start) * pixel / apart) + 2
+        asked = 4 * divided * divided * (np.sum(wanted[first:last, start:end]) if wanted.size > 0 else (last - first) * (end - start))
+        tabled = tabled and places_x * places_y <= asked  # else what pixels read of it is worked out for each
+        weights = np.ones((places_y, places_x) if tabled else (0, 0))
         if tabled:
-            seen_weights(corner_x, corner_y, apart, weights, clipped if rim_tabled else 0.0, reach, slant)
+            seen_weights(corner_x, corner_y, apart, weights, grid[3], reach, slant)
         for row in range(first, last):
             dy = ys[row] - centre_y
             room = outside * outside - dy * dy
@@ -159,16 +162,17 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
                         continue
                 full = full_start <= column < full_end
                 clear = clear_start <= column < clear_end
-                number, weighed = stop - column, False
+                number, weighed, by = stop - column, False, READ if full or rim_tabled else (CUT if uneven else EACH)
+                for p in range(number):
+                    aside[p] = xs[column + p] - centre_x
                 if full and clear and full_by_column:
                     for p in range(number):
                         light[p] = steady[0, column + p - start]
                     weighed = falls and divided > 1
                     if weighed:
-                        beside_y = EVENLY * width / apart
                         for p in range(number):
-                            x = (xs[column + p] - centre_x + lit[0, column + p - start] - corner_x) / apart
-                            light[p] *= read_around(x, (dy - corner_y) / apart, lit[1, column + p - start] / apart, beside_y, weights)
+                            x = xs[column + p] - centre_x + lit[0, column + p - start]
+                            light[p] *= read_around(x, dy, lit[1, column + p - start], EVENLY * width, weights, grid, slant)
                 elif clear and even_start <= column < even_end and not hole_start <= column < hole_end:
                     light[:number] = 0.0
                     for y in (dy - beside, dy + beside):
@@ -186,7 +190,9 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
                         light[p] /= rim_parts
                 else:
                     divide, weighed = whole if full else rim_parts, divided > 1
-                    side, near, far = width / divide, places[0 if full else 1], places[0 if full else 2]
+                    side, near, far, grain = width / divide, places[0 if full else 1], places[0 if full else 2], min(divided, divide)
+                    if falls and weighed:
+                        weigh_cells(cells, number, aside, dy, grain, width, by, weights, grid, cones, slant, lenses.nodes)
                     window[2], window[3] = abs(cyx) * side, abs(cyy) * side
                     box_x, box_y = boxes[0 if full else 1]
                     light[:number] = 0.0
@@ -204,16 +210,9 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
                                     shares[p], look = part_share(x, y, side, slope, reach, rim, lenses.nodes)
                                     points[EX + p], points[EY + p] = look * x, look * y
                             if falls and weighed:
+                                cell = (j * grain // divide) * grain + i * grain // divide
                                 for p in range(number):
-                                    x = xs[column + p] + shift
-                                    if shares[p] <= 0.0:
-                                        continue
-                                    if full or rim_tabled:
-                                        shares[p] *= read_between((x - corner_x) / apart, (y - corner_y) / apart, weights)
-                                    elif uneven:
-                                        shares[p] *= cut_weight(x, y, side, slope, reach, slant, lenses.nodes)
-                                    else:
-                                        shares[p] *= seen_weight(x, y, clipped, reach, slant)
+                                    shares[p] *= cells[cell, p]
                             if blurred and clear:
                                 strip_means(points, number, landing, cone, strip, count, sums, near, far, chunks, slants)
                             for p in range(number):
@@ -234,16 +233,9 @@ def add_ruled(image: Array, rows: tuple[int, int], windows: Whole, seen: RuledSe
                                 if not (blurred or clear or askew):
                                     value *= window_mean(at_y, window[0], window[1], window[2], window[3])
                                 light[p] += shares[p] * min(max(value, 0.0), 1.0) / (divide * divide)
-                if weighed or not falls:
-                    pass
-                elif full or rim_tabled:
+                if falls and not weighed:
+                    weigh_cells(cells, number, aside, dy, 1, width, by, weights, grid, cones, slant, lenses.nodes)
                     for p in range(number):
-                        light[p] *= read_between((xs[column + p] - centre_x - corner_x) / apart, (dy - corner_y) / apart, weights)
-                elif uneven:
-                    for p in range(number):
-                        light[p] *= cut_weight(xs[column + p] - centre_x, dy, width, slope, reach, slant, lenses.nodes)
-                else:
-                    for p in range(number):
-                        light[p] *= seen_weight(xs[column + p] - centre_x, dy, clipped, reach, slant)
+                        light[p] *= cells[0, p]
                 for p in range(number):
                     image[row, column + p] += level * light[p]
