@@ -15,8 +15,9 @@ import yaml
 
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench
+from flflab.calibration.belief import FAR
 from flflab.calibration.bench_model import BenchModel, Setting, Stage
-from flflab.calibration.fit import FAR, Fit
+from flflab.calibration.fit import BARELY, Fit, Hiding, hidings
 from flflab.calibration.from_pictures import Pictures, calibrate
 from flflab.calibration.least_squares import Direction
 from flflab.calibration.quantities import Quantities
@@ -87,6 +88,11 @@ def state_calibration(found: Calibration) -> list[str]:
         f"{', by which the uncertainties are scaled' if fit.chi2 > 1 else ''}. The array's pitch and the pixel are believed: they are the "
         "rulers across the axis."
     ]
+    if fit.chi2 > fit.most_by_noise:
+        said.append(
+            f"Noise leaves a reduced chi-square of up to {fit.most_by_noise:.2f}: the bench, its pitch, pixel or dots are not as the files "
+            f"say. Farthest off is {fit.farthest}; find out why before you believe a zero."
+        )
     for name, value, u, nominal, prior in zip(fit.names, fit.values, fit.uncertainty, fit.nominal, fit.prior, strict=True):
         if not math.isfinite(value):
             said.append(f"{name} is not determined: neither the pictures nor the description tell it.")
@@ -96,9 +102,10 @@ def state_calibration(found: Calibration) -> list[str]:
                 "uncertainties that the bench file states; correct it there."
             )
     said += [f"The pictures alone cannot tell {_in_words(direction)}." for direction in fit.untold]
-    kept = [name for name, share, u in zip(fit.names, fit.by_pictures, fit.uncertainty, strict=True) if share < 0.1 and u > 0]
+    kept = [name for name, share, u in zip(fit.names, fit.by_pictures, fit.uncertainty, strict=True) if share < BARELY and u > 0]
     if kept:
         said.append(f"Known from the description rather than from the pictures: {', '.join(kept)}.")
+    said += [_hidden(one) for one in hidings(fit)]
     return said
 
 
@@ -107,6 +114,11 @@ def shown(name: str, value: float) -> str:
     if not math.isfinite(value):
         return "-"
     return f"{100 * value:+.4f} %" if name.endswith(".scale") else f"{value:+.5f} mm"
+
+
+def _hidden(one: Hiding) -> str:
+    taken = (f"{name} by {shown(name, shift)} (correlation {correlation:+.2f})" for name, (shift, correlation) in one.taken.items())
+    return f"Were {one.name} off by {shown(one.name, one.told)}, which the pictures hardly show, others would be found off: {', '.join(taken)}."
 
 
 def _in_words(direction: Direction) -> str:

@@ -1,7 +1,7 @@
 """From white and dot pictures at several settings to the bench that took them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,8 @@ from flflab.errors import MeasurementError
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
+
+INCREDIBLE = 25.0  # reduced chi^2: nothing that only widens uncertainties makes them five times what is stated
 
 
 @dataclass(frozen=True)
@@ -38,21 +40,31 @@ def calibrate(model: BenchModel, pictures: Sequence[Pictures], target: FourDot) 
         target: the dots.
 
     Raises:
-        MeasurementError: a white picture shows no lattice, or there are fewer than two settings.
+        MeasurementError: a white picture shows no lattice, there are fewer than two settings, or no such bench explains the pictures.
     """
     lattices: list[Lattice] = []
     for number, taken in enumerate(pictures):
         camera, _ = model.camera(model.nominal, number)
         lattices.append(lattice_behind(camera, taken.white, taken.white_noise))
 
-    def measure(found: Array) -> tuple[Quantities, ...]:
-        settings = enumerate(zip(pictures, lattices, strict=True))
-        return tuple(_quantities(model, found, number, taken, lattice, target) for number, (taken, lattice) in settings)
+    def measure(shown: Sequence[Pictures], believed: Array) -> tuple[Quantities, ...]:
+        settings = enumerate(zip(shown, lattices, strict=True))
+        return tuple(_quantities(model, believed, number, taken, lattice, target) for number, (taken, lattice) in settings)
 
-    # the second pass looks at the dots with the camera that the first found: how they are blurred decides where their middle is
-    first = fit_bench(model, measure(model.nominal))
-    measured = measure(np.where(np.isfinite(first.values), first.values, model.nominal))
-    return fit_bench(model, measured), measured
+    # how dots are blurred decides where their middle is: they are looked at with the camera that the white pictures show, where zeros are
+    # far off no other, and once more with what dots add to that
+    measured = measure([replace(taken, dots=None) for taken in pictures], model.nominal)
+    found = fit_bench(model, measured)
+    for _ in range(2):
+        measured = measure(pictures, np.where(np.isfinite(found.values), found.values, model.nominal))
+        found = fit_bench(model, measured)
+    if found.chi2 > INCREDIBLE:
+        raise MeasurementError(
+            f"calibration: no zeros, scales and optics explain the pictures: reduced chi-square {found.chi2:.4g}, where noise leaves up to "
+            f"{found.most_by_noise:.2f} and up to {INCREDIBLE:g} is taken; farthest off is {found.farthest}; look at that picture, and at "
+            "the pitch, pixel and dots of the files, which are believed"
+        )
+    return found, measured
 
 
 def _quantities(model: BenchModel, found: Array, number: int, taken: Pictures, lattice: Lattice, target: FourDot) -> Quantities:

@@ -24,6 +24,7 @@ Array = npt.NDArray[np.float64]
 NAMES = ("pitch", "outside", "inside", "centre_x", "centre_y", "parallax", "magnification")
 EDGE_PX = 0.008  # how far all dots at the bright fields' edges may be off together, outwards; found with exact pictures of dots of 2 px
 OF_WHITE, OF_DOTS = slice(0, 5), slice(5, 7)
+LEAST_KNOWN = 0.1  # standard uncertainty of the magnification, as a share, that its phase bears: each dot seen once tells hardly more
 RADIUS_PX = 0.01  # how far fitted radii may be off together; 0.005 was found with pictures formed to 0.002 of the white level
 
 
@@ -73,7 +74,8 @@ def _parallax_and_magnification(
     """Regress the images' places, as complex numbers, on those of microlenses and dots: z = shift + parallax q + magnification o.
 
     Only images that their micro-image does not cut count. A turn of the target is the phase of its factor, and counts for nothing. Both
-    are nan with infinite covariance where there are too few: one dot must be seen twice, and two dots at all.
+    are nan with infinite covariance where there are too few: one dot must be seen twice, and two dots at all. Where each is seen once,
+    noise in the lattice seems to tell microlenses from dots, and magnification and phase are anything.
     """
     own = lattice.vectors_px / lattice.pitch_px * camera.array.pitch[0]  # as the array lies, rolled with its lattice
     centres = np.concatenate([dot.centres_px for dot in dots])
@@ -91,5 +93,7 @@ def _parallax_and_magnification(
     chi2 = float(np.sum(np.abs(design @ found - z / u) ** 2)) / max(2 * len(z) - 6, 1)
     values = np.array([found[1].real, np.copysign(abs(found[2]), found[2].real)], dtype=np.float64)
     covariance = np.asarray(inverse[1:, 1:].real * max(1.0, chi2), dtype=np.float64)
+    if covariance[1, 1] > (LEAST_KNOWN * values[1]) ** 2:
+        return np.full(2, np.nan), np.diag([np.inf, np.inf])
     within = values - [lattice.pitch_px * camera.sensor.pixel / camera.array.pitch[0], 0.0]
     return values, covariance + np.outer(within, within) * (EDGE_PX / lattice.inside_radius_px) ** 2
