@@ -117,8 +117,8 @@ def shown(name: str, value: float) -> str:
 
 
 def _hidden(one: Hiding) -> str:
-    taken = (f"{name} by {shown(name, shift)} (correlation {correlation:+.2f})" for name, (shift, correlation) in one.taken.items())
-    return f"Were {one.name} off by {shown(one.name, one.told)}, which the pictures hardly show, others would be found off: {', '.join(taken)}."
+    taken = ", ".join(f"{name} by {shown(name, shift)} (correlation {both:+.2f})" for name, (shift, both) in one.taken.items())
+    return f"Were {one.name} off by {shown(one.name, one.told)}, which the pictures hardly show, others would be found off: {taken}."
 
 
 def _in_words(direction: Direction) -> str:
