@@ -2,9 +2,10 @@
 
 A cut spot is seen through one side of the cone: blur shifts it outwards or inwards, by the side of the focus on which the sensor stands,
 and its inner and outer edge by different amounts, which shows. How soft edges are says nothing of the side, and diffraction softens them
-as well: softness is fitted beside the focus and does not decide it. Where blur is broad, the dots' radius shifts cut spots too: with the
-square that they make it would grow or shrink without end, but the spots' own look tells it. Every spot's (x, y, brightness) and the three
-numbers for all of them are solved at once: those first, from what the spots' own parameters cannot explain (Schur's complement).
+as well: softness is fitted beside the focus, does not decide it, and by noise may be less. Where blur is broad, the dots' radius shifts
+cut spots too: with the square that they make it would grow or shrink without end, but the spots' own look tells it. Every spot's (x, y,
+brightness) and the three numbers for all of them are solved at once: those first, from what the spots' own parameters cannot explain
+(Schur's complement).
 """
 
 import math
@@ -28,6 +29,8 @@ SURE_PX = 0.01  # of blur: near focus the misfit has several least places so far
 SOFTER_PX = 0.3  # of blur: edges softer than by rays and noise show diffraction or aberrations, which shift cut spots too
 SHARE_OF_SOFTER = 0.5  # of that, as a standard uncertainty of the focus: unexplained, 550 nm lead it astray by 0.2 to 0.6 at F/2.8 to F/5.6
 NEAR = 2.0  # chi squared a pixel below which the blur is so nearly right that edges can be no sharper than it
+BY_NOISE = 2.0  # standard uncertainties by which noise may make edges seem sharper than the blur
+BROAD_PX = 2.0  # of blur, from which that is less than what is left of fall-off makes of them
 SHARPEST_PX = 0.03  # of blur: softer edges cannot be told from sharp ones
 
 
@@ -127,12 +130,13 @@ def common_step(
     here, prior = np.array([focus.blur_px, focus.softness_px, radius]), np.diag([FOCUS_PX**-2, 1e-6, 0.0])
     bend = prior + says + np.outer(by_square, by_square)
     pull = pulls - prior @ (here - [focus.nominal_px, 0.0, 0.0]) - by_square * moved / square.uncertainty_px
-    there, spread = _lowest(bend, bend @ here + pull, misfit < NEAR)
+    unsure = BY_NOISE if abs(focus.blur_px) < BROAD_PX else 0.0
+    there, spread, by_noise = _lowest(bend, bend @ here + pull, misfit < NEAR, unsure)
     # what pictures have and spots here have not is alike in all of them and averages out in none
     excess = max(misfit, 1.0) * (1 + max(0.0, 1 - SOUND / misfit if misfit > 0 else 0.0) * max(np.count_nonzero(heard) - 1, 0))
     most = min(MOST_PX, MOST_SHARP_PX + focus.softness_px / 2)
     there = here + np.clip(there - here, -most, most) * ([0.0, 1.0, 0.0] if first else [1.0, 1.0, 1.0])
-    there[1] = max(there[1], abs(there[0]), SHARPEST_PX)
+    there[1] = max(there[1], abs(there[0]) - by_noise, SHARPEST_PX)
     softer = max(0.0, float(there[1] ** 2 - there[0] ** 2) - SOFTER_PX**2)
     share = astray if misfit < SOUND else SHARE_OF_SOFTER
     shared = excess * spread[::2, ::2] + np.diag([SURE_PX**2 + share**2 * softer, 0.0])
@@ -141,13 +145,21 @@ def common_step(
     return CommonStep(steps + gains @ (there - here), covariance, together, found, float(there[2]))
 
 
-def _lowest(bend: Array, pull: Array, bound: bool) -> tuple[Array, Array]:
-    """Blur, softness and radius where x . bend . x / 2 - pull . x is least, and covariance; ``bound``: edges no sharper than the blur."""
+def _lowest(bend: Array, pull: Array, bound: bool, unsure: float) -> tuple[Array, Array, float]:
+    """Blur, softness and radius where x . bend . x / 2 - pull . x is least, covariance, and by how much noise may make edges seem sharper.
+
+    ``bound``: edges no sharper than the blur, but for ``unsure`` standard uncertainties. A bound at the blur itself draws it after every
+    noise that sharpens edges and after none that softens them.
+    """
     inverse: Array = np.asarray(np.linalg.inv(bend), dtype=np.float64)
     free = inverse @ pull
-    if not bound or abs(free[0]) <= free[1]:
-        return free, inverse
-    along = np.array([[1.0 if free[0] > 0 else -1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    within: Array = np.asarray(np.linalg.inv(along.T @ bend @ along), dtype=np.float64)
-    found = within @ (along.T @ pull)
-    return along @ np.array([max(float(found[0]), 0.0), float(found[1])]), along @ within @ along.T
+    if not bound:
+        return free, inverse, 0.0
+    sharper = np.array([math.copysign(1.0, free[0]), -1.0, 0.0])
+    along = inverse @ sharper
+    variance = float(sharper @ along)
+    by_noise = unsure * math.sqrt(variance)
+    beyond = float(sharper @ free) - by_noise
+    if beyond <= 0:
+        return free, inverse, by_noise
+    return free - along * (beyond / variance), inverse - np.outer(along, along) / variance, by_noise
