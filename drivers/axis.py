@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
-from drivers.commands import AxisCommands
+from drivers.commands import AxisCommands, at_the_other_end
 from drivers.status import Status
 from flflab.bench import LENGTH, Coordinate
 from flflab.errors import CommunicationError, DeviceError, FlflabError, LimitError, MotionError, NotHomedError
@@ -349,7 +349,8 @@ class Axis:
             return MotionError(f"{task}: {lost} ({faults or 'was it switched off?'}); look what holds it, then home it again")
         if faults:
             return MotionError(f"{task}: ended at {self.coordinate.show(position)} ({faults}); look what holds it, then home it again")
-        if motion.end is None and self._at_the_other_end(position):
+        told = motion.end is None and self.coordinate is LENGTH
+        if told and self._homes_up is not None and at_the_other_end(position, self.travel, self._homes_up):
             found, due = ("low", "high") if self._homes_up else ("high", "low")
             return MotionError(
                 f"{task}: found it at {self.coordinate.show(position)}, at the {found} end of its travel, where `home_towards` and `sign` "
@@ -358,13 +359,6 @@ class Axis:
         if motion.end is not None and abs(position - motion.end) > 1.01 * self._commands.resolution:
             return MotionError(f"{task}: ended at {self.coordinate.show(position)} instead; look what holds it, then home it again")
         return None
-
-    def _at_the_other_end(self, reference: float) -> bool:
-        """Whether a reference lies in the quarter of the travel that is farthest from where it should be."""
-        low, high = self.travel
-        if self._homes_up is None or self.coordinate is not LENGTH or not math.isfinite(high - low):
-            return False
-        return (reference - low if self._homes_up else high - reference) < (high - low) / 4
 
     def _stop_quietly(self) -> None:
         with contextlib.suppress(Exception):  # whatever it is, who waits for the motion is told why it ended

@@ -1,8 +1,15 @@
 """What a vendor's file provides: the few commands that ``Axis`` and ``Setting`` are made from."""
 
+import math
 from typing import Protocol, TypeVar
 
 Value = TypeVar("Value", float, str)
+
+
+def at_the_other_end(reference: float, travel: tuple[float, float], homes_up: bool) -> bool:
+    """Whether a reference lies in the quarter of the travel that is farthest from where it should be; never of one without ends."""
+    low, high = travel
+    return math.isfinite(high - low) and (reference - low if homes_up else high - reference) < (high - low) / 4
 
 
 class AxisCommands(Protocol):

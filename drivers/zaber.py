@@ -7,6 +7,7 @@ What this file relies on, from the ASCII protocol manual (firmware 6 and 7):
   the first character and the colon. A command with a wrong checksum is ignored, so it shows as silence.
 - Positions are whole microsteps, ``maxspeed`` is microsteps/s times 1.6384. An empty command answers the state.
 - ``warnings`` answers a count and flags; WR and WH say that the axis has no reference.
+- ``home`` goes to the home sensor, towards lower positions, and counts from ``limit.home.preset`` there.
 
 Not confirmed from the manual: that a reply carries a checksum whenever the command did (what the vendor's client expects; where a
 device does not, set its ``comm.checksum`` to 1 or give ``checksum: false``), and that ``stop`` raises the flag NI.
@@ -21,6 +22,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from drivers.commands import at_the_other_end
 from drivers.line import Line, stop_surely
 from drivers.transport import LostError, Wire, open_serial, show
 from flflab.bench import AxisDescription
@@ -32,6 +34,7 @@ STOP_ID = 99
 FEWEST_IDS = 50  # in use: by the time the others have been waited for in vain, the first one's reply is not to come any more
 REPLY = re.compile(r"@(\d\d) (\d) (\d\d) (OK|RJ) (BUSY|IDLE) (--|[A-Z]{2}) ([^:]*)")
 NO_REFERENCE = ("WR", "WH")
+PRESET = "limit.home.preset"
 FLAGS = {
     "FF": "critical system error", "FN": "peripheral not supported", "FZ": "peripheral inactive", "FH": "hardware emergency stop",
     "FV": "driver off, voltage out of range", "FO": "driver disabled", "FC": "current inrush", "FM": "motor too hot",
@@ -230,18 +233,20 @@ class ZaberAxis:
         chain: the line it is on.
         keys: its own keys of the bench file.
         speed: of moves, mm/s.
+        homes_up: whether its reference is to lie at the high end of its travel.
 
     Raises:
         CommunicationError: the device does not answer, or not in this protocol.
-        DeviceError: it refuses a setting, such as the speed.
+        DeviceError: it counts its reference at the other end, or refuses a setting, such as the speed.
     """
 
-    def __init__(self, name: str, chain: ZaberChain, keys: ZaberKeys, speed: float) -> None:
+    def __init__(self, name: str, chain: ZaberChain, keys: ZaberKeys, speed: float, *, homes_up: bool) -> None:
         self._name = name
         self._chain = chain
         self._keys = keys
         self.resolution = keys.microstep * keys.microsteps_per_step / self._setting("resolution")
         self.travel = (self._setting("limit.min") * self.resolution, self._setting("limit.max") * self.resolution)
+        self._require_reference(homes_up)
         maxspeed = round(speed / self.resolution * SPEED_UNIT)
         if self._setting("maxspeed") != maxspeed:
             self._command(f"set maxspeed {maxspeed}", repeatable=True)
@@ -312,6 +317,21 @@ class ZaberAxis:
     def close(self) -> None:
         """Nothing: the chain is closed by who opened it."""
 
+    def _require_reference(self, homes_up: bool) -> None:
+        """Refuse a device that will count its reference at the other end; firmware that does not say where is asked to home only."""
+        asked = f"get {PRESET}"
+        reply = self._chain.ask(self._name, self._keys.device, self._keys.axis, asked, repeatable=True)
+        if not reply.accepted and reply.data == "BADCOMMAND":
+            return
+        reference = self._number(PRESET, _accepted(self._name, asked, reply)) * self.resolution
+        if at_the_other_end(reference, self.travel, homes_up):
+            found, due = ("low", "high") if homes_up else ("high", "low")
+            raise DeviceError(
+                f"{self._name}: the device counts its reference as {reference:g} mm, at the {found} end of its travel, where "
+                f"`home_towards` and `sign` of the bench file have the {due} one; correct them, the rule of the gap relies on them; "
+                "nothing moved"
+            )
+
     def _setting(self, setting: str) -> int:
         return self._number(setting, self._command(f"get {setting}", repeatable=True))
 
@@ -349,7 +369,7 @@ def _phrase(flag: str) -> str:
 
 def open_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberAxis:
     """Open one axis; axes at one address share the chain."""
-    return ZaberAxis(name, _chain(axis, keys, share), keys, axis.speed)
+    return ZaberAxis(name, _chain(axis, keys, share), keys, axis.speed, homes_up=axis.homes_up)
 
 
 def stop_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> None:

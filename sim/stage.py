@@ -57,6 +57,11 @@ class Stage:
         self._before_it = math.inf
         self.power_up()
 
+    @property
+    def preset(self) -> int:
+        """What the counter says at the home sensor."""
+        return round(self._home / self.microstep)
+
     def power_up(self) -> None:
         """Start-up settings, no reference; a carriage under way stops dead."""
         where = self._carriage.motion.at(self._now)[0]

@@ -97,6 +97,7 @@ SETTINGS: dict[str, Setting] = {
     "vel": Setting(True, lambda line, stage: str(round(stage.velocity() * SPEED))),
     "limit.min": Setting(True, lambda line, stage: str(stage.lower), _set_lower),
     "limit.max": Setting(True, lambda line, stage: str(stage.upper), _set_upper),
+    "limit.home.preset": Setting(True, lambda line, stage: str(stage.preset)),
     "maxspeed": Setting(True, lambda line, stage: str(speed_setting(stage)), _set_speed),
     "accel": _ACCELERATION,
     "resolution": _fixed(str(RESOLUTION), axis=True),

@@ -29,7 +29,7 @@ def axis(toy_chain: Callable[..., str], toy_stage: type[Any]) -> Iterator[Build]
         address = toy_chain(stage)
         chain = ZaberChain(lambda: open_serial(address, 115200), timeout=0.15)
         keys = ZaberKeys.model_validate({"device": 1, "microstep": "0.5 um"})
-        axis = Axis("array_stage", driver("array_stage", chain, keys, 10.0), (0.0, 40.0), 10.0, patience=patience)
+        axis = Axis("array_stage", driver("array_stage", chain, keys, 10.0, homes_up=False), (0.0, 40.0), 10.0, patience=patience)
         if guard:
             axis.guard = guard
         built.append((axis, chain))

@@ -27,6 +27,7 @@ from drivers.bench import ConnectedBench
 from flflab.bench import read_bench
 from flflab.errors import CommunicationError, DeviceError, InterlockError, LimitError, MotionError, NotHomedError
 from sim.serve import serve, write_bench
+from sim.zaber_settings import SETTINGS
 
 LINEAR = ["main_lens_stage", "array_stage", "sensor_stage", "target_stage"]
 TURNING = ["rotation_stage", "goniometer", "ring"]
@@ -263,19 +264,39 @@ def test_a_homing_that_is_stopped_tells_no_position_that_is_counted_from_nowhere
                 status.wait(10)
 
 
-@pytest.mark.parametrize("wrong", [{"home_towards": "+z"}, {"sign": -1}], ids=["home_towards", "sign"])
-def test_a_reference_that_is_found_at_the_other_end_is_told(wrong: dict[str, Any], root: Path, tmp_path: Path) -> None:
-    described = read_bench(write_bench_of_all(root, tmp_path / "bench.yaml", 50.0))
+@contextlib.contextmanager
+def described_wrongly(wrong: dict[str, Any], root: Path, folder: Path) -> Generator[Path]:
+    """The bench file of a served bench, which is wrong about where a stage homes."""
+    described = read_bench(write_bench_of_all(root, folder / "bench.yaml", 50.0))
     with serve(described) as served:
-        write_bench(described, served, tmp_path / "served.yaml")
-        data = yaml.safe_load((tmp_path / "served.yaml").read_text())
+        write_bench(described, served, folder / "served.yaml")
+        data = yaml.safe_load((folder / "served.yaml").read_text())
         data["axes"]["main_lens_stage"] |= wrong
-        (tmp_path / "served.yaml").write_text(yaml.safe_dump(data))
-        with drivers.connect(tmp_path / "served.yaml") as bench:
-            found = r"main_lens_stage: .* found it at 0\.0+ mm, at the low end of its travel, where .* have the high one; correct"
-            with pytest.raises(MotionError, match=found):
-                bench.main_lens_stage.home().wait(20)
-            bench.target_stage.home().wait(20)
+        (folder / "served.yaml").write_text(yaml.safe_dump(data))
+        yield folder / "served.yaml"
+
+
+WRONG = pytest.mark.parametrize("wrong", [{"home_towards": "+z"}, {"sign": -1}], ids=["home_towards", "sign"])
+
+
+@WRONG
+def test_a_stage_that_says_where_its_reference_lies_is_not_sent_to_the_other_end(wrong: dict[str, Any], root: Path, tmp_path: Path) -> None:
+    counted = r"main_lens_stage: the device counts its reference as 0 mm, at the low end of its travel, where .* have the high one; correct"
+    with described_wrongly(wrong, root, tmp_path) as file, pytest.raises(DeviceError, match=counted), drivers.connect(file):
+        pass
+
+
+@WRONG
+def test_a_reference_that_is_found_at_the_other_end_is_told(
+    wrong: dict[str, Any], root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a stage whose firmware does not know where it will count its reference."""
+    monkeypatch.delitem(SETTINGS, "limit.home.preset")
+    with described_wrongly(wrong, root, tmp_path) as file, drivers.connect(file) as bench:
+        found = r"main_lens_stage: .* found it at 0\.0+ mm, at the low end of its travel, where .* have the high one; correct"
+        with pytest.raises(MotionError, match=found):
+            bench.main_lens_stage.home().wait(20)
+        bench.target_stage.home().wait(20)
 
 
 def test_where_no_line_can_be_opened_any_more_every_axis_is_named(root: Path, tmp_path: Path) -> None:
