@@ -155,25 +155,24 @@ def _tabulate(
         fine[n, 0] = falloff * two_disc_area(large, small, r) / (math.pi * small * small)
         fine[n, 1] = falloff * two_disc_area(large + NUDGE, small, r) / (math.pi * small * small)
         fine[n, 2] = falloff * two_disc_area(large, small + NUDGE, r) / (math.pi * (small + NUDGE) ** 2)
-    diagonal = math.sqrt(0.5)
-    half = len(gauss) // 2
     for n in range(count - 2):
         r = n * step
-        for turn in range(2):
+        for turn in range(3):
+            # along a side, along the diagonal and between: so that the eighth of a turn of the direction is averaged out of the value
+            angle, part = 0.125 * math.pi * turn, 0.5 if turn == 1 else 0.25
+            cos, sin, square = math.cos(angle), math.sin(angle), 0.5 * (1 - turn)
             for p in range(len(gauss)):
-                for q in range(len(gauss) if turn == 1 else half):
+                for q in range(len(gauss)):
                     gx, gy = 0.5 * gauss[p], 0.5 * gauss[q]
-                    weight = weights[p] * weights[q] * (0.5 if turn == 0 else 0.25)
-                    along = gx if turn == 0 else diagonal * (gx - gy)
-                    across = gy if turn == 0 else diagonal * (gx + gy)
-                    place = math.sqrt((r + along) ** 2 + across * across) / finer
+                    weight = 0.25 * weights[p] * weights[q]
+                    place = math.hypot(r + cos * gx - sin * gy, sin * gx + cos * gy) / finer
                     k = int(place)
                     t = place - k
                     value = fine[k, 0] + t * (fine[k + 1, 0] - fine[k, 0])
-                    table[n, VALUE] += 0.5 * weight * value
-                    table[n, SQUARE] += weight * value * (0.5 if turn == 0 else -0.5)
-                    table[n, BY_LARGE] += 0.5 * weight * (fine[k, 1] + t * (fine[k + 1, 1] - fine[k, 1]) - value)
-                    table[n, BY_SMALL] += 0.5 * weight * (fine[k, 2] + t * (fine[k + 1, 2] - fine[k, 2]) - value)
+                    table[n, VALUE] += part * weight * value
+                    table[n, SQUARE] += square * weight * value
+                    table[n, BY_LARGE] += part * weight * (fine[k, 1] + t * (fine[k + 1, 1] - fine[k, 1]) - value)
+                    table[n, BY_SMALL] += part * weight * (fine[k, 2] + t * (fine[k + 1, 2] - fine[k, 2]) - value)
         place = min(r / spacing, _RADII - 1.001)
         k = int(place)
         even = means[k, 0] + (place - k) * (means[k + 1, 0] - means[k, 0])
@@ -186,6 +185,12 @@ def _tabulate(
         table[n, BY_SMALL] /= NUDGE
         if 0 < n < count - 3:
             table[n, BY_RADIUS] = (table[n + 1, VALUE] - table[n - 1, VALUE]) / (2 * step)
+    # straight lines between points of a bend lie to one side of it: entries between which they lie on both sides alike
+    before = table[1, VALUE]
+    for n in range(count - 2):
+        here = table[n, VALUE]
+        table[n, VALUE] -= (table[n + 1, VALUE] - 2 * here + before) / 12
+        before = here
     return table
 
 
