@@ -141,12 +141,20 @@ def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
     fit = ChirpFit(start + np.array([shift, 0, 0, 0, 0]), brightness, np.zeros(size))
     ceiling = low
     while True:
-        part = data.part(target.frequency(data.places @ fit.geometry) <= ceiling)
+        part = weighed = data.part(target.frequency(data.places @ fit.geometry) <= ceiling)
         for step in range(4):
-            fit = gauss_newton_step(part, model, fit, ceiling, prior, step > 0)
+            fit = gauss_newton_step(weighed, model, fit, ceiling, prior, step > 0)
+            weighed = _as_unsure_as_fitted(part, model, fit)
         if ceiling >= high:
             return fit
         ceiling = min(1.6 * ceiling, high)
+
+
+def _as_unsure_as_fitted(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> ChirpData:
+    """The runs with as much noise as the fit leaves: harmonics beyond the ceiling, taken for light, outweighed what geometry can be."""
+    told = expected(data, model, fit)
+    excess = max(1.0, float(np.mean((data.read - told) ** 2 / (data.dark + data.shot * np.maximum(told, 0.0)))))
+    return replace(data, dark=data.dark * excess, shot=data.shot * excess)
 
 
 def settle(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> ChirpFit:
