@@ -23,6 +23,7 @@ Whole = npt.NDArray[np.int64]
 
 SEARCH_PX = 8.0  # how far each may then still be
 FLOOR_PX = 1e-4  # of a spot's place, that no scatter shows
+PLACED_PX, DESCRIBED = 0.1, 0.1  # how well spots so placed tell the law's factors counts as much as that the nominal ones are so far off
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
 
@@ -99,7 +100,7 @@ def register(
         places, regressors = law_places(lattice, camera, target, law, candidates)
         # beyond halfway to the next dot a micro-image may show that one, whose light draws the centroid to the middle of both
         half = min(math.ceil(radius + spread / 2 + search), math.floor(radius * target.spacing / target.diameter))
-        own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes, table)
+        own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes)
         centroids, total = flat_centroids(values, places, half, radius, own, noise)
         telling = _well_lit(centroids, total, lattice, candidates, radius, table)
         if spread > radius:  # what an aperture cuts of so wide a blur draws its centroid further aside than the law is off
@@ -133,7 +134,7 @@ def regress(law: Array, nominal: Array, regressors: Array, offsets: Array, pixel
     rest = offsets - regressors @ law
     z, o, c = rest @ [1, 1j], regressors[:, 1:3] @ [1, 1j], regressors[:, 3:5] @ [1, 1j]
     # few spots, or dots that are seen once each, cannot tell the factors apart: then those of the nominal camera hold
-    prior = np.diag([0.0, 1e-3, 1e-3]) * len(z)
+    prior = np.diag([0.0, *(PLACED_PX * pixel / DESCRIBED / np.hypot(*nominal[[1, 3]].T)) ** 2])
     off = (law - nominal)[[0, 1, 3]] @ [1, 1j]
     weight, left = np.ones(len(z)), np.abs(z)
     step, normal = np.zeros(3, dtype=np.complex128), np.eye(3, dtype=np.complex128)
