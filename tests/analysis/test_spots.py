@@ -8,7 +8,6 @@ import numpy.typing as npt
 import pytest
 from scipy.ndimage import convolve1d
 
-from flflab.analysis.lattice.profile import ProfileTable
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.fit import Lit, Spots, fit_spots
 from flflab.analysis.spots.profile import defocused_dot, softened_dot
@@ -32,10 +31,8 @@ def fitted(windows: Array, sigma: float) -> tuple[Array, Spots]:
     """Centres in windows stacked one above the other."""
     n = len(windows)
     down: Array = (np.array([0.0, SIZE]) * np.arange(n)[:, None]).astype(np.float64)
-    everywhere = np.zeros((8 * SIZE, 11))
-    everywhere[:, 0] = 1.0
     middles: Array = (MIDDLE + down).astype(np.float64)
-    own = Lit(middles, np.full(n, LIGHT), np.ones(n), ProfileTable(1.0, everywhere))
+    own = Lit(middles, np.full(n, LIGHT), np.ones(n), np.ones((n, 8 * SIZE)), 1.0)
     noise = SensorNoise(1e-9, max(sigma, 1e-6) * LIGHT, 0.0, 1e9)
     spots = fit_spots(windows.reshape(-1, SIZE), middles, 12, own, softened_dot(RADIUS, SIGMA), noise)
     return spots.centres - down, spots

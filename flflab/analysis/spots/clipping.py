@@ -86,14 +86,13 @@ def _sums(
     centres: Array,
     lights: Array,
     sizes: Array,
-    table: Array,
+    shares: Array,
     step: float,
     radius: float,
     pupils: Array,
-    broad: bool,
     fitted: bool,
-    fine: tuple[Nodes, Nodes],
-    rough: tuple[Nodes, Nodes],
+    narrow_nodes: tuple[tuple[Nodes, Nodes], tuple[Nodes, Nodes]],
+    wide_nodes: tuple[tuple[Nodes, Nodes], tuple[Nodes, Nodes]],
     dark: float,
     gain: float,
     offset: float,
@@ -110,8 +109,9 @@ def _sums(
     g, spot, seen = np.zeros(6), np.zeros(2), np.zeros((2, 5))
     for n in range(len(at)):
         main, small, by_chief, focus, softness = pupils[n]
-        part, unit = focus / softness, 2 * small
-        shares = ((1 + part) / 2, (1 - part) / 2)
+        part, unit, broad = focus / softness, 2 * small, softness > WIDE_PX
+        fine, rough = wide_nodes if broad else narrow_nodes
+        sides = ((1 + part) / 2, (1 - part) / 2)
         blurred = softness / unit * min(small, main) + 0.71
         full = math.pi * min(small, main) ** 2
         disc = radius * sizes[n] * abs(by_chief)
@@ -120,7 +120,7 @@ def _sums(
         for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
             for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
                 x, y = column - centres[n, 0], row - centres[n, 1]
-                share = light_share(x, y, table, step)
+                share = light_share(x, y, shares[n], step)
                 if share == 0.0 or picture[row, column] >= ceiling:
                     continue
                 light = 0.0
@@ -131,19 +131,19 @@ def _sums(
                 elif away < disc + blurred:
                     seen[:] = 0.0
                     for side in range(2):
-                        if fitted or shares[side] != 0.0:
+                        if fitted or sides[side] != 0.0:
                             beta = (1 - 2 * side) * softness / unit
-                            along, across = fine if abs(shares[side]) > MINOR else rough
+                            along, across = fine if abs(sides[side]) > MINOR else rough
                             if broad:
                                 seen[side] = wide(x, y, spot, disc, main, small, beta, along)
                             else:
                                 seen[side, :4] = narrow(x, y, spot, disc, main, small, beta, along, across)
-                    light = (shares[0] * seen[0, 0] + shares[1] * seen[1, 0]) / full
-                    g[0] = (shares[0] * seen[0, 1] + shares[1] * seen[1, 1]) * by_chief / full
-                    g[1] = (shares[0] * seen[0, 2] + shares[1] * seen[1, 2]) * by_chief / full
+                    light = (sides[0] * seen[0, 0] + sides[1] * seen[1, 0]) / full
+                    g[0] = (sides[0] * seen[0, 1] + sides[1] * seen[1, 1]) * by_chief / full
+                    g[1] = (sides[0] * seen[0, 2] + sides[1] * seen[1, 2]) * by_chief / full
                     g[3] = (seen[0, 0] - seen[1, 0]) / (2 * softness) / full
-                    g[4] = (shares[0] * seen[0, 3] - shares[1] * seen[1, 3]) / (unit * full) - part * g[3]
-                    g[5] = (shares[0] * seen[0, 4] + shares[1] * seen[1, 4]) * sizes[n] * abs(by_chief) / full
+                    g[4] = (sides[0] * seen[0, 3] - sides[1] * seen[1, 3]) / (unit * full) - part * g[3]
+                    g[5] = (sides[0] * seen[0, 4] + sides[1] * seen[1, 4]) * sizes[n] * abs(by_chief) / full
                 level = lights[n] * spots[n, 2]
                 weight = 1 / (dark + gain * max(level * light, 0.0))
                 rest = picture[row, column] - offset - level * light
@@ -201,11 +201,11 @@ def step_of_cut_spots(
     if pupils is None or len(cut) == 0:
         return spots, focus, square.radius_px
     signed, soft = pupils.seen_in(focus)
-    spread = float(soft.max())
-    broad, more = spread > WIDE_PX, math.ceil(4.5 * spread)
-    nodes = (2 if moved > FAR_PX else 4 if spread < 4 else 3, 1) if broad else (ALONG + more, ACROSS + more)
+    # kinds of microlenses are as far out of focus as they are: what does for the most blurred is too little for the sharp
+    more = math.ceil(4.5 * min(float(soft.max()), WIDE_PX))
     seen_through = np.stack([pupils.main, pupils.small, pupils.by_chief, signed, soft], axis=1)
-    fine, rough = ((_gauss(one), _gauss(other)) for one, other in (nodes, (2, 1) if broad else (4, 2)))
+    narrow_nodes = (_gauss(ALONG + more), _gauss(ACROSS + more)), (_gauss(4), _gauss(2))
+    wide_nodes = (_gauss(2 if moved > FAR_PX else 4 if float(soft.max()) < 4 else 3), _gauss(1)), (_gauss(2), _gauss(1))
     now = np.concatenate([spots.centres, spots.brightness[:, None]], axis=1)
 
     def sums(part: Whole) -> tuple[Array, Array, Array, Array]:
@@ -218,14 +218,13 @@ def step_of_cut_spots(
             mine.centres,
             mine.light,
             mine.sizes,
-            mine.table.values,
-            mine.table.step,
+            mine.shares,
+            mine.step,
             radius,
             seen_through[part],
-            broad,
             focus.uncertainty_px > 0,
-            fine,
-            rough,
+            narrow_nodes,
+            wide_nodes,
             noise.dark_variance,
             noise.dn_per_electron,
             noise.offset_dn,

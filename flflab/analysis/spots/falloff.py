@@ -90,8 +90,8 @@ def evenly_blurred(
         half,
         own.centres[seen],
         own.sizes[seen],
-        own.table.values,
-        own.table.step,
+        own.shares[seen],
+        own.step,
         radius,
         np.stack([pupils.main, pupils.small, pupils.by_chief, pupils.seen_in(focus)[0]], axis=1)[seen],
         steepness.slants[seen],
@@ -123,7 +123,7 @@ def _take_out(
     half: int,
     centres: Array,
     sizes: Array,
-    table: Array,
+    shares: Array,
     step: float,
     radius: float,
     pupils: Array,
@@ -145,7 +145,7 @@ def _take_out(
                 dx, dy = x - (spots[n, 0] - centres[n, 0]) * by_chief, y - (spots[n, 1] - centres[n, 1]) * by_chief
                 if abs(math.hypot(dx, dy) - disc) >= blurred or picture[row, column] >= ceiling:
                     continue
-                share = light_share(x, y, table, step)
+                share = light_share(x, y, shares[n], step)
                 if share > 0.0:
                     too_much = _too_much(x, y, dx, dy, disc, main, small, beta, slants[n], falling, nodes)
                     picture[row, column] -= lights[n] * share * too_much

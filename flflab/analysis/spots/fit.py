@@ -12,7 +12,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice.profile import ProfileTable, profile_table
+from flflab.analysis.lattice.model import SMALLEST_PX
+from flflab.analysis.lattice.profile import BY_LARGE, BY_SMALL, VALUE, ProfileTable, profile_table, table_step
 from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.profile import SpotProfile
@@ -26,6 +27,7 @@ MOST_STEPS, SETTLED_PX, WIDEST_STEP_PX = 10, 1e-4, 2.0  # of Gauss-Newton
 DARKEST = 1e-3  # brightness that a spot is kept above
 LEAST_BRIGHTNESS = 0.05  # of a spot
 LIT = 0.2  # share of the light from which on a spot says where the dots are, and in which focus
+SHARED_PX = 0.03  # micro-images whose radii agree to this share a table of the light
 WEAKEST_ILLUMINATION = 0.05  # pixels with less light say nothing of a spot
 
 
@@ -73,17 +75,25 @@ class Lit:
         centres: of the micro-image, px, shape (n, 2).
         light: of a white target in its bright field, DN above the background, shape (n,).
         sizes: of what it shows, over that behind the microlens on the axis, shape (n,); 1 but for a tilted array.
-        table: how light falls off towards its rim.
+        shares: of the light, by the distance from its centre: each falls off towards its own rim, shape (n, entries).
+        step: distance between these entries, px.
     """
 
     centres: Array
     light: Array
     sizes: Array
-    table: ProfileTable
+    shares: Array
+    step: float
 
     def those(self, which: Whole) -> "Lit":
         """Some of them."""
-        return Lit(self.centres[which], self.light[which], self.sizes[which], self.table)
+        return Lit(self.centres[which], self.light[which], self.sizes[which], self.shares[which], self.step)
+
+    def share_at(self, centres: Array) -> Array:
+        """Relative illumination at a place in each, px, shape (n, 2); 1 inside its bright field."""
+        place = np.minimum(np.hypot(*(centres - self.centres).T) / self.step, self.shares.shape[1] - 1.001)
+        k, each = place.astype(np.int64), np.arange(len(place))
+        return self.shares[each, k] + (place - k) * (self.shares[each, k + 1] - self.shares[each, k])
 
 
 def illumination(table: ProfileTable, distance: Array) -> Array:
@@ -103,15 +113,33 @@ def light_level(lattice: Lattice, centres: Array, shape: tuple[int, int]) -> Arr
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ lattice.light
 
 
-def lit(lattice: Lattice, lens: Whole, shape: tuple[int, int], sizes: Array, table: ProfileTable) -> Lit:
+def lit(lattice: Lattice, lens: Whole, shape: tuple[int, int], sizes: Array) -> Lit:
     """The micro-images at positions ``lens`` of the lattice; ``sizes`` are those of all its micro-images."""
     centres = np.ascontiguousarray(lattice.centres_px[lens])
-    return Lit(centres, light_level(lattice, centres, shape), sizes[lens], table)
+    return Lit(centres, light_level(lattice, centres, shape), sizes[lens], *_shares(lattice.discs_px[lens]))
+
+
+def _shares(discs_px: Array) -> tuple[Array, float]:
+    """``shares`` and ``step`` of micro-images with these discs, shape (n, 2): kinds and a tilt make them wider or narrower.
+
+    Those that are nearly alike share a table, and its slope by the radii says what is not.
+    """
+    discs = np.maximum(discs_px, SMALLEST_PX)
+    at, which = np.unique(np.maximum(np.rint(discs / SHARED_PX) * SHARED_PX, SMALLEST_PX), axis=0, return_inverse=True)
+    which = which.ravel()
+    step = min((table_step(large, small) for large, small in at.tolist()), default=1.0)
+    tables = [profile_table(large, small, step=step).values for large, small in at.tolist()]
+    shares = np.zeros((len(discs), max(map(len, tables), default=2)))
+    for k, table in enumerate(tables):
+        mine = which == k
+        by_radii = (discs[mine] - at[k]) @ table[:, [BY_LARGE, BY_SMALL]].T
+        shares[mine, : len(table)] = np.maximum(table[:, VALUE] + by_radii, 0.0)
+    return shares, step
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _flat(
-    picture: Picture, places: Array, half: int, centres: Array, light: Array, table: Array, step: float, offset: float, ceiling: float
+    picture: Picture, places: Array, half: int, centres: Array, light: Array, shares: Array, step: float, offset: float, ceiling: float
 ) -> npt.NDArray[np.float32]:  # pragma: no cover - compiled
     """Windows round places of what the picture reads over the light there; 0 where nothing is known."""
     flat = np.zeros((len(places), 2 * half + 1, 2 * half + 1), dtype=np.float32)
@@ -121,9 +149,9 @@ def _flat(
             for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
                 place = math.hypot(column - centres[n, 0], row - centres[n, 1]) / step
                 near = math.hypot(column - places[n, 0], row - places[n, 1]) <= half
-                if place >= len(table) - 2 or not near or picture[row, column] >= ceiling:
+                if place >= shares.shape[1] - 2 or not near or picture[row, column] >= ceiling:
                     continue
-                share = table[int(place), 0]
+                share = shares[n, int(place)]
                 if share > WEAKEST_ILLUMINATION:
                     flat[n, row - top, column - left] = (picture[row, column] - offset) / (light[n] * share)
     return flat
@@ -134,7 +162,7 @@ def flat_centroids(picture: Picture, places: Array, half: int, radius: float, ow
 
     What is darker than a quarter of a dot's light is left out: it is mostly noise and the light of elsewhere.
     """
-    flat = _flat(picture, places, half, own.centres, own.light, own.table.values, own.table.step, noise.offset_dn, noise.full_scale_dn)
+    flat = _flat(picture, places, half, own.centres, own.light, own.shares, own.step, noise.offset_dn, noise.full_scale_dn)
     if flat.size == 0:
         return places.copy(), np.zeros(len(places))
     bright = float(np.quantile(flat, max(0.5, 1 - 0.3 * math.pi * radius**2 / flat[0].size)))
@@ -146,13 +174,13 @@ def flat_centroids(picture: Picture, places: Array, half: int, radius: float, ow
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def light_share(x: float, y: float, table: Array, step: float) -> float:  # pragma: no cover - compiled
-    """Share of the light at (x, y) px from a micro-image's centre, by its profile's table; 0 where it is too little to say anything."""
+def light_share(x: float, y: float, shares: Array, step: float) -> float:  # pragma: no cover - compiled
+    """Share of the light at (x, y) px from a micro-image's centre, by its own shares; 0 where it is too little to say anything."""
     place = math.hypot(x, y) / step
-    if place >= len(table) - 2:
+    if place >= len(shares) - 2:
         return 0.0
     k = int(place)
-    share = table[k, 0] + (place - k) * (table[k + 1, 0] - table[k, 0])
+    share = shares[k] + (place - k) * (shares[k + 1] - shares[k])
     return share if share > WEAKEST_ILLUMINATION else 0.0
 
 
@@ -165,7 +193,7 @@ def _sums(
     centres: Array,
     light: Array,
     sizes: Array,
-    table: Array,
+    shares: Array,
     step: float,
     profile: Array,
     profile_step: float,
@@ -183,7 +211,7 @@ def _sums(
         left, top = int(np.rint(at[n, 0])) - half, int(np.rint(at[n, 1])) - half
         for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
             for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
-                share = light_share(column - centres[n, 0], row - centres[n, 1], table, step)
+                share = light_share(column - centres[n, 0], row - centres[n, 1], shares[n], step)
                 if share == 0.0 or picture[row, column] >= ceiling:
                     continue
                 dx, dy = column - spots[n, 0], row - spots[n, 1]
@@ -292,8 +320,8 @@ def fit_spots(picture: Picture, places: Array, half: int, own: Lit, profile: Spo
             own.centres[which],
             own.light[which],
             own.sizes[which],
-            own.table.values,
-            own.table.step,
+            own.shares[which],
+            own.step,
             profile.values,
             profile.step,
             profile.flat,

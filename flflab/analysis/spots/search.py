@@ -17,7 +17,7 @@ from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.bent_light import CYCLES
 from flflab.analysis.spots.clipping import FAR_PX, cut_spots, pupils_of, step_of_cut_spots
 from flflab.analysis.spots.falloff import as_softened, evenly_blurred, steepness_of
-from flflab.analysis.spots.fit import LIT, Lit, Spots, fit_spots, illumination, illumination_table, lit
+from flflab.analysis.spots.fit import LIT, Lit, Spots, fit_spots, illumination_table, lit
 from flflab.analysis.spots.focus import SHARPEST_PX, SOUND, Focus, nominal_focus
 from flflab.analysis.spots.law import Candidates, Square, candidates_near, law_places, register, regress
 from flflab.analysis.spots.profile import defocused_dot
@@ -91,7 +91,7 @@ def find_spots(
     _require_apart(target, radius, spread)
     candidates = candidates_near(lattice, camera, target, law, radius + spread / 2 + BESIDE_PX)
     places, regressors = law_places(lattice, camera, target, law, candidates)
-    own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes, table)
+    own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes)
     pupils = pupils_of(lattice, candidates.lens, camera, distance)
     spots = fit_spots(values, places, _half_width(target, radius, spread), own, defocused_dot(radius, spread), noise)
     reach = radius + spread / 2
@@ -191,7 +191,7 @@ def _require_apart(target: FourDot, radius: float, spread: float) -> None:
 
 def _lit(spots: Spots, own: Lit) -> npt.NDArray[np.bool_]:
     """Which spots are seen in enough light to say where dots are, and in which focus."""
-    return (illumination(own.table, np.hypot(*(spots.centres - own.centres).T)) > LIT) & spots.seen
+    return (own.share_at(spots.centres) > LIT) & spots.seen
 
 
 def _started_by_law(spots: Spots, cut: Whole, places: Array, own: Lit) -> Spots:

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.spots.fit import DARKEST, LIT, Lit, Spots, illumination, moved_by
+from flflab.analysis.spots.fit import DARKEST, LIT, Lit, Spots, moved_by
 from flflab.analysis.spots.focus import SHARE_OF_SOFTER, Focus, common_step
 from flflab.analysis.spots.law import Square
 
@@ -74,7 +74,7 @@ def stepped(
     """
     normal, right, chi2 = summed
     mine = spots.those(which)
-    lit = illumination(own.table, np.hypot(*(spots.centres - own.centres)[which].T)) > LIT
+    lit = own.share_at(spots.centres)[which] > LIT
     bright = mine.brightness > DARKEST
     step = common_step(normal, right, chi2, bright, lit, focus, radius, square.those(which), math.isinf(moved), astray)
     new = moved_by(np.concatenate([mine.centres, mine.brightness[:, None]], axis=1), step.steps)

@@ -81,8 +81,8 @@ def step_of_diffracted_spots(
             mine.centres,
             mine.light,
             mine.sizes,
-            mine.table.values,
-            mine.table.step,
+            mine.shares,
+            mine.step,
             off[part],
             light.fields,
             light.first,
@@ -161,7 +161,7 @@ def _sums(
         for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
             for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
                 x, y = column - centres[n, 0], row - centres[n, 1]
-                share = light_share(x, y, shares, step)
+                share = light_share(x, y, shares[n], step)
                 if share == 0.0 or picture[row, column] >= ceiling:
                     continue
                 r = math.hypot(x, y)
@@ -174,7 +174,7 @@ def _sums(
                 else:  # a pixel on a slope of both spot and micro-image sees more of the one where it is brighter in the other
                     for i in range(-1, 2):
                         for j in range(-1, 2):
-                            there = light_share(x + i * THIRDS, y + j * THIRDS, shares, step)
+                            there = light_share(x + i * THIRDS, y + j * THIRDS, shares[n], step)
                             weight = (8.0 - 3.0 * abs(i)) * (8.0 - 3.0 * abs(j)) / 324 * (there if there > 0.0 else share)
                             ex, ey = dx + i * THIRDS, dy + j * THIRDS
                             u, v = samples * (ex * to_x + ey * to_y) + middle, samples * (ey * to_x - ex * to_y)
