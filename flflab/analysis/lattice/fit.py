@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.lattice.kernels import COUNT, DERIVATIVES, Y, accumulate, brightness, gradient, own_profiles
-from flflab.analysis.lattice.model import RATE, SHARE, SMALLEST_PX, TILT, LatticeModel, laid
-from flflab.analysis.lattice.profile import profile_table, table_step
+from flflab.analysis.lattice.model import RATE, SHARE, SMALLEST_PX, TILT, WIDER, LatticeModel, laid
 from flflab.analysis.sensor.noise import SensorNoise
 
 Array = npt.NDArray[np.float64]
@@ -22,7 +21,8 @@ Part = TypeVar("Part")
 
 FEW_PIXELS = 20_000  # for which starting a thread takes longer than it saves
 COARSER = 4.0  # times as far apart are the entries of profiles while the lattice is not yet known to the last
-LOOSE = np.array([0.5, *[0.05] * 5])  # prior standard deviations of share, slant (2), its rate over the cone's ``by_place``, tilt (2)
+# prior standard deviations of share, slant (2), its rate over the cone's ``by_place``, tilt (2) and widths of kinds over those described
+LOOSE = np.array([0.5, *[0.05] * 5, 0.1])
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ def _whole_gradient(
 
 
 def _prior(model: LatticeModel) -> tuple[Array, Array]:
-    """Precision of what the slants are expected to be where the pixels do not say, and how it pulls."""
+    """Precision of what slants and kinds are expected to be where the pixels do not say, and how it pulls."""
     precision, middle = np.zeros(COUNT), np.zeros(COUNT)
-    precision[SHARE:], middle[SHARE] = 1 / LOOSE**2, 0.5
+    precision[SHARE:], middle[SHARE], middle[WIDER] = 1 / LOOSE**2, 0.5, 1.0
     if model.cone is not None:
         precision[RATE] /= model.cone.by_place**2
     if model.expected is not None:
@@ -149,8 +149,9 @@ def micro_images_present(
     Returns:
         Shape (2 half_i + 1, 2 half_j + 1), the lattice's origin in the middle.
     """
-    table = profile_table(*model.radii, model.cone, float(model.values[SHARE]), COARSER * table_step(*model.radii))
-    sums = brightness(picture, model.centres(half_counts), float(model.values[8]), table.values, table.step, noise.full_scale_dn)
+    everywhere = np.ones((2 * half_counts[0] + 1, 2 * half_counts[1] + 1), dtype=np.bool_)
+    points = laid(model, everywhere, (picture.shape[0], picture.shape[1]), COARSER)
+    sums = brightness(picture, points.places, float(model.values[8]), points.tables, points.step, noise.full_scale_dn)
     seen = sums[..., 1] > 0
     share = np.where(seen, sums[..., 0], 0.0) / np.where(seen, sums[..., 1], 1.0) / model.values[9]
     doubt = np.sqrt((noise.dark_variance + noise.dn_per_electron * model.values[9]) / np.where(seen, sums[..., 1], 1.0)) / model.values[9]

@@ -16,9 +16,10 @@ from flflab.analysis.lattice.profile import BY_LARGE, BY_RADIUS, BY_SMALL, FALLO
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-COUNT = 21  # origin 2, vectors 4, radii 2, background 1, polynomial 6, share of fall-off 1, slant at the origin 2, its rate 1, tilt 2
-X, Y, RISE, OUT_X, OUT_Y, LEVER_X, LEVER_Y, LARGE_BY_RISE, SMALL_BY_RISE, TABLE = range(10)  # of a micro-image's place
-OUT, LEVER, RADII_BY_RISE, PLACES = slice(OUT_X, OUT_Y + 1), slice(LEVER_X, LEVER_Y + 1), slice(LARGE_BY_RISE, SMALL_BY_RISE + 1), 10
+# origin 2, vectors 4, radii 2, background 1, polynomial 6, share of fall-off 1, slant at the origin 2, its rate 1, tilt 2, kinds' widths 1
+COUNT = 22
+X, Y, RISE, OUT_X, OUT_Y, LEVER_X, LEVER_Y, LARGE_BY_RISE, SMALL_BY_RISE, TABLE, WIDER_PX = range(11)  # of a micro-image's place
+OUT, LEVER, RADII_BY_RISE, PLACES = slice(OUT_X, OUT_Y + 1), slice(LEVER_X, LEVER_Y + 1), slice(LARGE_BY_RISE, SMALL_BY_RISE + 1), 11
 BY_RISE = 11  # column of the tables beyond those of a ``ProfileTable``
 SIDEWAYS, TWICE, THRICE, FOURFOLD, SHAPES = range(1, 6)  # of a micro-image's own profile, beside its symmetric part
 DERIVATIVES = [BY_RADIUS, BY_LARGE, BY_SMALL, FALLOFF, LOPSIDED, VALUE]  # columns of the tables that the gradient looks up
@@ -45,8 +46,9 @@ def accumulate(
     """Normal matrix, right side, chi^2 and number of pixels of every so manieth column of some rows.
 
     ``lights`` holds each micro-image's light and the six terms of the polynomial there; light 0 where there is none. ``places`` holds
-    centre, rise beyond that of its table, place from the axis, how the rise changes with the tilt and the radii with the rise, and which
-    of ``tables`` it has. Of the values the first ``wanted`` are looked at, the others' sums are 0.
+    centre, rise beyond that of its table, place from the axis, how the rise changes with the tilt and the radii with the rise, which of
+    ``tables`` it has and by how much its kind's disc is described wider than the central one's. Of the values the first ``wanted`` are
+    looked at, the others' sums are 0.
     """
     normal = np.zeros((COUNT, COUNT))
     right = np.zeros(COUNT)
@@ -112,8 +114,9 @@ def accumulate(
                 g[3] += i * ey
                 g[4] += j * ex
                 g[5] += j * ey
-                g[6] += light * table[k, BY_LARGE]
-                g[7] += light * table[k, BY_SMALL]
+                by_small = light * (table[k, BY_SMALL] + t * (table[k + 1, BY_SMALL] - table[k, BY_SMALL]))
+                g[6] += light * (table[k, BY_LARGE] + t * (table[k + 1, BY_LARGE] - table[k, BY_LARGE]))
+                g[7] += by_small
                 for m in range(6):
                     g[9 + m] += share * lights[i + half_i, j + half_j, 1 + m]
                 g[15] += light * table[k, FALLOFF]
@@ -123,6 +126,7 @@ def accumulate(
                 lifted = light * by_rise - ex * at[OUT_X] - ey * at[OUT_Y]
                 g[19] += lifted * at[LEVER_X]
                 g[20] += lifted * at[LEVER_Y]
+                g[21] += by_small * at[WIDER_PX]
             weight = 1.0 / (dark + gain * max(expected - offset_dn, 0.0))
             rest = read - expected
             pull = weight * rest
@@ -317,25 +321,27 @@ def gradient(
             lifted = light * (at[LARGE_BY_RISE] * large + at[SMALL_BY_RISE] * small - at[OUT_X] * along - at[OUT_Y] * across)
             right[19] += lifted * at[LEVER_X]
             right[20] += lifted * at[LEVER_Y]
+            right[21] += light * small * at[WIDER_PX]
     return right, chi2, count
 
 
 @numba.njit(nogil=True, cache=True)
 def brightness(
     picture: npt.NDArray[np.float32],
-    centres: Array,
+    places: Array,
     background: float,
-    table: Array,
+    tables: Array,
     step: float,
     ceiling: float,
 ) -> Array:  # pragma: no cover - compiled
-    """Sums (read - background) profile and profile^2 about every centre, shape (i, j, 2)."""
+    """Sums (read - background) profile and profile^2 about every place, as in ``accumulate``, shape (i, j, 2)."""
     height, width = picture.shape
-    reach = step * (table.shape[0] - 2)
-    sums = np.zeros((centres.shape[0], centres.shape[1], 2))
-    for i in range(centres.shape[0]):
-        for j in range(centres.shape[1]):
-            cx, cy = centres[i, j]
+    reach = step * (tables.shape[1] - 2)
+    sums = np.zeros((places.shape[0], places.shape[1], 2))
+    for i in range(places.shape[0]):
+        for j in range(places.shape[1]):
+            cx, cy = places[i, j, X], places[i, j, Y]
+            table = tables[int(places[i, j, TABLE])]
             stride = max(1, int(reach / 12.0))
             for row in range(max(0, int(np.ceil(cy - reach))), min(height - 1, int(cy + reach)) + 1, stride):
                 for column in range(max(0, int(np.ceil(cx - reach))), min(width - 1, int(cx + reach)) + 1, stride):

@@ -38,6 +38,10 @@ class Kinds:
         """Kind of micro-images at these centres, right to less than half a pitch; shape (..., 2) to (...)."""
         return self.kind[self.nearest.query(centres_px)[1]]
 
+    def widened(self, factor: float) -> "Kinds":
+        """The same with discs that differ so many times as much: d b/f of the camera built is not quite that described."""
+        return replace(self, wider_px=self.wider_px * factor)
+
     def radii(self, radii_px: Array, kind: int) -> Array:
         """Larger and smaller disc's radii of a kind from those of the central one, shape (2,)."""
         return radii_px + np.array([0.0, self.wider_px[kind]])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice.kernels import BY_RISE, LEVER, OUT, PLACES, RADII_BY_RISE, RISE, TABLE, X, Y
+from flflab.analysis.lattice.kernels import BY_RISE, LEVER, OUT, PLACES, RADII_BY_RISE, RISE, TABLE, WIDER_PX, X, Y
 from flflab.analysis.lattice.kinds import Kinds
 from flflab.analysis.lattice.profile import BY_LARGE, BY_SMALL, Cone, profile_table, table_step
 from flflab.analysis.lattice.tilting import Tilting
@@ -20,19 +20,20 @@ Array = npt.NDArray[np.float64]
 
 GEOMETRY = slice(0, 8)
 LIGHT = slice(9, 15)
-SHARE, SLANT, RATE, TILT = 15, slice(16, 18), 18, slice(19, 21)
+SHARE, SLANT, RATE, TILT, WIDER = 15, slice(16, 18), 18, slice(19, 21), 21
 SMALLEST_PX = 0.05  # radius of a disc: a smaller one cannot be told from it
-SHARED_PX = 0.02  # micro-images share a table and its slope by the rise within this times sqrt(1 + r), r the smaller disc
+SHARED_PX = 0.005  # micro-images share a table and its slope by the rise within this times sqrt(1 + r), r the smaller disc
 
 MOST_TABLES = 150  # for a tilt of a degree of the worked example; a larger one is seen more coarsely
 
 
 @dataclass(frozen=True)
 class LatticeModel:
-    """What is fitted: ``values`` as origin x y, a x y, b x y, larger and smaller disc radius, background, light, slants, tilt x y.
+    """What is fitted.
 
     Attributes:
-        values: see above, shape (COUNT,).
+        values: origin x y, a x y, b x y, larger and smaller disc radius, background, light, slants, tilt x y, and by how much the kinds'
+            discs differ over what is described; shape (COUNT,).
         covariance: of them, shape (COUNT, COUNT).
         chi2_per_pixel: about 1 where model and noise are right.
         cone: how rays land; None where fall-off and tilt are left out.
@@ -56,6 +57,11 @@ class LatticeModel:
     def radii(self) -> tuple[float, float]:
         """Radii of the two discs, px, as fitted; of a tilted array on the axis."""
         return float(self.values[6]), float(self.values[7])
+
+    @property
+    def seen_kinds(self) -> Kinds | None:
+        """The kinds with discs as wide as they are fitted."""
+        return self.kinds and self.kinds.widened(float(self.values[WIDER]))
 
     def straight(self, half_counts: tuple[int, int]) -> Array:
         """Lattice points without a tilt, px, shape (2 half_i + 1, 2 half_j + 1, 2), the origin in the middle."""
@@ -114,11 +120,11 @@ def laid(model: LatticeModel, present: npt.NDArray[np.bool_], shape: tuple[int, 
     near = np.all((centres > -reach) & (centres < np.array([shape[1], shape[0]]) + reach), axis=-1)
     places[..., OUT], places[..., LEVER] = centres - tilting.axis_px, tilting.per_px * (straight - tilting.axis_px)
     tables, first = list[tuple[Array, Array]](), 0
-    for mine, of_kind, on_axis in _by_kind(model, tilting, centres):
+    for mine, of_kind, on_axis, wider in _by_kind(model, tilting, centres):
         at, radii, by_rise = _rises_of_tables(on_axis, of_kind, rises[near & mine])
         which = np.searchsorted((at[1:] + at[:-1]) / 2, rises[mine])
         places[mine, RISE], places[mine, TABLE] = np.where(near[mine], rises[mine] - at[which], 0.0), first + which
-        places[mine, RADII_BY_RISE] = by_rise[which]
+        places[mine, RADII_BY_RISE], places[mine, WIDER_PX] = by_rise[which], wider
         tables.append((by_rise, radii))
         first += len(at)
     shifted = float(np.abs(centres - straight)[near].max(initial=0.0))
@@ -126,13 +132,13 @@ def laid(model: LatticeModel, present: npt.NDArray[np.bool_], shape: tuple[int, 
     return Laid(lights, places, _tables(model, cone, by_rise, radii, step), step, shifted)
 
 
-def _by_kind(model: LatticeModel, tilting: Tilting, centres: Array) -> list[tuple[npt.NDArray[np.bool_], Tilting, Array]]:
-    """Of each kind of microlenses which micro-images it has, what a tilt does to them, and their discs' radii on the axis."""
-    radii = np.array(model.radii)
-    if model.kinds is None:
-        return [(np.ones(centres.shape[:-1], dtype=np.bool_), tilting, radii)]
-    kind = model.kinds.of(centres)
-    return [(kind == k, model.kinds.tilting(tilting, k), model.kinds.radii(radii, k)) for k in range(len(model.kinds.focal))]
+def _by_kind(model: LatticeModel, tilting: Tilting, centres: Array) -> list[tuple[npt.NDArray[np.bool_], Tilting, Array, float]]:
+    """Of each kind which micro-images it has, what a tilt does to them, their radii on the axis and how much wider it is described."""
+    radii, described, seen = np.array(model.radii), model.kinds, model.seen_kinds
+    if described is None or seen is None:
+        return [(np.ones(centres.shape[:-1], dtype=np.bool_), tilting, radii, 0.0)]
+    kind = seen.of(centres)
+    return [(kind == k, seen.tilting(tilting, k), seen.radii(radii, k), float(wider)) for k, wider in enumerate(described.wider_px)]
 
 
 def _rises_of_tables(radii: Array, tilting: Tilting, rises: Array) -> tuple[Array, Array, Array]:

@@ -51,7 +51,8 @@ class Lattice:
         slants: share of the fall-off within a micro-image, slope (x, y) of the middle ray at the origin and how it grows per px.
         tilt: slope of the array's plane along (x, y).
         tilt_uncertainty: of both.
-        kinds: of microlenses, as were taken, the radii being the central one's; None where there is one, or they were taken for one.
+        sizes_covariance_px: of (inside radius, outside radius, pitch), shape (3, 3).
+        kinds: of microlenses, as wide as seen, the radii being the central one's; None where there is one, or they were taken for one.
         light_uncertainty_dn: of the light in the middle of the picture.
     """
 
@@ -78,6 +79,7 @@ class Lattice:
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     tilt_uncertainty: Array = field(default_factory=lambda: np.zeros(2))
     light_uncertainty_dn: float = 0.0
+    sizes_covariance_px: Array = field(default_factory=lambda: np.full((3, 3), math.nan))
     kinds: Kinds | None = None
 
     @property
@@ -161,7 +163,7 @@ def _fit(
     """From the middle of the picture outwards, so that no step is larger than the profile's own width."""
     pitch = float(np.linalg.norm(rough.vectors[:, 0]))
     light, slants, tilt = [rough.light, 0.0, 0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0], [0.0, 0.0]
-    values = np.concatenate([rough.origin, rough.vectors.T.ravel(), rough.radii, [noise.offset_dn], light, slants, tilt])
+    values = np.concatenate([rough.origin, rough.vectors.T.ravel(), rough.radii, [noise.offset_dn], light, slants, tilt, [1.0]])
     model = LatticeModel(values, np.zeros((COUNT, COUNT)), math.inf, None)
     counts = half_counts(rough.vectors, picture.shape, sum(rough.radii) + 2)
     present = np.ones((2 * counts[0] + 1, 2 * counts[1] + 1), dtype=np.bool_)
@@ -240,7 +242,10 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         there = pitch_and_angle(layout, nudged)
         by_vectors[:, n] = (there[0] - pitch) / (1e-4 * pitch), (there[1] - angle) / (1e-4 * pitch)
     spread = np.sqrt(np.diag(by_vectors @ placed[2:, 2:] @ by_vectors.T))
-    radii = covariance[6:8, 6:8]
+    sizes = np.zeros((3, 8))
+    sizes[0, 6:], sizes[1, 6:], sizes[2, 2:6] = [math.copysign(1, large - small), math.copysign(1, small - large)], 1.0, by_vectors[0]
+    of_sizes = sizes @ covariance @ sizes.T
+    spread_of_sizes = np.sqrt(np.maximum(np.diag(of_sizes), 0.0))
     share, slant, rate = model.values[SHARE], model.values[SLANT], model.values[RATE]
     return Lattice(
         layout=layout,
@@ -252,11 +257,11 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         centres_px=centres,
         inside_radius_px=abs(large - small),
         outside_radius_px=large + small,
-        pitch_uncertainty_px=float(spread[0]),
+        pitch_uncertainty_px=float(spread_of_sizes[2]),
         angle_uncertainty=float(spread[1]),
         origin_uncertainty_px=np.sqrt(np.diag(placed)[:2]),
-        inside_uncertainty_px=math.sqrt(max(0.0, float(radii[0, 0] + radii[1, 1] - 2 * radii[0, 1]))),
-        outside_uncertainty_px=math.sqrt(max(0.0, float(radii[0, 0] + radii[1, 1] + 2 * radii[0, 1]))),
+        inside_uncertainty_px=float(spread_of_sizes[0]),
+        outside_uncertainty_px=float(spread_of_sizes[1]),
         covariance_px=placed,
         chi2_per_pixel=model.chi2_per_pixel,
         background_dn=float(model.values[8]),
@@ -266,5 +271,6 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         tilt=model.values[TILT],
         tilt_uncertainty=np.sqrt(np.diag(scaled)[TILT]),
         light_uncertainty_dn=math.sqrt(scaled[LIGHT.start, LIGHT.start]),
-        kinds=model.kinds,
+        sizes_covariance_px=of_sizes,
+        kinds=model.seen_kinds,
     )

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from flflab.analysis.lattice.fit import Region, finish, refine
 from flflab.analysis.lattice.kernels import COUNT
-from flflab.analysis.lattice.model import RATE, SHARE, SLANT, LatticeModel
+from flflab.analysis.lattice.model import RATE, SHARE, SLANT, WIDER, LatticeModel
 from flflab.analysis.lattice.profile import Cone
 from flflab.analysis.lattice.white import Lattice, half_counts, lattice_of
 from flflab.analysis.sensor.noise import SensorNoise
@@ -40,7 +40,7 @@ def lattice_within(plain: npt.NDArray[np.float32], nominal: Lattice, light: floa
     values = np.zeros(COUNT)
     values[:2], values[2:6] = nominal.origin_px, nominal.vectors_px.T.ravel()
     large, small = (nominal.outside_radius_px + nominal.inside_radius_px) / 2, (nominal.outside_radius_px - nominal.inside_radius_px) / 2
-    values[6:10] = large, small, noise.offset_dn, light
+    values[6:10], values[WIDER] = (large, small, noise.offset_dn, light), 1.0
     spread = np.ones(COUNT)
     spread[:2], spread[2:6], spread[6:8] = LOOSE_PX, LOOSE_PITCH * nominal.pitch_px, LOOSE_RADIUS_PX
     spread[9], spread[10:15] = light, LOOSE_LIGHT * light
