@@ -1,31 +1,36 @@
 """The micro-images themselves: widths of bright and total field, pitch, and how far neighbours overlap."""
 
-import math
-
 import numpy as np
 
 from flflab.optics.camera import Camera
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
-from flflab.properties.values import Values, single
+from flflab.properties.values import Shared, Values, single
 
 
 def fields(one: Measured, model: Predicted) -> list[Values]:
     """Bright and total field (full widths w_m -+ w_q) and the pitch p (1 + b/L) of the micro-images, mm on the sensor."""
     lattice, pixel = one.lattice, model.camera.sensor.pixel
     where = one.configuration.index
-    inside, outside, pitch = lattice.inside_uncertainty_px, lattice.outside_uncertainty_px, lattice.pitch_uncertainty_px
+    found = [
+        ("bright_field_mm", 2 * lattice.inside_radius_px, 2 * model.inside_radii),
+        ("total_field_mm", 2 * lattice.outside_radius_px, 2 * model.outside_radii),
+        ("image_pitch_mm", lattice.pitch_px, model.pitches),
+    ]
+    # all three are of one fit: light at the rim may mean a wider total field or a narrower bright one
+    variances, axes = np.linalg.eigh(lattice.sizes_covariance_px * np.outer([2, 2, 1], [2, 2, 1]) * pixel**2)
+    by = axes * np.sqrt(np.maximum(variances, 0.0))
     return [
-        single(where, "bright_field_mm", "white", 2 * lattice.inside_radius_px * pixel, 2 * inside * pixel, 2 * model.inside_radii),
-        single(where, "total_field_mm", "white", 2 * lattice.outside_radius_px * pixel, 2 * outside * pixel, 2 * model.outside_radii),
-        single(where, "image_pitch_mm", "white", lattice.pitch_px * pixel, pitch * pixel, model.pitches),
+        single(where, name, "white", size * pixel, float(np.hypot.reduce(by[k])), draws, Shared(f"lattice {where}", by[k : k + 1]))
+        for k, (name, size, draws) in enumerate(found)
     ]
 
 
 def overlap(one: Measured, model: Predicted) -> Values:
     """By how much neighbouring micro-images overlap, mm; negative: the gap between them."""
     lattice, pixel = one.lattice, model.camera.sensor.pixel
-    doubt = math.hypot(2 * lattice.outside_uncertainty_px, lattice.pitch_uncertainty_px)
+    by_sizes = np.array([0.0, 2.0, -1.0])
+    doubt = float(np.sqrt(by_sizes @ lattice.sizes_covariance_px @ by_sizes))
     draws = 2 * model.outside_radii - model.pitches
     measured = (2 * lattice.outside_radius_px - lattice.pitch_px) * pixel
     return single(one.configuration.index, "overlap_mm", "white", measured, doubt * pixel, draws)

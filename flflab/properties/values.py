@@ -16,6 +16,19 @@ SURE = 5.0  # uncertainties by which a number must differ from 0 to be divided b
 
 
 @dataclass(frozen=True)
+class Shared:
+    """Errors of measurement that numbers of several ``Values`` have in common.
+
+    Attributes:
+        of: what they come from; the same name is the same errors.
+        by: how K numbers move with a standard deviation of each of these errors, which are independent; shape (K, m).
+    """
+
+    of: str
+    by: Array
+
+
+@dataclass(frozen=True)
 class Values:
     """K numbers of one property in one configuration.
 
@@ -29,6 +42,7 @@ class Values:
         draws: the same for benches with drawn errors, shape (n, K); whole numbers for counts.
         dots: the dot each number belongs to, or None.
         cycles_per_mm: the frequency on the target each number belongs to, or None.
+        shared: the part of ``noise`` that other numbers share; None where none do.
     """
 
     configuration: int
@@ -40,6 +54,7 @@ class Values:
     draws: npt.NDArray[np.float64] | npt.NDArray[np.int64]
     dots: tuple[int | None, ...]
     cycles_per_mm: tuple[float | None, ...]
+    shared: Shared | None = None
 
     @property
     def spread(self) -> Array:
@@ -54,11 +69,13 @@ class Values:
         return np.sqrt(np.diag(self.noise) + self.spread**2)
 
 
-def single(configuration: int, quantity: str, target: str, measured: float, uncertainty: float, draws: Array) -> Values:
+def single(
+    configuration: int, quantity: str, target: str, measured: float, uncertainty: float, draws: Array, shared: Shared | None = None
+) -> Values:
     """One number of one configuration; the model's is the mean of its draws, shape (n,)."""
     return Values(
         configuration, quantity, target, np.array([measured]), np.array([[uncertainty**2]]), np.array([draws.mean()]), draws[:, None],
-        (None,), (None,),
+        (None,), (None,), shared,
     )  # fmt: skip
 
 
@@ -168,9 +185,11 @@ def joined(values: list[Values]) -> tuple[Array, Array, Array]:
     if not values:
         raise InputError("there are no values to join")
     measured = np.concatenate([one.measured for one in values])
-    noise, start = np.zeros((len(measured), len(measured))), 0
-    for one in values:
-        end = start + len(one.measured)
-        noise[start:end, start:end] = one.noise
-        start = end
+    noise, ends = np.zeros((len(measured), len(measured))), np.cumsum([len(one.measured) for one in values])
+    places = [slice(end - len(one.measured), end) for one, end in zip(values, ends, strict=True)]
+    for here, one in zip(places, values, strict=True):
+        noise[here, here] = one.noise
+        for there, other in zip(places, values, strict=True):
+            if other is not one and one.shared and other.shared and one.shared.of == other.shared.of:
+                noise[here, there] = one.shared.by @ other.shared.by.T
     return measured, noise, np.concatenate([one.draws.astype(np.float64) for one in values], axis=1)
