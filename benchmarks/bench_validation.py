@@ -100,6 +100,8 @@ def drawn_study(rng: np.random.Generator, drawn: Drawn) -> Study:
     f, at, n = round(camera.main_lens.f_number, 3), mm(drawn.distance), round(camera.main_lens.f_number * rng.uniform(1.1, 1.3), 3)
     v_gap, deg = drawn.v * camera.gap, "{:.3f} deg".format
     blur = rng.uniform(0.7, 2.0)
+    while min(defocused(drawn, side * blur) for side in (-1, 1)) <= 0:  # so blurred it would be beyond infinity
+        blur *= 0.8
     grids: list[dict[str, Any]] = [
         {"f_number": f, "distance": [at, *(mm(defocused(drawn, side * blur)) for side in (-1, 1))], "focused_at": at},
         {"f_number": [f, n], "distance": at},
