@@ -179,6 +179,7 @@ def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:
         inside_uncertainty_px=NOMINAL_UNCERTAINTY_PX,
         outside_uncertainty_px=NOMINAL_UNCERTAINTY_PX,
         covariance_px=np.full((6, 6), math.nan),
+        sizes_covariance_px=np.full((3, 3), math.nan),
         chi2_per_pixel=math.nan,
         background_dn=0.0,
         light=np.array([light_dn, 0, 0, 0, 0, 0.0]),

@@ -77,7 +77,7 @@ def as_lattice(places_px: np.ndarray) -> Lattice:
     none = np.zeros(2)
     return Lattice(
         "square", 245.0, 0.0, none, 245.0 * np.eye(2), np.zeros((len(places_px), 2), dtype=np.int64), places_px, 0, 0, 0, 0, none, 0, 0,
-        np.zeros((6, 6)), 1.0, 0.0, np.zeros(6),
+        np.zeros((6, 6)), np.zeros((3, 3)), 1.0, 0.0, np.zeros(6),
     )  # fmt: skip
 
 

@@ -52,7 +52,8 @@ def lattice_of(configuration: Configuration, bench: Bench) -> Lattice:
         centres_px=origin + pitch * indices.astype(np.float64), inside_radius_px=float(smms.inside_radius) / PIXEL,
         outside_radius_px=float(smms.outside_radius) / PIXEL, pitch_uncertainty_px=2e-4, angle_uncertainty=1e-6,
         origin_uncertainty_px=np.full(2, 1e-3), inside_uncertainty_px=2e-3, outside_uncertainty_px=1e-3,
-        covariance_px=np.eye(6) * 1e-6, chi2_per_pixel=1.0, background_dn=64.0, light=np.eye(6)[0] * 2000,
+        covariance_px=np.eye(6) * 1e-6, sizes_covariance_px=np.diag([2e-3, 1e-3, 2e-4]) ** 2, chi2_per_pixel=1.0, background_dn=64.0,
+        light=np.eye(6)[0] * 2000,
     )  # fmt: skip
 
 

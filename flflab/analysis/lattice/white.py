@@ -44,6 +44,7 @@ class Lattice:
         inside_uncertainty_px: of the inside radius.
         outside_uncertainty_px: of the outside radius.
         covariance_px: of (origin x, y, a x, y, b x, y), shape (6, 6).
+        sizes_covariance_px: of (inside radius, outside radius, pitch), shape (3, 3).
         chi2_per_pixel: about 1 where the model holds; the uncertainties are already scaled up by its root where above 1.
         background_dn: what the picture reads where no light falls.
         light: polynomial of the light over the picture (1, x, y, x^2, x y, y^2), DN; x and y in half the longer side.
@@ -51,7 +52,6 @@ class Lattice:
         slants: share of the fall-off within a micro-image, slope (x, y) of the middle ray at the origin and how it grows per px.
         tilt: slope of the array's plane along (x, y).
         tilt_uncertainty: of both.
-        sizes_covariance_px: of (inside radius, outside radius, pitch), shape (3, 3).
         kinds: of microlenses, as wide as seen, the radii being the central one's; None where there is one, or they were taken for one.
         light_uncertainty_dn: of the light in the middle of the picture.
     """
@@ -71,6 +71,7 @@ class Lattice:
     inside_uncertainty_px: float
     outside_uncertainty_px: float
     covariance_px: Array
+    sizes_covariance_px: Array
     chi2_per_pixel: float
     background_dn: float
     light: Array
@@ -79,7 +80,6 @@ class Lattice:
     tilt: Array = field(default_factory=lambda: np.zeros(2))
     tilt_uncertainty: Array = field(default_factory=lambda: np.zeros(2))
     light_uncertainty_dn: float = 0.0
-    sizes_covariance_px: Array = field(default_factory=lambda: np.full((3, 3), math.nan))
     kinds: Kinds | None = None
 
     @property
@@ -263,6 +263,7 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         inside_uncertainty_px=float(spread_of_sizes[0]),
         outside_uncertainty_px=float(spread_of_sizes[1]),
         covariance_px=placed,
+        sizes_covariance_px=of_sizes,
         chi2_per_pixel=model.chi2_per_pixel,
         background_dn=float(model.values[8]),
         light=model.values[LIGHT],
@@ -271,6 +272,5 @@ def lattice_of(model: LatticeModel, layout: Layout, present: npt.NDArray[np.bool
         tilt=model.values[TILT],
         tilt_uncertainty=np.sqrt(np.diag(scaled)[TILT]),
         light_uncertainty_dn=math.sqrt(scaled[LIGHT.start, LIGHT.start]),
-        sizes_covariance_px=of_sizes,
         kinds=model.seen_kinds,
     )
