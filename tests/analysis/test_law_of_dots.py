@@ -35,3 +35,21 @@ def test_what_spots_cannot_tell_is_nominal() -> None:
     seen, due = (law[1] - 0.2 * law[3] for law in (found, law_at(DOTS * 1.01, PARALLAX)))
     np.testing.assert_allclose(seen, due, atol=1e-6)
     assert np.abs(found[3] - nominal[3]).max() < 0.01 * PARALLAX
+
+
+def test_a_size_that_no_spots_tell_is_as_unsure_as_described() -> None:
+    """A single spot says where the picture lies, and the size of the square is the nominal one: with no doubt at all the focus divided by
+    it."""
+    nominal = law_at(DOTS, PARALLAX)
+    found, _, doubt = regress(nominal, nominal, regressors(np.zeros((1, 2)))[:1], np.array([[0.01, 0.02]]), PIXEL)
+    assert np.hypot(*found[1]) == pytest.approx(DOTS)
+    assert doubt == pytest.approx(0.1 * DOTS, rel=0.01)
+
+
+def test_a_size_that_spots_tell_is_as_unsure_as_they_scatter() -> None:
+    """Over 400 noises the size varies by what is stated of it."""
+    rows = regressors(np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)]))
+    nominal, noise = law_at(DOTS, PARALLAX), np.random.default_rng(3).normal(0, 0.02 * PIXEL, (400, len(rows), 2))
+    found = [regress(nominal, nominal, rows, rows @ nominal + one, PIXEL) for one in noise]
+    sizes, doubts = np.array([(np.hypot(*law[1]), doubt) for law, _, doubt in found]).T
+    assert np.std(sizes) / np.sqrt(np.mean(doubts**2)) == pytest.approx(1, abs=0.12)

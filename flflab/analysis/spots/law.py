@@ -129,7 +129,7 @@ def regress(law: Array, nominal: Array, regressors: Array, offsets: Array, pixel
 
     Returns:
         The law, how the size of the dots' square (mm on the sensor per mm on the target) grows with each offset, per mm, shape (n, 2),
-        and the standard uncertainty of that size, by how spots scatter round the law.
+        and the standard uncertainty of that size, by how spots scatter round the law and how unsure the nominal one is.
     """
     rest = offsets - regressors @ law
     z, o, c = rest @ [1, 1j], regressors[:, 1:3] @ [1, 1j], regressors[:, 3:5] @ [1, 1j]
@@ -148,6 +148,9 @@ def regress(law: Array, nominal: Array, regressors: Array, offsets: Array, pixel
     shift, dots, centres = step
     found = law + law_at(dots, centres, shift)
     turn = complex(*found[1]) / max(abs(complex(*found[1])), 1e-300)
-    by_offset = np.linalg.solve(normal + prior, design.conj().T * weight)[1] * turn.conjugate()
+    inverse = np.linalg.inv(normal + prior)
+    by_offset = (inverse[1] @ (design.conj().T * weight)) * turn.conjugate()
     scatter = math.sqrt(float((weight * left**2).sum()) / max(2 * len(z) - 6, 1)) + FLOOR_PX * pixel
-    return found, np.stack([by_offset.real, -by_offset.imag], axis=1), scatter * float(np.linalg.norm(by_offset))
+    by_nominal = PLACED_PX * pixel * math.sqrt(float((inverse[1] @ prior @ inverse[:, 1]).real))
+    doubt = math.hypot(scatter * float(np.linalg.norm(by_offset)), by_nominal)
+    return found, np.stack([by_offset.real, -by_offset.imag], axis=1), doubt
