@@ -7,8 +7,10 @@ Source: docs/decisions/0011.
 """
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import irfft2
@@ -81,20 +83,26 @@ def bent_light(main: float, small: float, blur: float, bent: float, radius: floa
 
     def passed(place: float, blur: float, bent: float) -> npt.NDArray[np.complex128]:
         cutoff = CYCLES / bent
-        low = frequency < min(cutoff, samples / 2)
-        f = frequency[low]
-        x, y = (place / small * np.broadcast_to(part, frequency.shape)[low] / f for part in (along, across))
+        forward = frequency[: count // 2 + 1]  # backward it is the conjugate, since the pupil is alike on both sides of the way outwards
+        low = forward < min(cutoff, samples / 2)
+        f = forward[low]
+        x, y = (place / small * np.broadcast_to(np.abs(part), frequency.shape)[: count // 2 + 1][low] / f for part in (along, across))
         transfer = np.zeros(frequency.shape, dtype=np.complex128)
-        transfer[low] = pupil_transfer(2 * f / cutoff, blur / 2 * f, x, -y, main / small, rows=ROWS)
+        transfer[: count // 2 + 1][low] = pupil_transfer(2 * f / cutoff, blur / 2 * f, x, -y, main / small, rows=ROWS)
+        transfer[count // 2 + 1 :] = transfer[count // 2 - 1 : 0 : -1].conj()
         return transfer
 
     first = max(0.0, main - small)
     places = np.linspace(first, main + DIM * small, PLACES)
     fields = np.empty((PLACES, count, count // 2 + 1, 4), dtype=np.float32)
-    for field, place in zip(fields, places, strict=True):
+
+    def fill(field: npt.NDArray[np.float32], place: float) -> None:
         here = passed(place, blur, bent)
         by_blur, by_bent = passed(place, blur + NUDGE_PX, bent) - here, passed(place, blur, bent + NUDGE_PX) - here
         spectra = (dot * here, dot * by_blur / NUDGE_PX, dot * by_bent / NUDGE_PX, wider * here)
         for kind, spectrum in enumerate(spectra):
             field[..., kind] = np.asarray(irfft2(spectrum, s=(count, count)))[:, : count // 2 + 1]
+
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        list(pool.map(fill, fields, places))
     return BentLight(blur, bent, radius, first, places[1] - places[0], samples, np.fft.fftshift(fields, axes=1))
