@@ -80,6 +80,7 @@ def test_kinds_that_differ_otherwise_than_described_are_fitted_as_they_are(colum
     assert abs(lattice.outside_radius_px - outside) < 0.4 * lattice.outside_uncertainty_px
 
 
+@pytest.mark.ci
 def test_radii_and_pitch_scatter_together_as_stated(brute: Any) -> None:
     """Of one fit of few micro-images, what widens the pitch widens the total field: taken as independent, honest benches stood out."""
     behind = camera((210, 200), 0.0043, (0.0, 0.0))

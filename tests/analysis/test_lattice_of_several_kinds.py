@@ -45,6 +45,7 @@ def test_every_kind_has_its_own_discs_and_the_tilt_is_found(brute: Any, falling:
         np.testing.assert_allclose(lattice.discs_px[near & (kinds == focal)].mean(axis=0), discs_px(focal), atol=0.006)
 
 
+@pytest.mark.ci
 def test_the_attitude_of_an_array_of_several_kinds_is_told_by_each_kind_s_own_radii(brute: Any) -> None:
     """Taken for one kind, their radii left 3,000 to 15,000 times the noise and turned an array by 4 mrad."""
     white = brute.expose(render(one_plane(CAMERA, White(), 900.0), tolerance=1e-4), NOISE, 3000, np.random.default_rng(1))
