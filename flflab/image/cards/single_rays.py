@@ -5,6 +5,8 @@ neighbourhood: steps of target and cards are smoothed by what a part of the pixe
 summed with few rays first, and with more of what changes it.
 """
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -12,7 +14,7 @@ from flflab.image.cards.single_ray_sums import add_rays
 from flflab.image.cards.surfaces import lens_numbers, surface_numbers
 from flflab.image.cards.windows import Card, pupils_before
 from flflab.image.effects.distortion import Distortion
-from flflab.image.flat_target.moments import moment_counts, smear_of, widths_moved
+from flflab.image.effects.motion import Motion
 from flflab.image.geometry.rays import linearised
 from flflab.image.geometry.setup import Setup
 from flflab.image.geometry.tiles import blur_of, middles
@@ -69,7 +71,7 @@ def add_single_rays(
         maps[:, index, :4] = landing.by_pupil.reshape(-1, 4)
         maps[:, index, 4:] = landing.by_sensor.reshape(-1, 4) * setup.pixel_width
         blurs[:, index] = blur_of(landing.by_pupil, landing.by_sensor, pixel)
-        smears[:, index] = smear_of(landing.by_motion, landing.by_sensor * pixel, landing.by_pupil)
+        smears[:, index] = _smear_of(landing.by_motion, landing.by_sensor * pixel, landing.by_pupil)
     width = np.maximum(2 * np.abs(pupils.slope) / pixel, 1e-9)
     tolerance, blur = setup.tolerance / np.sqrt(_shared(setup, image.shape)), blurs.max(axis=1)  # errors of either sign on the way
     steps = np.array([not (isinstance(plane.target, White) and card.own) for card in cards], dtype=np.float64)
@@ -95,9 +97,9 @@ def add_single_rays(
     coefficient = 0.0 if distortion is None else distortion.coefficient
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
     smear = smears.max(axis=1)
-    most = moment_counts(setup.motion, smear, tolerance)
+    most = _moment_counts(setup.motion, smear, tolerance)
     # Farther apart than an edge is wide, moments see it or not by chance, and twice as many may agree.
-    moments = np.minimum(np.maximum(np.ceil(widths_moved(setup.motion, smear)), FEWEST_MOMENTS), most).astype(np.int64)
+    moments = np.minimum(np.maximum(np.ceil(_widths_moved(setup.motion, smear)), FEWEST_MOMENTS), most).astype(np.int64)
     orders = np.column_stack([parts, rows, rows, most]).astype(np.int64)
     brightest = min(float(plane.target.values.max()), 1.0) if isinstance(plane.target, Picture) else 1.0  # half of it is half the light
     motion = np.zeros((2, 2)) if setup.motion is None else np.array([setup.motion.drift, setup.motion.vibration])
@@ -132,6 +134,36 @@ def add_single_rays(
         )
 
     in_bands(add, setup.window, BAND)
+
+
+def _smear_of(by_motion: Array, by_pixel: Array, by_pupil: Array) -> Array:
+    """Over how many widths of a smoothed edge a target moves on the sensor when it moves by 1 mm, for maps to it (N, 2, 2)."""
+    way, pixel, pupil = (np.linalg.norm(part, axis=(1, 2)) for part in (by_motion, by_pixel, by_pupil))
+    width = np.maximum(pixel, np.pi / 2 * pupil)
+    return np.divide(way, width, out=np.zeros_like(way), where=width > 0)
+
+
+def _widths_moved(motion: Motion | None, smear: Array) -> Array:
+    """Over how many widths of a smoothed edge drift and vibration carry a target from end to end, shape (N, 2); see ``_smear_of``."""
+    motion = motion or Motion()
+    return smear[:, None] * np.array([math.hypot(*motion.drift), 2 * math.hypot(*motion.vibration)])
+
+
+def _moment_counts(motion: Motion | None, smear: Array, tolerance: Array | float) -> Whole:
+    """How many moments drift and vibration need, shape (N, 2): n of them leave about S / (4 n^2) of white.
+
+    Measured on edges and bars boxed by a pixel, which wander over S times the width to which pixel and blur smooth them (Gauss's rule
+    for the drift is worse there); a half more for the sine.
+
+    Args:
+        motion: of the targets; None for none.
+        smear: see ``_smear_of``, shape (N,).
+        tolerance: largest error asked for, of white, of each or of all.
+    """
+    if motion is None:
+        return np.ones((len(smear), 2), dtype=np.int64)
+    demand = _widths_moved(motion, smear) * np.array([1.0, 1.6]) / np.reshape(tolerance, (-1, 1))
+    return np.maximum(np.ceil(np.sqrt(demand)), 1).astype(np.int64)
 
 
 def _shared(setup: Setup, shape: tuple[int, int]) -> Array:

@@ -53,36 +53,6 @@ def places_of(setup: Setup) -> tuple[Array, Array]:
     return _drawn_apart(middles, wanted).T @ axes, np.array([part.shape[1] for part in parts]) / ways.shape[1]
 
 
-def smear_of(by_motion: Array, by_pixel: Array, by_pupil: Array) -> Array:
-    """Over how many widths of a smoothed edge a target moves on the sensor when it moves by 1 mm, for maps to it (N, 2, 2)."""
-    way, pixel, pupil = (np.linalg.norm(part, axis=(1, 2)) for part in (by_motion, by_pixel, by_pupil))
-    width = np.maximum(pixel, np.pi / 2 * pupil)
-    return np.divide(way, width, out=np.zeros_like(way), where=width > 0)
-
-
-def widths_moved(motion: Motion | None, smear: Array) -> Array:
-    """Over how many widths of a smoothed edge drift and vibration carry a target from end to end, shape (N, 2); see ``smear_of``."""
-    motion = motion or Motion()
-    return smear[:, None] * np.array([math.hypot(*motion.drift), 2 * math.hypot(*motion.vibration)])
-
-
-def moment_counts(motion: Motion | None, smear: Array, tolerance: Array | float) -> Whole:
-    """How many moments drift and vibration need, shape (N, 2): n of them leave about S / (4 n^2) of white.
-
-    Measured on edges and bars boxed by a pixel, which wander over S times the width to which pixel and blur smooth them (Gauss's rule
-    for the drift is worse there); a half more for the sine.
-
-    Args:
-        motion: of the targets; None for none.
-        smear: see ``smear_of``, shape (N,).
-        tolerance: largest error asked for, of white, of each or of all.
-    """
-    if motion is None:
-        return np.ones((len(smear), 2), dtype=np.int64)
-    demand = widths_moved(motion, smear) * np.array([1.0, 1.6]) / np.reshape(tolerance, (-1, 1))
-    return np.maximum(np.ceil(np.sqrt(demand)), 1).astype(np.int64)
-
-
 def at_heights(setup: Setup) -> Iterator[Setup]:
     """Setups of a target that moves along its x' only, each with its share of the light: the sum of their pictures is the moving one's."""
     drift, swing, smear, _ = _smear_along(setup, AXES[1])
