@@ -1,8 +1,10 @@
-"""Speed of the bench: four axes at once, what polling costs, what a reading of every axis and a point of a plan cost beside motion.
+"""Speed of the bench: four axes at once, what polling costs, what a reading of every axis and a
+point of a plan cost beside motion.
 
-Run by hand: ``python benchmarks/bench_bench.py``. The instruments are simulated in real time by another process, so that processor time
-here is the drivers' alone. Motions are timed against the law of their motion, which the simulated stages keep exactly. On a busy
-machine the least of several runs says something, and processor time.
+Run by hand: ``python benchmarks/bench_bench.py``. The instruments are simulated in real time by
+another process, so that processor time here is the drivers' alone. Motions are timed against the
+law of their motion, which the simulated stages keep exactly. On a busy machine the least of several
+runs says something, and processor time.
 """
 
 import math
@@ -21,7 +23,12 @@ from drivers.bench import ConnectedBench, connect
 
 ROOT = Path(__file__).resolve().parent.parent
 ACCELERATIONS = {"mm": 400.0, "rad": math.radians(50)}  # of the simulated stages
-FOUR = {"main_lens_stage": 10.0, "rotation_stage": math.radians(8), "goniometer": math.radians(6), "ring": math.radians(30)}
+FOUR = {
+    "main_lens_stage": 10.0,
+    "rotation_stage": math.radians(8),
+    "goniometer": math.radians(6),
+    "ring": math.radians(30),
+}
 RUNS = 5
 
 
@@ -37,11 +44,17 @@ def duration(axis: Axis, way: float) -> float:
         acceleration = axis.speed / 0.2  # the drives' own ramp
     way = abs(way)
     ramp = axis.speed**2 / acceleration
-    return way / axis.speed + axis.speed / acceleration if way > ramp else 2 * math.sqrt(way / acceleration)
+    return (
+        way / axis.speed + axis.speed / acceleration
+        if way > ramp
+        else 2 * math.sqrt(way / acceleration)
+    )
 
 
 def four_axes(bench: ConnectedBench) -> None:
-    """Wall time of a move of four axes on three wires, beyond the slowest of them; processor time while they move."""
+    """Wall time of a move of four axes on three wires, beyond the slowest of them; processor time
+    while they move.
+    """
     beyond: list[float] = []
     shares: list[float] = []
     for run in range(RUNS):
@@ -54,13 +67,25 @@ def four_axes(bench: ConnectedBench) -> None:
         beyond.append(wall - slowest)
         shares.append(spent / wall)
     line("four axes on three wires: time beyond the slowest, least", 1e3 * min(beyond), "ms")
-    line("                                                   median", 1e3 * statistics.median(beyond), "ms")
-    line("                          processor while they move, polling and starts, median", 100 * statistics.median(shares), "% of a core")
+    line(
+        "                                                   median",
+        1e3 * statistics.median(beyond),
+        "ms",
+    )
+    line(
+        "                          processor while they move, polling and starts, median",
+        100 * statistics.median(shares),
+        "% of a core",
+    )
 
 
 def polling(bench: ConnectedBench) -> None:
     """Processor time of seeing one long motion of each kind to its end."""
-    for name, way in (("target_stage", 75.0), ("rotation_stage", math.radians(15)), ("ring", math.radians(90))):
+    for name, way in (
+        ("target_stage", 75.0),
+        ("rotation_stage", math.radians(15)),
+        ("ring", math.radians(90)),
+    ):
         axis = bench.axes[name]
         target = axis.position() + (way if axis.position() + way < axis.limits[1] else -way)
         wall, spent = time.perf_counter(), time.process_time()
@@ -81,8 +106,14 @@ def readings(bench: ConnectedBench) -> None:
 
 
 def points(bench: ConnectedBench) -> None:
-    """What a point more of bluesky's own scan costs beyond its motion: start, notice of the end, reading, documents."""
-    for name, step in (("main_lens_stage", 0.2), ("rotation_stage", math.radians(0.2)), ("goniometer", math.radians(0.2))):
+    """What a point more of bluesky's own scan costs beyond its motion: start, notice of the end,
+    reading, documents.
+    """
+    for name, step in (
+        ("main_lens_stage", 0.2),
+        ("rotation_stage", math.radians(0.2)),
+        ("goniometer", math.radians(0.2)),
+    ):
         axis = bench.axes[name]
         axis.move_to(0.1 * axis.limits[1]).wait()
         engine = RunEngine({}, context_managers=[])
@@ -96,7 +127,11 @@ def points(bench: ConnectedBench) -> None:
             walls.append(time.perf_counter() - wall)
         beyond = (walls[1] - walls[0]) / (many - few) - duration(axis, step)
         line(f"bluesky's scan along {name}: a point beyond motion", 1e3 * beyond, "ms")
-        line("                          processor a point", 1e3 * (time.process_time() - spent) / (few + many), "ms")
+        line(
+            "                          processor a point",
+            1e3 * (time.process_time() - spent) / (few + many),
+            "ms",
+        )
 
 
 def main() -> None:
@@ -104,14 +139,24 @@ def main() -> None:
     source = ROOT / "examples" / "benches" / "full.yaml"
     data = yaml.safe_load(source.read_text(encoding="utf-8"))
     data["optics"] = str((source.parent / data["optics"]).resolve())
-    data["simulated"] |= {"clock": 1, "truths": {"target_stage.start": "1 mm", "ring.start": "1 deg", "main_lens_stage.start": "1 mm"}}
+    data["simulated"] |= {
+        "clock": 1,
+        "truths": {
+            "target_stage.start": "1 mm",
+            "ring.start": "1 deg",
+            "main_lens_stage.start": "1 mm",
+        },
+    }
     for name in ("array_stage", "sensor_stage"):
         data["simulated"]["truths"][f"{name}.start"] = "1 mm"
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "bench.yaml"
         file.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
         with connect(file) as bench:
-            for names in (("array_stage", "sensor_stage"), [name for name in bench.axes if name not in ("array_stage", "sensor_stage")]):
+            for names in (
+                ("array_stage", "sensor_stage"),
+                [name for name in bench.axes if name not in ("array_stage", "sensor_stage")],
+            ):
                 wait_all(*(bench.axes[name].home() for name in names))
             wait_all(*(bench.axes[name].move_to(0.1 * bench.axes[name].limits[1]) for name in FOUR))
             four_axes(bench)

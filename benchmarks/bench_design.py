@@ -1,6 +1,8 @@
-"""What a design search costs: seconds and memory from 10^4 to 10^8 configurations, and the front's size.
+"""What a design search costs: seconds and memory from 10^4 to 10^8 configurations, and the front's
+size.
 
-Run by hand: ``python benchmarks/bench_design.py [LARGEST]``. Page and refinement are left out; processor time stands beside the wall clock.
+Run by hand: ``python benchmarks/bench_design.py [LARGEST]``. Page and refinement are left out;
+processor time stands beside the wall clock.
 """
 
 import os
@@ -21,17 +23,27 @@ def main() -> None:
     wanted = read_requirements(ROOT / "examples" / "requirements" / "osinski.yaml")
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     print("configurations    wall s  processor s  us each  meet all  front  most memory MiB")
-    search(wanted.model_copy(update={"search": wanted.search.model_copy(update={"configurations": 10_000})}))  # compiles
+    search(
+        wanted.model_copy(
+            update={"search": wanted.search.model_copy(update={"configurations": 10_000})}
+        )
+    )  # compiles
     count = 10_000
     while count <= largest:
-        asked = wanted.model_copy(update={"search": wanted.search.model_copy(update={"configurations": count})})
+        asked = wanted.model_copy(
+            update={"search": wanted.search.model_copy(update={"configurations": count})}
+        )
         start, before = time.perf_counter(), os.times()
         found = search(asked)
         wall, after = time.perf_counter() - start, os.times()
         spent = sum(after[:2]) - sum(before[:2])
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         figures = f"{found.met:9,} {len(found.front.numbers):6,} {memory:16.0f}"
-        print(f"{found.tried:14,} {wall:9.3f} {spent:12.3f} {1e6 * wall / found.tried:8.3f} {figures}", flush=True)
+        print(
+            f"{found.tried:14,} {wall:9.3f} {spent:12.3f} {1e6 * wall / found.tried:8.3f}"
+            f" {figures}",
+            flush=True,
+        )
         count *= 10
 
 

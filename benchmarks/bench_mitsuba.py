@@ -1,12 +1,15 @@
-"""Processor time for equal error: ``render`` against Mitsuba 3's best sampler, multijitter, in one run.
+"""Processor time for equal error: ``render`` against Mitsuba 3's best sampler, multijitter, in one
+run.
 
     python benchmarks/bench_mitsuba.py
 
-Needs mitsuba 3 and LLVM 16 or newer ($DRJIT_LIBLLVM_PATH). Mitsuba's error is measured on a crop against ``render`` at its least
-tolerance, at more and more samples until it is no larger than the error asked for: nothing is extrapolated but the time, from the
-crop to 10 megapixels. Between the last two numbers of samples the error counts as a power of them. ``render`` forms the whole 10
-megapixels, at the loosest tolerance whose error on the crop is not above the one asked for. Times are processor seconds of all
-threads, the least of some: what else runs on the machine matters little.
+Needs mitsuba 3 and LLVM 16 or newer ($DRJIT_LIBLLVM_PATH). Mitsuba's error is measured on a crop
+against ``render`` at its least tolerance, at more and more samples until it is no larger than the
+error asked for: nothing is extrapolated but the time, from the crop to 10 megapixels. Between the
+last two numbers of samples the error counts as a power of them. ``render`` forms the whole 10
+megapixels, at the loosest tolerance whose error on the crop is not above the one asked for. Times
+are processor seconds of all threads, the least of some: what else runs on the machine matters
+little.
 """
 
 import importlib
@@ -54,8 +57,15 @@ def ours(distance: float, allowed: float) -> tuple[float, float, float]:
     bars = Bars((CYCLES, CYCLES), WIDTH, WIDTH)
     crop = one_plane(camera(*CROP), bars, distance)
     finest = render(crop, tolerance=LEAST_TOLERANCE)
-    errors = [float(np.sqrt(np.mean((render(crop, tolerance=tolerance) - finest) ** 2))) for tolerance in TOLERANCES]
-    tolerance, error = next((tolerance, error) for tolerance, error in zip(TOLERANCES, errors, strict=True) if error <= allowed)
+    errors = [
+        float(np.sqrt(np.mean((render(crop, tolerance=tolerance) - finest) ** 2)))
+        for tolerance in TOLERANCES
+    ]
+    tolerance, error = next(
+        (tolerance, error)
+        for tolerance, error in zip(TOLERANCES, errors, strict=True)
+        if error <= allowed
+    )
     whole = replace(crop, camera=camera(3664, 2748))
     times: list[float] = []
     for _ in range(10):
@@ -66,7 +76,9 @@ def ours(distance: float, allowed: float) -> tuple[float, float, float]:
 
 
 def crop_of(plugin: Any, mi: Any, distance: float, samples: int, seed: int) -> tuple[Array, float]:
-    """Mitsuba's picture of the crop, and processor seconds; rows of pixels that it takes in one go are rendered one after the other."""
+    """Mitsuba's picture of the crop, and processor seconds; rows of pixels that it takes in one go
+    are rendered one after the other.
+    """
     columns, rows = CROP
     tall = max(1, min(rows, MOST_RAYS // (samples * columns)))
     stripes = np.tile(np.arange(2 * CYCLES * WIDTH) % 2 == 0, (800, 1)).astype(np.float64)
@@ -91,18 +103,27 @@ def theirs(distance: float, allowed: float) -> tuple[float, float]:
     """Samples a pixel for the error allowed, processor seconds for 10 megapixels."""
     plugin = plenoptic()
     mi = plugin.mitsuba()
-    finest = render(one_plane(camera(*CROP), Bars((CYCLES, CYCLES), WIDTH, WIDTH), distance), tolerance=LEAST_TOLERANCE)
+    finest = render(
+        one_plane(camera(*CROP), Bars((CYCLES, CYCLES), WIDTH, WIDTH), distance),
+        tolerance=LEAST_TOLERANCE,
+    )
     errors: list[float] = []
     for samples in SAMPLES:
         pictures = [crop_of(plugin, mi, distance, samples, seed) for seed in (1000, 2000)]
         errors.append(float(np.sqrt(np.mean([(picture - finest) ** 2 for picture, _ in pictures]))))
         seconds = min(used for _, used in pictures) / samples / finest.size
-        print(f"  multijitter {samples:5} samples: rms {errors[-1]:.5f}, {1e-6 / seconds:.1f} Msamples a processor second", flush=True)
+        print(
+            f"  multijitter {samples:5} samples: rms {errors[-1]:.5f}, {1e-6 / seconds:.1f}"
+            " Msamples a processor second",
+            flush=True,
+        )
         if errors[-1] <= allowed:
             slope = math.log(errors[-2] / errors[-1]) / math.log(4)
             needed = samples * (errors[-1] / allowed) ** (1 / slope)
             return needed, needed * seconds * 3664 * 2748
-    raise RuntimeError(f"{SAMPLES[-1]} samples leave an rms of {errors[-1]:g}; {allowed:g} was asked for")
+    raise RuntimeError(
+        f"{SAMPLES[-1]} samples leave an rms of {errors[-1]:g}; {allowed:g} was asked for"
+    )
 
 
 def main() -> None:
@@ -110,7 +131,11 @@ def main() -> None:
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     for name, distance, allowed in (("in focus", 1000.0, 2e-3), ("defocused", 900.0, 1e-3)):
         tolerance, error, seconds = ours(distance, allowed)
-        print(f"{name}: rms {allowed:g} allowed; render at tolerance {tolerance:g}: rms {error:.5f}, {seconds:.3f} s", flush=True)
+        print(
+            f"{name}: rms {allowed:g} allowed; render at tolerance {tolerance:g}: rms {error:.5f},"
+            f" {seconds:.3f} s",
+            flush=True,
+        )
         samples, mitsuba_seconds = theirs(distance, allowed)
         print(f"  {samples:.0f} samples, {mitsuba_seconds:.0f} s")
         print(f"  {mitsuba_seconds / seconds:,.0f} times the processor time of render", flush=True)

@@ -1,7 +1,8 @@
-"""Speed of the model: one configuration and a million, the command from the shell, beside PlenoptiSign where it is installed.
+"""Speed of the model: one configuration and a million, the command from the shell, beside
+PlenoptiSign where it is installed.
 
-Run by hand: ``python benchmarks/bench_model.py``. Every figure is the least of several runs; processor time beside the wall clock,
-because on a busy machine only the former says something.
+Run by hand: ``python benchmarks/bench_model.py``. Every figure is the least of several runs;
+processor time beside the wall clock, because on a busy machine only the former says something.
 """
 
 import importlib
@@ -60,14 +61,23 @@ def main() -> None:
     sys.stdout.write(f"{'':66s} {'wall s':>11s} {'processor s':>11s}\n")
     rng = np.random.Generator(np.random.Philox(key=1))
     million = Configurations(
-        50.0, rng.uniform(1.6, 16, 10**6), rng.uniform(54, 62, 10**6), rng.uniform(0.6, 1.4, 10**6), 0.917, 0.4, 0.336,
+        50.0, rng.uniform(1.6, 16, 10**6), rng.uniform(54, 62, 10**6), rng.uniform(0.6, 1.4, 10**6),
+        0.917, 0.4, 0.336,
         rng.uniform(250, 900, 10**6), cycles_per_mm=2.0,
     )  # fmt: skip
     one = Configurations(50.0, 4.0, 60.0, 1.15, 0.917, 0.4, 0.336, 506.7)
     line("a million configurations, two threads", *least(lambda: solve_configurations(million, 2)))
     line("a million configurations, one thread", *least(lambda: solve_configurations(million, 1)))
-    line("one configuration", *(value / 200 for value in least(lambda: [solve_configurations(one, 1) for _ in range(200)])))
-    sys.stdout.write(f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB\n")
+    line(
+        "one configuration",
+        *(
+            value / 200
+            for value in least(lambda: [solve_configurations(one, 1) for _ in range(200)])
+        ),
+    )
+    sys.stdout.write(
+        f"most memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB\n"
+    )
     other = plenoptisign()
     if other is None:
         sys.stdout.write("PlenoptiSign is not installed; pip install plenoptisign to see it here\n")
@@ -77,10 +87,19 @@ def main() -> None:
             *(value / 200 for value in least(lambda: [other() for _ in range(200)])),
         )
     run = [sys.executable, "-c"]
-    line("bare start: numpy, pydantic, yaml", *least(lambda: subprocess.run([*run, "import numpy, pydantic, yaml"], check=True)))
-    line("import flflab.optics", *least(lambda: subprocess.run([*run, "import flflab.optics"], check=True)))
+    line(
+        "bare start: numpy, pydantic, yaml",
+        *least(lambda: subprocess.run([*run, "import numpy, pydantic, yaml"], check=True)),
+    )
+    line(
+        "import flflab.optics",
+        *least(lambda: subprocess.run([*run, "import flflab.optics"], check=True)),
+    )
     command = [sys.executable, "-m", "flflab", "model", str(CAMERA), "--json"]
-    line("flflab model --json from the shell", *least(lambda: subprocess.run(command, check=True, capture_output=True)))
+    line(
+        "flflab model --json from the shell",
+        *least(lambda: subprocess.run(command, check=True, capture_output=True)),
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""Processor time of ``digitise`` on 10-megapixel frames beside numpy's generators: ``python benchmarks/bench_noise.py``.
+"""Processor time of ``digitise`` on 10-megapixel frames beside numpy's generators: ``python
+benchmarks/bench_noise.py``.
 
-Processor seconds of all threads, best of five: on two idle cores a frame takes half of them on the wall. ``numpy`` is a Poisson and a
-single-precision normal number a pixel, in one thread and without offset, rounding and limits.
+Processor seconds of all threads, best of five: on two idle cores a frame takes half of them on the
+wall. ``numpy`` is a Poisson and a single-precision normal number a pixel, in one thread and without
+offset, rounding and limits.
 """
 
 import os
@@ -42,16 +44,38 @@ def main() -> None:
         "dark": np.zeros(SHAPE),
     }
     plain, key = SensorResponse(), noise_key("bench")
-    faulty = replace(plain, dark_current=DarkCurrent(10.0, 0.1), fixed_pattern=FixedPattern(0.01, 2.0), dead_pixels=DeadPixels(1e-4))
-    responses = {"shot and read noise": plain, "no noise": replace(plain, shot_noise=None, read_noise=None), "every effect": faulty}
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {SHAPE[1]} x {SHAPE[0]} pixels, white makes {ELECTRONS:g} electrons")
+    faulty = replace(
+        plain,
+        dark_current=DarkCurrent(10.0, 0.1),
+        fixed_pattern=FixedPattern(0.01, 2.0),
+        dead_pixels=DeadPixels(1e-4),
+    )
+    responses = {
+        "shot and read noise": plain,
+        "no noise": replace(plain, shot_noise=None, read_noise=None),
+        "every effect": faulty,
+    }
+    print(
+        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {SHAPE[1]} x {SHAPE[0]} pixels,"
+        f" white makes {ELECTRONS:g} electrons"
+    )
     for name, image in images.items():
         for kind, response in responses.items():
-            seconds = used(lambda image=image, response=response: digitise(image, ELECTRONS, response, key))
-            print(f"{name:20} {kind:20} {seconds:6.3f} s  {1e9 * seconds / image.size:5.1f} ns/px", flush=True)
+            seconds = used(
+                lambda image=image, response=response: digitise(image, ELECTRONS, response, key)
+            )
+            print(
+                f"{name:20} {kind:20} {seconds:6.3f} s  {1e9 * seconds / image.size:5.1f} ns/px",
+                flush=True,
+            )
         means = ELECTRONS * image
-        seconds = used(lambda means=means: (rng.poisson(means), rng.standard_normal(SHAPE, dtype=np.float32)))
-        print(f"{name:20} {'numpy':20} {seconds:6.3f} s  {1e9 * seconds / image.size:5.1f} ns/px", flush=True)
+        seconds = used(
+            lambda means=means: (rng.poisson(means), rng.standard_normal(SHAPE, dtype=np.float32))
+        )
+        print(
+            f"{name:20} {'numpy':20} {seconds:6.3f} s  {1e9 * seconds / image.size:5.1f} ns/px",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

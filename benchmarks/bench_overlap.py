@@ -2,8 +2,9 @@
 
     python benchmarks/bench_overlap.py [--clock 2]
 
-The same sweep of the built-in bench, as it is and with a camera that does not say when its light is in. The simulated camera draws its
-pictures while it reads out, which takes longer than a real read-out: what is printed is the most it can gain.
+The same sweep of the built-in bench, as it is and with a camera that does not say when its light is
+in. The simulated camera draws its pictures while it reads out, which takes longer than a real
+read-out: what is printed is the most it can gain.
 """
 
 import argparse
@@ -48,7 +49,9 @@ def swept(bench: ConnectedBench, study: Study) -> float:
 
 def main() -> None:
     """Print both."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--clock", type=float, default=2.0)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -57,9 +60,17 @@ def main() -> None:
         described["optics"] = str((BUILT_IN / "cameras" / "osinski.yaml").resolve())
         file = Path(folder) / "bench.yaml"
         file.write_text(yaml.safe_dump(described, sort_keys=False))
-        (Path(folder) / "study.yaml").write_text("name: three\nconfigurations: [{f_number: 4, distance: [500 mm, 507 mm, 515 mm]}]\n")
+        (Path(folder) / "study.yaml").write_text(
+            "name: three\nconfigurations: [{f_number: 4, distance: [500 mm, 507 mm, 515 mm]}]\n"
+        )
         study = read_study(Path(folder) / "study.yaml", read_bench(file).optics)
-        for name in ("first, to compile", "overlapping", "one after the other", "overlapping", "one after the other"):
+        for name in (
+            "first, to compile",
+            "overlapping",
+            "one after the other",
+            "overlapping",
+            "one after the other",
+        ):
             with connect(file) as bench:
                 if name == "one after the other":
                     bench.camera = Silent(bench.camera)

@@ -1,10 +1,12 @@
-"""What writing a run costs: which compression, and its share of a run's time, measured on a sweep in real time.
+"""What writing a run costs: which compression, and its share of a run's time, measured on a sweep
+in real time.
 
     python benchmarks/bench_record.py FOLDER [--points 1000] | --filters
 
-The sweep is real but for the pictures: the built-in bench's stages move at their own speed, the camera exposes and reads out and then
-hands over pictures of full size that were drawn before. It is taken as it is, and once more with nothing written. 1,000 points take
-20 GB under FOLDER, removed at the end, and an hour. Wall time, with processor time in brackets.
+The sweep is real but for the pictures: the built-in bench's stages move at their own speed, the
+camera exposes and reads out and then hands over pictures of full size that were drawn before. It is
+taken as it is, and once more with nothing written. 1,000 points take 20 GB under FOLDER, removed at
+the end, and an hour. Wall time, with processor time in brackets.
 """
 
 import argparse
@@ -53,10 +55,15 @@ def timed(doing: Callable[[], object]) -> Clock:
 
 
 def drawn_pictures(bench: Bench) -> dict[str, Picture]:
-    """What the simulated camera shows of each target in place, the brightest view at 0.7 of full scale."""
+    """What the simulated camera shows of each target in place, the brightest view at 0.7 of full
+    scale.
+    """
     noise, optics, rng = expected_noise(bench), bench.optics, np.random.default_rng(1)
     columns, rows = optics.sensor.resolution
-    light = {kind.kind: np.maximum(render(one_plane(optics, kind, 507.0)), 0.0) for kind in (White(), FourDot(), Bars())}
+    light = {
+        kind.kind: np.maximum(render(one_plane(optics, kind, 507.0)), 0.0)
+        for kind in (White(), FourDot(), Bars())
+    }
     found: dict[str, Picture] = {}
     for kind, share in (light | {"black": np.zeros((rows, columns))}).items():
         mean = noise.offset_dn + 0.68 * (noise.full_scale_dn - noise.offset_dn) * share
@@ -90,7 +97,8 @@ class ReadyMade:
 
 
 class Timed(Recording):
-    """A recording that says how long writing took, and how much of that no axis moved, so that the run waited for it.
+    """A recording that says how long writing took, and how much of that no axis moved, so that the
+    run waited for it.
 
     Args:
         folder: the run's.
@@ -131,17 +139,26 @@ class Timed(Recording):
 
 def filters(folder: Path, pictures: Mapping[str, Picture]) -> None:
     """Size, time to write and to read of every filter, over the pictures of a run."""
-    print("least to most over white, four-dot, bars and black: times smaller, ms (processor) a frame to write, to read")
+    print(
+        "least to most over white, four-dot, bars and black: times smaller, ms (processor) a frame"
+        " to write, to read"
+    )
     for name, options in FILTERS.items():
         found: list[tuple[float, Clock, Clock]] = []
         for frame in pictures.values():
             file = folder / "one.h5"
             with h5py.File(file, "w") as written:
                 dataset = written.create_dataset(
-                    "frames", (3, *frame.shape), "<u2", chunks=(1, *frame.shape) if options else None, **options
+                    "frames",
+                    (3, *frame.shape),
+                    "<u2",
+                    chunks=(1, *frame.shape) if options else None,
+                    **options,
                 )
 
-                def store(dataset: Any = dataset, written: Any = written, frame: Picture = frame) -> None:
+                def store(
+                    dataset: Any = dataset, written: Any = written, frame: Picture = frame
+                ) -> None:
                     for place in range(3):
                         dataset[place] = frame
                         written.flush()
@@ -151,23 +168,41 @@ def filters(folder: Path, pictures: Mapping[str, Picture]) -> None:
                 reading = timed(lambda read=read: [read["frames"][place] for place in range(3)])
             found.append((frame.nbytes * 3 / file.stat().st_size, writing, reading))
         sizes = [one[0] for one in found]
-        print(f"{name:20s} {min(sizes):4.1f} to {max(sizes):4.1f}, {_spread(one[1] for one in found)}, {_spread(one[2] for one in found)}")
+        print(
+            f"{name:20s} {min(sizes):4.1f} to {max(sizes):4.1f},"
+            f" {_spread(one[1] for one in found)}, {_spread(one[2] for one in found)}"
+        )
 
 
 def _spread(clocks: Any) -> str:
     walls, used = zip(*clocks, strict=True)
-    return f"{1e3 * min(walls) / 3:4.0f} to {1e3 * max(walls) / 3:4.0f} ms ({1e3 * min(used) / 3:.0f} to {1e3 * max(used) / 3:.0f})"
+    return (
+        f"{1e3 * min(walls) / 3:4.0f} to {1e3 * max(walls) / 3:4.0f} ms ({1e3 * min(used) / 3:.0f}"
+        f" to {1e3 * max(used) / 3:.0f})"
+    )
 
 
 def study_of(folder: Path, points: int, optics: Any) -> Study:
-    """A grid over f-number, array and distance, the sensor refocused: three pictures a configuration."""
-    distances = [f"{480 + 60 * k / max(points // 27, 1):.3f} mm" for k in range(max(points // 27, 1))]
-    grid = {"f_number": [2.8, 4, 5.6], "array": ["59.5 mm", "60 mm", "60.5 mm"], "distance": distances}
-    (folder / "study.yaml").write_text(yaml.safe_dump({"name": "thousand", "configurations": [grid]}))
+    """A grid over f-number, array and distance, the sensor refocused: three pictures a
+    configuration.
+    """
+    distances = [
+        f"{480 + 60 * k / max(points // 27, 1):.3f} mm" for k in range(max(points // 27, 1))
+    ]
+    grid = {
+        "f_number": [2.8, 4, 5.6],
+        "array": ["59.5 mm", "60 mm", "60.5 mm"],
+        "distance": distances,
+    }
+    (folder / "study.yaml").write_text(
+        yaml.safe_dump({"name": "thousand", "configurations": [grid]})
+    )
     return read_study(folder / "study.yaml", optics)
 
 
-def swept(file: Path, study: Study, pictures: Mapping[str, Picture], folder: Path, writes: bool) -> tuple[Timed, float]:
+def swept(
+    file: Path, study: Study, pictures: Mapping[str, Picture], folder: Path, writes: bool
+) -> tuple[Timed, float]:
     """The recording of a sweep, and the seconds it took."""
     folder.mkdir()
     with connect(file) as bench:
@@ -180,7 +215,9 @@ def swept(file: Path, study: Study, pictures: Mapping[str, Picture], folder: Pat
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--points", type=int, default=1000)
     parser.add_argument("--filters", action="store_true")
@@ -204,17 +241,23 @@ def main() -> None:
         written, took = swept(file, study, pictures, folder / "written", writes=True)
         points = written.recorded
         print(
-            f"{points} frames: the plan says {planned:.0f} s, the run took {took:.0f} s, {1e3 * took / points:.0f} ms a frame", flush=True
+            f"{points} frames: the plan says {planned:.0f} s, the run took {took:.0f} s,"
+            f" {1e3 * took / points:.0f} ms a frame",
+            flush=True,
         )
         shares = tuple(100 * part / took for part in (written.wall, written.used, written.waited))
         print(
-            f"writing: {1e3 * written.wall / points:.1f} ms ({1e3 * written.used / points:.1f}) a frame, {shares[0]:.2f} % "
-            f"({shares[1]:.2f} %) of the run, {shares[2]:.2f} % while no axis moved; beside it, in another thread, a checksum of "
-            f"{1e3 * timed(lambda: checksum(pictures['bars']))[1]:.1f} ms a frame",
+            f"writing: {1e3 * written.wall / points:.1f} ms ({1e3 * written.used / points:.1f}) a"
+            f" frame, {shares[0]:.2f} % ({shares[1]:.2f} %) of the run, {shares[2]:.2f} % while no"
+            " axis moved; beside it, in another thread, a checksum of"
+            f" {1e3 * timed(lambda: checksum(pictures['bars']))[1]:.1f} ms a frame",
             flush=True,
         )
         _, without = swept(file, study, pictures, folder / "unwritten", writes=False)
-        print(f"with nothing written the run took {without:.0f} s: writing made it {100 * (took / without - 1):+.2f} % longer")
+        print(
+            f"with nothing written the run took {without:.0f} s: writing made it"
+            f" {100 * (took / without - 1):+.2f} % longer"
+        )
     finally:
         shutil.rmtree(folder)
 

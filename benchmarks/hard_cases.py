@@ -1,6 +1,8 @@
-"""Where textbook formulas lose their digits and the model does not: prints the table of docs/model-accuracy.md.
+"""Where textbook formulas lose their digits and the model does not: prints the table of
+docs/model-accuracy.md.
 
-Run by hand: ``python benchmarks/hard_cases.py``. Errors are relative, against 50 digits on the same doubles; nan and inf are failures.
+Run by hand: ``python benchmarks/hard_cases.py``. Errors are relative, against 50 digits on the same
+doubles; nan and inf are failures.
 """
 
 import math
@@ -92,15 +94,26 @@ def main() -> None:
         for name, r1, r2, d in (
             ("two discs, gap 1e-8 before they part", 1.0, 1.0, 2 - 1e-8),
             ("two discs, 1e-12 before the smaller is swallowed", 1.0, 0.5, 0.5 + 1e-12),
-            ("two discs of radii 1 : 1e9", 1.0, 1e9, 1e9), ("two nearly coinciding discs, 1e-12 apart", 1.0, 1.0, 1e-12),
+            ("two discs of radii 1 : 1e9", 1.0, 1e9, 1e9),
+            ("two nearly coinciding discs, 1e-12 apart", 1.0, 1.0, 1e-12),
         ):  # fmt: skip
             expected = discs(mp.mpf(r1), mp.mpf(r2), mp.mpf(d), mp)
-            row(name, attempt(lambda r1=r1, r2=r2, d=d: discs(r1, r2, d)), float(common_area(r1, r2, d)), expected)
-        for name, D in (("image on the array, blur", 300.0), ("image 1e-9 mm off the array, blur", 300.0 * (1 + 1e-10))):
+            row(
+                name,
+                attempt(lambda r1=r1, r2=r2, d=d: discs(r1, r2, d)),
+                float(common_area(r1, r2, d)),
+                expected,
+            )
+        for name, D in (
+            ("image on the array, blur", 300.0),
+            ("image 1e-9 mm off the array, blur", 300.0 * (1 + 1e-10)),
+        ):
             V = mp.mpf(1) / mp.mpf(D)
             x = L * (V - mp.mpf(1) / 50 + mp.mpf(1) / 60)
             kappa = 1 + mp.mpf(B) / 60 - mp.mpf(B) / mp.mpf(SMALL)
-            expected = abs(kappa * x - mp.mpf(B) / 60) * (min(mp.mpf(A), mp.mpf(D_CLEAR) / abs(x)) if x else mp.mpf(A))
+            expected = abs(kappa * x - mp.mpf(B) / 60) * (
+                min(mp.mpf(A), mp.mpf(D_CLEAR) / abs(x)) if x else mp.mpf(A)
+            )
             row(name, attempt(lambda D=D: blur_textbook(D)), float(blur(smms(), 1 / D)), expected)
         row(
             "target at infinity, virtual depth",
@@ -119,11 +132,21 @@ def main() -> None:
             ("microlens 1e6 pitches off the axis, marginal angle", 4e5),
         ):
             t, g = y * B / L, D_CLEAR / 2
-            expected = angle_textbook(mp.mpf(y) * mp.mpf(B) / 60, mp.mpf(D_CLEAR) / 2, mp.mpf(B), mp)
+            expected = angle_textbook(
+                mp.mpf(y) * mp.mpf(B) / 60, mp.mpf(D_CLEAR) / 2, mp.mpf(B), mp
+            )
             row(name, angle_textbook(t, g, B), float(marginal_angle(smms(y=y))), expected)
-        for name, d in (("pinhole of 1 um, irradiance", 1e-3), ("pinhole of 1 pm, irradiance", 1e-9)):
+        for name, d in (
+            ("pinhole of 1 um, irradiance", 1e-3),
+            ("pinhole of 1 pm, irradiance", 1e-9),
+        ):
             expected = share_textbook(mp.mpf(0), mp.mpf(d) / 2, mp.mpf(B), mp)
-            row(name, attempt(lambda d=d: share_textbook(0.0, d / 2, B)), float(irradiance(smms(aperture=d))), expected)
+            row(
+                name,
+                attempt(lambda d=d: share_textbook(0.0, d / 2, B)),
+                float(irradiance(smms(aperture=d))),
+                expected,
+            )
 
 
 if __name__ == "__main__":

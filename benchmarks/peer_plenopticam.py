@@ -1,14 +1,18 @@
-"""PlenoptiCam's calibration on one white picture: ``PYTHON benchmarks/peer_plenopticam.py WHITE.npy CENTRES.npy``.
+"""PlenoptiCam's calibration on one white picture: ``PYTHON benchmarks/peer_plenopticam.py WHITE.npy
+CENTRES.npy``.
 
-``bench_measure.py --plenopticam PYTHON`` starts it under an interpreter that has PlenoptiCam; nothing here needs flflab. Version 0.9.3 does
-not install by ``pip install plenopticam`` under Python 3.11 (2026-11-22): it pins pyinstaller 4.10, which is for Python below 3.11. Beside
-flflab's own packages it does not start: by way of depthy it imports ``scipy.misc.face``, gone since SciPy 1.12. What works, wheels only:
+``bench_measure.py --plenopticam PYTHON`` starts it under an interpreter that has PlenoptiCam;
+nothing here needs flflab. Version 0.9.3 does not install by ``pip install plenopticam`` under
+Python 3.11 (2026-11-22): it pins pyinstaller 4.10, which is for Python below 3.11. Beside flflab's
+own packages it does not start: by way of depthy it imports ``scipy.misc.face``, gone since SciPy
+1.12. What works, wheels only:
 
-    python3.11 -m venv ENV
-    ENV/bin/pip install --only-binary :all: "numpy<2" "scipy<1.12" scikit-image imageio requests "colour-demosaicing<0.2.6"
-    ENV/bin/pip install --no-deps plenopticam==0.9.3 depthy color-space-converter color-matcher==0.4.0
+    python3.11 -m venv ENV ENV/bin/pip install --only-binary :all: "numpy<2" "scipy<1.12"
+    scikit-image imageio requests "colour-demosaicing<0.2.6" ENV/bin/pip install --no-deps
+    plenopticam==0.9.3 depthy color-space-converter color-matcher==0.4.0
 
-Writes the centres (x, y), shape (n, 2), and prints one line of JSON: seconds of wall and processor, and what it took for the pitch in px.
+Writes the centres (x, y), shape (n, 2), and prints one line of JSON: seconds of wall and processor,
+and what it took for the pitch in px.
 """
 
 import contextlib
@@ -45,11 +49,18 @@ def main() -> None:
         except (IndexError, ValueError, TypeError, ZeroDivisionError) as error:
             says = f"{type(error).__name__}: {error}"
         wall, used = time.perf_counter() - started, time.process_time() - before
-    found = np.array([place[:2] for place in settings.calibs.get(settings.mic_list) or []], dtype=np.float64).reshape(-1, 2)
+    found = np.array(
+        [place[:2] for place in settings.calibs.get(settings.mic_list) or []], dtype=np.float64
+    ).reshape(-1, 2)
     np.save(sys.argv[2], found[:, ::-1])
     print(
         json.dumps(
-            {"wall": wall, "processor": used, "size_px": int(size.M), "says": says or (str(status.stat_var) if status.error else "")}
+            {
+                "wall": wall,
+                "processor": used,
+                "size_px": int(size.M),
+                "says": says or (str(status.stat_var) if status.error else ""),
+            }
         )
     )
 

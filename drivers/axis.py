@@ -1,4 +1,7 @@
-"""One axis, linear or rotary, of any vendor: limits, reference and guard before motion, one thread that sees each motion to its end."""
+# longer than 450 lines because every promise of an axis stands in one place
+"""One axis, linear or rotary, of any vendor: limits, reference and guard before motion, one thread
+that sees each motion to its end.
+"""
 
 import contextlib
 import math
@@ -12,7 +15,14 @@ from typing import Any
 from drivers.commands import AxisCommands, at_the_other_end
 from drivers.status import Status
 from flflab.bench import LENGTH, Coordinate
-from flflab.errors import CommunicationError, DeviceError, FlflabError, LimitError, MotionError, NotHomedError
+from flflab.errors import (
+    CommunicationError,
+    DeviceError,
+    FlflabError,
+    LimitError,
+    MotionError,
+    NotHomedError,
+)
 
 Guard = Callable[[str, float | None, float | None], None]
 POLL_S = 0.02
@@ -26,7 +36,9 @@ def unguarded(name: str, start: float | None, end: float | None) -> None:
 
 @dataclass
 class Motion:
-    """A motion under way: from, to (None: not known, looking for the reference), and how it is to end if it is stopped."""
+    """A motion under way: from, to (None: not known, looking for the reference), and how it is to
+    end if it is stopped.
+    """
 
     start: float | None
     end: float | None
@@ -36,7 +48,8 @@ class Motion:
 
 
 class Axis:
-    """An axis in mm, or in rad; satisfies bluesky's Movable, Readable, Locatable, Stoppable, Checkable, Configurable and HasHints.
+    """An axis in mm, or in rad; satisfies bluesky's Movable, Readable, Locatable, Stoppable,
+    Checkable, Configurable and HasHints.
 
     Nothing moves on connect. A refused motion sends nothing that moves.
 
@@ -45,11 +58,13 @@ class Axis:
         commands: the vendor's commands.
         limits: soft limits, readings; the device's own travel is checked beside them.
         speed: mm/s or rad/s, told to readers; the vendor's file sets it.
-        guard: called as ``guard(name, start, end)`` before motion, readings; raises InterlockError to refuse. ``end`` is
-            None when the axis looks for its reference, ``start`` is None when its position is not known.
+        guard: called as ``guard(name, start, end)`` before motion, readings; raises InterlockError
+            to refuse. ``end`` is None when the axis looks for its reference, ``start`` is None when
+            its position is not known.
         coordinate: whether it counts lengths or angles.
         patience: how long the axis may stay busy without coming nearer to its end, s.
-        homes_up: whether its reference lies at the high end of its travel; None where that is not known.
+        homes_up: whether its reference lies at the high end of its travel; None where that is not
+            known.
     """
 
     parent = None
@@ -117,7 +132,8 @@ class Axis:
         """Stop now, from any thread, whatever else goes on.
 
         Args:
-            success: whether this stop is as planned (a pause); the motion under way then ends well, else with MotionError.
+            success: whether this stop is as planned (a pause); the motion under way then ends well,
+                else with MotionError.
 
         Raises:
             CommunicationError: the device did not take the command; cut its power.
@@ -136,13 +152,19 @@ class Axis:
             LimitError: outside the soft limits or the device's own, or not a finite number.
         """
         if not isinstance(value, Real) or not math.isfinite(value):
-            raise LimitError(f"{self.name}: {value!r} is not a position; give a finite number of {self.coordinate.unit}")
-        for (low, high), whose in ((self.limits, "its soft limits"), (self._commands.travel, "the device's own limits")):
+            raise LimitError(
+                f"{self.name}: {value!r} is not a position; give a finite number of"
+                f" {self.coordinate.unit}"
+            )
+        for (low, high), whose in (
+            (self.limits, "its soft limits"),
+            (self._commands.travel, "the device's own limits"),
+        ):
             if not low <= value <= high:
                 least, most = (self.coordinate.show(limit, ".9g") for limit in (low, high))
                 raise LimitError(
-                    f"{self.name}: asked to go to {self.coordinate.show(float(value))}, outside {whose}, {least} to {most}; "
-                    "nothing moved, ask for a position inside"
+                    f"{self.name}: asked to go to {self.coordinate.show(float(value))}, outside"
+                    f" {whose}, {least} to {most}; nothing moved, ask for a position inside"
                 )
 
     # State
@@ -156,7 +178,9 @@ class Axis:
         """
         reading = self._commands.reading()
         if reading is None:
-            raise NotHomedError(f"{self.name}: asked where it is, but it has no reference; home it first")
+            raise NotHomedError(
+                f"{self.name}: asked where it is, but it has no reference; home it first"
+            )
         return reading
 
     def is_homed(self) -> bool:
@@ -175,14 +199,19 @@ class Axis:
         return self._motion
 
     def reach(self) -> tuple[float, float] | None:
-        """Between which readings the axis is now and will be until it rests; None where that is not known.
+        """Between which readings the axis is now and will be until it rests; None where that is not
+        known.
 
         Raises:
             CommunicationError: the device does not answer.
         """
         motion = self._present_motion()
         if motion is not None:
-            return None if motion.start is None or motion.end is None else (min(motion.start, motion.end), max(motion.start, motion.end))
+            return (
+                None
+                if motion.start is None or motion.end is None
+                else (min(motion.start, motion.end), max(motion.start, motion.end))
+            )
         if self._commands.is_busy():
             return None
         reading = self._commands.reading()
@@ -193,7 +222,9 @@ class Axis:
         return self._commands.identity()
 
     def serial(self) -> str:
-        """What no other axis of its maker answers: serial number, and which axis of its instrument; empty where it tells none."""
+        """What no other axis of its maker answers: serial number, and which axis of its instrument;
+        empty where it tells none.
+        """
         return self._commands.serial()
 
     def warnings(self) -> tuple[str, ...]:
@@ -227,7 +258,9 @@ class Axis:
 
     def read(self) -> dict[str, Any]:
         """The reading."""
-        return {self.coordinate.column(self.name): {"value": self.position(), "timestamp": time.time()}}
+        return {
+            self.coordinate.column(self.name): {"value": self.position(), "timestamp": time.time()}
+        }
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns."""
@@ -257,25 +290,36 @@ class Axis:
         """Where it was asked to go and where it is."""
         readback = self.position()
         motion = self._motion
-        return {"setpoint": readback if motion is None or motion.end is None else motion.end, "readback": readback}
+        return {
+            "setpoint": readback if motion is None or motion.end is None else motion.end,
+            "readback": readback,
+        }
 
     # How a motion starts and ends
 
     def _begin(self, end: float | None) -> Status:
-        task = f"{self.name}: " + ("look for its reference" if end is None else f"move to {self.coordinate.show(end)}")
+        task = f"{self.name}: " + (
+            "look for its reference" if end is None else f"move to {self.coordinate.show(end)}"
+        )
         with self._starting:
             stops = self._stops
             if self._closed:
-                raise DeviceError(f"{self.name}: asked to move after the bench was closed; connect again")
+                raise DeviceError(
+                    f"{self.name}: asked to move after the bench was closed; connect again"
+                )
             if self.is_moving():
-                raise DeviceError(f"{self.name}: asked to move while it moves; wait for it or stop it first")
+                raise DeviceError(
+                    f"{self.name}: asked to move while it moves; wait for it or stop it first"
+                )
             start = self._commands.reading()
             if end is not None and start is None:
                 raise NotHomedError(
-                    f"{self.name}: asked to go to {self.coordinate.show(end)}, but it has no reference; home it first, nothing moved"
+                    f"{self.name}: asked to go to {self.coordinate.show(end)}, but it has no"
+                    " reference; home it first, nothing moved"
                 )
             motion = Motion(start, end, Status(task))
-            # Seen by the neighbours' guards before our own guard looks at them: of two that start at once, one sees the other.
+            # Seen by the neighbours' guards before our own guard looks at them: of two that start
+            # at once, one sees the other.
             self._motion = motion
             try:
                 self.guard(self.name, motion.start, end)
@@ -293,7 +337,9 @@ class Axis:
                     self._stop_quietly()
                     motion.status.complete()
                 raise
-            self._watcher = threading.Thread(target=self._watch, args=(motion,), name=f"watch {self.name}", daemon=True)
+            self._watcher = threading.Thread(
+                target=self._watch, args=(motion,), name=f"watch {self.name}", daemon=True
+            )
             self._watcher.start()
         return motion.status
 
@@ -303,7 +349,8 @@ class Axis:
             self._until_idle(motion)
             error = self._judge(motion)
         except Exception as fault:
-            # Nobody knows what it does: stopped if it still listens, and held for moving until it says it rests.
+            # Nobody knows what it does: stopped if it still listens, and held for moving until it
+            # says it rests.
             self._stop_quietly()
             motion.status.complete(fault)
         else:
@@ -313,7 +360,10 @@ class Axis:
     def _until_idle(self, motion: Motion) -> None:
         nearest, began = math.inf, time.monotonic()
         whole = self.travel[1] - self.travel[0]
-        longest_search = self._patience * (10 + 10 * (min(whole, math.tau) if self.coordinate.unit == "rad" else whole) / self.speed)
+        longest_search = self._patience * (
+            10
+            + 10 * (min(whole, math.tau) if self.coordinate.unit == "rad" else whole) / self.speed
+        )
         moved, last, look, wait = began, None, began, POLL_S
         while self._commands.is_busy():
             if time.monotonic() < look:  # about to arrive: only whether it still moves
@@ -325,12 +375,26 @@ class Axis:
             else:
                 progress = abs(position - motion.end) <= nearest - LEAST_PROGRESS
             if progress:
-                moved, last, nearest = time.monotonic(), position, abs(position - (motion.end or 0.0))
+                moved, last, nearest = (
+                    time.monotonic(),
+                    position,
+                    abs(position - (motion.end or 0.0)),
+                )
             if motion.end is None and time.monotonic() - began > longest_search:
-                raise MotionError(f"{motion.status.task}: still moving long after a whole travel; stopped, look at its home sensor")
+                raise MotionError(
+                    f"{motion.status.task}: still moving long after a whole travel; stopped, look"
+                    " at its home sensor"
+                )
             if time.monotonic() - moved > self._patience:
-                where = f"at {self.coordinate.show(position)}" if motion.start is not None else "before it found its reference"
-                raise MotionError(f"{motion.status.task}: no progress for {self._patience:g} s, {where}; stopped, look what holds it")
+                where = (
+                    f"at {self.coordinate.show(position)}"
+                    if motion.start is not None
+                    else "before it found its reference"
+                )
+                raise MotionError(
+                    f"{motion.status.task}: no progress for {self._patience:g} s, {where}; stopped,"
+                    " look what holds it"
+                )
             left = POLL_S if motion.end is None else abs(position - motion.end) / self.speed / 2
             wait = min(max(left, CLOSE_S), POLL_S)
             time.sleep(wait)
@@ -341,25 +405,49 @@ class Axis:
         homed = self._commands.is_homed()
         task = motion.status.task
         if motion.stopped:
-            where = f"at {self.coordinate.show(position)}" if homed else "where nobody knows, for it has no reference"
-            return None if motion.stopped_as_planned else MotionError(f"{task}: stopped on the way {where}, as it was told")
+            where = (
+                f"at {self.coordinate.show(position)}"
+                if homed
+                else "where nobody knows, for it has no reference"
+            )
+            return (
+                None
+                if motion.stopped_as_planned
+                else MotionError(f"{task}: stopped on the way {where}, as it was told")
+            )
         faults = "; ".join(self._commands.faults())
         if not homed:
             lost = "did not find it" if motion.end is None else "lost its reference on the way"
-            return MotionError(f"{task}: {lost} ({faults or 'was it switched off?'}); look what holds it, then home it again")
+            return MotionError(
+                f"{task}: {lost} ({faults or 'was it switched off?'}); look what holds it, then"
+                " home it again"
+            )
         if faults:
-            return MotionError(f"{task}: ended at {self.coordinate.show(position)} ({faults}); look what holds it, then home it again")
+            return MotionError(
+                f"{task}: ended at {self.coordinate.show(position)} ({faults}); look what holds it,"
+                " then home it again"
+            )
         told = motion.end is None and self.coordinate is LENGTH
-        if told and self._homes_up is not None and at_the_other_end(position, self.travel, self._homes_up):
+        if (
+            told
+            and self._homes_up is not None
+            and at_the_other_end(position, self.travel, self._homes_up)
+        ):
             found, due = ("low", "high") if self._homes_up else ("high", "low")
             return MotionError(
-                f"{task}: found it at {self.coordinate.show(position)}, at the {found} end of its travel, where `home_towards` and `sign` "
-                f"of the bench file have the {due} one; correct them before anything else moves, the rule of the gap relies on them"
+                f"{task}: found it at {self.coordinate.show(position)}, at the {found} end of its"
+                f" travel, where `home_towards` and `sign` of the bench file have the {due} one;"
+                " correct them before anything else moves, the rule of the gap relies on them"
             )
         if motion.end is not None and abs(position - motion.end) > 1.01 * self._commands.resolution:
-            return MotionError(f"{task}: ended at {self.coordinate.show(position)} instead; look what holds it, then home it again")
+            return MotionError(
+                f"{task}: ended at {self.coordinate.show(position)} instead; look what holds it,"
+                " then home it again"
+            )
         return None
 
     def _stop_quietly(self) -> None:
-        with contextlib.suppress(Exception):  # whatever it is, who waits for the motion is told why it ended
+        with contextlib.suppress(
+            Exception
+        ):  # whatever it is, who waits for the motion is told why it ended
             self._commands.stop()

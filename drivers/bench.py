@@ -1,4 +1,6 @@
-"""A bench as connected: every device of a bench file behind its promise, all faults at once, one stop for all."""
+"""A bench as connected: every device of a bench file behind its promise, all faults at once, one
+stop for all.
+"""
 
 import threading
 from collections.abc import Mapping, Sequence
@@ -23,7 +25,8 @@ STOP_TIMEOUT_S = 5.0
 
 
 class ConnectedBench:
-    """The devices of a bench; a context manager. Axes are attributes too: ``bench.array_stage.move_to(12.5).wait()``.
+    """The devices of a bench; a context manager. Axes are attributes too:
+    ``bench.array_stage.move_to(12.5).wait()``.
 
     Leaving it after an error stops every axis first.
     """
@@ -52,7 +55,11 @@ class ConnectedBench:
         self._told_to_stop = False
         self._watching = threading.Lock()
         self._sentinel: Sentinel | None = None
-        self._outliving = {name: addresses[name] for name, axis in described.description.axes.items() if can_outlive(axis)}
+        self._outliving = {
+            name: addresses[name]
+            for name, axis in described.description.axes.items()
+            if can_outlive(axis)
+        }
         for axis in self.axes.values():
             axis.guard = self._guard
 
@@ -60,17 +67,26 @@ class ConnectedBench:
         try:
             return self.__dict__["axes"][name]
         except KeyError:
-            raise AttributeError(f"the bench has no {name}; its axes are {', '.join(self.__dict__.get('axes', ()))}") from None
+            raise AttributeError(
+                f"the bench has no {name}; its axes are {', '.join(self.__dict__.get('axes', ()))}"
+            ) from None
 
     def __enter__(self) -> "ConnectedBench":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         try:
             if error is not None:
                 self.stop()
         except DeviceError as not_stopped:
-            raise DeviceError(f"{error or 'interrupted'}; and then not every axis took the stop: {not_stopped}") from error
+            raise DeviceError(
+                f"{error or 'interrupted'}; and then not every axis took the stop: {not_stopped}"
+            ) from error
         finally:
             self.close()
 
@@ -80,7 +96,10 @@ class ConnectedBench:
         Raises:
             DeviceError: at least one axis did not take the command; each is named.
         """
-        faults: dict[str, str] = {name: f"{name}: no answer to the stop within {STOP_TIMEOUT_S:g} s; cut its power" for name in self.axes}
+        faults: dict[str, str] = {
+            name: f"{name}: no answer to the stop within {STOP_TIMEOUT_S:g} s; cut its power"
+            for name in self.axes
+        }
 
         def stop(axis: Axis) -> None:
             try:
@@ -90,7 +109,10 @@ class ConnectedBench:
             else:
                 del faults[axis.name]
 
-        threads = [threading.Thread(target=stop, args=(axis,), name=f"stop {axis.name}", daemon=True) for axis in self.axes.values()]
+        threads = [
+            threading.Thread(target=stop, args=(axis,), name=f"stop {axis.name}", daemon=True)
+            for axis in self.axes.values()
+        ]
         for thread in threads:
             thread.start()
         for thread in threads:
@@ -99,7 +121,8 @@ class ConnectedBench:
             raise DeviceError("\n".join(faults.values()))
 
     def stop_for_good(self) -> None:
-        """Stop every axis as ``stop`` does, for somebody else: no axis moves over this connection any more, also where all stood just then.
+        """Stop every axis as ``stop`` does, for somebody else: no axis moves over this connection
+        any more, also where all stood just then.
 
         Raises:
             DeviceError: at least one axis did not take the command; each is named.
@@ -117,7 +140,8 @@ class ConnectedBench:
         return None if found is None else self.axes[found[0]]
 
     def world(self, moved: Moved) -> float:
-        """Where an element stands by its axis's reading, world z in mm, or how the array is turned, rad.
+        """Where an element stands by its axis's reading, world z in mm, or how the array is turned,
+        rad.
 
         Raises:
             InputError: nothing moves it.
@@ -130,7 +154,8 @@ class ConnectedBench:
         return axis.world(self.axes[name].position())
 
     def order_moves(self, targets: Mapping[str, float]) -> tuple[str, ...]:
-        """In which order axes can go to these readings from where they are, so that the minimum gap holds on the way.
+        """In which order axes can go to these readings from where they are, so that the minimum gap
+        holds on the way.
 
         Raises:
             LimitError: a target is outside its axis's limits.
@@ -138,7 +163,9 @@ class ConnectedBench:
         """
         for name, target in targets.items():
             self.axes[name].check_value(target)
-        return order_moves(self.gap_rule, {name: axis.reach() for name, axis in self.axes.items()}, targets)
+        return order_moves(
+            self.gap_rule, {name: axis.reach() for name, axis in self.axes.items()}, targets
+        )
 
     def check_way(self, name: str, readings: Sequence[float]) -> None:
         """Refuse a way of an axis through several readings, from where it is, before it moves.
@@ -159,7 +186,8 @@ class ConnectedBench:
             start = reading
 
     def least_gap(self) -> float | None:
-        """The smallest gap possible now between array and sensor, mm, uncertainties counted; None where no axis moves either.
+        """The smallest gap possible now between array and sensor, mm, uncertainties counted; None
+        where no axis moves either.
 
         Raises:
             CommunicationError: an axis does not answer.
@@ -169,12 +197,16 @@ class ConnectedBench:
     def identities(self) -> list[Identity]:
         """What stands on the bench, one line a device; a device that fails says so in its line."""
         instruments = {**self.axes, "camera": self.camera, "iris": self.iris, "target": self.target}
-        return [look(name, device_of(self.described, name), instrument, self._addresses[name]) for name, instrument in instruments.items()]
+        return [
+            look(name, device_of(self.described, name), instrument, self._addresses[name])
+            for name, instrument in instruments.items()
+        ]
 
     def _guard(self, name: str, start: float | None, end: float | None) -> None:
         if self._told_to_stop:
             raise DeviceError(
-                f"{name}: asked to move, nothing moved: another program had this bench stopped; connect again when it may move"
+                f"{name}: asked to move, nothing moved: another program had this bench stopped;"
+                " connect again when it may move"
             )
         self._have_sentinel()
         rule = self.gap_rule
@@ -182,11 +214,15 @@ class ConnectedBench:
             try:
                 others = self._reaches(besides=name)
             except CommunicationError as error:
-                raise DeviceError(f"{name}: asked to move, nothing moved, its neighbour does not answer: {error}") from error
+                raise DeviceError(
+                    f"{name}: asked to move, nothing moved, its neighbour does not answer: {error}"
+                ) from error
             check_motion(rule, name, start, end, others)
 
     def _have_sentinel(self) -> None:
-        """Before a motion a sentinel begins to watch over the axes that could outlive this process, unless one does."""
+        """Before a motion a sentinel begins to watch over the axes that could outlive this process,
+        unless one does.
+        """
         with self._watching:
             if self._outliving and (self._sentinel is None or not self._sentinel.watches()):
                 self._sentinel = Sentinel(self.described, self._outliving)
@@ -203,7 +239,8 @@ def connect(bench_file: str | Path) -> ConnectedBench:
 
     Raises:
         InputError: the bench file is wrong; every fault with file, line and field.
-        DeviceError: another program drives the bench, or devices are missing or wrong: every fault in one message; nothing stays open.
+        DeviceError: another program drives the bench, or devices are missing or wrong: every fault
+            in one message; nothing stays open.
     """
     return connect_described(read_bench(Path(bench_file)))
 
@@ -213,17 +250,38 @@ def connect_described(described: Bench) -> ConnectedBench:
     description = described.description
     require_drivable(described)
     with ExitStack() as resources:
-        owner = Owner(described.file) if any(can_outlive(axis) for axis in description.axes.values()) else None
+        owner = (
+            Owner(described.file)
+            if any(can_outlive(axis) for axis in description.axes.values())
+            else None
+        )
         if owner is not None:
             resources.callback(owner.close)
-        sentinels = resources.enter_context(ExitStack())  # let go after every axis was stopped, before the bench is another program's
+        sentinels = resources.enter_context(
+            ExitStack()
+        )  # let go after every axis was stopped, before the bench is another program's
         connection = Connection(described, resources, SimulatedOnDemand(described, resources))
-        axes: dict[str, Axis] = {name: device for name in description.axes if (device := connection.open(name)) is not None}
+        axes: dict[str, Axis] = {
+            name: device
+            for name in description.axes
+            if (device := connection.open(name)) is not None
+        }
         camera, iris, target = (connection.open(name) for name in ("camera", "iris", "target"))
         connection.raise_faults()
-        if twice := one_instrument({name: (description.axes[name].driver, axis.serial()) for name, axis in axes.items()}):
+        if twice := one_instrument(
+            {name: (description.axes[name].driver, axis.serial()) for name, axis in axes.items()}
+        ):
             raise DeviceError("\n".join(twice))
-        bench = ConnectedBench(described, axes, camera, iris, target, connection.addresses, sentinels, resources.pop_all())
+        bench = ConnectedBench(
+            described,
+            axes,
+            camera,
+            iris,
+            target,
+            connection.addresses,
+            sentinels,
+            resources.pop_all(),
+        )
     if owner is not None:
         owner.stops_with(bench.stop_for_good)
     return bench

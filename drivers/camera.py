@@ -1,4 +1,6 @@
-"""What a camera promises: armed, triggered, one frame or one error for every exposure, and the facts of its noise."""
+"""What a camera promises: armed, triggered, one frame or one error for every exposure, and the
+facts of its noise.
+"""
 
 import math
 import threading
@@ -25,9 +27,11 @@ def nothing() -> None:
 class Frame:
     """One picture as the sensor gave it.
 
-    ``picture`` is [row, column] in DN: columns rise with world x, rows with world y. ``timestamp`` is the camera's own clock,
-    s since 1970. ``number`` rises by one with every exposure; ``dropped`` counts the exposures since the camera was opened that gave no
-    frame. ``pixel_format`` is a name of GenICam's Pixel Format Naming Convention: ``Mono12``, ``BayerRG12``.
+    ``picture`` is [row, column] in DN: columns rise with world x, rows with world y. ``timestamp``
+    is the camera's own clock, s since 1970. ``number`` rises by one with every exposure;
+    ``dropped`` counts the exposures since the camera was opened that gave no frame.
+    ``pixel_format`` is a name of GenICam's Pixel Format Naming Convention: ``Mono12``,
+    ``BayerRG12``.
     """
 
     picture: npt.NDArray[np.uint16]
@@ -71,7 +75,9 @@ class CameraDevice(Protocol):
 
     @property
     def offered_exposures(self) -> tuple[float, ...]:
-        """The only exposures there are, rising, s; empty where anything within the limits can be asked for."""
+        """The only exposures there are, rising, s; empty where anything within the limits can be
+        asked for.
+        """
         ...
 
     def prepare(self, exposure_s: float, gain: float = 1.0) -> None:
@@ -84,7 +90,8 @@ class CameraDevice(Protocol):
         ...
 
     def grab(self, exposed: Callable[[], None] = nothing) -> Frame:
-        """Take one picture now; ``exposed`` is called as soon as its light is in, if that is known before it is there.
+        """Take one picture now; ``exposed`` is called as soon as its light is in, if that is known
+        before it is there.
 
         Raises:
             CommunicationError: the frame came late, torn, lost or out of turn.
@@ -101,7 +108,8 @@ class CameraDevice(Protocol):
 
 
 class Camera:
-    """A camera on the bench, whatever its protocol; satisfies ``CameraDevice``. One exposure at a time, from any thread.
+    """A camera on the bench, whatever its protocol; satisfies ``CameraDevice``. One exposure at a
+    time, from any thread.
 
     Args:
         name: the name on the bench.
@@ -109,7 +117,9 @@ class Camera:
         wait_until_ready: called before it is armed; returns once it can take a picture.
     """
 
-    def __init__(self, name: str, commands: CameraCommands, wait_until_ready: Callable[[], None] = nothing) -> None:
+    def __init__(
+        self, name: str, commands: CameraCommands, wait_until_ready: Callable[[], None] = nothing
+    ) -> None:
         self.name = name
         self._commands = commands
         self._wait_until_ready = wait_until_ready
@@ -125,7 +135,9 @@ class Camera:
 
     @property
     def offered_exposures(self) -> tuple[float, ...]:
-        """The only exposures there are, rising, s; empty where anything within the limits can be asked for."""
+        """The only exposures there are, rising, s; empty where anything within the limits can be
+        asked for.
+        """
         return self._commands.offered_exposures
 
     @property
@@ -168,29 +180,42 @@ class Camera:
 
         Raises:
             LimitError: outside what the camera can do, or between what it offers; nothing is set.
-            DeviceError: it did not become what was asked, an exposure is under way, or the camera does not answer.
+            DeviceError: it did not become what was asked, an exposure is under way, or the camera
+                does not answer.
         """
         for what, value, (least, most), unit in (
             ("exposure", exposure_s, self.exposure_limits, " s"),
             ("gain", gain, self.gain_limits, ""),
         ):
             if not math.isfinite(value) or not least <= value <= most:
-                allowed = f"{least:g}{unit} to {most:g}{unit}" if least < most else f"{least:g}{unit} only"
-                raise LimitError(f"{self.name}: asked for {what} {value:g}{unit}; allowed is {allowed}")
+                allowed = (
+                    f"{least:g}{unit} to {most:g}{unit}"
+                    if least < most
+                    else f"{least:g}{unit} only"
+                )
+                raise LimitError(
+                    f"{self.name}: asked for {what} {value:g}{unit}; allowed is {allowed}"
+                )
         with self._turn:
             if self._exposing:
-                raise DeviceError(f"{self.name}: asked for exposure {exposure_s:g} s while a picture is under way; fetch that one first")
+                raise DeviceError(
+                    f"{self.name}: asked for exposure {exposure_s:g} s while a picture is under"
+                    " way; fetch that one first"
+                )
             self._commands.prepare(float(exposure_s), float(gain))
 
     def arm(self) -> None:
         """Make ready for a trigger.
 
         Raises:
-            DeviceError: an exposure is under way, something came unasked, or the camera does not answer.
+            DeviceError: an exposure is under way, something came unasked, or the camera does not
+                answer.
         """
         with self._turn:
             if self._exposing:
-                raise DeviceError(f"{self.name}: asked to arm while a picture is under way; fetch that one first")
+                raise DeviceError(
+                    f"{self.name}: asked to arm while a picture is under way; fetch that one first"
+                )
             self._wait_until_ready()
             self._guarded(self._commands.arm)
             self._armed = True
@@ -214,11 +239,15 @@ class Camera:
 
         Raises:
             DeviceError: nothing was triggered.
-            CommunicationError: the frame came late, torn, lost, or is not the one asked for; it counts as dropped.
+            CommunicationError: the frame came late, torn, lost, or is not the one asked for; it
+                counts as dropped.
         """
         with self._turn:
             if not self._exposing:
-                raise DeviceError(f"{self.name}: asked for a frame with no exposure under way; arm and trigger first")
+                raise DeviceError(
+                    f"{self.name}: asked for a frame with no exposure under way; arm and trigger"
+                    " first"
+                )
             self._exposing = False
             try:
                 taken = self._guarded(self._commands.fetch)
@@ -226,10 +255,20 @@ class Camera:
             except BaseException:
                 self._dropped += 1
                 raise
-            return Frame(taken.picture, taken.exposure_s, taken.gain, taken.timestamp, self._number, self._dropped, taken.pixel_format)
+            return Frame(
+                taken.picture,
+                taken.exposure_s,
+                taken.gain,
+                taken.timestamp,
+                self._number,
+                self._dropped,
+                taken.pixel_format,
+            )
 
     def grab(self, exposed: Callable[[], None] = nothing) -> Frame:
-        """Take one picture now: arm, trigger, fetch; ``exposed`` is called once its light is in, where the camera can tell."""
+        """Take one picture now: arm, trigger, fetch; ``exposed`` is called once its light is in,
+        where the camera can tell.
+        """
         with self._turn:
             self.arm()
             self.trigger()
@@ -262,7 +301,8 @@ class Camera:
             raise
 
     def _check(self, taken: Taken) -> None:
-        """A picture of another size or beyond full scale means that somebody else has set the camera up.
+        """A picture of another size or beyond full scale means that somebody else has set the
+        camera up.
 
         Raises:
             CommunicationError: it is such a one.
@@ -272,8 +312,9 @@ class Camera:
             self._commands.reset()
             before = self._shape and f"{self._shape[1]} x {self._shape[0]} pixels"
             raise CommunicationError(
-                f"{self.name}: the frame has {' x '.join(map(str, reversed(shape)))} pixels up to {most} DN where "
-                f"{before or 'rows and columns'} up to {self.full_scale} DN are due; see who else sets the camera up, then take it again"
+                f"{self.name}: the frame has {' x '.join(map(str, reversed(shape)))} pixels up to"
+                f" {most} DN where {before or 'rows and columns'} up to {self.full_scale} DN are"
+                " due; see who else sets the camera up, then take it again"
             )
         self._shape = shape
 
@@ -310,8 +351,15 @@ class Detector:
     def read(self) -> dict[str, Any]:
         """What the last picture was taken with; empty numbers before the first."""
         now, frame = time.time(), self.latest
-        values = (0, 0, 0.0, 0.0) if frame is None else (frame.number, frame.dropped, frame.exposure_s, frame.gain)
-        return {key: {"value": value, "timestamp": now} for key, value in zip(self.describe(), values, strict=True)}
+        values = (
+            (0, 0, 0.0, 0.0)
+            if frame is None
+            else (frame.number, frame.dropped, frame.exposure_s, frame.gain)
+        )
+        return {
+            key: {"value": value, "timestamp": now}
+            for key, value in zip(self.describe(), values, strict=True)
+        }
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns."""
@@ -319,6 +367,11 @@ class Detector:
         return {
             f"{self.name}_number": {"source": source, "dtype": "integer", "shape": []},
             f"{self.name}_dropped": {"source": source, "dtype": "integer", "shape": []},
-            f"{self.name}_exposure_s": {"source": source, "dtype": "number", "shape": [], "units": "s"},
+            f"{self.name}_exposure_s": {
+                "source": source,
+                "dtype": "number",
+                "shape": [],
+                "units": "s",
+            },
             f"{self.name}_gain": {"source": source, "dtype": "number", "shape": []},
         }

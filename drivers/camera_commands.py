@@ -1,4 +1,6 @@
-"""What a camera driver provides: the few commands that ``Camera`` is made from, what they deliver, and the keys most drivers share."""
+"""What a camera driver provides: the few commands that ``Camera`` is made from, what they deliver,
+and the keys most drivers share.
+"""
 
 from dataclasses import dataclass
 from typing import Annotated, Protocol
@@ -12,7 +14,9 @@ from flflab.description import Description
 
 @dataclass(frozen=True)
 class Setup:
-    """What a camera is set to, and what its numbers then mean; ``pixel_format`` is empty where only a frame tells."""
+    """What a camera is set to, and what its numbers then mean; ``pixel_format`` is empty where only
+    a frame tells.
+    """
 
     exposure_s: float
     gain: float
@@ -35,7 +39,9 @@ class Taken:
 
 
 class CameraCommands(Protocol):
-    """One camera as its protocol has it; every method may raise CommunicationError, or DeviceError where the camera refuses."""
+    """One camera as its protocol has it; every method may raise CommunicationError, or DeviceError
+    where the camera refuses.
+    """
 
     @property
     def exposure_limits(self) -> tuple[float, float]:
@@ -44,7 +50,9 @@ class CameraCommands(Protocol):
 
     @property
     def offered_exposures(self) -> tuple[float, ...]:
-        """The only exposures there are, rising, s; empty where anything within the limits can be asked for."""
+        """The only exposures there are, rising, s; empty where anything within the limits can be
+        asked for.
+        """
         ...
 
     @property
@@ -67,7 +75,9 @@ class CameraCommands(Protocol):
         ...
 
     def arm(self) -> None:
-        """Make ready, so that the next frame is the one triggered next; what came unasked since then is not taken for it."""
+        """Make ready, so that the next frame is the one triggered next; what came unasked since
+        then is not taken for it.
+        """
         ...
 
     def trigger(self) -> None:
@@ -75,7 +85,9 @@ class CameraCommands(Protocol):
         ...
 
     def exposing(self) -> bool | None:
-        """Whether the light of the last trigger is still being collected; None where only its picture can tell."""
+        """Whether the light of the last trigger is still being collected; None where only its
+        picture can tell.
+        """
         ...
 
     def fetch(self) -> Taken:
@@ -100,7 +112,9 @@ class CameraCommands(Protocol):
 
 
 class SensorKeys(Description):
-    """What a camera does not tell of its sensor, for the bench file; numbers at gain 1, from its data sheet or a photon transfer curve."""
+    """What a camera does not tell of its sensor, for the bench file; numbers at gain 1, from its
+    data sheet or a photon transfer curve.
+    """
 
     black_level: Annotated[float, Field(ge=0)]
     electrons_per_dn: Annotated[float, Field(gt=0)]
@@ -110,4 +124,6 @@ class SensorKeys(Description):
         """What a camera set so makes of light."""
         per_electron = gain / self.electrons_per_dn
         noise = self.read_noise_electrons * per_electron
-        return Setup(exposure_s, gain, pixel_format, full_scale, self.black_level, per_electron, noise)
+        return Setup(
+            exposure_s, gain, pixel_format, full_scale, self.black_level, per_electron, noise
+        )

@@ -7,15 +7,22 @@ Value = TypeVar("Value", float, str)
 
 
 def at_the_other_end(reference: float, travel: tuple[float, float], homes_up: bool) -> bool:
-    """Whether a reference lies in the quarter of the travel that is farthest from where it should be; never of one without ends."""
+    """Whether a reference lies in the quarter of the travel that is farthest from where it should
+    be; never of one without ends.
+    """
     low, high = travel
-    return math.isfinite(high - low) and (reference - low if homes_up else high - reference) < (high - low) / 4
+    return (
+        math.isfinite(high - low)
+        and (reference - low if homes_up else high - reference) < (high - low) / 4
+    )
 
 
 class AxisCommands(Protocol):
-    """One axis as its vendor's protocol has it, in mm, or in rad for one that turns; every method talks to the device at once and is brief.
+    """One axis as its vendor's protocol has it, in mm, or in rad for one that turns; every method
+    talks to the device at once and is brief.
 
-    Every method may raise CommunicationError; the two that start motion may raise DeviceError where the device refuses.
+    Every method may raise CommunicationError; the two that start motion may raise DeviceError where
+    the device refuses.
     """
 
     @property
@@ -25,7 +32,9 @@ class AxisCommands(Protocol):
 
     @property
     def resolution(self) -> float:
-        """The smallest difference between two positions; a motion may end this far from where it was asked to."""
+        """The smallest difference between two positions; a motion may end this far from where it
+        was asked to.
+        """
         ...
 
     def start_home(self) -> None:
@@ -41,7 +50,9 @@ class AxisCommands(Protocol):
         ...
 
     def reading(self) -> float | None:
-        """What it counts where that is counted from its reference, else None; true whatever happens to the device meanwhile."""
+        """What it counts where that is counted from its reference, else None; true whatever happens
+        to the device meanwhile.
+        """
         ...
 
     def is_busy(self) -> bool:
@@ -69,7 +80,9 @@ class AxisCommands(Protocol):
         ...
 
     def serial(self) -> str:
-        """What no other axis of its maker answers: serial number, and which axis of its instrument; empty where it tells none."""
+        """What no other axis of its maker answers: serial number, and which axis of its instrument;
+        empty where it tells none.
+        """
         ...
 
     def close(self) -> None:

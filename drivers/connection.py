@@ -1,4 +1,6 @@
-"""How the devices of a bench file are opened: each by its driver, lines shared, every fault kept."""
+"""How the devices of a bench file are opened: each by its driver, lines shared, every fault
+kept.
+"""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -16,12 +18,15 @@ Opened = TypeVar("Opened")
 
 
 def can_outlive(axis: AxisDescription) -> bool:
-    """Whether an axis could go on moving after this process: what it simulates dies with it, a person knows to stop."""
+    """Whether an axis could go on moving after this process: what it simulates dies with it, a
+    person knows to stop.
+    """
     return axis.address != "simulated" and axis.driver != "manual"
 
 
 class Connection:
-    """Opening the devices of a bench, those of one line one after the other: at which addresses, and every fault so far.
+    """Opening the devices of a bench, those of one line one after the other: at which addresses,
+    and every fault so far.
 
     Args:
         described: the bench file, drivable (``require_drivable``).
@@ -29,7 +34,9 @@ class Connection:
         simulated: serves what the bench file has simulated.
     """
 
-    def __init__(self, described: Bench, resources: ExitStack, simulated: SimulatedOnDemand) -> None:
+    def __init__(
+        self, described: Bench, resources: ExitStack, simulated: SimulatedOnDemand
+    ) -> None:
         self.addresses: dict[str, str] = {}
         self._described = described
         self._resources = resources
@@ -81,7 +88,11 @@ class Connection:
             )  # fmt: skip
         opened = driver.open(device.address, keys, share)
         if name == "camera":
-            return Camera(name, opened, self._simulated.wait_until_ready) if simulated else Camera(name, opened)
+            return (
+                Camera(name, opened, self._simulated.wait_until_ready)
+                if simulated
+                else Camera(name, opened)
+            )
         return Setting[Any](name, opened, timeout=driver.timeout)
 
     def _share(self, address: str, opener: Callable[[], Opened], /) -> Opened:

@@ -1,4 +1,6 @@
-"""What a bench file says to the drivers, checked before anything is opened: driver, keys and address of each device, no stage twice."""
+"""What a bench file says to the drivers, checked before anything is opened: driver, keys and
+address of each device, no stage twice.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -27,20 +29,27 @@ def driver_of(bench: Bench, name: str) -> Any:
     Raises:
         InputError: there is none of that name, or it does not count what the axis moves.
     """
-    drivers, device, where = _DRIVERS.get(name, AXES), device_of(bench, name), bench.where(*path_of(name), "driver")
+    drivers, device, where = (
+        _DRIVERS.get(name, AXES),
+        device_of(bench, name),
+        bench.where(*path_of(name), "driver"),
+    )
     driver = drivers.get(device.driver)
     if driver is None:
-        raise InputError(f"{where}: there is no driver {device.driver!r} here; there are {', '.join(drivers)}")
+        raise InputError(
+            f"{where}: there is no driver {device.driver!r} here; there are {', '.join(drivers)}"
+        )
     if isinstance(device, AxisDescription) and driver.counts not in (None, device.coordinate):
         raise InputError(
-            f"{where}: {device.driver} counts {driver.counts.dimension}s, but this axis moves {device.moves}; "
-            "give what it moves, or another driver"
+            f"{where}: {device.driver} counts {driver.counts.dimension}s, but this axis moves"
+            f" {device.moves}; give what it moves, or another driver"
         )
     return driver
 
 
 def require_drivable(bench: Bench) -> None:
-    """Refuse what no driver could open, axes that are one stage, makers that share a line, and array or sensor that cannot be homed.
+    """Refuse what no driver could open, axes that are one stage, makers that share a line, and
+    array or sensor that cannot be homed.
 
     Raises:
         InputError: every such fault, with file, line and field.
@@ -62,8 +71,9 @@ def require_drivable(bench: Bench) -> None:
         first = lines.setdefault(place, name)
         if (other := device_of(bench, first).driver) != spoken:
             faults.append(
-                f"{bench.where(*path_of(name), 'address')}: {name} ({spoken}) shares {place} with {first} ({other}); "
-                "one line speaks one maker's protocol, give each its own address"
+                f"{bench.where(*path_of(name), 'address')}: {name} ({spoken}) shares {place} with"
+                f" {first} ({other}); one line speaks one maker's protocol, give each its own"
+                " address"
             )
         if name in _DRIVERS:
             continue
@@ -71,8 +81,9 @@ def require_drivable(bench: Bench) -> None:
         stage = spoken, place, *(getattr(keys, key) for key in apart)
         if (twin := stages.setdefault(stage, name)) != name:
             faults.append(
-                f"{bench.where('axes', name, *apart[:1])}: {name} is the same stage as {twin}, "
-                f"{_in_words(stage, apart)}; give each axis {' or '.join(('an address', *apart))} of its own"
+                f"{bench.where('axes', name, *apart[:1])}: {name} is the same stage as {twin},"
+                f" {_in_words(stage, apart)}; give each axis {' or '.join(('an address', *apart))}"
+                " of its own"
             )
     if faults:
         raise InputError("\n".join(faults))
@@ -80,7 +91,8 @@ def require_drivable(bench: Bench) -> None:
 
 
 def _require_homing_free(bench: Bench) -> None:
-    """Refuse array or sensor that look for their reference towards each other and cannot, though the other one is homed and out of the way.
+    """Refuse array or sensor that look for their reference towards each other and cannot, though
+    the other one is homed and out of the way.
 
     Raises:
         InputError: with file, line and field.
@@ -95,14 +107,16 @@ def _require_homing_free(bench: Bench) -> None:
         if not least_gap(rule, homed) >= rule.minimum_gap:
             where = bench.where("axes", part.name, "home_towards")
             raise InputError(
-                f"{where}: {part.name} would look for its reference towards {part.axis.home_towards} and could leave "
-                f"{least_gap(rule, homed):.3f} mm between array and sensor; at least {rule.minimum_gap:g} mm are kept: "
-                f"let it home towards {away}, or correct its limits"
+                f"{where}: {part.name} would look for its reference towards"
+                f" {part.axis.home_towards} and could leave {least_gap(rule, homed):.3f} mm between"
+                f" array and sensor; at least {rule.minimum_gap:g} mm are kept: let it home towards"
+                f" {away}, or correct its limits"
             )
 
 
 def _place(bench: Bench, name: str, driver: Any) -> str | None:
-    """The address of a device spelt one way; None where it tells nothing, as of what is moved by hand or simulated.
+    """The address of a device spelt one way; None where it tells nothing, as of what is moved by
+    hand or simulated.
 
     Raises:
         InputError: it is no address.
@@ -127,19 +141,25 @@ def spelt(driver: str, address: str) -> str:
 
 def _in_words(stage: tuple[object, ...], apart: tuple[str, ...]) -> str:
     driver, place, *numbers = stage
-    return ", ".join([f"{driver} at {place}", *(f"{key} {number}" for key, number in zip(apart, numbers, strict=True))])
+    return ", ".join(
+        [
+            f"{driver} at {place}",
+            *(f"{key} {number}" for key, number in zip(apart, numbers, strict=True)),
+        ]
+    )
 
 
 def one_instrument(serials: Mapping[str, tuple[str, str]]) -> list[str]:
     """A sentence for each two axes behind which one instrument answers.
 
     Args:
-        serials: of each axis the driver and the serial number, empty where its instrument tells none; makers count each for himself.
+        serials: of each axis the driver and the serial number, empty where its instrument tells
+            none; makers count each for himself.
     """
     first: dict[tuple[str, str], str] = {}
     return [
-        f"{name} and {first[known]}: one instrument, serial number {known[1]}, answers for both; correct their addresses in the bench "
-        "file, nothing moved"
+        f"{name} and {first[known]}: one instrument, serial number {known[1]}, answers for both;"
+        " correct their addresses in the bench file, nothing moved"
         for name, known in serials.items()
         if known[1] and first.setdefault(known, name) != name
     ]

@@ -1,6 +1,8 @@
-"""What cameras with GenICam features share, whoever carries them: exposure, gain, pixel format, trigger, by their standard names.
+"""What cameras with GenICam features share, whoever carries them: exposure, gain, pixel format,
+trigger, by their standard names.
 
-Names and units are those of GenICam's Standard Features Naming Convention, and the older names of Basler's GigE cameras beside them.
+Names and units are those of GenICam's Standard Features Naming Convention, and the older names of
+Basler's GigE cameras beside them.
 """
 
 import math
@@ -17,7 +19,9 @@ from flflab.errors import CommunicationError, DeviceError
 
 EXPOSURES = ("ExposureTime", "ExposureTimeAbs")  # us
 MICROSECOND = 1e-6
-SAME = 0.02  # a camera rounds to its own steps; more than this share away is another exposure or gain
+SAME = (
+    0.02  # a camera rounds to its own steps; more than this share away is another exposure or gain
+)
 AUTOMATIC = ("ExposureAuto", "GainAuto", "BalanceWhiteAuto")
 TRIGGER = (("TriggerSelector", "FrameStart"), ("TriggerMode", "On"), ("TriggerSource", "Software"))
 UNPACKED = re.compile(r"(Mono|Bayer(?:RG|BG|GR|GB))(8|10|12|14|16)")
@@ -54,8 +58,9 @@ class Nodes(Protocol):
 class GenicamSensorKeys(SensorKeys):
     """The keys of a camera with GenICam features.
 
-    ``pixel_format``: one with a whole number of bytes a pixel, ``Mono12`` or ``BayerRG12``. ``exposure``: of a camera whose exposure
-    cannot be set. ``settings``: other features to set on opening. ``timeout``: how long a frame may come after the exposure.
+    ``pixel_format``: one with a whole number of bytes a pixel, ``Mono12`` or ``BayerRG12``.
+    ``exposure``: of a camera whose exposure cannot be set. ``settings``: other features to set on
+    opening. ``timeout``: how long a frame may come after the exposure.
     """
 
     pixel_format: str = "Mono8"
@@ -83,7 +88,8 @@ class GenicamSettings:
         found = UNPACKED.fullmatch(keys.pixel_format)
         if found is None:
             raise DeviceError(
-                f"{who}: pixel_format {keys.pixel_format} cannot be taken; give Mono8 to Mono16 or BayerRG8 and so on, unpacked"
+                f"{who}: pixel_format {keys.pixel_format} cannot be taken; give Mono8 to Mono16 or"
+                " BayerRG8 and so on, unpacked"
             )
         self._full_scale = 2 ** int(found[2]) - 1
         for name in AUTOMATIC:
@@ -101,7 +107,10 @@ class GenicamSettings:
         self._exposure = next((name for name in EXPOSURES if nodes.has(name)), "")
         self._gain = "Gain" if nodes.has("Gain") else ""
         if not self._exposure and keys.exposure is None:
-            raise DeviceError(f"{who}: its exposure can be neither set nor read; give in the bench file what it is, `exposure: 10 ms`")
+            raise DeviceError(
+                f"{who}: its exposure can be neither set nor read; give in the bench file what it"
+                " is, `exposure: 10 ms`"
+            )
         self.exposure_limits, self.gain_limits = self._limits()
         self.setup = self._read_back()
 
@@ -117,7 +126,9 @@ class GenicamSettings:
             self._set(self._gain, 20 * math.log10(gain) if self._decibel else gain)
         self.setup = self._read_back()
 
-    def plane(self, values: npt.NDArray[Any], columns: int, rows: int, pixel_format: str) -> npt.NDArray[np.uint16]:
+    def plane(
+        self, values: npt.NDArray[Any], columns: int, rows: int, pixel_format: str
+    ) -> npt.NDArray[np.uint16]:
         """The picture, from the numbers of a buffer.
 
         Raises:
@@ -125,8 +136,8 @@ class GenicamSettings:
         """
         if pixel_format != self._keys.pixel_format or values.size != columns * rows:
             raise CommunicationError(
-                f"{self._who}: sent {values.size} numbers of {pixel_format} for {columns} x {rows}, {self._keys.pixel_format} is due; "
-                "see who else sets it up, then take it again"
+                f"{self._who}: sent {values.size} numbers of {pixel_format} for {columns} x {rows},"
+                f" {self._keys.pixel_format} is due; see who else sets it up, then take it again"
             )
         return values.reshape(rows, columns).astype(np.uint16)
 
@@ -146,7 +157,11 @@ class GenicamSettings:
         return exposures, gains
 
     def _read_back(self) -> Setup:
-        exposure_s = float(self._nodes.read(self._exposure)) * MICROSECOND if self._exposure else self._keys.exposure or 0.0
+        exposure_s = (
+            float(self._nodes.read(self._exposure)) * MICROSECOND
+            if self._exposure
+            else self._keys.exposure or 0.0
+        )
         gain = float(self._nodes.read(self._gain)) if self._gain else 1.0
         if self._gain and self._decibel:
             gain = 10 ** (gain / 20)
@@ -159,23 +174,35 @@ class GenicamSettings:
             DeviceError: the camera has no such one, refuses, or makes something else of it.
         """
         if not self._nodes.has(name):
-            raise DeviceError(f"{self._who}: asked for {name} {value}, the camera has no such feature; take it out of the bench file")
+            raise DeviceError(
+                f"{self._who}: asked for {name} {value}, the camera has no such feature; take it"
+                " out of the bench file"
+            )
         self._nodes.write(name, value)
         now = self._nodes.read(name)
-        same = str(now) == value if isinstance(value, str) else math.isclose(float(now), value, rel_tol=SAME, abs_tol=1e-3)
+        same = (
+            str(now) == value
+            if isinstance(value, str)
+            else math.isclose(float(now), value, rel_tol=SAME, abs_tol=1e-3)
+        )
         if not same:
-            raise DeviceError(f"{self._who}: asked for {name} {value}, the camera made {now} of it; give what it can do")
+            raise DeviceError(
+                f"{self._who}: asked for {name} {value}, the camera made {now} of it; give what it"
+                " can do"
+            )
 
 
 def next_frame_number(who: str, last: int | None, came: int) -> int:
     """The camera's own number of a frame, which rises by one.
 
     Raises:
-        CommunicationError: frames before it were lost, or it came before. After 65535 a GigE camera begins anew.
+        CommunicationError: frames before it were lost, or it came before. After 65535 a GigE camera
+            begins anew.
     """
     due = None if last is None else (last + 1,) if last < 65535 else (last + 1, 0, 1)
     if due is not None and came not in due:
         raise CommunicationError(
-            f"{who}: its frame number {came} came where {due[0]} is due, one was lost or doubled; take the picture again"
+            f"{who}: its frame number {came} came where {due[0]} is due, one was lost or doubled;"
+            " take the picture again"
         )
     return came

@@ -1,8 +1,11 @@
-"""The rule across axes: array and sensor never nearer than the minimum gap. Pure functions over readings and world places.
+"""The rule across axes: array and sensor never nearer than the minimum gap. Pure functions over
+readings and world places.
 
-Each axis may be anywhere between its readings (one reading at rest, start to end under way, its whole travel when unknown), widened
-by three standard uncertainties of its place and by the following error. A tilted array reaches out of its plane as far as the circle
-about the main axis does that holds its corners, however it is rolled; its size and how it was set are doubted as the bench file says.
+Each axis may be anywhere between its readings (one reading at rest, start to end under way, its
+whole travel when unknown), widened by three standard uncertainties of its place and by the
+following error. A tilted array reaches out of its plane as far as the circle about the main axis
+does that holds its corners, however it is rolled; its size and how it was set are doubted as the
+bench file says.
 """
 
 import math
@@ -47,7 +50,9 @@ class Mover:
 
     def spread(self, readings: Interval) -> float:
         """By how much its place may be off, mm or rad."""
-        stated = max(math.hypot(self.axis.uncertainty(reading), self.set_by) for reading in readings)
+        stated = max(
+            math.hypot(self.axis.uncertainty(reading), self.set_by) for reading in readings
+        )
         return COVERAGE * stated + FOLLOWING[self.axis.coordinate.unit]
 
     def place(self, readings: Interval | None) -> Interval:
@@ -65,21 +70,26 @@ class Plate:
 
     Args:
         radius: of the circle about that point that holds its corners, mm.
-        tilt: along (x, y) what tilts it (yaw, pitch), or the steepest slope that the camera file may mean where nothing does.
+        tilt: along (x, y) what tilts it (yaw, pitch), or the steepest slope that the camera file
+            may mean where nothing does.
     """
 
     radius: float
     tilt: tuple[Mover | float, Mover | float]
 
     def reach(self, readings: Readings) -> float:
-        """How far it may reach out of the plane through its middle, mm: radius * sine of the steepest tilt."""
+        """How far it may reach out of the plane through its middle, mm: radius * sine of the
+        steepest tilt.
+        """
         slope = math.hypot(*(_steepest(part, readings) for part in self.tilt))
         return self.radius * (slope / math.sqrt(1 + slope**2) if math.isfinite(slope) else 1.0)
 
 
 @dataclass(frozen=True)
 class GapRule:
-    """The array rides before the sensor, at least ``minimum_gap`` away; a float stands for one that no axis moves, at this world z."""
+    """The array rides before the sensor, at least ``minimum_gap`` away; a float stands for one that
+    no axis moves, at this world z.
+    """
 
     minimum_gap: float
     array: Mover | float
@@ -89,11 +99,16 @@ class GapRule:
     @property
     def movers(self) -> dict[str, Mover]:
         """The axes it concerns by name."""
-        return {part.name: part for part in (self.array, self.sensor, *self.plate.tilt) if isinstance(part, Mover)}
+        return {
+            part.name: part
+            for part in (self.array, self.sensor, *self.plate.tilt)
+            if isinstance(part, Mover)
+        }
 
 
 def gap_rule(bench: Bench, travels: Mapping[str, Interval]) -> GapRule | None:
-    """The rule of a bench; what nothing moves stands where the camera file has it, the main lens at world z = 0.
+    """The rule of a bench; what nothing moves stands where the camera file has it, the main lens at
+    world z = 0.
 
     Args:
         bench: the bench file.
@@ -106,41 +121,62 @@ def gap_rule(bench: Bench, travels: Mapping[str, Interval]) -> GapRule | None:
     doubt = description.optics_uncertainty
 
     def mover(element: str, otherwise: float, set_by: float = 0.0) -> Mover | float:
-        found = next(((name, axis) for name, axis in description.axes.items() if axis.moves == element), None)
+        found = next(
+            ((name, axis) for name, axis in description.axes.items() if axis.moves == element), None
+        )
         return Mover(*found, travels[found[0]], set_by) if found else otherwise
 
     def tilt(turn: str, slope: float) -> Mover | float:
         steepest = math.atan(abs(slope)) + COVERAGE * doubt.array_tilt
-        return mover(turn, math.tan(steepest) if steepest < math.pi / 2 else math.inf, doubt.array_tilt)
+        return mover(
+            turn, math.tan(steepest) if steepest < math.pi / 2 else math.inf, doubt.array_tilt
+        )
 
     rule = GapRule(
         description.minimum_gap,
         mover("array.z", array.distance),
         mover("sensor.z", bench.optics.sensor.distance),
-        Plate(corner_radius(array, doubt), (tilt("array.yaw", array.tilt[0]), tilt("array.pitch", array.tilt[1]))),
+        Plate(
+            corner_radius(array, doubt),
+            (tilt("array.yaw", array.tilt[0]), tilt("array.pitch", array.tilt[1])),
+        ),
     )
     return rule if rule.movers else None
 
 
 def corner_radius(array: MicrolensArray, doubt: OpticsUncertaintyDescription) -> float:
-    """Radius of the circle about the main axis that holds the array's corners, mm, were it as large as is doubted."""
+    """Radius of the circle about the main axis that holds the array's corners, mm, were it as large
+    as is doubted.
+    """
     pitch, aperture = (1 + COVERAGE * share for share in (doubt.pitch, doubt.microlens_aperture))
-    sides = (count * step * pitch + array.aperture * aperture for count, step in zip(array.count, array.pitch, strict=True))
+    sides = (
+        count * step * pitch + array.aperture * aperture
+        for count, step in zip(array.count, array.pitch, strict=True)
+    )
     return math.hypot(*sides) / 2 + math.hypot(*array.offset)
 
 
 def least_gap(rule: GapRule, readings: Readings) -> float:
-    """The smallest gap possible between array and sensor when axes are between these readings (None or missing: anywhere), mm."""
-    return _place(rule.sensor, readings)[0] - _place(rule.array, readings)[1] - rule.plate.reach(readings)
+    """The smallest gap possible between array and sensor when axes are between these readings (None
+    or missing: anywhere), mm.
+    """
+    return (
+        _place(rule.sensor, readings)[0]
+        - _place(rule.array, readings)[1]
+        - rule.plate.reach(readings)
+    )
 
 
 def retreats(rule: GapRule, name: str, start: float | None, end: float | None) -> bool:
-    """Whether a motion can only widen the gap, whatever the true zeros are; ``end`` None: it looks for its reference."""
+    """Whether a motion can only widen the gap, whatever the true zeros are; ``end`` None: it looks
+    for its reference.
+    """
     return _retreats(rule, rule.movers[name], None if start is None else (start, start), end)
 
 
 def swept(mover: Mover, start: Interval | None, end: float | None) -> Interval:
-    """The readings a motion may pass; one that looks for its reference may go to the end of the travel it homes towards.
+    """The readings a motion may pass; one that looks for its reference may go to the end of the
+    travel it homes towards.
 
     A tilt that looks for its reference may go anywhere.
     """
@@ -150,17 +186,21 @@ def swept(mover: Mover, start: Interval | None, end: float | None) -> Interval:
     return min(*start, last), max(*start, last)
 
 
-def check_motion(rule: GapRule, name: str, start: float | None, end: float | None, readings: Readings) -> None:
+def check_motion(
+    rule: GapRule, name: str, start: float | None, end: float | None, readings: Readings
+) -> None:
     """Refuse a motion that could bring array and sensor too near to each other.
 
-    A motion that only leads away is never refused: it is what makes a gap that is too small, or not known, safe again.
+    A motion that only leads away is never refused: it is what makes a gap that is too small, or not
+    known, safe again.
 
     Args:
         rule: the rule.
         name: the axis that is to move; others than the rule's are never refused.
         start: its reading, None where it has no reference.
         end: where it is to go, None where it looks for its reference.
-        readings: between which readings the other axes may be until they rest; None or missing: anywhere in their travel.
+        readings: between which readings the other axes may be until they rest; None or missing:
+            anywhere in their travel.
 
     Raises:
         InterlockError: the gap could become smaller than the minimum.
@@ -168,8 +208,11 @@ def check_motion(rule: GapRule, name: str, start: float | None, end: float | Non
     _check(rule, name, None if start is None else (start, start), end, readings)
 
 
-def order_moves(rule: GapRule | None, readings: Readings, targets: Mapping[str, float]) -> tuple[str, ...]:
-    """In which order axes can go to their targets, one after the other, so that the gap holds on the way.
+def order_moves(
+    rule: GapRule | None, readings: Readings, targets: Mapping[str, float]
+) -> tuple[str, ...]:
+    """In which order axes can go to their targets, one after the other, so that the gap holds on
+    the way.
 
     Args:
         rule: the rule, None where there is none.
@@ -201,22 +244,33 @@ def order_moves(rule: GapRule | None, readings: Readings, targets: Mapping[str, 
     return tuple(order)
 
 
-def _check(rule: GapRule, name: str, start: Interval | None, end: float | None, readings: Readings) -> None:
+def _check(
+    rule: GapRule, name: str, start: Interval | None, end: float | None, readings: Readings
+) -> None:
     mover = rule.movers.get(name)
     if mover is None or _retreats(rule, mover, start, end):
         return
     gap = least_gap(rule, {**readings, name: swept(mover, start, end)})
     if not gap >= rule.minimum_gap:
-        task = "look for its reference" if end is None else f"move to {mover.axis.coordinate.show(end)}"
+        task = (
+            "look for its reference"
+            if end is None
+            else f"move to {mover.axis.coordinate.show(end)}"
+        )
         raise InterlockError(
-            f"{name}: asked to {task}, which could leave {gap:.3f} mm between array and sensor, uncertainties counted {COVERAGE:g} times "
-            f"({_others(rule, name, readings)}); at least {rule.minimum_gap:g} mm are kept, nothing moved"
-            f"{_farthest(rule, mover, start, end, readings)}"
+            f"{name}: asked to {task}, which could leave {gap:.3f} mm between array and sensor,"
+            f" uncertainties counted {COVERAGE:g} times ({_others(rule, name, readings)}); at least"
+            f" {rule.minimum_gap:g} mm are kept, nothing"
+            f" moved{_farthest(rule, mover, start, end, readings)}"
         )
 
 
-def _farthest(rule: GapRule, mover: Mover, start: Interval | None, end: float | None, readings: Readings) -> str:
-    """The nearest reading that is allowed on the way, for people, rounded towards the start; empty where none is."""
+def _farthest(
+    rule: GapRule, mover: Mover, start: Interval | None, end: float | None, readings: Readings
+) -> str:
+    """The nearest reading that is allowed on the way, for people, rounded towards the start; empty
+    where none is.
+    """
     if start is None or end is None or start[0] != start[1]:
         return ""
 
@@ -242,22 +296,33 @@ def _retreats(rule: GapRule, mover: Mover, start: Interval | None, end: float | 
         if start is None or end is None or start[0] != start[1]:
             return False
         here, there = mover.axis.world(start[0]), mover.axis.world(end)
-        return (here - there) * (here + there) >= 0 and abs(here + there) >= 2 * mover.spread((start[0], end))
+        return (here - there) * (here + there) >= 0 and abs(here + there) >= 2 * mover.spread(
+            (start[0], end)
+        )
     away = -1 if mover == rule.array else 1
     if end is None:
         return mover.axis.home_towards == ("-z" if away < 0 else "+z")
-    return start is not None and all(away * (mover.axis.world(end) - mover.axis.world(reading)) >= 0 for reading in start)
+    return start is not None and all(
+        away * (mover.axis.world(end) - mover.axis.world(reading)) >= 0 for reading in start
+    )
 
 
 def _others(rule: GapRule, name: str, readings: Readings) -> str:
     """Where the other parts are, for people."""
-    parts = [f"the {side}, which nothing moves" for side in ("array", "sensor") if not isinstance(getattr(rule, side), Mover)]
+    parts = [
+        f"the {side}, which nothing moves"
+        for side in ("array", "sensor")
+        if not isinstance(getattr(rule, side), Mover)
+    ]
     for other in rule.movers.values():
         if other.name != name:
             low, high = readings.get(other.name) or (math.nan, math.nan)
             show = other.axis.coordinate.show
             known = f"at {show(low)}" if low == high else f"between {show(low)} and {show(high)}"
-            parts.append(f"{other.name}, {known if readings.get(other.name) else 'without a reference: home it first'}")
+            parts.append(
+                f"{other.name},"
+                f" {known if readings.get(other.name) else 'without a reference: home it first'}"
+            )
     return "; ".join(parts)
 
 

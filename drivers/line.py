@@ -1,4 +1,6 @@
-"""A connection that is opened anew after it was lost, and a stop that is sure to have gone over the present one."""
+"""A connection that is opened anew after it was lost, and a stop that is sure to have gone over the
+present one.
+"""
 
 import threading
 from collections.abc import Callable
@@ -20,7 +22,8 @@ Link = TypeVar("Link", bound=Closable)
 
 
 class Line(Generic[Link]):
-    """The way to an instrument: open from the start; after a loss (a plug pulled) the next who needs it opens it anew.
+    """The way to an instrument: open from the start; after a loss (a plug pulled) the next who
+    needs it opens it anew.
 
     So a stop can still arrive. Any thread may use it.
 
@@ -55,7 +58,9 @@ class Line(Generic[Link]):
             return self._link
 
     def lose(self, link: Link) -> None:
-        """Let go of what turned out to be lost; nothing happens where it has been opened anew already."""
+        """Let go of what turned out to be lost; nothing happens where it has been opened anew
+        already.
+        """
         with self._opening:
             link.close()
             self._link = None if self._link is link else self._link
@@ -67,7 +72,8 @@ class Line(Generic[Link]):
 
 
 def stop_surely(line: Line[Wire], name: str, message: bytes, listens: Callable[[], object]) -> None:
-    """Write a stop at once, past whoever waits, and see that the instrument listens; written again where the line was lost meanwhile.
+    """Write a stop at once, past whoever waits, and see that the instrument listens; written again
+    where the line was lost meanwhile.
 
     Args:
         line: the line.
@@ -90,7 +96,9 @@ def stop_surely(line: Line[Wire], name: str, message: bytes, listens: Callable[[
             listens()
             if line.get(told) is wire:
                 return
-            raise LostError(f"{told}{wire.address} was lost and opened anew meanwhile; check the cable")
+            raise LostError(
+                f"{told}{wire.address} was lost and opened anew meanwhile; check the cable"
+            )
         except CommunicationError:
             if last:
                 raise

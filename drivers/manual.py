@@ -1,7 +1,8 @@
-"""What a person turns by hand: a stage with a scale, an iris, a target holder. The terminal asks, the person confirms.
+"""What a person turns by hand: a stage with a scale, an iris, a target holder. The terminal asks,
+the person confirms.
 
-Without a terminal a step fails at once with an error that names it. No thread waits for the keyboard: it is looked at whenever
-the device is asked whether it is busy.
+Without a terminal a step fails at once with an error that names it. No thread waits for the
+keyboard: it is looked at whenever the device is asked whether it is busy.
 """
 
 import os
@@ -70,7 +71,10 @@ class Terminal:
             DeviceError: there is no terminal to ask on.
         """
         if not (sys.stdin and sys.stdin.isatty()):
-            raise DeviceError(f"a person has to do this: {step}; there is no terminal to ask on, run this in one or use a motorised device")
+            raise DeviceError(
+                f"a person has to do this: {step}; there is no terminal to ask on, run this in one"
+                " or use a motorised device"
+            )
         question = Question(step, self)
         self._line.append(question)
         if self._line[0] is question:
@@ -101,7 +105,12 @@ class Terminal:
 
     def _pose(self, question: Question) -> None:
         _typed()  # a key pressed before the question is no answer to it
-        print(f"\a{question.step}, then press Enter (q and Enter to give up): ", end="", file=sys.stderr, flush=True)
+        print(
+            f"\a{question.step}, then press Enter (q and Enter to give up): ",
+            end="",
+            file=sys.stderr,
+            flush=True,
+        )
 
 
 def _typed() -> str:
@@ -118,7 +127,8 @@ def _typed() -> str:
 
 
 class ManualAxis:
-    """A stage moved by hand to a reading on its scale; satisfies ``AxisCommands``. Its position is the last one confirmed.
+    """A stage moved by hand to a reading on its scale; satisfies ``AxisCommands``. Its position is
+    the last one confirmed.
 
     Args:
         name: the axis's name in the bench file.
@@ -130,7 +140,14 @@ class ManualAxis:
 
     resolution = 1e-6
 
-    def __init__(self, name: str, limits: tuple[float, float], terminal: Terminal, coordinate: Coordinate, home: float) -> None:
+    def __init__(
+        self,
+        name: str,
+        limits: tuple[float, float],
+        terminal: Terminal,
+        coordinate: Coordinate,
+        home: float,
+    ) -> None:
         self.travel = limits
         self._name = name
         self._terminal = terminal
@@ -146,7 +163,9 @@ class ManualAxis:
 
     def start_move(self, position: float) -> None:
         """Ask for a reading."""
-        self._question = self._terminal.ask(f"set {self._name} to {self._coordinate.show(position, '.3f')}")
+        self._question = self._terminal.ask(
+            f"set {self._name} to {self._coordinate.show(position, '.3f')}"
+        )
         self._target, self._known = position, False
 
     def position(self) -> float:
@@ -196,7 +215,9 @@ class ManualAxis:
 
 
 class ManualSetting(Generic[Value]):
-    """An iris or a target holder turned by hand; satisfies ``SettingCommands``. Its value is the last one confirmed."""
+    """An iris or a target holder turned by hand; satisfies ``SettingCommands``. Its value is the
+    last one confirmed.
+    """
 
     def __init__(self, step: str, allowed: tuple[Value, ...], terminal: Terminal) -> None:
         self.allowed = allowed
@@ -226,7 +247,10 @@ class ManualSetting(Generic[Value]):
             DeviceError: none was.
         """
         if self._value is None:
-            raise DeviceError(f"{self._step.format('a value')!r} was not confirmed yet, so nobody knows what it is; set it first")
+            raise DeviceError(
+                f"{self._step.format('a value')!r} was not confirmed yet, so nobody knows what it"
+                " is; set it first"
+            )
         return self._value
 
     def fault(self) -> str:
@@ -251,10 +275,13 @@ class ManualSetting(Generic[Value]):
 def open_axis(name: str, axis: AxisDescription, keys: ManualAxisKeys, share: Share) -> ManualAxis:
     """A stage moved by hand; all manual devices share the terminal.
 
-    What shifts homes to the limit towards which it homes, as the rule of the gap has it; what turns to 0, or the limit nearest to it.
+    What shifts homes to the limit towards which it homes, as the rule of the gap has it; what turns
+    to 0, or the limit nearest to it.
     """
     low, high = axis.limits
-    home = (high if axis.homes_up else low) if axis.coordinate is LENGTH else min(max(0.0, low), high)
+    home = (
+        (high if axis.homes_up else low) if axis.coordinate is LENGTH else min(max(0.0, low), high)
+    )
     return ManualAxis(name, axis.limits, share("terminal", Terminal), axis.coordinate, home)
 
 

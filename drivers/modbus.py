@@ -1,4 +1,6 @@
-"""Modbus RTU on a line that several drives share, by pymodbus: one exchange at a time, 32-bit values in pairs of registers."""
+"""Modbus RTU on a line that several drives share, by pymodbus: one exchange at a time, 32-bit
+values in pairs of registers.
+"""
 
 import contextlib
 import logging
@@ -14,9 +16,16 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from drivers.line import Line
 from flflab.errors import CommunicationError, DeviceError
 
-EXCEPTIONS = {1: "function not known", 2: "no such register", 3: "impossible value", 4: "it cannot do this now"}
+EXCEPTIONS = {
+    1: "function not known",
+    2: "no such register",
+    3: "impossible value",
+    4: "it cannot do this now",
+}
 
-logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what no handler takes Python prints, beside our own sentence
+logging.getLogger("pymodbus").addHandler(
+    logging.NullHandler()
+)  # what no handler takes Python prints, beside our own sentence
 
 Client: TypeAlias = ModbusSerialClient | ModbusTcpClient
 
@@ -33,10 +42,11 @@ def from_words(upper: int, lower: int) -> int:
 
 
 class ModbusLine:
-    """An RS-485 line that several drives share: one exchange at a time; a stop goes before all others that wait.
+    """An RS-485 line that several drives share: one exchange at a time; a stop goes before all
+    others that wait.
 
-    After a failed exchange the line is opened anew and kept quiet for a while: an answer carries no number, and a late one must not
-    pass for the next.
+    After a failed exchange the line is opened anew and kept quiet for a while: an answer carries no
+    number, and a late one must not pass for the next.
 
     Args:
         make_client: makes a pymodbus client, not yet connected.
@@ -57,7 +67,8 @@ class ModbusLine:
         self._line = Line(self._connect)
 
     def read(self, name: str, device: int, register: int) -> int:
-        """The signed 32-bit value at a register and the next; asked a second time when the first answer does not come.
+        """The signed 32-bit value at a register and the next; asked a second time when the first
+        answer does not come.
 
         Raises:
             CommunicationError: no answer, or not a right one.
@@ -69,16 +80,25 @@ class ModbusLine:
             except CommunicationError:
                 return self._pair(name, device, register)
 
-    def write(self, name: str, device: int, register: int, values: Sequence[int], *, urgent: bool = False) -> None:
+    def write(
+        self, name: str, device: int, register: int, values: Sequence[int], *, urgent: bool = False
+    ) -> None:
         """Write 32-bit values from a register on, once.
 
         Raises:
-            CommunicationError: no answer, or not a right one; the drive may have taken the values all the same.
+            CommunicationError: no answer, or not a right one; the drive may have taken the values
+                all the same.
             DeviceError: the drive refuses.
         """
         with self._turn(urgent):
-            asked = f"{name} (slave {device}): wrote {len(values)} values from register {register:#06x} on, "
-            self._exchange(asked, lambda client: client.write_registers(register, to_words(values), device_id=device))
+            asked = (
+                f"{name} (slave {device}): wrote {len(values)} values from register {register:#06x}"
+                " on, "
+            )
+            self._exchange(
+                asked,
+                lambda client: client.write_registers(register, to_words(values), device_id=device),
+            )
 
     def close(self) -> None:
         """Let go of the line."""
@@ -102,8 +122,12 @@ class ModbusLine:
         client = self._make_client()
         if not client.connect():
             if isinstance(client, ModbusTcpClient):
-                raise CommunicationError(f"{self._address}: cannot be reached; check power, network and address")
-            raise CommunicationError(f"{self._address}: cannot be opened; check the address, and who else holds it")
+                raise CommunicationError(
+                    f"{self._address}: cannot be reached; check power, network and address"
+                )
+            raise CommunicationError(
+                f"{self._address}: cannot be opened; check the address, and who else holds it"
+            )
         if self._failed:
             time.sleep(self._quiet)
             self._failed = False
@@ -111,9 +135,13 @@ class ModbusLine:
 
     def _pair(self, name: str, device: int, register: int) -> int:
         asked = f"{name} (slave {device}): asked for register {register:#06x}, "
-        reply = self._exchange(asked, lambda client: client.read_holding_registers(register, count=2, device_id=device))
+        reply = self._exchange(
+            asked, lambda client: client.read_holding_registers(register, count=2, device_id=device)
+        )
         if len(reply.registers) != 2:
-            raise CommunicationError(f"{asked}got {len(reply.registers)} registers instead of 2; check cable and parity")
+            raise CommunicationError(
+                f"{asked}got {len(reply.registers)} registers instead of 2; check cable and parity"
+            )
         return from_words(*reply.registers)
 
     def _exchange(self, asked: str, ask: Callable[[Client], Any]) -> Any:
@@ -125,16 +153,21 @@ class ModbusLine:
             self._line.lose(client)
             self._failed = True
             raise CommunicationError(
-                f"{asked}no right answer ({_first_line(error)}); check cable, parity, slave number and power"
+                f"{asked}no right answer ({_first_line(error)}); check cable, parity, slave number"
+                " and power"
             ) from error
         if reply.isError():
             code = reply.exception_code
-            raise DeviceError(f"{asked}the drive refuses: {EXCEPTIONS.get(code, f'exception {code}')}; check model and settings")
+            raise DeviceError(
+                f"{asked}the drive refuses: {EXCEPTIONS.get(code, f'exception {code}')}; check"
+                " model and settings"
+            )
         return reply
 
 
 def _pass_over_what_waits(client: Client) -> None:
-    """Throw away what came after the last answer, such as that answer a second time; on serial lines pymodbus does so itself.
+    """Throw away what came after the last answer, such as that answer a second time; on serial
+    lines pymodbus does so itself.
 
     Raises:
         OSError: the connection is closed.
@@ -150,8 +183,12 @@ def _first_line(error: BaseException) -> str:
 
 
 def make_client(address: str, baud: int, parity: str, timeout: float) -> Client:
-    """A client for a serial port, or for a line behind a network (``socket://host:port``, ``host:port``), RTU frames on both."""
+    """A client for a serial port, or for a line behind a network (``socket://host:port``,
+    ``host:port``), RTU frames on both.
+    """
     host, _, port = address.removeprefix("socket://").rpartition(":")
     if host and port.isdigit() and "/" not in host:
-        return ModbusTcpClient(host, port=int(port), framer=FramerType.RTU, timeout=timeout, retries=0)
+        return ModbusTcpClient(
+            host, port=int(port), framer=FramerType.RTU, timeout=timeout, retries=0
+        )
     return ModbusSerialClient(address, baudrate=baud, parity=parity, timeout=timeout, retries=0)

@@ -1,20 +1,25 @@
-"""Oriental Motor AZ drives by Modbus RTU: several slaves on one RS-485 line, such as a goniometer and a hollow rotary table.
+"""Oriental Motor AZ drives by Modbus RTU: several slaves on one RS-485 line, such as a goniometer
+and a hollow rotary table.
 
-What this file relies on, from the AZ series' operating manual HM-60262E and public drivers that cite it:
+What this file relies on, from the AZ series' operating manual HM-60262E and public drivers that
+cite it:
 
-- Values are 32 bits in two registers, the upper word first. Eight of them from 0x0058 on are one operation: data number, type,
-  position in steps, speed in Hz, starting and stopping rate in Hz/s, current in 0.1 %, trigger. Type 1 goes to an absolute position,
-  type 8 to one within the wrap range.
-- 0x007D takes inputs, 0x007F gives outputs, one bit each; which bit is what is a setting of the drive. By default inputs are
-  4 ZHOME, 5 STOP, 7 ALM-RST; outputs 5 READY, 7 ALM-A, 13 MOVE.
-- 0x0080 is the present alarm, 0x00C6 and 0x00CC are the commanded and the measured position, bit 1 of 0x0178 (ABSPEN) says that
-  the position has a reference, 0x0386 to 0x038B are the software limits.
-- A command that a drive cannot do now is acknowledged all the same, and then nothing happens, without an alarm. So every start is
-  watched until the drive moves or has arrived.
+- Values are 32 bits in two registers, the upper word first. Eight of them from 0x0058 on are one
+  operation: data number, type, position in steps, speed in Hz, starting and stopping rate in Hz/s,
+  current in 0.1 %, trigger. Type 1 goes to an absolute position, type 8 to one within the wrap
+  range.
+- 0x007D takes inputs, 0x007F gives outputs, one bit each; which bit is what is a setting of the
+  drive. By default inputs are 4 ZHOME, 5 STOP, 7 ALM-RST; outputs 5 READY, 7 ALM-A, 13 MOVE.
+- 0x0080 is the present alarm, 0x00C6 and 0x00CC are the commanded and the measured position, bit 1
+  of 0x0178 (ABSPEN) says that the position has a reference, 0x0386 to 0x038B are the software
+  limits.
+- A command that a drive cannot do now is acknowledged all the same, and then nothing happens,
+  without an alarm. So every start is watched until the drive moves or has arrived.
 
-Not confirmed from the manual: that a wrapped position never crosses the end of the wrap range on its way (type 8), and that a drive
-whose home sensor was never found refuses ZHOME: where the reference has to be searched for, assign HOME to an input and give its bit
-as ``home_input``. On close the motor stays excited and holds.
+Not confirmed from the manual: that a wrapped position never crosses the end of the wrap range on
+its way (type 8), and that a drive whose home sensor was never found refuses ZHOME: where the
+reference has to be searched for, assign HOME to an input and give its bit as ``home_input``. On
+close the motor stays excited and holds.
 """
 
 import math
@@ -47,7 +52,9 @@ ALARMS = {
     0x25: "undervoltage; check the supply",
     0x26: "motor too hot; let it cool",
     0x28: "sensor error; check the motor cable, then switch the drive off and on",
-    0x2A: "no connection to the absolute encoder; check the cable, then switch the drive off and on",
+    0x2A: (
+        "no connection to the absolute encoder; check the cable, then switch the drive off and on"
+    ),
     0x30: "overload; free the axis, then reset",
     0x31: "overspeed; give a lower speed",
     0x33: "the absolute position is lost; home it again after switching the drive off and on",
@@ -81,9 +88,10 @@ Bit = Annotated[int, Field(ge=0, le=15)]
 class OrientalKeys(Description):
     """The keys of an Oriental Motor axis in the bench file.
 
-    ``device`` is the slave number at the drive's switch. ``steps_per_degree`` counts the drive's steps, after its electronic gear,
-    to one degree of the table. ``ramp`` is the time to reach the speed, ``current`` a share of the rated one, ``deadband`` how many
-    steps from its target it may rest. ``home_input`` to ``moving_output`` are bits of the drive's input and output words.
+    ``device`` is the slave number at the drive's switch. ``steps_per_degree`` counts the drive's
+    steps, after its electronic gear, to one degree of the table. ``ramp`` is the time to reach the
+    speed, ``current`` a share of the rated one, ``deadband`` how many steps from its target it may
+    rest. ``home_input`` to ``moving_output`` are bits of the drive's input and output words.
     """
 
     device: Annotated[int, Field(ge=1, le=31)]
@@ -103,15 +111,22 @@ class OrientalKeys(Description):
 
     @model_validator(mode="after")
     def _bits_differ(self) -> "OrientalKeys":
-        for signals in (("home_input", "stop_input"), ("ready_output", "alarm_output", "moving_output")):
+        for signals in (
+            ("home_input", "stop_input"),
+            ("ready_output", "alarm_output", "moving_output"),
+        ):
             bits = [getattr(self, signal) for signal in signals]
             if len(set(bits)) < len(bits):
-                raise ValueError(f"{', '.join(signals)} are bits {', '.join(map(str, bits))}; give each a bit of its own")
+                raise ValueError(
+                    f"{', '.join(signals)} are bits {', '.join(map(str, bits))}; give each a bit of"
+                    " its own"
+                )
         return self
 
 
 class OrientalAxis:
-    """One drive of a line, in rad; satisfies ``AxisCommands``. Connecting reads its software limits; nothing moves.
+    """One drive of a line, in rad; satisfies ``AxisCommands``. Connecting reads its software
+    limits; nothing moves.
 
     Args:
         name: the axis's name in the bench file.
@@ -132,17 +147,21 @@ class OrientalAxis:
         self._speed, self._rate = round(speed / self._step), round(speed / self._step / keys.ramp)
         if not 1 <= self._speed <= MOST:
             raise DeviceError(
-                f"{name}: asked for {math.degrees(speed):g} deg/s, {self._speed} steps/s of a drive that takes 1 to {MOST}; "
-                "correct `speed` or `steps_per_degree`"
+                f"{name}: asked for {math.degrees(speed):g} deg/s, {self._speed} steps/s of a drive"
+                f" that takes 1 to {MOST}; correct `speed` or `steps_per_degree`"
             )
         if not 1 <= self._rate <= MOST:
             raise DeviceError(
-                f"{name}: asked to reach its speed in {keys.ramp:g} s, {self._rate} steps/s^2 of a drive that takes 1 to {MOST}; "
-                "correct `ramp`"
+                f"{name}: asked to reach its speed in {keys.ramp:g} s, {self._rate} steps/s^2 of a"
+                f" drive that takes 1 to {MOST}; correct `ramp`"
             )
         self.resolution = keys.deadband * self._step
         limited = self._read(OVERTRAVEL) != -1
-        self.travel = (self._read(LOWER_LIMIT) * self._step, self._read(UPPER_LIMIT) * self._step) if limited else (-math.inf, math.inf)
+        self.travel = (
+            (self._read(LOWER_LIMIT) * self._step, self._read(UPPER_LIMIT) * self._step)
+            if limited
+            else (-math.inf, math.inf)
+        )
 
     def start_home(self) -> None:
         """Start to look for the reference; an alarm that can be reset is.
@@ -156,7 +175,10 @@ class OrientalAxis:
         self._require_ready("look for its reference")
         had_reference = self.is_homed()
         _pulse(self._line, self._name, self._keys.device, self._keys.home_input)
-        self._see_it_start("look for its reference", lambda: (not had_reference or self._read(COMMANDED) == 0) and self.is_homed())
+        self._see_it_start(
+            "look for its reference",
+            lambda: (not had_reference or self._read(COMMANDED) == 0) and self.is_homed(),
+        )
 
     def start_move(self, position: float) -> None:
         """Start towards a reading in rad, rounded to the step.
@@ -168,12 +190,22 @@ class OrientalAxis:
         steps = round(position / self._step)
         if not -(2**31) <= steps < 2**31:
             raise LimitError(
-                f"{self._name}: {math.degrees(position):g} deg are {steps} steps, more than the drive can count; nothing moved"
+                f"{self._name}: {math.degrees(position):g} deg are {steps} steps, more than the"
+                " drive can count; nothing moved"
             )
         task = f"move to {math.degrees(position):.6f} deg"
         self._require_ready(task)
         kind = WITHIN_WRAP if self._keys.wrap else ABSOLUTE
-        operation = (0, kind, steps, self._speed, self._rate, self._rate, round(1000 * self._keys.current), ALL_AT_ONCE)
+        operation = (
+            0,
+            kind,
+            steps,
+            self._speed,
+            self._rate,
+            self._rate,
+            round(1000 * self._keys.current),
+            ALL_AT_ONCE,
+        )
         self._line.write(self._name, self._keys.device, OPERATION, operation)
         self._see_it_start(task, lambda: self._read(COMMANDED) == steps)
 
@@ -182,7 +214,9 @@ class OrientalAxis:
         return self._read(MEASURED) * self._step
 
     def reading(self) -> float | None:
-        """The measured reading in rad, None without a reference; an absolute encoder that has one keeps it."""
+        """The measured reading in rad, None without a reference; an absolute encoder that has one
+        keeps it.
+        """
         return self.position() if self.is_homed() else None
 
     def is_busy(self) -> bool:
@@ -230,15 +264,20 @@ class OrientalAxis:
     def _require_ready(self, task: str) -> None:
         outputs = self._read(OUTPUTS)
         if self._output(outputs, self._keys.alarm_output):
-            raise DeviceError(f"{self._name}: asked to {task}, but it has {'; '.join(self.faults()) or 'an alarm'}; nothing moved")
+            raise DeviceError(
+                f"{self._name}: asked to {task}, but it has"
+                f" {'; '.join(self.faults()) or 'an alarm'}; nothing moved"
+            )
         if not self._output(outputs, self._keys.ready_output):
             raise DeviceError(
-                f"{self._name}: asked to {task}, but its drive is not ready; end what else drives it, "
-                "check excitation and stop input, nothing moved"
+                f"{self._name}: asked to {task}, but its drive is not ready; end what else drives"
+                " it, check excitation and stop input, nothing moved"
             )
 
     def _see_it_start(self, task: str, arrived: Callable[[], bool]) -> None:
-        """Watch a drive that has acknowledged a command until it moves or has arrived; where it does neither it is stopped."""
+        """Watch a drive that has acknowledged a command until it moves or has arrived; where it
+        does neither it is stopped.
+        """
         deadline = time.monotonic() + START_S
         while True:
             if self.is_busy() or arrived():
@@ -246,8 +285,17 @@ class OrientalAxis:
             alarm = self.faults()
             if alarm or time.monotonic() > deadline:
                 self.stop()
-                why = f"raised {alarm[0]}" if alarm else f"did nothing for {START_S:g} s; told to stop, see that no other master drives it"
-                raise DeviceError(f"{self._name}: asked to {task}, the drive acknowledged and {why}")
+                why = (
+                    f"raised {alarm[0]}"
+                    if alarm
+                    else (
+                        f"did nothing for {START_S:g} s; told to stop, see that no other master"
+                        " drives it"
+                    )
+                )
+                raise DeviceError(
+                    f"{self._name}: asked to {task}, the drive acknowledged and {why}"
+                )
 
 
 def open_axis(name: str, axis: AxisDescription, keys: OrientalKeys, share: Share) -> OrientalAxis:
@@ -263,7 +311,11 @@ def stop_axis(name: str, axis: AxisDescription, keys: OrientalKeys, share: Share
 def _line(axis: AxisDescription, keys: OrientalKeys, share: Share) -> ModbusLine:
     return share(
         axis.address,
-        lambda: ModbusLine(lambda: make_client(axis.address, keys.baud, keys.parity, keys.timeout), axis.address, keys.timeout),
+        lambda: ModbusLine(
+            lambda: make_client(axis.address, keys.baud, keys.parity, keys.timeout),
+            axis.address,
+            keys.timeout,
+        ),
     )
 
 
@@ -274,7 +326,9 @@ def _pulse(line: ModbusLine, name: str, device: int, bit: int, *, urgent: bool =
 
 
 def _stop(line: ModbusLine, name: str, keys: OrientalKeys) -> None:
-    """Decelerate a drive to rest: goes before all who wait for the line, and the drive confirms it."""
+    """Decelerate a drive to rest: goes before all who wait for the line, and the drive confirms
+    it.
+    """
     try:
         _pulse(line, name, keys.device, keys.stop_input, urgent=True)
     except CommunicationError:

@@ -1,4 +1,5 @@
-"""One owner of a bench: who drives it holds a lock on a file and answers at a loopback port to those who want it stopped.
+"""One owner of a bench: who drives it holds a lock on a file and answers at a loopback port to
+those who want it stopped.
 
 The system frees the lock when the owner ends, however it ends.
 """
@@ -28,18 +29,29 @@ LOCKED_BYTE = 1 << 20  # far behind what is written: a locked byte cannot be rea
 
 
 def lock_files(bench_file: Path) -> dict[str, tuple[Path, ...]]:
-    """Where the owner of a bench writes its port, by axis: files of a user and a line, beside the system's temporary files.
+    """Where the owner of a bench writes its port, by axis: files of a user and a line, beside the
+    system's temporary files.
 
-    A line is known by its address, whatever file says so: a run's copy of the bench file is the same bench, and one that names some of its
-    axes reaches the same stages. Nothing else in the file needs to be right, so that a bench can be stopped while its file is being edited.
-    One file is for the address spelt one way, one, where that differs, for what is written: what a link leads to is not known while a
-    cable is out.
+    A line is known by its address, whatever file says so: a run's copy of the bench file is the
+    same bench, and one that names some of its axes reaches the same stages. Nothing else in the
+    file needs to be right, so that a bench can be stopped while its file is being edited. One file
+    is for the address spelt one way, one, where that differs, for what is written: what a link
+    leads to is not known while a cable is out.
     """
     axes = read_yaml(bench_file)[0].get("axes")
     described = (
-        {str(name): cast(dict[str, Any], axis) for name, axis in axes.items() if isinstance(axis, dict)} if isinstance(axes, dict) else {}
+        {
+            str(name): cast(dict[str, Any], axis)
+            for name, axis in axes.items()
+            if isinstance(axis, dict)
+        }
+        if isinstance(axes, dict)
+        else {}
     )
-    reached = {name: (str(axis.get("driver")), str(axis.get("address", ""))) for name, axis in described.items()}
+    reached = {
+        name: (str(axis.get("driver")), str(axis.get("address", "")))
+        for name, axis in described.items()
+    }
     return {
         name: tuple(dict.fromkeys(_lock_file(place) for place in (spelt(driver, address), address)))
         for name, (driver, address) in reached.items()
@@ -73,27 +85,40 @@ class Owner:
             files = [_held(file, bench_file, held) for file in lines]
             try:
                 self._listener = held.enter_context(socket.create_server(("127.0.0.1", 0)))
-                says = {"process": os.getpid(), "port": self._listener.getsockname()[1], "token": self._token, "bench": _named(bench_file)}
+                says = {
+                    "process": os.getpid(),
+                    "port": self._listener.getsockname()[1],
+                    "token": self._token,
+                    "bench": _named(bench_file),
+                }
                 text = json.dumps(says)
                 for file in files:
                     os.ftruncate(file, 0)
                     os.write(file, text.encode())
             except OSError as error:
                 raise DeviceError(
-                    f"{bench_file}: it cannot be noted who drives the bench ({error}); make room in {tempfile.gettempdir()}"
+                    f"{bench_file}: it cannot be noted who drives the bench ({error}); make room in"
+                    f" {tempfile.gettempdir()}"
                 ) from error
             self._held = held.pop_all()
 
     def stops_with(self, stop: Callable[[], None]) -> None:
-        """From now on another process that asks has every axis stopped: ``stop`` is called from a thread of this owner's."""
-        self._thread = threading.Thread(target=self._listen, args=(stop,), name=f"owner of {self._name}", daemon=True)
+        """From now on another process that asks has every axis stopped: ``stop`` is called from a
+        thread of this owner's.
+        """
+        self._thread = threading.Thread(
+            target=self._listen, args=(stop,), name=f"owner of {self._name}", daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:
         """Own it no longer."""
         self._ended = True
         if self._thread is not None:
-            with contextlib.suppress(OSError), socket.create_connection(self._listener.getsockname(), 1.0):
+            with (
+                contextlib.suppress(OSError),
+                socket.create_connection(self._listener.getsockname(), 1.0),
+            ):
                 pass  # wakes the thread that waits for somebody
             self._thread.join()
         self._held.close()
@@ -119,11 +144,13 @@ class Owner:
 
 
 def ask_owners_to_stop(bench_file: Path) -> dict[str, str | None]:
-    """Have those who own lines of a bench, or began with its file whatever stands in it now, stop every axis of theirs.
+    """Have those who own lines of a bench, or began with its file whatever stands in it now, stop
+    every axis of theirs.
 
     Returns:
-        Of each axis that is not simulated or moved by hand, and of each further owner by process: None where nobody owns its line,
-        nothing where its owner says that all stopped, else a sentence that says what is wrong.
+        Of each axis that is not simulated or moved by hand, and of each further owner by process:
+        None where nobody owns its line, nothing where its owner says that all stopped, else a
+        sentence that says what is wrong.
 
     Raises:
         InputError: the file cannot be read, and nobody who drives a bench began with it.
@@ -169,13 +196,16 @@ def _ask_to_stop(owner: dict[str, Any], bench_file: Path) -> str:
     except (OSError, KeyError, ValueError) as error:
         who = owner.get("process", "unknown")
         return (
-            f"{bench_file}: process {who} drives this bench and does not answer ({error}); end it, where it hangs by `kill -9 {who}`, "
-            "which stops its axes, or cut their power"
+            f"{bench_file}: process {who} drives this bench and does not answer ({error}); end it,"
+            f" where it hangs by `kill -9 {who}`, which stops its axes, or cut their power"
         )
     said = answer.removeprefix(HEARD)
     if said == STOPPED:
         return ""
-    return said.decode(errors="replace") or f"{bench_file}: its owner did not say that the axes stopped; cut their power"
+    return (
+        said.decode(errors="replace")
+        or f"{bench_file}: its owner did not say that the axes stopped; cut their power"
+    )
 
 
 def _held(file: Path, bench_file: Path, held: contextlib.ExitStack) -> int:
@@ -188,8 +218,9 @@ def _held(file: Path, bench_file: Path, held: contextlib.ExitStack) -> int:
     if locked is None:
         who = _read(file).get("process", "unknown")
         raise DeviceError(
-            f"{bench_file}: another program drives this bench (process {who}), perhaps somebody else's run; wait for its end: "
-            f"`flflab bench stop --bench {bench_file}` would stop its axes and with them what it does"
+            f"{bench_file}: another program drives this bench (process {who}), perhaps somebody"
+            f" else's run; wait for its end: `flflab bench stop --bench {bench_file}` would stop"
+            " its axes and with them what it does"
         )
     held.callback(os.close, locked)
     held.callback(os.ftruncate, locked, 0)
@@ -208,7 +239,9 @@ def _open_locked(file: Path) -> int | None:
     try:
         opened = os.open(file, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
     except OSError as error:
-        raise DeviceError(f"{file}: cannot be opened ({error}); it says who drives the bench, make it writable") from error
+        raise DeviceError(
+            f"{file}: cannot be opened ({error}); it says who drives the bench, make it writable"
+        ) from error
     try:
         if sys.platform == "win32":
             import msvcrt

@@ -30,11 +30,14 @@ class AxisDriver:
 
     Args:
         keys: the model of its own keys in the bench file.
-        open: opens one axis, given its name, description, own keys and what opens or shares the line at its address; raises
-            CommunicationError where nobody answers, DeviceError where the device refuses a setting.
-        stop: given the same, stops one axis that was not opened: nothing that it could refuse is asked of it before.
+        open: opens one axis, given its name, description, own keys and what opens or shares the
+            line at its address; raises CommunicationError where nobody answers, DeviceError where
+            the device refuses a setting.
+        stop: given the same, stops one axis that was not opened: nothing that it could refuse is
+            asked of it before.
         counts: lengths or angles; None: either.
-        apart: which of its own keys tell the axes at one address from each other; None where an address says nothing.
+        apart: which of its own keys tell the axes at one address from each other; None where an
+            address says nothing.
         place: an address spelt one way; raises InputError where it is none.
         patience: how long an axis may be busy without progress, s.
     """
@@ -50,7 +53,9 @@ class AxisDriver:
 
 @dataclass(frozen=True)
 class SettingDriver:
-    """A driver of an iris or a target holder: its own keys, how it is opened and spells an address, how long a change may take, s."""
+    """A driver of an iris or a target holder: its own keys, how it is opened and spells an address,
+    how long a change may take, s.
+    """
 
     keys: type[Description]
     open: Callable[[str, Any, Share], SettingCommands[Any]]
@@ -60,7 +65,9 @@ class SettingDriver:
 
 @dataclass(frozen=True)
 class CameraDriver:
-    """A driver of cameras: the model of its own keys, how a camera is opened, how it spells an address."""
+    """A driver of cameras: the model of its own keys, how a camera is opened, how it spells an
+    address.
+    """
 
     keys: type[Description]
     open: Callable[[str, Any, Share], CameraCommands]
@@ -68,11 +75,27 @@ class CameraDriver:
 
 
 AXES: Mapping[str, AxisDriver] = {
-    "zaber": AxisDriver(zaber.ZaberKeys, zaber.open_axis, zaber.stop_axis, LENGTH, ("device", "axis")),
-    "thorlabs": AxisDriver(thorlabs.ThorlabsKeys, thorlabs.open_axis, thorlabs.stop_axis, ANGLE, ("channel",)),
-    "oriental": AxisDriver(oriental.OrientalKeys, oriental.open_axis, oriental.stop_axis, ANGLE, ("device",)),
-    "standa": AxisDriver(standa.StandaKeys, standa.open_axis, standa.stop_axis, LENGTH, (), standa.place),
-    "manual": AxisDriver(manual.ManualAxisKeys, manual.open_axis, manual.stop_axis, None, None, str, patience=FOR_EVER),
+    "zaber": AxisDriver(
+        zaber.ZaberKeys, zaber.open_axis, zaber.stop_axis, LENGTH, ("device", "axis")
+    ),
+    "thorlabs": AxisDriver(
+        thorlabs.ThorlabsKeys, thorlabs.open_axis, thorlabs.stop_axis, ANGLE, ("channel",)
+    ),
+    "oriental": AxisDriver(
+        oriental.OrientalKeys, oriental.open_axis, oriental.stop_axis, ANGLE, ("device",)
+    ),
+    "standa": AxisDriver(
+        standa.StandaKeys, standa.open_axis, standa.stop_axis, LENGTH, (), standa.place
+    ),
+    "manual": AxisDriver(
+        manual.ManualAxisKeys,
+        manual.open_axis,
+        manual.stop_axis,
+        None,
+        None,
+        str,
+        patience=FOR_EVER,
+    ),
 }
 CAMERAS: Mapping[str, CameraDriver] = {
     "scpi": CameraDriver(scpi.ScpiCameraKeys, scpi.open_camera, tcp_place),

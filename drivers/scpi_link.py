@@ -1,4 +1,6 @@
-"""One line of SCPI to an instrument: commands whose failure is asked for in the same line, queries, and blocks of bytes."""
+"""One line of SCPI to an instrument: commands whose failure is asked for in the same line, queries,
+and blocks of bytes.
+"""
 
 import re
 import threading
@@ -14,9 +16,11 @@ ERROR = re.compile(r'(-?\d+),"((?:[^"]|"")*)"')
 
 
 class ScpiLink:
-    """A connection to the instruments at one address (docs/scpi-camera.md); any thread may ask, one at a time.
+    """A connection to the instruments at one address (docs/scpi-camera.md); any thread may ask, one
+    at a time.
 
-    After a fault the connection is dropped, since nobody knows what is still to come on it; the next question connects anew.
+    After a fault the connection is dropped, since nobody knows what is still to come on it; the
+    next question connects anew.
 
     Args:
         name: the device on the bench, for messages.
@@ -46,7 +50,10 @@ class ScpiLink:
         self._refuse_error(answers[-1], "; ".join(queries))
         if len(answers) != len(queries) + 1:
             self.drop()
-            raise CommunicationError(f"{self._says(queries)}, got {len(answers) - 1} answers, {answers}; check model and firmware")
+            raise CommunicationError(
+                f"{self._says(queries)}, got {len(answers) - 1} answers, {answers}; check model and"
+                " firmware"
+            )
         return answers[:-1]
 
     def command(self, *commands: str) -> None:
@@ -56,7 +63,9 @@ class ScpiLink:
             CommunicationError: no answer.
             DeviceError: the instrument refuses one.
         """
-        self._refuse_error(self._exchange(";".join(("*CLS", *commands, "SYST:ERR?"))), "; ".join(commands))
+        self._refuse_error(
+            self._exchange(";".join(("*CLS", *commands, "SYST:ERR?"))), "; ".join(commands)
+        )
 
     def poll(self, query: str) -> str:
         """The answer to one query that cannot fail; leaves the kept errors where they are.
@@ -77,7 +86,9 @@ class ScpiLink:
             return [float(answer) for answer in answers]
         except ValueError as error:
             self.drop()
-            raise CommunicationError(f"{self._says(queries)}, got {answers}, not numbers; check model and firmware") from error
+            raise CommunicationError(
+                f"{self._says(queries)}, got {answers}, not numbers; check model and firmware"
+            ) from error
 
     def block(self, query: str, fields: int, most: int, timeout: float) -> tuple[list[str], bytes]:
         """Ask for numbers followed by one IEEE 488.2 definite-length block.
@@ -86,7 +97,8 @@ class ScpiLink:
             query: the only query of its line.
             fields: how many comma-separated fields stand before the block.
             most: the largest block that makes sense, bytes.
-            timeout: how long its beginning may take, s; once it runs, 5 s without a byte is the end.
+            timeout: how long its beginning may take, s; once it runs, 5 s without a byte is the
+                end.
 
         Returns:
             The fields and the bytes.
@@ -102,13 +114,21 @@ class ScpiLink:
                 digits = wire.read_exactly(1, 5.0)
                 length = wire.read_exactly(int(digits), 5.0) if b"1" <= digits <= b"9" else b""
                 if not length.isdigit() or int(length) > most:
-                    raise CommunicationError(f"got a block {show(b'#' + digits + length)}, not one of at most {most} bytes; {AGAIN}")
+                    raise CommunicationError(
+                        f"got a block {show(b'#' + digits + length)}, not one of at most {most}"
+                        f" bytes; {AGAIN}"
+                    )
                 bytes_ = wire.read_exactly(int(length), 5.0)
                 if (end := wire.read_exactly(1, 5.0)) != b"\n":
-                    raise CommunicationError(f"got {show(end)} after a block of {int(length)} bytes where its end is due; {AGAIN}")
+                    raise CommunicationError(
+                        f"got {show(end)} after a block of {int(length)} bytes where its end is"
+                        f" due; {AGAIN}"
+                    )
                 found = head.decode("ascii", "replace").split(",")
                 if len(found) != fields + 1 or found[-1]:
-                    raise CommunicationError(f"got {show(head)} before the block where {fields} fields are due; {AGAIN}")
+                    raise CommunicationError(
+                        f"got {show(head)} before the block where {fields} fields are due; {AGAIN}"
+                    )
             except CommunicationError as error:
                 self.drop()
                 raise CommunicationError(f"{self._says((query,))}: {error}") from error
@@ -134,9 +154,13 @@ class ScpiLink:
             try:
                 wire = self._connect()
                 wire.write(line.encode("ascii") + b"\n")
-                answer = wire.read_until(b"\n", self._timeout if timeout is None else timeout).rstrip(b"\r")
+                answer = wire.read_until(
+                    b"\n", self._timeout if timeout is None else timeout
+                ).rstrip(b"\r")
                 if not answer.isascii():
-                    raise CommunicationError(f"got {show(answer)}, which is no text; check what stands at this address")
+                    raise CommunicationError(
+                        f"got {show(answer)}, which is no text; check what stands at this address"
+                    )
                 return answer.decode("ascii")
             except CommunicationError as error:
                 self.drop()
@@ -146,7 +170,9 @@ class ScpiLink:
         found = ERROR.fullmatch(answer)
         if found is None:
             self.drop()
-            raise CommunicationError(f"{self._says(('SYST:ERR?',))}, got {answer[:80]!r}, not an error's number and text")
+            raise CommunicationError(
+                f"{self._says(('SYST:ERR?',))}, got {answer[:80]!r}, not an error's number and text"
+            )
         number, text = found.groups()
         return "" if int(number) == 0 else f"{number} {text.replace(2 * chr(34), chr(34))}"
 

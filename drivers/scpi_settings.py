@@ -19,12 +19,16 @@ def busy(link: ScpiLink, query: str) -> bool:
     answer = link.poll(query)
     if answer not in ("0", "1"):
         link.drop()
-        raise CommunicationError(f"asked {query!r}, got {answer[:80]!r}, neither 0 nor 1; check what stands at this address")
+        raise CommunicationError(
+            f"asked {query!r}, got {answer[:80]!r}, neither 0 nor 1; check what stands at this"
+            " address"
+        )
     return answer == "1"
 
 
 class ScpiIris:
-    """The f-number of a motorised iris; satisfies ``SettingCommands[float]``. Connecting moves nothing.
+    """The f-number of a motorised iris; satisfies ``SettingCommands[float]``. Connecting moves
+    nothing.
 
     Raises:
         CommunicationError: it does not answer, or not as an iris.
@@ -65,7 +69,8 @@ class ScpiIris:
 
 
 class ScpiTarget:
-    """The name of the target in place on a wheel; satisfies ``SettingCommands[str]``. Connecting turns nothing.
+    """The name of the target in place on a wheel; satisfies ``SettingCommands[str]``. Connecting
+    turns nothing.
 
     Raises:
         CommunicationError: it does not answer, or not as a wheel.
@@ -76,7 +81,9 @@ class ScpiTarget:
         catalogue = link.query("TARG:CAT?")[0]
         self.allowed = tuple(unquote(name) for name in re.findall(r'"(?:[^"]|"")*"', catalogue))
         if not self.allowed:
-            raise CommunicationError(f"target: asked for its names, got {catalogue!r}; check what stands at this address")
+            raise CommunicationError(
+                f"target: asked for its names, got {catalogue!r}; check what stands at this address"
+            )
 
     def start(self, value: str) -> None:
         """Start to turn."""
@@ -107,7 +114,9 @@ class ScpiTarget:
 
 
 class ScpiSettingKeys(Description):
-    """The keys of an iris or a target wheel in the bench file; ``timeout``: how long an answer may take, s."""
+    """The keys of an iris or a target wheel in the bench file; ``timeout``: how long an answer may
+    take, s.
+    """
 
     timeout: Annotated[float, Field(gt=0)] = 2.0
 

@@ -1,6 +1,8 @@
-"""A child process that stops every axis of a bench when the process that drives it dies: killed, crashed, or out of memory.
+"""A child process that stops every axis of a bench when the process that drives it dies: killed,
+crashed, or out of memory.
 
-It holds the reading end of a pipe. The pipe ends when the owner does; what the owner says before tells whether it let go on purpose.
+It holds the reading end of a pipe. The pipe ends when the owner does; what the owner says before
+tells whether it let go on purpose.
 """
 
 import contextlib
@@ -36,9 +38,13 @@ class Sentinel:
     def __init__(self, bench: Bench, addresses: Mapping[str, str]) -> None:
         command = [sys.executable, "-P", "-c", "from drivers.sentinel import main; main()"]
         # A session of its own: what ends the owner's process group must not end its sentinel.
-        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+        self._child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
         said: list[bytes] = []
-        listener = threading.Thread(target=lambda: said.append(self._stdout().readline()), name="sentinel", daemon=True)
+        listener = threading.Thread(
+            target=lambda: said.append(self._stdout().readline()), name="sentinel", daemon=True
+        )
         listener.start()
         try:
             with contextlib.suppress(OSError):
@@ -51,7 +57,10 @@ class Sentinel:
                 listener.join()
                 self.close()
         if said != [WATCHING]:
-            raise DeviceError(f"{bench.file}: the sentinel that stops the axes when this program dies did not start; nothing moved")
+            raise DeviceError(
+                f"{bench.file}: the sentinel that stops the axes when this program dies did not"
+                " start; nothing moved"
+            )
 
     def _stdin(self) -> Any:
         return self._child.stdin
@@ -74,7 +83,8 @@ class Sentinel:
 
 
 def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
-    """Stop every axis of a bench, all lines at once; none is opened first, since what it refuses must not stand in the way of a stop.
+    """Stop every axis of a bench, all lines at once; none is opened first, since what it refuses
+    must not stand in the way of a stop.
 
     Args:
         bench: the bench file as read.
@@ -86,7 +96,10 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
     lines: dict[str, list[str]] = {}
     for name, address in addresses.items():
         lines.setdefault(spelt(bench.description.axes[name].driver, address), []).append(name)
-    faults: dict[str, str] = {name: f"{name}: no answer to the stop; it may still move, cut its power" for name in addresses}
+    faults: dict[str, str] = {
+        name: f"{name}: no answer to the stop; it may still move, cut its power"
+        for name in addresses
+    }
 
     def stop_line(names: list[str]) -> None:
         opened: list[Any] = []
@@ -97,7 +110,9 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
             return opened[0]
 
         for name in names:
-            axis: AxisDescription = bench.description.axes[name].model_copy(update={"address": addresses[name]})
+            axis: AxisDescription = bench.description.axes[name].model_copy(
+                update={"address": addresses[name]}
+            )
             try:
                 driver = driver_of(bench, name)
                 driver.stop(name, axis, bench.own_keys(driver.keys, "axes", name), share)
@@ -109,7 +124,9 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
         for line in opened:
             line.close()
 
-    threads = [threading.Thread(target=stop_line, args=(names,), daemon=True) for names in lines.values()]
+    threads = [
+        threading.Thread(target=stop_line, args=(names,), daemon=True) for names in lines.values()
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -118,10 +135,13 @@ def stop_axes(bench: Bench, addresses: Mapping[str, str]) -> list[str]:
 
 
 def main() -> None:
-    """Wait for the owner's end; stop every axis unless it let go. Standard input brings the bench and the axes' addresses first."""
+    """Wait for the owner's end; stop every axis unless it let go. Standard input brings the bench
+    and the axes' addresses first.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        bench, addresses = pickle.load(sys.stdin.buffer)  # noqa: S301 - from the owner, which started this process
+        # from the owner, which started this process
+        bench, addresses = pickle.load(sys.stdin.buffer)  # noqa: S301
     except EOFError:  # the owner died before anything moved
         return
     with contextlib.suppress(OSError):  # it died meanwhile
@@ -130,4 +150,9 @@ def main() -> None:
         return
     faults = stop_axes(bench, addresses)
     said = faults or ["every axis was told to stop"]
-    sys.stderr.write("".join(f"flflab: the program that drove {bench.file} is gone; {sentence}\n" for sentence in said))
+    sys.stderr.write(
+        "".join(
+            f"flflab: the program that drove {bench.file} is gone; {sentence}\n"
+            for sentence in said
+        )
+    )

@@ -1,4 +1,6 @@
-"""One setting of the bench (the f-number of the iris, the target in place): allowed values, one thread that sees a change to its end."""
+"""One setting of the bench (the f-number of the iris, the target in place): allowed values, one
+thread that sees a change to its end.
+"""
 
 import contextlib
 import math
@@ -15,7 +17,8 @@ POLL_S = 0.02
 
 
 class Setting(Generic[Value]):
-    """A setting; satisfies bluesky's Movable, Readable, Locatable, Stoppable, Checkable and HasHints.
+    """A setting; satisfies bluesky's Movable, Readable, Locatable, Stoppable, Checkable and
+    HasHints.
 
     Args:
         name: the name on the bench: ``iris``, ``target``.
@@ -26,7 +29,14 @@ class Setting(Generic[Value]):
 
     parent = None
 
-    def __init__(self, name: str, commands: SettingCommands[Value], *, timeout: float = 60.0, closeness: float = 0.005) -> None:
+    def __init__(
+        self,
+        name: str,
+        commands: SettingCommands[Value],
+        *,
+        timeout: float = 60.0,
+        closeness: float = 0.005,
+    ) -> None:
         self.name = name
         self._commands = commands
         self._timeout = timeout
@@ -51,9 +61,19 @@ class Setting(Generic[Value]):
         allowed = self.allowed
         if isinstance(allowed[0], str):
             if value not in allowed:
-                raise LimitError(f"{self.name}: there is no {value!r} here; allowed are {', '.join(map(str, allowed))}")
-        elif not isinstance(value, Real) or not math.isfinite(value) or not allowed[0] <= value <= allowed[1]:
-            raise LimitError(f"{self.name}: asked for {value!r}; allowed is a number from {allowed[0]:g} to {allowed[1]:g}")
+                raise LimitError(
+                    f"{self.name}: there is no {value!r} here; allowed are"
+                    f" {', '.join(map(str, allowed))}"
+                )
+        elif (
+            not isinstance(value, Real)
+            or not math.isfinite(value)
+            or not allowed[0] <= value <= allowed[1]
+        ):
+            raise LimitError(
+                f"{self.name}: asked for {value!r}; allowed is a number from {allowed[0]:g} to"
+                f" {allowed[1]:g}"
+            )
 
     def set(self, value: Value) -> Status:
         """Start to change the setting.
@@ -65,12 +85,17 @@ class Setting(Generic[Value]):
         self.check_value(value)
         with self._starting:
             if self._change is not None and not self._change.done:
-                raise DeviceError(f"{self.name}: asked for {value} while it changes to {self._asked}; wait for it or stop it first")
+                raise DeviceError(
+                    f"{self.name}: asked for {value} while it changes to {self._asked}; wait for it"
+                    " or stop it first"
+                )
             change = Status(f"{self.name}: set to {value}")
             self._stopped = None
             self._commands.start(value)
             self._change, self._asked = change, value
-            self._watcher = threading.Thread(target=self._watch, args=(change, value), name=f"watch {self.name}", daemon=True)
+            self._watcher = threading.Thread(
+                target=self._watch, args=(change, value), name=f"watch {self.name}", daemon=True
+            )
             self._watcher.start()
         return change
 
@@ -86,7 +111,8 @@ class Setting(Generic[Value]):
         """Give up a change under way.
 
         Args:
-            success: whether that is as planned (a pause); the change then ends well, else with MotionError.
+            success: whether that is as planned (a pause); the change then ends well, else with
+                MotionError.
         """
         if self._change is not None and not self._change.done:
             self._stopped = success
@@ -113,7 +139,10 @@ class Setting(Generic[Value]):
         value = self.value()
         settled = self._change is not None and self._change.success
         if settled and self._asked is not None and not self._equal(value, self._asked):
-            raise MotionError(f"{self.name}: set to {self._asked}, it now is {value}; see what changed it and go on")
+            raise MotionError(
+                f"{self.name}: set to {self._asked}, it now is {value}; see what changed it and"
+                " go on"
+            )
         return {self.name: {"value": value, "timestamp": time.time()}}
 
     def describe(self) -> dict[str, Any]:
@@ -143,15 +172,24 @@ class Setting(Generic[Value]):
             if self._stopped is not None:
                 break
             if time.monotonic() > deadline:
-                raise MotionError(f"{change.task}: not there after {self._timeout:g} s; look what holds it")
+                raise MotionError(
+                    f"{change.task}: not there after {self._timeout:g} s; look what holds it"
+                )
             time.sleep(POLL_S)
         if self._stopped is not None:
-            return None if self._stopped else MotionError(f"{change.task}: given up on the way, as it was told")
+            return (
+                None
+                if self._stopped
+                else MotionError(f"{change.task}: given up on the way, as it was told")
+            )
         reached = self._commands.value()
         if self._equal(reached, value):
             return None
         fault = self._commands.fault()
-        return MotionError(f"{change.task}: ended at {reached or 'no known value'} instead{fault and f' ({fault})'}; look what holds it")
+        return MotionError(
+            f"{change.task}: ended at {reached or 'no known value'}"
+            f" instead{fault and f' ({fault})'}; look what holds it"
+        )
 
     def _equal(self, reached: Value, value: Value) -> bool:
         """Whether what it is is what was asked for."""

@@ -1,4 +1,6 @@
-"""``address: simulated``: the instruments of a bench file served by a child process that dies with this one."""
+"""``address: simulated``: the instruments of a bench file served by a child process that dies with
+this one.
+"""
 
 import json
 import subprocess
@@ -18,23 +20,38 @@ SILENCE_S = 2.0
 
 
 class SimulatedBench:
-    """A child process that serves every instrument of a bench file on loopback; ends with ``close`` or with this process.
+    """A child process that serves every instrument of a bench file on loopback; ends with ``close``
+    or with this process.
 
-    The child holds on to the pipe on its standard input and ends when that closes, which the system does when this process dies.
+    The child holds on to the pipe on its standard input and ends when that closes, which the system
+    does when this process dies.
 
     Args:
         bench_file: the bench file.
         seed: of its errors and noise, whatever the file says.
-        timeout: how long it may take to say its addresses, s (it starts Python and compiles what is not in its cache).
+        timeout: how long it may take to say its addresses, s (it starts Python and compiles what is
+            not in its cache).
 
     Raises:
         CommunicationError: it did not start; with the last line it wrote.
     """
 
     def __init__(self, bench_file: Path, seed: int, timeout: float = 60.0) -> None:
-        command = [sys.executable, "-P", "-m", "flflab", "sim", str(bench_file), "--json", "--seed", str(seed)]
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "flflab",
+            "sim",
+            str(bench_file),
+            "--json",
+            "--seed",
+            str(seed),
+        ]
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
-        self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._complaints)
+        self._child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._complaints
+        )
         self._file = bench_file
         self._said: list[bytes] = []
         self._started, self._ready = threading.Event(), threading.Event()
@@ -48,8 +65,14 @@ class SimulatedBench:
             self._end()
             last = self._last_complaint()
             self._let_go()
-            reason = f"it said nothing for {timeout:g} s" if silent else "it ended without saying its addresses"
-            raise CommunicationError(f"{bench_file}: the simulated bench did not start, {reason}; its last words: {last}") from None
+            reason = (
+                f"it said nothing for {timeout:g} s"
+                if silent
+                else "it ended without saying its addresses"
+            )
+            raise CommunicationError(
+                f"{bench_file}: the simulated bench did not start, {reason}; its last words: {last}"
+            ) from None
         except BaseException:  # Ctrl-C: nobody else knows of the child yet
             self.close()
             raise
@@ -64,15 +87,22 @@ class SimulatedBench:
             CommunicationError: it took longer, or the simulated bench ended.
         """
         if not wait_for(self._ready, min(SILENCE_S, timeout)):
-            print("the simulated bench compiles what draws its pictures, the first time one or two minutes", file=sys.stderr, flush=True)
+            print(
+                "the simulated bench compiles what draws its pictures, the first time one or two"
+                " minutes",
+                file=sys.stderr,
+                flush=True,
+            )
         if not wait_for(self._ready, max(0.0, timeout - SILENCE_S)):
             raise CommunicationError(
-                f"{self._file}: the simulated bench still compiles what draws its pictures after {timeout:g} s; "
-                "see what else keeps this machine busy, then run it again: what is compiled is kept"
+                f"{self._file}: the simulated bench still compiles what draws its pictures after"
+                f" {timeout:g} s; see what else keeps this machine busy, then run it again: what is"
+                " compiled is kept"
             )
         if not self._said[1]:
             raise CommunicationError(
-                f"{self._file}: the simulated bench ended before its first frame; its last words: {self._last_complaint()}; run it again"
+                f"{self._file}: the simulated bench ended before its first frame; its last words:"
+                f" {self._last_complaint()}; run it again"
             )
 
     def _listen(self) -> None:
@@ -94,7 +124,9 @@ class SimulatedBench:
         for part in (*path, "address"):
             place = place.get(part) if isinstance(place, dict) else None
         if not isinstance(place, str):
-            raise CommunicationError(f"{'.'.join(path)}: the simulated bench does not serve it; check its driver")
+            raise CommunicationError(
+                f"{'.'.join(path)}: the simulated bench does not serve it; check its driver"
+            )
         return place
 
     def close(self) -> None:
@@ -130,7 +162,8 @@ class SimulatedBench:
 
 
 class SimulatedOnDemand:
-    """The simulated bench, started for the first device that needs it and tried once only; any thread may ask.
+    """The simulated bench, started for the first device that needs it and tried once only; any
+    thread may ask.
 
     Args:
         bench: the bench as read.
@@ -153,7 +186,9 @@ class SimulatedOnDemand:
         with self._starting:
             if self._started is None:
                 try:
-                    self._started = SimulatedBench(self._bench.file, self._bench.description.simulated.seed)
+                    self._started = SimulatedBench(
+                        self._bench.file, self._bench.description.simulated.seed
+                    )
                     self._resources.callback(self._started.close)
                 except CommunicationError as fault:
                     self._started = fault

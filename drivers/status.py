@@ -9,7 +9,8 @@ from flflab.waiting import wait_for
 
 
 class Status:
-    """Something under way, completed once by whoever does it; satisfies bluesky's ``Status`` protocol.
+    """Something under way, completed once by whoever does it; satisfies bluesky's ``Status``
+    protocol.
 
     Args:
         task: what is under way, as an operator would say it: ``array_stage to 12.5 mm``.
@@ -23,7 +24,9 @@ class Status:
         self._callbacks: list[Callable[[Status], None]] = []
 
     def __repr__(self) -> str:
-        state = "under way" if not self.done else "done" if self.success else f"failed: {self._error}"
+        state = (
+            "under way" if not self.done else "done" if self.success else f"failed: {self._error}"
+        )
         return f"<{self.task}: {state}>"
 
     @property
@@ -65,7 +68,9 @@ class Status:
             TimeoutError: it has not ended.
         """
         if not wait_for(self._finished, timeout):
-            raise TimeoutError(f"{self.task}: still under way after {timeout:g} s; wait longer or stop it")
+            raise TimeoutError(
+                f"{self.task}: still under way after {timeout:g} s; wait longer or stop it"
+            )
         return self._error
 
     def wait(self, timeout: float | None = None) -> None:
@@ -91,11 +96,16 @@ def wait_all(*statuses: Status, timeout: float | None = None) -> None:
         timeout: how long to wait for all of them together, s; None waits for ever.
 
     Raises:
-        DeviceError: at least one failed; the sentences of all that did. A single failure is raised as it is.
+        DeviceError: at least one failed; the sentences of all that did. A single failure is raised
+            as it is.
         TimeoutError: at least one has not ended.
     """
     ends = None if timeout is None else time.monotonic() + timeout
-    errors = [error for status in statuses if (error := status.exception(None if ends is None else max(0.0, ends - time.monotonic())))]
+    errors = [
+        error
+        for status in statuses
+        if (error := status.exception(None if ends is None else max(0.0, ends - time.monotonic())))
+    ]
     if len(errors) == 1:
         raise errors[0]
     if errors:

@@ -1,4 +1,6 @@
-"""A look at every device of a bench at once: who answers, who it is, where it stands, what it warns of; nothing moves."""
+"""A look at every device of a bench at once: who answers, who it is, where it stands, what it warns
+of; nothing moves.
+"""
 
 import threading
 import time
@@ -20,7 +22,8 @@ SILENT = "does not answer"
 
 
 class Identity(NamedTuple):
-    """One line of the table of devices: texts; position in mm or rad is None where there is none or its reference is missing.
+    """One line of the table of devices: texts; position in mm or rad is None where there is none or
+    its reference is missing.
 
     The serial number is that of an axis, as ``AxisCommands`` has it.
     """
@@ -51,7 +54,8 @@ def look(name: str, device: DeviceDescription, instrument: Any, address: str) ->
 
 
 def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
-    """Every device of a bench, all lines at once; who cannot be opened or says nothing in time has that in its line.
+    """Every device of a bench, all lines at once; who cannot be opened or says nothing in time has
+    that in its line.
 
     Args:
         bench: the bench file as read.
@@ -62,7 +66,10 @@ def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
         DeviceError: another program drives the bench.
     """
     require_drivable(bench)
-    devices = {name: device_of(bench, name) for name in (*bench.description.axes, "camera", "iris", "target")}
+    devices = {
+        name: device_of(bench, name)
+        for name in (*bench.description.axes, "camera", "iris", "target")
+    }
     lines: dict[tuple[str, str], list[str]] = {}
     for name, device in devices.items():
         lines.setdefault((device.driver, spelt(device.driver, device.address)), []).append(name)
@@ -82,7 +89,12 @@ def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
                     silent = Identity(name, device.driver, address, SILENT, None, str(fault))
                     rows[name] = silent if fault else look(name, device, instrument, address)
 
-        threads = [threading.Thread(target=look_along, args=(line,), name=f"look at {line[0]}", daemon=True) for line in lines.values()]
+        threads = [
+            threading.Thread(
+                target=look_along, args=(line,), name=f"look at {line[0]}", daemon=True
+            )
+            for line in lines.values()
+        ]
         deadline = time.monotonic() + timeout
         for thread in threads:
             thread.start()
@@ -91,6 +103,14 @@ def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
         found = dict(rows)
     late = f"no answer within {timeout:g} s"
     return [
-        found.get(name) or Identity(name, device.driver, device.address, SILENT, None, f"{name}: {late}; {what_to_check(device.address)}")
+        found.get(name)
+        or Identity(
+            name,
+            device.driver,
+            device.address,
+            SILENT,
+            None,
+            f"{name}: {late}; {what_to_check(device.address)}",
+        )
         for name, device in devices.items()
     ]

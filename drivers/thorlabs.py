@@ -1,20 +1,26 @@
-"""Thorlabs motors by the APT protocol: a KDC101 controller with a PRM1-Z8 rotation stage, one on each line.
+# longer than 450 lines because a device is one file read downwards
+"""Thorlabs motors by the APT protocol: a KDC101 controller with a PRM1-Z8 rotation stage, one on
+each line.
 
 What this file relies on, from Thorlabs' "Host-Controller Communications Protocol" (issue 37, 2023):
 
-- A message is six bytes, little-endian: id, two parameters, destination, source. Where bit 7 of the destination is set the parameters
-  are the length of data that follow. Host 0x01, a controller on USB 0x50; 115200 baud, RTS/CTS.
-- Nothing acknowledges a move: it is over when a status says so (bits 4 to 7 moving, 9 homing, 10 homed, 31 enabled), beside
-  messages that come unasked when it ends. So a command that got lost is found by asking for the state until the motion shows.
-- Answers come in order and carry no number. So every question is followed by a second one, for the enable state, and what was
-  answered last before the answer to that counts: what comes late or twice is passed over.
-- Positions are whole encoder counts. Speeds are counts/s * T * 65536, accelerations counts/s^2 * T^2 * 65536, T = 2048 / 6e6 s.
+- A message is six bytes, little-endian: id, two parameters, destination, source. Where bit 7 of the
+  destination is set the parameters are the length of data that follow. Host 0x01, a controller on
+  USB 0x50; 115200 baud, RTS/CTS.
+- Nothing acknowledges a move: it is over when a status says so (bits 4 to 7 moving, 9 homing, 10
+  homed, 31 enabled), beside messages that come unasked when it ends. So a command that got lost is
+  found by asking for the state until the motion shows.
+- Answers come in order and carry no number. So every question is followed by a second one, for the
+  enable state, and what was answered last before the answer to that counts: what comes late or
+  twice is passed over.
+- Positions are whole encoder counts. Speeds are counts/s * T * 65536, accelerations counts/s^2 *
+  T^2 * 65536, T = 2048 / 6e6 s.
 - Messages carry no checksum: what guards the bytes is USB's own.
 
-A controller has a backlash correction, 1 degree at first, which overshoots the target from one side: it is switched off, and asked
-whether it is, since a motion has to stay between its ends. Not confirmed from the manual: within how many counts the servo comes to
-rest (``deadband``).
-On close the motor holds its place.
+A controller has a backlash correction, 1 degree at first, which overshoots the target from one
+side: it is switched off, and asked whether it is, since a motion has to stay between its ends. Not
+confirmed from the manual: within how many counts the servo comes to rest (``deadband``). On close
+the motor holds its place.
 """
 
 import math
@@ -46,10 +52,16 @@ GENTLY = 2  # a stop with the set acceleration
 SERVO_S = 2048 / 6e6
 MOVING, HOMING, REFERENCE, ENABLED = 0xF0, 1 << 9, 1 << 10, 1 << 31
 FAULTS = {
-    14: "position error too large", 15: "instrument error", 16: "interlock open", 17: "motor too hot", 18: "supply voltage low",
-    19: "commutation error", 25: "encoder fault", 26: "overcurrent", 27: "supply current fault", 30: "error",
+    14: "position error too large", 15: "instrument error", 16: "interlock open",
+    17: "motor too hot", 18: "supply voltage low",
+    19: "commutation error", 25: "encoder fault", 26: "overcurrent", 27: "supply current fault",
+    30: "error",
 }  # fmt: skip
-STATES = {0: "at the forward limit switch", 1: "at the reverse limit switch", 24: "motor current at its limit"}
+STATES = {
+    0: "at the forward limit switch",
+    1: "at the reverse limit switch",
+    24: "motor current at its limit",
+}
 START_S = 0.5  # until a motion shows
 LONGEST = 255  # bytes of data, as the manual has it
 MOST = 2**31 - 1  # a position or a speed in a message
@@ -60,8 +72,9 @@ Share = Callable[[str, Callable[[], "AptLink"]], "AptLink"]
 class ThorlabsKeys(Description):
     """The keys of a Thorlabs axis in the bench file.
 
-    ``counts_per_degree`` is of the stage: 1919.6418578623391 of a PRM1-Z8. ``deadband`` is how many counts from its target the
-    servo may come to rest. ``handshake`` is RTS/CTS, which the controller's USB port wants.
+    ``counts_per_degree`` is of the stage: 1919.6418578623391 of a PRM1-Z8. ``deadband`` is how many
+    counts from its target the servo may come to rest. ``handshake`` is RTS/CTS, which the
+    controller's USB port wants.
     """
 
     counts_per_degree: Annotated[float, Field(gt=0)] = 1919.6418578623391
@@ -108,21 +121,29 @@ def read_message(take: Callable[[int], bytes]) -> Message:
         take: gives so many bytes.
 
     Raises:
-        CommunicationError: what came does not begin a message to this host, or is too long to be one.
+        CommunicationError: what came does not begin a message to this host, or is too long to be
+            one.
     """
     header = take(6)
     message_id, length, destination, source = struct.unpack("<HHBB", header)
     if destination & ~WITH_DATA not in (0, HOST) or not source:
-        raise CommunicationError(f"got {header.hex(' ')}, which begins no message to this computer; check cable, port and protocol")
+        raise CommunicationError(
+            f"got {header.hex(' ')}, which begins no message to this computer; check cable, port"
+            " and protocol"
+        )
     if not destination & WITH_DATA:
         return Message(message_id, (header[2], header[3]))
     if length > LONGEST:
-        raise CommunicationError(f"got a message of {length} bytes, longer than any of this protocol; check cable and port")
+        raise CommunicationError(
+            f"got a message of {length} bytes, longer than any of this protocol; check cable and"
+            " port"
+        )
     return Message(message_id, (0, 0), take(length))
 
 
 class AptLink:
-    """The line to one controller: one exchange at a time; a stop is written at once, past whoever waits.
+    """The line to one controller: one exchange at a time; a stop is written at once, past whoever
+    waits.
 
     Args:
         opener: opens the line.
@@ -153,7 +174,8 @@ class AptLink:
             raise LostError(f"{name}: {error}") from error
 
     def ask(self, name: str, message: bytes, answer: int, size: int) -> bytes:
-        """Write a request and return the data of its answer; asked once more when the first answer does not come.
+        """Write a request and return the data of its answer; asked once more when the first answer
+        does not come.
 
         Args:
             name: the axis that asks, for messages.
@@ -176,18 +198,25 @@ class AptLink:
         Raises:
             CommunicationError: no answer, or that of another channel.
         """
-        told, counts, _, _, bits = struct.unpack("<HlhHL", self.ask(name, encode(REQUEST_STATUS, channel), STATUS, 14))
+        told, counts, _, _, bits = struct.unpack(
+            "<HlhHL", self.ask(name, encode(REQUEST_STATUS, channel), STATUS, 14)
+        )
         if told != channel:
-            raise CommunicationError(f"{name}: got the state of channel {told}, not of {channel}; check `channel`")
+            raise CommunicationError(
+                f"{name}: got the state of channel {told}, not of {channel}; check `channel`"
+            )
         return State(counts, bits)
 
     def stop(self, name: str, channel: int) -> None:
-        """Decelerate to rest; written at once, then the controller is asked for its state to know that it listens.
+        """Decelerate to rest; written at once, then the controller is asked for its state to know
+        that it listens.
 
         Raises:
             CommunicationError: it does not answer, so that it may not have taken the stop.
         """
-        stop_surely(self.line, name, encode(STOP, channel, GENTLY), lambda: self.state(name, channel))
+        stop_surely(
+            self.line, name, encode(STOP, channel, GENTLY), lambda: self.state(name, channel)
+        )
 
     def close(self) -> None:
         """Let go of the line."""
@@ -204,8 +233,14 @@ class AptLink:
             wire.write(message + encode(REQUEST_ENABLED, 1))
             data = self._until(wire, ENABLE_STATE).get(answer)
             if data is None or len(data) != size:
-                came = "no answer to it" if data is None else f"{len(data)} bytes of data instead of {size}"
-                raise CommunicationError(f"{wire.address}: got {came}; check cable, model and firmware")
+                came = (
+                    "no answer to it"
+                    if data is None
+                    else f"{len(data)} bytes of data instead of {size}"
+                )
+                raise CommunicationError(
+                    f"{wire.address}: got {came}; check cable, model and firmware"
+                )
         except LostError as error:
             self._in_step = False
             self.line.lose(wire)
@@ -225,13 +260,17 @@ class AptLink:
             self.heard.add(message.id)
             if message.id == last:
                 return came
-        raise CommunicationError(f"{wire.address}: other messages only within {self._timeout:g} s; close other programs on this port")
+        raise CommunicationError(
+            f"{wire.address}: other messages only within {self._timeout:g} s; close other programs"
+            " on this port"
+        )
 
 
 class ThorlabsAxis:
     """A rotation stage on a controller, in rad; satisfies ``AxisCommands``.
 
-    Connecting enables the motor, sets the speed and switches the backlash correction off; nothing moves.
+    Connecting enables the motor, sets the speed and switches the backlash correction off; nothing
+    moves.
 
     Args:
         name: the axis's name in the bench file.
@@ -254,14 +293,23 @@ class ThorlabsAxis:
         self.resolution = keys.deadband * self._count
         self._speed = round(speed / self._count * SERVO_S * 65536)
         if self._speed > MOST:
-            raise DeviceError(f"{name}: asked for {math.degrees(speed):g} deg/s, more than the controller can be told; correct `speed`")
+            raise DeviceError(
+                f"{name}: asked for {math.degrees(speed):g} deg/s, more than the controller can be"
+                " told; correct `speed`"
+            )
         self._set_up()
 
     def start_home(self) -> None:
-        """Start to look for the reference; a controller without one was off, and has forgotten what it was told."""
+        """Start to look for the reference; a controller without one was off, and has forgotten what
+        it was told.
+        """
         if not (before := self._state()).bits & REFERENCE:
             self._set_up()
-        self._start(encode(HOME, self._keys.channel), HOMED, lambda now: not before.bits & REFERENCE and bool(now.bits & REFERENCE))
+        self._start(
+            encode(HOME, self._keys.channel),
+            HOMED,
+            lambda now: not before.bits & REFERENCE and bool(now.bits & REFERENCE),
+        )
 
     def start_move(self, position: float) -> None:
         """Start towards a reading in rad, rounded to the count.
@@ -275,7 +323,8 @@ class ThorlabsAxis:
         counts = round(position / self._count)
         if abs(counts) > MOST:
             raise LimitError(
-                f"{self._name}: {math.degrees(position):g} deg are {counts} counts, more than the controller can count; nothing moved"
+                f"{self._name}: {math.degrees(position):g} deg are {counts} counts, more than the"
+                " controller can count; nothing moved"
             )
         message = encode(MOVE, data=struct.pack("<Hl", self._keys.channel, counts))
         self._start(message, COMPLETED, lambda now: abs(now.counts - counts) <= self._keys.deadband)
@@ -320,32 +369,45 @@ class ThorlabsAxis:
 
     def serial(self) -> str:
         """The controller's serial number, with the channel where it is not its first."""
-        return str(self._info()[0]) + (f" channel {self._keys.channel}" if self._keys.channel > 1 else "")
+        return str(self._info()[0]) + (
+            f" channel {self._keys.channel}" if self._keys.channel > 1 else ""
+        )
 
     def close(self) -> None:
         """Nothing: the line is closed by who opened it; the motor holds."""
 
     def _info(self) -> tuple[Any, ...]:
-        return struct.unpack_from("<L8sHBBB", self._link.ask(self._name, encode(REQUEST_INFO), INFO, 84))
+        return struct.unpack_from(
+            "<L8sHBBB", self._link.ask(self._name, encode(REQUEST_INFO), INFO, 84)
+        )
 
     def _set_up(self) -> None:
         channel, wanted = self._keys.channel, self._speed
         _, least, acceleration, most = self._speeds()
         if most != wanted:
-            self._link.tell(self._name, encode(SET_SPEED, data=struct.pack("<Hlll", channel, least, acceleration, wanted)))
+            self._link.tell(
+                self._name,
+                encode(SET_SPEED, data=struct.pack("<Hlll", channel, least, acceleration, wanted)),
+            )
             if (set_to := self._speeds()[3]) != wanted:
-                raise DeviceError(f"{self._name}: asked for the speed {wanted}, it keeps {set_to}; give a speed the stage can reach")
+                raise DeviceError(
+                    f"{self._name}: asked for the speed {wanted}, it keeps {set_to}; give a speed"
+                    " the stage can reach"
+                )
         if self._backlash() != 0:
             self._link.tell(self._name, encode(SET_BACKLASH, data=struct.pack("<Hl", channel, 0)))
             if kept := self._backlash():
                 raise DeviceError(
-                    f"{self._name}: asked to switch its backlash correction off, it keeps {kept} counts; "
-                    "switch it off in the maker's software"
+                    f"{self._name}: asked to switch its backlash correction off, it keeps {kept}"
+                    " counts; switch it off in the maker's software"
                 )
         self._link.tell(self._name, encode(SET_ENABLED, channel, 1))
 
     def _backlash(self) -> int:
-        return struct.unpack("<Hl", self._link.ask(self._name, encode(REQUEST_BACKLASH, self._keys.channel), BACKLASH, 6))[1]
+        return struct.unpack(
+            "<Hl",
+            self._link.ask(self._name, encode(REQUEST_BACKLASH, self._keys.channel), BACKLASH, 6),
+        )[1]
 
     def _speeds(self) -> tuple[int, int, int, int]:
         data = self._link.ask(self._name, encode(REQUEST_SPEED, self._keys.channel), SPEED, 14)
@@ -358,7 +420,10 @@ class ThorlabsAxis:
     def _start(self, message: bytes, ended: int, arrived: Callable[[State], bool]) -> None:
         """Write what moves, once, and see that it moves, has ended or has arrived."""
         if not self._state().bits & ENABLED:
-            raise DeviceError(f"{self._name}: its motor is switched off at the controller; enable it there, nothing moved")
+            raise DeviceError(
+                f"{self._name}: its motor is switched off at the controller; enable it there,"
+                " nothing moved"
+            )
         self._link.heard.discard(ended)
         self._link.tell(self._name, message)
         deadline = time.monotonic() + START_S
@@ -366,13 +431,16 @@ class ThorlabsAxis:
             state = self._state()
             if ended == COMPLETED and not state.bits & REFERENCE:
                 self.stop()
-                raise NotHomedError(f"{self._name}: lost its reference as it was told to move (a reset?); told to stop, home it")
+                raise NotHomedError(
+                    f"{self._name}: lost its reference as it was told to move (a reset?); told to"
+                    " stop, home it"
+                )
             if state.busy or arrived(state) or ended in self._link.heard:
                 return
             if time.monotonic() > deadline:
                 raise CommunicationError(
-                    f"{self._name}: told {message.hex(' ')}, but no motion shows within {START_S:g} s; told to stop, "
-                    "check cable and controller, then try again"
+                    f"{self._name}: told {message.hex(' ')}, but no motion shows within {START_S:g}"
+                    " s; told to stop, check cable and controller, then try again"
                 )
 
 
@@ -391,4 +459,9 @@ def stop_axis(name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share
 
 
 def _link(axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> AptLink:
-    return share(axis.address, lambda: AptLink(lambda: open_serial(axis.address, keys.baud, handshake=keys.handshake), keys.timeout))
+    return share(
+        axis.address,
+        lambda: AptLink(
+            lambda: open_serial(axis.address, keys.baud, handshake=keys.handshake), keys.timeout
+        ),
+    )

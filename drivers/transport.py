@@ -1,4 +1,6 @@
-"""Bytes to and from an instrument: a serial line (tty, pty, ``socket://``) or a TCP connection, read with deadlines."""
+"""Bytes to and from an instrument: a serial line (tty, pty, ``socket://``) or a TCP connection,
+read with deadlines.
+"""
 
 import contextlib
 import os
@@ -15,9 +17,16 @@ MOST_UNREAD = 1 << 16
 
 
 def what_to_check(address: str) -> str:
-    """What an operator looks at where nobody answers: no cable leads to what is served on this machine."""
-    if address == "simulated" or address.removeprefix("socket://").startswith(("127.", "localhost:", "[::1]")):
-        return "check that what serves it on this machine still runs, and what else keeps the machine busy"
+    """What an operator looks at where nobody answers: no cable leads to what is served on this
+    machine.
+    """
+    if address == "simulated" or address.removeprefix("socket://").startswith(
+        ("127.", "localhost:", "[::1]")
+    ):
+        return (
+            "check that what serves it on this machine still runs, and what else keeps the machine"
+            " busy"
+        )
     return "check cable, power and address"
 
 
@@ -26,7 +35,8 @@ class LostError(CommunicationError):
 
 
 class Wire:
-    """A connection: writes whole messages, reads up to an end mark or a count of bytes, each by a deadline.
+    """A connection: writes whole messages, reads up to an end mark or a count of bytes, each by a
+    deadline.
 
     Args:
         address: where it leads, for messages.
@@ -35,7 +45,13 @@ class Wire:
         shut: lets go of it.
     """
 
-    def __init__(self, address: str, send: Callable[[bytes], object], receive: Callable[[], bytes], shut: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        address: str,
+        send: Callable[[bytes], object],
+        receive: Callable[[], bytes],
+        shut: Callable[[], None],
+    ) -> None:
         self.address = address
         self._send = send
         self._receive = receive
@@ -53,19 +69,25 @@ class Wire:
             with self._writing:
                 self._send(message)
         except (OSError, TypeError) as error:
-            raise LostError(f"{self.address}: cannot write ({error}); {what_to_check(self.address)}") from error
+            raise LostError(
+                f"{self.address}: cannot write ({error}); {what_to_check(self.address)}"
+            ) from error
 
     def read_until(self, end: bytes, timeout: float) -> bytes:
         """What comes up to an end mark, without it.
 
         Raises:
-            CommunicationError: it did not come in time, far too much came without it, or the connection is gone.
+            CommunicationError: it did not come in time, far too much came without it, or the
+                connection is gone.
         """
         deadline, seen = time.monotonic() + timeout, 0
         while (at := self._come.find(end, seen)) < 0:
             seen = max(0, len(self._come) - len(end) + 1)
             if len(self._come) > MOST_UNREAD:
-                raise CommunicationError(f"{self.address}: endless {show(self._come)} without an end of line; check the baud rate")
+                raise CommunicationError(
+                    f"{self.address}: endless {show(self._come)} without an end of line; check the"
+                    " baud rate"
+                )
             self._wait_for_more(deadline, timeout)
         line = bytes(self._come[:at])
         del self._come[: at + len(end)]
@@ -104,14 +126,21 @@ class Wire:
 
     def _wait_for_more(self, deadline: float, timeout: float, progress: str = "") -> None:
         if not self._take() and time.monotonic() > deadline:
-            rest = f"; {show(self._come)} came without its end" if self._come and not progress else ""
-            raise CommunicationError(f"{self.address}: no answer within {timeout:g} s{progress}{rest}; {what_to_check(self.address)}")
+            rest = (
+                f"; {show(self._come)} came without its end" if self._come and not progress else ""
+            )
+            raise CommunicationError(
+                f"{self.address}: no answer within {timeout:g} s{progress}{rest};"
+                f" {what_to_check(self.address)}"
+            )
 
     def _take(self) -> bool:
         try:
             more = self._receive()
         except (OSError, TypeError) as error:
-            raise LostError(f"{self.address}: the connection is gone ({error}); {what_to_check(self.address)}") from error
+            raise LostError(
+                f"{self.address}: the connection is gone ({error}); {what_to_check(self.address)}"
+            ) from error
         self._come += more
         return bool(more)
 
@@ -125,8 +154,9 @@ def open_serial(address: str, baud: int, *, parity: str = "N", handshake: bool =
     """Open a serial line.
 
     Args:
-        address: a port (``COM3``, ``/dev/ttyUSB0``, a pty's path), a URL of pyserial, or one behind a network: ``host:port`` and
-            ``socket://host:port`` are TCP without pyserial, which reads them byte by byte and takes 0.3 s to close.
+        address: a port (``COM3``, ``/dev/ttyUSB0``, a pty's path), a URL of pyserial, or one behind
+            a network: ``host:port`` and ``socket://host:port`` are TCP without pyserial, which
+            reads them byte by byte and takes 0.3 s to close.
         baud: bits per second; TCP has none.
         parity: N, E or O.
         handshake: RTS and CTS say when to send.
@@ -140,9 +170,19 @@ def open_serial(address: str, baud: int, *, parity: str = "N", handshake: bool =
 
     own: dict[str, bool] = {} if "://" in address else {"exclusive": True}
     try:
-        port = serial.serial_for_url(address, baudrate=baud, parity=parity, rtscts=handshake, timeout=SLICE_S, write_timeout=2.0, **own)
+        port = serial.serial_for_url(
+            address,
+            baudrate=baud,
+            parity=parity,
+            rtscts=handshake,
+            timeout=SLICE_S,
+            write_timeout=2.0,
+            **own,
+        )
     except (OSError, ValueError) as error:
-        raise CommunicationError(f"{address}: cannot be opened ({error}); check the address, and who else holds it") from error
+        raise CommunicationError(
+            f"{address}: cannot be opened ({error}); check the address, and who else holds it"
+        ) from error
     return Wire(address, port.write, lambda: port.read(max(1, port.in_waiting)), port.close)
 
 
@@ -157,7 +197,9 @@ def open_tcp(address: str, timeout: float = 5.0) -> Wire:
     try:
         link = socket.create_connection((host.strip("[]"), int(number)), timeout)
     except (OSError, OverflowError) as error:
-        raise CommunicationError(f"{address}: cannot be reached ({error}); check power, network and address") from error
+        raise CommunicationError(
+            f"{address}: cannot be reached ({error}); check power, network and address"
+        ) from error
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     link.settimeout(SLICE_S)
 
@@ -188,14 +230,19 @@ def tcp_place(address: str) -> str:
     """
     host, _, port = address.removeprefix("socket://").rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise InputError(f"{address!r} is not an address; give host:port, such as 127.0.0.1:5025, with a port from 1 to 65535")
+        raise InputError(
+            f"{address!r} is not an address; give host:port, such as 127.0.0.1:5025, with a port"
+            " from 1 to 65535"
+        )
     return f"{'127.0.0.1' if host.lower() == 'localhost' else host.lower()}:{int(port)}"
 
 
 def serial_place(address: str) -> str:
-    """The address of a serial line spelt one way: links followed to the port they lead to; URLs of pyserial as they are.
+    """The address of a serial line spelt one way: links followed to the port they lead to; URLs of
+    pyserial as they are.
 
-    macOS has two files for a port, /dev/tty.X that waits for a carrier and /dev/cu.X that does not: the second stands for both.
+    macOS has two files for a port, /dev/tty.X that waits for a carrier and /dev/cu.X that does not:
+    the second stands for both.
 
     Raises:
         InputError: it is none.
@@ -208,7 +255,10 @@ def serial_place(address: str) -> str:
         return address
     if address.startswith("/"):
         return re.sub(r"^/dev/tty\.", "/dev/cu.", os.path.realpath(address))
-    raise InputError(f"{address!r} is not an address; give a serial port, such as /dev/ttyUSB0 or COM3, or socket://host:port")
+    raise InputError(
+        f"{address!r} is not an address; give a serial port, such as /dev/ttyUSB0 or COM3, or"
+        " socket://host:port"
+    )
 
 
 def _is_host_and_port(address: str) -> bool:

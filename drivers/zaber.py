@@ -1,16 +1,21 @@
+# longer than 450 lines because a device is one file read downwards
 """Zaber stages by the Zaber ASCII protocol: one daisy chain on one line, any number of axes on it.
 
 What this file relies on, from the ASCII protocol manual (firmware 6 and 7):
 
-- Commands ``/device axis id text:CC`` and CR LF; one reply ``@DD A id OK|RJ BUSY|IDLE flag data:CC``; lines that begin with ``#``
-  (information) or ``!`` (alerts) come unasked and are kept aside. CC is the two's complement of the sum of the bytes between
-  the first character and the colon. A command with a wrong checksum is ignored, so it shows as silence.
-- Positions are whole microsteps, ``maxspeed`` is microsteps/s times 1.6384. An empty command answers the state.
+- Commands ``/device axis id text:CC`` and CR LF; one reply ``@DD A id OK|RJ BUSY|IDLE flag
+  data:CC``; lines that begin with ``#`` (information) or ``!`` (alerts) come unasked and are kept
+  aside. CC is the two's complement of the sum of the bytes between the first character and the
+  colon. A command with a wrong checksum is ignored, so it shows as silence.
+- Positions are whole microsteps, ``maxspeed`` is microsteps/s times 1.6384. An empty command
+  answers the state.
 - ``warnings`` answers a count and flags; WR and WH say that the axis has no reference.
-- ``home`` goes to the home sensor, towards lower positions, and counts from ``limit.home.preset`` there.
+- ``home`` goes to the home sensor, towards lower positions, and counts from ``limit.home.preset``
+  there.
 
-Not confirmed from the manual: that a reply carries a checksum whenever the command did (what the vendor's client expects; where a
-device does not, set its ``comm.checksum`` to 1 or give ``checksum: false``), and that ``stop`` raises the flag NI.
+Not confirmed from the manual: that a reply carries a checksum whenever the command did (what the
+vendor's client expects; where a device does not, set its ``comm.checksum`` to 1 or give ``checksum:
+false``), and that ``stop`` raises the flag NI.
 """
 
 import re
@@ -31,29 +36,42 @@ from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedE
 
 SPEED_UNIT = 1.6384
 STOP_ID = 99
-FEWEST_IDS = 50  # in use: by the time the others have been waited for in vain, the first one's reply is not to come any more
+# in use: by the time the others have been waited for in vain, the first one's reply is not to come
+# any more
+FEWEST_IDS = 50
 REPLY = re.compile(r"@(\d\d) (\d) (\d\d) (OK|RJ) (BUSY|IDLE) (--|[A-Z]{2}) ([^:]*)")
 NO_REFERENCE = ("WR", "WH")
 PRESET = "limit.home.preset"
 FLAGS = {
-    "FF": "critical system error", "FN": "peripheral not supported", "FZ": "peripheral inactive", "FH": "hardware emergency stop",
-    "FV": "driver off, voltage out of range", "FO": "driver disabled", "FC": "current inrush", "FM": "motor too hot",
-    "FD": "driver disabled", "FQ": "encoder error", "FI": "index error", "FA": "analog encoder out of step", "FR": "overdrive limit",
-    "FS": "stalled and stopped", "FB": "stream out of bounds", "FP": "path deviation", "FE": "limit error", "FT": "excessive twist",
-    "WL": "unexpected limit trigger", "WV": "voltage out of range", "WT": "controller hot", "WS": "stalled and recovered",
-    "WM": "displaced when stationary", "WP": "calibration of another type", "WR": "no reference position", "WH": "not homed",
-    "NC": "moved by hand", "NI": "movement interrupted", "ND": "stream discontinuity", "NR": "value rounded", "NT": "value truncated",
+    "FF": "critical system error", "FN": "peripheral not supported", "FZ": "peripheral inactive",
+    "FH": "hardware emergency stop",
+    "FV": "driver off, voltage out of range", "FO": "driver disabled", "FC": "current inrush",
+    "FM": "motor too hot",
+    "FD": "driver disabled", "FQ": "encoder error", "FI": "index error",
+    "FA": "analog encoder out of step", "FR": "overdrive limit",
+    "FS": "stalled and stopped", "FB": "stream out of bounds", "FP": "path deviation",
+    "FE": "limit error", "FT": "excessive twist",
+    "WL": "unexpected limit trigger", "WV": "voltage out of range", "WT": "controller hot",
+    "WS": "stalled and recovered",
+    "WM": "displaced when stationary", "WP": "calibration of another type",
+    "WR": "no reference position", "WH": "not homed",
+    "NC": "moved by hand", "NI": "movement interrupted", "ND": "stream discontinuity",
+    "NR": "value rounded", "NT": "value truncated",
     "NU": "setting update pending", "NJ": "joystick calibrating", "NB": "firmware update mode",
 }  # fmt: skip
 SPOILS_A_MOTION = ("WL", "NI", "NC")
 REASONS = {
-    "AGAIN": "it was busy with another command; try again", "BADAXIS": "there is no such axis; correct `axis` in the bench file",
-    "BADCOMMAND": "it does not know this command; check model and firmware", "BADDATA": "out of its range; give another value, or home it",
-    "DEVICEONLY": "this command is for the whole device", "DRIVERDISABLED": "its driver is off; clear the cause and enable it",
+    "AGAIN": "it was busy with another command; try again",
+    "BADAXIS": "there is no such axis; correct `axis` in the bench file",
+    "BADCOMMAND": "it does not know this command; check model and firmware",
+    "BADDATA": "out of its range; give another value, or home it",
+    "DEVICEONLY": "this command is for the whole device",
+    "DRIVERDISABLED": "its driver is off; clear the cause and enable it",
     "FULL": "its memory is full", "INACTIVE": "no stage is connected to this axis; plug it in",
     "LOCKSTEP": "the axis is locked to another", "NOACCESS": "this needs a higher access level",
     "NOTSUPPORTED": "the connected stage is not supported", "PARKED": "it is parked; unpark it",
-    "REMOTE": "it is controlled by EtherCAT", "STATUSBUSY": "it moves; stop it first", "TWISTED": "the gantry is twisted",
+    "REMOTE": "it is controlled by EtherCAT", "STATUSBUSY": "it moves; stop it first",
+    "TWISTED": "the gantry is twisted",
     "BADMESSAGEID": "the message id is not one", "BADSPLIT": "a command in parts was broken",
 }  # fmt: skip
 
@@ -64,8 +82,8 @@ Share = Callable[[str, Callable[[], "ZaberChain"]], "ZaberChain"]
 class ZaberKeys(Description):
     """The keys of a Zaber axis in the bench file.
 
-    ``microstep`` is the data sheet's microstep size, which holds for ``microsteps_per_step`` (the data sheet's default
-    resolution); the device's own resolution is read from it.
+    ``microstep`` is the data sheet's microstep size, which holds for ``microsteps_per_step`` (the
+    data sheet's default resolution); the device's own resolution is read from it.
     """
 
     device: Annotated[int, Field(ge=1, le=99)]
@@ -91,7 +109,9 @@ class Reply:
 
 
 def checksum(body: bytes) -> str:
-    """Two upper-case hex digits: the two's complement of the sum of the bytes after the first character, up to the colon."""
+    """Two upper-case hex digits: the two's complement of the sum of the bytes after the first
+    character, up to the colon.
+    """
     return f"{-sum(body) & 0xFF:02X}"
 
 
@@ -114,22 +134,34 @@ def parse(line: bytes, with_checksum: bool = True) -> Reply | None:
     body, colon, sum_ = line.rpartition(b":")
     if colon and re.fullmatch(rb"[0-9A-F]{2}", sum_):
         if sum_.decode() != checksum(body[1:]):
-            raise CommunicationError(f"got {show(line)}, its checksum is wrong, {checksum(body[1:])} is due; check cable and baud rate")
+            raise CommunicationError(
+                f"got {show(line)}, its checksum is wrong, {checksum(body[1:])} is due; check cable"
+                " and baud rate"
+            )
     elif with_checksum and line[:1] == b"@":
-        raise CommunicationError(f"got {show(line)} without a checksum; set comm.checksum of the device to 1, or give `checksum: false`")
+        raise CommunicationError(
+            f"got {show(line)} without a checksum; set comm.checksum of the device to 1, or give"
+            " `checksum: false`"
+        )
     else:
         body = line
     if body[:1] in (b"#", b"!"):
         return None
     found = REPLY.fullmatch(body.decode("ascii", "replace"))
     if found is None:
-        raise CommunicationError(f"got {show(line)}, not a reply of the Zaber ASCII protocol; check cable, baud rate and protocol")
+        raise CommunicationError(
+            f"got {show(line)}, not a reply of the Zaber ASCII protocol; check cable, baud rate and"
+            " protocol"
+        )
     device, axis, message_id, flag, state, warning, data = found.groups()
-    return Reply(int(device), int(axis), int(message_id), flag == "OK", state == "BUSY", warning, data)
+    return Reply(
+        int(device), int(axis), int(message_id), flag == "OK", state == "BUSY", warning, data
+    )
 
 
 class ZaberChain:
-    """The one line that the axes of a chain share: one exchange at a time; a stop is written at once, past whoever waits.
+    """The one line that the axes of a chain share: one exchange at a time; a stop is written at
+    once, past whoever waits.
 
     Args:
         opener: opens the line.
@@ -140,7 +172,9 @@ class ZaberChain:
         CommunicationError: the line cannot be opened.
     """
 
-    def __init__(self, opener: Callable[[], Wire], with_checksum: bool = True, timeout: float = 0.5) -> None:
+    def __init__(
+        self, opener: Callable[[], Wire], with_checksum: bool = True, timeout: float = 0.5
+    ) -> None:
         self.unasked: deque[str] = deque(maxlen=100)
         self.line = Line(opener)
         self._with_checksum = with_checksum
@@ -158,7 +192,8 @@ class ZaberChain:
             device: address on the chain.
             axis: of that device, 0 for the device itself.
             text: the command.
-            repeatable: whether it may be sent a second time when the first reply is lost; never true of what moves.
+            repeatable: whether it may be sent a second time when the first reply is lost; never
+                true of what moves.
 
         Raises:
             CommunicationError: no reply, or not the reply to this command.
@@ -173,14 +208,20 @@ class ZaberChain:
             return self._exchange(name, device, axis, text)
 
     def stop(self, name: str, device: int, axis: int) -> None:
-        """Decelerate an axis to rest; written at once, then the device is asked once for its state to know that it listens.
+        """Decelerate an axis to rest; written at once, then the device is asked once for its state
+        to know that it listens.
 
         Raises:
             CommunicationError: it does not answer, so that it may not have taken the stop.
             DeviceError: it has no such axis.
         """
         stop = encode(device, axis, STOP_ID, "stop")  # its reply is skipped by whoever reads
-        stop_surely(self.line, name, stop, lambda: _accepted(name, "", self.ask(name, device, axis, "", repeatable=False)))
+        stop_surely(
+            self.line,
+            name,
+            stop,
+            lambda: _accepted(name, "", self.ask(name, device, axis, "", repeatable=False)),
+        )
 
     def close(self) -> None:
         """Let go of the line."""
@@ -190,7 +231,9 @@ class ZaberChain:
         if len(self._ids) < FEWEST_IDS:
             self._ids.append(self._unanswered.popleft())
         message_id = self._ids.popleft()
-        self._unanswered.append(message_id)  # used for nothing else: its late reply would be taken for another command's
+        self._unanswered.append(
+            message_id
+        )  # used for nothing else: its late reply would be taken for another command's
         asked = f"{name} (device {device} axis {axis}): asked {text or 'for its state'!r}, "
         wire = self.line.get(asked)
         try:
@@ -201,8 +244,9 @@ class ZaberChain:
             reply = self._next_reply(wire, message_id)
             if (reply.device, reply.axis, reply.id) != (device, axis, message_id):
                 raise CommunicationError(
-                    f"got the reply of device {reply.device} axis {reply.axis} to message {reply.id}, not to message {message_id}; "
-                    "check that no two devices share a number and no other program is on the line"
+                    f"got the reply of device {reply.device} axis {reply.axis} to message"
+                    f" {reply.id}, not to message {message_id}; check that no two devices share a"
+                    " number and no other program is on the line"
                 )
         except LostError as error:
             self.line.lose(wire)
@@ -226,7 +270,8 @@ class ZaberChain:
 
 
 class ZaberAxis:
-    """One axis of a chain, in mm; satisfies ``AxisCommands``. Connecting reads settings and sets the speed; nothing moves.
+    """One axis of a chain, in mm; satisfies ``AxisCommands``. Connecting reads settings and sets
+    the speed; nothing moves.
 
     Args:
         name: the axis's name in the bench file.
@@ -237,15 +282,21 @@ class ZaberAxis:
 
     Raises:
         CommunicationError: the device does not answer, or not in this protocol.
-        DeviceError: it counts its reference at the other end, or refuses a setting, such as the speed.
+        DeviceError: it counts its reference at the other end, or refuses a setting, such as the
+            speed.
     """
 
-    def __init__(self, name: str, chain: ZaberChain, keys: ZaberKeys, speed: float, *, homes_up: bool) -> None:
+    def __init__(
+        self, name: str, chain: ZaberChain, keys: ZaberKeys, speed: float, *, homes_up: bool
+    ) -> None:
         self._name = name
         self._chain = chain
         self._keys = keys
         self.resolution = keys.microstep * keys.microsteps_per_step / self._setting("resolution")
-        self.travel = (self._setting("limit.min") * self.resolution, self._setting("limit.max") * self.resolution)
+        self.travel = (
+            self._setting("limit.min") * self.resolution,
+            self._setting("limit.max") * self.resolution,
+        )
         self._require_reference(homes_up)
         maxspeed = round(speed / self.resolution * SPEED_UNIT)
         if self._setting("maxspeed") != maxspeed:
@@ -259,7 +310,8 @@ class ZaberAxis:
     def start_move(self, position: float) -> None:
         """Start towards a reading in mm, rounded to the microstep.
 
-        It is told how far to go, not where to: a device that lost its counter in between (a reset) stays on the way that was found free.
+        It is told how far to go, not where to: a device that lost its counter in between (a reset)
+        stays on the way that was found free.
 
         Raises:
             LimitError: outside the device's own limits.
@@ -268,15 +320,23 @@ class ZaberAxis:
         self._command("warnings clear", repeatable=True)
         here = self.reading()
         if here is None:
-            raise NotHomedError(f"{self._name}: asked to move, but it has just lost its reference (a reset?); home it, nothing moved")
-        self._command(f"move rel {round(position / self.resolution) - round(here / self.resolution)}", repeatable=False)
+            raise NotHomedError(
+                f"{self._name}: asked to move, but it has just lost its reference (a reset?); home"
+                " it, nothing moved"
+            )
+        self._command(
+            f"move rel {round(position / self.resolution) - round(here / self.resolution)}",
+            repeatable=False,
+        )
 
     def position(self) -> float:
         """The reading in mm."""
         return self._setting("pos") * self.resolution
 
     def reading(self) -> float | None:
-        """The reading in mm, None without a reference: the reply says so itself, unless a graver flag hides it."""
+        """The reading in mm, None without a reference: the reply says so itself, unless a graver
+        flag hides it.
+        """
         before = self._command("get pos", repeatable=True)
         if before.flag in NO_REFERENCE or (before.flag != "--" and not self.is_homed()):
             return None
@@ -298,8 +358,12 @@ class ZaberAxis:
         self._chain.stop(self._name, self._keys.device, self._keys.axis)
 
     def faults(self) -> tuple[str, ...]:
-        """Flags that spoil a motion: every F, and WL, NI, NC (as the vendor's client judges its own moves)."""
-        return tuple(_phrase(flag) for flag in self._flags() if flag[0] == "F" or flag in SPOILS_A_MOTION)
+        """Flags that spoil a motion: every F, and WL, NI, NC (as the vendor's client judges its own
+        moves).
+        """
+        return tuple(
+            _phrase(flag) for flag in self._flags() if flag[0] == "F" or flag in SPOILS_A_MOTION
+        )
 
     def warnings(self) -> tuple[str, ...]:
         """Every flag raised."""
@@ -307,29 +371,37 @@ class ZaberAxis:
 
     def identity(self) -> str:
         """Kind, serial number and firmware."""
-        kind, serial, version = (self._device_setting(setting) for setting in ("deviceid", "system.serial", "version"))
+        kind, serial, version = (
+            self._device_setting(setting) for setting in ("deviceid", "system.serial", "version")
+        )
         return f"Zaber device {kind}, serial {serial}, firmware {version}, at {self._keys.device}"
 
     def serial(self) -> str:
         """The device's serial number, with the axis where it is not its first."""
-        return self._device_setting("system.serial") + (f" axis {self._keys.axis}" if self._keys.axis > 1 else "")
+        return self._device_setting("system.serial") + (
+            f" axis {self._keys.axis}" if self._keys.axis > 1 else ""
+        )
 
     def close(self) -> None:
         """Nothing: the chain is closed by who opened it."""
 
     def _require_reference(self, homes_up: bool) -> None:
-        """Refuse a device that will count its reference at the other end; firmware that does not say where is asked to home only."""
+        """Refuse a device that will count its reference at the other end; firmware that does not
+        say where is asked to home only.
+        """
         asked = f"get {PRESET}"
-        reply = self._chain.ask(self._name, self._keys.device, self._keys.axis, asked, repeatable=True)
+        reply = self._chain.ask(
+            self._name, self._keys.device, self._keys.axis, asked, repeatable=True
+        )
         if not reply.accepted and reply.data == "BADCOMMAND":
             return
         reference = self._number(PRESET, _accepted(self._name, asked, reply)) * self.resolution
         if at_the_other_end(reference, self.travel, homes_up):
             found, due = ("low", "high") if homes_up else ("high", "low")
             raise DeviceError(
-                f"{self._name}: the device counts its reference as {reference:g} mm, at the {found} end of its travel, where "
-                f"`home_towards` and `sign` of the bench file have the {due} one; correct them, the rule of the gap relies on them; "
-                "nothing moved"
+                f"{self._name}: the device counts its reference as {reference:g} mm, at the {found}"
+                " end of its travel, where `home_towards` and `sign` of the bench file have the"
+                f" {due} one; correct them, the rule of the gap relies on them; nothing moved"
             )
 
     def _setting(self, setting: str) -> int:
@@ -337,7 +409,10 @@ class ZaberAxis:
 
     def _number(self, setting: str, reply: Reply) -> int:
         if not re.fullmatch(r"-?\d+", reply.data):
-            raise CommunicationError(f"{self._name}: asked for {setting}, got {reply.data!r}, not a whole number; check model and firmware")
+            raise CommunicationError(
+                f"{self._name}: asked for {setting}, got {reply.data!r}, not a whole number; check"
+                " model and firmware"
+            )
         return int(reply.data)
 
     def _device_setting(self, setting: str) -> str:
@@ -346,19 +421,28 @@ class ZaberAxis:
     def _flags(self) -> list[str]:
         data = self._command("warnings", repeatable=True).data
         count, *flags = data.split() or [""]
-        if not count.isdigit() or int(count) != len(flags) or any(not re.fullmatch(r"[A-Z]{2}", flag) for flag in flags):
-            raise CommunicationError(f"{self._name}: asked for its warnings, got {data!r}, not a count and as many flags")
+        if (
+            not count.isdigit()
+            or int(count) != len(flags)
+            or any(not re.fullmatch(r"[A-Z]{2}", flag) for flag in flags)
+        ):
+            raise CommunicationError(
+                f"{self._name}: asked for its warnings, got {data!r}, not a count and as many flags"
+            )
         return flags
 
     def _command(self, text: str, *, repeatable: bool, axis: int | None = None) -> Reply:
         numbers = (self._keys.device, self._keys.axis if axis is None else axis)
-        return _accepted(self._name, text, self._chain.ask(self._name, *numbers, text, repeatable=repeatable))
+        return _accepted(
+            self._name, text, self._chain.ask(self._name, *numbers, text, repeatable=repeatable)
+        )
 
 
 def _accepted(name: str, text: str, reply: Reply) -> Reply:
     if not reply.accepted:
         raise (LimitError if reply.data == "BADDATA" and text.startswith("move") else DeviceError)(
-            f"{name}: asked {text!r}, the device refuses ({reply.data}: {REASONS.get(reply.data, 'a reason not known here')})"
+            f"{name}: asked {text!r}, the device refuses ({reply.data}:"
+            f" {REASONS.get(reply.data, 'a reason not known here')})"
         )
     return reply
 
@@ -378,4 +462,9 @@ def stop_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -
 
 
 def _chain(axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberChain:
-    return share(axis.address, lambda: ZaberChain(lambda: open_serial(axis.address, keys.baud), keys.checksum, keys.timeout))
+    return share(
+        axis.address,
+        lambda: ZaberChain(
+            lambda: open_serial(axis.address, keys.baud), keys.checksum, keys.timeout
+        ),
+    )

@@ -1,6 +1,8 @@
-"""How the microlens array stands to the sensor, from one white picture: roll, tilt, and the sensor's place against the exit pupil.
+"""How the microlens array stands to the sensor, from one white picture: roll, tilt, and the
+sensor's place against the exit pupil.
 
-What a tilt does to centres and radii of the micro-images stands in ``analysis/tilting.py``; here it is read from each of them by itself.
+What a tilt does to centres and radii of the micro-images stands in ``analysis/tilting.py``; here it
+is read from each of them by itself.
 """
 
 import itertools
@@ -37,9 +39,11 @@ class Attitude:
         yaw: positive takes the array's edge at +x away from the main lens.
         pitch: positive takes the array's edge at +y away from the main lens.
         covariance: of (roll, yaw, pitch), shape (3, 3).
-        by_centres: (yaw, pitch) by the bend of the centres alone, and their standard uncertainties, shape (2, 2).
+        by_centres: (yaw, pitch) by the bend of the centres alone, and their standard uncertainties,
+            shape (2, 2).
         by_radii: the same by the discs' radii alone.
-        chi2: reduced chi^2 of the fit of all; the uncertainties are scaled up by its root where above 1.
+        chi2: reduced chi^2 of the fit of all; the uncertainties are scaled up by its root where
+            above 1.
     """
 
     roll: float
@@ -54,7 +58,9 @@ class Attitude:
     def angles(self) -> dict[str, tuple[float, float]]:
         """Each angle with its standard uncertainty, by the names of ``ANGLES``."""
         spread = np.sqrt(np.diag(self.covariance))
-        return {name: (getattr(self, name), float(u)) for name, u in zip(ANGLES, spread, strict=True)}
+        return {
+            name: (getattr(self, name), float(u)) for name, u in zip(ANGLES, spread, strict=True)
+        }
 
 
 @dataclass(frozen=True)
@@ -73,23 +79,28 @@ class Sensitivity:
 
 
 def sensitivity(camera: Camera, height: float) -> Sensitivity:
-    """Derivatives by a tilt towards a point at ``height`` mm from the axis: of y S/(L + z), A (b - z)/(2 (L + z)), d |kappa|/2."""
+    """Derivatives by a tilt towards a point at ``height`` mm from the axis: of y S/(L + z), A (b -
+    z)/(2 (L + z)), d |kappa|/2.
+    """
     smms = central_smms(camera)
     L, b, f = float(smms.distance), float(smms.gap), float(smms.focal)
     by_z = -(L + b) / L**2
     return Sensitivity(
         centre=height * by_z * height,
         lens_radius=float(smms.lens_aperture) / 2 * by_z * height,
-        microlens_radius=math.copysign(float(smms.aperture) / 2, float(smms.kappa)) * (by_z + 1 / f) * height,
+        microlens_radius=math.copysign(float(smms.aperture) / 2, float(smms.kappa))
+        * (by_z + 1 / f)
+        * height,
     )
 
 
 def measure_attitude(images: MicroImages, lattice: Lattice, camera: Camera) -> Attitude:
     """Roll and tilt by least squares on the centres and radii of all micro-images.
 
-    Origin, vectors and the two radii of the lattice are free; of the camera only L, b, f and d are used, and they scale the tilt: where
-    they are 2 % off so is the tilt, and no tilt stays no tilt. Microlenses of several kinds have each the radii of their kind; where the
-    lattice took them for one, the centres alone tell the tilt.
+    Origin, vectors and the two radii of the lattice are free; of the camera only L, b, f and d are
+    used, and they scale the tilt: where they are 2 % off so is the tilt, and no tilt stays no tilt.
+    Microlenses of several kinds have each the radii of their kind; where the lattice took them for
+    one, the centres alone tell the tilt.
 
     Args:
         images: each micro-image by itself.
@@ -108,7 +119,9 @@ def measure_attitude(images: MicroImages, lattice: Lattice, camera: Camera) -> A
     _, roll = pitch_and_angle(lattice.layout, vectors.reshape(2, 2).T)
     by_values = np.zeros((3, 10))
     for k, nudge in enumerate(np.eye(4) * 1e-4 * lattice.pitch_px):
-        by_values[0, 2 + k] = (pitch_and_angle(lattice.layout, (vectors + nudge).reshape(2, 2).T)[1] - roll) / (1e-4 * lattice.pitch_px)
+        by_values[0, 2 + k] = (
+            pitch_and_angle(lattice.layout, (vectors + nudge).reshape(2, 2).T)[1] - roll
+        ) / (1e-4 * lattice.pitch_px)
     by_values[[1, 2], [8, 9]] = 1 / (1 + both.values[8:10] ** 2)  # from slopes to angles
     return Attitude(
         roll=roll,
@@ -123,7 +136,9 @@ def measure_attitude(images: MicroImages, lattice: Lattice, camera: Camera) -> A
 
 @dataclass(frozen=True)
 class _Fit:
-    """Origin, a, b and radii in px, slopes of the tilt; what was not free stands as in the lattice, with covariance 0."""
+    """Origin, a, b and radii in px, slopes of the tilt; what was not free stands as in the lattice,
+    with covariance 0.
+    """
 
     values: Array
     covariance: Array
@@ -134,10 +149,18 @@ def _angles(fit: _Fit) -> Array:
     return np.stack([np.arctan(fit.values[8:10]), np.sqrt(np.diag(fit.covariance)[8:10])])
 
 
-def _fit(images: MicroImages, lattice: Lattice, tilting: Tilting, seen_columns: npt.NDArray[np.int64], free: npt.NDArray[np.int64]) -> _Fit:
+def _fit(
+    images: MicroImages,
+    lattice: Lattice,
+    tilting: Tilting,
+    seen_columns: npt.NDArray[np.int64],
+    free: npt.NDArray[np.int64],
+) -> _Fit:
     """Fit some of the parameters to some of (x, y, larger, smaller radius) of every micro-image."""
     seen = np.concatenate([images.centres_px, images.radii_px], axis=1)[:, seen_columns]
-    whiten = np.linalg.inv(np.linalg.cholesky(images.covariance_px[:, seen_columns[:, None], seen_columns]))
+    whiten = np.linalg.inv(
+        np.linalg.cholesky(images.covariance_px[:, seen_columns[:, None], seen_columns])
+    )
     radii = np.median(images.radii_px, axis=0)
     start = np.concatenate([lattice.origin_px, lattice.vectors_px.T.ravel(), radii, [0.0, 0.0]])
     places = images.indices.astype(np.float64)
@@ -146,14 +169,19 @@ def _fit(images: MicroImages, lattice: Lattice, tilting: Tilting, seen_columns: 
     def residuals(changed: Array) -> Array:
         values = start.copy()
         values[free] = changed
-        return np.einsum("nij,nj->ni", whiten, seen - _expected(values, places, tilting, lattice.kinds)[:, seen_columns]).ravel()
+        return np.einsum(
+            "nij,nj->ni",
+            whiten,
+            seen - _expected(values, places, tilting, lattice.kinds)[:, seen_columns],
+        ).ravel()
 
     found = least_squares(residuals, start[free], x_scale=scale, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     normal = (found.jac * scale).T @ (found.jac * scale)
     freedom = seen.size - len(free)
     if freedom < 1 or np.linalg.cond(normal) > 1e14:
         raise MeasurementError(
-            f"white picture: {len(seen)} micro-images do not tell the array's tilt; at least 3 x 3, of which some lie off the axis, are due"
+            f"white picture: {len(seen)} micro-images do not tell the array's tilt; at least 3 x 3,"
+            " of which some lie off the axis, are due"
         )
     chi2 = 2 * float(found.cost) / freedom
     values, covariance = start.copy(), np.zeros((10, 10))
@@ -163,10 +191,16 @@ def _fit(images: MicroImages, lattice: Lattice, tilting: Tilting, seen_columns: 
 
 
 def _expected(values: Array, places: Array, tilting: Tilting, kinds: Kinds | None) -> Array:
-    """(x, y, larger, smaller radius) of the micro-images at these places in the lattice, px, shape (n, 4)."""
+    """(x, y, larger, smaller radius) of the micro-images at these places in the lattice, px, shape
+    (n, 4).
+    """
     straight, tilt = values[:2] + places @ values[2:6].reshape(2, 2), values[8:10]
     centres, rises = tilting.centres(straight, tilt), tilting.rises(straight, tilt)
-    discs = tilting.discs(values[6:8], rises) if kinds is None else kinds.discs(values[6:8], kinds.of(centres), tilting, rises)
+    discs = (
+        tilting.discs(values[6:8], rises)
+        if kinds is None
+        else kinds.discs(values[6:8], kinds.of(centres), tilting, rises)
+    )
     return np.concatenate([centres, discs], axis=1)
 
 
@@ -202,7 +236,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Where the sensor has to stand: world z and standard uncertainty in mm, and by how much a mm of travel changes what is sought."""
+    """Where the sensor has to stand: world z and standard uncertainty in mm, and by how much a mm
+    of travel changes what is sought.
+    """
 
     place: float
     uncertainty: float
@@ -210,36 +246,55 @@ class Crossing:
 
 
 def microlens_shadow(lattice: Lattice, camera: Camera) -> tuple[float, float]:
-    """Radius d kappa/2 of the microlens's shadow, mm, and its standard uncertainty: 0 with the sensor in the exit pupil.
+    """Radius d kappa/2 of the microlens's shadow, mm, and its standard uncertainty: 0 with the
+    sensor in the exit pupil.
 
     Its sign, which no picture shows, is that of the camera's description.
     """
     smms = central_smms(camera)
     sign = 1.0 if float(smms.lens_width) >= float(smms.microlens_width) else -1.0
     radius = (lattice.outside_radius_px - sign * lattice.inside_radius_px) / 2 * camera.sensor.pixel
-    doubt = math.hypot(lattice.outside_uncertainty_px / 2, lattice.inside_uncertainty_px / 2, SHADOW_PX)
+    doubt = math.hypot(
+        lattice.outside_uncertainty_px / 2, lattice.inside_uncertainty_px / 2, SHADOW_PX
+    )
     return math.copysign(radius, float(smms.kappa)), doubt * camera.sensor.pixel
 
 
 def measured_overlap(lattice: Lattice, camera: Camera) -> tuple[float, float]:
-    """How far neighbouring micro-images overlap, mm, negative for a gap, and its standard uncertainty."""
+    """How far neighbouring micro-images overlap, mm, negative for a gap, and its standard
+    uncertainty.
+    """
     doubt = math.hypot(2 * lattice.outside_uncertainty_px, lattice.pitch_uncertainty_px)
-    return (2 * lattice.outside_radius_px - lattice.pitch_px) * camera.sensor.pixel, doubt * camera.sensor.pixel
+    return (
+        2 * lattice.outside_radius_px - lattice.pitch_px
+    ) * camera.sensor.pixel, doubt * camera.sensor.pixel
 
 
 def nominal_slopes(camera: Camera) -> tuple[float, float]:
-    """Change in mm a mm of the sensor's place: of d kappa/2, and of the overlap A b/L + d |kappa| - p (1 + b/L)."""
+    """Change in mm a mm of the sensor's place: of d kappa/2, and of the overlap A b/L + d |kappa| -
+    p (1 + b/L).
+    """
     smms = central_smms(camera)
     L, f, d = float(smms.distance), float(smms.focal), float(smms.aperture)
     by_gap = d * (1 / L - 1 / f)
-    overlap = (float(smms.lens_aperture) - min(camera.array.pitch)) / L + math.copysign(1.0, float(smms.kappa)) * by_gap
+    overlap = (float(smms.lens_aperture) - min(camera.array.pitch)) / L + math.copysign(
+        1.0, float(smms.kappa)
+    ) * by_gap
     return by_gap / 2, overlap
 
 
-def find_crossing(places: Array, values: Array, uncertainties: Array, slope: float, wanted: float = 0.0, signed: bool = True) -> Crossing:
+def find_crossing(
+    places: Array,
+    values: Array,
+    uncertainties: Array,
+    slope: float,
+    wanted: float = 0.0,
+    signed: bool = True,
+) -> Crossing:
     """Where a straight line through measured values is as wanted.
 
-    The line's slope is that of the camera's description to ``SLOPE_SHARE``, so that one place is enough to begin with.
+    The line's slope is that of the camera's description to ``SLOPE_SHARE``, so that one place is
+    enough to begin with.
 
     Args:
         places: of the sensor, world z in mm, shape (n,).
@@ -247,22 +302,31 @@ def find_crossing(places: Array, values: Array, uncertainties: Array, slope: flo
         uncertainties: standard ones of the values.
         slope: by the camera's description.
         wanted: value sought.
-        signed: False where only sizes are known: the line is the one that fits best with any choice of signs after the first, which is
-            believed.
+        signed: False where only sizes are known: the line is the one that fits best with any choice
+            of signs after the first, which is believed.
     """
     choices = (
-        [np.ones(len(values))] if signed else [np.array([1.0, *rest]) for rest in itertools.product((1.0, -1.0), repeat=len(values) - 1)]
+        [np.ones(len(values))]
+        if signed
+        else [
+            np.array([1.0, *rest])
+            for rest in itertools.product((1.0, -1.0), repeat=len(values) - 1)
+        ]
     )
     sized = values if signed else np.concatenate([values[:1], np.abs(values[1:])])
     lines = (_line(places, signs * sized - wanted, uncertainties, slope) for signs in choices)
     return min(lines, key=lambda line: line[1])[0]
 
 
-def _line(places: Array, values: Array, uncertainties: Array, slope: float) -> tuple[Crossing, float]:
+def _line(
+    places: Array, values: Array, uncertainties: Array, slope: float
+) -> tuple[Crossing, float]:
     """The line through the values, its slope known beforehand to a share; with chi^2."""
     middle = float(np.average(places, weights=1 / uncertainties**2))
     known = np.array([0.0, 1 / (SLOPE_SHARE * abs(slope))])
-    design = np.vstack([np.stack([np.ones_like(places), places - middle], axis=1) / uncertainties[:, None], known])
+    design = np.vstack(
+        [np.stack([np.ones_like(places), places - middle], axis=1) / uncertainties[:, None], known]
+    )
     seen = np.append(values / uncertainties, known[1] * slope)
     covariance = np.linalg.inv(design.T @ design)
     level, found = covariance @ design.T @ seen

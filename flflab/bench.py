@@ -1,4 +1,6 @@
-"""The bench file: what stands on the bench, where it is reached, how far it may go, and how well its zeros are known."""
+"""The bench file: what stands on the bench, where it is reached, how far it may go, and how well
+its zeros are known.
+"""
 
 import math
 from collections.abc import Mapping
@@ -52,7 +54,9 @@ ANGLE = Coordinate("angle", "angular speed", "rad", "deg", 180 / math.pi)
 
 
 class DeviceDescription(BaseModel):
-    """Any device: the driver's name and where the device is reached; further keys belong to its driver."""
+    """Any device: the driver's name and where the device is reached; further keys belong to its
+    driver.
+    """
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -66,7 +70,9 @@ def coordinate_of(moves: Moved) -> Coordinate:
 
 
 def _quantity_of_the_axis(rate: bool) -> BeforeValidator:
-    """Reads lengths of an axis that shifts, angles of one that turns; where ``moves`` is wrong only that is told."""
+    """Reads lengths of an axis that shifts, angles of one that turns; where ``moves`` is wrong only
+    that is told.
+    """
 
     def read(given: object, info: ValidationInfo) -> float:
         if "moves" not in info.data:
@@ -85,11 +91,14 @@ Rate = Annotated[float, _quantity_of_the_axis(rate=True)]
 
 
 class AxisDescription(DeviceDescription):
-    """An axis: the place of what it moves = zero + sign * reading, in mm, or in rad for one that turns the array.
+    """An axis: the place of what it moves = zero + sign * reading, in mm, or in rad for one that
+    turns the array.
 
-    ``array.pitch`` turns about the world's x axis, its positive sense takes the edge at +y away from the main lens; ``array.yaw`` turns
-    about y and takes the edge at +x away, both where the main axis meets the array; ``array.roll`` turns from x towards y. Limits are
-    readings of the axis. The standard uncertainty of the zero is a length or an angle, that of the scale a share of the reading.
+    ``array.pitch`` turns about the world's x axis, its positive sense takes the edge at +y away
+    from the main lens; ``array.yaw`` turns about y and takes the edge at +x away, both where the
+    main axis meets the array; ``array.roll`` turns from x towards y. Limits are readings of the
+    axis. The standard uncertainty of the zero is a length or an angle, that of the scale a share of
+    the reading.
     """
 
     moves: Moved
@@ -108,7 +117,10 @@ class AxisDescription(DeviceDescription):
             raise ValueError(f"limits are {low} to {high}; the first must be below the second")
         if self.home_towards[1:] != self.moves.partition(".")[2]:
             coordinate = self.moves.partition(".")[2]
-            raise ValueError(f"home_towards is {self.home_towards}, but this axis moves {self.moves}; give -{coordinate} or +{coordinate}")
+            raise ValueError(
+                f"home_towards is {self.home_towards}, but this axis moves {self.moves}; give"
+                f" -{coordinate} or +{coordinate}"
+            )
         return self
 
     @property
@@ -135,7 +147,9 @@ class AxisDescription(DeviceDescription):
 
 
 class FaultDescription(Description):
-    """A fault that the simulated bench shows on purpose: on which device, which one, after how many commands."""
+    """A fault that the simulated bench shows on purpose: on which device, which one, after how many
+    commands.
+    """
 
     device: str
     fault: str
@@ -143,7 +157,9 @@ class FaultDescription(Description):
 
 
 class SimulatedDescription(Description):
-    """What only a simulated bench reads: seed, clock rate, planted truths and faults, its targets by kind, its light and sensor."""
+    """What only a simulated bench reads: seed, clock rate, planted truths and faults, its targets
+    by kind, its light and sensor.
+    """
 
     seed: Annotated[int, Field(ge=0)] = 0
     clock: Annotated[float, Field(gt=0)] = 1.0
@@ -158,10 +174,11 @@ class SimulatedDescription(Description):
 
 
 class OpticsUncertaintyDescription(Description):
-    """How well the sizes in the camera file are known: standard uncertainties, each the same in every configuration.
+    """How well the sizes in the camera file are known: standard uncertainties, each the same in
+    every configuration.
 
-    Sizes as shares. Angles of the array, where no axis turns it or beside what its axis states, are those of an array set by eye against
-    the micro-images' rows.
+    Sizes as shares. Angles of the array, where no axis turns it or beside what its axis states, are
+    those of an array set by eye against the micro-images' rows.
     """
 
     main_lens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
@@ -174,9 +191,11 @@ class OpticsUncertaintyDescription(Description):
 
 
 class ModelUncertaintyDescription(Description):
-    """How far a model of first order may be off for the bench's real lenses: standard uncertainties, shares of what it says.
+    """How far a model of first order may be off for the bench's real lenses: standard
+    uncertainties, shares of what it says.
 
-    Each is the same in every configuration. ``flflab accuracy model`` shows their size for lenses like yours.
+    Each is the same in every configuration. ``flflab accuracy model`` shows their size for lenses
+    like yours.
     """
 
     contrast: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
@@ -209,13 +228,18 @@ class BenchDescription(Description):
         array, sensor = self.axis_of("array.z"), self.axis_of("sensor.z")
         if array and sensor and array[1].home_towards == "+z" and sensor[1].home_towards == "-z":
             raise ValueError(
-                f"axes {array[0]} and {sensor[0]} home towards each other; the array may home towards -z or the sensor towards +z only"
+                f"axes {array[0]} and {sensor[0]} home towards each other; the array may home"
+                " towards -z or the sensor towards +z only"
             )
         return self
 
     def axis_of(self, element: Moved) -> tuple[str, AxisDescription] | None:
-        """Name and description of the axis that moves an element or turns the array, or None where nothing does."""
-        return next(((name, axis) for name, axis in self.axes.items() if axis.moves == element), None)
+        """Name and description of the axis that moves an element or turns the array, or None where
+        nothing does.
+        """
+        return next(
+            ((name, axis) for name, axis in self.axes.items() if axis.moves == element), None
+        )
 
 
 @dataclass(frozen=True)
@@ -251,7 +275,8 @@ def read_bench(file: Path) -> Bench:
     """Read a bench file and the camera file it names (relative to the bench file).
 
     Raises:
-        InputError: a field is missing, unknown, without a unit or impossible; the message names file, line and field.
+        InputError: a field is missing, unknown, without a unit or impossible; the message names
+            file, line and field.
     """
     file = Path(file)
     data, lines = read_yaml(file)
@@ -259,13 +284,16 @@ def read_bench(file: Path) -> Bench:
     optics = file.parent / description.optics
     if not optics.exists():
         raise InputError(
-            f"{file}:{lines.get(('optics',), 1)}: optics: there is no camera file {optics}; give its path relative to the bench file"
+            f"{file}:{lines.get(('optics',), 1)}: optics: there is no camera file {optics}; give"
+            " its path relative to the bench file"
         )
     return Bench(description, file, lines, read_camera(optics))
 
 
 def with_seed(bench: Bench, seed: int | None) -> Bench:
-    """A bench whose simulated errors and noise have another seed than its file says; the same where none is given."""
+    """A bench whose simulated errors and noise have another seed than its file says; the same where
+    none is given.
+    """
     if seed is None:
         return bench
     simulated = bench.description.simulated.model_copy(update={"seed": seed})
@@ -276,4 +304,8 @@ def fields_of(bench: Bench) -> dict[str, Any]:
     """What a bench's file says, with the seed that the bench has; raises as ``read_yaml``."""
     data, _ = read_yaml(bench.file)
     simulated, seed = data.get("simulated") or {}, bench.description.simulated.seed
-    return data if simulated.get("seed", 0) == seed else data | {"simulated": simulated | {"seed": seed}}
+    return (
+        data
+        if simulated.get("seed", 0) == seed
+        else data | {"simulated": simulated | {"seed": seed}}
+    )

@@ -1,4 +1,5 @@
-"""A recorded run as a calibration: what its pictures make of the bench, in words and as files to go on with.
+"""A recorded run as a calibration: what its pictures make of the bench, in words and as files to go
+on with.
 
 A calibration's run is a study's, of which white and dot pictures count; bars may be in it.
 """
@@ -45,11 +46,15 @@ def calibrate_run(run: Run, study: Study, bench: Bench) -> Calibration:
     """Measure a run's white and dot pictures and fit the bench to them.
 
     Raises:
-        MeasurementError: a configuration has no white frame, or shows no lattice; or there are fewer than two.
+        MeasurementError: a configuration has no white frame, or shows no lattice; or there are
+            fewer than two.
     """
-    axes = {name: axis for name, axis in bench.description.axes.items() if axis.moves.endswith(".z")}
+    axes = {
+        name: axis for name, axis in bench.description.axes.items() if axis.moves.endswith(".z")
+    }
     stages = tuple(
-        Stage(name, axis.moves, axis.sign, axis.zero, axis.zero_uncertainty, axis.scale_uncertainty) for name, axis in axes.items()
+        Stage(name, axis.moves, axis.sign, axis.zero, axis.zero_uncertainty, axis.scale_uncertainty)
+        for name, axis in axes.items()
     )
     moved = {axis.moves for axis in axes.values()}
     settings, pictures = list[Setting](), list[Pictures]()
@@ -60,22 +65,37 @@ def calibrate_run(run: Run, study: Study, bench: Bench) -> Calibration:
             continue
         first = white[2]
         standing = {element: z for element, z in first.worlds.items() if element not in moved}
-        settings.append(Setting({name: first.readings[name] for name in axes}, standing, first.f_number))
+        settings.append(
+            Setting({name: first.readings[name] for name in axes}, standing, first.f_number)
+        )
         pictures.append(Pictures(white[0], white[1], *(dots[:2] if dots else (None, None))))
     model = BenchModel(bench.optics, stages, tuple(settings))
     return Calibration(model, *calibrate(model, pictures, study.dots))
 
 
-def _mean(run: Run, configuration: int, target: str) -> tuple[Array, SensorNoise, FrameRecord] | None:
+def _mean(
+    run: Run, configuration: int, target: str
+) -> tuple[Array, SensorNoise, FrameRecord] | None:
     """Mean of a configuration's frames of one target, DN, its noise, and the first frame."""
-    frames = [frame for frame in run.frames if frame.configuration == configuration and frame.target == target]
+    frames = [
+        frame
+        for frame in run.frames
+        if frame.configuration == configuration and frame.target == target
+    ]
     if not frames:
         return None
-    picture = np.asarray(np.mean([run.picture(frame) for frame in frames], axis=0, dtype=np.float64))
+    picture = np.asarray(
+        np.mean([run.picture(frame) for frame in frames], axis=0, dtype=np.float64)
+    )
     noise, dark = SensorNoise(**run.sensor_noise), run.dark(frames[0].exposure_s)
     offset = noise.offset_dn if dark is None else float(np.mean(run.picture(dark)))
     count = len(frames)
-    noise = replace(noise, offset_dn=offset, dn_per_electron=noise.dn_per_electron / count, read_noise_dn=noise.read_noise_dn / count**0.5)
+    noise = replace(
+        noise,
+        offset_dn=offset,
+        dn_per_electron=noise.dn_per_electron / count,
+        read_noise_dn=noise.read_noise_dn / count**0.5,
+    )
     return picture, noise, frames[0]
 
 
@@ -84,25 +104,36 @@ def state_calibration(found: Calibration) -> list[str]:
     fit = found.fit
     dots = sum(math.isfinite(one.values[5]) for one in found.quantities)
     said = [
-        f"{fit.count} numbers of {len(found.quantities)} settings, {dots} of them with dots; reduced chi-square {fit.chi2:.2f}"
-        f"{', by which the uncertainties are scaled' if fit.chi2 > 1 else ''}. The array's pitch and the pixel are believed: they are the "
-        "rulers across the axis."
+        f"{fit.count} numbers of {len(found.quantities)} settings, {dots} of them with dots;"
+        " reduced chi-square"
+        f" {fit.chi2:.2f}{', by which the uncertainties are scaled' if fit.chi2 > 1 else ''}. The"
+        " array's pitch and the pixel are believed: they are the rulers across the axis."
     ]
     if fit.chi2 > fit.most_by_noise:
         said.append(
-            f"Noise leaves a reduced chi-square of up to {fit.most_by_noise:.2f}: the bench, its pitch, pixel or dots are not as the files "
-            f"say. Farthest off is {fit.farthest}; find out why before you believe a zero."
+            f"Noise leaves a reduced chi-square of up to {fit.most_by_noise:.2f}: the bench, its"
+            f" pitch, pixel or dots are not as the files say. Farthest off is {fit.farthest}; find"
+            " out why before you believe a zero."
         )
-    for name, value, u, nominal, prior in zip(fit.names, fit.values, fit.uncertainty, fit.nominal, fit.prior, strict=True):
+    for name, value, u, nominal, prior in zip(
+        fit.names, fit.values, fit.uncertainty, fit.nominal, fit.prior, strict=True
+    ):
         if not math.isfinite(value):
-            said.append(f"{name} is not determined: neither the pictures nor the description tell it.")
+            said.append(
+                f"{name} is not determined: neither the pictures nor the description tell it."
+            )
         elif math.isfinite(prior) and prior > 0 and abs(value - nominal) > FAR * prior:
             said.append(
-                f"{name} is off by {shown(name, value - nominal)}, u = {shown(name, u)}: {abs(value - nominal) / prior:.1f} of the "
-                "uncertainties that the bench file states; correct it there."
+                f"{name} is off by {shown(name, value - nominal)}, u = {shown(name, u)}:"
+                f" {abs(value - nominal) / prior:.1f} of the uncertainties that the bench file"
+                " states; correct it there."
             )
     said += [f"The pictures alone cannot tell {_in_words(direction)}." for direction in fit.untold]
-    kept = [name for name, share, u in zip(fit.names, fit.by_pictures, fit.uncertainty, strict=True) if share < BARELY and u > 0]
+    kept = [
+        name
+        for name, share, u in zip(fit.names, fit.by_pictures, fit.uncertainty, strict=True)
+        if share < BARELY and u > 0
+    ]
     if kept:
         said.append(f"Known from the description rather than from the pictures: {', '.join(kept)}.")
     said += [_hidden(one) for one in hidings(fit)]
@@ -117,15 +148,25 @@ def shown(name: str, value: float) -> str:
 
 
 def _hidden(one: Hiding) -> str:
-    taken = ", ".join(f"{name} by {shown(name, shift)} (correlation {both:+.2f})" for name, (shift, both) in one.taken.items())
-    return f"Were {one.name} off by {shown(one.name, one.told)}, which the pictures hardly show, others would be found off: {taken}."
+    taken = ", ".join(
+        f"{name} by {shown(name, shift)} (correlation {both:+.2f})"
+        for name, (shift, both) in one.taken.items()
+    )
+    return (
+        f"Were {one.name} off by {shown(one.name, one.told)}, which the pictures hardly show,"
+        f" others would be found off: {taken}."
+    )
 
 
 def _in_words(direction: Direction) -> str:
     if direction.words:
         return direction.words
     parts = [f"{name} by {shown(name, change)}" for name, change in direction.parts.items()]
-    told = "which changes nothing that was measured" if direction.uncertainty > 1e4 else f"known to {direction.uncertainty:.2g} times that"
+    told = (
+        "which changes nothing that was measured"
+        if direction.uncertainty > 1e4
+        else f"known to {direction.uncertainty:.2g} times that"
+    )
     together = f"{', '.join(parts[:-1])} together with {parts[-1]}" if len(parts) > 1 else parts[0]
     return f"a change of {together}, {told}"
 
@@ -138,11 +179,14 @@ def require_unwritten(folder: Path) -> None:
     """
     for name in FILES:
         if (folder / name).exists():
-            raise RecordError(f"{folder / name} is there already and is not overwritten; move it away first")
+            raise RecordError(
+                f"{folder / name} is there already and is not overwritten; move it away first"
+            )
 
 
 def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[Path, Path, Path]:
-    """Write ``calibration.json``, ``calibrated-camera.yaml`` and ``calibrated-bench.yaml``; an existing file is never overwritten.
+    """Write ``calibration.json``, ``calibrated-camera.yaml`` and ``calibrated-bench.yaml``; an
+    existing file is never overwritten.
 
     Raises:
         RecordError: one of them is there already.
@@ -151,21 +195,29 @@ def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[P
     fit = found.fit
     camera, described = bench_files(found, bench)
     result = {
-        "parameters": list(fit.names), "described": fit.nominal.tolist(), "described_uncertainty": _plain(fit.prior),
-        "values": _plain(fit.values), "uncertainties": _plain(fit.uncertainty), "covariance": [_plain(row) for row in fit.covariance],
-        "told_by_pictures": fit.by_pictures.tolist(), "reduced_chi_square": fit.chi2, "numbers": fit.count,
-        "untold": [{"changes": direction.parts, "uncertainty": _number(direction.uncertainty)} for direction in fit.untold],
+        "parameters": list(fit.names), "described": fit.nominal.tolist(),
+        "described_uncertainty": _plain(fit.prior),
+        "values": _plain(fit.values), "uncertainties": _plain(fit.uncertainty),
+        "covariance": [_plain(row) for row in fit.covariance],
+        "told_by_pictures": fit.by_pictures.tolist(), "reduced_chi_square": fit.chi2,
+        "numbers": fit.count,
+        "untold": [{"changes": direction.parts,
+        "uncertainty": _number(direction.uncertainty)} for direction in fit.untold],
         "sentences": state_calibration(found),
     }  # fmt: skip
     require_unwritten(folder)
-    for name, text in zip(FILES, (json.dumps(result, indent=1) + "\n", camera, described), strict=True):
+    for name, text in zip(
+        FILES, (json.dumps(result, indent=1) + "\n", camera, described), strict=True
+    ):
         write_whole(folder / name, text)
     written = [folder / name for name in FILES]
     return written[0], written[1], written[2]
 
 
 def bench_files(found: Calibration, bench: Bench) -> tuple[str, str]:
-    """Camera file and bench file with what was found; what was not determined stays as described, and a comment says so."""
+    """Camera file and bench file with what was found; what was not determined stays as described,
+    and a comment says so.
+    """
     fit = found.fit
     comments = [f"# {name}: {_commented(fit, name)}" for name in fit.names]
     camera, _ = read_yaml(bench.file.parent / bench.description.optics)
@@ -190,22 +242,37 @@ def bench_files(found: Calibration, bench: Bench) -> tuple[str, str]:
     for stage in found.model.stages:
         value, u = fit.value(f"{stage.name}.zero")
         if math.isfinite(value):
-            data["axes"][stage.name] |= {"zero": f"{stage.zero + value:.6f} mm", "zero_uncertainty": f"{u:.3g} mm"}
+            data["axes"][stage.name] |= {
+                "zero": f"{stage.zero + value:.6f} mm",
+                "zero_uncertainty": f"{u:.3g} mm",
+            }
     data["optics"] = "calibrated-camera.yaml"
     data["optics_uncertainty"] = (data.get("optics_uncertainty") or {}) | _shares(fit)
-    head = "# Written by `flflab calibrate`: what was described, what was found, standard uncertainties (of zeros and scales: errors).\n"
+    head = (
+        "# Written by `flflab calibrate`: what was described, what was found, standard"
+        " uncertainties (of zeros and scales: errors).\n"
+    )
     listed = head + "\n".join(comments) + "\n"
-    return listed + yaml.safe_dump(camera, sort_keys=False), listed + yaml.safe_dump(data, sort_keys=False)
+    return listed + yaml.safe_dump(camera, sort_keys=False), listed + yaml.safe_dump(
+        data, sort_keys=False
+    )
 
 
 def _shares(fit: Fit) -> dict[str, float]:
-    """Standard uncertainties of the optics as shares, where they were found; the iris's error, which nothing corrects, counts as one."""
+    """Standard uncertainties of the optics as shares, where they were found; the iris's error,
+    which nothing corrects, counts as one.
+    """
     names = {
         "main_lens_focal_length": "main_lens.focal_length",
         "microlens_focal_length": "microlens_array.focal_length",
         "microlens_aperture": "microlens_array.aperture",
     }
-    found = {key: u / value for key, name in names.items() for value, u in [fit.value(name)] if math.isfinite(value)}
+    found = {
+        key: u / value
+        for key, name in names.items()
+        for value, u in [fit.value(name)]
+        if math.isfinite(value)
+    }
     iris, u = fit.value("iris.scale")
     found |= {"f_number": math.hypot(iris, u)} if math.isfinite(iris) else {}
     return {key: float(f"{share:.3g}") for key, share in found.items()}
@@ -215,8 +282,15 @@ def _commented(fit: Fit, name: str) -> str:
     place = fit.names.index(name)
     (value, u), prior = fit.value(name), float(fit.prior[place])
     known = f" (u {shown(name, prior)[1:]})" if math.isfinite(prior) else ""
-    found = f"found {shown(name, value)}, u {shown(name, u)[1:]}" if math.isfinite(value) else "not determined, left as described"
-    return f"described {shown(name, float(fit.nominal[place]))}{known}, {found}, {100 * fit.by_pictures[place]:.0f} % by the pictures"
+    found = (
+        f"found {shown(name, value)}, u {shown(name, u)[1:]}"
+        if math.isfinite(value)
+        else "not determined, left as described"
+    )
+    return (
+        f"described {shown(name, float(fit.nominal[place]))}{known}, {found},"
+        f" {100 * fit.by_pictures[place]:.0f} % by the pictures"
+    )
 
 
 def _number(value: float) -> float | None:

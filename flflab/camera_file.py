@@ -1,4 +1,6 @@
-"""The camera file: YAML in, a frozen ``Camera`` out; what is given twice and disagrees is said in one sentence."""
+"""The camera file: YAML in, a frozen ``Camera`` out; what is given twice and disagrees is said in
+one sentence.
+"""
 
 import math
 from pathlib import Path
@@ -12,7 +14,9 @@ from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Subst
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 Share = Annotated[Ratio, Field(ge=0, le=1)]
-MicrolensCount = Annotated[int, Field(ge=1, le=1000)]  # a side: the model of a million takes 0.9 GB, and the memory grows as the square
+MicrolensCount = Annotated[
+    int, Field(ge=1, le=1000)
+]  # a side: the model of a million takes 0.9 GB, and the memory grows as the square
 
 
 def _as_list(given: object) -> object:
@@ -30,7 +34,9 @@ def _not_zero(focal: float) -> float:
 
 
 class MainLensDescription(Description):
-    """Main lens: focal length, f-number and, for a thick one, how far its rear principal plane lies behind its front one."""
+    """Main lens: focal length, f-number and, for a thick one, how far its rear principal plane lies
+    behind its front one.
+    """
 
     focal_length: PositiveLength
     f_number: Annotated[float, Field(gt=0)]
@@ -38,7 +44,9 @@ class MainLensDescription(Description):
 
 
 class SubstrateDescription(Description):
-    """The plate that carries the microlenses: thickness, refractive index, and which way it faces from them."""
+    """The plate that carries the microlenses: thickness, refractive index, and which way it faces
+    from them.
+    """
 
     thickness: Annotated[Length, Field(ge=0)]
     refractive_index: Annotated[float, Field(ge=1)]
@@ -46,15 +54,22 @@ class SubstrateDescription(Description):
 
 
 class ArrayDescription(Description):
-    """Microlens array: layout, lattice, and its lenses by focal length, by radius and index, or by numerical aperture."""
+    """Microlens array: layout, lattice, and its lenses by focal length, by radius and index, or by
+    numerical aperture.
+    """
 
     layout: Literal["square", "hexagonal"]
     count: tuple[MicrolensCount, MicrolensCount]
     pitch: Annotated[tuple[PositiveLength, PositiveLength], BeforeValidator(_as_pair)]
     aperture: PositiveLength | None = None
-    focal_length: Annotated[list[Annotated[Length, AfterValidator(_not_zero)]], BeforeValidator(_as_list), Field(min_length=1)] | None = (
-        None
-    )
+    focal_length: (
+        Annotated[
+            list[Annotated[Length, AfterValidator(_not_zero)]],
+            BeforeValidator(_as_list),
+            Field(min_length=1),
+        ]
+        | None
+    ) = None
     pattern: list[list[int]] = Field(default=[[0]])
     radius_of_curvature: PositiveLength | None = None
     refractive_index: Annotated[float, Field(gt=1)] | None = None
@@ -70,21 +85,33 @@ class ArrayDescription(Description):
         by_curvature = self.radius_of_curvature is not None and self.refractive_index is not None
         by_aperture = self.numerical_aperture is not None and self.aperture is not None
         if self.focal_length is None and not by_curvature and not by_aperture:
-            raise ValueError("give focal_length, or radius_of_curvature with refractive_index, or numerical_aperture with aperture")
+            raise ValueError(
+                "give focal_length, or radius_of_curvature with refractive_index, or"
+                " numerical_aperture with aperture"
+            )
         if self.aperture is None and self.numerical_aperture is None:
-            raise ValueError("give aperture (the clear diameter of one microlens), or numerical_aperture")
+            raise ValueError(
+                "give aperture (the clear diameter of one microlens), or numerical_aperture"
+            )
         return self
 
     def lenses(self) -> tuple[tuple[float, ...], float, tuple[str, ...]]:
-        """Focal lengths and clear aperture in mm, and one sentence for each surplus figure that disagrees.
+        """Focal lengths and clear aperture in mm, and one sentence for each surplus figure that
+        disagrees.
 
         f = R / (n - 1); NA = sin(atan(d / 2f)) so d = 2 f tan(asin NA).
         """
         curved = None
         if self.radius_of_curvature is not None and self.refractive_index is not None:
             curved = self.radius_of_curvature / (self.refractive_index - 1)
-        slope = None if self.numerical_aperture is None else math.tan(math.asin(self.numerical_aperture))
-        by_aperture = None if slope is None or self.aperture is None else self.aperture / (2 * slope)
+        slope = (
+            None
+            if self.numerical_aperture is None
+            else math.tan(math.asin(self.numerical_aperture))
+        )
+        by_aperture = (
+            None if slope is None or self.aperture is None else self.aperture / (2 * slope)
+        )
         ways = {
             "focal_length": self.focal_length[0] if self.focal_length else None,
             "radius_of_curvature and refractive_index": curved,
@@ -93,7 +120,8 @@ class ArrayDescription(Description):
         given = {name: value for name, value in ways.items() if value is not None}
         used, focal = next(iter(given.items()))
         remarks = tuple(
-            f"the microlens focal length by {name} is {value:.4g} mm; {focal:.4g} mm by {used} was used"
+            f"the microlens focal length by {name} is {value:.4g} mm; {focal:.4g} mm by {used} was"
+            " used"
             for name, value in given.items()
             if abs(value / focal - 1) > 0.005
         )
@@ -136,18 +164,22 @@ class CameraDescription(Description):
 
     @model_validator(mode="after")
     def _sees_a_micro_image(self) -> "CameraDescription":
-        """Sizes that no one camera has are units meant otherwise; what is computed may look at a part of a sensor, however small."""
+        """Sizes that no one camera has are units meant otherwise; what is computed may look at a
+        part of a sensor, however small.
+        """
         sensor, pitches = self.sensor, self.microlens_array.pitch
         columns, rows = (count * sensor.pixel for count in sensor.resolution)
         if max(pitches) > max(columns, rows):
             raise ValueError(
-                f"microlens_array.pitch is {max(pitches):g} mm, more than the whole sensor of {columns:g} mm x {rows:g} mm; "
-                "its longer side at most is allowed: check the units of pitch and pixel"
+                f"microlens_array.pitch is {max(pitches):g} mm, more than the whole sensor of"
+                f" {columns:g} mm x {rows:g} mm; its longer side at most is allowed: check the"
+                " units of pitch and pixel"
             )
         if sensor.pixel > min(pitches):
             raise ValueError(
-                f"sensor.pixel is {sensor.pixel:g} mm, more than the {min(pitches):g} mm from microlens to microlens; "
-                "the pitch at most is allowed: check the units of pixel and pitch"
+                f"sensor.pixel is {sensor.pixel:g} mm, more than the {min(pitches):g} mm from"
+                " microlens to microlens; the pitch at most is allowed: check the units of pixel"
+                " and pitch"
             )
         return self
 
@@ -156,7 +188,11 @@ class CameraDescription(Description):
         array, plate = self.microlens_array, self.microlens_array.substrate
         focal_lengths, aperture, _ = array.lenses()
         return Camera(
-            MainLens(self.main_lens.focal_length, self.main_lens.f_number, self.main_lens.principal_separation),
+            MainLens(
+                self.main_lens.focal_length,
+                self.main_lens.f_number,
+                self.main_lens.principal_separation,
+            ),
             MicrolensArray(
                 layout=array.layout,
                 count=array.count,
@@ -168,9 +204,15 @@ class CameraDescription(Description):
                 offset=array.offset,
                 roll=array.roll,
                 tilt=array.tilt,
-                substrate=None if plate is None else Substrate(plate.thickness, plate.refractive_index, plate.side),
+                substrate=(
+                    None
+                    if plate is None
+                    else Substrate(plate.thickness, plate.refractive_index, plate.side)
+                ),
             ),
-            Sensor(self.sensor.resolution, self.sensor.pixel, self.sensor.distance, self.sensor.offset),
+            Sensor(
+                self.sensor.resolution, self.sensor.pixel, self.sensor.distance, self.sensor.offset
+            ),
             self.aperture_shape,
             Useful(self.useful.minimum_illumination, self.useful.maximum_crosstalk),
         )
@@ -184,6 +226,7 @@ def read_camera(file: Path) -> Camera:
     """Read a camera file.
 
     Raises:
-        InputError: a field is missing, unknown, without a unit or impossible; the message names file, line and field.
+        InputError: a field is missing, unknown, without a unit or impossible; the message names
+            file, line and field.
     """
     return load(file, CameraDescription).camera()

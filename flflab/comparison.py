@@ -1,8 +1,10 @@
-"""Measured against predicted: rows with difference, uncertainty and z; differences between configurations; a verdict for each quantity.
+"""Measured against predicted: rows with difference, uncertainty and z; differences between
+configurations; a verdict for each quantity.
 
-A verdict's p-value is the share of simulated benches (draws of the stage errors plus measurement noise) that disagree with the
-mean prediction at least as much as the measurement does, in the statistic r' C^-1 r with C the covariance of both. It therefore
-holds whatever the shape of the distribution.
+A verdict's p-value is the share of simulated benches (draws of the stage errors plus measurement
+noise) that disagree with the mean prediction at least as much as the measurement does, in the
+statistic r' C^-1 r with C the covariance of both. It therefore holds whatever the shape of the
+distribution.
 """
 
 import math
@@ -18,8 +20,10 @@ from flflab.whole_file import write_csv
 Array = npt.NDArray[np.float64]
 
 PROPERTY_NAMES = {
-    "mtf": "contrast (MTF)", "views": "number of views", "micro_images_mm": "micro-images: fields and pitch",
-    "overlap_mm": "overlap", "depth_of_field_mm": "depth of field", "light": "marginal light", "elr_row_px": "effective lateral resolution",
+    "mtf": "contrast (MTF)", "views": "number of views",
+    "micro_images_mm": "micro-images: fields and pitch",
+    "overlap_mm": "overlap", "depth_of_field_mm": "depth of field", "light": "marginal light",
+    "elr_row_px": "effective lateral resolution",
     "dot_distance_mm": "depth of the dots", "array_attitude_mrad": "tilt and roll of the array",
 }  # fmt: skip
 AS_FAR_OFF = "benches as far off"  # what a p-value is called where people read it
@@ -27,7 +31,9 @@ AS_FAR_OFF = "benches as far off"  # what a p-value is called where people read 
 
 @dataclass(frozen=True)
 class Row:
-    """One line of ``comparison.csv``; distances in mm from the main lens, frequencies on the target."""
+    """One line of ``comparison.csv``; distances in mm from the main lens, frequencies on the
+    target.
+    """
 
     configuration: int
     reference_configuration: int | None
@@ -95,7 +101,8 @@ def percent(share: float) -> str:
 def count_spread(draws: npt.NDArray[np.int64], expected: npt.NDArray[np.int64]) -> Array:
     """Standard uncertainty of predicted counts: spread over the draws round the nominal count.
 
-    One more draw that is off by one is added, since n draws without a miss cannot exclude one in n + 1.
+    One more draw that is off by one is added, since n draws without a miss cannot exclude one in n
+    + 1.
 
     Args:
         draws: counts, shape (n, k).
@@ -104,7 +111,14 @@ def count_spread(draws: npt.NDArray[np.int64], expected: npt.NDArray[np.int64]) 
     return np.sqrt((np.sum((draws - expected) ** 2, axis=0) + 1) / (len(draws) + 1))
 
 
-def judge(quantity: str, measured: Array, noise: Array, draws: Array, threshold: float, rng: np.random.Generator) -> Verdict:
+def judge(
+    quantity: str,
+    measured: Array,
+    noise: Array,
+    draws: Array,
+    threshold: float,
+    rng: np.random.Generator,
+) -> Verdict:
     """Judge one quantity with its covariance.
 
     Args:
@@ -120,28 +134,44 @@ def judge(quantity: str, measured: Array, noise: Array, draws: Array, threshold:
     """
     count = len(measured)
     if count == 0 or draws.shape[1] != count or noise.shape != (count, count) or len(draws) < 100:
-        raise InputError(f"verdict on {quantity}: {count} values, covariance {noise.shape}, draws {draws.shape} do not fit together")
+        raise InputError(
+            f"verdict on {quantity}: {count} values, covariance {noise.shape}, draws {draws.shape}"
+            " do not fit together"
+        )
     half = len(draws) // 2
     mean = draws[:half].mean(axis=0)
     spread = draws[:half] - mean
     covariance = noise + spread.T @ spread / (half - 1)
-    # Half the draws shape the statistic, the other half is its null distribution, so none is judged by itself.
+    # Half the draws shape the statistic, the other half is its null distribution, so none is judged
+    # by itself.
     scale = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     root = vectors / np.sqrt(np.maximum(values, values.max() * 1e-10))
-    null = draws[half:] - mean + rng.multivariate_normal(np.zeros(count), noise, len(draws) - half, method="eigh")
+    null = (
+        draws[half:]
+        - mean
+        + rng.multivariate_normal(np.zeros(count), noise, len(draws) - half, method="eigh")
+    )
     statistic = float(np.sum(((measured - mean) / scale @ root) ** 2))
     simulated = np.sum((null / scale @ root) ** 2, axis=1)
     p_value = (1 + int(np.count_nonzero(simulated >= statistic))) / (1 + len(simulated))
     accepted = p_value >= threshold
     sentence = (
-        f"{PROPERTY_NAMES.get(quantity, quantity)}: {count} values {'agree' if accepted else 'do not agree'} with the model; "
-        f"of benches built and measured as stated, {percent(p_value)} disagree at least as much (rejected below {percent(threshold)})"
+        f"{PROPERTY_NAMES.get(quantity, quantity)}: {count} values"
+        f" {'agree' if accepted else 'do not agree'} with the model; of benches built and measured"
+        f" as stated, {percent(p_value)} disagree at least as much (rejected below"
+        f" {percent(threshold)})"
     )
     return Verdict(quantity, count, p_value, threshold, accepted, sentence)
 
 
 def write_rows(rows: tuple[Row, ...], file: Path) -> None:
     """Write ``comparison.csv``; empty where a column does not apply."""
-    told = (["" if value is None else f"{value:.10g}" if isinstance(value, float) else value for value in astuple(row)] for row in rows)
+    told = (
+        [
+            "" if value is None else f"{value:.10g}" if isinstance(value, float) else value
+            for value in astuple(row)
+        ]
+        for row in rows
+    )
     write_csv(file, [[field.name for field in fields(Row)], *told])

@@ -1,4 +1,6 @@
-"""YAML descriptions: read with line numbers, checked by pydantic, refused with file, line, field and what is allowed."""
+"""YAML descriptions: read with line numbers, checked by pydantic, refused with file, line, field
+and what is allowed.
+"""
 
 import math
 import re
@@ -15,8 +17,13 @@ from flflab.units import Dimension, parse_quantity
 Path_ = tuple[str | int, ...]
 Lines = dict[Path_, int]
 
-LEAST, MOST = 1e-15, 1e12  # mm, rad, s and whatever else is a number in a file, wide of anything that is built
-PHYSICAL = f"0 and {LEAST:g} to {MOST:g} are allowed, in mm, rad, s and 1/mm: see its unit and exponent"
+LEAST, MOST = (
+    1e-15,
+    1e12,
+)  # mm, rad, s and whatever else is a number in a file, wide of anything that is built
+PHYSICAL = (
+    f"0 and {LEAST:g} to {MOST:g} are allowed, in mm, rad, s and 1/mm: see its unit and exponent"
+)
 
 NUMBERS = {  # in words, by pydantic's kinds of faults
     **dict.fromkeys(("float_parsing", "float_type"), "a number"),
@@ -83,7 +90,9 @@ def _collect_lines(node: yaml.Node, path: Path_, lines: Lines, file: str) -> Non
         for key, value in node.value:
             name = str(key.value)
             if name in seen:
-                raise InputError(f"{file}:{key.start_mark.line + 1}: the field '{name}' is given twice; keep one")
+                raise InputError(
+                    f"{file}:{key.start_mark.line + 1}: the field '{name}' is given twice; keep one"
+                )
             seen.add(name)
             _collect_lines(value, (*path, name), lines, file)
             lines[(*path, name)] = key.start_mark.line + 1
@@ -96,18 +105,22 @@ def read_yaml(file: Path) -> tuple[dict[str, Any], Lines]:
     """Read a YAML mapping and the line each field stands on.
 
     Raises:
-        InputError: the file is missing, unreadable, not in UTF-8, not YAML, or not a mapping of fields.
+        InputError: the file is missing, unreadable, not in UTF-8, not YAML, or not a mapping of
+            fields.
     """
     try:
         text = Path(file).read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror or error}); give the path of a YAML file") from error
+        raise InputError(
+            f"{file}: cannot be read ({error.strerror or error}); give the path of a YAML file"
+        ) from error
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise InputError(f"{file}:{line}: not text in UTF-8; save the file as UTF-8") from error
     try:
         node = yaml.compose(text, Loader=_UniqueKeyLoader)
-        data: Any = yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506 - the loader is a SafeLoader
+        # the loader is a SafeLoader
+        data: Any = yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark else 1
@@ -116,7 +129,9 @@ def read_yaml(file: Path) -> tuple[dict[str, Any], Lines]:
     if node is not None:
         _collect_lines(node, (), lines, str(file))
     if data is None:
-        raise InputError(f"{file}:1: the file is empty; fields are due, `flflab new` writes a file to begin from")
+        raise InputError(
+            f"{file}:1: the file is empty; fields are due, `flflab new` writes a file to begin from"
+        )
     if not isinstance(data, dict):
         raise InputError(f"{file}:1: a mapping of fields is due here, not {type(data).__name__}")
     return cast(dict[str, Any], data), lines
@@ -129,18 +144,32 @@ def line_of(path: Path_, lines: Mapping[Path_, int]) -> int:
     return lines.get(path, 1)
 
 
-def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int], under: Path_ = ()) -> Part:
-    """Check data against a description's model; every fault in one message, each with file, line and field.
+def check(
+    data: object, kind: type[Part], file: str, lines: Mapping[Path_, int], under: Path_ = ()
+) -> Part:
+    """Check data against a description's model; every fault in one message, each with file, line
+    and field.
 
     Raises:
         InputError: at least one field is missing, unknown, of the wrong kind or impossible.
     """
     try:
         found = kind.model_validate(data)
-        wrong = [(path, "yes, no, true and false are no number; give a number") for path in _counted(data, found, under)]
-        wrong += [(_given(path, lines), f"{value:g} is no size that a thing has; {PHYSICAL}") for path, value in _unphysical(found, under)]
+        wrong = [
+            (path, "yes, no, true and false are no number; give a number")
+            for path in _counted(data, found, under)
+        ]
+        wrong += [
+            (_given(path, lines), f"{value:g} is no size that a thing has; {PHYSICAL}")
+            for path, value in _unphysical(found, under)
+        ]
         if wrong:
-            raise InputError("\n".join(f"{file}:{line_of(path, lines)}: {'.'.join(map(str, path))}: {why}" for path, why in wrong))
+            raise InputError(
+                "\n".join(
+                    f"{file}:{line_of(path, lines)}: {'.'.join(map(str, path))}: {why}"
+                    for path, why in wrong
+                )
+            )
         return found
     except ValidationError as error:
         faults: list[str] = []
@@ -155,10 +184,16 @@ def check(data: object, kind: type[Part], file: str, lines: Mapping[Path_, int],
             elif fault["type"] == "missing":
                 message = "this field is missing"
             elif fault["type"] == "extra_forbidden":
-                message = f"there is no such field; allowed here: {', '.join(_fields_at(kind, fault['loc'][:-1]))}"
+                message = (
+                    "there is no such field; allowed here:"
+                    f" {', '.join(_fields_at(kind, fault['loc'][:-1]))}"
+                )
             elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
                 allowed = ", ".join(_fields_at(kind, fault["loc"]))
-                message = f"fields are due here{f' ({allowed})' if allowed else ''}, not {fault['input']!r}"
+                message = (
+                    f"fields are due here{f' ({allowed})' if allowed else ''}, not"
+                    f" {fault['input']!r}"
+                )
             elif fault["type"] in ("tuple_type", "list_type"):
                 message = f"values in brackets are due here, [..., ...], not {fault['input']!r}"
             elif fault["type"] == "too_long":
@@ -187,7 +222,11 @@ def _counted(given: Any, found: Any, path: Path_) -> Iterator[Path_]:
             yield path
     elif isinstance(given, dict):
         for name, value in cast(dict[str, Any], given).items():
-            read = cast(dict[str, Any], found).get(name) if isinstance(found, dict) else getattr(found, name, value)
+            read = (
+                cast(dict[str, Any], found).get(name)
+                if isinstance(found, dict)
+                else getattr(found, name, value)
+            )
             yield from _counted(value, read, (*path, name))
     elif isinstance(given, list):
         for place, (value, read) in enumerate(zip(cast(list[Any], given), found, strict=True)):
@@ -195,12 +234,17 @@ def _counted(given: Any, found: Any, path: Path_) -> Iterator[Path_]:
 
 
 def _unphysical(found: Any, path: Path_) -> Iterator[tuple[Path_, float]]:
-    """Numbers, in the units used inside, that would overflow or vanish in what is computed of them."""
+    """Numbers, in the units used inside, that would overflow or vanish in what is computed of
+    them.
+    """
     if isinstance(found, float):
         if 0 < abs(found) < LEAST or MOST < abs(found) < math.inf:
             yield path, found
     elif isinstance(found, (BaseModel, dict)):
-        for name, value in cast(Iterator[tuple[str, Any]], iter(found) if isinstance(found, BaseModel) else found.items()):
+        for name, value in cast(
+            Iterator[tuple[str, Any]],
+            iter(found) if isinstance(found, BaseModel) else found.items(),
+        ):
             yield from _unphysical(value, (*path, name))
     elif isinstance(found, (list, tuple)):
         for place, value in enumerate(cast(list[Any], found)):
@@ -211,7 +255,11 @@ def _fields_at(kind: type[BaseModel], path: Path_) -> list[str]:
     """The fields allowed at a place of a model, through nested models, optionals and unions."""
     current: Any = kind
     for part in path:
-        if isinstance(part, str) and hasattr(current, "model_fields") and part in current.model_fields:
+        if (
+            isinstance(part, str)
+            and hasattr(current, "model_fields")
+            and part in current.model_fields
+        ):
             current = _model_in(current.model_fields[part].annotation)
     return list(current.model_fields) if hasattr(current, "model_fields") else []
 
@@ -227,6 +275,8 @@ def _model_in(annotation: Any) -> Any:
 
 
 def load(file: Path, kind: type[Part]) -> Part:
-    """Read a YAML file into a frozen description; see ``read_yaml`` and ``check`` for the errors."""
+    """Read a YAML file into a frozen description; see ``read_yaml`` and ``check`` for the
+    errors.
+    """
     data, lines = read_yaml(file)
     return check(data, kind, str(file), lines)

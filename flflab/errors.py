@@ -2,7 +2,9 @@
 
 
 class FlflabError(Exception):
-    """Base of all deliberate errors: the message says who, what was asked, what is allowed and what to do."""
+    """Base of all deliberate errors: the message says who, what was asked, what is allowed and what
+    to do.
+    """
 
 
 class InputError(FlflabError):

@@ -1,6 +1,8 @@
-"""From a run's frames to a comparison: measure every configuration, predict it, set both side by side.
+"""From a run's frames to a comparison: measure every configuration, predict it, set both side by
+side.
 
-Reads a record, never a bench: the same function serves a run that just ended and one from years ago.
+Reads a record, never a bench: the same function serves a run that just ended and one from years
+ago.
 """
 
 import contextlib
@@ -39,7 +41,14 @@ JUDGED = {  # the verdicts, and the quantities that each is about
     "dot_distance_mm": ("dot_distance_mm",),
     "array_attitude_mrad": ("array_roll_mrad", "array_yaw_mrad", "array_pitch_mrad"),
 }
-EXPLAINED_BY_OTHERS = ("views", "contrast_paper", "overlap_mm", "elr_row_px", "depth_of_field_near_mm", "depth_of_field_far_mm")
+EXPLAINED_BY_OTHERS = (
+    "views",
+    "contrast_paper",
+    "overlap_mm",
+    "elr_row_px",
+    "depth_of_field_near_mm",
+    "depth_of_field_far_mm",
+)
 
 
 @dataclass(frozen=True)
@@ -51,9 +60,11 @@ class Evaluation:
         predicted: what the model says of each.
         comparison: both side by side, and the verdicts.
         values: the numbers behind the comparison.
-        of_the_stages: the same with optics exactly as described and lenses of first order; says how much of an uncertainty is the stages'.
+        of_the_stages: the same with optics exactly as described and lenses of first order; says how
+            much of an uncertainty is the stages'.
         of_stages_and_optics: the same with lenses of first order.
-        suspects: where the model is rejected: single changes of the bench that would explain it, the best first.
+        suspects: where the model is rejected: single changes of the bench that would explain it,
+            the best first.
     """
 
     measured: tuple[Measured, ...]
@@ -72,7 +83,9 @@ def tell_nobody(done: int, total: int) -> None:
     """Keep progress to oneself."""
 
 
-def evaluate(run: Run, study: Study, bench: Bench, seed: int = 0, tell: Tell = tell_nobody) -> Evaluation:
+def evaluate(
+    run: Run, study: Study, bench: Bench, seed: int = 0, tell: Tell = tell_nobody
+) -> Evaluation:
     """Measure and predict every configuration of a run, and compare.
 
     Args:
@@ -80,16 +93,21 @@ def evaluate(run: Run, study: Study, bench: Bench, seed: int = 0, tell: Tell = t
         study: the study as recorded with it.
         bench: the bench as recorded with it.
         seed: of the draws behind uncertainties and verdicts.
-        tell: called with how many configurations are measured, of how many, before the first and after each.
+        tell: called with how many configurations are measured, of how many, before the first and
+            after each.
 
     Raises:
         MeasurementError: a configuration's frames are missing or do not show what they should.
     """
-    # The measurement's kernels let other threads run, so every core measures a configuration of its own.
+    # The measurement's kernels let other threads run, so every core measures a configuration of its
+    # own.
     measured: list[Measured] = []
     tell(0, len(study.configurations))
     with measuring_threads() as pool:
-        for one in pool.map(lambda configuration: measure_configuration(run, configuration, study, bench), study.configurations):
+        for one in pool.map(
+            lambda configuration: measure_configuration(run, configuration, study, bench),
+            study.configurations,
+        ):
             measured.append(one)
             tell(len(measured), len(study.configurations))
     return evaluate_measured(tuple(measured), study, bench, seed)
@@ -108,11 +126,14 @@ def measuring_threads() -> Generator[ThreadPoolExecutor]:
         pool.shutdown(wait=patient, cancel_futures=True)
 
 
-def evaluate_measured(measured: tuple[Measured, ...], study: Study, bench: Bench, seed: int = 0) -> Evaluation:
+def evaluate_measured(
+    measured: tuple[Measured, ...], study: Study, bench: Bench, seed: int = 0
+) -> Evaluation:
     """Predict and compare what was measured before.
 
     Raises:
-        MeasurementError: something could not be measured, and the rest does not say that the camera is to blame.
+        MeasurementError: something could not be measured, and the rest does not say that the camera
+            is to blame.
     """
     rng = np.random.Generator(np.random.Philox(key=seed))
     errors = drawn_errors(bench, study.description.draws, rng)
@@ -124,14 +145,29 @@ def evaluate_measured(measured: tuple[Measured, ...], study: Study, bench: Bench
         raise failures[0]
 
     def without(fewer: Errors) -> tuple[Values, ...]:
-        return properties(measured, tuple(predict(one, study, bench, fewer) for one in measured), bench)
+        return properties(
+            measured, tuple(predict(one, study, bench, fewer) for one in measured), bench
+        )
 
-    suspects = () if comparison.accepted else explain(values, measured, study, bench, turned=_rejects(comparison, "array_attitude_mrad"))
+    suspects = (
+        ()
+        if comparison.accepted
+        else explain(
+            values, measured, study, bench, turned=_rejects(comparison, "array_attitude_mrad")
+        )
+    )
     parts = without(errors.of_the_stages_alone()), without(errors.of_stages_and_optics())
     return Evaluation(measured, predicted, comparison, values, *parts, suspects)
 
 
-def explain(values: tuple[Values, ...], measured: tuple[Measured, ...], study: Study, bench: Bench, *, turned: bool) -> tuple[Suspect, ...]:
+def explain(
+    values: tuple[Values, ...],
+    measured: tuple[Measured, ...],
+    study: Study,
+    bench: Bench,
+    *,
+    turned: bool,
+) -> tuple[Suspect, ...]:
     """Every single change of the bench that could be the reason, the best first.
 
     Args:
@@ -144,11 +180,18 @@ def explain(values: tuple[Values, ...], measured: tuple[Measured, ...], study: S
 
     def numbers(errors: Errors) -> list[Values]:
         models = tuple(predict(one, study, bench, errors) for one in measured)
-        return [found for found in properties(measured, models, bench) if found.quantity not in EXPLAINED_BY_OTHERS]
+        return [
+            found
+            for found in properties(measured, models, bench)
+            if found.quantity not in EXPLAINED_BY_OTHERS
+        ]
 
-    suspects = diagnose([found for found in values if found.quantity not in EXPLAINED_BY_OTHERS], numbers, bench)
-    # An array turned otherwise than described disturbs every other number, so where a turn explains nothing else is told from it;
-    # where none does, what scales the turns that are set (a focal length) may have been taken for one.
+    suspects = diagnose(
+        [found for found in values if found.quantity not in EXPLAINED_BY_OTHERS], numbers, bench
+    )
+    # An array turned otherwise than described disturbs every other number, so where a turn explains
+    # nothing else is told from it; where none does, what scales the turns that are set (a focal
+    # length) may have been taken for one.
     turns = turns_among(suspects)
     return turns if turned and not_told_apart(turns) else suspects
 
@@ -157,22 +200,38 @@ def _rejects(comparison: Comparison, name: str) -> bool:
     return any(verdict.quantity == name and not verdict.accepted for verdict in comparison.verdicts)
 
 
-def properties(measured: tuple[Measured, ...], predicted: tuple[Predicted, ...], bench: Bench) -> tuple[Values, ...]:
+def properties(
+    measured: tuple[Measured, ...], predicted: tuple[Predicted, ...], bench: Bench
+) -> tuple[Values, ...]:
     """Every property of every configuration, measured and predicted."""
     found: list[Values] = []
     for one, model in zip(measured, predicted, strict=True):
-        found += [views(one, model), *contrasts(one, model), *fields(one, model), overlap(one, model), *attitude(one, model)]
+        found += [
+            views(one, model),
+            *contrasts(one, model),
+            *fields(one, model),
+            overlap(one, model),
+            *attitude(one, model),
+        ]
         found += [dot_distances(one, model), *lateral_resolution(one, model)]
-    found += depth_of_field(measured, predicted) + light(measured, predicted, bench.description.light_uncertainty)
+    found += depth_of_field(measured, predicted) + light(
+        measured, predicted, bench.description.light_uncertainty
+    )
     return tuple(values for values in found if len(values.measured))
 
 
 def compare(
-    found: tuple[Values, ...], measured: tuple[Measured, ...], predicted: tuple[Predicted, ...], study: Study, rng: np.random.Generator
+    found: tuple[Values, ...],
+    measured: tuple[Measured, ...],
+    predicted: tuple[Predicted, ...],
+    study: Study,
+    rng: np.random.Generator,
 ) -> Comparison:
-    """Rows of every configuration and between each and the reference, and a verdict for every property.
+    """Rows of every configuration and between each and the reference, and a verdict for every
+    property.
 
-    The verdicts share the study's significance equally, so that an honest bench is rejected no more often than it says.
+    The verdicts share the study's significance equally, so that an honest bench is rejected no more
+    often than it says.
     """
     lines: list[Row] = []
     for values in found:
@@ -184,8 +243,16 @@ def compare(
         if other is None or other is values or values.quantity in ("light", "contrast_paper"):
             continue
         between = ratios(values, other) if values.quantity == "mtf" else differences(values, other)
-        lines += rows(between, measured[values.configuration], predicted[values.configuration], reference)
-    judged = {name: [values for values in found if values.quantity in quantities] for name, quantities in JUDGED.items()}
+        lines += rows(
+            between, measured[values.configuration], predicted[values.configuration], reference
+        )
+    judged = {
+        name: [values for values in found if values.quantity in quantities]
+        for name, quantities in JUDGED.items()
+    }
     present = {name: members for name, members in judged.items() if members}
     threshold = study.description.significance / len(present)
-    return Comparison(tuple(lines), tuple(verdict(name, members, threshold, rng) for name, members in present.items()))
+    return Comparison(
+        tuple(lines),
+        tuple(verdict(name, members, threshold, rng) for name, members in present.items()),
+    )

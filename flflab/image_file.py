@@ -1,4 +1,6 @@
-"""Pictures in files: .npy, .png, .tiff (LZW too), .h5, raw and .dng in; .npy, .png, .tiff, .dng out. Always one plane, [row, col]."""
+"""Pictures in files: .npy, .png, .tiff (LZW too), .h5, raw and .dng in; .npy, .png, .tiff, .dng
+out. Always one plane, [row, col].
+"""
 
 import io
 from pathlib import Path
@@ -18,7 +20,9 @@ Picture = npt.NDArray[Any]
 WRITABLE = (".npy", ".png", ".tif", ".tiff", ".dng")
 HDF5 = (".h5", ".hdf5")
 READABLE = WRITABLE[:-1] + HDF5 + RAW
-WHITE_DN = 16384  # what 1.0 becomes in 16 bits: room for four times the white level where light overlaps
+WHITE_DN = (
+    16384  # what 1.0 becomes in 16 bits: room for four times the white level where light overlaps
+)
 PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
 PNG_END = b"IEND\xaeB`\x82"
 
@@ -36,8 +40,8 @@ def read_picture(file: Path, number: int | None = None) -> Picture:
         The numbers as stored, shape (rows, columns): uint8, uint16 or floating point.
 
     Raises:
-        InputError: no such file, unknown ending, damaged or cut short, a colour picture, one of several without its number, or 8 bits
-            stretched to 16.
+        InputError: no such file, unknown ending, damaged or cut short, a colour picture, one of
+            several without its number, or 8 bits stretched to 16.
     """
     file = Path(file)
     ending = file.suffix.lower()
@@ -50,19 +54,28 @@ def read_picture(file: Path, number: int | None = None) -> Picture:
     try:
         picture = _read(file, ending, number)
     except (OSError, ValueError, EOFError, KeyError, cv2.error) as error:
-        raise InputError(f"{file}: cannot be read as a {ending} picture ({error}); is it whole?") from error
+        raise InputError(
+            f"{file}: cannot be read as a {ending} picture ({error}); is it whole?"
+        ) from error
     if picture.ndim == 3 and picture.shape[2] in (3, 4):
-        if not (np.array_equal(picture[..., 0], picture[..., 1]) and np.array_equal(picture[..., 0], picture[..., 2])):
+        if not (
+            np.array_equal(picture[..., 0], picture[..., 1])
+            and np.array_equal(picture[..., 0], picture[..., 2])
+        ):
             raise InputError(
-                f"{file}: it holds a picture of {picture.shape[2]} colours; the sensor's own numbers are due, "
-                "as a grey picture or as a raw file with its mosaic"
+                f"{file}: it holds a picture of {picture.shape[2]} colours; the sensor's own"
+                " numbers are due, as a grey picture or as a raw file with its mosaic"
             )
         picture = picture[..., 0]
     if picture.ndim != 2 or picture.size == 0 or picture.dtype.kind not in "uif":
-        raise InputError(f"{file}: a grey picture of rows and columns is due, not shape {picture.shape} of {picture.dtype}")
+        raise InputError(
+            f"{file}: a grey picture of rows and columns is due, not shape {picture.shape} of"
+            f" {picture.dtype}"
+        )
     if _stretched(picture):
         raise InputError(
-            f"{file}: its 16 bits hold numbers of 8 bits, stretched; the sensor's own numbers are due, linear in light, as they were read"
+            f"{file}: its 16 bits hold numbers of 8 bits, stretched; the sensor's own numbers are"
+            " due, linear in light, as they were read"
         )
     return picture
 
@@ -77,25 +90,32 @@ def write_picture(
 ) -> None:
     """Write one picture.
 
-    .npy keeps numbers and kind as they are. .tiff, .png and .dng hold 16 bits: whole numbers as they are, floating point times
-    ``white_dn`` rounded, what noise puts below 0 as 0. A .dng has its black at 0; ``write_raw`` says more.
+    .npy keeps numbers and kind as they are. .tiff, .png and .dng hold 16 bits: whole numbers as
+    they are, floating point times ``white_dn`` rounded, what noise puts below 0 as 0. A .dng has
+    its black at 0; ``write_raw`` says more.
 
     Args:
         file: its ending says what to write.
         picture: shape (rows, columns).
-        white_dn: what 1.0 of a floating-point picture becomes in 16 bits; the rest is room for overlapping light.
+        white_dn: what 1.0 of a floating-point picture becomes in 16 bits; the rest is room for
+            overlapping light.
         pattern: mosaic of a .dng, see ``RawPicture``; the other kinds note none.
         neutral: what white gives in its colours.
 
     Raises:
-        InputError: unknown ending, not a plane of numbers, numbers that 16 bits cannot hold, or it cannot be written.
+        InputError: unknown ending, not a plane of numbers, numbers that 16 bits cannot hold, or it
+            cannot be written.
     """
     file = Path(file)
     ending = _writable_ending(file)
     if picture.ndim != 2 or picture.size == 0 or picture.dtype.kind not in "uif":
-        raise InputError(f"{file}: a plane of numbers is due, not shape {picture.shape} of {picture.dtype}")
+        raise InputError(
+            f"{file}: a plane of numbers is due, not shape {picture.shape} of {picture.dtype}"
+        )
     if ending == ".dng":
-        return write_raw(file, RawPicture(_sixteen_bits(file, picture, white_dn), pattern, neutral=neutral))
+        return write_raw(
+            file, RawPicture(_sixteen_bits(file, picture, white_dn), pattern, neutral=neutral)
+        )
     if ending == ".npy":
         stream = io.BytesIO()
         np.save(stream, picture, allow_pickle=False)
@@ -124,7 +144,9 @@ def _writable_ending(file: Path) -> str:
 
 
 def _stretched(picture: Picture) -> bool:
-    """Whether 16 bits hold numbers of 8, times 256 or 257; dark and full alone say nothing of that."""
+    """Whether 16 bits hold numbers of 8, times 256 or 257; dark and full alone say nothing of
+    that.
+    """
     if picture.dtype != np.uint16 or picture.max() < 256:
         return False
     return any(not (picture % step).any() for step in (256, 257)) and len(np.unique(picture)) > 2
@@ -149,8 +171,13 @@ def _read(file: Path, ending: str, number: int | None) -> Picture:
         pages = read_pages(content)
         page = _choose(file, len(pages), number)
         if pages[page].photometric == CMYK:
-            raise InputError(f"{file}: it holds a picture in printing colours (CMYK); the sensor's own numbers in grey are due")
-    done, pictures = cv2.imdecodemulti(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED, range=(page, page + 1))
+            raise InputError(
+                f"{file}: it holds a picture in printing colours (CMYK); the sensor's own numbers"
+                " in grey are due"
+            )
+    done, pictures = cv2.imdecodemulti(
+        np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED, range=(page, page + 1)
+    )
     if not done:
         raise ValueError("not decodable")
     return np.asarray(pictures[0])
@@ -162,10 +189,18 @@ def _read_hdf5(file: Path, number: int | None) -> Picture:
 
     with h5py.File(file, "r") as content:
         found: list[Any] = []
-        content.visititems(lambda _, item: found.append(item) if isinstance(item, h5py.Dataset) and item.ndim in (2, 3) else None)
+        content.visititems(
+            lambda _, item: (
+                found.append(item)
+                if isinstance(item, h5py.Dataset) and item.ndim in (2, 3)
+                else None
+            )
+        )
         if len(found) != 1:
             names = ", ".join(str(item.name) for item in found) or "none"
-            raise InputError(f"{file}: one set of pictures is due, of two or three dimensions; found: {names}")
+            raise InputError(
+                f"{file}: one set of pictures is due, of two or three dimensions; found: {names}"
+            )
         if found[0].ndim == 2:
             _choose(file, 1, number)
             return np.asarray(found[0])
@@ -179,13 +214,19 @@ def _choose(file: Path, count: int, number: int | None) -> int:
     if number is None:
         raise InputError(f"{file}: it holds {count} pictures; say which, from 0 to {count - 1}")
     if not 0 <= number < count:
-        raise InputError(f"{file}: picture {number} was asked for; it holds {count}, counted from 0")
+        raise InputError(
+            f"{file}: picture {number} was asked for; it holds {count}, counted from 0"
+        )
     return number
 
 
 def _sixteen_bits(file: Path, picture: Picture, white_dn: int) -> npt.NDArray[np.uint16]:
-    numbers = np.maximum(np.rint(picture * float(white_dn)), 0) if picture.dtype.kind == "f" else picture
+    numbers = (
+        np.maximum(np.rint(picture * float(white_dn)), 0) if picture.dtype.kind == "f" else picture
+    )
     if not np.isfinite(picture).all() or numbers.min() < 0 or numbers.max() > FULL_DN:
         span = f"{picture.min():g} to {picture.max():g}"
-        raise InputError(f"{file}: 16 bits hold 0 to {FULL_DN}, the picture runs from {span}; write .npy")
+        raise InputError(
+            f"{file}: 16 bits hold 0 to {FULL_DN}, the picture runs from {span}; write .npy"
+        )
     return numbers.astype(np.uint16)

@@ -1,7 +1,8 @@
-"""Where compiled kernels are kept from one process to the next: in a folder of their own for every state of the sources.
+"""Where compiled kernels are kept from one process to the next: in a folder of their own for every
+state of the sources.
 
-The compiler's own cache sees a change in a kernel's file alone, not in the files of what the kernel calls: after an upgrade it would go
-on with formulas of before.
+The compiler's own cache sees a change in a kernel's file alone, not in the files of what the kernel
+calls: after an upgrade it would go on with formulas of before.
 """
 
 import atexit
@@ -23,14 +24,20 @@ def kernel_sources() -> list[Path]:
     home = Path(__file__).parent
     texts = {file: file.read_text(encoding="utf-8") for file in sorted(home.rglob("*.py"))}
     kernels = [file for file, text in texts.items() if "numba" in text]
-    names = sorted({name for file in kernels for name in re.findall(r"^from (flflab[\w.]*) import", texts[file], re.MULTILINE)})
+    names = sorted(
+        {
+            name
+            for file in kernels
+            for name in re.findall(r"^from (flflab[\w.]*) import", texts[file], re.MULTILINE)
+        }
+    )
     imported = (home.parent.joinpath(*name.split(".")).with_suffix(".py") for name in names)
     return kernels + [file for file in imported if file in texts]
 
 
 def name_of_the_state() -> str:
     """What the folder for the present state of the sources is called."""
-    return f"flflab-{hashlib.sha256(b''.join(file.read_bytes() for file in kernel_sources())).hexdigest()[:16]}"
+    return f"flflab-{hashlib.sha256(b''.join(file.read_bytes() for file in kernel_sources())).hexdigest()[:16]}"  # noqa: E501
 
 
 def kernel_cache(name: str) -> Path:
@@ -49,7 +56,8 @@ def kernel_cache(name: str) -> Path:
 def use_kernel_cache() -> None:
     """Have this process and those that it starts keep kernels there.
 
-    Where no file can be written they share a temporary folder, which ends with this process: every command compiles anew.
+    Where no file can be written they share a temporary folder, which ends with this process: every
+    command compiles anew.
 
     Raises:
         OSError: not even a temporary folder can be made.
@@ -62,7 +70,9 @@ def use_kernel_cache() -> None:
 
 
 def _kept(name: str) -> Path | None:
-    """The folder, made where there is none, and older ones removed then; None where no file can be written in it."""
+    """The folder, made where there is none, and older ones removed then; None where no file can be
+    written in it.
+    """
     try:
         folder = kernel_cache(name)
         new = not folder.exists()
@@ -86,6 +96,8 @@ def _temporary_folder() -> Path:
 
 
 def remove_temporary_kernels() -> None:
-    """Remove the temporary folder that this process made, if any; Python does so by itself unless ``os._exit`` ends it."""
+    """Remove the temporary folder that this process made, if any; Python does so by itself unless
+    ``os._exit`` ends it.
+    """
     if _temporary is not None:
         shutil.rmtree(_temporary, ignore_errors=True)

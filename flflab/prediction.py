@@ -1,8 +1,10 @@
-"""What the model expects a bench to show, and how sure it can be: many draws of the errors of its stages and its optics.
+"""What the model expects a bench to show, and how sure it can be: many draws of the errors of its
+stages and its optics.
 
-In focus the contrast falls whichever way a stage is off, so straight error bars would be wrong. Every quantity is therefore
-computed for the nominal bench and for draws of its errors; mean, spread, covariance between configurations and the null
-distribution of a verdict all follow from the same draws.
+In focus the contrast falls whichever way a stage is off, so straight error bars would be wrong.
+Every quantity is therefore computed for the nominal bench and for draws of its errors; mean,
+spread, covariance between configurations and the null distribution of a verdict all follow from the
+same draws.
 """
 
 import math
@@ -36,7 +38,9 @@ class OpticsFactors:
 
 @dataclass(frozen=True)
 class OrderFactors:
-    """What real lenses show over what the model of first order says, one value a draw, shape (n,)."""
+    """What real lenses show over what the model of first order says, one value a draw, shape
+    (n,).
+    """
 
     contrast: Array
     widths: Array
@@ -46,10 +50,12 @@ class OrderFactors:
 
 @dataclass(frozen=True)
 class Errors:
-    """Draws of everything that a bench file states an uncertainty for, the same in every configuration.
+    """Draws of everything that a bench file states an uncertainty for, the same in every
+    configuration.
 
     Attributes:
-        stages: zero error (mm) and scale error of the stage that moves each element, shape (n,) each.
+        stages: zero error (mm) and scale error of the stage that moves each element, shape (n,)
+            each.
         optics: of lens and array.
         attitude: roll, yaw and pitch of the array beyond those described, shape (n, 3), rad.
         order: what first order leaves out.
@@ -63,7 +69,9 @@ class Errors:
     def of_the_stages_alone(self) -> "Errors":
         """The same draws with optics exactly as described and turned, and of first order."""
         count = len(self.optics.pitch)
-        return Errors(self.stages, exact_optics(count), np.zeros_like(self.attitude), first_order(count))
+        return Errors(
+            self.stages, exact_optics(count), np.zeros_like(self.attitude), first_order(count)
+        )
 
     def of_stages_and_optics(self) -> "Errors":
         """The same draws with lenses of first order."""
@@ -72,7 +80,8 @@ class Errors:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the elements stand in one configuration and how large they are, one value a draw, shape (n,), mm from the main lens.
+    """Where the elements stand in one configuration and how large they are, one value a draw, shape
+    (n,), mm from the main lens.
 
     Attributes:
         distance: main lens to target.
@@ -98,7 +107,9 @@ def first_order(draws: int) -> OrderFactors:
 
 
 def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
-    """Draws of the errors of stages, optics and model from the bench file's standard uncertainties."""
+    """Draws of the errors of stages, optics and model from the bench file's standard
+    uncertainties.
+    """
     stages: dict[Element, tuple[Array, Array]] = {}
     for element in ELEMENTS:
         axis = bench.description.axis_of(element)
@@ -107,22 +118,41 @@ def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
     doubt = bench.description.optics_uncertainty
     lens, f_number, focal, aperture, pitch = (
         1 + rng.normal(0.0, 1.0, draws) * share
-        for share in (doubt.main_lens_focal_length, doubt.f_number, doubt.microlens_focal_length, doubt.microlens_aperture, doubt.pitch)
+        for share in (
+            doubt.main_lens_focal_length,
+            doubt.f_number,
+            doubt.microlens_focal_length,
+            doubt.microlens_aperture,
+            doubt.pitch,
+        )
     )
     attitude = rng.normal(0.0, 1.0, (draws, 3)) * attitude_uncertainty(bench)
     order = bench.description.model_uncertainty
-    factors = (1 + rng.normal(0.0, 1.0, draws) * share for share in (order.contrast, order.widths, order.pitch, order.distance))
-    return Errors(stages, OpticsFactors(lens, lens / f_number, focal, aperture, pitch), attitude, OrderFactors(*factors))
+    factors = (
+        1 + rng.normal(0.0, 1.0, draws) * share
+        for share in (order.contrast, order.widths, order.pitch, order.distance)
+    )
+    return Errors(
+        stages,
+        OpticsFactors(lens, lens / f_number, focal, aperture, pitch),
+        attitude,
+        OrderFactors(*factors),
+    )
 
 
 def attitude_uncertainty(bench: Bench) -> Array:
-    """Standard uncertainties of the array's roll, yaw and pitch, rad, shape (3,): how it was set, and of the axes that turn it."""
+    """Standard uncertainties of the array's roll, yaw and pitch, rad, shape (3,): how it was set,
+    and of the axes that turn it.
+    """
     doubt = bench.description.optics_uncertainty
     turns: tuple[tuple[Turn, float], ...] = (
-        ("array.roll", doubt.array_roll), ("array.yaw", doubt.array_tilt), ("array.pitch", doubt.array_tilt),
+        ("array.roll", doubt.array_roll), ("array.yaw", doubt.array_tilt),
+        ("array.pitch", doubt.array_tilt),
     )  # fmt: skip
     axes = [(bench.description.axis_of(turn), set_by) for turn, set_by in turns]
-    return np.array([math.hypot(axis[1].zero_uncertainty, set_by) if axis else set_by for axis, set_by in axes])
+    return np.array(
+        [math.hypot(axis[1].zero_uncertainty, set_by) if axis else set_by for axis, set_by in axes]
+    )
 
 
 def placements(bench: Bench, worlds: dict[Element, float], errors: Errors) -> Placement:
@@ -141,12 +171,19 @@ def placements(bench: Bench, worlds: dict[Element, float], errors: Errors) -> Pl
         sign = axis[1].sign if axis else 1
         z[element] = worlds[element] + zero + sign * scale * reading
     lens = z["main_lens.z"]
-    return Placement(lens - z["target.z"], z["array.z"] - lens, z["sensor.z"] - z["array.z"], errors.optics)
+    return Placement(
+        lens - z["target.z"], z["array.z"] - lens, z["sensor.z"] - z["array.z"], errors.optics
+    )
 
 
 def drawn_systems(system: Smms, camera: Camera, placement: Placement) -> Smms:
-    """One system of a camera as it is in each draw, fields of shape (draws,); a glass plate keeps its share of the distances."""
-    before, behind = camera.optical_distance - camera.array.distance, camera.optical_gap - camera.gap
+    """One system of a camera as it is in each draw, fields of shape (draws,); a glass plate keeps
+    its share of the distances.
+    """
+    before, behind = (
+        camera.optical_distance - camera.array.distance,
+        camera.optical_gap - camera.gap,
+    )
     optics = placement.optics
     return Smms(
         lens_focal=system.lens_focal * optics.lens_focal,
@@ -161,22 +198,36 @@ def drawn_systems(system: Smms, camera: Camera, placement: Placement) -> Smms:
 
 
 def contrast_draws(
-    camera: Camera, placement: Placement, cycles_per_mm: Array, wavelength: float | None = None, falloff: float = 0.0
+    camera: Camera,
+    placement: Placement,
+    cycles_per_mm: Array,
+    wavelength: float | None = None,
+    falloff: float = 0.0,
 ) -> Array:
-    """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies); see ``transfer`` for the light's arguments."""
+    """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies); see
+    ``transfer`` for the light's arguments.
+    """
     drawn = drawn_systems(central_smms(camera), camera, placement)
     columns = Smms(**{field.name: getattr(drawn, field.name)[:, None] for field in fields(Smms)})
     vergence, nu = 1 / placement.distance[:, None], cycles_per_mm[None, :]
-    return transfer(columns, vergence, camera.sensor.pixel, nu, wavelength=wavelength, falloff=falloff)
+    return transfer(
+        columns, vergence, camera.sensor.pixel, nu, wavelength=wavelength, falloff=falloff
+    )
 
 
-def predicted_view_indices(camera: Camera, distance: float, points: Array) -> list[npt.NDArray[np.int64]]:
-    """Which microlenses see each point (x, y) mm of the target by a chief ray, one array of positions a point."""
+def predicted_view_indices(
+    camera: Camera, distance: float, points: Array
+) -> list[npt.NDArray[np.int64]]:
+    """Which microlenses see each point (x, y) mm of the target by a chief ray, one array of
+    positions a point.
+    """
     seen = sensor_fields(camera)
     return [chief_view_indices(seen, 1 / distance, point / distance) for point in points]
 
 
-def view_draws(camera: Camera, placement: Placement, attitude: Array, points: Array) -> npt.NDArray[np.int64]:
+def view_draws(
+    camera: Camera, placement: Placement, attitude: Array, points: Array
+) -> npt.NDArray[np.int64]:
     """Number of chief views of each target point (x, y) mm for each draw, shape (draws, points).
 
     Args:
@@ -191,35 +242,61 @@ def view_draws(camera: Camera, placement: Placement, attitude: Array, points: Ar
     for column, point in enumerate(points):
         members = _candidates(smms, placement, attitude, point)
         needed = np.unique(np.concatenate([members, neighbours[members][neighbours[members] >= 0]]))
-        counts[:, column] = _count(camera, select(smms, needed), _within(neighbours[needed], needed), placement, attitude, point)
+        counts[:, column] = _count(
+            camera,
+            select(smms, needed),
+            _within(neighbours[needed], needed),
+            placement,
+            attitude,
+            point,
+        )
     return counts
 
 
-def _candidates(smms: Smms, placement: Placement, attitude: Array, point: Array) -> npt.NDArray[np.int64]:
+def _candidates(
+    smms: Smms, placement: Placement, attitude: Array, point: Array
+) -> npt.NDArray[np.int64]:
     """Microlenses within reach of the point's light in any draw."""
     vergence = 1 / placement.distance
     first = Smms(**{field.name: getattr(smms, field.name)[:1] for field in fields(Smms)})
     optics = placement.optics
-    x = image_offset(replace(first, distance=placement.array, lens_focal=first.lens_focal * optics.lens_focal), vergence)
-    stops = np.maximum(first.lens_aperture * optics.lens_aperture * np.abs(x), first.aperture * optics.aperture)
+    x = image_offset(
+        replace(first, distance=placement.array, lens_focal=first.lens_focal * optics.lens_focal),
+        vergence,
+    )
+    stops = np.maximum(
+        first.lens_aperture * optics.lens_aperture * np.abs(x), first.aperture * optics.aperture
+    )
     reach = stops.max() / 2
     away = placement.array / placement.distance / optics.pitch
-    low, high = np.min(-point[:, None] * away, axis=1) - reach, np.max(-point[:, None] * away, axis=1) + reach
+    low, high = (
+        np.min(-point[:, None] * away, axis=1) - reach,
+        np.max(-point[:, None] * away, axis=1) + reach,
+    )
     centres = np.stack([smms.centre_x, smms.centre_y], axis=1)
     aside = np.abs(attitude[:, 0]).max() * np.hypot(*centres.T)[:, None]
     return np.flatnonzero(np.all((centres >= low - aside) & (centres <= high + aside), axis=1))
 
 
-def _within(neighbours: npt.NDArray[np.int64], needed: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _within(
+    neighbours: npt.NDArray[np.int64], needed: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
     """Neighbour indices renumbered within ``needed``; -1 for those outside it."""
     place = np.searchsorted(needed, neighbours).clip(0, max(len(needed) - 1, 0))
     return np.where((neighbours >= 0) & (needed[place] == neighbours), place, -1)
 
 
 def _count(
-    camera: Camera, smms: Smms, neighbours: npt.NDArray[np.int64], placement: Placement, attitude: Array, point: Array
+    camera: Camera,
+    smms: Smms,
+    neighbours: npt.NDArray[np.int64],
+    placement: Placement,
+    attitude: Array,
+    point: Array,
 ) -> npt.NDArray[np.int64]:
-    """Chief views in each draw among systems that are repeated once a draw, so that all draws are one array."""
+    """Chief views in each draw among systems that are repeated once a draw, so that all draws are
+    one array.
+    """
     draws, systems = len(placement.distance), len(smms.focal)
     if systems == 0:
         return np.zeros(draws, dtype=np.int64)
@@ -235,7 +312,10 @@ def _count(
     tiled = Smms(
         lens_focal=each(smms.lens_focal, optics.lens_focal),
         lens_aperture=each(smms.lens_aperture, optics.lens_aperture),
-        distance=np.repeat(placement.array, systems) + camera.optical_distance - camera.array.distance + rise,
+        distance=np.repeat(placement.array, systems)
+        + camera.optical_distance
+        - camera.array.distance
+        + rise,
         gap=np.repeat(placement.gap, systems) + camera.optical_gap - camera.gap - rise,
         focal=each(smms.focal, optics.focal),
         aperture=each(smms.aperture, optics.aperture),
@@ -247,6 +327,8 @@ def _count(
     seen = fields_of(tiled, np.where(repeated >= 0, repeated + offsets, -1), camera)
     distance = np.repeat(placement.distance, systems)
     centre = np.stack([tiled.centre_x, tiled.centre_y], axis=1)
-    _, passes, landing = chief_crossings(tiled, 1 / distance, point[None, :] / distance[:, None], centre, camera.aperture_shape)
+    _, passes, landing = chief_crossings(
+        tiled, 1 / distance, point[None, :] / distance[:, None], centre, camera.aperture_shape
+    )
     chief = passes & in_useful(seen, np.arange(len(distance)), landing)
     return chief.reshape(draws, systems).sum(axis=1)

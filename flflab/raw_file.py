@@ -1,4 +1,6 @@
-"""Raw files: the sensor's own numbers with the facts that go with them; many makers' in, .dng in and out."""
+"""Raw files: the sensor's own numbers with the facts that go with them; many makers' in, .dng in
+and out.
+"""
 
 import struct
 from dataclasses import dataclass
@@ -22,8 +24,10 @@ class RawPicture:
     """The sensor's own numbers, and what a raw file says of them.
 
     Attributes:
-        values: shape (rows, columns), uint16, black level not subtracted, every filter's pixels at their places.
-        pattern: the filters of the pixels [0, 0], [0, 1], [1, 0], [1, 1], a letter each; None for a sensor without filters.
+        values: shape (rows, columns), uint16, black level not subtracted, every filter's pixels at
+            their places.
+        pattern: the filters of the pixels [0, 0], [0, 1], [1, 0], [1, 1], a letter each; None for a
+            sensor without filters.
         black_level: what these four read in the dark, DN.
         white_level: what a saturated pixel reads, DN.
         neutral: what a white target gives in red, green and blue, of the largest of the three.
@@ -58,22 +62,50 @@ def read_raw(file: Path) -> RawPicture:
     try:
         with rawpy.imread(str(file)) as raw:
             if raw.raw_type != rawpy.RawType.Flat:
-                raise InputError(f"{file}: it holds several numbers a pixel; one number a pixel is due")
-            values, levels, white = np.array(raw.raw_image_visible), raw.black_level_per_channel, int(raw.white_level)
-            exposure_s, iso = (float(f"{told:.7g}") for told in (raw.other.shutter_speed, raw.other.iso_speed))  # single precision
+                raise InputError(
+                    f"{file}: it holds several numbers a pixel; one number a pixel is due"
+                )
+            values, levels, white = (
+                np.array(raw.raw_image_visible),
+                raw.black_level_per_channel,
+                int(raw.white_level),
+            )
+            exposure_s, iso = (
+                float(f"{told:.7g}") for told in (raw.other.shutter_speed, raw.other.iso_speed)
+            )  # single precision
             if raw.num_colors == 1:
                 black = int(levels[0])
-                return RawPicture(values, None, (black, black, black, black), white, exposure_s=exposure_s, iso=iso)
+                return RawPicture(
+                    values,
+                    None,
+                    (black, black, black, black),
+                    white,
+                    exposure_s=exposure_s,
+                    iso=iso,
+                )
             if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
-                raise InputError(f"{file}: its mosaic is not one of two by two filters; such a one, or none, is due")
+                raise InputError(
+                    f"{file}: its mosaic is not one of two by two filters; such a one, or none,"
+                    " is due"
+                )
             colours = [int(colour) for colour in raw.raw_colors_visible[:2, :2].ravel()]
             a, b, c, d = (int(levels[colour]) for colour in colours)
             pattern = "".join(chr(raw.color_desc[colour]) for colour in colours).lower()
-            return RawPicture(values, pattern, (a, b, c, d), white, _neutral(raw.camera_whitebalance), exposure_s, iso)
+            return RawPicture(
+                values,
+                pattern,
+                (a, b, c, d),
+                white,
+                _neutral(raw.camera_whitebalance),
+                exposure_s,
+                iso,
+            )
     except (OSError, ValueError, rawpy.LibRawError) as error:
         said = error.args[0] if error.args else ""
         why = said.decode() if isinstance(said, bytes) else str(error)
-        raise InputError(f"{file}: cannot be read as a raw picture ({why}); is it whole?") from error
+        raise InputError(
+            f"{file}: cannot be read as a raw picture ({why}); is it whole?"
+        ) from error
 
 
 def write_raw(file: Path, raw: RawPicture) -> None:
@@ -84,20 +116,31 @@ def write_raw(file: Path, raw: RawPicture) -> None:
         raw: numbers of any bits up to 16; each takes 16 in the file.
 
     Raises:
-        InputError: another ending, too small a picture, an impossible fact, or it cannot be written.
+        InputError: another ending, too small a picture, an impossible fact, or it cannot be
+            written.
     """
     file = Path(file)
     rows, columns = raw.values.shape
     if file.suffix.lower() != ".dng":
         raise InputError(f"{file}: raw pictures are written to files ending in .dng")
     if min(rows, columns) < SMALLEST:
-        raise InputError(f"{file}: the picture has {columns} x {rows} pixels; a raw file takes {SMALLEST} x {SMALLEST} or more")
+        raise InputError(
+            f"{file}: the picture has {columns} x {rows} pixels; a raw file takes {SMALLEST} x"
+            f" {SMALLEST} or more"
+        )
     if raw.pattern not in (None, *MOSAICS):
-        raise InputError(f"{file}: there is no pattern {raw.pattern!r}; allowed: {', '.join(MOSAICS)}, or None")
+        raise InputError(
+            f"{file}: there is no pattern {raw.pattern!r}; allowed: {', '.join(MOSAICS)}, or None"
+        )
     if not 0 <= min(raw.black_level) <= max(raw.black_level) < raw.white_level <= FULL_DN:
-        raise InputError(f"{file}: black {raw.black_level} and white {raw.white_level} DN; 0 <= black < white <= {FULL_DN} is due")
+        raise InputError(
+            f"{file}: black {raw.black_level} and white {raw.white_level} DN; 0 <= black < white <="
+            f" {FULL_DN} is due"
+        )
     if raw.pattern is None and len(set(raw.black_level)) > 1:
-        raise InputError(f"{file}: black levels are {raw.black_level} DN; without filters they are all the same")
+        raise InputError(
+            f"{file}: black levels are {raw.black_level} DN; without filters they are all the same"
+        )
     if not all(0 < share <= 1 for share in raw.neutral):
         raise InputError(f"{file}: neutral is {raw.neutral}; numbers above 0 up to 1 are due")
     write_whole(file, _dng(raw))
@@ -114,7 +157,9 @@ def require_file(file: Path) -> None:
 
 
 def _neutral(balance: list[float]) -> tuple[float, float, float]:
-    """What white gives in red, green and blue, from the factors that even them out; all alike where a file has none."""
+    """What white gives in red, green and blue, from the factors that even them out; all alike where
+    a file has none.
+    """
     if not all(factor > 0 for factor in balance[:3]):
         return 1.0, 1.0, 1.0
     red, green, blue = (min(balance[:3]) / factor for factor in balance[:3])
@@ -122,7 +167,9 @@ def _neutral(balance: list[float]) -> tuple[float, float, float]:
 
 
 def _dng(raw: RawPicture) -> bytes:
-    """A little-endian DNG 1.4 of one uncompressed strip: a colour filter array, or linear raw of one sample."""
+    """A little-endian DNG 1.4 of one uncompressed strip: a colour filter array, or linear raw of
+    one sample.
+    """
     rows, columns = raw.values.shape
     short, long, byte, ascii_, rational, srational = 3, 4, 1, 2, 5, 10
     tags: list[tuple[int, int, int, bytes]] = [
@@ -131,7 +178,12 @@ def _dng(raw: RawPicture) -> bytes:
         (257, long, 1, struct.pack("<I", rows)),
         (258, short, 1, struct.pack("<H", 16)),
         (259, short, 1, struct.pack("<H", 1)),  # uncompressed
-        (262, short, 1, struct.pack("<H", 32803 if raw.pattern else 34892)),  # colour filter array, or linear raw
+        (
+            262,
+            short,
+            1,
+            struct.pack("<H", 32803 if raw.pattern else 34892),
+        ),  # colour filter array, or linear raw
         (271, ascii_, 7, b"flflab\0"),
         (272, ascii_, 7, b"flflab\0"),
         (273, long, 1, b"strip"),  # where the pixels begin, set below
@@ -142,13 +194,23 @@ def _dng(raw: RawPicture) -> bytes:
         (284, short, 1, struct.pack("<H", 1)),
     ]
     if raw.pattern:
-        tags += [(33421, short, 2, struct.pack("<HH", 2, 2)), (33422, byte, 4, bytes("rgb".index(letter) for letter in raw.pattern))]
+        tags += [
+            (33421, short, 2, struct.pack("<HH", 2, 2)),
+            (33422, byte, 4, bytes("rgb".index(letter) for letter in raw.pattern)),
+        ]
     noted = _exif(raw)
     if noted:
         tags.append((34665, long, 1, b"notes"))  # where the exposure is told, set below
-    tags += [(50706, byte, 4, bytes([1, 4, 0, 0])), (50707, byte, 4, bytes([1, 1, 0, 0])), (50708, ascii_, 7, b"flflab\0")]
+    tags += [
+        (50706, byte, 4, bytes([1, 4, 0, 0])),
+        (50707, byte, 4, bytes([1, 1, 0, 0])),
+        (50708, ascii_, 7, b"flflab\0"),
+    ]
     if raw.pattern:
-        tags += [(50713, short, 2, struct.pack("<HH", 2, 2)), (50714, short, 4, struct.pack("<4H", *raw.black_level))]
+        tags += [
+            (50713, short, 2, struct.pack("<HH", 2, 2)),
+            (50714, short, 4, struct.pack("<4H", *raw.black_level)),
+        ]
     else:
         tags += [(50714, short, 1, struct.pack("<H", raw.black_level[0]))]
     planes = 3 if raw.pattern else 1
@@ -156,12 +218,21 @@ def _dng(raw: RawPicture) -> bytes:
     neutral = [number for share in raw.neutral[:planes] for number in (round(share * 1e6), 10**6)]
     tags += [
         (50717, long, 1, struct.pack("<I", raw.white_level)),
-        (50721, srational, planes**2, struct.pack(f"<{len(identity)}i", *identity)),  # no colours are claimed
+        (
+            50721,
+            srational,
+            planes**2,
+            struct.pack(f"<{len(identity)}i", *identity),
+        ),  # no colours are claimed
         (50728, rational, planes, struct.pack(f"<{len(neutral)}I", *neutral)),
         (50778, short, 1, struct.pack("<H", 21)),  # D65
     ]
     values_at = 8 + 2 + 12 * len(tags) + 4
-    values = b"".join(value + b"\0" * (len(value) % 2) for _, _, _, value in tags if len(value) > 4 and value not in PLACES)
+    values = b"".join(
+        value + b"\0" * (len(value) % 2)
+        for _, _, _, value in tags
+        if len(value) > 4 and value not in PLACES
+    )
     noted_at = values_at + len(values)
     pixels_at = (noted_at + len(noted) + 15) // 16 * 16
     entries, at = b"", values_at
@@ -174,17 +245,27 @@ def _dng(raw: RawPicture) -> bytes:
             field = struct.pack("<I", at)
             at += len(value) + len(value) % 2
         entries += struct.pack("<HHI", tag, kind, count) + field
-    head = struct.pack("<2sHI", b"II", 42, 8) + struct.pack("<H", len(tags)) + entries + struct.pack("<I", 0) + values
+    head = (
+        struct.pack("<2sHI", b"II", 42, 8)
+        + struct.pack("<H", len(tags))
+        + entries
+        + struct.pack("<I", 0)
+        + values
+    )
     head += _exif(raw, noted_at)
     return head.ljust(pixels_at, b"\0") + raw.values.astype("<u2").tobytes()
 
 
 def _exif(raw: RawPicture, at: int = 0) -> bytes:
-    """The directory that tells exposure time and speed, to stand at a place in the file; empty where neither is known."""
+    """The directory that tells exposure time and speed, to stand at a place in the file; empty
+    where neither is known.
+    """
     entries, values = [], b""
     if raw.exposure_s > 0:
         values = (
-            struct.pack("<II", round(raw.exposure_s * 1e8), 10**8) if raw.exposure_s < 40 else struct.pack("<II", round(raw.exposure_s), 1)
+            struct.pack("<II", round(raw.exposure_s * 1e8), 10**8)
+            if raw.exposure_s < 40
+            else struct.pack("<II", round(raw.exposure_s), 1)
         )
         entries.append((33434, 5, values))
     if raw.iso > 0:
@@ -193,6 +274,8 @@ def _exif(raw: RawPicture, at: int = 0) -> bytes:
         return b""
     values_at = at + 2 + 12 * len(entries) + 4
     fields = b"".join(
-        struct.pack("<HHI", tag, kind, 1) + (value if len(value) == 4 else struct.pack("<I", values_at)) for tag, kind, value in entries
+        struct.pack("<HHI", tag, kind, 1)
+        + (value if len(value) == 4 else struct.pack("<I", values_at))
+        for tag, kind, value in entries
     )
     return struct.pack("<H", len(entries)) + fields + struct.pack("<I", 0) + values

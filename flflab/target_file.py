@@ -18,7 +18,11 @@ PositiveLength = Annotated[Length, Field(gt=0)]
 
 def _with_unit(given: object) -> object:
     """The unit of ``cycles_per_mm`` stands in its name, so a bare number is enough."""
-    return f"{given!r} cycles/mm" if isinstance(given, (int, float)) and not isinstance(given, bool) else given
+    return (
+        f"{given!r} cycles/mm"
+        if isinstance(given, (int, float)) and not isinstance(given, bool)
+        else given
+    )
 
 
 CyclesPerMm = Annotated[Frequency, BeforeValidator(_with_unit), Field(gt=0)]
@@ -90,7 +94,8 @@ def target_from(
         under: where in that file the data stood.
 
     Raises:
-        InputError: an unknown kind or field, a quantity without a unit, an impossible value, or a picture that cannot be read.
+        InputError: an unknown kind or field, a quantity without a unit, an impossible value, or a
+            picture that cannot be read.
     """
     given: dict[str, Any] = {"kind": data} if isinstance(data, str) else dict(data)
     return _made(given, source, lines or {}, folder, under)
@@ -118,7 +123,8 @@ def _made(
     if not isinstance(kind, str) or kind not in DESCRIPTIONS:
         asked = "this field is missing" if kind is None else f"{kind!r} is not a target"
         raise InputError(
-            f"{source}:{lines.get((*under, 'kind'), lines.get(under, 1))}: {place}: {asked}; allowed: {', '.join(DESCRIPTIONS)}"
+            f"{source}:{lines.get((*under, 'kind'), lines.get(under, 1))}: {place}: {asked};"
+            f" allowed: {', '.join(DESCRIPTIONS)}"
         )
     found = check(data, DESCRIPTIONS[kind], source, lines, under)
     try:
@@ -126,7 +132,9 @@ def _made(
             case FourDotDescription():
                 return FourDot(found.diameter, found.spacing)
             case BarsDescription():
-                return (Bars if found.kind == "bars" else Chirp)(found.cycles_per_mm, found.width, found.height)
+                return (Bars if found.kind == "bars" else Chirp)(
+                    found.cycles_per_mm, found.width, found.height
+                )
             case EdgeDescription():
                 return Edge(found.angle)
             case PictureDescription():
@@ -138,14 +146,25 @@ def _made(
 
 
 def _read_picture(file: Path, width: float) -> Picture:
-    """A grey picture as radiances: whole numbers count from 0 to their type's largest, real numbers stand for themselves."""
+    """A grey picture as radiances: whole numbers count from 0 to their type's largest, real numbers
+    stand for themselves.
+    """
     try:
         coded = np.load(file) if file.suffix == ".npy" else np.fromfile(file, dtype=np.uint8)
-        values = coded if file.suffix == ".npy" else cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        values = (
+            coded
+            if file.suffix == ".npy"
+            else cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        )
     except (OSError, ValueError, cv2.error) as error:
-        raise InputError(f"the picture {file} cannot be read ({error}); give a .png, .tiff, .jpg or .npy file") from error
+        raise InputError(
+            f"the picture {file} cannot be read ({error}); give a .png, .tiff, .jpg or .npy file"
+        ) from error
     if values is None:
-        raise InputError(f"the picture {file} is of no kind that can be read; give a .png, .tiff, .jpg or .npy file")
+        raise InputError(
+            f"the picture {file} is of no kind that can be read; give a .png, .tiff, .jpg or .npy"
+            " file"
+        )
     grey: npt.NDArray[Any] = np.asarray(values)
     full = float(np.iinfo(str(grey.dtype)).max) if grey.dtype.kind in "iu" else 1.0
     return Picture(grey.astype(np.float64) / full, width)

@@ -1,4 +1,6 @@
-"""What stands in front of the camera: each target knows its own truth, the radiance at (x, y) mm from its centre, from 0 to 1."""
+"""What stands in front of the camera: each target knows its own truth, the radiance at (x, y) mm
+from its centre, from 0 to 1.
+"""
 
 import math
 from dataclasses import dataclass, fields
@@ -39,7 +41,12 @@ class FourDot:
         """
         _require_positive(self, diameter=self.diameter, spacing=self.spacing)
         if self.spacing < self.diameter:
-            raise _refuse(self, "spacing", f"{self.spacing:g} mm", f"at least the diameter, {self.diameter:g} mm,")
+            raise _refuse(
+                self,
+                "spacing",
+                f"{self.spacing:g} mm",
+                f"at least the diameter, {self.diameter:g} mm,",
+            )
 
     @property
     def centres(self) -> Array:
@@ -48,13 +55,17 @@ class FourDot:
 
     def radiance(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
         """Truth at (x, y) mm: 1 on the closed discs, else 0."""
-        to_centre = np.hypot(np.abs(np.asarray(x, dtype=float)) - self.spacing / 2, np.abs(np.asarray(y, dtype=float)) - self.spacing / 2)
+        to_centre = np.hypot(
+            np.abs(np.asarray(x, dtype=float)) - self.spacing / 2,
+            np.abs(np.asarray(y, dtype=float)) - self.spacing / 2,
+        )
         return (to_centre <= self.diameter / 2).astype(np.float64)
 
 
 @dataclass(frozen=True)
 class Bars:
-    """Square bars across x, their frequency linear in x from the left edge to the right; centred, black around.
+    """Square bars across x, their frequency linear in x from the left edge to the right; centred,
+    black around.
 
     ``cycles_per_mm`` is (left, right); ``width`` (along x) and ``height`` in mm.
     """
@@ -71,9 +82,20 @@ class Bars:
             InputError: see there.
         """
         left, right = self.cycles_per_mm
-        _require_positive(self, cycles_per_mm_left=left, cycles_per_mm_right=right, width=self.width, height=self.height)
+        _require_positive(
+            self,
+            cycles_per_mm_left=left,
+            cycles_per_mm_right=right,
+            width=self.width,
+            height=self.height,
+        )
         if self.cycles > CYCLES_AT_MOST:
-            raise _refuse(self, "width times mean cycles_per_mm", f"{self.cycles:g}", f"at most {CYCLES_AT_MOST:g} cycles")
+            raise _refuse(
+                self,
+                "width times mean cycles_per_mm",
+                f"{self.cycles:g}",
+                f"at most {CYCLES_AT_MOST:g} cycles",
+            )
 
     @property
     def cycles(self) -> float:
@@ -95,7 +117,10 @@ class Bars:
         """Inverse of ``phase``: mm from the centre where so many cycles have passed."""
         left, right = self.cycles_per_mm
         cycles = np.asarray(phase, dtype=float)
-        return 2 * cycles / (left + np.sqrt(left**2 + 2 * (right - left) / self.width * cycles)) - self.width / 2
+        return (
+            2 * cycles / (left + np.sqrt(left**2 + 2 * (right - left) / self.width * cycles))
+            - self.width / 2
+        )
 
     def profile(self, phase: npt.ArrayLike) -> Array:
         """Radiance against phase in cycles: 1 where sin(2 pi phase) >= 0, else 0."""
@@ -111,7 +136,9 @@ class Bars:
 
 @dataclass(frozen=True)
 class Chirp(Bars):
-    """The sine of the same law: radiance (1 + sin(2 pi phase)) / 2 inside width and height, black around."""
+    """The sine of the same law: radiance (1 + sin(2 pi phase)) / 2 inside width and height, black
+    around.
+    """
 
     kind: ClassVar[str] = "chirp"
 
@@ -122,7 +149,9 @@ class Chirp(Bars):
 
 @dataclass(frozen=True)
 class Edge:
-    """A boundless straight edge through the centre, turned by ``angle`` rad from the y axis away from +x; white on the +x side."""
+    """A boundless straight edge through the centre, turned by ``angle`` rad from the y axis away
+    from +x; white on the +x side.
+    """
 
     angle: float = math.radians(5)
     kind: ClassVar[str] = "edge"
@@ -138,7 +167,9 @@ class Edge:
 
     def radiance(self, x: npt.ArrayLike, y: npt.ArrayLike) -> Array:
         """Truth at (x, y) mm: 1 where x cos(angle) + y sin(angle) >= 0, else 0."""
-        side = np.asarray(x, dtype=float) * math.cos(self.angle) + np.asarray(y, dtype=float) * math.sin(self.angle)
+        side = np.asarray(x, dtype=float) * math.cos(self.angle) + np.asarray(
+            y, dtype=float
+        ) * math.sin(self.angle)
         return (side >= 0).astype(np.float64)
 
 
@@ -179,13 +210,21 @@ class Picture:
         """Refuse a picture that is none.
 
         Raises:
-            InputError: the values are not a matrix of finite numbers from 0 to 1, or the width is not positive.
+            InputError: the values are not a matrix of finite numbers from 0 to 1, or the width is
+                not positive.
         """
         _require_positive(self, width=self.width)
         if self.values.ndim != 2 or self.values.size == 0:
-            raise _refuse(self, "shape of values", self.values.shape, "(rows, columns) of a grey picture")
+            raise _refuse(
+                self, "shape of values", self.values.shape, "(rows, columns) of a grey picture"
+            )
         if not np.all((self.values >= 0) & (self.values <= 1)):
-            raise _refuse(self, "values", "partly outside 0 to 1 or not finite", "a radiance from 0 to 1 everywhere")
+            raise _refuse(
+                self,
+                "values",
+                "partly outside 0 to 1 or not finite",
+                "a radiance from 0 to 1 everywhere",
+            )
 
     @property
     def texel(self) -> float:
@@ -204,7 +243,13 @@ class Picture:
         column = np.floor((across + self.width / 2) / self.texel)
         row = np.floor((up + self.height / 2) / self.texel)
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-        return np.where(inside, self.values[np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)], 0.0)
+        return np.where(
+            inside,
+            self.values[
+                np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)
+            ],
+            0.0,
+        )
 
 
 Target: TypeAlias = FourDot | Bars | Chirp | Edge | White | Black | Picture
@@ -212,5 +257,9 @@ Target: TypeAlias = FourDot | Bars | Chirp | Edge | White | Black | Picture
 
 def describe(target: Target) -> str:
     """One line for people: the kind and its numbers."""
-    numbers = ", ".join(f"{field.name} {getattr(target, field.name)}" for field in fields(target) if field.name != "values")
+    numbers = ", ".join(
+        f"{field.name} {getattr(target, field.name)}"
+        for field in fields(target)
+        if field.name != "values"
+    )
     return f"{target.kind} ({numbers})" if numbers else target.kind

@@ -22,7 +22,9 @@ def read_pages(content: bytes) -> list[Page]:
         ValueError: not a TIFF file, or cut short.
     """
     order = {b"II": "<", b"MM": ">"}.get(content[:2])
-    version = 0 if order is None or len(content) < 16 else struct.unpack_from(f"{order}H", content, 2)[0]
+    version = (
+        0 if order is None or len(content) < 16 else struct.unpack_from(f"{order}H", content, 2)[0]
+    )
     if version not in (42, 43):
         raise ValueError("it does not begin as a TIFF file does")
     big = version == 43
@@ -37,7 +39,9 @@ def read_pages(content: bytes) -> list[Page]:
             for place in range(first, first + entry * entries, entry):
                 (tag,) = struct.unpack_from(f"{order}H", content, place)
                 if tag == _PHOTOMETRIC:
-                    (meaning,) = struct.unpack_from(f"{order}H", content, place + (12 if big else 8))
+                    (meaning,) = struct.unpack_from(
+                        f"{order}H", content, place + (12 if big else 8)
+                    )
             pages.append(Page(meaning))
             (at,) = struct.unpack_from(f"{order}{pointer}", content, first + entry * entries)
     except struct.error as error:

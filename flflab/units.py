@@ -1,4 +1,6 @@
-"""Quantities at the borders: a number and one unit in, a plain number in mm, s, rad or cycles/mm out."""
+"""Quantities at the borders: a number and one unit in, a plain number in mm, s, rad or cycles/mm
+out.
+"""
 
 import math
 import re
@@ -6,12 +8,30 @@ from typing import Literal
 
 from flflab.errors import InputError
 
-Dimension = Literal["length", "angle", "time", "frequency", "speed", "angular speed", "acceleration", "ratio"]
+Dimension = Literal[
+    "length", "angle", "time", "frequency", "speed", "angular speed", "acceleration", "ratio"
+]
 
 # Factors to the unit used inside: mm, rad, s, cycles/mm, mm/s, rad/s, mm/s^2, 1.
 FACTORS: dict[Dimension, dict[str, float]] = {
-    "length": {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1e3, "in": 25.4},
-    "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180, "arcmin": math.pi / 10800, "arcsec": math.pi / 648000},
+    "length": {
+        "nm": 1e-6,
+        "um": 1e-3,
+        "µm": 1e-3,
+        "μm": 1e-3,
+        "mm": 1.0,
+        "cm": 10.0,
+        "m": 1e3,
+        "in": 25.4,
+    },
+    "angle": {
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "urad": 1e-6,
+        "deg": math.pi / 180,
+        "arcmin": math.pi / 10800,
+        "arcsec": math.pi / 648000,
+    },
     "time": {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0},
     "frequency": {"cycles/mm": 1.0, "lp/mm": 1.0, "1/mm": 1.0, "cycles/um": 1e3, "cycles/m": 1e-3},
     "speed": {"um/s": 1e-3, "µm/s": 1e-3, "mm/s": 1.0, "m/s": 1e3},
@@ -29,7 +49,9 @@ SHOWN_UNITS: dict[Dimension, str] = {
     "acceleration": "mm/s^2",
     "ratio": "",
 }
-_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:\s+(\S+)|([^\s\d.eE+-]\S*))\s*")
+_QUANTITY = re.compile(
+    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:\s+(\S+)|([^\s\d.eE+-]\S*))\s*"
+)
 
 
 def parse_quantity(given: object, dimension: Dimension) -> float:
@@ -40,17 +62,23 @@ def parse_quantity(given: object, dimension: Dimension) -> float:
         dimension: what kind of quantity is due.
 
     Returns:
-        The value in mm, rad, s, cycles/mm, mm/s, rad/s or mm/s^2; ``infinity`` is allowed for a length.
+        The value in mm, rad, s, cycles/mm, mm/s, rad/s or mm/s^2; ``infinity`` is allowed for a
+        length.
 
     Raises:
         InputError: no unit, an unknown unit or one of another kind, or not a finite number.
     """
     units = FACTORS[dimension]
-    example = f"{'an' if dimension[0] == 'a' else 'a'} {dimension} is a number and a unit of {', '.join(units)}"
+    example = (
+        f"{'an' if dimension[0] == 'a' else 'a'} {dimension} is a number and a unit of"
+        f" {', '.join(units)}"
+    )
     if isinstance(given, (int, float)) and not isinstance(given, bool):
         if given == 0 or (dimension == "ratio" and math.isfinite(given)):
             return float(given)
-        raise InputError(f"{given!r} has no unit; {example}, for instance '{given} {next(iter(units))}'")
+        raise InputError(
+            f"{given!r} has no unit; {example}, for instance '{given} {next(iter(units))}'"
+        )
     if not isinstance(given, str):
         raise InputError(f"{given!r} is not a quantity; {example}")
     if dimension == "length" and given.strip() in ("infinity", "inf"):

@@ -8,7 +8,8 @@ STRETCH_S = 0.05
 
 
 def wait_for(event: threading.Event, timeout: float | None = None) -> bool:
-    """Wait for an event in short stretches: on Windows the main thread hears no signal within one wait, and a stage would go on.
+    """Wait for an event in short stretches: on Windows the main thread hears no signal within one
+    wait, and a stage would go on.
 
     Args:
         event: what is waited for.

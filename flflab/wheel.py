@@ -8,18 +8,30 @@ from flflab.target_file import target_from
 
 
 def unlike_the_wheel(study: Study, bench: Bench) -> list[str]:
-    """What a simulated bench would show otherwise than the study has it, a sentence for each target."""
+    """What a simulated bench would show otherwise than the study has it, a sentence for each
+    target.
+    """
     if bench.description.target.address != "simulated":
         return []
     given = bench.description.simulated.targets
     found: list[str] = []
     for target in (target for target in (study.dots, study.bars) if target.kind in study.shown):
-        shown = target_from({"kind": target.kind} | given.get(target.kind, {}), f"{bench.file}: simulated.targets", bench.file.parent)
-        pairs = [(one.name, getattr(target, one.name), getattr(shown, one.name)) for one in fields(target)]
-        different = [f"{name} {there} instead of {here}" for name, here, there in pairs if here != there]
+        shown = target_from(
+            {"kind": target.kind} | given.get(target.kind, {}),
+            f"{bench.file}: simulated.targets",
+            bench.file.parent,
+        )
+        pairs = [
+            (one.name, getattr(target, one.name), getattr(shown, one.name))
+            for one in fields(target)
+        ]
+        different = [
+            f"{name} {there} instead of {here}" for name, here, there in pairs if here != there
+        ]
         if different:
             found.append(
-                f"the simulated bench shows a {target.kind} target with {', '.join(different)} (mm); "
-                f"give simulated.targets in {bench.file.name} what the study has, unless it is meant to differ"
+                f"the simulated bench shows a {target.kind} target with {', '.join(different)}"
+                f" (mm); give simulated.targets in {bench.file.name} what the study has, unless it"
+                " is meant to differ"
             )
     return found

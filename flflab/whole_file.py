@@ -1,4 +1,6 @@
-"""Files that are there whole or not at all: written beside their place, and put there after the last byte."""
+"""Files that are there whole or not at all: written beside their place, and put there after the
+last byte.
+"""
 
 import contextlib
 import csv
@@ -19,25 +21,32 @@ FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOS
 
 
 def write_whole(file: Path, content: str | bytes | memoryview) -> None:
-    """Write a file, or leave what was there as it was; a device or a pipe takes the bytes as they come.
+    """Write a file, or leave what was there as it was; a device or a pipe takes the bytes as they
+    come.
 
     Args:
         file: is overwritten.
         content: text is written as UTF-8, its line ends as they are.
 
     Raises:
-        InputError: the disk is full, the file or its folder cannot be written, or its text holds a name that is not UTF-8.
+        InputError: the disk is full, the file or its folder cannot be written, or its text holds a
+            name that is not UTF-8.
     """
     try:
         content = content.encode("utf-8") if isinstance(content, str) else content
     except UnicodeEncodeError as error:
-        raise InputError(f"{file}: would hold a file's name that is not UTF-8; give names that are") from error
+        raise InputError(
+            f"{file}: would hold a file's name that is not UTF-8; give names that are"
+        ) from error
     try:
         _require_place(file)
         if _special(file):
             file.write_bytes(content)
         else:
-            with part_of(file.resolve()) as part, part.open("wb") as stream:  # the file that a link leads to, not the link
+            with (
+                part_of(file.resolve()) as part,
+                part.open("wb") as stream,
+            ):  # the file that a link leads to, not the link
                 stream.write(content)
     except OSError as error:
         raise _unwritten(file, error, len(content)) from error
@@ -75,7 +84,9 @@ def make_folder(folder: Path, asked: str) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{asked}: the folder cannot be made ({error.strerror or error}); give another") from error
+        raise InputError(
+            f"{asked}: the folder cannot be made ({error.strerror or error}); give another"
+        ) from error
 
 
 def _special(file: Path) -> bool:
@@ -97,11 +108,13 @@ def _require_place(file: Path) -> None:
 
 @contextlib.contextmanager
 def part_of(file: Path) -> Generator[Path]:
-    """An empty file beside a file, to take its place at the end; where that fails nothing of it is left.
+    """An empty file beside a file, to take its place at the end; where that fails nothing of it is
+    left.
 
     One that a killed program left of the same file is removed before.
     """
-    own = f".{hashlib.blake2b(os.fsencode(file.name), digest_size=4).hexdigest()}"  # as short for the longest name that a file may have
+    # as short for the longest name that a file may have
+    own = f".{hashlib.blake2b(os.fsencode(file.name), digest_size=4).hexdigest()}"
     for left in file.parent.glob(f"{own}.*.part"):
         _remove_unless_held(left)
     part = file.with_name(f"{own}.{secrets.token_hex(8)}.part")
@@ -124,7 +137,9 @@ def _remove_unless_held(part: Path) -> None:
 
 
 def _hold(part: BinaryIO) -> bool:
-    """Keep a part from others' removal until it is closed, however this program ends; False where another one keeps it, or none can."""
+    """Keep a part from others' removal until it is closed, however this program ends; False where
+    another one keeps it, or none can.
+    """
     if sys.platform == "win32":
         return True  # what is open cannot be removed there
     import fcntl
@@ -138,5 +153,10 @@ def _hold(part: BinaryIO) -> bool:
 
 def _unwritten(file: Path, error: OSError, needed: int) -> InputError:
     if error.errno in FULL:
-        return InputError(f"{file}: the disk is full, {needed / 1e6:.3g} MB are needed; make room, or give a place on another disk")
-    return InputError(f"{file}: cannot be written ({error.strerror or error}); give a place you may write in")
+        return InputError(
+            f"{file}: the disk is full, {needed / 1e6:.3g} MB are needed; make room, or give a"
+            " place on another disk"
+        )
+    return InputError(
+        f"{file}: cannot be written ({error.strerror or error}); give a place you may write in"
+    )

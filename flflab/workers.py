@@ -1,4 +1,6 @@
-"""Many calls of one function: on a Dask scheduler's workers, or on this machine's cores; the same results either way."""
+"""Many calls of one function: on a Dask scheduler's workers, or on this machine's cores; the same
+results either way.
+"""
 
 import contextlib
 import multiprocessing
@@ -14,12 +16,16 @@ Result = TypeVar("Result")
 PATIENCE = "10s"
 LISTENS_S = 5.0
 DASK_PORT = 8786
-AHEAD = 4  # calls a worker thread has waiting: enough to keep it busy, few enough to keep memory small
+AHEAD = (
+    4  # calls a worker thread has waiting: enough to keep it busy, few enough to keep memory small
+)
 RETRIES = 5
 FEW = 8  # calls that are done sooner here than other processes have started
 
 
-def results(function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], scheduler: str | None) -> Iterator[Result]:
+def results(
+    function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], scheduler: str | None
+) -> Iterator[Result]:
     """What the function returns for each tuple of arguments, in the order they are ready.
 
     Args:
@@ -40,7 +46,9 @@ def results(function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], s
         yield from _on_this_machine(function, todo)
 
 
-def _on_this_machine(function: Callable[..., Result], calls: list[tuple[Any, ...]]) -> Iterator[Result]:
+def _on_this_machine(
+    function: Callable[..., Result], calls: list[tuple[Any, ...]]
+) -> Iterator[Result]:
     # Started afresh: a fork would copy the threads' locks of the process that asks.
     with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
         try:
@@ -55,7 +63,8 @@ def connected(scheduler: str) -> Generator[Any]:
     """A client of a Dask scheduler.
 
     Args:
-        scheduler: its address, for instance ``tcp://127.0.0.1:8786``; its workers must have this package.
+        scheduler: its address, for instance ``tcp://127.0.0.1:8786``; its workers must have this
+            package.
 
     Raises:
         InputError: Dask is not installed, or no scheduler answers at the address.
@@ -70,7 +79,8 @@ def connected(scheduler: str) -> Generator[Any]:
         client: Any = Client(scheduler, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
-            f"--scheduler {scheduler}: no Dask scheduler answers there within {PATIENCE}; start one, or leave the option out"
+            f"--scheduler {scheduler}: no Dask scheduler answers there within {PATIENCE}; start"
+            " one, or leave the option out"
         ) from error
     try:
         yield client
@@ -85,7 +95,9 @@ def _host_and_port(scheduler: str) -> tuple[str, int]:
     return str(host), int(port)
 
 
-def on_cluster(client: Any, function: Callable[..., Result], calls: Iterable[tuple[Any, ...]]) -> Iterator[Result]:
+def on_cluster(
+    client: Any, function: Callable[..., Result], calls: Iterable[tuple[Any, ...]]
+) -> Iterator[Result]:
     """As ``results`` by a client's workers; a worker that is lost costs only what it was at."""
     from dask.distributed import as_completed as completed_on
 
@@ -93,7 +105,10 @@ def on_cluster(client: Any, function: Callable[..., Result], calls: Iterable[tup
     threads = max(sum(client.nthreads().values()), 1)
 
     def send(count: int) -> list[Any]:
-        return [client.submit(function, *call, pure=False, retries=RETRIES) for call in islice(waiting, count)]
+        return [
+            client.submit(function, *call, pure=False, retries=RETRIES)
+            for call in islice(waiting, count)
+        ]
 
     under_way: Any = completed_on(send(AHEAD * threads), loop=client.loop)
     for future in under_way:

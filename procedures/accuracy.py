@@ -1,4 +1,6 @@
-"""How sure the MTF of a point is after the frames taken so far: measured in a thread while the bench goes on."""
+"""How sure the MTF of a point is after the frames taken so far: measured in a thread while the
+bench goes on.
+"""
 
 import threading
 import time
@@ -24,9 +26,11 @@ Array = npt.NDArray[np.float64]
 
 
 class Accuracy:
-    """Measures the uncertainty that recorded frames have reached, and says how many there should be.
+    """Measures the uncertainty that recorded frames have reached, and says how many there should
+    be.
 
-    The lattice of a configuration is sought in its white frames as soon as they are there, while other things move.
+    The lattice of a configuration is sought in its white frames as soon as they are there, while
+    other things move.
 
     Args:
         study: what is taken.
@@ -39,7 +43,14 @@ class Accuracy:
     name = "accuracy"
     parent = None
 
-    def __init__(self, study: Study, bench: Bench, camera: CameraDevice, recording: Recording, places: dict[str, int]) -> None:
+    def __init__(
+        self,
+        study: Study,
+        bench: Bench,
+        camera: CameraDevice,
+        recording: Recording,
+        places: dict[str, int],
+    ) -> None:
         self._study, self._optics, self._camera = study, bench.optics, camera
         self._wavelength = bench.description.wavelength
         self._recording, self._places = recording, places
@@ -49,7 +60,9 @@ class Accuracy:
 
     def look_at(self, step: CaptureUntil, frames: int) -> Triggered:
         """The measurement of a point's first frames, as something to trigger."""
-        return Triggered(f"accuracy of c{step.configuration.index}", lambda: self._look(step, frames))
+        return Triggered(
+            f"accuracy of c{step.configuration.index}", lambda: self._look(step, frames)
+        )
 
     def seen(self, step: CaptureUntil) -> int:
         """How many frames of a point the last look took in; 0 before the first."""
@@ -57,7 +70,9 @@ class Accuracy:
         return looks[-1].frames if looks else 0
 
     def due(self, step: CaptureUntil) -> int:
-        """How many frames a point should have; the least before it was looked at, or in a rehearsal."""
+        """How many frames a point should have; the least before it was looked at, or in a
+        rehearsal.
+        """
         looks = self.looks.get(step.configuration.index)
         return frames_due(looks, step.mtf_standard_uncertainty, step.most) if looks else step.least
 
@@ -65,20 +80,39 @@ class Accuracy:
         """What the last look gave."""
         index, look, enough = self._latest or (-1, Look(0, 0.0), False)
         now = time.time()
-        values = {"accuracy_of": index, "frames": look.frames, "mtf_standard_uncertainty": look.uncertainty, "enough": enough}
+        values = {
+            "accuracy_of": index,
+            "frames": look.frames,
+            "mtf_standard_uncertainty": look.uncertainty,
+            "enough": enough,
+        }
         return {key: {"value": value, "timestamp": now} for key, value in values.items()}
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns."""
-        kinds = {"accuracy_of": "integer", "frames": "integer", "mtf_standard_uncertainty": "number", "enough": "boolean"}
-        return {key: {"source": "analysis", "dtype": kind, "shape": []} for key, kind in kinds.items()}
+        kinds = {
+            "accuracy_of": "integer",
+            "frames": "integer",
+            "mtf_standard_uncertainty": "number",
+            "enough": "boolean",
+        }
+        return {
+            key: {"source": "analysis", "dtype": kind, "shape": []} for key, kind in kinds.items()
+        }
 
     def seek_lattice(self, index: int) -> None:
-        """Begin to seek a configuration's lattice in its white frames; nothing where that was begun, or in a rehearsal, which has none."""
+        """Begin to seek a configuration's lattice in its white frames; nothing where that was
+        begun, or in a rehearsal, which has none.
+        """
         if index not in self._lattices and f"c{index}/{WHITE}/0" in self._places:
             found = self._lattices[index] = Future[Lattice]()
             white, frames = self._mean(f"c{index}/{WHITE}/")
-            threading.Thread(target=self._seek, args=(index, white, frames, found), name=f"lattice of c{index}", daemon=True).start()
+            threading.Thread(
+                target=self._seek,
+                args=(index, white, frames, found),
+                name=f"lattice of c{index}",
+                daemon=True,
+            ).start()
 
     def _seek(self, index: int, white: Array, frames: int, found: Future[Lattice]) -> None:
         try:
@@ -88,7 +122,9 @@ class Accuracy:
             found.set_exception(error)
 
     def _look(self, step: CaptureUntil, frames: int) -> Status:
-        status = Status(f"measure how sure {frames} frames of c{step.configuration.index}/{step.target} are")
+        status = Status(
+            f"measure how sure {frames} frames of c{step.configuration.index}/{step.target} are"
+        )
         index, camera = step.configuration.index, step.configuration.camera(self._optics)
         self.seek_lattice(index)
         mean, _ = self._mean(f"c{index}/{step.target}/", frames)
@@ -98,7 +134,15 @@ class Accuracy:
                 lattice = self._lattices[index].result()
                 noise = self._noise.of_mean(frames)
                 distance = step.configuration.distance
-                curve = fit_contrast(mean, lattice, camera, self._study.bars, distance, noise, wavelength=self._wavelength)
+                curve = fit_contrast(
+                    mean,
+                    lattice,
+                    camera,
+                    self._study.bars,
+                    distance,
+                    noise,
+                    wavelength=self._wavelength,
+                )
                 look = Look(frames, float(curve.uncertainty.max()))
                 self.looks[index] = (*self.looks.get(index, ()), look)
                 self._latest = (index, look, look.uncertainty <= step.mtf_standard_uncertainty)
@@ -113,11 +157,16 @@ class Accuracy:
     @property
     def _noise(self) -> SensorNoise:
         camera = self._camera
-        return SensorNoise(camera.dn_per_electron, camera.read_noise_dn, camera.offset_dn, float(camera.full_scale))
+        return SensorNoise(
+            camera.dn_per_electron, camera.read_noise_dn, camera.offset_dn, float(camera.full_scale)
+        )
 
     def _mean(self, point: str, frames: int | None = None) -> tuple[Array, int]:
         """Mean of the first recorded frames of a point, and their number."""
-        places = [self._places[key] for key in sorted((key for key in self._places if key.startswith(point)), key=_repeat)][:frames]
+        places = [
+            self._places[key]
+            for key in sorted((key for key in self._places if key.startswith(point)), key=_repeat)
+        ][:frames]
         total = np.zeros(self._recording.picture(places[0]).shape)
         for place in places:
             total += self._recording.picture(place)

@@ -1,8 +1,9 @@
-"""Align the bench by white pictures: the array straight to the sensor's rows and parallel to the sensor, then the sensor to its place.
+"""Align the bench by white pictures: the array straight to the sensor's rows and parallel to the
+sensor, then the sensor to its place.
 
-Every picture tells roll, yaw and pitch at once; each axis is corrected by what was measured until the measurement, or the stage, tells
-no more. Every correction is approached from one side, so that backlash stays out of it. All moves go through the axes' own limits and
-interlocks.
+Every picture tells roll, yaw and pitch at once; each axis is corrected by what was measured until
+the measurement, or the stage, tells no more. Every correction is approached from one side, so that
+backlash stays out of it. All moves go through the axes' own limits and interlocks.
 """
 
 from collections.abc import Generator
@@ -55,7 +56,9 @@ class Request:
         return self.exit_pupil or self.overlap is not None
 
 
-def align(bench: ConnectedBench, request: Request, recording: Recording, tell: Tell) -> tuple[Outcome, ...]:
+def align(
+    bench: ConnectedBench, request: Request, recording: Recording, tell: Tell
+) -> tuple[Outcome, ...]:
     """Home, take white pictures and move until everything stands as asked; recorded like any run.
 
     Args:
@@ -68,19 +71,24 @@ def align(bench: ConnectedBench, request: Request, recording: Recording, tell: T
         RunInterruptedError: the operator asked for the end; every axis stands.
         LimitError: an axis would have to leave its limits.
         InterlockError: array and sensor would come too near to each other.
-        MeasurementError: no exposure fits, no lattice is seen, or an axis turns the other way than its sign says.
+        MeasurementError: no exposure fits, no lattice is seen, or an axis turns the other way than
+            its sign says.
         DeviceError: an instrument failed; every axis was told to stop.
     """
     outcomes: list[Outcome] = []
 
     def plan(tell: Tell) -> Plan:
         frames, stages = Frames(bench.camera, recording), Stages(bench.axes, bench.described)
-        return _plan(Looking(bench, frames, stages, request.f_number, request.level, tell), request, outcomes)
+        return _plan(
+            Looking(bench, frames, stages, request.f_number, request.level, tell), request, outcomes
+        )
 
     metadata = {
-        "plan_name": "align", "axes": list(bench.axes), "f_number": request.f_number, "overlap_mm": request.overlap,
+        "plan_name": "align", "axes": list(bench.axes), "f_number": request.f_number,
+        "overlap_mm": request.overlap,
         "exit_pupil": request.exit_pupil, "devices": [row._asdict() for row in bench.identities()],
-        "sensor_noise": vars(sensor_noise(bench)), "seed": bench.described.description.simulated.seed, "software": versions(),
+        "sensor_noise": vars(sensor_noise(bench)),
+        "seed": bench.described.description.simulated.seed, "software": versions(),
     }  # fmt: skip
     perform(plan(tell), plan(lambda _: None), metadata, bench, recording)
     return tuple(outcomes)
@@ -98,7 +106,12 @@ def _plan(looking: Looking, request: Request, outcomes: list[Outcome]) -> Plan:
         yield from home(bench.axes, step)
     yield from bps.mv(bench.iris, request.f_number)
     yield from bps.mv(bench.target, WHITE)
-    start = move_step(_start(request, described), described, homed_readings(described), unsure_when_homed(described))
+    start = move_step(
+        _start(request, described),
+        described,
+        homed_readings(described),
+        unsure_when_homed(described),
+    )
     for group in start.groups:
         for name, reading in group.items():
             yield from approach(described, bench.axes[name], reading)
@@ -110,7 +123,9 @@ def _plan(looking: Looking, request: Request, outcomes: list[Outcome]) -> Plan:
 def _straighten(looking: Looking, outcomes: list[Outcome]) -> Plan:
     """Correct roll, yaw and pitch; returns what the last picture showed, None in a rehearsal."""
     axes = {angle: looking.bench.axis_of(moved) for angle, moved in MOVED.items()}
-    why: dict[str, str] = {angle: "no axis turns it; measured only" for angle, axis in axes.items() if axis is None}
+    why: dict[str, str] = {
+        angle: "no axis turns it; measured only" for angle, axis in axes.items() if axis is None
+    }
     attitudes: list[Attitude] = []
     pictures: dict[str, int] = dict.fromkeys(MOVED, 1)
     last: Seen | None = None
@@ -119,22 +134,32 @@ def _straighten(looking: Looking, outcomes: list[Outcome]) -> Plan:
         if last is None:
             return None
         attitudes.append(last.attitude)
-        looking.tell(f"picture {looking.pictures}: " + ", ".join(_shown(angle, *values) for angle, values in last.attitude.angles.items()))
+        looking.tell(
+            f"picture {looking.pictures}: "
+            + ", ".join(_shown(angle, *values) for angle, values in last.attitude.angles.items())
+        )
         for angle, axis in axes.items():
             if angle in why or axis is None:
                 continue
             pictures[angle] = len(attitudes)
-            deviations, doubt = [one.angles[angle][0] for one in attitudes], last.attitude.angles[angle][1]
+            deviations, doubt = (
+                [one.angles[angle][0] for one in attitudes],
+                last.attitude.angles[angle][1],
+            )
             require_corrected(angle, axis.name, deviations, doubt + axis.resolution)
             if reason := why_stop(deviations, doubt, axis.resolution):
                 why[angle] = reason
                 continue
             sign = looking.bench.described.description.axes[axis.name].sign
-            yield from approach(looking.bench.described, axis, axis.position() - sign * deviations[-1])
+            yield from approach(
+                looking.bench.described, axis, axis.position() - sign * deviations[-1]
+            )
     for angle, axis in axes.items():
         (before, _), (after, doubt) = attitudes[0].angles[angle], attitudes[-1].angles[angle]
         name, reading = ("", 0.0) if axis is None else (axis.name, axis.position())
-        outcomes.append(Outcome(angle, name, before, after, doubt, reading, pictures[angle], why[angle]))
+        outcomes.append(
+            Outcome(angle, name, before, after, doubt, reading, pictures[angle], why[angle])
+        )
     return last
 
 
@@ -159,7 +184,8 @@ def why_stop(deviations: list[float], doubt: float, resolution: float) -> str:
 
 
 def require_corrected(angle: str, name: str, deviations: list[float], doubt: float) -> None:
-    """Refuse to go on with an axis that turns the other way: what it is to take away it doubles with every picture.
+    """Refuse to go on with an axis that turns the other way: what it is to take away it doubles
+    with every picture.
 
     Args:
         angle: what it turns.
@@ -174,32 +200,39 @@ def require_corrected(angle: str, name: str, deviations: list[float], doubt: flo
     if abs(before) > 4 * doubt and DOUBLED[0] < now / before < DOUBLED[1]:
         show = ANGLE.show
         raise MeasurementError(
-            f"{name}: told to take the array's {angle} of {show(before, '+.4f')} away it made it {show(now, '+.4f')}; it turns the other "
-            "way than `sign` of the bench file says, or the camera turns or mirrors its pictures: correct that (with `sign` "
-            "`home_towards`), then align again"
+            f"{name}: told to take the array's {angle} of {show(before, '+.4f')} away it made it"
+            f" {show(now, '+.4f')}; it turns the other way than `sign` of the bench file says, or"
+            " the camera turns or mirrors its pictures: correct that (with `sign` `home_towards`),"
+            " then align again"
         )
 
 
 def _start(request: Request, bench: Bench) -> Configuration:
-    """Everything where the camera file has it; the target, of which nothing is to be seen but white, where it stands after homing."""
+    """Everything where the camera file has it; the target, of which nothing is to be seen but
+    white, where it stands after homing.
+    """
     optics, found = bench.optics, bench.description.axis_of("target.z")
     distance = 0.0 if found is None else -found[1].world(homed_readings(bench)[found[0]])
-    return Configuration(0, request.f_number, distance, optics.array.distance, optics.sensor.distance)
+    return Configuration(
+        0, request.f_number, distance, optics.array.distance, optics.sensor.distance
+    )
 
 
 def require_reachable(request: Request, bench: Bench) -> None:
     """Refuse before anything connects or moves what the description already says is out of reach.
 
     Raises:
-        InputError: the wanted overlap is nowhere or as wide as the pitch, or an element would have to be moved that no axis moves.
+        InputError: the wanted overlap is nowhere or as wide as the pitch, or an element would have
+            to be moved that no axis moves.
         LimitError: an axis would have to leave its limits.
         InterlockError: array and sensor would come too near to each other.
     """
     pitch = min(bench.optics.array.pitch)
     if request.overlap is not None and not abs(request.overlap) < pitch:
         raise InputError(
-            f"align: an overlap of {request.overlap:g} mm was asked for; microlenses {pitch:g} mm apart allow one between {-pitch:g} and "
-            f"{pitch:g} mm, with more a micro-image reaches its neighbours' neighbours; give such a one"
+            f"align: an overlap of {request.overlap:g} mm was asked for; microlenses {pitch:g} mm"
+            f" apart allow one between {-pitch:g} and {pitch:g} mm, with more a micro-image reaches"
+            " its neighbours' neighbours; give such a one"
         )
     start, now = _start(request, bench), homed_readings(bench)
     for group in move_step(start, bench, now).groups:

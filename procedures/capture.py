@@ -1,4 +1,6 @@
-"""Take a frame; find the exposure first where it is not known: the brightest view at the study's share of full scale."""
+"""Take a frame; find the exposure first where it is not known: the brightest view at the study's
+share of full scale.
+"""
 
 import bisect
 import math
@@ -18,7 +20,9 @@ Plan = Generator[Msg, Any, Any]
 STEPS_PER_OCTAVE = 6
 FIRST_GUESS_S = 0.01
 MOST_TRIALS = 6
-LARGEST_FACTOR = 16.0  # between two trials: where almost nothing or everything is lit, proportion tells little
+LARGEST_FACTOR = (
+    16.0  # between two trials: where almost nothing or everything is lit, proportion tells little
+)
 BRIGHTEST = 0.99  # quantile of the lit pixels
 LEAST_LIT = 1e-3  # share of all pixels
 
@@ -26,8 +30,8 @@ LEAST_LIT = 1e-3  # share of all pixels
 def quantise(exposure_s: float, offered: tuple[float, ...] = ()) -> float:
     """The largest step not above an exposure: of those a camera offers, else of 2^(k/6) s.
 
-    In steps few dark frames serve many configurations. Beyond what is offered one step more is counted on either side:
-    who wants more than there is gets what the camera cannot do.
+    In steps few dark frames serve many configurations. Beyond what is offered one step more is
+    counted on either side: who wants more than there is gets what the camera cannot do.
     """
     if len(offered) > 1:
         steps = (offered[0] ** 2 / offered[1], *offered, offered[-1] ** 2 / offered[-2])
@@ -36,10 +40,11 @@ def quantise(exposure_s: float, offered: tuple[float, ...] = ()) -> float:
 
 
 def brightest_view(picture: npt.NDArray[np.uint16], camera: CameraDevice) -> float:
-    """How bright the brightest view is, as a share of full scale above the offset: the 0.99 quantile of the lit pixels.
+    """How bright the brightest view is, as a share of full scale above the offset: the 0.99
+    quantile of the lit pixels.
 
-    Every second row and column is looked at. A pixel is lit at 5 standard deviations of read noise above the offset, and 2 DN.
-    Where less than a thousandth is lit it is 0.
+    Every second row and column is looked at. A pixel is lit at 5 standard deviations of read noise
+    above the offset, and 2 DN. Where less than a thousandth is lit it is 0.
     """
     sample = picture[::2, ::2].ravel()
     counts = np.bincount(sample, minlength=camera.full_scale + 1)
@@ -51,21 +56,28 @@ def brightest_view(picture: npt.NDArray[np.uint16], camera: CameraDevice) -> flo
     return (value - camera.offset_dn) / (camera.full_scale - camera.offset_dn)
 
 
-def better_exposure(exposure_s: float, reached: float, level: float, offered: tuple[float, ...] = ()) -> float:
-    """The exposure to try next, a step of ``quantise``, in proportion; far off where the picture is almost dark or saturated."""
+def better_exposure(
+    exposure_s: float, reached: float, level: float, offered: tuple[float, ...] = ()
+) -> float:
+    """The exposure to try next, a step of ``quantise``, in proportion; far off where the picture is
+    almost dark or saturated.
+    """
     factor = 1 / LARGEST_FACTOR if reached >= 0.98 else level / max(reached, level / LARGEST_FACTOR)
     return quantise(exposure_s * factor, offered)
 
 
 def fits(exposure_s: float, wanted_s: float, offered: tuple[float, ...] = ()) -> bool:
-    """Whether an exposure is the wanted step or the one below it: noise moves the wanted step by one."""
+    """Whether an exposure is the wanted step or the one below it: noise moves the wanted step by
+    one.
+    """
     if len(offered) > 1:
         return wanted_s in offered and offered.index(wanted_s) - offered.index(exposure_s) in (0, 1)
     return -0.5 < STEPS_PER_OCTAVE * math.log2(wanted_s / exposure_s) < 1.5
 
 
 def expose(frames: Frames, level: float, guess_s: float, key: str, configuration: int) -> Plan:
-    """Take pictures of the white target until one is exposed as wanted; that one is the latest then.
+    """Take pictures of the white target until one is exposed as wanted; that one is the latest
+    then.
 
     Args:
         frames: the camera.
@@ -78,7 +90,8 @@ def expose(frames: Frames, level: float, guess_s: float, key: str, configuration
         The exposure in s.
 
     Raises:
-        MeasurementError: none was found in six pictures, or the camera cannot expose so long or so briefly.
+        MeasurementError: none was found in six pictures, or the camera cannot expose so long or so
+            briefly.
     """
     (shortest, longest), offered = frames.camera.exposure_limits, frames.camera.offered_exposures
     exposure = quantise(min(max(guess_s, shortest), longest), offered)
@@ -93,12 +106,14 @@ def expose(frames: Frames, level: float, guess_s: float, key: str, configuration
             return exposure
         if not shortest <= wanted <= longest:
             raise MeasurementError(
-                f"{key}: the brightest view is at {reached:.3f} of full scale at {exposure:.3g} s, {level:g} would need {wanted:.3g} s, "
-                f"the camera can do {shortest:g} s to {longest:g} s; change the light, see that the target is in place"
+                f"{key}: the brightest view is at {reached:.3f} of full scale at {exposure:.3g} s,"
+                f" {level:g} would need {wanted:.3g} s, the camera can do {shortest:g} s to"
+                f" {longest:g} s; change the light, see that the target is in place"
             )
         exposure = wanted
     raise MeasurementError(
-        f"{key}: after {MOST_TRIALS} pictures the brightest view is at {reached:.3f} of full scale, {level:g} is due; is the light steady?"
+        f"{key}: after {MOST_TRIALS} pictures the brightest view is at {reached:.3f} of full scale,"
+        f" {level:g} is due; is the light steady?"
     )
 
 
@@ -115,7 +130,9 @@ def keep(frames: Frames, stages: Stages, *settings: Setting[Any]) -> Plan:
 
 
 def shoot(frames: Frames, stages: Stages, shot: Shot, *settings: Setting[Any]) -> Plan:
-    """Expose, and note what the bench reads; things may move then, while the picture is read out. ``close_event`` records it."""
+    """Expose, and note what the bench reads; things may move then, while the picture is read out.
+    ``close_event`` records it.
+    """
     yield from bps.prepare(frames, shot, wait=True)
     yield from bps.trigger(frames.light, wait=True)
     yield from open_event(stages, *settings)

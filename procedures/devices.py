@@ -1,4 +1,6 @@
-"""What a procedure reads at every point beside the devices themselves: the stages with world positions, and the recorded frames."""
+"""What a procedure reads at every point beside the devices themselves: the stages with world
+positions, and the recorded frames.
+"""
 
 import threading
 import time
@@ -57,8 +59,13 @@ class Stages:
         self._bench = bench
 
     def worlds(self, readings: Mapping[str, float]) -> dict[Element, float]:
-        """World z of every element at these readings, mm; an element of unknown place is left out."""
-        moved = {axis.moves: axis.world(readings[name]) for name, axis in self._bench.description.axes.items()}
+        """World z of every element at these readings, mm; an element of unknown place is left
+        out.
+        """
+        moved = {
+            axis.moves: axis.world(readings[name])
+            for name, axis in self._bench.description.axes.items()
+        }
         places = standing(self._bench) | moved
         return {element: places[element] for element in ELEMENTS if element in places}
 
@@ -75,32 +82,49 @@ class Stages:
             if abs(reading - sent) > STRAYED * axis.resolution:
                 show = axis.coordinate.show
                 raise MotionError(
-                    f"{name}: sent to {show(sent, '.4f')}, it now stands at {show(reading, '.4f')}; "
-                    "see what pushed it, this frame was not recorded"
+                    f"{name}: sent to {show(sent, '.4f')}, it now stands at {show(reading, '.4f')};"
+                    " see what pushed it, this frame was not recorded"
                 )
-        values = {self._axes[name].coordinate.column(name): reading for name, reading in readings.items()} | {
-            world_key(element): z for element, z in self.worlds(readings).items()
-        }
+        values = {
+            self._axes[name].coordinate.column(name): reading for name, reading in readings.items()
+        } | {world_key(element): z for element, z in self.worlds(readings).items()}
         return {key: {"value": value, "timestamp": now} for key, value in values.items()}
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns."""
-        units: dict[str, str] = {axis.coordinate.column(name): axis.coordinate.unit for name, axis in self._axes.items()}
-        units |= dict.fromkeys([world_key(element) for element in self.worlds(dict.fromkeys(self._axes, 0.0))], "mm")
-        return {key: {"source": "axes", "dtype": "number", "shape": [], "units": unit} for key, unit in units.items()}
+        units: dict[str, str] = {
+            axis.coordinate.column(name): axis.coordinate.unit for name, axis in self._axes.items()
+        }
+        units |= dict.fromkeys(
+            [world_key(element) for element in self.worlds(dict.fromkeys(self._axes, 0.0))], "mm"
+        )
+        return {
+            key: {"source": "axes", "dtype": "number", "shape": [], "units": unit}
+            for key, unit in units.items()
+        }
 
     def read_configuration(self) -> dict[str, Any]:
         """Speeds."""
-        return {key: value for axis in self._axes.values() for key, value in axis.read_configuration().items()}
+        return {
+            key: value
+            for axis in self._axes.values()
+            for key, value in axis.read_configuration().items()
+        }
 
     def describe_configuration(self) -> dict[str, Any]:
         """What ``read_configuration`` returns."""
-        return {key: value for axis in self._axes.values() for key, value in axis.describe_configuration().items()}
+        return {
+            key: value
+            for axis in self._axes.values()
+            for key, value in axis.describe_configuration().items()
+        }
 
 
 @dataclass(frozen=True)
 class Shot:
-    """What the next picture is for and how it is exposed; the key is the point's, each once in a run."""
+    """What the next picture is for and how it is exposed; the key is the point's, each once in a
+    run.
+    """
 
     key: str
     configuration: int
@@ -110,7 +134,9 @@ class Shot:
 
 @dataclass(frozen=True)
 class Picture:
-    """A frame, what it is for, and what is computed of it as soon as it is there: its checksum, and how many pixels are saturated."""
+    """A frame, what it is for, and what is computed of it as soon as it is there: its checksum, and
+    how many pixels are saturated.
+    """
 
     shot: Shot
     frame: Frame
@@ -119,11 +145,12 @@ class Picture:
 
 
 class Frames:
-    """The camera of a procedure: prepared for a shot, triggered, and, where its picture is good, read into the record.
+    """The camera of a procedure: prepared for a shot, triggered, and, where its picture is good,
+    read into the record.
 
-    A picture enters the record when it is read: it is written before the event that names it. ``light`` and ``arrival`` are
-    what can be triggered instead of the whole: the one is done when the light is in and things may move, the other when the picture is
-    there.
+    A picture enters the record when it is read: it is written before the event that names it.
+    ``light`` and ``arrival`` are what can be triggered instead of the whole: the one is done when
+    the light is in and things may move, the other when the picture is there.
 
     Args:
         camera: any camera.
@@ -134,7 +161,9 @@ class Frames:
     name = "camera"
     parent = None
 
-    def __init__(self, camera: CameraDevice, recording: Recording, places: Mapping[str, int] | None = None) -> None:
+    def __init__(
+        self, camera: CameraDevice, recording: Recording, places: Mapping[str, int] | None = None
+    ) -> None:
         self.camera = camera
         self.places = dict(places or {})
         self._recording = recording
@@ -169,7 +198,9 @@ class Frames:
             try:
                 self.latest = frame = self.camera.grab(exposed.complete)
                 saturated = int(np.count_nonzero(frame.picture >= self.camera.full_scale))
-                self.arrived = Picture(shot, frame, checksum(frame.picture), saturated) if shot else None
+                self.arrived = (
+                    Picture(shot, frame, checksum(frame.picture), saturated) if shot else None
+                )
             except Exception as error:
                 exposed.complete(error)
                 arriving.complete(error)
@@ -188,27 +219,43 @@ class Frames:
         """
         shot, picture = self.shot, self.arrived
         if shot is None or picture is None:
-            raise DeviceError(f"{self.name}: asked for a picture before one was taken; prepare and trigger first")
+            raise DeviceError(
+                f"{self.name}: asked for a picture before one was taken; prepare and trigger first"
+            )
         frame = picture.frame
         values = (
             shot.key, shot.configuration, shot.repeat, frame.exposure_s, frame.gain,
             frame.number, frame.timestamp, frame.dropped, picture.saturated, picture.crc32,
         )  # fmt: skip
         now = time.time()
-        return {key: {"value": value, "timestamp": now} for key, value in zip(self._describe_facts(), values, strict=True)}
+        return {
+            key: {"value": value, "timestamp": now}
+            for key, value in zip(self._describe_facts(), values, strict=True)
+        }
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns, and the picture beside the document."""
         shape = [1, *(self.latest.picture.shape if self.latest else (0, 0))]
-        picture = {"source": f"camera {self.camera.name}", "dtype": "array", "dtype_numpy": "<u2", "shape": shape, "external": "STREAM:"}
+        picture = {
+            "source": f"camera {self.camera.name}",
+            "dtype": "array",
+            "dtype_numpy": "<u2",
+            "shape": shape,
+            "external": "STREAM:",
+        }
         return self._describe_facts() | {"frame": picture}
 
     def _describe_facts(self) -> dict[str, Any]:
         kinds = {
-            "point": "string", "configuration": "integer", "repeat": "integer", "exposure_s": "number", "gain": "number",
-            "number": "integer", "camera_clock_s": "number", "dropped": "integer", "saturated": "integer", "crc32": "string",
+            "point": "string", "configuration": "integer", "repeat": "integer",
+            "exposure_s": "number", "gain": "number",
+            "number": "integer", "camera_clock_s": "number", "dropped": "integer",
+            "saturated": "integer", "crc32": "string",
         }  # fmt: skip
-        return {key: {"source": f"camera {self.camera.name}", "dtype": kind, "shape": []} for key, kind in kinds.items()}
+        return {
+            key: {"source": f"camera {self.camera.name}", "dtype": kind, "shape": []}
+            for key, kind in kinds.items()
+        }
 
     def get_index(self) -> int:
         """How many pictures the record holds."""
@@ -226,7 +273,8 @@ class Frames:
         yield (
             "stream_datum",
             {
-                "uid": f"{self._resource}/{place}", "stream_resource": self._resource, "descriptor": "",
+                "uid": f"{self._resource}/{place}", "stream_resource": self._resource,
+                "descriptor": "",
                 "indices": {"start": place, "stop": place + 1}, "seq_nums": {"start": 0, "stop": 0},
             },
         )  # fmt: skip

@@ -1,4 +1,6 @@
-"""How long steps take: from the stages' speeds, the exposures, and the habits of cameras, iris wheels and people."""
+"""How long steps take: from the stages' speeds, the exposures, and the habits of cameras, iris
+wheels and people.
+"""
 
 import math
 from collections.abc import Mapping
@@ -28,7 +30,10 @@ PLACES_PER_S = 2.0  # of a wheel of targets
 START_S = 0.5  # the process that watches over the axes starts before the first motion
 SETTLE_S = 0.05  # a motor speeds up and slows down, and is asked whether it rests
 READOUT_S = 0.05
-HANDLING_S = (0.03, 0.012)  # of a frame, and of each of its megapixels: over the wire, checksum, disk
+HANDLING_S = (
+    0.03,
+    0.012,
+)  # of a frame, and of each of its megapixels: over the wire, checksum, disk
 ANALYSIS_S = (0.3, 0.3)  # of a look at the accuracy reached, and of each megapixel
 MOTIONS = (Home, SetIris, ShowTarget, Move)
 WHEEL = ("four-dot", "bars", "white", "black")
@@ -36,18 +41,23 @@ WHEEL = ("four-dot", "bars", "white", "black")
 
 @dataclass(frozen=True)
 class Expected:
-    """What is expected of the frames: exposures by configuration, s, and how many an accuracy takes where one is asked for."""
+    """What is expected of the frames: exposures by configuration, s, and how many an accuracy takes
+    where one is asked for.
+    """
 
     exposures: Mapping[int, float] = field(default_factory=dict[int, float])
     frames: Mapping[int, int] = field(default_factory=dict[int, int])
 
 
 def left_at(bench: Bench) -> dict[str, float]:
-    """Readings where the bench is expected to stand before: everything where the camera file has it, else in the middle of its limits."""
+    """Readings where the bench is expected to stand before: everything where the camera file has
+    it, else in the middle of its limits.
+    """
     optics = bench.optics
     worlds = {
         "main_lens.z": 0.0, "array.z": optics.array.distance, "sensor.z": optics.sensor.distance,
-        "array.pitch": math.atan(optics.array.tilt[1]), "array.yaw": math.atan(optics.array.tilt[0]), "array.roll": optics.array.roll,
+        "array.pitch": math.atan(optics.array.tilt[1]),
+        "array.yaw": math.atan(optics.array.tilt[0]), "array.roll": optics.array.roll,
     }  # fmt: skip
     found: dict[str, float] = {}
     for name, axis in bench.description.axes.items():
@@ -58,7 +68,11 @@ def left_at(bench: Bench) -> dict[str, float]:
 
 
 def durations(
-    steps: tuple[Step, ...], bench: Bench, expected: Expected | None = None, start: Readings | None = None, rate: float = 1.0
+    steps: tuple[Step, ...],
+    bench: Bench,
+    expected: Expected | None = None,
+    start: Readings | None = None,
+    rate: float = 1.0,
 ) -> tuple[float, ...]:
     """How long each step takes, s.
 
@@ -67,15 +81,20 @@ def durations(
         bench: on what.
         expected: of the frames; without, exposures are guessed from the bench file's light.
         start: where every axis stands before, readings; by default where ``left_at`` expects it.
-        rate: how many times faster than real the stages and the camera run, as those of a simulated bench.
+        rate: how many times faster than real the stages and the camera run, as those of a simulated
+            bench.
     """
-    return tuple(_Timing(bench, expected or Expected(), dict(start or left_at(bench)), rate).of(steps))
+    return tuple(
+        _Timing(bench, expected or Expected(), dict(start or left_at(bench)), rate).of(steps)
+    )
 
 
 def seconds_left(steps: tuple[Step, ...], expected: tuple[float, ...], spent: list[float]) -> float:
-    """How long the steps that are not done yet take, s: what is expected, and what others took more or less so far.
+    """How long the steps that are not done yet take, s: what is expected, and what others took more
+    or less so far.
 
-    Motions and frames are kept apart: a camera that takes long over its frames does not slow the stages.
+    Motions and frames are kept apart: a camera that takes long over its frames does not slow the
+    stages.
 
     Args:
         steps: all of them.
@@ -84,23 +103,36 @@ def seconds_left(steps: tuple[Step, ...], expected: tuple[float, ...], spent: li
     """
     more = dict.fromkeys((True, False), 0.0)
     for moves in more:
-        off = [took - said for step, said, took in zip(steps, expected, spent, strict=False) if isinstance(step, MOTIONS) == moves]
+        off = [
+            took - said
+            for step, said, took in zip(steps, expected, spent, strict=False)
+            if isinstance(step, MOTIONS) == moves
+        ]
         more[moves] = sum(off) / max(len(off), 1)
     ahead = zip(steps[len(spent) :], expected[len(spent) :], strict=True)
     return sum(max(0.0, due + more[isinstance(step, MOTIONS)]) for step, due in ahead)
 
 
 class _Timing:
-    """Time as it goes by while steps are done; what a frame still needs after its light is in goes on while things move."""
+    """Time as it goes by while steps are done; what a frame still needs after its light is in goes
+    on while things move.
+    """
 
-    def __init__(self, bench: Bench, expected: Expected, now: dict[str, float], rate: float) -> None:
+    def __init__(
+        self, bench: Bench, expected: Expected, now: dict[str, float], rate: float
+    ) -> None:
         self._bench, self._expected, self._now, self._rate = bench, expected, now, rate
         columns, rows = bench.optics.sensor.resolution
         megapixels = columns * rows / 1e6
         self._handling = HANDLING_S[0] + HANDLING_S[1] * megapixels
         self._analysis = ANALYSIS_S[0] + ANALYSIS_S[1] * megapixels
         self._f_number, self._target = bench.optics.main_lens.f_number, "white"
-        self._guess, self._exposures, self._owed, self._start = FIRST_GUESS_S, dict[int, float](), 0.0, START_S
+        self._guess, self._exposures, self._owed, self._start = (
+            FIRST_GUESS_S,
+            dict[int, float](),
+            0.0,
+            START_S,
+        )
 
     def of(self, steps: tuple[Step, ...]) -> list[float]:
         return [self._takes(step) for step in steps]
@@ -121,12 +153,22 @@ class _Timing:
                 self._f_number = f_number
                 return self._moving(change)
             case ShowTarget(kind):
-                change, self._target = abs(WHEEL.index(kind) - WHEEL.index(self._target)) / PLACES_PER_S, kind
+                change, self._target = (
+                    abs(WHEEL.index(kind) - WHEEL.index(self._target)) / PLACES_PER_S,
+                    kind,
+                )
                 return self._moving(self._by_hand(self._bench.description.target, change))
             case Move(_, groups):
-                return sum(self._moving(max(self._motion(name, reading) for name, reading in group.items())) for group in groups)
+                return sum(
+                    self._moving(
+                        max(self._motion(name, reading) for name, reading in group.items())
+                    )
+                    for group in groups
+                )
             case Expose(configuration):
-                exposure = self._exposure(configuration.index, configuration.camera(self._bench.optics))
+                exposure = self._exposure(
+                    configuration.index, configuration.camera(self._bench.optics)
+                )
                 trials = self._trials(exposure)
                 self._exposures[configuration.index] = exposure
                 return self._frames(trials)
@@ -135,13 +177,26 @@ class _Timing:
             case CaptureUntil(configuration):
                 count = self._expected.frames.get(configuration.index, step.least)
                 looks = 1 if count == step.least else 2
-                taken = self._frames([self._exposures.get(configuration.index, FIRST_GUESS_S)] * count)
+                taken = self._frames(
+                    [self._exposures.get(configuration.index, FIRST_GUESS_S)] * count
+                )
                 return taken + self._flush() + looks * self._analysis
             case CaptureDark(frames):
-                return self._frames([exposure for exposure in sorted(set(self._exposures.values())) for _ in range(frames)]) + self._flush()
+                return (
+                    self._frames(
+                        [
+                            exposure
+                            for exposure in sorted(set(self._exposures.values()))
+                            for _ in range(frames)
+                        ]
+                    )
+                    + self._flush()
+                )
 
     def _by_hand(self, device: DeviceDescription, otherwise: float) -> float:
-        return BY_HAND_S * self._rate if device.driver == "manual" else otherwise  # a person is no faster on a simulated bench
+        return (
+            BY_HAND_S * self._rate if device.driver == "manual" else otherwise
+        )  # a person is no faster on a simulated bench
 
     def _motion(self, name: str, reading: float) -> float:
         way = abs(reading - self._now[name])
@@ -149,7 +204,9 @@ class _Timing:
         return way / self._bench.description.axes[name].speed
 
     def _moving(self, seconds: float) -> float:
-        """A motion of so many seconds on the real bench, during which the last frame is read out and recorded."""
+        """A motion of so many seconds on the real bench, during which the last frame is read out
+        and recorded.
+        """
         lasting = max(seconds / self._rate + SETTLE_S, self._owed)
         self._owed = 0.0
         return lasting

@@ -1,4 +1,6 @@
-"""Runs a plan with bluesky: rehearsed first, recorded as it goes, ended by Ctrl-C or a fault with every axis told to stop."""
+"""Runs a plan with bluesky: rehearsed first, recorded as it goes, ended by Ctrl-C or a fault with
+every axis told to stop.
+"""
 
 import asyncio
 import contextlib
@@ -24,15 +26,26 @@ from flflab.waiting import wait_for
 Plan = Generator[Msg, Any, Any]
 BY_OPERATOR = "interrupted by the operator"
 LOOK_S = 0.05
-HEARD = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name))  # the last is Windows' own
+HEARD = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)
+)  # the last is Windows' own
 
 
 class RunInterruptedError(FlflabError):
-    """The operator asked for the end of a run; every axis was told to stop and what was recorded so far is intact."""
+    """The operator asked for the end of a run; every axis was told to stop and what was recorded so
+    far is intact.
+    """
 
 
-def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: ConnectedBench, recording: Recording) -> None:
-    """Rehearse a plan without moving, then run it, and close the record; Ctrl-C is heard in the main thread only.
+def perform(
+    plan: Plan,
+    rehearsal: Plan,
+    metadata: dict[str, Any],
+    bench: ConnectedBench,
+    recording: Recording,
+) -> None:
+    """Rehearse a plan without moving, then run it, and close the record; Ctrl-C is heard in the
+    main thread only.
 
     Args:
         plan: what to do.
@@ -42,12 +55,18 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
         recording: gets every document; closed at the end.
 
     Raises:
-        RunInterruptedError: SIGINT or SIGTERM arrived; every axis was told to stop. Where the run had not begun its record is gone.
+        RunInterruptedError: SIGINT or SIGTERM arrived; every axis was told to stop. Where the run
+            had not begun its record is gone.
         LimitError: the rehearsal found something out of limits; nothing moved.
         FlflabError: a device, a measurement or the disk failed; every axis was told to stop.
     """
     failure: Exception | None = None
-    with signals_heard() as asked, contextlib.closing(recording), logged(recording), running_engine() as engine:
+    with (
+        signals_heard() as asked,
+        contextlib.closing(recording),
+        logged(recording),
+        running_engine() as engine,
+    ):
         try:
             check_limits(rehearsal)
         except FlflabError:
@@ -75,7 +94,9 @@ def perform(plan: Plan, rehearsal: Plan, metadata: dict[str, Any], bench: Connec
 
 
 def as_run(plan: Plan, metadata: dict[str, Any], asked: threading.Event) -> Plan:
-    """A plan as one recorded run, whose stop document says in a sentence why it did not end well; ``asked`` to, or by a fault."""
+    """A plan as one recorded run, whose stop document says in a sentence why it did not end well;
+    ``asked`` to, or by a fault.
+    """
 
     def end(error: Exception) -> Plan:
         if asked.is_set():
@@ -88,7 +109,9 @@ def as_run(plan: Plan, metadata: dict[str, Any], asked: threading.Event) -> Plan
 
 
 def sentence(error: Exception, further: str = "") -> Exception:
-    """What a plan failed with: of a failed status what the device said, with what came on top; of a fault of ours the fault."""
+    """What a plan failed with: of a failed status what the device said, with what came on top; of a
+    fault of ours the fault.
+    """
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, FlflabError):
         cause = cause.__cause__
@@ -108,8 +131,12 @@ def stop(bench: ConnectedBench) -> str:
 
 
 @contextlib.contextmanager
-def interrupting(engine: RunEngine, bench: ConnectedBench, asked: threading.Event) -> Generator[None, None, None]:
-    """While this lasts a thread waits to be asked: it stops every axis and pauses the engine, each without waiting for the other."""
+def interrupting(
+    engine: RunEngine, bench: ConnectedBench, asked: threading.Event
+) -> Generator[None, None, None]:
+    """While this lasts a thread waits to be asked: it stops every axis and pauses the engine, each
+    without waiting for the other.
+    """
     over = threading.Event()
 
     def wait() -> None:
@@ -137,7 +164,9 @@ def interrupting(engine: RunEngine, bench: ConnectedBench, asked: threading.Even
 
 @contextlib.contextmanager
 def signals_heard() -> Generator[threading.Event, None, None]:
-    """An event that Ctrl-C, Ctrl-Break and SIGTERM set meanwhile; in another thread than the main one nothing does."""
+    """An event that Ctrl-C, Ctrl-Break and SIGTERM set meanwhile; in another thread than the main
+    one nothing does.
+    """
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield asked
@@ -151,13 +180,21 @@ def signals_heard() -> Generator[threading.Event, None, None]:
 
 
 class PatientLoop(asyncio.SelectorEventLoop):
-    """An event loop that may be told of a device's end after its own: nobody listens any more then, and the log is told at most."""
+    """An event loop that may be told of a device's end after its own: nobody listens any more then,
+    and the log is told at most.
+    """
 
     def call_exception_handler(self, context: dict[str, Any]) -> None:
-        """What a task failed with that nobody waited for; asyncio's would print it below the sentence an operator gets."""
-        logging.getLogger(__name__).info("left by the engine: %s", context["message"], exc_info=context.get("exception"))
+        """What a task failed with that nobody waited for; asyncio's would print it below the
+        sentence an operator gets.
+        """
+        logging.getLogger(__name__).info(
+            "left by the engine: %s", context["message"], exc_info=context.get("exception")
+        )
 
-    def call_soon_threadsafe(self, callback: Any, *args: Any, context: Any = None) -> asyncio.Handle:
+    def call_soon_threadsafe(
+        self, callback: Any, *args: Any, context: Any = None
+    ) -> asyncio.Handle:
         """As asyncio's, or nothing after the end."""
         try:
             return super().call_soon_threadsafe(callback, *args, context=context)

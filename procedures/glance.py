@@ -1,4 +1,6 @@
-"""What the frames of a run show, in words for who watches it: now and then one is measured in a thread while the bench goes on."""
+"""What the frames of a run show, in words for who watches it: now and then one is measured in a
+thread while the bench goes on.
+"""
 
 import math
 import threading
@@ -22,7 +24,8 @@ SHARE = 0.2  # of the time, at most: the bench, its record and a simulated camer
 
 
 class Glance:
-    """Measures the last frame, unless another is being measured or one was just now; the frames passed over are measured after the run.
+    """Measures the last frame, unless another is being measured or one was just now; the frames
+    passed over are measured after the run.
 
     Args:
         study: what is taken.
@@ -32,8 +35,21 @@ class Glance:
         share: largest part of the time that goes to measuring.
     """
 
-    def __init__(self, study: Study, bench: Bench, camera: CameraDevice, every_s: float = EVERY_S, share: float = SHARE) -> None:
-        self._study, self._optics, self._camera, self._every, self._share = study, bench.optics, camera, every_s, share
+    def __init__(
+        self,
+        study: Study,
+        bench: Bench,
+        camera: CameraDevice,
+        every_s: float = EVERY_S,
+        share: float = SHARE,
+    ) -> None:
+        self._study, self._optics, self._camera, self._every, self._share = (
+            study,
+            bench.optics,
+            camera,
+            every_s,
+            share,
+        )
         self._began, self._took, self._looked_at = -math.inf, 0.0, ""
         self._thread: threading.Thread | None = None
         self.said = ""
@@ -45,10 +61,14 @@ class Glance:
             return
         if self._thread is not None and self._thread.is_alive():
             return
-        if picture.shot.key == self._looked_at or now - self._began < max(self._every, self._took / self._share):
+        if picture.shot.key == self._looked_at or now - self._began < max(
+            self._every, self._took / self._share
+        ):
             return
         self._began, self._looked_at = now, picture.shot.key
-        self._thread = threading.Thread(target=self._measure, args=(picture,), name="glance", daemon=True)
+        self._thread = threading.Thread(
+            target=self._measure, args=(picture,), name="glance", daemon=True
+        )
         self._thread.start()
 
     def wait(self) -> None:
@@ -59,17 +79,28 @@ class Glance:
     def _measure(self, picture: Picture) -> None:
         key = picture.shot.key
         try:
-            words = self._words(picture.frame.picture, key.split("/")[1], self._study.configurations[picture.shot.configuration])
+            words = self._words(
+                picture.frame.picture,
+                key.split("/")[1],
+                self._study.configurations[picture.shot.configuration],
+            )
         except FlflabError as error:
             words = str(error)
         self.said, self._took = f"{key} shows {words}", time.monotonic() - self._began
 
-    def _words(self, frame: npt.NDArray[np.uint16], target: str, configuration: Configuration) -> str:
+    def _words(
+        self, frame: npt.NDArray[np.uint16], target: str, configuration: Configuration
+    ) -> str:
         camera, device = configuration.camera(self._optics), self._camera
-        noise = SensorNoise(device.dn_per_electron, device.read_noise_dn, device.offset_dn, float(device.full_scale))
+        noise = SensorNoise(
+            device.dn_per_electron, device.read_noise_dn, device.offset_dn, float(device.full_scale)
+        )
         if target == WHITE:
             found = lattice_behind(camera, frame, noise)
-            return f"micro-images {found.pitch_px:.2f} px apart, bright fields {2 * found.inside_radius_px:.1f} px wide"
+            return (
+                f"micro-images {found.pitch_px:.2f} px apart, bright fields"
+                f" {2 * found.inside_radius_px:.1f} px wide"
+            )
         shown = {one.kind: one for one in (self._study.dots, self._study.bars)}[target]
         seen = measure(frame, camera, shown, configuration.distance, noise)
         if seen["dots"]:

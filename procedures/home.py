@@ -1,4 +1,6 @@
-"""Home every axis: array and sensor away from each other first, the others then; nothing else moves meanwhile."""
+"""Home every axis: array and sensor away from each other first, the others then; nothing else moves
+meanwhile.
+"""
 
 from collections.abc import Generator, Mapping
 from typing import Any

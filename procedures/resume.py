@@ -1,8 +1,10 @@
-"""Go on with a run that was cut short: home what lost its reference, see that the bench still shows the same, take what is missing.
+"""Go on with a run that was cut short: home what lost its reference, see that the bench still shows
+the same, take what is missing.
 
-The pictures of the point at which the run stopped are taken again and compared with those recorded. That they are all taken, not one,
-brings a simulated camera, whose noise is keyed by a point and the number of its frame, to where it was: the finished run is then the same,
-number by number, as one that was never interrupted.
+The pictures of the point at which the run stopped are taken again and compared with those recorded.
+That they are all taken, not one, brings a simulated camera, whose noise is keyed by a point and the
+number of its frame, to where it was: the finished run is then the same, number by number, as one
+that was never interrupted.
 """
 
 from collections.abc import Generator
@@ -59,7 +61,9 @@ class Standing:
 
 @dataclass(frozen=True)
 class Rest:
-    """What a run still needs: how the bench stood when its last frame was taken, that point's frames, and the steps after them."""
+    """What a run still needs: how the bench stood when its last frame was taken, that point's
+    frames, and the steps after them.
+    """
 
     standing: Standing
     frames: tuple[FrameRecord, ...]
@@ -74,9 +78,15 @@ def require_unfinished(run: Run) -> None:
         InputError: it was taken to its end, or is no run of a study.
     """
     if run.start.get("plan_name") not in RESUMABLE:
-        raise InputError(f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} cannot be gone on with; begin it again")
+        raise InputError(
+            f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} cannot be gone"
+            " on with; begin it again"
+        )
     if run.complete:
-        raise InputError(f"{run.folder}: this run was taken to its end, there is nothing to go on with; `flflab report` measures it again")
+        raise InputError(
+            f"{run.folder}: this run was taken to its end, there is nothing to go on with; `flflab"
+            " report` measures it again"
+        )
 
 
 def rest_of(run: Run, study: Study, bench: Bench) -> Rest:
@@ -88,7 +98,10 @@ def rest_of(run: Run, study: Study, bench: Bench) -> Rest:
     to_do = steps(study, bench)
     looks: dict[int, tuple[Look, ...]] = {}
     for one in run.accuracy:
-        looks[one.configuration] = (*looks.get(one.configuration, ()), Look(one.frames, one.mtf_standard_uncertainty))
+        looks[one.configuration] = (
+            *looks.get(one.configuration, ()),
+            Look(one.frames, one.mtf_standard_uncertainty),
+        )
     if not run.frames:
         return Rest(Standing(), (), to_do, looks)
     last = run.frames[-1]
@@ -105,10 +118,15 @@ def rest_of(run: Run, study: Study, bench: Bench) -> Rest:
             case _:
                 pass
         if _belongs(last, step):
-            done = not isinstance(step, CaptureDark) and (not isinstance(step, CaptureUntil) or _finished(step, looks))
+            done = not isinstance(step, CaptureDark) and (
+                not isinstance(step, CaptureUntil) or _finished(step, looks)
+            )
             frames = tuple(frame for frame in run.frames if frame.key.rpartition("/")[0] == point)
             return Rest(standing, frames, to_do[number + done :], looks)
-    raise InputError(f"{run.folder}: its last frame, {last.key}, is none of its study; study.yaml or bench.yaml were changed")
+    raise InputError(
+        f"{run.folder}: its last frame, {last.key}, is none of its study; study.yaml or bench.yaml"
+        " were changed"
+    )
 
 
 def _belongs(frame: FrameRecord, step: Step) -> bool:
@@ -125,16 +143,22 @@ def _belongs(frame: FrameRecord, step: Step) -> bool:
 
 def _finished(step: CaptureUntil, looks: dict[int, tuple[Look, ...]]) -> bool:
     mine = looks.get(step.configuration.index, ())
-    return bool(mine) and frames_due(mine, step.mtf_standard_uncertainty, step.most) == mine[-1].frames
+    return (
+        bool(mine) and frames_due(mine, step.mtf_standard_uncertainty, step.most) == mine[-1].frames
+    )
 
 
 def way_back(rest: Rest, bench: ConnectedBench) -> tuple[Step, ...]:
-    """Home the axes without a reference, then stand as when the last frame was taken; errors as ``move_step``.
+    """Home the axes without a reference, then stand as when the last frame was taken; errors as
+    ``move_step``.
 
     Every axis is sent there, one that stands there too: it has to stay where it was sent.
     """
     lost = {name for name, axis in bench.axes.items() if not axis.is_homed()}
-    homes = (Home(tuple(name for name in step.axes if name in lost)) for step in home_steps(bench.described))
+    homes = (
+        Home(tuple(name for name in step.axes if name in lost))
+        for step in home_steps(bench.described)
+    )
     found: list[Step] = [step for step in homes if step.axes]
     if rest.standing.f_number is not None:
         found.append(SetIris(rest.standing.f_number))
@@ -142,13 +166,18 @@ def way_back(rest: Rest, bench: ConnectedBench) -> tuple[Step, ...]:
         found.append(ShowTarget(rest.standing.target))
     if rest.standing.configuration is not None:
         ends = homed_readings(bench.described)
-        now = {name: ends[name] if name in lost else axis.position() for name, axis in bench.axes.items()}
+        now = {
+            name: ends[name] if name in lost else axis.position()
+            for name, axis in bench.axes.items()
+        }
         move = move_step(rest.standing.configuration, bench.described, now, frozenset(bench.axes))
         found += [move] if move.groups else []
     return tuple(found)
 
 
-def resume(bench: ConnectedBench, study: Study, run: Run, rest: Rest, recording: Recording, tell: Tell) -> None:
+def resume(
+    bench: ConnectedBench, study: Study, run: Run, rest: Rest, recording: Recording, tell: Tell
+) -> None:
     """Take what a run still needs into its record.
 
     Args:
@@ -165,18 +194,26 @@ def resume(bench: ConnectedBench, study: Study, run: Run, rest: Rest, recording:
         DeviceError: an instrument failed; every axis was told to stop.
         RecordError: the disk does not take the record.
     """
-    to_do, back = rest.steps, way_back(rest, bench) if run.frames else ()  # with nothing recorded the steps begin with homing
+    to_do, back = (
+        rest.steps,
+        way_back(rest, bench) if run.frames else (),
+    )  # with nothing recorded the steps begin with homing
     noise = SensorNoise(**run.sensor_noise)
 
     def plan(tell: Tell) -> Plan:
-        here = instruments(bench, study, recording, {frame.key: frame.index for frame in run.frames})
+        here = instruments(
+            bench, study, recording, {frame.key: frame.index for frame in run.frames}
+        )
         here.accuracy.looks.update(rest.looks)
         course = _course(run)
         yield from sweep(here, back, course, tell)
         yield from _check(run, rest, here, noise)
         yield from sweep(here, to_do, course, tell)
 
-    about = metadata(bench, study, len(back) + len(to_do)) | {"plan_name": run.start["plan_name"], "resumes": _latest(run)}
+    about = metadata(bench, study, len(back) + len(to_do)) | {
+        "plan_name": run.start["plan_name"],
+        "resumes": _latest(run),
+    }
     perform(plan(tell), plan(tell_nobody), about, bench, recording)
 
 
@@ -187,7 +224,9 @@ def _latest(run: Run) -> str:
 def _course(run: Run) -> Course:
     """The exposures found so far, the last one last."""
     exposures = {
-        frame.configuration: frame.exposure_s for frame in run.frames if frame.configuration is not None and frame.target == "white"
+        frame.configuration: frame.exposure_s
+        for frame in run.frames
+        if frame.configuration is not None and frame.target == "white"
     }
     course = Course(exposures)
     if exposures:
@@ -196,7 +235,9 @@ def _course(run: Run) -> Course:
 
 
 def _check(run: Run, rest: Rest, here: Instruments, noise: SensorNoise) -> Plan:
-    """Take the frames of the last point again; refuse to go on where they differ by more than noise."""
+    """Take the frames of the last point again; refuse to go on where they differ by more than
+    noise.
+    """
     for frame in rest.frames:
         shot = Shot(f"check of {frame.key}", NO_CONFIGURATION, frame.repeat, frame.exposure_s)
         yield from take(here.frames, shot)
@@ -205,7 +246,9 @@ def _check(run: Run, rest: Rest, here: Instruments, noise: SensorNoise) -> Plan:
         require_same(frame.key, run.picture(frame), here.frames.latest.picture, noise)
 
 
-def require_same(key: str, recorded: npt.NDArray[np.uint16], again: npt.NDArray[np.uint16], noise: SensorNoise) -> None:
+def require_same(
+    key: str, recorded: npt.NDArray[np.uint16], again: npt.NDArray[np.uint16], noise: SensorNoise
+) -> None:
     """Refuse a bench that does not show what it showed.
 
     Raises:
@@ -214,19 +257,26 @@ def require_same(key: str, recorded: npt.NDArray[np.uint16], again: npt.NDArray[
     ratio = difference_over_noise(recorded, again, noise)
     if ratio > MOST_DIFFERENCE:
         raise MeasurementError(
-            f"{key}: taken again it differs from the recorded picture {ratio:.2f} times as much as noise does, allowed is "
-            f"{MOST_DIFFERENCE}; the bench is not as it was (light, target, stages): put it back and resume again, or begin a new run"
+            f"{key}: taken again it differs from the recorded picture {ratio:.2f} times as much as"
+            f" noise does, allowed is {MOST_DIFFERENCE}; the bench is not as it was (light, target,"
+            " stages): put it back and resume again, or begin a new run"
         )
 
 
-def difference_over_noise(recorded: npt.NDArray[np.uint16], again: npt.NDArray[np.uint16], noise: SensorNoise) -> float:
-    """Root mean square difference of two pictures over that of two with the same light; 1 for noise alone.
+def difference_over_noise(
+    recorded: npt.NDArray[np.uint16], again: npt.NDArray[np.uint16], noise: SensorNoise
+) -> float:
+    """Root mean square difference of two pictures over that of two with the same light; 1 for noise
+    alone.
 
-    Of unsaturated pixels, and of those only the ones in lit surroundings where there are a hundred: what changes changes there.
+    Of unsaturated pixels, and of those only the ones in lit surroundings where there are a hundred:
+    what changes changes there.
     """
     first, second = recorded.astype(np.float64), again.astype(np.float64)
     mean, good = (first + second) / 2, ~(noise.saturated(first) | noise.saturated(second))
-    lit = good & (cv2.blur(mean, (BLOCK, BLOCK)) > noise.offset_dn + LIT * noise.dark_variance**0.5 / BLOCK)
+    lit = good & (
+        cv2.blur(mean, (BLOCK, BLOCK)) > noise.offset_dn + LIT * noise.dark_variance**0.5 / BLOCK
+    )
     chosen = lit if np.count_nonzero(lit) >= FEWEST_LIT else good
     differences = (first[chosen] - second[chosen]) ** 2 / (2 * noise.variance(mean[chosen]))
     return float(np.sqrt(np.mean(differences))) if chosen.any() else 0.0

@@ -1,4 +1,6 @@
-"""What a procedure would do, as data: steps that can be printed, timed and checked before anything connects or moves."""
+"""What a procedure would do, as data: steps that can be printed, timed and checked before anything
+connects or moves.
+"""
 
 import itertools
 import math
@@ -47,7 +49,9 @@ class ShowTarget:
 
 @dataclass(frozen=True)
 class Move:
-    """Axes go to readings in mm, rad for those that turn, one group after the other, those of a group at once."""
+    """Axes go to readings in mm, rad for those that turn, one group after the other, those of a
+    group at once.
+    """
 
     configuration: int
     groups: tuple[Mapping[str, float], ...]
@@ -57,13 +61,17 @@ class Move:
         def show(axis: str, reading: float) -> str:
             return f"{axis} to {(ANGLE if axis in self.turning else LENGTH).show(reading, '.4f')}"
 
-        places = ", then ".join(", ".join(show(*item) for item in group.items()) for group in self.groups)
+        places = ", then ".join(
+            ", ".join(show(*item) for item in group.items()) for group in self.groups
+        )
         return f"configuration {self.configuration}: {places}"
 
 
 @dataclass(frozen=True)
 class Expose:
-    """The exposure of a configuration is found on the white target; the frame that fits is recorded."""
+    """The exposure of a configuration is found on the white target; the frame that fits is
+    recorded.
+    """
 
     configuration: Configuration
 
@@ -95,7 +103,9 @@ class Capture:
 
 @dataclass(frozen=True)
 class CaptureUntil:
-    """Frames of a target until the MTF measured in their mean is as sure as was asked for; no fewer than least, no more than most."""
+    """Frames of a target until the MTF measured in their mean is as sure as was asked for; no fewer
+    than least, no more than most.
+    """
 
     configuration: Configuration
     target: str
@@ -109,8 +119,8 @@ class CaptureUntil:
 
     def __str__(self) -> str:
         return (
-            f"c{self.configuration.index}/{self.target}: take frames until the MTF is known to {self.mtf_standard_uncertainty:g}, "
-            f"at most {self.most}"
+            f"c{self.configuration.index}/{self.target}: take frames until the MTF is known to"
+            f" {self.mtf_standard_uncertainty:g}, at most {self.most}"
         )
 
 
@@ -133,30 +143,49 @@ Readings = Mapping[str, float]
 
 
 def home_steps(bench: Bench) -> tuple[Home, ...]:
-    """Array and sensor first, what homes away from its neighbour before what homes towards it; the other axes then."""
+    """Array and sensor first, what homes away from its neighbour before what homes towards it; the
+    other axes then.
+    """
     axes = bench.description.axes
     away = {"array.z": "-z", "sensor.z": "+z"}
-    retreating = tuple(name for name, axis in axes.items() if away.get(axis.moves) == axis.home_towards)
-    approaching = tuple(name for name, axis in axes.items() if axis.moves in away and name not in retreating)
+    retreating = tuple(
+        name for name, axis in axes.items() if away.get(axis.moves) == axis.home_towards
+    )
+    approaching = tuple(
+        name for name, axis in axes.items() if axis.moves in away and name not in retreating
+    )
     others = tuple(name for name, axis in axes.items() if axis.moves not in away)
-    return tuple(Home(group) for group in (retreating, *((name,) for name in approaching), others) if group)
+    return tuple(
+        Home(group) for group in (retreating, *((name,) for name in approaching), others) if group
+    )
 
 
 def homed_readings(bench: Bench) -> dict[str, float]:
-    """Where every axis is taken to stand after homing: the end of its limits towards which it homes, 0 of one that turns the array."""
+    """Where every axis is taken to stand after homing: the end of its limits towards which it
+    homes, 0 of one that turns the array.
+    """
     axes = bench.description.axes
-    return {name: 0.0 if axis.coordinate.unit == "rad" else axis.limits[1 if axis.homes_up else 0] for name, axis in axes.items()}
+    return {
+        name: 0.0 if axis.coordinate.unit == "rad" else axis.limits[1 if axis.homes_up else 0]
+        for name, axis in axes.items()
+    }
 
 
 def unsure_when_homed(bench: Bench) -> frozenset[str]:
-    """Axes that may stand elsewhere after homing: a reference reads 0, limits that begin elsewhere do not say where it lies."""
+    """Axes that may stand elsewhere after homing: a reference reads 0, limits that begin elsewhere
+    do not say where it lies.
+    """
     return frozenset(name for name, reading in homed_readings(bench).items() if reading != 0)
 
 
-def sweep_steps(study: Study, bench: Bench, start: Readings, unsure: frozenset[str] = frozenset()) -> tuple[Step, ...]:
-    """A study's points, ordered so that a person acts as seldom as possible: by iris, then target, then configuration.
+def sweep_steps(
+    study: Study, bench: Bench, start: Readings, unsure: frozenset[str] = frozenset()
+) -> tuple[Step, ...]:
+    """A study's points, ordered so that a person acts as seldom as possible: by iris, then target,
+    then configuration.
 
-    White comes first, it gives the exposures; the configurations are passed to and fro; dark frames come last, once for all.
+    White comes first, it gives the exposures; the configurations are passed to and fro; dark frames
+    come last, once for all.
 
     Args:
         study: what to take.
@@ -171,7 +200,9 @@ def sweep_steps(study: Study, bench: Bench, start: Readings, unsure: frozenset[s
     """
     steps: list[Step] = []
     now = dict(start)
-    by_iris = itertools.groupby(sorted(study.configurations, key=lambda one: one.f_number), key=lambda one: one.f_number)
+    by_iris = itertools.groupby(
+        sorted(study.configurations, key=lambda one: one.f_number), key=lambda one: one.f_number
+    )
     for f_number, group in by_iris:
         steps.append(SetIris(f_number))
         configurations = sorted(group, key=_place)
@@ -190,11 +221,16 @@ def sweep_steps(study: Study, bench: Bench, start: Readings, unsure: frozenset[s
 
 def steps(study: Study, bench: Bench) -> tuple[Step, ...]:
     """Everything ``validate`` does on a bench; errors as ``sweep_steps``."""
-    return (*home_steps(bench), *sweep_steps(study, bench, homed_readings(bench), unsure_when_homed(bench)))
+    return (
+        *home_steps(bench),
+        *sweep_steps(study, bench, homed_readings(bench), unsure_when_homed(bench)),
+    )
 
 
 def most_frames(steps: tuple[Step, ...]) -> int:
-    """How many frames the steps record at most: every configuration may need an exposure of its own, so a dark frame too."""
+    """How many frames the steps record at most: every configuration may need an exposure of its
+    own, so a dark frame too.
+    """
     exposures = sum(isinstance(step, Expose) for step in steps)
 
     def most(step: Step) -> int:
@@ -218,17 +254,24 @@ def _frames(study: Study, configuration: Configuration, target: str) -> Iterator
         return
     if target == WHITE:
         yield Expose(configuration)
-    yield from (Capture(configuration, target, repeat) for repeat in range(1 if target == WHITE else 0, exposure.frames))
+    yield from (
+        Capture(configuration, target, repeat)
+        for repeat in range(1 if target == WHITE else 0, exposure.frames)
+    )
 
 
-def move_step(configuration: Configuration, bench: Bench, now: Readings, unsure: frozenset[str] = frozenset()) -> Move:
-    """The axes that have to move for a configuration from these readings, in an order in which the gap holds; errors as ``sweep_steps``.
+def move_step(
+    configuration: Configuration, bench: Bench, now: Readings, unsure: frozenset[str] = frozenset()
+) -> Move:
+    """The axes that have to move for a configuration from these readings, in an order in which the
+    gap holds; errors as ``sweep_steps``.
 
     Those that may stand elsewhere, ``unsure``, are sent also to where they are taken to stand.
     """
     lens = configuration.main_lens
     worlds: dict[Element, float] = {
-        "main_lens.z": lens, "array.z": lens + configuration.array, "sensor.z": lens + configuration.sensor,
+        "main_lens.z": lens, "array.z": lens + configuration.array,
+        "sensor.z": lens + configuration.sensor,
         "target.z": lens - configuration.distance,
     }  # fmt: skip
     wanted: dict[str, float] = {}
@@ -241,8 +284,9 @@ def move_step(configuration: Configuration, bench: Bench, now: Readings, unsure:
                 wanted[name] = reading
         elif not math.isclose(angle, (stands := _angles(None, bench)[turn]), abs_tol=1e-9):
             raise InputError(
-                f"configuration {configuration.index} needs {turn} at {ANGLE.show(angle, 'g')}, but no axis of {bench.file} turns it and "
-                f"the camera file has {ANGLE.show(stands, 'g')}; give the axis or change the study"
+                f"configuration {configuration.index} needs {turn} at {ANGLE.show(angle, 'g')}, but"
+                f" no axis of {bench.file} turns it and the camera file has"
+                f" {ANGLE.show(stands, 'g')}; give the axis or change the study"
             )
     for element, world in worlds.items():
         found = bench.description.axis_of(element)
@@ -262,48 +306,86 @@ def move_step(configuration: Configuration, bench: Bench, now: Readings, unsure:
     except InterlockError as error:
         raise InterlockError(f"configuration {configuration.index}: {error}") from error
     groups = tuple(group for group in (free, *({name: bound[name]} for name in order)) if group)
-    return Move(configuration.index, groups, frozenset(name for name in wanted if bench.description.axes[name].coordinate is ANGLE))
+    return Move(
+        configuration.index,
+        groups,
+        frozenset(name for name in wanted if bench.description.axes[name].coordinate is ANGLE),
+    )
 
 
 def _angles(configuration: Configuration | None, bench: Bench) -> dict[Turn, float]:
-    """How the array is to be turned, rad: as the configuration says, else as the camera file has it."""
+    """How the array is to be turned, rad: as the configuration says, else as the camera file has
+    it.
+    """
     array = bench.optics.array
     yaw, pitch = (math.atan(slope) for slope in array.tilt)
-    described: dict[Turn, float] = {"array.pitch": pitch, "array.yaw": yaw, "array.roll": array.roll}
+    described: dict[Turn, float] = {
+        "array.pitch": pitch,
+        "array.yaw": yaw,
+        "array.roll": array.roll,
+    }
     if configuration is None:
         return described
     asked: dict[Turn, float | None] = {
-        "array.pitch": configuration.pitch, "array.yaw": configuration.yaw, "array.roll": configuration.roll,
+        "array.pitch": configuration.pitch, "array.yaw": configuration.yaw,
+        "array.roll": configuration.roll,
     }  # fmt: skip
-    return {turn: angle if (given := asked[turn]) is None else given for turn, angle in described.items()}
+    return {
+        turn: angle if (given := asked[turn]) is None else given
+        for turn, angle in described.items()
+    }
 
 
 def _place(configuration: Configuration) -> tuple[float, ...]:
     """By what configurations are put in order: angles, which are slow to turn, first."""
-    turned = (angle or 0.0 for angle in (configuration.roll, configuration.yaw, configuration.pitch))
-    return (*turned, configuration.main_lens, configuration.array, configuration.distance, configuration.sensor)
+    turned = (
+        angle or 0.0 for angle in (configuration.roll, configuration.yaw, configuration.pitch)
+    )
+    return (
+        *turned,
+        configuration.main_lens,
+        configuration.array,
+        configuration.distance,
+        configuration.sensor,
+    )
 
 
 def standing(bench: Bench) -> dict[Element, float]:
-    """World z in mm of what no axis moves: as the camera file has it, the main lens at 0; of the target nobody knows."""
-    places: dict[Element, float] = {"main_lens.z": 0.0, "array.z": bench.optics.array.distance, "sensor.z": bench.optics.sensor.distance}
-    return {element: world for element, world in places.items() if bench.description.axis_of(element) is None}
+    """World z in mm of what no axis moves: as the camera file has it, the main lens at 0; of the
+    target nobody knows.
+    """
+    places: dict[Element, float] = {
+        "main_lens.z": 0.0,
+        "array.z": bench.optics.array.distance,
+        "sensor.z": bench.optics.sensor.distance,
+    }
+    return {
+        element: world
+        for element, world in places.items()
+        if bench.description.axis_of(element) is None
+    }
 
 
-def _require_standing_there(configuration: Configuration, element: Element, world: float, bench: Bench) -> None:
+def _require_standing_there(
+    configuration: Configuration, element: Element, world: float, bench: Bench
+) -> None:
     place = standing(bench).get(element)
     if place is None or not math.isclose(place, world, abs_tol=1e-6):
         where = "nobody knows where it stands" if place is None else f"it stands at {place:g} mm"
         raise InputError(
-            f"configuration {configuration.index} needs {element} at {world:g} mm, but {where} and no axis of {bench.file} moves it; "
-            "give the axis or change the study"
+            f"configuration {configuration.index} needs {element} at {world:g} mm, but {where} and"
+            f" no axis of {bench.file} moves it; give the axis or change the study"
         )
 
 
-def _require_within(configuration: Configuration, name: str, axis: AxisDescription, reading: float) -> None:
+def _require_within(
+    configuration: Configuration, name: str, axis: AxisDescription, reading: float
+) -> None:
     low, high = axis.limits
     if not low <= reading <= high:
         raise LimitError(
-            f"configuration {configuration.index}: {name} would have to go to {axis.coordinate.show(reading, '.4f')}, outside its limits, "
-            f"{axis.coordinate.show(low, 'g')} to {axis.coordinate.show(high, 'g')}; nothing moved, change the study or the bench"
+            f"configuration {configuration.index}: {name} would have to go to"
+            f" {axis.coordinate.show(reading, '.4f')}, outside its limits,"
+            f" {axis.coordinate.show(low, 'g')} to {axis.coordinate.show(high, 'g')}; nothing"
+            " moved, change the study or the bench"
         )

@@ -1,4 +1,6 @@
-"""A study taken on a bench as one recorded run: home, then sweep; rehearsed before anything moves."""
+"""A study taken on a bench as one recorded run: home, then sweep; rehearsed before anything
+moves.
+"""
 
 from collections.abc import Generator
 from dataclasses import asdict
@@ -15,8 +17,11 @@ from procedures.steps import most_frames, steps
 from procedures.sweep import Course, Progress, Tell, instruments, sweep
 
 
-def take_study(bench: ConnectedBench, study: Study, recording: Recording, tell: Tell, name: str) -> None:
-    """Home every axis and take every frame of a study; the record is complete when this returns, and intact when it raises.
+def take_study(
+    bench: ConnectedBench, study: Study, recording: Recording, tell: Tell, name: str
+) -> None:
+    """Home every axis and take every frame of a study; the record is complete when this returns,
+    and intact when it raises.
 
     Args:
         bench: the connected bench.
@@ -37,7 +42,13 @@ def take_study(bench: ConnectedBench, study: Study, recording: Recording, tell: 
     def plan(tell: Tell) -> Generator[Msg, Any, Any]:
         return sweep(instruments(bench, study, recording), to_do, Course(), tell)
 
-    perform(plan(tell), plan(tell_nobody), {"plan_name": name} | metadata(bench, study, len(to_do)), bench, recording)
+    perform(
+        plan(tell),
+        plan(tell_nobody),
+        {"plan_name": name} | metadata(bench, study, len(to_do)),
+        bench,
+        recording,
+    )
 
 
 def tell_nobody(progress: Progress) -> None:

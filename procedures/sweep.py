@@ -1,4 +1,6 @@
-"""Do the steps of a study one after the other: home, turn the iris, show the target, move, expose, take frames."""
+"""Do the steps of a study one after the other: home, turn the iris, show the target, move, expose,
+take frames.
+"""
 
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -18,7 +20,18 @@ from procedures.devices import NO_CONFIGURATION, Frames, Shot, Stages
 from procedures.durations import durations, seconds_left
 from procedures.glance import Glance
 from procedures.home import home
-from procedures.steps import WHITE, Capture, CaptureDark, CaptureUntil, Expose, Home, Move, SetIris, ShowTarget, Step
+from procedures.steps import (
+    WHITE,
+    Capture,
+    CaptureDark,
+    CaptureUntil,
+    Expose,
+    Home,
+    Move,
+    SetIris,
+    ShowTarget,
+    Step,
+)
 
 Plan = Generator[Msg, Any, Any]
 
@@ -27,7 +40,8 @@ Plan = Generator[Msg, Any, Any]
 class Progress:
     """How far a procedure has come.
 
-    Steps done, of how many, what begins now, s left as far as known, the last frame in words, and what the last one measured shows.
+    Steps done, of how many, what begins now, s left as far as known, the last frame in words, and
+    what the last one measured shows.
     """
 
     done: int
@@ -43,7 +57,9 @@ Tell = Callable[[Progress], None]
 
 @dataclass(frozen=True)
 class Instruments:
-    """What a sweep uses: the bench, its camera recording, its axes, what measures accuracy and what shows; level of the brightest view."""
+    """What a sweep uses: the bench, its camera recording, its axes, what measures accuracy and what
+    shows; level of the brightest view.
+    """
 
     bench: ConnectedBench
     frames: Frames
@@ -53,24 +69,39 @@ class Instruments:
     level: float
 
 
-def instruments(bench: ConnectedBench, study: Study, recording: Recording, places: Mapping[str, int] | None = None) -> Instruments:
+def instruments(
+    bench: ConnectedBench,
+    study: Study,
+    recording: Recording,
+    places: Mapping[str, int] | None = None,
+) -> Instruments:
     """The instruments of a study, knowing the places of the frames that were recorded before."""
     frames = Frames(bench.camera, recording, places)
     accuracy = Accuracy(study, bench.described, bench.camera, recording, frames.places)
     glance = Glance(study, bench.described, bench.camera)
-    return Instruments(bench, frames, Stages(bench.axes, bench.described), accuracy, glance, study.description.exposure.level)
+    return Instruments(
+        bench,
+        frames,
+        Stages(bench.axes, bench.described),
+        accuracy,
+        glance,
+        study.description.exposure.level,
+    )
 
 
 @dataclass
 class Course:
-    """What the frames of a sweep are taken with so far: each configuration's exposure, s, and the last one found."""
+    """What the frames of a sweep are taken with so far: each configuration's exposure, s, and the
+    last one found.
+    """
 
     exposures: dict[int, float] = field(default_factory=dict[int, float])
     guess: float = FIRST_GUESS_S
 
 
 def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tell: Tell) -> Plan:
-    """Do steps in their order; what moves next moves while the last frame is read out, recorded and looked at.
+    """Do steps in their order; what moves next moves while the last frame is read out, recorded and
+    looked at.
 
     Args:
         instruments: of the study on the connected bench.
@@ -82,7 +113,12 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
         DeviceError: an instrument failed.
         MeasurementError: no exposure fits.
     """
-    bench, frames, stages, accuracy = instruments.bench, instruments.frames, instruments.stages, instruments.accuracy
+    bench, frames, stages, accuracy = (
+        instruments.bench,
+        instruments.frames,
+        instruments.stages,
+        instruments.accuracy,
+    )
     settings = bench.iris, bench.target
     asked = any(isinstance(step, CaptureUntil) for step in steps)
     white: int | None = None  # a configuration whose white frames are all taken
@@ -114,7 +150,16 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
     for done, step in enumerate(steps):
         instruments.glance.look_at(frames.arrived)
         left = seconds_left(steps, expected, [end - start for start, end in pairwise(began)])
-        tell(Progress(done, len(steps), str(step), left, describe_last(instruments), instruments.glance.said))
+        tell(
+            Progress(
+                done,
+                len(steps),
+                str(step),
+                left,
+                describe_last(instruments),
+                instruments.glance.said,
+            )
+        )
         match step:
             case Home():
                 yield from home(bench.axes, step)
@@ -127,30 +172,58 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
             case Move(_, groups):
                 for group in groups:
                     stages.sent |= group
-                    yield from moved(*(item for name, reading in group.items() for item in (bench.axes[name], reading)))
+                    yield from moved(
+                        *(
+                            item
+                            for name, reading in group.items()
+                            for item in (bench.axes[name], reading)
+                        )
+                    )
             case Expose(configuration):
                 yield from recorded()
-                course.guess = yield from expose(frames, instruments.level, course.guess, step.key, configuration.index)
+                course.guess = yield from expose(
+                    frames, instruments.level, course.guess, step.key, configuration.index
+                )
                 course.exposures[configuration.index] = course.guess
                 yield from open_event(stages, *settings)
                 owed, white = close_event(frames), configuration.index
             case Capture(configuration, target, repeat):
                 white = configuration.index if target == WHITE else None
-                yield from taken(Shot(step.key, configuration.index, repeat, course.exposures[configuration.index]))
+                yield from taken(
+                    Shot(
+                        step.key, configuration.index, repeat, course.exposures[configuration.index]
+                    )
+                )
             case CaptureUntil():
-                yield from _until(step, course.exposures[step.configuration.index], accuracy, taken, recorded)
+                yield from _until(
+                    step, course.exposures[step.configuration.index], accuracy, taken, recorded
+                )
             case CaptureDark(repeats):
                 for exposure in sorted(set(course.exposures.values())):
                     for repeat in range(repeats):
-                        yield from taken(Shot(step.key(exposure, repeat), NO_CONFIGURATION, repeat, exposure))
+                        yield from taken(
+                            Shot(step.key(exposure, repeat), NO_CONFIGURATION, repeat, exposure)
+                        )
         began.append(time.monotonic())
     yield from recorded()
     instruments.glance.wait()
-    tell(Progress(len(steps), len(steps), "done", 0.0, describe_last(instruments), instruments.glance.said))
+    tell(
+        Progress(
+            len(steps), len(steps), "done", 0.0, describe_last(instruments), instruments.glance.said
+        )
+    )
 
 
-def _until(step: CaptureUntil, exposure_s: float, accuracy: Accuracy, taken: Callable[[Shot], Plan], recorded: Callable[[], Plan]) -> Plan:
-    """Take frames, look how sure they are, take as many more as that says; every look is recorded."""
+def _until(
+    step: CaptureUntil,
+    exposure_s: float,
+    accuracy: Accuracy,
+    taken: Callable[[Shot], Plan],
+    recorded: Callable[[], Plan],
+) -> Plan:
+    """Take frames, look how sure they are, take as many more as that says; every look is
+    recorded.
+    """
     have = accuracy.seen(step)
     while (due := accuracy.due(step)) > have:
         for repeat in range(have, due):
@@ -164,12 +237,22 @@ def _until(step: CaptureUntil, exposure_s: float, accuracy: Accuracy, taken: Cal
 
 
 def describe_last(instruments: Instruments) -> str:
-    """The last frame that arrived in a few words, and how well its MTF is known where that was looked at."""
+    """The last frame that arrived in a few words, and how well its MTF is known where that was
+    looked at.
+    """
     if (last := instruments.frames.arrived) is None:
         return ""
     kind = last.shot.key.split("/")[0 if last.shot.configuration == NO_CONFIGURATION else 1]
-    of = "" if last.shot.configuration == NO_CONFIGURATION else f"configuration {last.shot.configuration}, "
+    of = (
+        ""
+        if last.shot.configuration == NO_CONFIGURATION
+        else f"configuration {last.shot.configuration}, "
+    )
     said = f"{of}{kind}, frame {last.shot.repeat}: exposure {last.frame.exposure_s * 1e3:.3g} ms"
     said += f", {last.saturated} px saturated" if last.saturated else ""
     looks = instruments.accuracy.looks.get(last.shot.configuration)
-    return said + (f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames" if looks else "")
+    return said + (
+        f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames"
+        if looks
+        else ""
+    )

@@ -1,4 +1,6 @@
-"""White pictures on the way of a closed loop: exposed, recorded, measured; and how an axis arrives without backlash."""
+"""White pictures on the way of a closed loop: exposed, recorded, measured; and how an axis arrives
+without backlash.
+"""
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
@@ -28,7 +30,9 @@ RUN_UP = {"mm": 0.05, "rad": 0.01}  # more than any backlash here
 
 @dataclass(frozen=True)
 class Seen:
-    """The camera where the stages said it stood, and of a white picture the lattice and how the array is turned."""
+    """The camera where the stages said it stood, and of a white picture the lattice and how the
+    array is turned.
+    """
 
     camera: Camera
     lattice: Lattice
@@ -61,18 +65,26 @@ class Looking:
 
     def look(self) -> Plan:
         """Take, record and measure a picture; returns what was ``Seen``, None in a rehearsal."""
-        self.exposure_s = yield from expose(self.frames, self.level, self.exposure_s, f"align/{WHITE}/{self.pictures}", 0)
+        self.exposure_s = yield from expose(
+            self.frames, self.level, self.exposure_s, f"align/{WHITE}/{self.pictures}", 0
+        )
         if self.frames.latest is None:
             return None
         yield from keep(self.frames, self.stages, self.bench.iris, self.bench.target)
         self.pictures += 1
         picture, camera, noise = self.frames.latest.picture, self.camera, sensor_noise(self.bench)
         lattice = lattice_behind(camera, picture, noise)
-        return Seen(camera, lattice, measure_attitude(measure_micro_images(picture, lattice, noise), lattice, camera))
+        return Seen(
+            camera,
+            lattice,
+            measure_attitude(measure_micro_images(picture, lattice, noise), lattice, camera),
+        )
 
     @property
     def camera(self) -> Camera:
-        """The nominal camera, its array straight, the sensor where its stage says that it stands."""
+        """The nominal camera, its array straight, the sensor where its stage says that it
+        stands.
+        """
         optics = straight(self.bench.described.optics, self.f_number)
         if self.bench.axis_of("sensor.z") is None:
             return optics
@@ -81,24 +93,32 @@ class Looking:
 
 def straight(optics: Camera, f_number: float) -> Camera:
     """A camera at an f-number, its array neither rolled nor tilted."""
-    lens, array = replace(optics.main_lens, f_number=f_number), replace(optics.array, roll=0.0, tilt=(0.0, 0.0))
+    lens, array = (
+        replace(optics.main_lens, f_number=f_number),
+        replace(optics.array, roll=0.0, tilt=(0.0, 0.0)),
+    )
     return replace(optics, main_lens=lens, array=array)
 
 
 def sensor_noise(bench: ConnectedBench) -> SensorNoise:
     """What the camera says of its noise."""
     camera = bench.camera
-    return SensorNoise(camera.dn_per_electron, camera.read_noise_dn, camera.offset_dn, float(camera.full_scale))
+    return SensorNoise(
+        camera.dn_per_electron, camera.read_noise_dn, camera.offset_dn, float(camera.full_scale)
+    )
 
 
 def approach(bench: Bench, axis: Axis, reading: float) -> Plan:
     """Go to a reading, the last stretch always in the same direction.
 
-    Array and sensor arrive towards each other, so that no run-up narrows the gap; other axes arrive upwards in readings.
+    Array and sensor arrive towards each other, so that no run-up narrows the gap; other axes arrive
+    upwards in readings.
     """
     described = bench.description.axes[axis.name]
     side = {"sensor.z": -described.sign, "array.z": described.sign}.get(described.moves, 1)
     run_up = RUN_UP[axis.coordinate.unit]
-    if not axis.is_homed() or side * (reading - axis.position()) < run_up:  # in the rehearsal no axis has a reference yet
+    if (
+        not axis.is_homed() or side * (reading - axis.position()) < run_up
+    ):  # in the rehearsal no axis has a reference yet
         yield from bps.mv(axis, reading - side * run_up)
     yield from bps.mv(axis, reading)

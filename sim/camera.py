@@ -1,9 +1,9 @@
 """The simulated camera: exposes the world, draws what it shows, answers docs/scpi-camera.md.
 
-The light: ``electrons_per_second`` reach a pixel at white level of the optics as described; another configuration gets them in
-the ratio of the irradiances at white level. At gain 1 a full well is full scale. The noise of a frame depends on the seed, the
-state of the world, exposure, gain and how many frames of just that went before since ``*RST``: a point measured again gives the same
-frames.
+The light: ``electrons_per_second`` reach a pixel at white level of the optics as described; another
+configuration gets them in the ratio of the irradiances at white level. At gain 1 a full well is
+full scale. The noise of a frame depends on the seed, the state of the world, exposure, gain and how
+many frames of just that went before since ``*RST``: a point measured again gives the same frames.
 """
 
 import math
@@ -28,22 +28,36 @@ from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.optics.camera import Camera
 from flflab.targets import Target, White
 from sim.faults import Faults
-from sim.scpi import BlockError, Handler, ScpiError, decimal, limits_or, name_among, no_parameters, number_within
+from sim.scpi import (
+    BlockError,
+    Handler,
+    ScpiError,
+    decimal,
+    limits_or,
+    name_among,
+    no_parameters,
+    number_within,
+)
 from sim.world import Scene, World, sharp_distance
 
 EXPOSURE = (1e-5, 10.0)  # s
 GAIN = (1.0, 16.0)
 READOUT = 0.05  # s
 BUFFER = 4  # frames
-TOLERANCE = 5e-4  # of the drawn picture, in units of white level: bars measured in fifty pictures show one of 0.002
-WHITE_TOLERANCE = 3e-5  # the rims of a white frame's micro-images show a radius to a ten thousandth of a pixel
+# of the drawn picture, in units of white level: bars measured in fifty pictures show one of 0.002
+TOLERANCE = 5e-4
+WHITE_TOLERANCE = (
+    3e-5  # the rims of a white frame's micro-images show a radius to a ten thousandth of a pixel
+)
 PICTURES = 4  # noise-free pictures kept
 COARSE = 16  # pixels of a warm-up's coarse ones, each way
 
 
 @dataclass(frozen=True)
 class Exposure:
-    """One exposure: number, start and duration in s of simulated time, gain, and the scene at its middle."""
+    """One exposure: number, start and duration in s of simulated time, gain, and the scene at its
+    middle.
+    """
 
     number: int
     start: float
@@ -90,13 +104,20 @@ class SimulatedCamera:
             return self._running.ready if self._running else -np.inf
 
     def warm_up(self) -> None:
-        """Draw and digitise a few pixels of every target as the bench stands, so that all that a first frame needs is compiled before."""
+        """Draw and digitise a few pixels of every target as the bench stands, so that all that a
+        first frame needs is compiled before.
+        """
         now = self._world.scene(self._world.clock.now())
-        camera, distance = now.camera or self._world.optics, now.distance or sharp_distance(self._world.optics)
+        camera, distance = (
+            now.camera or self._world.optics,
+            now.distance or sharp_distance(self._world.optics),
+        )
         columns, rows = camera.sensor.resolution
         middle = replace(camera.sensor, resolution=(32, 32))
         coarse = replace(
-            camera.sensor, resolution=(math.ceil(columns / COARSE), math.ceil(rows / COARSE)), pixel=camera.sensor.pixel * COARSE
+            camera.sensor,
+            resolution=(math.ceil(columns / COARSE), math.ceil(rows / COARSE)),
+            pixel=camera.sensor.pixel * COARSE,
         )
         for target in self._world.targets.values():
             picture = self._drawn(replace(camera, sensor=middle), target, distance)
@@ -149,7 +170,11 @@ class SimulatedCamera:
         no_parameters(parameters)
         with self._lock:
             now = self._world.clock.now()
-            return str(int(self._running is not None and now < self._running.start + self._running.duration))
+            return str(
+                int(
+                    self._running is not None and now < self._running.start + self._running.duration
+                )
+            )
 
     def _set_gain(self, parameters: Sequence[str], ended: threading.Event) -> str:
         with self._lock:
@@ -175,7 +200,9 @@ class SimulatedCamera:
             if self._running:
                 raise ScpiError(-213, "INIT while an exposure runs, allowed after it")
             self._number += 1
-            self._running = Exposure(self._number, self._world.clock.now(), self._exposure_time, self._gain)
+            self._running = Exposure(
+                self._number, self._world.clock.now(), self._exposure_time, self._gain
+            )
         return ""
 
     def _abort(self, parameters: Sequence[str], ended: threading.Event) -> str:
@@ -219,15 +246,29 @@ class SimulatedCamera:
             exposure, picture, dropped = self.next_frame(ended)
         except ScpiError as error:
             with self._lock:
-                raise BlockError(error.number, error.detail, f"0,0,0,0,0,0,{self._dropped},#10".encode()) from error
+                raise BlockError(
+                    error.number, error.detail, f"0,0,0,0,0,0,{self._dropped},#10".encode()
+                ) from error
         rows, columns = picture.shape
         pixels = picture.astype("<u2").tobytes()
-        facts = (decimal(number) for number in (exposure.number, exposure.start, exposure.duration, exposure.gain, columns, rows, dropped))
+        facts = (
+            decimal(number)
+            for number in (
+                exposure.number,
+                exposure.start,
+                exposure.duration,
+                exposure.gain,
+                columns,
+                rows,
+                dropped,
+            )
+        )
         size = str(len(pixels))
         return f"{','.join(facts)},#{len(size)}{size}".encode() + pixels
 
     def next_frame(self, ended: threading.Event) -> tuple[Exposure, npt.NDArray[np.uint16], int]:
-        """Wait for the oldest frame not yet fetched: its exposure, its numbers in DN, and how many were dropped so far.
+        """Wait for the oldest frame not yet fetched: its exposure, its numbers in DN, and how many
+        were dropped so far.
 
         Raises:
             ScpiError: there is none.
@@ -263,7 +304,9 @@ class SimulatedCamera:
         if scene.camera:
             white = white_irradiance(scene.camera) / self._reference * self._world.lamp(scene)
             electrons = self._light.electrons_per_second * exposure.duration * white
-        key = noise_key(self._world.seed, "frame", scene.state, exposure.duration, exposure.gain, repeat)
+        key = noise_key(
+            self._world.seed, "frame", scene.state, exposure.duration, exposure.gain, repeat
+        )
         return digitise(picture, electrons, self.response(exposure.gain), key)
 
     def _picture(self, scene: Scene) -> npt.NDArray[np.float64]:
@@ -281,7 +324,10 @@ class SimulatedCamera:
 
     def _drawn(self, camera: Camera, target: Target, distance: float) -> npt.NDArray[np.float64]:
         tolerance = WHITE_TOLERANCE if isinstance(target, White) else TOLERANCE
-        drawn = render(in_light(one_plane(camera, target, distance), self._world.wavelength), tolerance=tolerance)
+        drawn = render(
+            in_light(one_plane(camera, target, distance), self._world.wavelength),
+            tolerance=tolerance,
+        )
         return np.maximum(drawn, 0.0)  # sums of strips leave a rounding error below black
 
     def response(self, gain: float) -> SensorResponse:
@@ -289,7 +335,9 @@ class SimulatedCamera:
         light = self._light
         numbers = 2**light.bits - 1 - light.black_level
         return SensorResponse(
-            quantisation=Quantisation(light.bits, gain * numbers / light.full_well_electrons, light.black_level),
+            quantisation=Quantisation(
+                light.bits, gain * numbers / light.full_well_electrons, light.black_level
+            ),
             saturation=Saturation(light.full_well_electrons),
             read_noise=ReadNoise(light.read_noise_electrons),
         )

@@ -15,7 +15,9 @@ class Clock(Protocol):
         ...
 
     def wait_until(self, instant: float, given_up: threading.Event) -> bool:
-        """Wait until the simulated time ``instant``; True then, False as soon as ``given_up`` is set."""
+        """Wait until the simulated time ``instant``; True then, False as soon as ``given_up`` is
+        set.
+        """
         ...
 
 
@@ -37,7 +39,9 @@ class RunningClock:
         return self._epoch + self.rate * (time.monotonic() - self._start)
 
     def wait_until(self, instant: float, given_up: threading.Event) -> bool:
-        """Wait until the simulated time ``instant``; True then, False as soon as ``given_up`` is set."""
+        """Wait until the simulated time ``instant``; True then, False as soon as ``given_up`` is
+        set.
+        """
         while (rest := instant - self.now()) > 0:
             if given_up.wait(rest / self.rate):
                 return False
@@ -60,7 +64,9 @@ class SteppedClock:
         self._now += seconds
 
     def wait_until(self, instant: float, given_up: threading.Event) -> bool:
-        """Wait until somebody steps past ``instant``; True then, False as soon as ``given_up`` is set."""
+        """Wait until somebody steps past ``instant``; True then, False as soon as ``given_up`` is
+        set.
+        """
         while self._now < instant:
             if given_up.wait(POLL):
                 return False

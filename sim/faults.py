@@ -32,7 +32,8 @@ KINDS = {
 }
 LATE_S = 0.7  # real seconds
 AWAY_S = 0.3  # real seconds
-JAM = 0.5  # mm or degrees of travel (f-numbers of an iris, places of a wheel) that what is stuck still makes
+# mm or degrees of travel (f-numbers of an iris, places of a wheel) that what is stuck still makes
+JAM = 0.5
 Spoil = Callable[[bytes], bytes]
 
 
@@ -87,7 +88,9 @@ class Faults:
             self._late = None
 
     def before(self, drive: Drive) -> bool:
-        """Count a command; reset the drive where its time has come. False where the command is not heard."""
+        """Count a command; reset the drive where its time has come. False where the command is not
+        heard.
+        """
         with self._lock:
             self._heard += 1
         if self._first("reset"):
@@ -95,10 +98,14 @@ class Faults:
         return not self._first("unheard")
 
     def obstacle(self) -> str:
-        """What the motion that starts now runs onto: FS where it gets stuck, WL for a limit switch, empty for nothing."""
+        """What the motion that starts now runs onto: FS where it gets stuck, WL for a limit switch,
+        empty for nothing.
+        """
         return "FS" if self._first("stall") else "WL" if self._first("limit-switch") else ""
 
-    def reply(self, answer: bytes, one_off: Spoil | None = None, stranger: Spoil | None = None) -> bytes | None:
+    def reply(
+        self, answer: bytes, one_off: Spoil | None = None, stranger: Spoil | None = None
+    ) -> bytes | None:
         """What goes over the wire instead of an answer; None for nothing.
 
         Args:
@@ -161,7 +168,11 @@ class Faults:
     def _first(self, kind: str) -> bool:
         """True once for each fault of a kind whose time has come."""
         with self._lock:
-            due = [fault for fault in self._faults if fault.kind == kind and self._heard > fault.after and fault not in self._shown]
+            due = [
+                fault
+                for fault in self._faults
+                if fault.kind == kind and self._heard > fault.after and fault not in self._shown
+            ]
             self._shown.update(due)
             self.shown += [fault.kind for fault in due]
         return bool(due)

@@ -1,4 +1,6 @@
-"""The simulated camera behind a watched folder, by docs/folder-camera.md: takes requests away, writes raw files as programs do."""
+"""The simulated camera behind a watched folder, by docs/folder-camera.md: takes requests away,
+writes raw files as programs do.
+"""
 
 import json
 import shutil
@@ -33,7 +35,9 @@ class FolderLine:
         self._scratch = Path(tempfile.mkdtemp(prefix="flflab-sensor-"))
         self.address = str(self._folder)
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name=f"camera of {self.address}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, name=f"camera of {self.address}", daemon=True
+        )
         self._thread.start()
 
     def stop(self) -> None:
@@ -72,7 +76,9 @@ class FolderLine:
             commands[header]([decimal(value)], self._ended)
         commands["INITiate"]([], self._ended)
         exposure, numbers, _ = camera.next_frame(self._ended)
-        taken = raw_picture(numbers, camera.response(exposure.gain), None, exposure.duration, ISO * exposure.gain)
+        taken = raw_picture(
+            numbers, camera.response(exposure.gain), None, exposure.duration, ISO * exposure.gain
+        )
         write_raw(self._scratch / "frame.dng", taken)
         file = (self._scratch / "frame.dng").read_bytes()
         sent = faults.reply(file)

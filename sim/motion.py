@@ -1,7 +1,7 @@
 """Motion with limited speed and acceleration as a pure function of time.
 
-Time-optimal trapezoids from any position and velocity to rest: x(t) = p + v (t - s) + a (t - s)^2 / 2 on each segment.
-Any unit of length; an acceleration of infinity means steps in velocity.
+Time-optimal trapezoids from any position and velocity to rest: x(t) = p + v (t - s) + a (t - s)^2 /
+2 on each segment. Any unit of length; an acceleration of infinity means steps in velocity.
 """
 
 import math
@@ -21,7 +21,9 @@ class Segment:
 
 @dataclass(frozen=True)
 class Motion:
-    """Segments one after the other; before the first one at its beginning, after the last one at rest at ``target``."""
+    """Segments one after the other; before the first one at its beginning, after the last one at
+    rest at ``target``.
+    """
 
     segments: tuple[Segment, ...]
     target: float
@@ -35,7 +37,11 @@ class Motion:
         """(position, velocity) at an instant."""
         if instant >= self.end:
             return self.target, 0.0
-        current = next(segment for segment in reversed(self.segments) if instant >= segment.start or segment is self.segments[0])
+        current = next(
+            segment
+            for segment in reversed(self.segments)
+            if instant >= segment.start or segment is self.segments[0]
+        )
         elapsed = max(instant - current.start, 0.0)
         velocity = current.velocity + current.acceleration * elapsed
         return current.position + (current.velocity + velocity) / 2 * elapsed, velocity
@@ -51,13 +57,19 @@ def rest(position: float) -> Motion:
 
 
 def move(before: Motion, now: float, target: float, speed: float, acceleration: float) -> Motion:
-    """Leave ``before`` at ``now`` for ``target``: the fastest way within speed and acceleration, turning round where need be."""
+    """Leave ``before`` at ``now`` for ``target``: the fastest way within speed and acceleration,
+    turning round where need be.
+    """
     position, velocity = before.at(now)
-    reach = position + (velocity * abs(velocity) / (2 * acceleration) if math.isfinite(acceleration) else 0.0)
+    reach = position + (
+        velocity * abs(velocity) / (2 * acceleration) if math.isfinite(acceleration) else 0.0
+    )
     sign = math.copysign(1.0, target - reach)
     distance, entry = sign * (target - position), sign * velocity
     if not math.isfinite(acceleration):
-        return _chain(now, position, sign, [(distance / speed, speed, 0.0)] if distance else [], target)
+        return _chain(
+            now, position, sign, [(distance / speed, speed, 0.0)] if distance else [], target
+        )
     peak = min(speed, math.sqrt(max(acceleration * distance + entry**2 / 2, 0.0)))
     change = math.copysign(acceleration, peak - entry)
     cruise = distance - (peak**2 - entry**2) / (2 * change) - peak**2 / (2 * acceleration)
@@ -79,8 +91,16 @@ def stop(before: Motion, now: float, acceleration: float) -> Motion:
     return _chain(now, position, sign, [(speed / acceleration, speed, -acceleration)], target)
 
 
-def _chain(now: float, position: float, sign: float, stretches: list[tuple[float, float, float]], target: float) -> Motion:
-    """Put stretches (duration, entry velocity, acceleration), counted along ``sign``, one after the other."""
+def _chain(
+    now: float,
+    position: float,
+    sign: float,
+    stretches: list[tuple[float, float, float]],
+    target: float,
+) -> Motion:
+    """Put stretches (duration, entry velocity, acceleration), counted along ``sign``, one after the
+    other.
+    """
     segments: list[Segment] = []
     for duration, velocity, acceleration in stretches:
         if duration > 0:

@@ -1,9 +1,12 @@
-"""Simulated Oriental Motor AZ drives: slaves of one Modbus RTU line, each with a motor that turns something.
+"""Simulated Oriental Motor AZ drives: slaves of one Modbus RTU line, each with a motor that turns
+something.
 
-From the AZ series' operating manual HM-60262E and public drivers that cite it: 32-bit values in two registers, the upper word first;
-direct data operation at 0x0058, inputs at 0x007D, outputs at 0x007F, monitors from 0x0080 on, parameters from 0x0380 on. What a drive
-cannot do now it acknowledges and lets be. Not confirmed: when HOME-END goes off (here: with the next motion), and that an absolute
-encoder makes ABSPEN last through a loss of power. Homing here finds a home sensor: the drive's HOME is assigned to the home input.
+From the AZ series' operating manual HM-60262E and public drivers that cite it: 32-bit values in two
+registers, the upper word first; direct data operation at 0x0058, inputs at 0x007D, outputs at
+0x007F, monitors from 0x0080 on, parameters from 0x0380 on. What a drive cannot do now it
+acknowledges and lets be. Not confirmed: when HOME-END goes off (here: with the next motion), and
+that an absolute encoder makes ABSPEN last through a loss of power. Homing here finds a home sensor:
+the drive's HOME is assigned to the home input.
 """
 
 import math
@@ -24,7 +27,13 @@ ALARM_RESET = 0x0180
 PARAMETERS = range(0x0380, 0x03A0, 2)
 OVERTRAVEL, UPPER, LOWER, WRAP = 0x0386, 0x0388, 0x038A, 0x038E
 ABSOLUTE, BY_COMMAND, BY_FEEDBACK, WRAP_TYPES = 1, 2, 3, (8, 9)
-POSITION_DEVIATION, NO_REFERENCE, HARDWARE_LIMIT, SOFTWARE_LIMIT, BAD_DATA = 0x10, 0x4A, 0x66, 0x67, 0x70
+POSITION_DEVIATION, NO_REFERENCE, HARDWARE_LIMIT, SOFTWARE_LIMIT, BAD_DATA = (
+    0x10,
+    0x4A,
+    0x66,
+    0x67,
+    0x70,
+)
 
 
 def crc(body: bytes) -> bytes:
@@ -56,7 +65,9 @@ class RefusedError(Exception):
 class Drive:
     """One drive with its motor: what its registers say and do."""
 
-    def __init__(self, stage: Stage, faults: Faults, wiring: Wiring, turn: float, *, wrap: bool = False) -> None:
+    def __init__(
+        self, stage: Stage, faults: Faults, wiring: Wiring, turn: float, *, wrap: bool = False
+    ) -> None:
         """Power up for the first time, without a reference.
 
         Args:
@@ -80,14 +91,19 @@ class Drive:
         self._alarm = self._inputs = self._commanded = self._reset = 0
         self._at_home = self._homing = False
         self._monitors: Mapping[int, Callable[[], int]] = {
-            INPUTS: lambda: self._inputs, OUTPUTS: self._outputs, 0x0080: lambda: self._alarm, 0x00AC: lambda: 0,
-            0x00C6: self._command_position, 0x00C8: self._speed, 0x00CC: self._position, 0x00CE: self._speed, 0x00D4: lambda: 0,
-            0x00D6: lambda: 0, 0x00F8: lambda: 305, 0x00FA: lambda: 312, 0x0120: self.stage.position, 0x0178: self._internal,
+            INPUTS: lambda: self._inputs, OUTPUTS: self._outputs, 0x0080: lambda: self._alarm,
+            0x00AC: lambda: 0,
+            0x00C6: self._command_position, 0x00C8: self._speed, 0x00CC: self._position,
+            0x00CE: self._speed, 0x00D4: lambda: 0,
+            0x00D6: lambda: 0, 0x00F8: lambda: 305, 0x00FA: lambda: 312,
+            0x0120: self.stage.position, 0x0178: self._internal,
             ALARM_RESET: lambda: self._reset,
         }  # fmt: skip
 
     def power_up(self) -> None:
-        """Lose power and get it back: the motor is at rest, the absolute encoder still knows its position."""
+        """Lose power and get it back: the motor is at rest, the absolute encoder still knows its
+        position.
+        """
         position = self.stage.position()
         self.stage.power_up()
         if self._valid:
@@ -95,7 +111,8 @@ class Drive:
         self._alarm = self._inputs = 0
 
     def read(self, pair: int) -> int:
-        """The value of two registers at one instant; ``pair`` is the number of the first, an even one.
+        """The value of two registers at one instant; ``pair`` is the number of the first, an even
+        one.
 
         Raises:
             RefusedError: there is none of this number (2).
@@ -117,16 +134,25 @@ class Drive:
         """
         self._settle()
         places = range(register, register + len(words))
-        if any(place & ~1 not in (*self._operation, *self._parameters, PULSES, INPUTS, ALARM_RESET) for place in places):
+        if any(
+            place & ~1 not in (*self._operation, *self._parameters, PULSES, INPUTS, ALARM_RESET)
+            for place in places
+        ):
             raise RefusedError(2)
         for place, word in zip(places, words, strict=True):
             pair, old = place & ~1, self._value(place & ~1)
             new = (old & ~0xFFFF) | word if place & 1 else (old & 0xFFFF) | word << 16
-            self._take(pair, new - (1 << 32) if new & (1 << 31) and new > 0 else new, lower=bool(place & 1))
+            self._take(
+                pair, new - (1 << 32) if new & (1 << 31) and new > 0 else new, lower=bool(place & 1)
+            )
 
     def _value(self, pair: int) -> int:
         stored = self._operation.get(pair, self._parameters.get(pair))
-        return {PULSES: 0, INPUTS: self._inputs, ALARM_RESET: self._reset}.get(pair, 0) if stored is None else stored
+        return (
+            {PULSES: 0, INPUTS: self._inputs, ALARM_RESET: self._reset}.get(pair, 0)
+            if stored is None
+            else stored
+        )
 
     def _take(self, pair: int, value: int, *, lower: bool) -> None:
         if pair in self._operation:
@@ -152,7 +178,11 @@ class Drive:
             self.stage.stop()
         if risen >> self.wiring.reset_input & 1:
             self._alarm = 0
-        if risen >> self.wiring.home_input & 1 and self._ready() and not self.faults.ignores_motion():
+        if (
+            risen >> self.wiring.home_input & 1
+            and self._ready()
+            and not self.faults.ignores_motion()
+        ):
             self.stage.raised.clear()
             self.stage.home()
             self._homing, self._commanded = True, 0
@@ -164,13 +194,20 @@ class Drive:
         if not self._ready() or self.faults.ignores_motion():
             return
         wrap = bool(self._parameters[WRAP])
-        if speed <= 0 or kind not in (ABSOLUTE, BY_COMMAND, BY_FEEDBACK, *WRAP_TYPES) or (kind in WRAP_TYPES) > wrap:
+        if (
+            speed <= 0
+            or kind not in (ABSOLUTE, BY_COMMAND, BY_FEEDBACK, *WRAP_TYPES)
+            or (kind in WRAP_TYPES) > wrap
+        ):
             self._alarm = BAD_DATA
             return
         target = self._target(kind, position)
         if kind not in (BY_COMMAND, BY_FEEDBACK) and not self._valid:
             self._alarm = NO_REFERENCE
-        elif self._parameters[OVERTRAVEL] != -1 and not self._parameters[LOWER] <= target <= self._parameters[UPPER]:
+        elif (
+            self._parameters[OVERTRAVEL] != -1
+            and not self._parameters[LOWER] <= target <= self._parameters[UPPER]
+        ):
             self._alarm = SOFTWARE_LIMIT
         elif self.stage.lower <= target <= self.stage.upper:
             self.stage.raised.clear()
@@ -186,12 +223,20 @@ class Drive:
             return here + position
         if kind in WRAP_TYPES:
             within = here + self._wrapped(position) - self._wrapped(here)
-            return within + round(self._turn * round((here - within) / self._turn)) if kind == 9 else within
+            return (
+                within + round(self._turn * round((here - within) / self._turn))
+                if kind == 9
+                else within
+            )
         return position
 
     def _wrapped(self, position: int) -> int:
         """A position within half a turn to either side of zero, where positions are wrapped."""
-        return round(position - self._turn * math.floor(position / self._turn + 0.5)) if self._parameters[WRAP] else position
+        return (
+            round(position - self._turn * math.floor(position / self._turn + 0.5))
+            if self._parameters[WRAP]
+            else position
+        )
 
     def _settle(self) -> None:
         """Draw the consequences of what has ended since."""
@@ -218,24 +263,43 @@ class Drive:
         return self._wrapped(self.stage.position())
 
     def _command_position(self) -> int:
-        return self._position() if self.stage.busy() or not self._valid else self._wrapped(self._commanded)
+        return (
+            self._position()
+            if self.stage.busy() or not self._valid
+            else self._wrapped(self._commanded)
+        )
 
     def _speed(self) -> int:
         return round(60 * self.stage.velocity() / self._turn)  # r/min of the table
 
     def _outputs(self) -> int:
         busy, wiring = self.stage.busy(), self.wiring
-        bits = {4: self._at_home, wiring.ready_output: self._ready(), wiring.alarm_output: bool(self._alarm), wiring.moving_output: busy}
+        bits = {
+            4: self._at_home,
+            wiring.ready_output: self._ready(),
+            wiring.alarm_output: bool(self._alarm),
+            wiring.moving_output: busy,
+        }
         return sum(1 << bit for bit, on in (bits | {14: not busy}).items() if on)
 
     def _internal(self) -> int:
-        """Internal outputs by function code: 144 HOME-END and 145 ABSPEN in the upper word, 129 ALM-A, 132 READY, 134 MOVE in the lower."""
+        """Internal outputs by function code: 144 HOME-END and 145 ABSPEN in the upper word, 129
+        ALM-A, 132 READY, 134 MOVE in the lower.
+        """
         upper = self._at_home | self._valid << 1
-        return upper << 16 | bool(self._alarm) << 1 | self._ready() << 4 | self.stage.busy() << 6 | (not self.stage.busy()) << 10
+        return (
+            upper << 16
+            | bool(self._alarm) << 1
+            | self._ready() << 4
+            | self.stage.busy() << 6
+            | (not self.stage.busy()) << 10
+        )
 
 
 class Line:
-    """Drives on one RS-485 line by slave number; slave 0 is everyone and is not answered, an absent slave is silence."""
+    """Drives on one RS-485 line by slave number; slave 0 is everyone and is not answered, an absent
+    slave is silence.
+    """
 
     def __init__(self, drives: Mapping[int, Drive], lock: threading.RLock) -> None:
         """Join drives; ``lock`` is the world's."""
@@ -269,7 +333,9 @@ def _reply(drive: Drive, message: bytes) -> bytes:
 def _do(drive: Drive, function: int, data: bytes) -> bytes:
     if function == 0x08:
         return data
-    words = [int.from_bytes(data[at : at + 2], "big") for at in range(0, len(data) - len(data) % 2, 2)]
+    words = [
+        int.from_bytes(data[at : at + 2], "big") for at in range(0, len(data) - len(data) % 2, 2)
+    ]
     if function == 0x03:
         return _registers(drive, *words[:2])
     if function == 0x06:
@@ -288,14 +354,19 @@ def _registers(drive: Drive, register: int, count: int) -> bytes:
     if not 1 <= count <= MOST_REGISTERS:
         raise RefusedError(3)
     pairs = {pair: drive.read(pair) for pair in range(register & ~1, register + count, 2)}
-    words = [(pairs[place & ~1] >> (0 if place & 1 else 16)) & 0xFFFF for place in range(register, register + count)]
+    words = [
+        (pairs[place & ~1] >> (0 if place & 1 else 16)) & 0xFFFF
+        for place in range(register, register + count)
+    ]
     return bytes((2 * count,)) + b"".join(word.to_bytes(2, "big") for word in words)
 
 
 def _write_block(drive: Drive, register: int, count: int, length: int, values: bytes) -> None:
     if not 1 <= count <= MOST_REGISTERS or length != 2 * count or len(values) != length:
         raise RefusedError(3)
-    drive.write(register, [int.from_bytes(values[at : at + 2], "big") for at in range(0, length, 2)])
+    drive.write(
+        register, [int.from_bytes(values[at : at + 2], "big") for at in range(0, length, 2)]
+    )
 
 
 def _wrong_crc(answer: bytes) -> bytes:
@@ -308,7 +379,9 @@ def _strangers(answer: bytes) -> bytes:
 
 
 class LineSession:
-    """Cuts a client's bytes into messages by their function codes; a pause ends what was left incomplete."""
+    """Cuts a client's bytes into messages by their function codes; a pause ends what was left
+    incomplete.
+    """
 
     def __init__(self, line: Line) -> None:
         """Begin with nothing heard."""

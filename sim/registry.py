@@ -1,4 +1,6 @@
-"""Which axes can be simulated: for each driver what stands behind one address, made from the bench file; one line each."""
+"""Which axes can be simulated: for each driver what stands behind one address, made from the bench
+file; one line each.
+"""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -14,18 +16,44 @@ from sim.stage import Stage
 from sim.world import World
 from sim.zaber import Chain, Device
 
-TRAVELS = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0, 450.0, 600.0, 750.0, 1000.0, 1500.0, 2000.0, 3000.0)  # mm, as stages are sold
+TRAVELS = (
+    25.0,
+    50.0,
+    75.0,
+    100.0,
+    150.0,
+    200.0,
+    300.0,
+    450.0,
+    600.0,
+    750.0,
+    1000.0,
+    1500.0,
+    2000.0,
+    3000.0,
+)  # mm, as stages are sold
 MICROSTEP = "0.49609375 um"  # 200 full steps of 64 a turn, lead 6.35 mm
 ACCELERATION = 400.0  # mm/s^2 at start-up
 TURNS = 43 * math.tau  # rad that a counter takes either way of a stage without ends
 ANGULAR_ACCELERATION = math.radians(50)  # rad/s^2
-LINE_FAULTS = ("double", "late", "unheard", "lost-byte", "doubled-byte", "stranger", "unplug", "limit-switch")
+LINE_FAULTS = (
+    "double",
+    "late",
+    "unheard",
+    "lost-byte",
+    "doubled-byte",
+    "stranger",
+    "unplug",
+    "limit-switch",
+)
 MOTOR_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "stall")
 
 
 @dataclass(frozen=True)
 class Line:
-    """What answers at one address: how a client's conversation begins, what each axis's address says beside it, what goes wrong."""
+    """What answers at one address: how a client's conversation begins, what each axis's address
+    says beside it, what goes wrong.
+    """
 
     open_session: Open
     places: Mapping[str, Mapping[str, int]]
@@ -34,7 +62,9 @@ class Line:
 
 @dataclass(frozen=True)
 class SimulatedAxes:
-    """The axes of one driver: how those of one line are made, which faults they can have, and whether axes can share a line."""
+    """The axes of one driver: how those of one line are made, which faults they can have, and
+    whether axes can share a line.
+    """
 
     line: Callable[[Bench, World, Sequence[str]], Line]
     faults: tuple[str, ...]
@@ -43,7 +73,11 @@ class SimulatedAxes:
 
 def faults_of(bench: Bench, device: str) -> Faults:
     """The faults that the bench file plants on a device."""
-    return Faults(Fault(fault.fault, fault.after) for fault in bench.description.simulated.faults if fault.device == device)
+    return Faults(
+        Fault(fault.fault, fault.after)
+        for fault in bench.description.simulated.faults
+        if fault.device == device
+    )
 
 
 def own_number(bench: Bench, name: str, key: str, low: int, high: int) -> int:
@@ -54,12 +88,17 @@ def own_number(bench: Bench, name: str, key: str, low: int, high: int) -> int:
     """
     number = (bench.description.axes[name].model_extra or {}).get(key, 1)
     if not isinstance(number, int) or not low <= number <= high:
-        raise InputError(f"{bench.where('axes', name, key)}: {number!r}; a whole number from {low} to {high} is due")
+        raise InputError(
+            f"{bench.where('axes', name, key)}: {number!r}; a whole number from {low} to {high}"
+            " is due"
+        )
     return number
 
 
 def _place(bench: Bench, name: str) -> int:
-    """Which axis of its driver it is in the bench file, from 0: serial numbers count up, no two are the same."""
+    """Which axis of its driver it is in the bench file, from 0: serial numbers count up, no two are
+    the same.
+    """
     axes = bench.description.axes
     return [other for other, axis in axes.items() if axis.driver == axes[name].driver].index(name)
 
@@ -68,21 +107,39 @@ def _zaber(bench: Bench, world: World, names: Sequence[str]) -> Line:
     numbers = {name: own_number(bench, name, "device", 1, 99) for name in names}
     _require_numbers_of_their_own(bench, numbers, "device")
     devices = [
-        Device(number, _linear_stage(bench, world, name), faults_of(bench, name), 100_001 + _place(bench, name))
+        Device(
+            number,
+            _linear_stage(bench, world, name),
+            faults_of(bench, name),
+            100_001 + _place(bench, name),
+        )
         for name, number in numbers.items()
     ]
     places = {name: {"device": number, "axis": 1} for name, number in numbers.items()}
-    return Line(Chain(devices, world.lock).open_session, places, {name: device.faults for name, device in zip(names, devices, strict=True)})
+    return Line(
+        Chain(devices, world.lock).open_session,
+        places,
+        {name: device.faults for name, device in zip(names, devices, strict=True)},
+    )
 
 
 def _thorlabs(bench: Bench, world: World, names: Sequence[str]) -> Line:
     (name,) = names
     axis, count = _turning(bench, name), thorlabs.COUNT
     stage = Stage(
-        world.carriages[name], (-TURNS, TURNS), count, min(axis.speed, math.radians(10)) / count, ANGULAR_ACCELERATION / count, home=0.0
+        world.carriages[name],
+        (-TURNS, TURNS),
+        count,
+        min(axis.speed, math.radians(10)) / count,
+        ANGULAR_ACCELERATION / count,
+        home=0.0,
     )
-    controller = thorlabs.Controller(stage, faults_of(bench, name), 27_000_001 + _place(bench, name), world.lock)
-    return Line(lambda: thorlabs.ControllerSession(controller), {name: {}}, {name: controller.faults})
+    controller = thorlabs.Controller(
+        stage, faults_of(bench, name), 27_000_001 + _place(bench, name), world.lock
+    )
+    return Line(
+        lambda: thorlabs.ControllerSession(controller), {name: {}}, {name: controller.faults}
+    )
 
 
 def _oriental(bench: Bench, world: World, names: Sequence[str]) -> Line:
@@ -91,37 +148,64 @@ def _oriental(bench: Bench, world: World, names: Sequence[str]) -> Line:
     drives = {number: _drive(bench, world, name) for name, number in numbers.items()}
     line = oriental.Line(drives, world.lock)
     places = {name: {"device": number} for name, number in numbers.items()}
-    return Line(lambda: oriental.LineSession(line), places, {name: drives[number].faults for name, number in numbers.items()})
+    return Line(
+        lambda: oriental.LineSession(line),
+        places,
+        {name: drives[number].faults for name, number in numbers.items()},
+    )
 
 
 def _drive(bench: Bench, world: World, name: str) -> oriental.Drive:
-    """A drive set up as the bench file says; without wrap its table has ends a little beyond the limits."""
+    """A drive set up as the bench file says; without wrap its table has ends a little beyond the
+    limits.
+    """
     axis, start = _turning(bench, name), world.axes[name].start
     keys = dict(axis.model_extra or {})
-    wiring = oriental.Wiring(**{key: own_number(bench, name, key, 0, 15) for key in keys if key.endswith(("_input", "_output"))})
+    wiring = oriental.Wiring(
+        **{
+            key: own_number(bench, name, key, 0, 15)
+            for key in keys
+            if key.endswith(("_input", "_output"))
+        }
+    )
     steps = keys.get("steps_per_degree", 100)
     if not isinstance(steps, int | float) or not 0 < steps < 1e6:
-        raise InputError(f"{bench.where('axes', name, 'steps_per_degree')}: {steps!r}; a number above 0 is due")
+        raise InputError(
+            f"{bench.where('axes', name, 'steps_per_degree')}: {steps!r}; a number above 0 is due"
+        )
     step, wrap = math.radians(1) / steps, keys.get("wrap", False) is True
     margin = math.radians(1)
-    ends = (-TURNS, TURNS) if wrap else (min(axis.limits[0], 0, start) - margin, max(axis.limits[1], 0, start) + margin)
-    stage = Stage(world.carriages[name], ends, step, axis.speed / step, ANGULAR_ACCELERATION / step, home=0.0)
+    ends = (
+        (-TURNS, TURNS)
+        if wrap
+        else (min(axis.limits[0], 0, start) - margin, max(axis.limits[1], 0, start) + margin)
+    )
+    stage = Stage(
+        world.carriages[name], ends, step, axis.speed / step, ANGULAR_ACCELERATION / step, home=0.0
+    )
     return oriental.Drive(stage, faults_of(bench, name), wiring, 360 * steps, wrap=wrap)
 
 
 def _turning(bench: Bench, name: str) -> AxisDescription:
     axis = bench.description.axes[name]
     if axis.coordinate.unit != "rad":
-        raise InputError(f"{bench.file}: axes.{name} moves {axis.moves}; the stage simulated here turns, so let it move array.pitch")
+        raise InputError(
+            f"{bench.file}: axes.{name} moves {axis.moves}; the stage simulated here turns, so let"
+            " it move array.pitch"
+        )
     return axis
 
 
 def _require_numbers_of_their_own(bench: Bench, numbers: Mapping[str, int], key: str) -> None:
-    twice = [name for place, name in enumerate(numbers) if numbers[name] in list(numbers.values())[:place]]
+    twice = [
+        name
+        for place, name in enumerate(numbers)
+        if numbers[name] in list(numbers.values())[:place]
+    ]
     if twice:
         raise InputError(
-            f"{bench.where('axes', twice[0], key)}: axes {', '.join(numbers)} share an address, so each needs a {key} number of its own, "
-            f"not {', '.join(map(str, numbers.values()))}"
+            f"{bench.where('axes', twice[0], key)}: axes {', '.join(numbers)} share an address, so"
+            f" each needs a {key} number of its own, not {', '.join(map(str, numbers.values()))}"
         )
 
 
@@ -129,11 +213,19 @@ def _linear_stage(bench: Bench, world: World, name: str) -> Stage:
     """A stage long enough for an axis's limits, and for where it was left."""
     axis = bench.description.axes[name]
     if axis.coordinate.unit != "mm":
-        raise InputError(f"{bench.file}: axes.{name} moves {axis.moves}; the stage simulated here shifts, so let it move array.z")
+        raise InputError(
+            f"{bench.file}: axes.{name} moves {axis.moves}; the stage simulated here shifts, so let"
+            " it move array.z"
+        )
     ends = _travel(axis, world.axes[name].start)
     microstep = parse_quantity((axis.model_extra or {}).get("microstep", MICROSTEP), "length")
     return Stage(
-        world.carriages[name], ends, microstep, axis.speed / microstep, ACCELERATION / microstep, home=ends[1] if axis.homes_up else ends[0]
+        world.carriages[name],
+        ends,
+        microstep,
+        axis.speed / microstep,
+        ACCELERATION / microstep,
+        home=ends[1] if axis.homes_up else ends[0],
     )
 
 
@@ -145,5 +237,7 @@ def _travel(axis: AxisDescription, start: float) -> tuple[float, float]:
 AXES: Mapping[str, SimulatedAxes] = {
     "zaber": SimulatedAxes(_zaber, (*MOTOR_FAULTS, *LINE_FAULTS, "flip", "wrong-checksum")),
     "thorlabs": SimulatedAxes(_thorlabs, (*MOTOR_FAULTS, *LINE_FAULTS), share_a_line=False),
-    "oriental": SimulatedAxes(_oriental, (*MOTOR_FAULTS, *LINE_FAULTS, "flip", "wrong-checksum", "deaf")),
+    "oriental": SimulatedAxes(
+        _oriental, (*MOTOR_FAULTS, *LINE_FAULTS, "flip", "wrong-checksum", "deaf")
+    ),
 }

@@ -1,4 +1,6 @@
-"""The grammar of docs/scpi-camera.md: lines, headers, parameters and the error queue, for any set of instruments at one address."""
+"""The grammar of docs/scpi-camera.md: lines, headers, parameters and the error queue, for any set
+of instruments at one address.
+"""
 
 import itertools
 import math
@@ -14,9 +16,12 @@ from sim.faults import Faults
 LONGEST = 1024  # bytes of a line
 QUEUE = 16  # errors
 TEXTS = {
-    0: "No error", -101: "Invalid character", -104: "Data type error", -108: "Parameter not allowed", -109: "Missing parameter",
-    -113: "Undefined header", -200: "Execution error", -213: "Init ignored", -214: "Trigger deadlock", -221: "Settings conflict",
-    -222: "Data out of range", -223: "Too much data", -224: "Illegal parameter value", -230: "Data corrupt or stale",
+    0: "No error", -101: "Invalid character", -104: "Data type error",
+    -108: "Parameter not allowed", -109: "Missing parameter",
+    -113: "Undefined header", -200: "Execution error", -213: "Init ignored",
+    -214: "Trigger deadlock", -221: "Settings conflict",
+    -222: "Data out of range", -223: "Too much data", -224: "Illegal parameter value",
+    -230: "Data corrupt or stale",
     -350: "Queue overflow",
 }  # fmt: skip
 IDENTITY = "flflab,simulated bench,0,1"
@@ -44,7 +49,9 @@ Handler = Callable[[Sequence[str], threading.Event], str | bytes]
 
 
 class Instrument(Protocol):
-    """What stands behind an address; commands map a header such as ``LENS:FNUMber?`` to what it does and answers."""
+    """What stands behind an address; commands map a header such as ``LENS:FNUMber?`` to what it
+    does and answers.
+    """
 
     faults: Faults
 
@@ -105,7 +112,8 @@ class Conversation:
         self._told = [len(instrument.failures) for instrument in address.instruments]
         self._common: dict[str, Handler] = {}
         for pattern, handler in {
-            "*IDN?": self._identity, "*RST": self._reset, "*CLS": self._clear, "*OPC?": self._complete,
+            "*IDN?": self._identity, "*RST": self._reset, "*CLS": self._clear,
+            "*OPC?": self._complete,
             "SYSTem:BUSY?": self._busy, "SYSTem:ERRor?": self._error,
         }.items():  # fmt: skip
             self._common |= dict.fromkeys(spellings(pattern), handler)
@@ -126,11 +134,19 @@ class Conversation:
         if any(not 0x20 <= byte < 0x7F for byte in line):
             self._queue(-101, "printable ASCII is allowed")
             return b""
-        commands = [command for part in split(line.decode("ascii"), ";") if (command := part.strip().removeprefix(":"))]
-        if len(commands) > 1 and any(command.upper() in spellings("FETCh?") for command in commands):
+        commands = [
+            command
+            for part in split(line.decode("ascii"), ";")
+            if (command := part.strip().removeprefix(":"))
+        ]
+        if len(commands) > 1 and any(
+            command.upper() in spellings("FETCh?") for command in commands
+        ):
             self._queue(-221, "FETC? must be alone on its line")
             return b""
-        owners = [owner for command in commands if (owner := self._owner(command))] or self._address.instruments[:1]
+        owners = [
+            owner for command in commands if (owner := self._owner(command))
+        ] or self._address.instruments[:1]
         speakers = list({id(owner): owner for owner in owners}.values()) if commands else []
         for speaker in speakers:
             speaker.faults.before(speaker)
@@ -143,7 +159,9 @@ class Conversation:
         return whole or b""
 
     def _owner(self, command: str) -> Instrument | None:
-        """Whose command it is; None for those of all instruments, which speak for whoever else is on the line."""
+        """Whose command it is; None for those of all instruments, which speak for whoever else is
+        on the line.
+        """
         _, owner = self._address.handlers.get(command.partition(" ")[0].upper(), (None, None))
         return owner
 
@@ -168,7 +186,11 @@ class Conversation:
         except ScpiError as error:
             self._queue(error.number, error.detail or command)
             return None
-        return (answer if isinstance(answer, bytes) else answer.encode("ascii")) if header.endswith("?") else None
+        return (
+            (answer if isinstance(answer, bytes) else answer.encode("ascii"))
+            if header.endswith("?")
+            else None
+        )
 
     def _queue(self, number: int, detail: str) -> None:
         if len(self._errors) < QUEUE:
@@ -212,7 +234,10 @@ def spellings(pattern: str) -> list[str]:
     """Every spelling in capitals of a header such as ``SENSor:SIZE?``: each word short or long."""
     words = pattern.rstrip("?").split(":")
     choices = [sorted({re.sub("[a-z]", "", word), word.upper()}) for word in words]
-    return [":".join(spelling) + ("?" if pattern.endswith("?") else "") for spelling in itertools.product(*choices)]
+    return [
+        ":".join(spelling) + ("?" if pattern.endswith("?") else "")
+        for spelling in itertools.product(*choices)
+    ]
 
 
 def split(text: str, separator: str) -> list[str]:

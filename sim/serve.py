@@ -1,4 +1,6 @@
-"""Serves every instrument of a bench file on the loopback, all looking at one world, and dies with its parent."""
+"""Serves every instrument of a bench file on the loopback, all looking at one world, and dies with
+its parent.
+"""
 
 import contextlib
 import json
@@ -31,14 +33,17 @@ CAMERA_FAULTS = {
     "folder": ("silence", "drop", "late", "double", "garbage", "cut", "hang-up", "lost-frame"),
 }
 BESIDES_AXES = ("scpi", "folder")  # drivers of what is no axis that have a simulator here
-EMULATED = "xi-emu:"  # an address at which a maker's library emulates its device, which this world does not see
+# an address at which a maker's library emulates its device, which this world does not see
+EMULATED = "xi-emu:"
 POLL = 0.2  # s between looks for the end
 GRACE = 5.0  # s that a parent has after a Ctrl-C
 
 
 @dataclass(frozen=True)
 class Served:
-    """A bench being served: the world behind it, where each instrument answers, and what goes wrong with the axes."""
+    """A bench being served: the world behind it, where each instrument answers, and what goes wrong
+    with the axes.
+    """
 
     world: World
     addresses: dict[str, Any]
@@ -64,7 +69,8 @@ def require_simulable(bench: Bench) -> None:
     """Refuse what cannot be simulated, without serving it.
 
     Raises:
-        InputError: no instrument of a driver can be simulated, or a number, fault, truth or target has no meaning here.
+        InputError: no instrument of a driver can be simulated, or a number, fault, truth or target
+            has no meaning here.
     """
     world = World(bench, RunningClock(bench.description.simulated.clock))
     _check_faults(bench)
@@ -74,7 +80,8 @@ def require_simulable(bench: Bench) -> None:
 
 
 def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None = None) -> Served:
-    """Serve every instrument of a bench on the loopback, whatever its addresses; instruments that share an address share a line.
+    """Serve every instrument of a bench on the loopback, whatever its addresses; instruments that
+    share an address share a line.
 
     Args:
         bench: the bench as read.
@@ -83,7 +90,8 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
         clock: simulated time; by default real time at the bench file's rate.
 
     Raises:
-        InputError: no instrument of that driver can be simulated, or a fault or truth has no meaning here.
+        InputError: no instrument of that driver can be simulated, or a fault or truth has no
+            meaning here.
         OSError: a port is taken, or there are no pseudo terminals.
     """
     world = World(bench, clock or RunningClock(bench.description.simulated.clock))
@@ -93,7 +101,11 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
     faults: dict[str, Faults] = {}
 
     def listen(open_session: Open, serial: bool) -> str:
-        lines.append(PtyLine(open_session) if pty and serial else TcpLine(open_session, port + len(lines) if port else 0))
+        lines.append(
+            PtyLine(open_session)
+            if pty and serial
+            else TcpLine(open_session, port + len(lines) if port else 0)
+        )
         return lines[-1].address
 
     scpi: list[Address] = []
@@ -102,7 +114,10 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
             line = AXES[driver].line(bench, world, names)
             where = listen(line.open_session, serial=True)
             faults |= line.faults
-            addresses["axes"] |= {name: {"driver": driver, "address": where, **place} for name, place in line.places.items()}
+            addresses["axes"] |= {
+                name: {"driver": driver, "address": where, **place}
+                for name, place in line.places.items()
+            }
         for driver, shared in _sharing(_besides_axes(bench), BESIDES_AXES):
             if driver == "folder":
                 lines.append(_folder(bench, world, shared))
@@ -120,12 +135,20 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
 
 def _lines(bench: Bench) -> list[tuple[str, list[str]]]:
     """The axes of each line."""
-    return _sharing(bench.description.axes, AXES, [driver for driver, kind in AXES.items() if not kind.share_a_line])
+    return _sharing(
+        bench.description.axes,
+        AXES,
+        [driver for driver, kind in AXES.items() if not kind.share_a_line],
+    )
 
 
 def _besides_axes(bench: Bench) -> dict[str, DeviceDescription]:
     """What is no axis."""
-    return {"camera": bench.description.camera, "iris": bench.description.iris, "target": bench.description.target}
+    return {
+        "camera": bench.description.camera,
+        "iris": bench.description.iris,
+        "target": bench.description.target,
+    }
 
 
 def _sharing(
@@ -139,20 +162,27 @@ def _sharing(
     shared: dict[tuple[str, str, str], list[str]] = {}
     for name, device in devices.items():
         if device.driver in drivers:
-            shared.setdefault((device.driver, device.address, name if device.driver in alone else ""), []).append(name)
+            shared.setdefault(
+                (device.driver, device.address, name if device.driver in alone else ""), []
+            ).append(name)
         elif device.driver != "manual" and not device.address.startswith(EMULATED):
             known = ", ".join((*drivers, "manual"))
             raise InputError(
-                f"{name}: there is no simulator for driver '{device.driver}'; drivers with one here: {known}, "
-                f"and standa's own library emulates a stage at {EMULATED}///FILE"
+                f"{name}: there is no simulator for driver '{device.driver}'; drivers with one"
+                f" here: {known}, and standa's own library emulates a stage at {EMULATED}///FILE"
             )
     return [(driver, names) for (driver, _, _), names in shared.items()]
 
 
 def _folder(bench: Bench, world: World, names: list[str]) -> FolderLine:
     if names != ["camera"]:
-        raise InputError(f"{bench.file}: {', '.join(names)}: only a camera can stand behind a folder; give the others their own drivers")
-    return FolderLine(SimulatedCamera(world, bench.description.simulated, faults_of(bench, "camera")))
+        raise InputError(
+            f"{bench.file}: {', '.join(names)}: only a camera can stand behind a folder; give the"
+            " others their own drivers"
+        )
+    return FolderLine(
+        SimulatedCamera(world, bench.description.simulated, faults_of(bench, "camera"))
+    )
 
 
 def _instrument(bench: Bench, world: World, name: str) -> Instrument:
@@ -164,24 +194,45 @@ def _instrument(bench: Bench, world: World, name: str) -> Instrument:
 
 def _check_faults(bench: Bench) -> None:
     """Refuse faults of devices that are not there, and faults that a device cannot have."""
-    allowed = {name: AXES[axis.driver].faults for name, axis in bench.description.axes.items() if axis.driver in AXES}
-    allowed |= {"camera": CAMERA_FAULTS.get(bench.description.camera.driver, ()), "iris": MOTOR_FAULTS, "target": MOTOR_FAULTS}
+    allowed = {
+        name: AXES[axis.driver].faults
+        for name, axis in bench.description.axes.items()
+        if axis.driver in AXES
+    }
+    allowed |= {
+        "camera": CAMERA_FAULTS.get(bench.description.camera.driver, ()),
+        "iris": MOTOR_FAULTS,
+        "target": MOTOR_FAULTS,
+    }
     for place, fault in enumerate(bench.description.simulated.faults):
         where = bench.where("simulated", "faults", place)
         if fault.device not in allowed:
-            raise InputError(f"{where}: there is no device '{fault.device}'; allowed: {', '.join(allowed)}")
+            raise InputError(
+                f"{where}: there is no device '{fault.device}'; allowed: {', '.join(allowed)}"
+            )
         known = allowed[fault.device]
         if fault.fault not in known:
-            raise InputError(f"{where}: '{fault.fault}' is no fault of {fault.device}; allowed: {', '.join(known)}")
+            raise InputError(
+                f"{where}: '{fault.fault}' is no fault of {fault.device}; allowed:"
+                f" {', '.join(known)}"
+            )
 
 
 def warm_up(served: Served, then: Callable[[], object] = lambda: None) -> threading.Thread:
-    """Compile what drawing needs, in a thread of its own, while the client homes the stages; ``then`` is called at the end."""
-    cameras = [instrument for address in served.scpi for instrument in address.instruments if isinstance(instrument, SimulatedCamera)]
+    """Compile what drawing needs, in a thread of its own, while the client homes the stages;
+    ``then`` is called at the end.
+    """
+    cameras = [
+        instrument
+        for address in served.scpi
+        for instrument in address.instruments
+        if isinstance(instrument, SimulatedCamera)
+    ]
     cameras += [line.camera for line in served.lines if isinstance(line, FolderLine)]
 
     def draw() -> None:
-        # Pools take no work once the interpreter ends; what else fails, fails again when a frame is asked for.
+        # Pools take no work once the interpreter ends; what else fails, fails again when a frame is
+        # asked for.
         with contextlib.suppress(RuntimeError):
             try:
                 for camera in cameras:
@@ -195,7 +246,8 @@ def warm_up(served: Served, then: Callable[[], object] = lambda: None) -> thread
 
 
 def write_bench(bench: Bench, served: Served, file: Path) -> None:
-    """Write a copy of the bench file whose addresses are those served; its camera file is named from where the copy lies.
+    """Write a copy of the bench file whose addresses are those served; its camera file is named
+    from where the copy lies.
 
     Raises:
         InputError: the file cannot be written.
@@ -206,21 +258,35 @@ def write_bench(bench: Bench, served: Served, file: Path) -> None:
     for name in ("camera", "iris", "target"):
         if name in served.addresses:
             data[name]["address"] = _as_written(served.addresses[name]["address"])
-    data["optics"] = os.path.relpath(bench.file.parent.resolve() / data["optics"], file.parent.resolve())
+    data["optics"] = os.path.relpath(
+        bench.file.parent.resolve() / data["optics"], file.parent.resolve()
+    )
     try:
         file.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror or error}); name a file in a folder that exists") from error
+        raise InputError(
+            f"{file}: cannot be written ({error.strerror or error}); name a file in a folder that"
+            " exists"
+        ) from error
 
 
 def _as_written(address: str) -> str:
     return f"socket://{address}" if address.startswith("127.0.0.1:") else address
 
 
-def main(bench: Bench, port: int = 0, *, pty: bool = False, json_line: bool = False, write_bench_file: Path | None = None) -> None:
-    """Serve a bench until SIGINT, SIGTERM or, where standard input is a pipe, its end: simulators die with their parent.
+def main(
+    bench: Bench,
+    port: int = 0,
+    *,
+    pty: bool = False,
+    json_line: bool = False,
+    write_bench_file: Path | None = None,
+) -> None:
+    """Serve a bench until SIGINT, SIGTERM or, where standard input is a pipe, its end: simulators
+    die with their parent.
 
-    Prints one flushed line of JSON with all addresses and, once all that a first frame needs is compiled, another; or lines for people.
+    Prints one flushed line of JSON with all addresses and, once all that a first frame needs is
+    compiled, another; or lines for people.
 
     Raises:
         InputError: the bench cannot be simulated or written.
@@ -228,7 +294,9 @@ def main(bench: Bench, port: int = 0, *, pty: bool = False, json_line: bool = Fa
     try:
         served = serve(bench, port, pty=pty)
     except OSError as error:
-        raise InputError(f"the simulated bench cannot listen ({error}); try another --port") from error
+        raise InputError(
+            f"the simulated bench cannot listen ({error}); try another --port"
+        ) from error
     with listening_for_the_end() as wait_for_the_end, served:
         if write_bench_file:
             write_bench(bench, served, write_bench_file)
@@ -239,21 +307,44 @@ def main(bench: Bench, port: int = 0, *, pty: bool = False, json_line: bool = Fa
 
 def _say_ready(*, json_line: bool) -> None:
     with contextlib.suppress(OSError):  # nobody listens any more
-        print(json.dumps({"ready": True}) if json_line else "Everything is compiled: frames come at their usual pace.", flush=True)
+        print(
+            (
+                json.dumps({"ready": True})
+                if json_line
+                else "Everything is compiled: frames come at their usual pace."
+            ),
+            flush=True,
+        )
 
 
 def _for_people(served: Served) -> str:
-    numbers = {name: f", device {where['device']}" if "device" in where else "" for name, where in served.addresses["axes"].items()}
-    devices = [(f"axis {name}{numbers[name]}", where) for name, where in served.addresses["axes"].items()]
-    devices += [(name, served.addresses[name]) for name in ("camera", "iris", "target") if name in served.addresses]
-    return "\n".join([*(f"{where['address']}  {where['driver']}  {what}" for what, where in devices), "Ctrl-C ends the simulation."])
+    numbers = {
+        name: f", device {where['device']}" if "device" in where else ""
+        for name, where in served.addresses["axes"].items()
+    }
+    devices = [
+        (f"axis {name}{numbers[name]}", where) for name, where in served.addresses["axes"].items()
+    ]
+    devices += [
+        (name, served.addresses[name])
+        for name in ("camera", "iris", "target")
+        if name in served.addresses
+    ]
+    return "\n".join(
+        [
+            *(f"{where['address']}  {where['driver']}  {what}" for what, where in devices),
+            "Ctrl-C ends the simulation.",
+        ]
+    )
 
 
 @contextlib.contextmanager
 def listening_for_the_end() -> Generator[Callable[[], None]]:
-    """Gives a function that returns after SIGINT or SIGTERM, or once standard input ends where it is a pipe; for the main thread.
+    """Gives a function that returns after SIGINT or SIGTERM, or once standard input ends where it
+    is a pipe; for the main thread.
 
-    A Ctrl-C reaches a parent and its children alike: where there is a parent it gets some time to stop the axes first.
+    A Ctrl-C reaches a parent and its children alike: where there is a parent it gets some time to
+    stop the axes first.
     """
     ended, interrupted = threading.Event(), threading.Event()
     parent = _tells_of_a_parent(0)
@@ -279,7 +370,9 @@ def listening_for_the_end() -> Generator[Callable[[], None]]:
 
 
 def _tells_of_a_parent(descriptor: int) -> bool:
-    """Whether a descriptor ends when the process at its other end does: a pipe or socket, not a terminal nor the null device."""
+    """Whether a descriptor ends when the process at its other end does: a pipe or socket, not a
+    terminal nor the null device.
+    """
     try:
         return not stat.S_ISCHR(os.fstat(descriptor).st_mode)
     except OSError:

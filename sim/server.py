@@ -1,4 +1,6 @@
-"""Lines to connect to: TCP on the loopback, or a pseudo terminal; one thread for each client, none left after ``stop``."""
+"""Lines to connect to: TCP on the loopback, or a pseudo terminal; one thread for each client, none
+left after ``stop``.
+"""
 
 import contextlib
 import os
@@ -13,7 +15,9 @@ POLL = 0.02  # s between looks for something to say unasked, and for the end
 
 
 class HangUpError(Exception):
-    """Raised by a session to close its line (a cable pulled out); nobody can connect for so many seconds."""
+    """Raised by a session to close its line (a cable pulled out); nobody can connect for so many
+    seconds.
+    """
 
     def __init__(self, away: float = 0.0) -> None:
         """Pull it out."""
@@ -61,7 +65,9 @@ class TcpLine:
         self._listener.settimeout(POLL * 5)
         host, taken = self._listener.getsockname()[:2]
         self.address = f"{host}:{taken}"
-        self._accepting = threading.Thread(target=self._accept, name=f"line {self.address}", daemon=True)
+        self._accepting = threading.Thread(
+            target=self._accept, name=f"line {self.address}", daemon=True
+        )
         self._accepting.start()
 
     def _accept(self) -> None:
@@ -76,7 +82,9 @@ class TcpLine:
                 client.close()
                 continue
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            thread = threading.Thread(target=self._serve, args=(client,), name=f"client of {self.address}", daemon=True)
+            thread = threading.Thread(
+                target=self._serve, args=(client,), name=f"client of {self.address}", daemon=True
+            )
             self._clients = [known for known in self._clients if known.is_alive()] + [thread]
             thread.start()
 
@@ -114,7 +122,9 @@ def _send(client: socket.socket, data: bytes, ended: threading.Event) -> None:
 
 
 class PtyLine:
-    """A pseudo terminal; its path is opened like a serial port. One client at a time, one session for all of them."""
+    """A pseudo terminal; its path is opened like a serial port. One client at a time, one session
+    for all of them.
+    """
 
     def __init__(self, open_session: Open) -> None:
         """Open the pair at once.
@@ -133,7 +143,9 @@ class PtyLine:
         self.address = os.ttyname(self._slave)
         self._ended = threading.Event()
         self._session = open_session()
-        self._thread = threading.Thread(target=self._serve, name=f"line {self.address}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._serve, name=f"line {self.address}", daemon=True
+        )
         self._thread.start()
 
     def _serve(self) -> None:

@@ -24,7 +24,9 @@ class Drive:
     def failures(self) -> list[str]:
         """Sentences for every motion that ended without arriving."""
         if self._missed is not None and not self.moving():
-            self._failures.append(f"{self._name} stalled at {self.place():g} on the way to {self._missed:g}")
+            self._failures.append(
+                f"{self._name} stalled at {self.place():g} on the way to {self._missed:g}"
+            )
             self._missed = None
         return self._failures
 
@@ -99,7 +101,8 @@ class Wheel(Drive):
     def commands(self) -> Mapping[str, Handler]:
         """See docs/scpi-camera.md."""
         return {
-            "TARGet:CATalog?": self._catalogue, "TARGet:KIND": self._set, "TARGet:KIND?": self._read, "TARGet:BUSY?": self._busy,
+            "TARGet:CATalog?": self._catalogue, "TARGet:KIND": self._set,
+            "TARGet:KIND?": self._read, "TARGet:BUSY?": self._busy,
         }  # fmt: skip
 
     def _catalogue(self, parameters: Sequence[str], ended: threading.Event) -> str:

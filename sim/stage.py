@@ -1,4 +1,6 @@
-"""A motor behind a controller: where its carriage is, what its counter says, what it warns of. No grammar here."""
+"""A motor behind a controller: where its carriage is, what its counter says, what it warns of. No
+grammar here.
+"""
 
 import math
 from collections.abc import Callable
@@ -11,7 +13,9 @@ Reference = Literal["none", "set", "homed"]
 
 
 class Carriage(Protocol):
-    """The carriage of one axis in the world: its motion in mm of travel, or in rad where it turns."""
+    """The carriage of one axis in the world: its motion in mm of travel, or in rad where it
+    turns.
+    """
 
     @property
     def clock(self) -> Clock:
@@ -32,13 +36,16 @@ class RefusedError(Exception):
 
 
 class Stage:
-    """One axis: a counter of microsteps, which follows the carriage, and which is worth nothing before homing.
+    """One axis: a counter of microsteps, which follows the carriage, and which is worth nothing
+    before homing.
 
-    A stage powers up without a reference: its counter starts at 0 wherever the carriage stands, so a move in good faith may
-    run into the end of travel, where it stalls. Calls are not locked against each other: the chain does that.
+    A stage powers up without a reference: its counter starts at 0 wherever the carriage stands, so
+    a move in good faith may run into the end of travel, where it stalls. Calls are not locked
+    against each other: the chain does that.
     """
 
-    def __init__(self, carriage: Carriage, travel: tuple[float, float], microstep: float, speed: float, acceleration: float,
+    def __init__(self, carriage: Carriage, travel: tuple[float, float], microstep: float,
+    speed: float, acceleration: float,
                  home: float | None = None) -> None:  # fmt: skip
         """Power up.
 
@@ -98,7 +105,9 @@ class Stage:
         return self.busy() and self._homing
 
     def flags(self) -> set[str]:
-        """Everything it warns of now: what was raised, and what lasts (no reference, not homed, driver disabled)."""
+        """Everything it warns of now: what was raised, and what lasts (no reference, not homed,
+        driver disabled).
+        """
         self._settle()
         lasting = {"none": {"WR"}, "set": {"WH"}, "homed": set[str]()}[self.reference]
         return self.raised | lasting | (set() if self.enabled else {"FO"})
@@ -108,15 +117,22 @@ class Stage:
         self._start(self._home, self.speed, self.acceleration)
         self._homing = True
 
-    def move_to(self, target: int, speed: float | None = None, acceleration: float | None = None) -> None:
+    def move_to(
+        self, target: int, speed: float | None = None, acceleration: float | None = None
+    ) -> None:
         """Move the counter to ``target`` microsteps.
 
         Raises:
-            RefusedError: the target is outside the limits (BADDATA), or the stage is parked or disabled.
+            RefusedError: the target is outside the limits (BADDATA), or the stage is parked or
+                disabled.
         """
         if not self.lower <= target <= self.upper:
             raise RefusedError("BADDATA")
-        self._start((target + self._zero) * self.microstep, speed or self.speed, acceleration or self.acceleration)
+        self._start(
+            (target + self._zero) * self.microstep,
+            speed or self.speed,
+            acceleration or self.acceleration,
+        )
 
     def run(self, velocity: float, acceleration: float | None = None) -> None:
         """Run at a velocity in microsteps/s up to the limit it leads to; 0 slows down and stops."""
@@ -131,7 +147,11 @@ class Stage:
         if self.busy():
             at_once = self._stopping
             self._interrupted()
-            self._carriage.motion = stop(self._carriage.motion, self._now, math.inf if at_once else self._mm(self.acceleration))
+            self._carriage.motion = stop(
+                self._carriage.motion,
+                self._now,
+                math.inf if at_once else self._mm(self.acceleration),
+            )
             self._stopping = not at_once
 
     def halt(self) -> None:
@@ -155,7 +175,8 @@ class Stage:
         """What may stand in the way of motions.
 
         Args:
-            obstacle: asked when a longer motion starts; the flag it will end with, FS stalled or WL on a limit switch; empty for none.
+            obstacle: asked when a longer motion starts; the flag it will end with, FS stalled or WL
+                on a limit switch; empty for none.
             after_travel: how far it then gets, mm or rad.
         """
         self._obstacle, self._before_it = obstacle, after_travel
@@ -175,8 +196,13 @@ class Stage:
         # A target that rounds to the end of travel is on it, not beyond it.
         self._flag_at_end = "FS" if abs(target - reachable) > self.microstep else ""
         if abs(reachable - here) > self._before_it and (flag := self._obstacle()):
-            reachable, self._flag_at_end = here + math.copysign(self._before_it, reachable - here), flag
-        self._carriage.motion = move(self._carriage.motion, now, reachable, speed * self.microstep, self._mm(acceleration))
+            reachable, self._flag_at_end = (
+                here + math.copysign(self._before_it, reachable - here),
+                flag,
+            )
+        self._carriage.motion = move(
+            self._carriage.motion, now, reachable, speed * self.microstep, self._mm(acceleration)
+        )
         self._stopping = False
 
     def _mm(self, acceleration: float) -> float:

@@ -1,9 +1,11 @@
 """A simulated KDC101 controller with a PRM1-Z8 rotation stage that speaks the APT protocol.
 
-From Thorlabs' "Host-Controller Communications Protocol": six-byte messages, data after those with bit 7 of the destination set, no
-checksum and no acknowledgement; ends of motion are told unasked. Start-up values as the maker's software sends them for a PRM1-Z8.
-Not confirmed from the manual: what becomes of a move without a reference (here: it is done, counted from where the motor was switched
-on) and of a message of unknown id (here: nothing). The backlash correction is kept as a number and not made.
+From Thorlabs' "Host-Controller Communications Protocol": six-byte messages, data after those with
+bit 7 of the destination set, no checksum and no acknowledgement; ends of motion are told unasked.
+Start-up values as the maker's software sends them for a PRM1-Z8. Not confirmed from the manual:
+what becomes of a move without a reference (here: it is done, counted from where the motor was
+switched on) and of a message of unknown id (here: nothing). The backlash correction is kept as a
+number and not made.
 """
 
 import math
@@ -42,11 +44,15 @@ class Controller:
         self.serial = serial
         stage.obstruct(faults.obstacle, math.radians(JAM))
         self._doing: dict[int, Callable[[bytes], bytes]] = {
-            0x0005: self._info, 0x0210: self._enable, 0x0211: self._enabled, 0x0410: self._set_counter, 0x0411: self._counter,
-            0x040A: self._encoder, 0x0413: self._set_speed, 0x0414: self._speed, 0x0429: self._bits, 0x0443: self._home,
-            0x0448: self._move_by, 0x0453: self._move_to, 0x0457: self._run, 0x0465: self._stop, 0x0480: self._stepper_status,
+            0x0005: self._info, 0x0210: self._enable, 0x0211: self._enabled,
+            0x0410: self._set_counter, 0x0411: self._counter,
+            0x040A: self._encoder, 0x0413: self._set_speed, 0x0414: self._speed, 0x0429: self._bits,
+            0x0443: self._home,
+            0x0448: self._move_by, 0x0453: self._move_to, 0x0457: self._run, 0x0465: self._stop,
+            0x0480: self._stepper_status,
             0x0490: self._status, 0x046B: self._suspend, 0x046C: self._resume,
-            **self._kept("backlash", 0x043A), **self._kept("jog", 0x0416), **self._kept("home", 0x0440),
+            **self._kept("backlash", 0x043A), **self._kept("jog", 0x0416),
+            **self._kept("home", 0x0440),
             **self._kept("limit switches", 0x0423),
         }  # fmt: skip
         self.power_up()
@@ -88,11 +94,16 @@ class Controller:
                 self._parameters[name] = message[6:]
             return b""
 
-        return {set_id: keep, set_id + 1: lambda message: encode(set_id + 2, self._parameters[name])}
+        return {
+            set_id: keep,
+            set_id + 1: lambda message: encode(set_id + 2, self._parameters[name]),
+        }
 
     def _info(self, message: bytes) -> bytes:
         notes = b"simulated KDC101"
-        data = struct.pack("<L8sHBBBx48s10xHHHH", self.serial, b"KDC101", 44, 9, 0, 2, notes, PRM1_Z8, 1, 0, 1)
+        data = struct.pack(
+            "<L8sHBBBx48s10xHHHH", self.serial, b"KDC101", 44, 9, 0, 2, notes, PRM1_Z8, 1, 0, 1
+        )
         return encode(0x0006, data)
 
     def _enable(self, message: bytes) -> bytes:
@@ -119,7 +130,9 @@ class Controller:
         if len(message) == 20:
             _, _, acceleration, speed = struct.unpack("<Hlll", message[6:])
             self.stage.speed = min(max(speed, 1) / SPEED, TOP_SPEED * COUNTS_PER_DEGREE)
-            self.stage.acceleration = min(max(acceleration, 1) / ACCELERATION, TOP_ACCELERATION * COUNTS_PER_DEGREE)
+            self.stage.acceleration = min(
+                max(acceleration, 1) / ACCELERATION, TOP_ACCELERATION * COUNTS_PER_DEGREE
+            )
         return b""
 
     def _speed(self, message: bytes) -> bytes:
@@ -148,7 +161,9 @@ class Controller:
         return b""
 
     def _go(self, counts: int) -> None:
-        """Move; what is out of the counter's range, or asked of a motor that is off, is passed over in silence."""
+        """Move; what is out of the counter's range, or asked of a motor that is off, is passed over
+        in silence.
+        """
         if self.stage.enabled and self.stage.lower <= counts <= self.stage.upper:
             self.stage.raised.clear()
             self.stage.move_to(counts)
@@ -186,12 +201,15 @@ class Controller:
         return struct.pack("<HlhHL", 1, self.stage.position(), velocity, 0, self._status_bits())
 
     def _status_bits(self) -> int:
-        """Bits 0 on a switch, 4 and 5 moving to and fro, 8 connected, 9 homing, 10 homed, 13 settled, 14 motion error, 31 enabled."""
+        """Bits 0 on a switch, 4 and 5 moving to and fro, 8 connected, 9 homing, 10 homed, 13
+        settled, 14 motion error, 31 enabled.
+        """
         flags, velocity = self.stage.flags(), self.stage.velocity()
         busy = self.stage.busy()
         bits = {
             0: "WL" in flags,
-            4: busy and velocity >= 0, 5: busy and velocity < 0, 8: True, 9: self.stage.homing(), 10: self.stage.reference == "homed",
+            4: busy and velocity >= 0, 5: busy and velocity < 0, 8: True, 9: self.stage.homing(),
+            10: self.stage.reference == "homed",
             13: not busy, 14: "FS" in flags, 31: self.stage.enabled,
         }  # fmt: skip
         return sum(1 << bit for bit, on in bits.items() if on)
@@ -228,7 +246,11 @@ class ControllerSession:
         answers: list[bytes] = []
         while len(self._heard) >= 6:
             length = int.from_bytes(self._heard[2:4], "little") if self._heard[4] & WITH_DATA else 0
-            if self._heard[4] & ~WITH_DATA not in (CONTROLLER, 0x11, 0x21) or self._heard[5] != HOST or length > LONGEST:
+            if (
+                self._heard[4] & ~WITH_DATA not in (CONTROLLER, 0x11, 0x21)
+                or self._heard[5] != HOST
+                or length > LONGEST
+            ):
                 del self._heard[0]
                 continue
             if len(self._heard) < 6 + length:

@@ -1,8 +1,10 @@
-"""The one true state of the simulated bench, hidden errors included: where everything really stands and what the camera sees.
+"""The one true state of the simulated bench, hidden errors included: where everything really stands
+and what the camera sees.
 
-Hidden errors are drawn once, each from a generator keyed by the seed and its name, so that none depends on another or on the
-order of drawing. Travel is measured from a stage's home end in mm, or in rad from its home for what turns the array; its place in the
-world is zero + sign (1 + scale) travel.
+Hidden errors are drawn once, each from a generator keyed by the seed and its name, so that none
+depends on another or on the order of drawing. Travel is measured from a stage's home end in mm, or
+in rad from its home for what turns the array; its place in the world is zero + sign (1 + scale)
+travel.
 """
 
 import hashlib
@@ -33,13 +35,17 @@ Truths = Mapping[str, str | float]
 
 def keyed(*parts: object) -> np.random.Generator:
     """A generator that depends on these parts and on nothing else."""
-    digest = hashlib.blake2b("|".join(repr(part) for part in parts).encode(), digest_size=16).digest()
+    digest = hashlib.blake2b(
+        "|".join(repr(part) for part in parts).encode(), digest_size=16
+    ).digest()
     return np.random.Generator(np.random.Philox(key=int.from_bytes(digest, "little")))
 
 
 @dataclass(frozen=True)
 class TrueAxis:
-    """How an axis really moves its element: place = zero + sign (1 + scale) travel, mm or rad; ``start`` is its first travel."""
+    """How an axis really moves its element: place = zero + sign (1 + scale) travel, mm or rad;
+    ``start`` is its first travel.
+    """
 
     moves: str
     sign: int
@@ -53,7 +59,8 @@ class TrueAxis:
 
 
 def wheel_targets(bench: Bench) -> dict[str, Target]:
-    """What is on the target wheel: every kind as the bench file has it in ``simulated.targets``, or by its defaults.
+    """What is on the target wheel: every kind as the bench file has it in ``simulated.targets``, or
+    by its defaults.
 
     Raises:
         InputError: a kind the wheel does not have, or a target that is described wrongly.
@@ -61,13 +68,21 @@ def wheel_targets(bench: Bench) -> dict[str, Target]:
     given = bench.description.simulated.targets
     for kind in given:
         if kind not in WHEEL:
-            raise InputError(f"{bench.where('simulated', 'targets', kind)}: there is no {kind!r} on the wheel; allowed: {', '.join(WHEEL)}")
+            raise InputError(
+                f"{bench.where('simulated', 'targets', kind)}: there is no {kind!r} on the wheel;"
+                f" allowed: {', '.join(WHEEL)}"
+            )
     source = f"{bench.file}: simulated.targets"
-    return {kind: target_from({"kind": kind} | given.get(kind, {}), source, bench.file.parent) for kind in WHEEL}
+    return {
+        kind: target_from({"kind": kind} | given.get(kind, {}), source, bench.file.parent)
+        for kind in WHEEL
+    }
 
 
 class Carriage:
-    """Something that moves along one coordinate; remembers its last motions, for exposures that began before them."""
+    """Something that moves along one coordinate; remembers its last motions, for exposures that
+    began before them.
+    """
 
     def __init__(self, clock: Clock, start: float) -> None:
         """Stand at ``start``."""
@@ -85,7 +100,10 @@ class Carriage:
 
     def at(self, instant: float) -> float:
         """Where it was at an instant, now or lately."""
-        known = next((motion for since, motion in reversed(self._motions) if since <= instant), self._motions[0][1])
+        known = next(
+            (motion for since, motion in reversed(self._motions) if since <= instant),
+            self._motions[0][1],
+        )
         return known.at(instant)[0]
 
     def moving(self, instant: float) -> bool:
@@ -95,7 +113,9 @@ class Carriage:
 
 @dataclass(frozen=True)
 class Scene:
-    """What stands before the camera at an instant; ``camera`` and ``distance`` None where the parts are in no possible order."""
+    """What stands before the camera at an instant; ``camera`` and ``distance`` None where the parts
+    are in no possible order.
+    """
 
     camera: Camera | None
     distance: float | None
@@ -107,7 +127,8 @@ class World:
     """The truth; every access under ``lock``."""
 
     def __init__(self, bench: Bench, clock: Clock) -> None:
-        """Set up the bench as it was left: everything where the camera file puts it, as far as the limits allow.
+        """Set up the bench as it was left: everything where the camera file puts it, as far as the
+        limits allow.
 
         Raises:
             InputError: a planted truth has no meaning here.
@@ -128,35 +149,62 @@ class World:
         }
         self._fixed = left_at | _turns(self.optics.array)
         doubt = bench.description.optics_uncertainty
-        set_by = {"array.pitch": doubt.array_tilt, "array.yaw": doubt.array_tilt, "array.roll": doubt.array_roll}
+        set_by = {
+            "array.pitch": doubt.array_tilt,
+            "array.yaw": doubt.array_tilt,
+            "array.roll": doubt.array_roll,
+        }
         self.axes = {
-            name: true_axis(name, axis, left_at[axis.moves], simulated.seed, simulated.truths, set_by.get(axis.moves, 0.0))
+            name: true_axis(
+                name,
+                axis,
+                left_at[axis.moves],
+                simulated.seed,
+                simulated.truths,
+                set_by.get(axis.moves, 0.0),
+            )
             for name, axis in bench.description.axes.items()
         }
         self.carriages = {name: Carriage(clock, axis.start) for name, axis in self.axes.items()}
         self.iris = Carriage(clock, bench.optics.main_lens.f_number)
         self.wheel = Carriage(clock, WHEEL.index("white"))
-        drawn = keyed(self.seed, "optics", "f_number").normal() * bench.description.optics_uncertainty.f_number
+        drawn = (
+            keyed(self.seed, "optics", "f_number").normal()
+            * bench.description.optics_uncertainty.f_number
+        )
         self._lamp_unsure = bench.description.light_uncertainty
         self._iris_scale = _planted(simulated.truths, "iris.scale", "ratio", float(drawn))
         self.targets = wheel_targets(bench)
 
     def elements(self, instant: float) -> dict[str, float]:
         """True world z of every element, mm."""
-        return {moved: place for moved, place in self._places(instant).items() if moved in get_args(Element)}
+        return {
+            moved: place
+            for moved, place in self._places(instant).items()
+            if moved in get_args(Element)
+        }
 
     def angles(self, instant: float) -> dict[str, float]:
         """True pitch, yaw and roll of the array, rad, as ``array.pitch`` and so on."""
-        return {moved: place for moved, place in self._places(instant).items() if moved in get_args(Turn)}
+        return {
+            moved: place
+            for moved, place in self._places(instant).items()
+            if moved in get_args(Turn)
+        }
 
     def gap(self, instant: float) -> float:
-        """True distance from the array's nearest corner to the sensor, mm; negative where they have met."""
+        """True distance from the array's nearest corner to the sensor, mm; negative where they have
+        met.
+        """
         places = self._places(instant)
         return places["sensor.z"] - places["array.z"] - corner_reach(self.optics.array, places)
 
     def _places(self, instant: float) -> dict[str, float]:
         with self.lock:
-            moved = {axis.moves: axis.world(self.carriages[name].at(instant)) for name, axis in self.axes.items()}
+            moved = {
+                axis.moves: axis.world(self.carriages[name].at(instant))
+                for name, axis in self.axes.items()
+            }
         return self._fixed | moved
 
     def f_number(self, instant: float) -> float:
@@ -165,7 +213,9 @@ class World:
             return self.iris.at(instant) * (1 + self._iris_scale)
 
     def lamp(self, scene: "Scene") -> float:
-        """The light over what it is stated to be: another in every setting of the bench, the same for all that is shown there."""
+        """The light over what it is stated to be: another in every setting of the bench, the same
+        for all that is shown there.
+        """
         return 1 + float(keyed(self.seed, "lamp", scene.state[:-1]).normal()) * self._lamp_unsure
 
     def target_name(self, instant: float) -> str:
@@ -176,7 +226,11 @@ class World:
 
     def scene(self, instant: float) -> Scene:
         """What the camera sees at an instant."""
-        places, f_number, name = self._places(instant), self.f_number(instant), self.target_name(instant)
+        places, f_number, name = (
+            self._places(instant),
+            self.f_number(instant),
+            self.target_name(instant),
+        )
         lens = places["main_lens.z"]
         state = (*(round(value / NANOMETRE) for value in places.values()), round(f_number, 6), name)
         target = self.targets[name or "black"]
@@ -186,32 +240,56 @@ class World:
             camera = replace(
                 self.optics,
                 main_lens=replace(self.optics.main_lens, f_number=f_number),
-                array=replace(self.optics.array, distance=places["array.z"] - lens, tilt=tilt, roll=places["array.roll"]),
+                array=replace(
+                    self.optics.array,
+                    distance=places["array.z"] - lens,
+                    tilt=tilt,
+                    roll=places["array.roll"],
+                ),
                 sensor=replace(self.optics.sensor, distance=places["sensor.z"] - lens),
             )
         except InputError:
             return Scene(None, None, target, state)
-        return Scene(camera, distance, target, state) if distance > 0 else Scene(None, None, target, state)
+        return (
+            Scene(camera, distance, target, state)
+            if distance > 0
+            else Scene(None, None, target, state)
+        )
 
 
 def _turns(array: MicrolensArray) -> dict[str, float]:
-    return {"array.pitch": math.atan(array.tilt[1]), "array.yaw": math.atan(array.tilt[0]), "array.roll": array.roll}
+    return {
+        "array.pitch": math.atan(array.tilt[1]),
+        "array.yaw": math.atan(array.tilt[0]),
+        "array.roll": array.roll,
+    }
 
 
 def corner_reach(array: MicrolensArray, angles: Mapping[str, float]) -> float:
-    """How far the foremost corner of the turned array stands out of the plane through its middle towards the sensor, mm.
+    """How far the foremost corner of the turned array stands out of the plane through its middle
+    towards the sensor, mm.
 
-    The array is a stiff plate that is rolled about its middle, shifted by its offset and then tilted about where the main axis meets it.
+    The array is a stiff plate that is rolled about its middle, shifted by its offset and then
+    tilted about where the main axis meets it.
     """
-    x, y = ((count * pitch + array.aperture) / 2 for count, pitch in zip(array.count, array.pitch, strict=True))
+    x, y = (
+        (count * pitch + array.aperture) / 2
+        for count, pitch in zip(array.count, array.pitch, strict=True)
+    )
     cos, sin = math.cos(angles["array.roll"]), math.sin(angles["array.roll"])
     slope_x, slope_y = math.tan(angles["array.yaw"]), math.tan(angles["array.pitch"])
     steepness = math.sqrt(1 + slope_x**2 + slope_y**2)
-    rolled = max(slope_x * (cos * a - sin * b) + slope_y * (sin * a + cos * b) for a in (-x, x) for b in (-y, y))
+    rolled = max(
+        slope_x * (cos * a - sin * b) + slope_y * (sin * a + cos * b)
+        for a in (-x, x)
+        for b in (-y, y)
+    )
     return (rolled + slope_x * array.offset[0] + slope_y * array.offset[1]) / steepness
 
 
-def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truths: Truths, set_by: float = 0.0) -> TrueAxis:
+def true_axis(
+    name: str, axis: AxisDescription, left_at: float, seed: int, truths: Truths, set_by: float = 0.0
+) -> TrueAxis:
     """Draw an axis's hidden errors, unless they are planted.
 
     Args:
@@ -219,11 +297,16 @@ def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truth
         axis: its description.
         left_at: place in mm or rad where its element was left.
         seed: the recorded seed.
-        truths: planted truths ``<axis>.zero`` (error of the zero), ``<axis>.scale`` (error of the scale), ``<axis>.start`` (reading).
-        set_by: how well the array was set upon an axis that turns it, rad, beside the axis's own zero.
+        truths: planted truths ``<axis>.zero`` (error of the zero), ``<axis>.scale`` (error of the
+            scale), ``<axis>.start`` (reading).
+        set_by: how well the array was set upon an axis that turns it, rad, beside the axis's own
+            zero.
     """
     dimension = axis.coordinate.dimension
-    zero, scale = keyed(seed, "axis", name).normal(size=2) * (math.hypot(axis.zero_uncertainty, set_by), axis.scale_uncertainty)
+    zero, scale = keyed(seed, "axis", name).normal(size=2) * (
+        math.hypot(axis.zero_uncertainty, set_by),
+        axis.scale_uncertainty,
+    )
     reading = axis.reading(left_at)
     if not axis.limits[0] <= reading <= axis.limits[1]:
         reading = (axis.limits[0] + axis.limits[1]) / 2
@@ -237,11 +320,17 @@ def true_axis(name: str, axis: AxisDescription, left_at: float, seed: int, truth
 
 
 def true_optics(bench: Bench, truths: Truths) -> Camera:
-    """The camera file's optics with hidden errors drawn from the bench file's uncertainties, and the planted truths about them.
+    """The camera file's optics with hidden errors drawn from the bench file's uncertainties, and
+    the planted truths about them.
 
-    Microlenses that are drawn wider than there is room between neighbours touch: so do those described as touching in every second draw.
+    Microlenses that are drawn wider than there is room between neighbours touch: so do those
+    described as touching in every second draw.
     """
-    lens, array, doubt = bench.optics.main_lens, bench.optics.array, bench.description.optics_uncertainty
+    lens, array, doubt = (
+        bench.optics.main_lens,
+        bench.optics.array,
+        bench.description.optics_uncertainty,
+    )
     seed = bench.description.simulated.seed
 
     def factor(name: str, share: float) -> float:
@@ -252,20 +341,27 @@ def true_optics(bench: Bench, truths: Truths) -> Camera:
         return _planted(truths, f"microlens_array.{name}", "angle", described + drawn)
 
     focal, pitch = factor("focal", doubt.microlens_focal_length), factor("pitch", doubt.pitch)
-    first = _planted(truths, "microlens_array.focal_length", "length", array.focal_lengths[0] * focal)
+    first = _planted(
+        truths, "microlens_array.focal_length", "length", array.focal_lengths[0] * focal
+    )
     lens_focal = lens.focal_length * factor("lens", doubt.main_lens_focal_length)
     array = replace(array, pitch=(array.pitch[0] * pitch, array.pitch[1] * pitch))
-    aperture = min(array.aperture * factor("aperture", doubt.microlens_aperture), nearest_neighbour(array))
+    aperture = min(
+        array.aperture * factor("aperture", doubt.microlens_aperture), nearest_neighbour(array)
+    )
     return replace(
         bench.optics,
-        main_lens=replace(lens, focal_length=_planted(truths, "main_lens.focal_length", "length", lens_focal)),
+        main_lens=replace(
+            lens, focal_length=_planted(truths, "main_lens.focal_length", "length", lens_focal)
+        ),
         array=replace(
             array,
             focal_lengths=(first, *(one * focal for one in array.focal_lengths[1:])),
             aperture=_planted(truths, "microlens_array.aperture", "length", aperture),
             roll=angle("roll", array.roll, doubt.array_roll),
             tilt=tuple(
-                math.tan(angle(turn, math.atan(slope), doubt.array_tilt)) for turn, slope in zip(("yaw", "pitch"), array.tilt, strict=True)
+                math.tan(angle(turn, math.atan(slope), doubt.array_tilt))
+                for turn, slope in zip(("yaw", "pitch"), array.tilt, strict=True)
             ),
         ),
     )
@@ -279,7 +375,11 @@ def check_truths(bench: Bench) -> None:
     """
     allowed: dict[str, Dimension] = {}
     for name, axis in bench.description.axes.items():
-        allowed |= {f"{name}.zero": axis.coordinate.dimension, f"{name}.scale": "ratio", f"{name}.start": axis.coordinate.dimension}
+        allowed |= {
+            f"{name}.zero": axis.coordinate.dimension,
+            f"{name}.scale": "ratio",
+            f"{name}.start": axis.coordinate.dimension,
+        }
     allowed |= {"iris.scale": "ratio", "main_lens.focal_length": "length"}
     allowed |= {"microlens_array.focal_length": "length", "microlens_array.aperture": "length"}
     allowed |= {f"microlens_array.{turn}": "angle" for turn in ("roll", "yaw", "pitch")}
@@ -294,7 +394,9 @@ def check_truths(bench: Bench) -> None:
 
 
 def sharp_distance(optics: Camera) -> float:
-    """Distance in mm of the plane in focus behind the array's middle; 500 mm where no real one is."""
+    """Distance in mm of the plane in focus behind the array's middle; 500 mm where no real one
+    is.
+    """
     systems = camera_smms(optics)
     vergence = float(sharp_vergence(systems)[len(systems.gap) // 2])
     return 1 / vergence if np.isfinite(vergence) and vergence > 0 else 500.0

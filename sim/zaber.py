@@ -1,9 +1,10 @@
 """A simulated chain of single-axis Zaber devices that speak the ASCII protocol.
 
-From Zaber's ASCII protocol manual: messages ``/[device [axis]] [id] command[:CC]``, replies ``@DD A [id] OK|RJ BUSY|IDLE WF
-data``, alerts ``!DD A IDLE WF``; device 0 is everyone; a message with a bad checksum is ignored. Not confirmed by a source at
-hand: that ``stop`` raises NI, that a stage without a reference takes ``move abs``, and what ``estop`` leaves behind (here: a
-stage at rest, still enabled).
+From Zaber's ASCII protocol manual: messages ``/[device [axis]] [id] command[:CC]``, replies ``@DD A
+[id] OK|RJ BUSY|IDLE WF data``, alerts ``!DD A IDLE WF``; device 0 is everyone; a message with a bad
+checksum is ignored. Not confirmed by a source at hand: that ``stop`` raises NI, that a stage
+without a reference takes ``move abs``, and what ``estop`` leaves behind (here: a stage at rest,
+still enabled).
 """
 
 import re
@@ -22,7 +23,9 @@ _MESSAGE = re.compile(r"/\s*(?:(\d+)(?:\s+(\d+)(?:\s+(\d+|--))?)?)?(?:\s+|$)(.*)
 
 
 def checksum(body: bytes) -> bytes:
-    """Two upper-case hex digits that make the sum of all bytes 0 modulo 256; ``body`` is without the first character."""
+    """Two upper-case hex digits that make the sum of all bytes 0 modulo 256; ``body`` is without
+    the first character.
+    """
     return b"%02X" % (-sum(body) % 256)
 
 
@@ -49,11 +52,15 @@ def read_message(line: bytes) -> Message | None:
         if signed[1].upper() != checksum(line[1 : signed.start()]):
             return None
         line = line[: signed.start()]
-    found = _MESSAGE.fullmatch(line.decode("ascii")) or re.fullmatch(r"/()()()(.*)", line.decode("ascii"), re.DOTALL)
+    found = _MESSAGE.fullmatch(line.decode("ascii")) or re.fullmatch(
+        r"/()()()(.*)", line.decode("ascii"), re.DOTALL
+    )
     if not found:
         return None
     device, axis, number, command = found.groups()
-    return Message(int(device or 0), int(axis or 0), number or "", tuple(command.split()), bool(signed))
+    return Message(
+        int(device or 0), int(axis or 0), number or "", tuple(command.split()), bool(signed)
+    )
 
 
 class Device:
@@ -82,25 +89,38 @@ class Device:
         if message.words[:2] == ("system", "reset") and verdict == "OK":
             self.stage.power_up()
         silent = message.number == "--"
-        return None if silent else self.faults.reply(self._sealed(b"@", reply, message.signed), stranger=_strangers)
+        return (
+            None
+            if silent
+            else self.faults.reply(self._sealed(b"@", reply, message.signed), stranger=_strangers)
+        )
 
     def alert(self) -> bytes:
         """The alert for a motion that has ended since the last look, where alerts are on."""
         busy, was_busy = self.stage.busy(), self._was_busy
         self._was_busy = busy
         ended = was_busy and not busy and self.line.alert
-        return self._sealed(b"!", f"{self.line.number:02d} 1 {self._status()}", False) if ended else b""
+        return (
+            self._sealed(b"!", f"{self.line.number:02d} 1 {self._status()}", False)
+            if ended
+            else b""
+        )
 
     def _sealed(self, kind: bytes, text: str, signed: bool) -> bytes:
         body = text.encode("ascii")
-        return kind + body + (b":" + checksum(body) if signed or self.line.checksum else b"") + b"\r\n"
+        return (
+            kind + body + (b":" + checksum(body) if signed or self.line.checksum else b"") + b"\r\n"
+        )
 
     def _status(self) -> str:
         flags = self._flags()
         return f"{'BUSY' if self.stage.busy() else 'IDLE'} {flags[0] if flags else '--'}"
 
     def _flags(self) -> list[str]:
-        return sorted(self.stage.flags(), key=lambda flag: PRIORITY.index(flag) if flag in PRIORITY else len(PRIORITY))
+        return sorted(
+            self.stage.flags(),
+            key=lambda flag: PRIORITY.index(flag) if flag in PRIORITY else len(PRIORITY),
+        )
 
     def _do(self, message: Message) -> str:
         """Carry out a command; the data of the reply."""
@@ -116,8 +136,10 @@ class Device:
         if command in ("get", "set"):
             return self._setting(command, rest, message.axis)
         doing: dict[str, Callable[[Sequence[str]], str]] = {
-            "home": self._home, "move": self._move, "stop": self._stop, "estop": self._estop, "warnings": self._warnings,
-            "renumber": self._renumber, "system": self._system, "tools": self._tools, "driver": self._driver,
+            "home": self._home, "move": self._move, "stop": self._stop, "estop": self._estop,
+            "warnings": self._warnings,
+            "renumber": self._renumber, "system": self._system, "tools": self._tools,
+            "driver": self._driver,
         }  # fmt: skip
         if command not in doing:
             raise RefusedError("BADCOMMAND")
@@ -154,7 +176,12 @@ class Device:
             return "0"
         count = whole(numbers[0], -(10**9), 10**9) if kind in ("abs", "rel") else 0
         limits = numbers[1:] if kind in ("abs", "rel") else numbers
-        target = {"abs": count, "rel": self.stage.position() + count, "min": self.stage.lower, "max": self.stage.upper}[kind]
+        target = {
+            "abs": count,
+            "rel": self.stage.position() + count,
+            "min": self.stage.lower,
+            "max": self.stage.upper,
+        }[kind]
         speed = whole(limits[0], 1, TOP_SPEED) / SPEED if limits else None
         self.stage.move_to(target, speed, _acceleration(limits[1:]))
         return "0"
@@ -222,7 +249,9 @@ def _acceleration(words: Sequence[str]) -> float | None:
 
 
 class Chain:
-    """Devices one after the other on one line; every client of the line hears the replies to its own messages and all alerts."""
+    """Devices one after the other on one line; every client of the line hears the replies to its
+    own messages and all alerts.
+    """
 
     def __init__(self, devices: Sequence[Device], lock: threading.RLock) -> None:
         """Join devices; ``lock`` is the world's."""
@@ -243,7 +272,9 @@ class Chain:
                 device.line.number = place
             message = Message(0, 0, message.number, (), message.signed)
         concerned = [device for device in self.devices if message.device in (0, device.line.number)]
-        return b"".join(reply for device in concerned if (reply := device.answer(message)) is not None)
+        return b"".join(
+            reply for device in concerned if (reply := device.answer(message)) is not None
+        )
 
 
 class ChainSession:
@@ -273,4 +304,6 @@ class ChainSession:
     def unasked(self) -> bytes:
         """Alerts of motions that have ended, and answers that come late."""
         with self._chain.lock:
-            return b"".join(device.faults.late_answer() + device.alert() for device in self._chain.devices)
+            return b"".join(
+                device.faults.late_answer() + device.alert() for device in self._chain.devices
+            )

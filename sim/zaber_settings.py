@@ -1,7 +1,8 @@
 """The settings of a simulated Zaber device: name, scope, how it is read and written.
 
-Names from Zaber's public setting constants. Speed settings are microsteps/s x 1.6384, accelerations microsteps/s^2 x
-1.6384 / 10000. Device id, serial and version are invented: no catalogue knows them.
+Names from Zaber's public setting constants. Speed settings are microsteps/s x 1.6384, accelerations
+microsteps/s^2 x 1.6384 / 10000. Device id, serial and version are invented: no catalogue knows
+them.
 """
 
 from collections.abc import Callable
@@ -27,7 +28,9 @@ class Communication:
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting of the device (``axis`` false) or of its axis; ``write`` is None where it is read-only."""
+    """A setting of the device (``axis`` false) or of its axis; ``write`` is None where it is
+    read-only.
+    """
 
     axis: bool
     read: Callable[[Communication, Stage], str]
@@ -90,7 +93,9 @@ def _fixed(text: str, axis: bool = False) -> Setting:
     return Setting(axis, lambda line, stage: text)
 
 
-_ACCELERATION = Setting(True, lambda line, stage: str(round(stage.acceleration * ACCELERATION)), _set_acceleration)
+_ACCELERATION = Setting(
+    True, lambda line, stage: str(round(stage.acceleration * ACCELERATION)), _set_acceleration
+)
 
 SETTINGS: dict[str, Setting] = {
     "pos": Setting(True, lambda line, stage: str(stage.position()), _set_position),

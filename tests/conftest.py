@@ -1,4 +1,6 @@
-"""What every test gets: a folder for compiled kernels, the published measurements, and a look at what was left running."""
+"""What every test gets: a folder for compiled kernels, the published measurements, and a look at
+what was left running.
+"""
 
 import contextlib
 import getpass
@@ -15,7 +17,9 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
-os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(tempfile.gettempdir()) / f"flflab-kernels-{getpass.getuser()}"))
+os.environ.setdefault(
+    "NUMBA_CACHE_DIR", str(Path(tempfile.gettempdir()) / f"flflab-kernels-{getpass.getuser()}")
+)
 from flflab.kernel_cache import use_kernel_cache
 
 if TYPE_CHECKING:
@@ -25,10 +29,13 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 use_kernel_cache()  # before anything imports numba; child processes inherit it
-settings.register_profile("flflab", deadline=None, derandomize=True)  # the first example may compile a kernel
+settings.register_profile(
+    "flflab", deadline=None, derandomize=True
+)  # the first example may compile a kernel
 settings.load_profile("flflab")
 if os.name == "posix":
-    resource_tracker.ensure_running()  # one process for the whole session, started here so that no test seems to leave it behind
+    # one process for the whole session, started here so that no test seems to leave it behind
+    resource_tracker.ensure_running()
 
 
 def find_r12a() -> Path | None:
@@ -38,11 +45,18 @@ def find_r12a() -> Path | None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--hardware", metavar="BENCH", help="run tests/hardware on the bench of this file: it will move")
+    parser.addoption(
+        "--hardware",
+        metavar="BENCH",
+        help="run tests/hardware on the bench of this file: it will move",
+    )
 
 
 def pytest_report_header() -> str:
-    return f"r12a: {find_r12a() or 'not here (set FLFLAB_R12A); the tests that need these measurements are deselected'}"
+    return (
+        "r12a:"
+        f" {find_r12a() or 'not here (set FLFLAB_R12A); the tests that need these measurements are deselected'}"  # noqa: E501
+    )
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -63,7 +77,9 @@ def r12a() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def temporary_files_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Where every bench that was ever driven has a lock file, those of the tests are not left behind."""
+    """Where every bench that was ever driven has a lock file, those of the tests are not left
+    behind.
+    """
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("temporary")
         patch.setenv("TMPDIR", str(folder))
@@ -91,7 +107,9 @@ def engine() -> Iterator["RunEngine"]:
 
 def _children() -> set[str]:
     """Process numbers of this process's children, ended ones included until they are waited for."""
-    lists = Path("/proc/self/task").glob("*/children")  # Linux only; elsewhere what multiprocessing started
+    lists = Path("/proc/self/task").glob(
+        "*/children"
+    )  # Linux only; elsewhere what multiprocessing started
     found: set[str] = set()
     for file in lists:
         with contextlib.suppress(OSError):  # of a thread that ended meanwhile
@@ -105,11 +123,16 @@ def _threads() -> set[threading.Thread]:
 
 @pytest.fixture(autouse=True)
 def nothing_left_running() -> Iterator[None]:
-    """Fails a test that leaves a thread or a child process behind; those of longer-lived fixtures were there before."""
+    """Fails a test that leaves a thread or a child process behind; those of longer-lived fixtures
+    were there before.
+    """
     threads, children = _threads(), _children()
     yield
     patience = time.monotonic() + 1.0
     while (left := (_threads() - threads, _children() - children)) != (set(), set()):
         if time.monotonic() > patience:
-            pytest.fail(f"left running: threads {[thread.name for thread in left[0]]}, processes {sorted(left[1])}")
+            pytest.fail(
+                f"left running: threads {[thread.name for thread in left[0]]}, processes"
+                f" {sorted(left[1])}"
+            )
         time.sleep(0.01)

@@ -1,4 +1,6 @@
-"""A watched folder in which raw, TIFF or PNG files appear (docs/folder-camera.md): none read half, none taken twice, none lost silently."""
+"""A watched folder in which raw, TIFF or PNG files appear (docs/folder-camera.md): none read half,
+none taken twice, none lost silently.
+"""
 
 import contextlib
 import json
@@ -28,8 +30,9 @@ Stamp = tuple[int, int]  # size and time of a file: both stand still once it is 
 class FolderKeys(SensorKeys):
     """The keys of a folder camera.
 
-    ``full_scale``: what a saturated pixel reads, DN. ``exposures``, ``gains``: from least to most. ``iso_at_gain_1``: the speed that
-    counts as gain 1. ``timeout``: how long a file may come after the exposure; ``settle``: how long it must not change, both with unit.
+    ``full_scale``: what a saturated pixel reads, DN. ``exposures``, ``gains``: from least to most.
+    ``iso_at_gain_1``: the speed that counts as gain 1. ``timeout``: how long a file may come after
+    the exposure; ``settle``: how long it must not change, both with unit.
     """
 
     full_scale: Annotated[int, Field(gt=0, le=65535)]
@@ -83,22 +86,33 @@ class FolderCamera:
             unasked = new[self._given_up :]
             self._given_up = max(0, self._given_up - len(new))
         if unasked:
-            raise CommunicationError(f"{self._who}: {', '.join(unasked)} came unasked and is no frame; see who else releases the shutter")
+            raise CommunicationError(
+                f"{self._who}: {', '.join(unasked)} came unasked and is no frame; see who else"
+                " releases the shutter"
+            )
 
     def trigger(self) -> None:
         """Ask the program or the person for one picture."""
         self._number += 1
         exposure_s, gain = self.setup.exposure_s, self.setup.gain
         if self._keys.released_by == "person":
-            awaited = f"a file is awaited in {self._folder} for {exposure_s + self._keys.timeout:g} s"
-            print(f"\acamera: take one picture now, {exposure_s:g} s at gain {gain:g}; {awaited}", file=sys.stderr, flush=True)
+            awaited = (
+                f"a file is awaited in {self._folder} for {exposure_s + self._keys.timeout:g} s"
+            )
+            print(
+                f"\acamera: take one picture now, {exposure_s:g} s at gain {gain:g}; {awaited}",
+                file=sys.stderr,
+                flush=True,
+            )
             return
         request = {"number": self._number, "exposure_s": exposure_s, "gain": gain}
         try:
             (self._folder / ".request").write_text(json.dumps(request), encoding="utf-8")
             (self._folder / ".request").replace(self._folder / REQUEST)
         except OSError as error:
-            raise CommunicationError(f"{self._who}: {REQUEST} cannot be written ({error}); check the folder") from error
+            raise CommunicationError(
+                f"{self._who}: {REQUEST} cannot be written ({error}); check the folder"
+            ) from error
 
     def exposing(self) -> None:
         """Only its picture can tell."""
@@ -137,9 +151,17 @@ class FolderCamera:
         if not came:
             self._given_up += 1
             waits = f"{REQUEST} still lies there, so see that the program beside the camera runs"
-            advice = waits if (self._folder / REQUEST).exists() else "see that the shutter is released"
-            raise CommunicationError(f"{self._who}: no file came within {patience:g} s; {advice}, then take the picture again")
-        raise CommunicationError(f"{self._who}: {', '.join(came)} is no whole picture after {patience:g} s{reason}; take the picture again")
+            advice = (
+                waits if (self._folder / REQUEST).exists() else "see that the shutter is released"
+            )
+            raise CommunicationError(
+                f"{self._who}: no file came within {patience:g} s; {advice}, then take the picture"
+                " again"
+            )
+        raise CommunicationError(
+            f"{self._who}: {', '.join(came)} is no whole picture after {patience:g} s{reason}; take"
+            " the picture again"
+        )
 
     def reset(self) -> None:
         """Take back a request that nobody took."""
@@ -164,8 +186,8 @@ class FolderCamera:
             new = [name for name in new if _number(name) == self._number]
         if len(new) > 1:
             raise CommunicationError(
-                f"{self._who}: {', '.join(new)} came for one exposure, and nobody knows which is its frame; "
-                "let one file come for each, then take the picture again"
+                f"{self._who}: {', '.join(new)} came for one exposure, and nobody knows which is"
+                " its frame; let one file come for each, then take the picture again"
             )
         return new[0] if new else ""
 
@@ -181,23 +203,41 @@ class FolderCamera:
         if self._stamp(name) != stamp:
             return None
         if isinstance(read, RawPicture):
-            return taken_from(read, f"{self._who}: {name}", self.setup, self._keys.iso_at_gain_1, timestamp)
+            return taken_from(
+                read, f"{self._who}: {name}", self.setup, self._keys.iso_at_gain_1, timestamp
+            )
         if read.dtype.kind != "u":
-            raise CommunicationError(f"{self._who}: {name} holds {read.dtype} numbers; whole ones of 8 or 16 bits are due")
+            raise CommunicationError(
+                f"{self._who}: {name} holds {read.dtype} numbers; whole ones of 8 or 16 bits"
+                " are due"
+            )
         pixel_format = f"Mono{self._keys.full_scale.bit_length()}"
-        return Taken(read.astype(np.uint16), self.setup.exposure_s, self.setup.gain, timestamp, pixel_format)
+        return Taken(
+            read.astype(np.uint16), self.setup.exposure_s, self.setup.gain, timestamp, pixel_format
+        )
 
     def _new(self) -> list[str]:
         """Names of the files not seen before, the oldest first."""
-        times = {name: stamp[1] for name in self._files() if name not in self._known and (stamp := self._stamp(name))}
+        times = {
+            name: stamp[1]
+            for name in self._files()
+            if name not in self._known and (stamp := self._stamp(name))
+        }
         return sorted(times, key=lambda name: (times[name], name))
 
     def _files(self) -> list[str]:
         try:
             names = [path.name for path in self._folder.iterdir()]
         except OSError as error:
-            raise CommunicationError(f"{self._who}: the folder cannot be read ({error}); check path, network and card reader") from error
-        return [name for name in names if not name.startswith(".") and Path(name).suffix.lower() in ENDINGS]
+            raise CommunicationError(
+                f"{self._who}: the folder cannot be read ({error}); check path, network and card"
+                " reader"
+            ) from error
+        return [
+            name
+            for name in names
+            if not name.startswith(".") and Path(name).suffix.lower() in ENDINGS
+        ]
 
     def _stamp(self, name: str) -> Stamp | None:
         try:
@@ -222,5 +262,8 @@ def open_camera(address: str, keys: FolderKeys, share: object) -> FolderCamera:
     """
     for what, (least, most) in (("exposures", keys.exposures), ("gains", keys.gains)):
         if least > most:
-            raise DeviceError(f"camera: {what} run from {least:g} to {most:g}; the first must not be above the second")
+            raise DeviceError(
+                f"camera: {what} run from {least:g} to {most:g}; the first must not be above the"
+                " second"
+            )
     return FolderCamera(Path(address), keys)

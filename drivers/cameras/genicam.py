@@ -1,7 +1,9 @@
-"""An industrial camera of any maker through a GenTL producer, carried by harvesters (extra ``genicam``).
+"""An industrial camera of any maker through a GenTL producer, carried by harvesters (extra
+``genicam``).
 
-A camera with a software trigger is triggered; one without runs freely and is started for each frame, whose exposure then begins after the
-trigger. Tried against the producer ``viky`` of the genicam package, which has neither trigger nor exposure; no real camera was.
+A camera with a software trigger is triggered; one without runs freely and is started for each
+frame, whose exposure then begins after the trigger. Tried against the producer ``viky`` of the
+genicam package, which has neither trigger nor exposure; no real camera was.
 """
 
 import contextlib
@@ -16,7 +18,9 @@ from flflab.errors import CommunicationError, DeviceError
 
 
 class GenicamKeys(GenicamSensorKeys):
-    """``producer``: the camera maker's GenTL producer, a .cti file; empty takes every one in ``GENICAM_GENTL64_PATH``."""
+    """``producer``: the camera maker's GenTL producer, a .cti file; empty takes every one in
+    ``GENICAM_GENTL64_PATH``.
+    """
 
     producer: str = ""
 
@@ -41,9 +45,14 @@ class HarvestersNodes:
 
         node = self._map.get_node(name)
         try:
-            node.value = int(value) if isinstance(node.value, int) and not isinstance(value, str) else value
+            node.value = (
+                int(value) if isinstance(node.value, int) and not isinstance(value, str) else value
+            )
         except (GenericException, TypeError, ValueError) as error:
-            raise DeviceError(f"{self._who}: asked for {name} {value}, refused: {error}; give what the camera can do") from error
+            raise DeviceError(
+                f"{self._who}: asked for {name} {value}, refused: {error}; give what the camera"
+                " can do"
+            ) from error
 
     def limits(self, name: str) -> tuple[float, float]:
         """Least and largest value."""
@@ -128,7 +137,10 @@ class GenicamCamera:
         patience = self.setup.exposure_s + self._keys.timeout
         buffer = self._asked("a frame", lambda: self._acquirer.try_fetch(timeout=patience))
         if buffer is None:
-            raise CommunicationError(f"{self._who}: no whole frame came within {patience:g} s; check cable and bandwidth, then try again")
+            raise CommunicationError(
+                f"{self._who}: no whole frame came within {patience:g} s; check cable and"
+                " bandwidth, then try again"
+            )
         try:
             self._number = next_frame_number(self._who, self._number, int(buffer.module.frame_id))
             part = buffer.payload.components[0]
@@ -137,7 +149,13 @@ class GenicamCamera:
             buffer.queue()
         if not self._settings.software_trigger:
             self._asked("an end", self._acquirer.stop)
-        return Taken(picture, self.setup.exposure_s, self.setup.gain, self._triggered_at, self.setup.pixel_format)
+        return Taken(
+            picture,
+            self.setup.exposure_s,
+            self.setup.gain,
+            self._triggered_at,
+            self.setup.pixel_format,
+        )
 
     def reset(self) -> None:
         """Let go of it; ``arm`` opens it anew."""
@@ -147,7 +165,11 @@ class GenicamCamera:
         """Maker, model, serial number and version as the producer lists them."""
         self._open()
         info = self._acquirer.device.module
-        return ", ".join(str(fact) for fact in (info.vendor, info.model, info.serial_number, info.version) if fact)
+        return ", ".join(
+            str(fact)
+            for fact in (info.vendor, info.model, info.serial_number, info.version)
+            if fact
+        )
 
     def close(self) -> None:
         """Let go of camera and producer."""
@@ -166,15 +188,23 @@ class GenicamCamera:
         try:
             from harvesters.core import Harvester
         except ImportError as error:
-            raise CommunicationError("driver genicam needs harvesters; install flflab with its extra 'genicam'") from error
+            raise CommunicationError(
+                "driver genicam needs harvesters; install flflab with its extra 'genicam'"
+            ) from error
         self._harvester = Harvester()
         try:
             for file in self._producers():
-                self._asked(f"producer {file}", lambda file=file: self._harvester.add_file(str(file)))
+                self._asked(
+                    f"producer {file}", lambda file=file: self._harvester.add_file(str(file))
+                )
             self._asked("its cameras", self._harvester.update)
-            self._acquirer = self._asked("the camera", lambda: self._harvester.create(self._place()))
+            self._acquirer = self._asked(
+                "the camera", lambda: self._harvester.create(self._place())
+            )
             nodes = HarvestersNodes(self._who, self._acquirer.remote_device.node_map)
-            self._settings = self._asked("its features", lambda: GenicamSettings(self._who, nodes, self._keys))
+            self._settings = self._asked(
+                "its features", lambda: GenicamSettings(self._who, nodes, self._keys)
+            )
             if self._prepared is not None:
                 self._settings.prepare(*self._prepared)
         except BaseException:
@@ -185,21 +215,38 @@ class GenicamCamera:
         if self._keys.producer:
             files = [Path(self._keys.producer).expanduser()]
         else:
-            folders = [Path(folder) for folder in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep) if folder]
+            folders = [
+                Path(folder)
+                for folder in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep)
+                if folder
+            ]
             files = [file for folder in folders for file in sorted(folder.glob("*.cti"))]
         if not files or not all(file.is_file() for file in files):
             missing = ", ".join(map(str, files)) or "GENICAM_GENTL64_PATH names none"
-            raise CommunicationError(f"{self._who}: there is no GenTL producer ({missing}); give the maker's .cti file as `producer`")
+            raise CommunicationError(
+                f"{self._who}: there is no GenTL producer ({missing}); give the maker's .cti file"
+                " as `producer`"
+            )
         return files
 
     def _place(self) -> int:
         """Which of the cameras listed it is."""
         listed = self._harvester.device_info_list
         names = [(info.id_, info.serial_number, info.model) for info in listed]
-        found = [place for place, known in enumerate(names) if self._address in known] if self._address else list(range(len(names)))
+        found = (
+            [place for place, known in enumerate(names) if self._address in known]
+            if self._address
+            else list(range(len(names)))
+        )
         if len(found) != 1:
-            said = "; ".join(" / ".join(str(name) for name in known if name) for known in names) or "no camera"
-            raise CommunicationError(f"{self._who}: {len(found)} cameras answer to that; there are {said}; give an id as the address")
+            said = (
+                "; ".join(" / ".join(str(name) for name in known if name) for known in names)
+                or "no camera"
+            )
+            raise CommunicationError(
+                f"{self._who}: {len(found)} cameras answer to that; there are {said}; give an id as"
+                " the address"
+            )
         return found[0]
 
     def _asked(self, what: str, question: Any) -> Any:
@@ -214,7 +261,10 @@ class GenicamCamera:
         try:
             return question()
         except (GenericException, TransportException, OSError) as error:
-            raise CommunicationError(f"{self._who}: asked for {what}, got {error}; check cable, power, and who else holds it") from error
+            raise CommunicationError(
+                f"{self._who}: asked for {what}, got {error}; check cable, power, and who else"
+                " holds it"
+            ) from error
 
 
 def open_camera(address: str, keys: GenicamKeys, share: object) -> GenicamCamera:

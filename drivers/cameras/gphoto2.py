@@ -1,7 +1,8 @@
-"""A tethered camera through libgphoto2: its f-number, shutter and speed as it offers them, the raw file of every exposure.
+"""A tethered camera through libgphoto2: its f-number, shutter and speed as it offers them, the raw
+file of every exposure.
 
-python-gphoto2 2.6 (extra ``gphoto2``) brings libgphoto2 2.5.34, whose list of cameras says which can be set and released. Tried against
-libgphoto2's own virtual PTP camera; no real body was.
+python-gphoto2 2.6 (extra ``gphoto2``) brings libgphoto2 2.5.34, whose list of cameras says which
+can be set and released. Tried against libgphoto2's own virtual PTP camera; no real body was.
 """
 
 import contextlib
@@ -23,7 +24,11 @@ from flflab.errors import CommunicationError, DeviceError, InputError, LimitErro
 from flflab.raw_file import RAW, read_raw
 
 Answer = TypeVar("Answer")
-SHUTTER, SPEED, F_NUMBER = "shutterspeed", ("iso", "isospeed"), ("f-number", "aperture")  # names of settings in libgphoto2
+SHUTTER, SPEED, F_NUMBER = (
+    "shutterspeed",
+    ("iso", "isospeed"),
+    ("f-number", "aperture"),
+)  # names of settings in libgphoto2
 SAME = 0.01  # a choice is taken for what was asked when it is this close: 1/60 s for 0.0167 s
 JPEG = b"\xff\xd8"
 SIBLING_S = 2.0  # how long the raw file may come after its JPEG
@@ -32,9 +37,11 @@ SIBLING_S = 2.0  # how long the raw file may come after its JPEG
 class GphotoKeys(SensorKeys):
     """The keys of a tethered camera.
 
-    ``full_scale``: white level of its raw files, DN. ``iso_at_gain_1``: the speed that counts as gain 1. ``settings``: what else is set
-    on opening, by libgphoto2's names, such as ``imagequality: NEF (Raw)``. ``timeout``: how long a file may come after the exposure;
-    ``quiet``: how long after a file a second one would show that somebody else released the shutter too.
+    ``full_scale``: white level of its raw files, DN. ``iso_at_gain_1``: the speed that counts as
+    gain 1. ``settings``: what else is set on opening, by libgphoto2's names, such as
+    ``imagequality: NEF (Raw)``. ``timeout``: how long a file may come after the exposure;
+    ``quiet``: how long after a file a second one would show that somebody else released the shutter
+    too.
     """
 
     full_scale: Annotated[int, Field(gt=0, le=65535)]
@@ -49,10 +56,12 @@ class GphotoIrisKeys(Description):
 
 
 class GphotoLink:
-    """One body on one port; any thread may ask, one at a time. After a fault the next question opens it anew.
+    """One body on one port; any thread may ask, one at a time. After a fault the next question
+    opens it anew.
 
     Args:
-        address: a port as ``gphoto2 --auto-detect`` prints it, ``usb:001,004``; empty for the only camera there is.
+        address: a port as ``gphoto2 --auto-detect`` prints it, ``usb:001,004``; empty for the only
+            camera there is.
 
     Raises:
         CommunicationError: the library is missing, or no camera answers there.
@@ -62,7 +71,9 @@ class GphotoLink:
         try:
             import gphoto2
         except ImportError as error:
-            raise CommunicationError("driver gphoto2 needs python-gphoto2; install flflab with its extra 'gphoto2'") from error
+            raise CommunicationError(
+                "driver gphoto2 needs python-gphoto2; install flflab with its extra 'gphoto2'"
+            ) from error
         self.gp: Any = gphoto2
         self._address = address
         self._turn = threading.RLock()
@@ -85,20 +96,29 @@ class GphotoLink:
             except self.gp.GPhoto2Error as error:
                 self.close()
                 raise CommunicationError(
-                    f"{self}: asked for {what}, got libgphoto2's error {error.code}, {error.string}; "
-                    "check cable, battery, that the camera is on, and that no other program holds it"
+                    f"{self}: asked for {what}, got libgphoto2's error {error.code},"
+                    f" {error.string}; check cable, battery, that the camera is on, and that no"
+                    " other program holds it"
                 ) from error
 
     def choices(self, *names: str) -> tuple[str, list[str]]:
-        """The first setting of these names that the body has, and what it offers; empty where it has none."""
+        """The first setting of these names that the body has, and what it offers; empty where it
+        has none.
+        """
         for name in names:
-            if (widget := self.ask(f"setting {name}", lambda body, name=name: self._widget(body, name))) is not None:
+            if (
+                widget := self.ask(
+                    f"setting {name}", lambda body, name=name: self._widget(body, name)
+                )
+            ) is not None:
                 return name, [widget.get_choice(place) for place in range(widget.count_choices())]
         return "", []
 
     def value(self, name: str) -> str:
         """What a setting is."""
-        return str(self.ask(f"setting {name}", lambda body: body.get_single_config(name).get_value()))
+        return str(
+            self.ask(f"setting {name}", lambda body: body.get_single_config(name).get_value())
+        )
 
     def set(self, name: str, value: str) -> None:
         """Set a setting and read it back: a body may take a value and ignore it.
@@ -114,7 +134,10 @@ class GphotoLink:
 
         self.ask(f"{name} {value}", change)
         if (now := self.value(name)) != value:
-            raise DeviceError(f"{self}: asked for {name} {value}, it stays at {now}; see that the mode dial is at M and the lens lets it")
+            raise DeviceError(
+                f"{self}: asked for {name} {value}, it stays at {now}; see that the mode dial is at"
+                " M and the lens lets it"
+            )
 
     def close(self) -> None:
         """Let go of the body."""
@@ -164,14 +187,25 @@ class GphotoCamera:
         _, offered = link.choices(SHUTTER)
         self._exposures = {seconds: choice for choice in offered if (seconds := _seconds(choice))}
         if not self._exposures:
-            raise DeviceError(f"{link}: its shutter cannot be set from here (it offers {offered}); see that the mode dial is at M")
+            raise DeviceError(
+                f"{link}: its shutter cannot be set from here (it offers {offered}); see that the"
+                " mode dial is at M"
+            )
         self._speed, offered = link.choices(*SPEED)
-        self._gains = {float(choice) / keys.iso_at_gain_1: choice for choice in offered if re.fullmatch(r"\d+", choice) and int(choice)}
+        self._gains = {
+            float(choice) / keys.iso_at_gain_1: choice
+            for choice in offered
+            if re.fullmatch(r"\d+", choice) and int(choice)
+        }
         self.exposure_limits = (min(self._exposures), max(self._exposures))
         self.offered_exposures = tuple(sorted(self._exposures))
         self.gain_limits = (min(self._gains), max(self._gains)) if self._gains else (1.0, 1.0)
         exposure = _seconds(link.value(SHUTTER)) or self.exposure_limits[0]
-        gain = float(link.value(self._speed)) / keys.iso_at_gain_1 if self._gains and link.value(self._speed).isdigit() else 1.0
+        gain = (
+            float(link.value(self._speed)) / keys.iso_at_gain_1
+            if self._gains and link.value(self._speed).isdigit()
+            else 1.0
+        )
         self._told(exposure, gain)
 
     def _begin(self) -> None:
@@ -197,13 +231,16 @@ class GphotoCamera:
         self._told(exposure, chosen)
 
     def arm(self) -> None:
-        """Let the camera tell what it has to tell; the JPEG beside the last frame and a file given up are passed over.
+        """Let the camera tell what it has to tell; the JPEG beside the last frame and a file given
+        up are passed over.
 
         Raises:
             CommunicationError: it took pictures that nobody asked for.
         """
         self._link.ask("its model", lambda body: body.get_abilities())
-        if self._link.connections != self._connection:  # the body was away: it may have forgotten everything
+        if (
+            self._link.connections != self._connection
+        ):  # the body was away: it may have forgotten everything
             self._begin()
             self.prepare(self.setup.exposure_s, self.setup.gain)
         unasked: list[str] = []
@@ -214,7 +251,10 @@ class GphotoCamera:
                 self._last = file
         self._given_up = False
         if unasked:
-            raise CommunicationError(f"{self._link}: took {', '.join(unasked)} unasked, no frame; see who else releases the shutter")
+            raise CommunicationError(
+                f"{self._link}: took {', '.join(unasked)} unasked, no frame; see who else releases"
+                " the shutter"
+            )
 
     def trigger(self) -> None:
         """Release the shutter."""
@@ -239,8 +279,9 @@ class GphotoCamera:
                 continue
             if Path(file[1]).stem != Path(self._last[1]).stem and (frame or jpeg):
                 raise CommunicationError(
-                    f"{self._link}: took {self._last[1]} and {file[1]} for one exposure, and nobody knows which is its frame; "
-                    "see who else releases the shutter, then take it again"
+                    f"{self._link}: took {self._last[1]} and {file[1]} for one exposure, and nobody"
+                    " knows which is its frame; see who else releases the shutter, then take it"
+                    " again"
                 )
             content, taken_at = self._download(*file)
             self._last = file
@@ -252,9 +293,12 @@ class GphotoCamera:
         if frame:
             return self._developed(*frame)
         if jpeg:
-            raise CommunicationError(f"{self._link}: delivered {jpeg} and no raw file; set its picture quality to raw")
+            raise CommunicationError(
+                f"{self._link}: delivered {jpeg} and no raw file; set its picture quality to raw"
+            )
         raise CommunicationError(
-            f"{self._link}: no file came within {patience:g} s; see that it focuses by hand and has room, then take it again"
+            f"{self._link}: no file came within {patience:g} s; see that it focuses by hand and has"
+            " room, then take it again"
         )
 
     def reset(self) -> None:
@@ -282,7 +326,9 @@ class GphotoCamera:
 
     def _download(self, folder: str, name: str) -> tuple[bytes, float]:
         def download(body: Any) -> tuple[bytes, float]:
-            file = body.file_get(folder, name, self._link.gp.GP_FILE_TYPE_NORMAL)  # its bytes live only as long as it does
+            file = body.file_get(
+                folder, name, self._link.gp.GP_FILE_TYPE_NORMAL
+            )  # its bytes live only as long as it does
             return bytes(file.get_data_and_size()), float(file.get_mtime())
 
         return self._link.ask(f"file {name}", download)
@@ -296,9 +342,12 @@ class GphotoCamera:
                 raw = read_raw(file)
             except InputError as error:
                 raise CommunicationError(
-                    f"{self._link}: {name}, {len(content)} bytes, is no whole raw file; take the picture again"
+                    f"{self._link}: {name}, {len(content)} bytes, is no whole raw file; take the"
+                    " picture again"
                 ) from error
-        return taken_from(raw, f"{self._link}: {name}", self.setup, self._keys.iso_at_gain_1, taken_at)
+        return taken_from(
+            raw, f"{self._link}: {name}", self.setup, self._keys.iso_at_gain_1, taken_at
+        )
 
 
 class GphotoIris:
@@ -311,9 +360,16 @@ class GphotoIris:
     def __init__(self, link: GphotoLink) -> None:
         self._link = link
         self._name, offered = link.choices(*F_NUMBER)
-        self._choices = {float(found[1]): choice for choice in offered if (found := re.fullmatch(r"f?/?(\d+(?:\.\d+)?)", choice))}
+        self._choices = {
+            float(found[1]): choice
+            for choice in offered
+            if (found := re.fullmatch(r"f?/?(\d+(?:\.\d+)?)", choice))
+        }
         if not self._choices:
-            raise DeviceError(f"iris of {link}: its f-number cannot be set from here; fit a lens with contacts and turn the mode dial to M")
+            raise DeviceError(
+                f"iris of {link}: its f-number cannot be set from here; fit a lens with contacts"
+                " and turn the mode dial to M"
+            )
         self.allowed = (min(self._choices), max(self._choices))
 
     def start(self, value: float) -> None:
@@ -322,7 +378,9 @@ class GphotoIris:
         Raises:
             LimitError: it offers no such one.
         """
-        self._link.set(self._name, self._choices[nearest(self._link, "f-number", value, "", self._choices)])
+        self._link.set(
+            self._name, self._choices[nearest(self._link, "f-number", value, "", self._choices)]
+        )
 
     def is_busy(self) -> bool:
         """Never: setting it waits until it is there."""
@@ -360,12 +418,15 @@ def nearest(who: object, what: str, asked: float, unit: str, choices: Mapping[fl
     below = max((number for number in choices if number < asked), default=found)
     above = min((number for number in choices if number > asked), default=found)
     raise LimitError(
-        f"{who}: asked for {what} {asked:g}{unit}; the camera offers {below:g}{unit} and {above:g}{unit} beside it, choose one"
+        f"{who}: asked for {what} {asked:g}{unit}; the camera offers {below:g}{unit} and"
+        f" {above:g}{unit} beside it, choose one"
     )
 
 
 def _seconds(choice: str) -> float:
-    """A shutter speed as cameras write it: ``1/50``, ``0.0200s``, ``2``; 0 for Bulb and the like."""
+    """A shutter speed as cameras write it: ``1/50``, ``0.0200s``, ``2``; 0 for Bulb and the
+    like.
+    """
     found = re.fullmatch(r"(\d+(?:\.\d+)?)(?:/(\d+(?:\.\d+)?))?\s*s?", choice.strip())
     return float(found[1]) / float(found[2] or 1) if found else 0.0
 

@@ -1,8 +1,10 @@
-"""Whatever OpenCV opens: a camera of the system by its number, a stream by its URL, a video file, numbered pictures.
+"""Whatever OpenCV opens: a camera of the system by its number, a stream by its URL, a video file,
+numbered pictures.
 
-Only what is told here is asked of the device, and each is read back: OpenCV says of many a setting that it was taken, and the device
-goes on as before. Units of the exposure are those of OpenCV's V4L2 backend (100 us) and of DirectShow and Media Foundation (log2 s); on
-other backends the exposure is what the bench file says it is. Neither unit was confirmed with a device.
+Only what is told here is asked of the device, and each is read back: OpenCV says of many a setting
+that it was taken, and the device goes on as before. Units of the exposure are those of OpenCV's
+V4L2 backend (100 us) and of DirectShow and Media Foundation (log2 s); on other backends the
+exposure is what the bench file says it is. Neither unit was confirmed with a device.
 """
 
 import contextlib
@@ -29,11 +31,13 @@ Limits = tuple[Annotated[Time, Field(gt=0)], Annotated[Time, Field(gt=0)]]
 class OpencvKeys(SensorKeys):
     """The keys of an OpenCV camera.
 
-    ``full_scale``: what a saturated pixel reads; 255 where it gives 8 bits. ``exposures``: shortest and longest exposure it can be set
-    to; the same twice for one that is set by other means. ``columns``, ``rows``: what to ask for. ``raw``: the numbers as the device
-    sends them, not turned into colours. ``channel``: which plane of a colour picture is the picture. ``stale``: how many frames wait
-    in the device and are thrown away before each; 0 for a file. A stream is opened anew for each picture, so that none waits here.
-    ``timeout``: how long a frame may take beyond the exposure.
+    ``full_scale``: what a saturated pixel reads; 255 where it gives 8 bits. ``exposures``: shortest
+    and longest exposure it can be set to; the same twice for one that is set by other means.
+    ``columns``, ``rows``: what to ask for. ``raw``: the numbers as the device sends them, not
+    turned into colours. ``channel``: which plane of a colour picture is the picture. ``stale``: how
+    many frames wait in the device and are thrown away before each; 0 for a file. A stream is opened
+    anew for each picture, so that none waits here. ``timeout``: how long a frame may take beyond
+    the exposure.
     """
 
     full_scale: Annotated[int, Field(gt=0, le=65535)] = 255
@@ -50,7 +54,8 @@ class OpencvCamera:
     """A camera behind ``cv2.VideoCapture``; satisfies ``CameraCommands``.
 
     Args:
-        address: number of a device, URL, file, or pattern of numbered files (``shots/frame_%03d.png``).
+        address: number of a device, URL, file, or pattern of numbered files
+            (``shots/frame_%03d.png``).
         keys: what the bench file says of it.
 
     Raises:
@@ -70,12 +75,15 @@ class OpencvCamera:
         self._stream = "://" in address
         self._live = address.isdigit() or self._stream
         self._exposing_since = 0.0
-        self._played = 0  # frames of a file, which goes on where it was after a fault: no frame twice
+        self._played = (
+            0  # frames of a file, which goes on where it was after a fault: no frame twice
+        )
         self.setup: Setup = keys.setup(keys.exposures[0], 1.0, "", keys.full_scale)
         self._opened()
 
     def prepare(self, exposure_s: float, gain: float) -> None:
-        """Set the exposure and read it back; where the bench file gives one exposure only, nothing is set.
+        """Set the exposure and read it back; where the bench file gives one exposure only, nothing
+        is set.
 
         Raises:
             DeviceError: the device ignores it, or takes another.
@@ -88,10 +96,12 @@ class OpencvCamera:
         self._opened()
 
     def trigger(self) -> None:
-        """Throw away what was exposed before: the frames that wait in the device and, of a stream, all that was sent until now.
+        """Throw away what was exposed before: the frames that wait in the device and, of a stream,
+        all that was sent until now.
 
-        How many frames of a stream wait in buffers on the way here nobody tells, nor does the time that one takes to come on a busy
-        machine; what a new connection brings was sent after it was opened.
+        How many frames of a stream wait in buffers on the way here nobody tells, nor does the time
+        that one takes to come on a busy machine; what a new connection brings was sent after it was
+        opened.
 
         Raises:
             CommunicationError: it gives no frames.
@@ -117,7 +127,9 @@ class OpencvCamera:
             raise self._no_frame()
         self._played += not self._live
         plane, pixel_format = self._plane(np.asarray(picture))
-        return Taken(plane, self.setup.exposure_s, self.setup.gain, self._exposing_since, pixel_format)
+        return Taken(
+            plane, self.setup.exposure_s, self.setup.gain, self._exposing_since, pixel_format
+        )
 
     def reset(self) -> None:
         """Let go of it; the next question opens it anew."""
@@ -142,7 +154,12 @@ class OpencvCamera:
         """
         if self._capture is None:
             milliseconds = math.ceil(1000 * (self._keys.timeout + self.setup.exposure_s))
-            waits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, milliseconds, cv2.CAP_PROP_READ_TIMEOUT_MSEC, milliseconds]
+            waits = [
+                cv2.CAP_PROP_OPEN_TIMEOUT_MSEC,
+                milliseconds,
+                cv2.CAP_PROP_READ_TIMEOUT_MSEC,
+                milliseconds,
+            ]
             if self._address.isdigit():
                 capture = cv2.VideoCapture(int(self._address))
             elif "%" in self._address:
@@ -151,7 +168,10 @@ class OpencvCamera:
                 capture = cv2.VideoCapture(self._address, cv2.CAP_FFMPEG, waits)
             if not capture.isOpened():
                 capture.release()
-                raise CommunicationError(f"{self._who}: OpenCV opens nothing there; check number or path, cable, and who else uses it")
+                raise CommunicationError(
+                    f"{self._who}: OpenCV opens nothing there; check number or path, cable, and who"
+                    " else uses it"
+                )
             self._capture = capture
             try:
                 self._set_up(capture)
@@ -169,7 +189,9 @@ class OpencvCamera:
         ):
             if asked is not None and round(capture.get(code)) != asked:
                 self._set(capture, what, code, asked, asked)
-        if self._keys.raw and capture.getBackendName() != "CV_IMAGES":  # which reads files as they are
+        if (
+            self._keys.raw and capture.getBackendName() != "CV_IMAGES"
+        ):  # which reads files as they are
             self._set(capture, "raw numbers (CONVERT_RGB 0)", cv2.CAP_PROP_CONVERT_RGB, 0, 0)
         self._set_exposure(capture, self.setup.exposure_s)
 
@@ -180,15 +202,25 @@ class OpencvCamera:
         backend = capture.getBackendName()
         if backend not in MANUAL:
             raise DeviceError(
-                f"{self._who}: asked for exposure {exposure_s:g} s, OpenCV's {backend} sets none; set the device by other means and give "
-                "that exposure twice as `exposures`"
+                f"{self._who}: asked for exposure {exposure_s:g} s, OpenCV's {backend} sets none;"
+                " set the device by other means and give that exposure twice as `exposures`"
             )
-        self._set(capture, "automatic exposure off", cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL[backend], MANUAL[backend])
+        self._set(
+            capture,
+            "automatic exposure off",
+            cv2.CAP_PROP_AUTO_EXPOSURE,
+            MANUAL[backend],
+            MANUAL[backend],
+        )
         native = exposure_s / TICK_S if backend == "V4L2" else math.log2(exposure_s)
         slack = SAME * native if backend == "V4L2" else math.log2(1 + SAME)
-        self._set(capture, f"exposure {exposure_s:g} s", cv2.CAP_PROP_EXPOSURE, native, native, slack)
+        self._set(
+            capture, f"exposure {exposure_s:g} s", cv2.CAP_PROP_EXPOSURE, native, native, slack
+        )
 
-    def _set(self, capture: Any, what: str, code: int, value: float, due: float, slack: float = 0.0) -> None:
+    def _set(
+        self, capture: Any, what: str, code: int, value: float, due: float, slack: float = 0.0
+    ) -> None:
         """Set a property and compare what was asked with what the device then says.
 
         Raises:
@@ -214,21 +246,33 @@ class OpencvCamera:
             if self._keys.channel is not None:
                 letter = CHANNELS[self._keys.channel]
                 picture = picture[..., list(CHANNELS).index(self._keys.channel)]
-            elif np.array_equal(picture[..., 0], picture[..., 1]) and np.array_equal(picture[..., 0], picture[..., 2]):
+            elif np.array_equal(picture[..., 0], picture[..., 1]) and np.array_equal(
+                picture[..., 0], picture[..., 2]
+            ):
                 picture = picture[..., 0]
             else:
-                raise CommunicationError(f"{self._who}: gives colours; say in the bench file which is the picture, `channel: green`")
+                raise CommunicationError(
+                    f"{self._who}: gives colours; say in the bench file which is the picture,"
+                    " `channel: green`"
+                )
         if picture.ndim != 2 or picture.dtype.name not in ("uint8", "uint16"):
-            raise CommunicationError(f"{self._who}: gives {picture.shape} numbers of {picture.dtype}; a plane of 8 or 16 bits is due")
+            raise CommunicationError(
+                f"{self._who}: gives {picture.shape} numbers of {picture.dtype}; a plane of 8 or 16"
+                " bits is due"
+            )
         return picture.astype(np.uint16), f"{letter}{self._keys.full_scale.bit_length()}"
 
     def _no_frame(self) -> CommunicationError:
         played = ""
         with contextlib.suppress(AttributeError):
-            last, count = self._capture.get(cv2.CAP_PROP_POS_FRAMES), self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
+            last, count = (
+                self._capture.get(cv2.CAP_PROP_POS_FRAMES),
+                self._capture.get(cv2.CAP_PROP_FRAME_COUNT),
+            )
             played = f", {count:.0f} frames are all there are" if 0 < count <= last else ""
         return CommunicationError(
-            f"{self._who}: gave no frame within {self._keys.timeout:g} s{played}; check cable and power, then try again"
+            f"{self._who}: gave no frame within {self._keys.timeout:g} s{played}; check cable and"
+            " power, then try again"
         )
 
 
@@ -241,5 +285,8 @@ def open_camera(address: str, keys: OpencvKeys, share: object) -> OpencvCamera:
     """
     if keys.exposures[0] > keys.exposures[1]:
         least, most = keys.exposures
-        raise DeviceError(f"camera: exposures run from {least:g} s to {most:g} s; the first must not be above the second")
+        raise DeviceError(
+            f"camera: exposures run from {least:g} s to {most:g} s; the first must not be above the"
+            " second"
+        )
     return OpencvCamera(address, keys)

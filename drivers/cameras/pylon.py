@@ -1,4 +1,6 @@
-"""A Basler camera through pypylon (extra ``basler``); tried against pylon's own emulated cameras, no real one was."""
+"""A Basler camera through pypylon (extra ``basler``); tried against pylon's own emulated cameras,
+no real one was.
+"""
 
 import contextlib
 import time
@@ -21,7 +23,8 @@ class PylonNodes:
 
     def has(self, name: str) -> bool:
         """Whether there is one that the camera has now."""
-        from pypylon import genicam  # pyright: ignore[reportMissingImports] - an extra that the checks do without
+        # an extra that the checks do without
+        from pypylon import genicam  # pyright: ignore[reportMissingImports]
 
         node = self._map.GetNode(name)
         return node is not None and (genicam.IsReadable(node) or genicam.IsWritable(node))
@@ -34,9 +37,14 @@ class PylonNodes:
         """Set it."""
         node = self._map.GetNode(name)
         try:
-            node.Value = int(value) if isinstance(node.Value, int) and not isinstance(value, str) else value
+            node.Value = (
+                int(value) if isinstance(node.Value, int) and not isinstance(value, str) else value
+            )
         except (self._errors, TypeError) as error:
-            raise DeviceError(f"{self._who}: asked for {name} {value}, refused: {error}; give what the camera can do") from error
+            raise DeviceError(
+                f"{self._who}: asked for {name} {value}, refused: {error}; give what the camera"
+                " can do"
+            ) from error
 
     def limits(self, name: str) -> tuple[float, float]:
         """Least and largest value."""
@@ -66,7 +74,9 @@ class PylonCamera:
         try:
             from pypylon import genicam, pylon  # pyright: ignore[reportMissingImports]
         except ImportError as error:
-            raise CommunicationError("driver pylon needs pypylon; install flflab with its extra 'basler'") from error
+            raise CommunicationError(
+                "driver pylon needs pypylon; install flflab with its extra 'basler'"
+            ) from error
         self._pylon: Any = pylon
         self._errors: type[Exception] = genicam.GenericException
         self._address, self._keys = address, keys
@@ -106,16 +116,26 @@ class PylonCamera:
         """
         self._open()
         if not self._camera.IsGrabbing():
-            self._asked("acquisition", lambda: self._camera.StartGrabbing(self._pylon.GrabStrategy_OneByOne))
+            self._asked(
+                "acquisition", lambda: self._camera.StartGrabbing(self._pylon.GrabStrategy_OneByOne)
+            )
             self._number = None
         wait_ms = int(1000 * self._keys.timeout)
-        ready = lambda: self._camera.WaitForFrameTriggerReady(wait_ms, self._pylon.TimeoutHandling_Return)  # noqa: E731
-        if not self._asked("readiness", ready):
+        if not self._asked(
+            "readiness",
+            lambda: self._camera.WaitForFrameTriggerReady(
+                wait_ms, self._pylon.TimeoutHandling_Return
+            ),
+        ):
             raise CommunicationError(
-                f"{self._who}: takes no trigger within {self._keys.timeout:g} s; check its cable, then take the picture again"
+                f"{self._who}: takes no trigger within {self._keys.timeout:g} s; check its cable,"
+                " then take the picture again"
             )
         if self._asked("waiting frames", lambda: self._camera.GetGrabResultWaitObject().Wait(0)):
-            raise CommunicationError(f"{self._who}: sent frames unasked; see who else triggers it, then take the picture again")
+            raise CommunicationError(
+                f"{self._who}: sent frames unasked; see who else triggers it, then take the picture"
+                " again"
+            )
 
     def trigger(self) -> None:
         """Trigger it."""
@@ -132,20 +152,37 @@ class PylonCamera:
             CommunicationError: none came, it is torn, or frames were lost before it.
         """
         patience = self.setup.exposure_s + self._keys.timeout
-        result = self._asked("a frame", lambda: self._camera.RetrieveResult(int(1000 * patience), self._pylon.TimeoutHandling_Return))
+        result = self._asked(
+            "a frame",
+            lambda: self._camera.RetrieveResult(
+                int(1000 * patience), self._pylon.TimeoutHandling_Return
+            ),
+        )
         try:
             if result is None or not result.IsValid():
-                raise CommunicationError(f"{self._who}: no frame came within {patience:g} s; check cable and power, then take it again")
+                raise CommunicationError(
+                    f"{self._who}: no frame came within {patience:g} s; check cable and power, then"
+                    " take it again"
+                )
             if not result.GrabSucceeded():
                 raise CommunicationError(
-                    f"{self._who}: the frame is torn ({result.ErrorDescription}); check cable and bandwidth, then take it again"
+                    f"{self._who}: the frame is torn ({result.ErrorDescription}); check cable and"
+                    " bandwidth, then take it again"
                 )
             self._number = next_frame_number(self._who, self._number, int(result.GetBlockID()))
-            picture = self._settings.plane(result.Array, result.Width, result.Height, self.setup.pixel_format)
+            picture = self._settings.plane(
+                result.Array, result.Width, result.Height, self.setup.pixel_format
+            )
         finally:
             if result is not None:
                 result.Release()
-        return Taken(picture, self.setup.exposure_s, self.setup.gain, self._triggered_at, self.setup.pixel_format)
+        return Taken(
+            picture,
+            self.setup.exposure_s,
+            self.setup.gain,
+            self._triggered_at,
+            self.setup.pixel_format,
+        )
 
     def reset(self) -> None:
         """Let go of it; ``arm`` opens it anew."""
@@ -155,7 +192,10 @@ class PylonCamera:
         """Maker, model, serial number and firmware."""
         self._open()
         info = self._camera.GetDeviceInfo()
-        return f"{info.GetVendorName()}, {info.GetModelName()}, {info.GetSerialNumber()}, {info.GetDeviceVersion()}"
+        return (
+            f"{info.GetVendorName()}, {info.GetModelName()}, {info.GetSerialNumber()},"
+            f" {info.GetDeviceVersion()}"
+        )
 
     def close(self) -> None:
         """Let go of it."""
@@ -173,17 +213,28 @@ class PylonCamera:
         listed = self._asked("the cameras", factory.EnumerateDevices)
         found = [info for info in listed if self._address in ("", info.GetSerialNumber())]
         if len(found) != 1:
-            said = ", ".join(f"{info.GetModelName()} {info.GetSerialNumber()}" for info in listed) or "no camera"
-            raise CommunicationError(
-                f"{self._who}: {len(found)} cameras answer to that; there are {said}; give a serial number as the address"
+            said = (
+                ", ".join(f"{info.GetModelName()} {info.GetSerialNumber()}" for info in listed)
+                or "no camera"
             )
-        self._camera = self._asked("the camera", lambda: self._pylon.InstantCamera(factory.CreateDevice(found[0])))
+            raise CommunicationError(
+                f"{self._who}: {len(found)} cameras answer to that; there are {said}; give a serial"
+                " number as the address"
+            )
+        self._camera = self._asked(
+            "the camera", lambda: self._pylon.InstantCamera(factory.CreateDevice(found[0]))
+        )
         try:
             self._asked("the camera", self._camera.Open)
             nodes = PylonNodes(self._who, self._camera, self._errors)
-            self._settings = self._asked("its features", lambda: GenicamSettings(self._who, nodes, self._keys))
+            self._settings = self._asked(
+                "its features", lambda: GenicamSettings(self._who, nodes, self._keys)
+            )
             if not self._settings.software_trigger:
-                raise DeviceError(f"{self._who}: has no software trigger; a camera without one is driven by `driver: genicam`")
+                raise DeviceError(
+                    f"{self._who}: has no software trigger; a camera without one is driven by"
+                    " `driver: genicam`"
+                )
             if self._prepared is not None:
                 self._settings.prepare(*self._prepared)
         except BaseException:
@@ -199,7 +250,10 @@ class PylonCamera:
         try:
             return question()
         except self._errors as error:
-            raise CommunicationError(f"{self._who}: asked for {what}, got {error}; check cable, power, and who else holds it") from error
+            raise CommunicationError(
+                f"{self._who}: asked for {what}, got {error}; check cable, power, and who else"
+                " holds it"
+            ) from error
 
 
 def open_camera(address: str, keys: PylonKeys, share: object) -> PylonCamera:

@@ -1,4 +1,6 @@
-"""A camera on SCPI with IEEE 488.2 blocks, as docs/scpi-camera.md has it: no frame lost, doubled or torn without an error."""
+"""A camera on SCPI with IEEE 488.2 blocks, as docs/scpi-camera.md has it: no frame lost, doubled or
+torn without an error.
+"""
 
 from typing import Annotated
 
@@ -16,8 +18,9 @@ SLACK_S = 60.0
 class ScpiCamera:
     """A camera; satisfies ``CameraCommands``.
 
-    Opening it resets it (``*RST``: start-up exposure and gain, frames counted from 1; nothing moves). After a fault on the line
-    the next call connects anew, resets it again and prepares what was prepared before.
+    Opening it resets it (``*RST``: start-up exposure and gain, frames counted from 1; nothing
+    moves). After a fault on the line the next call connects anew, resets it again and prepares what
+    was prepared before.
 
     Args:
         link: the connection.
@@ -55,7 +58,10 @@ class ScpiCamera:
         """Whether its light is still being collected."""
         answer = self._link.poll("EXP:BUSY?")
         if answer not in ("0", "1"):
-            raise CommunicationError(f"{self._link}: asked whether it exposes, got {answer[:80]!r}, neither 0 nor 1; check its firmware")
+            raise CommunicationError(
+                f"{self._link}: asked whether it exposes, got {answer[:80]!r}, neither 0 nor 1;"
+                " check its firmware"
+            )
         return answer == "1"
 
     def fetch(self) -> Taken:
@@ -65,19 +71,31 @@ class ScpiCamera:
             CommunicationError: the frame came late, torn, lost or out of turn.
         """
         expected = self.setup.exposure_s
-        fields, block = self._link.block("FETC?", 7, 2 * self.columns * self.rows, expected + self._readout + self._slack)
+        fields, block = self._link.block(
+            "FETC?", 7, 2 * self.columns * self.rows, expected + self._readout + self._slack
+        )
         try:
-            number, timestamp, exposure, gain, columns, rows, dropped = (float(field) for field in fields)
+            number, timestamp, exposure, gain, columns, rows, dropped = (
+                float(field) for field in fields
+            )
         except ValueError as error:
-            raise CommunicationError(f"{self._link}: {fields} before a frame, seven numbers are due; take the picture again") from error
+            raise CommunicationError(
+                f"{self._link}: {fields} before a frame, seven numbers are due; take the picture"
+                " again"
+            ) from error
         if not block:
             reason = self._link.error()
-            raise CommunicationError(f"{self._link}: the camera gave no frame ({reason or 'it does not say why'}); take the picture again")
+            raise CommunicationError(
+                f"{self._link}: the camera gave no frame ({reason or 'it does not say why'}); take"
+                " the picture again"
+            )
         wrong = [
             f"{what} {came:g} instead of {due:g}"
             for what, came, due in (
-                ("frame number", number, self._number + 1), ("dropped frames", dropped, 0), ("exposure", exposure, expected),
-                ("gain", gain, self.setup.gain), ("columns", columns, self.columns), ("rows", rows, self.rows),
+                ("frame number", number, self._number + 1), ("dropped frames", dropped, 0),
+                ("exposure", exposure, expected),
+                ("gain", gain, self.setup.gain), ("columns", columns, self.columns),
+                ("rows", rows, self.rows),
                 ("bytes", len(block), 2 * self.columns * self.rows),
             )
             if came != due
@@ -88,7 +106,9 @@ class ScpiCamera:
                 "see that no other program uses the camera, then take it again"
             )
         self._number += 1
-        picture = np.frombuffer(block, dtype="<u2").reshape(self.rows, self.columns).astype(np.uint16)
+        picture = (
+            np.frombuffer(block, dtype="<u2").reshape(self.rows, self.columns).astype(np.uint16)
+        )
         return Taken(picture, exposure, gain, timestamp, self.setup.pixel_format)
 
     def reset(self) -> None:
@@ -113,7 +133,15 @@ class ScpiCamera:
         self._link.command("ABOR", "*RST")
         self._connection = self._link.connections
         self._number = 0
-        numbers = self._link.numbers("SENS:FULL?", "SENS:OFFS?", "SENS:READ?", "EXP? MIN", "EXP? MAX", "GAIN? MIN", "GAIN? MAX")
+        numbers = self._link.numbers(
+            "SENS:FULL?",
+            "SENS:OFFS?",
+            "SENS:READ?",
+            "EXP? MIN",
+            "EXP? MAX",
+            "GAIN? MIN",
+            "GAIN? MAX",
+        )
         self._full_scale, self._offset, self._readout = int(numbers[0]), numbers[1], numbers[2]
         self.exposure_limits = (numbers[3], numbers[4])
         self.gain_limits = (numbers[5], numbers[6])
@@ -121,7 +149,10 @@ class ScpiCamera:
         self._pixel_format = unquote(pixel_format).capitalize()
         columns, comma, rows = size.partition(",")
         if not (comma and columns.isdigit() and rows.isdigit()):
-            raise CommunicationError(f"{self._link}: asked for its size, got {size!r}, not columns,rows; check what stands at this address")
+            raise CommunicationError(
+                f"{self._link}: asked for its size, got {size!r}, not columns,rows; check what"
+                " stands at this address"
+            )
         self.columns, self.rows = int(columns), int(rows)
         if self._prepared is None:
             self._read_back()
@@ -135,15 +166,30 @@ class ScpiCamera:
 
     def _read_back(self) -> None:
         """What the camera made of exposure and gain, and the facts of its noise at that gain."""
-        exposure, gain, electrons_per_dn, noise = self._link.numbers("EXP?", "GAIN?", "SENS:CONV?", "SENS:NOIS?")
+        exposure, gain, electrons_per_dn, noise = self._link.numbers(
+            "EXP?", "GAIN?", "SENS:CONV?", "SENS:NOIS?"
+        )
         if not electrons_per_dn > 0:
-            raise CommunicationError(f"{self._link}: says that a DN is {electrons_per_dn:g} electrons; a number above 0 is due")
+            raise CommunicationError(
+                f"{self._link}: says that a DN is {electrons_per_dn:g} electrons; a number above 0"
+                " is due"
+            )
         per_electron = 1 / electrons_per_dn
-        self.setup = Setup(exposure, gain, self._pixel_format, self._full_scale, self._offset, per_electron, noise * per_electron)
+        self.setup = Setup(
+            exposure,
+            gain,
+            self._pixel_format,
+            self._full_scale,
+            self._offset,
+            per_electron,
+            noise * per_electron,
+        )
 
 
 class ScpiCameraKeys(Description):
-    """The keys of the camera in the bench file; ``timeout``: how long an answer may take, s; a frame may take 60 s more."""
+    """The keys of the camera in the bench file; ``timeout``: how long an answer may take, s; a
+    frame may take 60 s more.
+    """
 
     timeout: Annotated[float, Field(gt=0)] = 2.0
 

@@ -1,1 +1,3 @@
-"""What accuracy costs in time, and where the first-order model holds: ``flflab accuracy image|model``."""
+"""What accuracy costs in time, and where the first-order model holds: ``flflab accuracy
+image|model``.
+"""

@@ -1,8 +1,10 @@
-"""A reference for charts of sines: chords of the two apertures in closed form, a dense sum over the two coordinates that are left.
+"""A reference for charts of sines: chords of the two apertures in closed form, a dense sum over the
+two coordinates that are left.
 
-The chart varies along x only, so at one x on the sensor and one x on the microlens all light is the same, and how much of it there is
-is the length that two chords have in common, averaged over the pixel's height: a sum of squares. ``render`` goes the other way round
-(exact along x, strips along y) and shares no code with it. Source: physics.md, "Exact image of a flat target".
+The chart varies along x only, so at one x on the sensor and one x on the microlens all light is the
+same, and how much of it there is is the length that two chords have in common, averaged over the
+pixel's height: a sum of squares. ``render`` goes the other way round (exact along x, strips along
+y) and shares no code with it. Source: physics.md, "Exact image of a flat target".
 """
 
 import math
@@ -27,24 +29,35 @@ def integrate_pixels(scene: Scene, pixels: Whole) -> tuple[Array, Array]:
         pixels: (column, row) of each, shape (K, 2).
 
     Returns:
-        Irradiance in units of the white level, and by how much it differs from the sum over half as many nodes, both of shape (K,).
+        Irradiance in units of the white level, and by how much it differs from the sum over half as
+        many nodes, both of shape (K,).
 
     Raises:
         InputError: the scene has more than a chart of sines.
     """
     geometry = chart_geometry(scene, pixels)
     fine, coarse = (
-        np.array([_light(geometry, pair, ACROSS_LENS // part, ACROSS_PIXEL // part) for pair in geometry.pairs]) for part in (1, 2)
+        np.array(
+            [
+                _light(geometry, pair, ACROSS_LENS // part, ACROSS_PIXEL // part)
+                for pair in geometry.pairs
+            ]
+        )
+        for part in (1, 2)
     )
-    values, halved = (np.bincount(geometry.pixel, light, minlength=len(pixels)) / geometry.white for light in (fine, coarse))
+    values, halved = (
+        np.bincount(geometry.pixel, light, minlength=len(pixels)) / geometry.white
+        for light in (fine, coarse)
+    )
     return values, np.abs(values - halved)
 
 
 def _light(geometry: Geometry, pair: Array, across_lens: int, across_pixel: int) -> float:
     """Mean radiance over a pixel and a microlens, what the stop holds back counting as black.
 
-    A ray through t on the microlens (from its centre) to e on the sensor (from the micro-image's) crosses the main lens at
-    m = L/b (kappa t - e) and the target at D (m W - q/L), W = 1/D - 1/F + 1/L.
+    A ray through t on the microlens (from its centre) to e on the sensor (from the micro-image's)
+    crosses the main lens at m = L/b (kappa t - e) and the target at D (m W - q/L), W = 1/D - 1/F +
+    1/L.
     """
     depth, gap, radius, kappa = geometry.depth, geometry.gap, geometry.radius, geometry.kappa
     angle = math.pi * ((np.arange(across_lens) + 0.5) / across_lens - 0.5)
@@ -64,7 +77,13 @@ def _light(geometry: Geometry, pair: Array, across_lens: int, across_pixel: int)
 
 
 def _area(shift: float, one: Array, other: Array) -> Array:
-    """Integral up to ``shift`` of the length that two intervals of these half widths have in common, their centres so far apart."""
+    """Integral up to ``shift`` of the length that two intervals of these half widths have in
+    common, their centres so far apart.
+    """
     outer, inner = one + other, np.abs(one - other)
-    ramps = (np.maximum(shift + sign * reach, 0.0) ** 2 * side for reach, side in ((outer, 1), (inner, -1)) for sign in (1, -1))
+    ramps = (
+        np.maximum(shift + sign * reach, 0.0) ** 2 * side
+        for reach, side in ((outer, 1), (inner, -1))
+        for sign in (1, -1)
+    )
     return 0.5 * sum(ramps, np.zeros_like(outer))

@@ -1,4 +1,6 @@
-"""How wrong the triangulated depth of a dot is against its distance: by the model in closed form, and measured on simulated frames."""
+"""How wrong the triangulated depth of a dot is against its distance: by the model in closed form,
+and measured on simulated frames.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -26,7 +28,12 @@ from flflab.targets import FourDot, White
 Array = npt.NDArray[np.float64]
 
 STEPS = 4  # distances on either side of focus
-PLACES = ((0.1, 0.2), (0.4, 0.3), (0.3, 0.05), (0.2, 0.45))  # of the target sideways; 1 moves its views by a microlens
+PLACES = (
+    (0.1, 0.2),
+    (0.4, 0.3),
+    (0.3, 0.05),
+    (0.2, 0.45),
+)  # of the target sideways; 1 moves its views by a microlens
 DOT_PX, APART = 16.0, 8.0  # width of a dot's image in focus; spacing of the dots in diameters
 FARTHEST = 10.0  # times the distance in focus
 TOLERANCE = 2e-4  # of the pictures; finer ones change errors by a fiftieth of what is stated
@@ -41,11 +48,14 @@ class Row:
         blur_px: width of the geometric blur on the sensor.
         model_views: of a dot, by the model, mean of all.
         views: measured, mean of all dots and frames.
-        model_mm: standard uncertainty by the model: Cramer-Rao bound of the dot's images, parallax over their views.
-        stated_mm: standard uncertainty that the measurement states, root mean square; None where no depth was found.
+        model_mm: standard uncertainty by the model: Cramer-Rao bound of the dot's images, parallax
+            over their views.
+        stated_mm: standard uncertainty that the measurement states, root mean square; None where no
+            depth was found.
         rms_error_mm: achieved.
         bias_mm: mean error, towards the camera positive.
-        gap_mm_per_um: by how much the depth is wrong for each micrometre by which the camera file's gap is.
+        gap_mm_per_um: by how much the depth is wrong for each micrometre by which the camera file's
+            gap is.
         depths: how many were measured.
     """
 
@@ -62,7 +72,8 @@ class Row:
 
 
 def depth_rows(camera: Camera, tell: Callable[[str], None]) -> tuple[Row, ...]:
-    """From where the blur is as wide as a dot's image on the near side to where it is so on the far side.
+    """From where the blur is as wide as a dot's image on the near side to where it is so on the far
+    side.
 
     Args:
         camera: whose depth is asked for; its array of one kind of microlenses.
@@ -83,13 +94,22 @@ def depth_rows(camera: Camera, tell: Callable[[str], None]) -> tuple[Row, ...]:
         places = np.array(PLACES) * camera.array.pitch * distance / camera.array.distance
         seen: list[DotViews] = []
         for place in places:
-            picture = _noisy(_exposed(camera, target, distance, (float(place[0]), float(place[1]))), rng)
+            picture = _noisy(
+                _exposed(camera, target, distance, (float(place[0]), float(place[1]))), rng
+            )
             try:
                 seen += count_views(picture, None, lattice, camera, target, distance, NOISE)
             except MeasurementError:
                 continue  # no dot to be found: no depth
         dots = (places[:, None] + target.centres).reshape(-1, 2)
-        rows.append(_row(camera, distance, [depth_by_model(camera, target, dot, distance, NOISE) for dot in dots], seen))
+        rows.append(
+            _row(
+                camera,
+                distance,
+                [depth_by_model(camera, target, dot, distance, NOISE) for dot in dots],
+                seen,
+            )
+        )
     return tuple(rows)
 
 
@@ -98,20 +118,36 @@ def _distances(camera: Camera) -> tuple[list[float], FourDot]:
     smms = central_smms(camera)
     sharp = float(sharp_vergence(smms))
     if not (math.isfinite(sharp) and sharp > 0):
-        raise InputError("depth: this camera is sharp at no real distance; change the sensor's or the array's distance")
+        raise InputError(
+            "depth: this camera is sharp at no real distance; change the sensor's or the array's"
+            " distance"
+        )
     diameter = DOT_PX * camera.sensor.pixel / float(magnification(smms, sharp))
     ends: list[float] = []
     for factors in (np.geomspace(1.0, FARTHEST, 800), np.geomspace(1.0, 1 / FARTHEST, 800)):
         tried = sharp * factors
-        good = (blur(smms, tried) <= diameter * magnification(smms, tried)) & microlens_limits(smms, tried)
-        ends.append(float(tried[max(0, int(np.argmin(good)) - 1)]) if not good.all() else float(tried[-1]))
+        good = (blur(smms, tried) <= diameter * magnification(smms, tried)) & microlens_limits(
+            smms, tried
+        )
+        ends.append(
+            float(tried[max(0, int(np.argmin(good)) - 1)]) if not good.all() else float(tried[-1])
+        )
     near, far = ends
-    vergences = np.concatenate([np.linspace(near, sharp, STEPS + 1)[:-1], np.linspace(sharp, far, STEPS + 1)])
+    vergences = np.concatenate(
+        [np.linspace(near, sharp, STEPS + 1)[:-1], np.linspace(sharp, far, STEPS + 1)]
+    )
     return (1 / np.unique(vergences)[::-1]).tolist(), FourDot(diameter, APART * diameter)
 
 
-def _exposed(camera: Camera, target: FourDot | White, distance: float, place: tuple[float, float] = (0.0, 0.0)) -> Array:
-    return NOISE.offset_dn + WHITE_DN * render(one_plane(camera, target, distance, place), tolerance=TOLERANCE)
+def _exposed(
+    camera: Camera,
+    target: FourDot | White,
+    distance: float,
+    place: tuple[float, float] = (0.0, 0.0),
+) -> Array:
+    return NOISE.offset_dn + WHITE_DN * render(
+        one_plane(camera, target, distance, place), tolerance=TOLERANCE
+    )
 
 
 def _noisy(picture: Array, rng: np.random.Generator) -> npt.NDArray[np.float32]:
@@ -119,13 +155,19 @@ def _noisy(picture: Array, rng: np.random.Generator) -> npt.NDArray[np.float32]:
     return (picture + noise * np.sqrt(NOISE.variance(picture))).astype(np.float32)
 
 
-def _row(camera: Camera, distance: float, expected: Sequence[tuple[int, float]], seen: Sequence[DotViews]) -> Row:
+def _row(
+    camera: Camera, distance: float, expected: Sequence[tuple[int, float]], seen: Sequence[DotViews]
+) -> Row:
     smms, vergence = central_smms(camera), 1 / distance
     known = [dot for dot in seen if math.isfinite(dot.uncertainty_mm[2])]
     errors = np.array([dot.position_mm[2] + distance for dot in known])
     stated = np.array([dot.uncertainty_mm[2] for dot in known])
     spreads = np.array([spread for _, spread in expected if math.isfinite(spread)])
-    by_gap = distance**2 * abs(float(image_offset(smms, vergence))) / float(smms.gap * (smms.distance + smms.gap))
+    by_gap = (
+        distance**2
+        * abs(float(image_offset(smms, vergence)))
+        / float(smms.gap * (smms.distance + smms.gap))
+    )
     return Row(
         distance_mm=distance,
         blur_px=float(blur(smms, vergence)) / camera.sensor.pixel,
@@ -144,11 +186,15 @@ def _rms(values: Array) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if len(values) else None
 
 
-def depth_by_model(camera: Camera, target: FourDot, place: Array, distance: float, noise: SensorNoise) -> tuple[int, float]:
-    """Views of a dot and the standard uncertainty of its depth, mm, before any picture is taken; nan with fewer than two views.
+def depth_by_model(
+    camera: Camera, target: FourDot, place: Array, distance: float, noise: SensorNoise
+) -> tuple[int, float]:
+    """Views of a dot and the standard uncertainty of its depth, mm, before any picture is taken;
+    nan with fewer than two views.
 
-    The dot is seen in the micro-image centred at c at s; by (s - c) L V + b (o V) = -(b/L) Q - (s - c)(1 - L/F) the parallax s - c
-    gives V with the uncertainty u |x| / (L sqrt(sum |(s - c) - mean|^2)), u that of each s in one coordinate and x = L V + 1 - L/F.
+    The dot is seen in the micro-image centred at c at s; by (s - c) L V + b (o V) = -(b/L) Q - (s -
+    c)(1 - L/F) the parallax s - c gives V with the uncertainty u |x| / (L sqrt(sum |(s - c) -
+    mean|^2)), u that of each s in one coordinate and x = L V + 1 - L/F.
 
     Args:
         camera: nominal, of one kind of microlenses.
@@ -160,20 +206,26 @@ def depth_by_model(camera: Camera, target: FourDot, place: Array, distance: floa
     every, vergence, smms = camera_smms(camera), 1 / distance, central_smms(camera)
     members = np.arange(len(every.gap))
     angle = np.broadcast_to(place * vergence, (len(members), 2))
-    views = seen_by(fields_of(every, neighbours_of(every, camera), camera), members, vergence, angle)[2]
+    views = seen_by(
+        fields_of(every, neighbours_of(every, camera), camera), members, vergence, angle
+    )[2]
     centres = np.stack([every.centre_x, every.centre_y], axis=1)
     landing = chief_crossings(every, vergence, angle, centres, camera.aperture_shape)[2]
     away = (landing - centres * every.image_scale[:, None])[views]
     if len(away) < 2:
         return len(away), math.nan
     radius = target.diameter / 2 * float(magnification(smms, vergence)) / camera.sensor.pixel
-    each = centre_bound(radius, float(blur(smms, vergence)) / camera.sensor.pixel, noise) * camera.sensor.pixel
+    each = (
+        centre_bound(radius, float(blur(smms, vergence)) / camera.sensor.pixel, noise)
+        * camera.sensor.pixel
+    )
     lever = float(smms.distance) * math.sqrt(float(((away - away.mean(axis=0)) ** 2).sum()))
     return len(away), distance**2 * each * abs(float(image_offset(smms, vergence))) / lever
 
 
 def centre_bound(radius: float, width: float, noise: SensorNoise) -> float:
-    """Cramer-Rao bound of one coordinate of a dot's centre, px: 1/u^2 is pi times the integral of r E'(r)^2 / variance(E).
+    """Cramer-Rao bound of one coordinate of a dot's centre, px: 1/u^2 is pi times the integral of r
+    E'(r)^2 / variance(E).
 
     Args:
         radius: of the dot's image, px.
@@ -184,5 +236,12 @@ def centre_bound(radius: float, width: float, noise: SensorNoise) -> float:
     light = WHITE_DN * profile.values.mean(axis=0)
     r = np.arange(len(light)) * profile.step
     return float(
-        1 / np.sqrt(math.pi * np.trapezoid(r * np.gradient(light, profile.step) ** 2 / noise.variance(noise.offset_dn + light), r))
+        1
+        / np.sqrt(
+            math.pi
+            * np.trapezoid(
+                r * np.gradient(light, profile.step) ** 2 / noise.variance(noise.offset_dn + light),
+                r,
+            )
+        )
     )

@@ -1,4 +1,6 @@
-"""The page of ``flflab accuracy depth``: error of the triangulated depth against distance, model next to measurement, and the table."""
+"""The page of ``flflab accuracy depth``: error of the triangulated depth against distance, model
+next to measurement, and the table.
+"""
 
 from collections.abc import Sequence
 
@@ -24,27 +26,37 @@ def depth_page(rows: Sequence[Row], camera: str, made: str) -> Page:
             Section(
                 "Error against distance",
                 (
-                    "What a dot's depth, triangulated from its views, is wrong by. The line is the model's: how well the noise lets each "
-                    "image of the dot be placed, and the parallax over the views that it has. Hollow marks: what the measurement states, "
-                    "noise and what fits of blurred and cut spots are wrong by; filled ones: what it was wrong by. The grey line is no "
-                    "noise: so much is the depth wrong where the camera file's gap between array and sensor is wrong by a micrometre.",
+                    (
+                        "What a dot's depth, triangulated from its views, is wrong by. The line is"
+                        " the model's: how well the noise lets each image of the dot be placed, and"
+                        " the parallax over the views that it has. Hollow marks: what the"
+                        " measurement states, noise and what fits of blurred and cut spots are"
+                        " wrong by; filled ones: what it was wrong by. The grey line is no noise:"
+                        " so much is the depth wrong where the camera file's gap between array and"
+                        " sensor is wrong by a micrometre."
+                    ),
                 ),
                 (
                     Picture(_errors(rows), "depth error against distance", _reads(rows)),
                     Picture(
                         _views(rows),
                         "views and blur against distance",
-                        "How many views a dot has, by the model and as measured, and the blur on the sensor.",
+                        "How many views a dot has, by the model and as measured, and the blur on"
+                        " the sensor.",
                     ),
                 ),
             ),
             Section(
                 "How it was measured",
                 (
-                    "Simulated frames of the whole sensor with shot and read noise, 1 % at white, without fall-off and distortion: "
-                    f"{len(PLACES)} places of the target sideways at each distance, four dots in a frame, the lattice measured from a "
-                    "white frame. Dots are 16 px wide in focus and 8 diameters apart; distances go to where the blur is as wide as a dot. "
-                    "The camera file is taken as true.",
+                    (
+                        "Simulated frames of the whole sensor with shot and read noise, 1 % at"
+                        f" white, without fall-off and distortion: {len(PLACES)} places of the"
+                        " target sideways at each distance, four dots in a frame, the lattice"
+                        " measured from a white frame. Dots are 16 px wide in focus and 8"
+                        " diameters apart; distances go to where the blur is as wide as a dot. The"
+                        " camera file is taken as true."
+                    ),
                 ),
             ),
             Section("All figures", tables=(depth_table(rows),)),
@@ -55,15 +67,31 @@ def depth_page(rows: Sequence[Row], camera: str, made: str) -> Page:
 
 def depth_table(rows: Sequence[Row]) -> Table:
     """Every row, for people."""
-    headings = ("distance", "blur px", "views: model", "measured", "by noise", "stated", "achieved", "bias", "1 um of gap")
+    headings = (
+        "distance",
+        "blur px",
+        "views: model",
+        "measured",
+        "by noise",
+        "stated",
+        "achieved",
+        "bias",
+        "1 um of gap",
+    )
     cells = tuple(
         (
-            f"{row.distance_mm:.1f}", f"{row.blur_px:.2f}", f"{row.model_views:.2f}", f"{row.views:.2f}", _mm(row.model_mm),
-            _mm(row.stated_mm), _mm(row.rms_error_mm), "none" if row.bias_mm is None else f"{row.bias_mm:+.4f}", f"{row.gap_mm_per_um:.3f}",
+            f"{row.distance_mm:.1f}", f"{row.blur_px:.2f}", f"{row.model_views:.2f}",
+            f"{row.views:.2f}", _mm(row.model_mm),
+            _mm(row.stated_mm), _mm(row.rms_error_mm),
+            "none" if row.bias_mm is None else f"{row.bias_mm:+.4f}", f"{row.gap_mm_per_um:.3f}",
         )
         for row in rows
     )  # fmt: skip
-    return Table("Depth of a dot by triangulation, mm; standard uncertainties and root mean square errors", headings, cells)
+    return Table(
+        "Depth of a dot by triangulation, mm; standard uncertainties and root mean square errors",
+        headings,
+        cells,
+    )
 
 
 def depth_summary(rows: Sequence[Row]) -> Table:
@@ -92,15 +120,29 @@ def _errors(rows: Sequence[Row]) -> str:
         axes = figure.add_subplot()
         model = [(row.distance_mm, row.model_mm) for row in rows if row.model_mm is not None]
         stated = [(row.distance_mm, row.stated_mm) for row in rows if row.stated_mm is not None]
-        achieved = [(row.distance_mm, row.rms_error_mm) for row in rows if row.rms_error_mm is not None]
+        achieved = [
+            (row.distance_mm, row.rms_error_mm) for row in rows if row.rms_error_mm is not None
+        ]
         for points, style, label in (
             (model, {"linestyle": "-", "color": BLUE}, "model: noise alone"),
-            (stated, {"linestyle": "", "marker": "o", "color": ORANGE, "markerfacecolor": "white"}, "stated"),
+            (
+                stated,
+                {"linestyle": "", "marker": "o", "color": ORANGE, "markerfacecolor": "white"},
+                "stated",
+            ),
             (achieved, {"linestyle": "", "marker": "o", "color": ORANGE}, "achieved"),
-            ([(row.distance_mm, row.gap_mm_per_um) for row in rows], {"linestyle": ":", "color": GREY}, "1 um of the gap"),
+            (
+                [(row.distance_mm, row.gap_mm_per_um) for row in rows],
+                {"linestyle": ":", "color": GREY},
+                "1 um of the gap",
+            ),
         ):
-            axes.semilogy([at for at, _ in points], [value for _, value in points], label=label, **style)
-        axes.set(xlabel="distance of the target, mm", ylabel="depth error, mm", title="depth of a dot")
+            axes.semilogy(
+                [at for at, _ in points], [value for _, value in points], label=label, **style
+            )
+        axes.set(
+            xlabel="distance of the target, mm", ylabel="depth error, mm", title="depth of a dot"
+        )
         axes.yaxis.set_major_formatter(ScalarFormatter())
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.legend(loc="best")
@@ -114,7 +156,12 @@ def _views(rows: Sequence[Row]) -> str:
         axes.plot(away, [row.model_views for row in rows], color=BLUE, label="views, model")
         axes.plot(away, [row.views for row in rows], "o", color=ORANGE, label="views, measured")
         axes.plot(away, [row.blur_px for row in rows], ":", color=GREY, label="blur, px")
-        axes.set(xlabel="distance of the target, mm", ylabel="views of a dot; blur, px", title="views and blur", ylim=(0, None))
+        axes.set(
+            xlabel="distance of the target, mm",
+            ylabel="views of a dot; blur, px",
+            title="views and blur",
+            ylim=(0, None),
+        )
         axes.legend(loc="best")
         return as_svg(figure)
 
@@ -126,11 +173,16 @@ def _answers(rows: Sequence[Row]) -> tuple[str, ...]:
     best = min(found, key=lambda row: row.blur_px)
     worst = max(found, key=lambda row: row.rms_error_mm or 0.0)
     return (
-        f"In focus, at {best.distance_mm:.1f} mm, a dot's depth is wrong by {_mm(best.rms_error_mm)} mm "
-        f"(stated {_mm(best.stated_mm)} mm, by noise alone {_mm(best.model_mm)} mm); at worst, at {worst.distance_mm:.1f} mm, by "
-        f"{_mm(worst.rms_error_mm)} mm.",
-        f"The camera file counts as true: a micrometre by which the gap is not what it says moves the depth in focus by "
-        f"{best.gap_mm_per_um:.3f} mm.",
+        (
+            f"In focus, at {best.distance_mm:.1f} mm, a dot's depth is wrong by"
+            f" {_mm(best.rms_error_mm)} mm (stated {_mm(best.stated_mm)} mm, by noise alone"
+            f" {_mm(best.model_mm)} mm); at worst, at {worst.distance_mm:.1f} mm, by"
+            f" {_mm(worst.rms_error_mm)} mm."
+        ),
+        (
+            "The camera file counts as true: a micrometre by which the gap is not what it says"
+            f" moves the depth in focus by {best.gap_mm_per_um:.3f} mm."
+        ),
     )
 
 
@@ -141,6 +193,6 @@ def _reads(rows: Sequence[Row]) -> str:
     achieved = [(row.rms_error_mm or 0.0) / (row.stated_mm or 1.0) for row in found]
     against = [(row.stated_mm or 0.0) / row.model_mm for row in found if row.model_mm]
     return (
-        f"Errors are {min(achieved):.2f} to {max(achieved):.2f} times what is stated; what is stated is {min(against):.2f} to "
-        f"{max(against):.2f} times what noise alone makes."
+        f"Errors are {min(achieved):.2f} to {max(achieved):.2f} times what is stated; what is"
+        f" stated is {min(against):.2f} to {max(against):.2f} times what noise alone makes."
     )

@@ -1,4 +1,6 @@
-"""What the accuracy pages' pictures share: style, colours told apart by colour-blind readers, and SVG as a data URI."""
+"""What the accuracy pages' pictures share: style, colours told apart by colour-blind readers, and
+SVG as a data URI.
+"""
 
 import base64
 import io
@@ -9,11 +11,21 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-ORANGE, BLUE, GREEN, PINK, GREY, RED = "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#777777", "#c1121f"
+ORANGE, BLUE, GREEN, PINK, GREY, RED = (
+    "#d55e00",
+    "#0072b2",
+    "#009e73",
+    "#cc79a7",
+    "#777777",
+    "#c1121f",
+)
 STYLE: dict[Any, Any] = {
-    "font.size": 8.5, "axes.titlesize": 10, "axes.titleweight": "bold", "axes.titlelocation": "left", "legend.fontsize": 7.5,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25, "grid.linewidth": 0.5,
-    "legend.frameon": False, "lines.linewidth": 1.3, "lines.markersize": 4.5, "svg.hashsalt": "flflab", "svg.fonttype": "path",
+    "font.size": 8.5, "axes.titlesize": 10, "axes.titleweight": "bold",
+    "axes.titlelocation": "left", "legend.fontsize": 7.5,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
+    "grid.linewidth": 0.5,
+    "legend.frameon": False, "lines.linewidth": 1.3, "lines.markersize": 4.5,
+    "svg.hashsalt": "flflab", "svg.fonttype": "path",
 }  # fmt: skip
 
 
@@ -27,5 +39,7 @@ def sheet(width: float, height: float) -> Generator[Figure]:
 def as_svg(figure: Figure) -> str:
     """The figure as a data URI; inside ``sheet``."""
     text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Creator": None, "Date": None, "Format": None, "Type": None})
+    figure.savefig(
+        text, format="svg", metadata={"Creator": None, "Date": None, "Format": None, "Type": None}
+    )
     return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue().encode()).decode("ascii")

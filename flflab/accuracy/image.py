@@ -1,4 +1,6 @@
-"""What a stated accuracy of a picture costs: ``render`` and two plain sums of rays on four scenes, against chords summed densely."""
+"""What a stated accuracy of a picture costs: ``render`` and two plain sums of rays on four scenes,
+against chords summed densely.
+"""
 
 from collections.abc import Callable
 
@@ -33,15 +35,31 @@ def image_rows(tell: Callable[[str], None]) -> tuple[Row, ...]:
     rng = np.random.default_rng(SEED)
     methods = (
         Method(RENDER, "tolerance", TOLERANCES, _render, _estimate),
-        Method(RANDOM, "rays", RANDOM_RAYS, lambda problem, rays: _answer(random_rays(problem.scene, problem.pixels, int(rays), rng))),
-        Method(GRID, "rays", GRID_RAYS, lambda problem, rays: _answer(grid_rays(problem.scene, problem.pixels, round(rays**0.25)))),
+        Method(
+            RANDOM,
+            "rays",
+            RANDOM_RAYS,
+            lambda problem, rays: _answer(
+                random_rays(problem.scene, problem.pixels, int(rays), rng)
+            ),
+        ),
+        Method(
+            GRID,
+            "rays",
+            GRID_RAYS,
+            lambda problem, rays: _answer(
+                grid_rays(problem.scene, problem.pixels, round(rays**0.25))
+            ),
+        ),
     )
     problems = (make_problem(name, scene, rng) for name, scene in bench_scenes(RESOLUTION).items())
     return work_precision(problems, methods, repeats=REPEATS, tell=tell)
 
 
 def make_problem(name: str, scene: Scene, rng: np.random.Generator) -> Problem:
-    """A scene with pixels drawn among those that light reaches and those close to them, and their reference values."""
+    """A scene with pixels drawn among those that light reaches and those close to them, and their
+    reference values.
+    """
     near = np.argwhere(binary_dilation(render(scene, tolerance=TOLERANCES[0]) > 0, iterations=NEAR))
     pixels = near[rng.choice(len(near), PIXELS, replace=False)][:, ::-1].astype(np.int64)
     return Problem(name, scene, pixels, *integrate_pixels(scene, pixels))
@@ -49,7 +67,9 @@ def make_problem(name: str, scene: Scene, rng: np.random.Generator) -> Problem:
 
 def _render(problem: Problem, tolerance: float) -> Answer:
     picture = render(problem.scene, tolerance=tolerance)
-    return Answer(picture[problem.pixels[:, 1], problem.pixels[:, 0]], int(np.count_nonzero(picture)))
+    return Answer(
+        picture[problem.pixels[:, 1], problem.pixels[:, 0]], int(np.count_nonzero(picture))
+    )
 
 
 def _estimate(problem: Problem, tolerance: float) -> float:

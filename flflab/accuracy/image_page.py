@@ -1,4 +1,6 @@
-"""The page of ``flflab accuracy image``: error against time on every scene, requested against achieved error, and the table."""
+"""The page of ``flflab accuracy image``: error against time on every scene, requested against
+achieved error, and the table.
+"""
 
 from collections.abc import Sequence
 
@@ -24,12 +26,24 @@ def image_page(rows: Sequence[Row], made: str) -> Page:
     """
     scenes = tuple(dict.fromkeys(row.scene for row in rows))
     limits = _limits(rows)
-    times = tuple(Picture(_error_time([row for row in rows if row.scene == one], one, limits), one, _reads(rows, one)) for one in scenes)
+    times = tuple(
+        Picture(
+            _error_time([row for row in rows if row.scene == one], one, limits),
+            one,
+            _reads(rows, one),
+        )
+        for one in scenes
+    )
     kept = [row for row in rows if row.requested is not None]
     missed = [row for row in kept if _exceeds(row, "requested")]
     promise = f"render kept {len(kept) - len(missed)} of the {len(kept)} tolerances asked of it"
-    above = {scene: ", ".join(f"{row.requested:g}" for row in missed if row.scene == scene) for scene in scenes}
-    promise += "".join(f"; {scene} exceeds {values}" for scene, values in above.items() if values) + "."
+    above = {
+        scene: ", ".join(f"{row.requested:g}" for row in missed if row.scene == scene)
+        for scene in scenes
+    }
+    promise += (
+        "".join(f"; {scene} exceeds {values}" for scene, values in above.items() if values) + "."
+    )
     largest = max(row.reference_uncertainty for row in rows)
     return Page(
         "What accuracy costs: pictures",
@@ -38,34 +52,60 @@ def image_page(rows: Sequence[Row], made: str) -> Page:
             Section(
                 "Error against time",
                 (
-                    "Each point is one method at one setting. Farther down is more exact, farther left is faster; both axes are "
-                    "logarithmic. Filled marks are the root mean square of the errors, hollow ones the largest. Time is that of all "
-                    "processor cores for a million lit pixels, warm.",
+                    (
+                        "Each point is one method at one setting. Farther down is more exact,"
+                        " farther left is faster; both axes are logarithmic. Filled marks are the"
+                        " root mean square of the errors, hollow ones the largest. Time is that of"
+                        " all processor cores for a million lit pixels, warm."
+                    ),
                 ),
                 times,
             ),
             Section(
                 "Error asked for and estimated, error reached",
                 (
-                    "On the diagonal a picture is exactly as wrong as was allowed, or as was estimated; below it, better; red points lie "
-                    "above it by more than three of the reference's uncertainties.",
+                    (
+                        "On the diagonal a picture is exactly as wrong as was allowed, or as was"
+                        " estimated; below it, better; red points lie above it by more than three"
+                        " of the reference's uncertainties."
+                    ),
                 ),
                 (
-                    Picture(_calibration(kept, "requested"), "requested against reached error", _calibrated(kept, "requested")),
-                    Picture(_calibration(kept, "estimate"), "estimated against reached error", _calibrated(kept, "estimate")),
+                    Picture(
+                        _calibration(kept, "requested"),
+                        "requested against reached error",
+                        _calibrated(kept, "requested"),
+                    ),
+                    Picture(
+                        _calibration(kept, "estimate"),
+                        "estimated against reached error",
+                        _calibrated(kept, "estimate"),
+                    ),
                 ),
             ),
             Section(
                 "How it was measured",
                 (
-                    f"Reference: the light common to both apertures as chords in closed form, a dense sum over the other two coordinates "
-                    f"(flflab.accuracy.chords). It shares no code with render, and tests hold it against rays traced one by one. Its "
-                    f"uncertainty, the difference to half as many nodes, is {largest:.1g} of white or less (root mean square of a scene's "
-                    f"pixels). The pixels, {PIXELS} a scene, are drawn at random where light falls or nearly falls.",
-                    "random rays: independent rays from pixel to chart, the plain way. rays on a grid: the same rays, their four "
-                    "coordinates in equal steps. Both run compiled on one core. render: closed forms along rows, quadrature across them.",
-                    "Scenes: a chart of sines, 20 to 620 cycles across, before a 50 mm lens with an array of 0.9 mm lenses; the middle of "
-                    "the sensor. Paraxial light, no noise, no diffraction.",
+                    (
+                        "Reference: the light common to both apertures as chords in closed form, a"
+                        " dense sum over the other two coordinates (flflab.accuracy.chords). It"
+                        " shares no code with render, and tests hold it against rays traced one by"
+                        " one. Its uncertainty, the difference to half as many nodes, is"
+                        f" {largest:.1g} of white or less (root mean square of a scene's pixels)."
+                        f" The pixels, {PIXELS} a scene, are drawn at random where light falls or"
+                        " nearly falls."
+                    ),
+                    (
+                        "random rays: independent rays from pixel to chart, the plain way. rays on"
+                        " a grid: the same rays, their four coordinates in equal steps. Both run"
+                        " compiled on one core. render: closed forms along rows, quadrature across"
+                        " them."
+                    ),
+                    (
+                        "Scenes: a chart of sines, 20 to 620 cycles across, before a 50 mm lens"
+                        " with an array of 0.9 mm lenses; the middle of the sensor. Paraxial light,"
+                        " no noise, no diffraction."
+                    ),
                 ),
             ),
             Section("All figures", tables=(image_table(rows),)),
@@ -77,29 +117,48 @@ def image_page(rows: Sequence[Row], made: str) -> Page:
 def image_table(rows: Sequence[Row]) -> Table:
     """Every row, for people."""
     headings = (
-        "scene", "method", "tolerance, or rays", "largest error", "rms error", "own estimate", "reference uncertainty",
-        "processor s", "wall s", "first run, s", "processor s for a million lit px", "million lit px/s",
+        "scene", "method", "tolerance, or rays", "largest error", "rms error", "own estimate",
+        "reference uncertainty",
+        "processor s", "wall s", "first run, s", "processor s for a million lit px",
+        "million lit px/s",
     )  # fmt: skip
     cells = tuple(
         (
             row.scene, row.method, _asked(row),
-            f"{row.largest_error:.1e}", f"{row.rms_error:.1e}", "" if row.estimate is None else f"{row.estimate:.1e}",
+            f"{row.largest_error:.1e}", f"{row.rms_error:.1e}",
+            "" if row.estimate is None else f"{row.estimate:.1e}",
             f"{row.reference_uncertainty:.0e}", f"{row.processor_s:.4f}",
-            f"{row.wall_s:.4f}", f"{row.first_s:.3f}", f"{row.processor_s_per_megapixel:.3g}", f"{row.lit_megapixels_per_s:.3g}",
+            f"{row.wall_s:.4f}", f"{row.first_s:.3f}", f"{row.processor_s_per_megapixel:.3g}",
+            f"{row.lit_megapixels_per_s:.3g}",
         )
         for row in rows
     )  # fmt: skip
-    return Table("Errors in units of the white level; times are medians, warm, except the first run's", headings, cells)
+    return Table(
+        "Errors in units of the white level; times are medians, warm, except the first run's",
+        headings,
+        cells,
+    )
 
 
 def image_summary(rows: Sequence[Row]) -> Table:
     """What a terminal has room for."""
     headings = ("scene", "method", "asked", "largest", "rms", "s/Mpx")
     cells = tuple(
-        (row.scene, row.method, _asked(row), f"{row.largest_error:.1e}", f"{row.rms_error:.1e}", f"{row.processor_s_per_megapixel:.3g}")
+        (
+            row.scene,
+            row.method,
+            _asked(row),
+            f"{row.largest_error:.1e}",
+            f"{row.rms_error:.1e}",
+            f"{row.processor_s_per_megapixel:.3g}",
+        )
         for row in rows
     )
-    return Table("Errors in units of the white level; processor seconds for a million lit pixels", headings, cells)
+    return Table(
+        "Errors in units of the white level; processor seconds for a million lit pixels",
+        headings,
+        cells,
+    )
 
 
 def _asked(row: Row) -> str:
@@ -111,15 +170,18 @@ def _of(rows: Sequence[Row], scene: str, method: str) -> list[Row]:
 
 
 def _quoted(rows: Sequence[Row], scene: str) -> Row:
-    return min(_of(rows, scene, RENDER), key=lambda row: abs(np.log((row.requested or 1.0) / QUOTED)))
+    return min(
+        _of(rows, scene, RENDER), key=lambda row: abs(np.log((row.requested or 1.0) / QUOTED))
+    )
 
 
 def _gain(rows: Sequence[Row], scene: str) -> str:
     ours = _quoted(rows, scene)
     times = random_cost(_of(rows, scene, RANDOM), ours.rms_error) / ours.processor_s_per_megapixel
     return (
-        f"{scene}: asked for {ours.requested:g}, a million lit pixels take {ours.processor_s_per_megapixel:.2g} s and are wrong by "
-        f"{ours.rms_error:.1g} (rms); by their own law random rays would need {_round(times)} times as long for that."
+        f"{scene}: asked for {ours.requested:g}, a million lit pixels take"
+        f" {ours.processor_s_per_megapixel:.2g} s and are wrong by {ours.rms_error:.1g} (rms); by"
+        f" their own law random rays would need {_round(times)} times as long for that."
     )
 
 
@@ -134,9 +196,10 @@ def _reads(rows: Sequence[Row], scene: str) -> str:
     ours = _of(rows, scene, RENDER)
     cheap, dear = ours[0], ours[-1]
     return (
-        f"{scene}: from a tolerance of {cheap.requested:g} to {dear.requested:g} render's time rises "
-        f"{_round(dear.processor_s / cheap.processor_s)}-fold; the error of random rays falls as their number to the power {slope:.2f}, so "
-        f"one more digit costs them a hundred times the time."
+        f"{scene}: from a tolerance of {cheap.requested:g} to {dear.requested:g} render's time"
+        f" rises {_round(dear.processor_s / cheap.processor_s)}-fold; the error of random rays"
+        f" falls as their number to the power {slope:.2f}, so one more digit costs them a hundred"
+        " times the time."
     )
 
 
@@ -144,27 +207,59 @@ def _limits(rows: Sequence[Row]) -> tuple[tuple[float, float], tuple[float, floa
     """One range of times and one of errors for all scenes, so that they can be compared by eye."""
     times = [row.processor_s_per_megapixel for row in rows]
     errors = [error for row in rows for error in (row.rms_error, row.largest_error)]
-    return (min(times) / 2, max(times) * 2), (min(*errors, *(row.reference_uncertainty for row in rows)) / 2, max(errors) * 2)
+    return (min(times) / 2, max(times) * 2), (
+        min(*errors, *(row.reference_uncertainty for row in rows)) / 2,
+        max(errors) * 2,
+    )
 
 
-def _error_time(rows: Sequence[Row], scene: str, limits: tuple[tuple[float, float], tuple[float, float]]) -> str:
+def _error_time(
+    rows: Sequence[Row], scene: str, limits: tuple[tuple[float, float], tuple[float, float]]
+) -> str:
     with sheet(5.2, 3.9) as figure:
         axes = figure.add_subplot()
         for method, colour in COLOURS.items():
             mine = _of(rows, scene, method)
             times = [row.processor_s_per_megapixel for row in mine]
             axes.loglog(times, [row.rms_error for row in mine], "o-", color=colour, label=method)
-            axes.loglog(times, [row.largest_error for row in mine], "o:", color=colour, markerfacecolor="white", linewidth=0.8)
-        axes.axhspan(limits[1][0], rows[0].reference_uncertainty, color="black", alpha=0.1, linewidth=0)
+            axes.loglog(
+                times,
+                [row.largest_error for row in mine],
+                "o:",
+                color=colour,
+                markerfacecolor="white",
+                linewidth=0.8,
+            )
+        axes.axhspan(
+            limits[1][0], rows[0].reference_uncertainty, color="black", alpha=0.1, linewidth=0
+        )
         random = _of(rows, scene, RANDOM)
         span = np.array([min(row.processor_s_per_megapixel for row in random), limits[0][1]])
         law = np.sqrt(random_cost(random, 1.0) / span)
         axes.loglog(span, law, "--", color=BLUE, linewidth=0.8, zorder=0)
-        axes.annotate("slope -1/2", (span[1], law[1]), (-2, -12), textcoords="offset points", ha="right", fontsize=7.5, color=BLUE)
-        axes.set(
-            xlabel="processor time for a million lit pixels, s", ylabel="error, share of white", title=scene, xlim=limits[0], ylim=limits[1]
+        axes.annotate(
+            "slope -1/2",
+            (span[1], law[1]),
+            (-2, -12),
+            textcoords="offset points",
+            ha="right",
+            fontsize=7.5,
+            color=BLUE,
         )
-        axes.legend(loc="upper right", bbox_to_anchor=(1.0, 1.08), ncols=3, columnspacing=1.2, handlelength=1.6)
+        axes.set(
+            xlabel="processor time for a million lit pixels, s",
+            ylabel="error, share of white",
+            title=scene,
+            xlim=limits[0],
+            ylim=limits[1],
+        )
+        axes.legend(
+            loc="upper right",
+            bbox_to_anchor=(1.0, 1.08),
+            ncols=3,
+            columnspacing=1.2,
+            handlelength=1.6,
+        )
         return as_svg(figure)
 
 
@@ -173,23 +268,44 @@ def _calibration(kept: Sequence[Row], promise: str) -> str:
         axes = figure.add_subplot()
         known = [row for row in kept if _promised(row, promise) > 0]
         floor = max(row.reference_uncertainty for row in kept)
-        values = [floor, *(row.largest_error for row in kept), *(_promised(row, promise) for row in known)]
+        values = [
+            floor,
+            *(row.largest_error for row in kept),
+            *(_promised(row, promise) for row in known),
+        ]
         span = np.array([min(values) / 2, max(values) * 2])
         axes.loglog(span, span, color="black", linewidth=0.8)
         axes.axhspan(span[0], floor, color="black", alpha=0.1, linewidth=0)
-        for scene, (mark, colour) in zip(dict.fromkeys(row.scene for row in kept), MARKS, strict=False):
+        for scene, (mark, colour) in zip(
+            dict.fromkeys(row.scene for row in kept), MARKS, strict=False
+        ):
             mine = [row for row in known if row.scene == scene]
-            axes.loglog([_promised(row, promise) for row in mine], [row.largest_error for row in mine], mark, color=colour, label=scene)
+            axes.loglog(
+                [_promised(row, promise) for row in mine],
+                [row.largest_error for row in mine],
+                mark,
+                color=colour,
+                label=scene,
+            )
             late = [row for row in mine if _exceeds(row, promise)]
             places = [_promised(row, promise) for row in late]
-            axes.loglog(places, [row.largest_error for row in late], mark, color=RED, markersize=8, zorder=3)
-        axes.set(xlabel=f"error {PROMISES[promise]}, share of white", ylabel="largest error reached", xlim=span, ylim=span)
+            axes.loglog(
+                places, [row.largest_error for row in late], mark, color=RED, markersize=8, zorder=3
+            )
+        axes.set(
+            xlabel=f"error {PROMISES[promise]}, share of white",
+            ylabel="largest error reached",
+            xlim=span,
+            ylim=span,
+        )
         axes.legend(loc="upper left")
         return as_svg(figure)
 
 
 def _calibrated(kept: Sequence[Row], promise: str) -> str:
-    shares = np.array([row.largest_error / _promised(row, promise) for row in kept if _promised(row, promise) > 0])
+    shares = np.array(
+        [row.largest_error / _promised(row, promise) for row in kept if _promised(row, promise) > 0]
+    )
     exceeding = [row for row in kept if _exceeds(row, promise)]
     what = PROMISES[promise]
     if not len(shares):
@@ -198,7 +314,10 @@ def _calibrated(kept: Sequence[Row], promise: str) -> str:
     if not exceeding:
         return f"{start}, and nowhere more than it."
     points = "one picture is" if len(exceeding) == 1 else f"{len(exceeding)} pictures are"
-    return f"{start}; {points} further off than {what}, at most {float(f'{shares.max():.2g}'):g} times as far."
+    return (
+        f"{start}; {points} further off than {what}, at most {float(f'{shares.max():.2g}'):g} times"
+        " as far."
+    )
 
 
 def _promised(row: Row, promise: str) -> float:

@@ -1,4 +1,6 @@
-"""How well a white picture tells the lattice of micro-images, f-number by f-number: stated, achieved, and what is left without noise."""
+"""How well a white picture tells the lattice of micro-images, f-number by f-number: stated,
+achieved, and what is left without noise.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -27,7 +29,8 @@ AWAY = 10.0  # focal lengths of the main lens from it to the target: white is wh
 
 @dataclass(frozen=True)
 class Row:
-    """The lattice at one f-number; lengths in pixels, pitches relative; errors are against the camera's own lattice.
+    """The lattice at one f-number; lengths in pixels, pitches relative; errors are against the
+    camera's own lattice.
 
     Attributes:
         f_number: of the main lens.
@@ -68,7 +71,9 @@ def lattice_rows(camera: Camera, tell: Callable[[str], None]) -> tuple[Row, ...]
     for f_number in F_NUMBERS:
         tell(f"white at F/{f_number:g}")
         try:
-            rows.append(_row(replace(camera, main_lens=replace(camera.main_lens, f_number=f_number))))
+            rows.append(
+                _row(replace(camera, main_lens=replace(camera.main_lens, f_number=f_number)))
+            )
         except MeasurementError as error:
             reasons.append(error)
     if not rows:
@@ -77,9 +82,13 @@ def lattice_rows(camera: Camera, tell: Callable[[str], None]) -> tuple[Row, ...]
 
 
 def _row(camera: Camera) -> Row:
-    scene = replace(one_plane(camera, White(), AWAY * camera.main_lens.focal_length), falloff=Falloff())
+    scene = replace(
+        one_plane(camera, White(), AWAY * camera.main_lens.focal_length), falloff=Falloff()
+    )
     image = np.maximum(render(scene, tolerance=TOLERANCE), 0.0)
-    clean = NOISE.offset_dn + WHITE_DN / max(float(image.max()), 1e-300) * image  # neighbours add: the brightest pixel is white
+    clean = (
+        NOISE.offset_dn + WHITE_DN / max(float(image.max()), 1e-300) * image
+    )  # neighbours add: the brightest pixel is white
     due, spread = nominal_lattice(camera, WHITE_DN), np.sqrt(NOISE.variance(clean))
     still = lattice_behind(camera, clean.astype(np.float32), NOISE)
     noisy = list[Lattice]()

@@ -1,4 +1,6 @@
-"""The page of ``flflab accuracy lattice``: errors of centres and pitch against the f-number, stated next to achieved, and the table."""
+"""The page of ``flflab accuracy lattice``: errors of centres and pitch against the f-number, stated
+next to achieved, and the table.
+"""
 
 from collections.abc import Sequence
 
@@ -24,20 +26,32 @@ def lattice_page(rows: Sequence[Row], camera: str, made: str) -> Page:
             Section(
                 "Error against the f-number",
                 (
-                    "Hollow marks are the standard uncertainties that the measurement states, filled ones what it was wrong by, root mean "
-                    "square. The grey line is what is left without noise, at the worst centre of all.",
+                    (
+                        "Hollow marks are the standard uncertainties that the measurement states,"
+                        " filled ones what it was wrong by, root mean square. The grey line is what"
+                        " is left without noise, at the worst centre of all."
+                    ),
                 ),
                 (
-                    Picture(_origins(rows), "error of the origin against the f-number", _reads(rows)),
-                    Picture(_pitches(rows), "error of the pitch against the f-number", "The same of the pitch, as a share of it."),
+                    Picture(
+                        _origins(rows), "error of the origin against the f-number", _reads(rows)
+                    ),
+                    Picture(
+                        _pitches(rows),
+                        "error of the pitch against the f-number",
+                        "The same of the pitch, as a share of it.",
+                    ),
                 ),
             ),
             Section(
                 "How it was measured",
                 (
-                    "Simulated white frames of the whole sensor with natural fall-off, shot and read noise, 1 % where the light is "
-                    f"brightest, drawn anew for each of {FRAMES} frames an f-number; fall-off and tilt are fitted. The truth is the "
-                    "lattice of the camera file.",
+                    (
+                        "Simulated white frames of the whole sensor with natural fall-off, shot"
+                        " and read noise, 1 % where the light is brightest, drawn anew for each of"
+                        f" {FRAMES} frames an f-number; fall-off and tilt are fitted. The truth is"
+                        " the lattice of the camera file."
+                    ),
                 ),
             ),
             Section("All figures", tables=(lattice_table(rows),)),
@@ -51,12 +65,19 @@ def lattice_table(rows: Sequence[Row]) -> Table:
     headings = ("F/", "micro-images", "bias px", "pitch bias", "origin px", "pitch", "centres px")
     cells = tuple(
         (
-            f"{row.f_number:g}", f"{row.micro_images}", f"{row.bias_px:.5f}", f"{row.pitch_bias:+.0e}",
-            f"{row.origin_px:.4f} ({row.origin_error_px:.4f})", f"{row.pitch:.1e} ({row.pitch_error:.1e})", f"({row.centres_error_px:.4f})",
+            f"{row.f_number:g}", f"{row.micro_images}", f"{row.bias_px:.5f}",
+            f"{row.pitch_bias:+.0e}",
+            f"{row.origin_px:.4f} ({row.origin_error_px:.4f})",
+            f"{row.pitch:.1e} ({row.pitch_error:.1e})", f"({row.centres_error_px:.4f})",
         )
         for row in rows
     )  # fmt: skip
-    return Table("Lattice from one white frame: stated standard uncertainty and, in brackets, the error achieved, rms", headings, cells)
+    return Table(
+        "Lattice from one white frame: stated standard uncertainty and, in brackets, the error"
+        " achieved, rms",
+        headings,
+        cells,
+    )
 
 
 def lattice_summary(rows: Sequence[Row]) -> Table:
@@ -73,30 +94,51 @@ def lattice_summary(rows: Sequence[Row]) -> Table:
 def _answer(rows: Sequence[Row]) -> str:
     worst, most = max(rows, key=lambda row: row.bias_px), max(rows, key=lambda row: row.origin_px)
     return (
-        f"Without noise no centre is off by more than {worst.bias_px:.1g} px (F/{worst.f_number:g}); from one white frame the origin is "
-        f"known to {most.origin_px:.1g} px and the pitch to {max(row.pitch for row in rows):.1g} of it at every f-number."
+        f"Without noise no centre is off by more than {worst.bias_px:.1g} px"
+        f" (F/{worst.f_number:g}); from one white frame the origin is known to {most.origin_px:.1g}"
+        f" px and the pitch to {max(row.pitch for row in rows):.1g} of it at every f-number."
     )
 
 
 def _reads(rows: Sequence[Row]) -> str:
     ratios = [row.origin_error_px / row.origin_px for row in rows]
     return (
-        f"Errors of the origin are {min(ratios):.2f} to {max(ratios):.2f} times what is stated; {FRAMES} frames scatter that by a quarter."
+        f"Errors of the origin are {min(ratios):.2f} to {max(ratios):.2f} times what is stated;"
+        f" {FRAMES} frames scatter that by a quarter."
     )
 
 
 def _origins(rows: Sequence[Row]) -> str:
     return _drawn(
-        rows, [row.origin_px for row in rows], [row.origin_error_px for row in rows], [row.bias_px for row in rows], "origin", "error, px"
+        rows,
+        [row.origin_px for row in rows],
+        [row.origin_error_px for row in rows],
+        [row.bias_px for row in rows],
+        "origin",
+        "error, px",
     )
 
 
 def _pitches(rows: Sequence[Row]) -> str:
     bias = [abs(row.pitch_bias) for row in rows]
-    return _drawn(rows, [row.pitch for row in rows], [row.pitch_error for row in rows], bias, "pitch", "error, share of the pitch")
+    return _drawn(
+        rows,
+        [row.pitch for row in rows],
+        [row.pitch_error for row in rows],
+        bias,
+        "pitch",
+        "error, share of the pitch",
+    )
 
 
-def _drawn(rows: Sequence[Row], stated: Sequence[float], achieved: Sequence[float], bias: Sequence[float], title: str, label: str) -> str:
+def _drawn(
+    rows: Sequence[Row],
+    stated: Sequence[float],
+    achieved: Sequence[float],
+    bias: Sequence[float],
+    title: str,
+    label: str,
+) -> str:
     with sheet(5.2, 3.9) as figure:
         axes = figure.add_subplot()
         stops = [row.f_number for row in rows]

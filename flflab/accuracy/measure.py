@@ -1,4 +1,6 @@
-"""What a measured number's accuracy costs: frames averaged, pixels used, method; on simulated frames whose truth is in closed form."""
+"""What a measured number's accuracy costs: frames averaged, pixels used, method; on simulated
+frames whose truth is in closed form.
+"""
 
 import math
 import time
@@ -35,12 +37,20 @@ SIDES = (50, 100)  # pixels of a square with an edge in it
 EDGE_BLUR, EDGE_ANGLE = 0.7, math.radians(5)
 FREQUENCIES = np.linspace(0.02, 0.5, 25)  # cycles/px
 CONTRAST, PITCH, EDGE = "contrast of bars", "lattice pitch", "edge transfer"
-FIT, CLASSIC, LATTICE, KNOWN, FREE = "chirp fit", "max and min", "micro-images", "Gaussian blur", "free form"
+FIT, CLASSIC, LATTICE, KNOWN, FREE = (
+    "chirp fit",
+    "max and min",
+    "micro-images",
+    "Gaussian blur",
+    "free form",
+)
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Numbers as measured, their truth, and the standard uncertainties stated for them; nan where none is stated."""
+    """Numbers as measured, their truth, and the standard uncertainties stated for them; nan where
+    none is stated.
+    """
 
     values: Array
     truth: Array
@@ -96,7 +106,11 @@ def measure_rows(tell: Callable[[str], None]) -> tuple[Row, ...]:
     Args:
         tell: is told what is being done.
     """
-    cases = [*(_contrast_case(size) for size in RESOLUTIONS), *(_lattice_case(size) for size in RESOLUTIONS), *map(_edge_case, SIDES)]
+    cases = [
+        *(_contrast_case(size) for size in RESOLUTIONS),
+        *(_lattice_case(size) for size in RESOLUTIONS),
+        *map(_edge_case, SIDES),
+    ]
     rows: list[Row] = []
     for case in cases:
         tell(f"{case.quantity}, {case.picture.size} px")
@@ -108,10 +122,17 @@ def measure_rows(tell: Callable[[str], None]) -> tuple[Row, ...]:
 
 def _row(case: Case, method: str, run: Callable[[Array, SensorNoise], Reading], frames: int) -> Row:
     errors, doubts, spent = list[Array](), list[Array](), 0.0
-    averaged = SensorNoise(NOISE.dn_per_electron / frames, NOISE.read_noise_dn / math.sqrt(frames), NOISE.offset_dn, NOISE.full_scale_dn)
+    averaged = SensorNoise(
+        NOISE.dn_per_electron / frames,
+        NOISE.read_noise_dn / math.sqrt(frames),
+        NOISE.offset_dn,
+        NOISE.full_scale_dn,
+    )
     spread = np.sqrt(NOISE.variance(case.picture) / frames)
     for seed in range(REPEATS):
-        noisy = case.picture + spread * np.random.default_rng((seed, frames)).standard_normal(case.picture.shape)
+        noisy = case.picture + spread * np.random.default_rng((seed, frames)).standard_normal(
+            case.picture.shape
+        )
         began = time.process_time()
         found = run(noisy, averaged)
         spent += (time.process_time() - began) / REPEATS
@@ -152,11 +173,18 @@ def _contrast_case(resolution: tuple[int, int]) -> Case:
         if classic:
             # the extremes of bars in focus are 1 up to half a cycle a pixel, eq. (2)
             held = (curve.cycles_per_px < 0.5) & np.isfinite(curve.classic)
-            return Reading(curve.classic[held], np.ones(np.count_nonzero(held)), np.full(np.count_nonzero(held), math.nan))
+            return Reading(
+                curve.classic[held],
+                np.ones(np.count_nonzero(held)),
+                np.full(np.count_nonzero(held), math.nan),
+            )
         truth = transfer(smms, 1 / FOCUS, camera.sensor.pixel, curve.cycles_per_mm)
         return Reading(curve.contrast, truth, curve.uncertainty)
 
-    methods = {FIT: lambda picture, noise: read(picture, noise, False), CLASSIC: lambda picture, noise: read(picture, noise, True)}
+    methods = {
+        FIT: lambda picture, noise: read(picture, noise, False),
+        CLASSIC: lambda picture, noise: read(picture, noise, True),
+    }
     return Case(CONTRAST, _exposed(camera, target), methods)
 
 
@@ -166,7 +194,12 @@ def _lattice_case(resolution: tuple[int, int]) -> Case:
 
     def read(picture: Array, noise: SensorNoise) -> Reading:
         found = find_lattice(picture, "square", due.pitch_px, noise)
-        return Reading(*(np.array([value / due.pitch_px]) for value in (found.pitch_px, due.pitch_px, found.pitch_uncertainty_px)))
+        return Reading(
+            *(
+                np.array([value / due.pitch_px])
+                for value in (found.pitch_px, due.pitch_px, found.pitch_uncertainty_px)
+            )
+        )
 
     # in units of the pitch
     return Case(PITCH, _exposed(camera, White()), {LATTICE: read})
@@ -175,8 +208,12 @@ def _lattice_case(resolution: tuple[int, int]) -> Case:
 def _edge_case(side: int) -> Case:
     y, x = np.mgrid[:side, :side] - (side - 1) / 2
     t = x * math.cos(EDGE_ANGLE) + y * math.sin(EDGE_ANGLE) - 0.3
-    picture = NOISE.offset_dn + WHITE_DN * (0.2 + 0.6 * edge_profile(t.ravel(), EDGE_BLUR, EDGE_ANGLE)[0].reshape(t.shape))
-    truth = np.exp(-2 * (math.pi * EDGE_BLUR * FREQUENCIES) ** 2) * np.abs(pixel_transfer(FREQUENCIES, EDGE_ANGLE))
+    picture = NOISE.offset_dn + WHITE_DN * (
+        0.2 + 0.6 * edge_profile(t.ravel(), EDGE_BLUR, EDGE_ANGLE)[0].reshape(t.shape)
+    )
+    truth = np.exp(-2 * (math.pi * EDGE_BLUR * FREQUENCIES) ** 2) * np.abs(
+        pixel_transfer(FREQUENCIES, EDGE_ANGLE)
+    )
 
     def known(picture: Array, noise: SensorNoise) -> Reading:
         found = fit_edge(picture, None, np.sqrt(noise.variance(picture)))

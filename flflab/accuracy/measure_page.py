@@ -1,4 +1,6 @@
-"""The page of ``flflab accuracy measure``: error against time for every quantity, stated uncertainty against error, and the table."""
+"""The page of ``flflab accuracy measure``: error against time for every quantity, stated
+uncertainty against error, and the table.
+"""
 
 from collections.abc import Sequence
 
@@ -30,26 +32,38 @@ def measure_page(rows: Sequence[Row], made: str) -> Page:
             Section(
                 "Error against time",
                 (
-                    "Each point is one method on so many frames, averaged; the time is the camera's, 0.1 s a frame, and the processor's. "
-                    "Filled marks are the root mean square of the errors, hollow ones the uncertainty that the method states. A line that "
-                    "turns level is biased: more frames do not help it. Larger marks are larger pictures.",
+                    (
+                        "Each point is one method on so many frames, averaged; the time is the"
+                        " camera's, 0.1 s a frame, and the processor's. Filled marks are the root"
+                        " mean square of the errors, hollow ones the uncertainty that the method"
+                        " states. A line that turns level is biased: more frames do not help it."
+                        " Larger marks are larger pictures."
+                    ),
                 ),
                 times,
             ),
             Section(
                 "Is the stated uncertainty true?",
                 ("On the diagonal the errors are as large as stated; above it larger.",),
-                (Picture(_calibration(rows), "stated uncertainty against error", _calibrated(rows)),),
+                (
+                    Picture(
+                        _calibration(rows), "stated uncertainty against error", _calibrated(rows)
+                    ),
+                ),
             ),
             Section(
                 "How it was measured",
                 (
-                    "Simulated frames with the noise of a sensor (1 % at white), shot and read noise, drawn anew for each of "
-                    f"{REPEATS} repeats; frames from {FRAMES[0]} to {FRAMES[-1]}. Bars and white: the camera of the worked example at F/4 "
-                    "in focus, on the middle of its sensor; the truth is the transfer of pixel and blur in closed form, for max and min "
-                    "eq. (2)'s 1 up to half a cycle a pixel, and the described lattice, its pitch in units of itself. "
-                    "Edge: 5 degrees, a Gaussian blur of 0.7 px, from "
-                    "0.2 to 0.8 of white; the truth is its transfer function up to half a cycle a pixel.",
+                    (
+                        "Simulated frames with the noise of a sensor (1 % at white), shot and read"
+                        f" noise, drawn anew for each of {REPEATS} repeats; frames from {FRAMES[0]}"
+                        f" to {FRAMES[-1]}. Bars and white: the camera of the worked example at F/4"
+                        " in focus, on the middle of its sensor; the truth is the transfer of"
+                        " pixel and blur in closed form, for max and min eq. (2)'s 1 up to half a"
+                        " cycle a pixel, and the described lattice, its pitch in units of itself."
+                        " Edge: 5 degrees, a Gaussian blur of 0.7 px, from 0.2 to 0.8 of white;"
+                        " the truth is its transfer function up to half a cycle a pixel."
+                    ),
                 ),
             ),
             Section("All figures", tables=(measure_table(rows),)),
@@ -60,11 +74,22 @@ def measure_page(rows: Sequence[Row], made: str) -> Page:
 
 def measure_table(rows: Sequence[Row]) -> Table:
     """Every row, for people."""
-    headings = ("quantity", "method", "px", "frames", "rms error", "stated", "bias", "camera s", "processor s")
+    headings = (
+        "quantity",
+        "method",
+        "px",
+        "frames",
+        "rms error",
+        "stated",
+        "bias",
+        "camera s",
+        "processor s",
+    )
     cells = tuple(
         (
             row.quantity, row.method, f"{row.pixels}", f"{row.frames}", f"{row.rms_error:.2e}",
-            "none" if row.uncertainty is None else f"{row.uncertainty:.2e}", f"{row.bias:+.1e}", f"{row.camera_s:.1f}",
+            "none" if row.uncertainty is None else f"{row.uncertainty:.2e}", f"{row.bias:+.1e}",
+            f"{row.camera_s:.1f}",
             f"{row.processor_s:.4f}",
         )
         for row in rows
@@ -97,10 +122,24 @@ def _error_time(rows: Sequence[Row], quantity: str) -> str:
         for line in _lines(rows, quantity):
             colour, size = COLOURS[line[0].method], 4 + 1.6 * sizes.index(line[0].pixels)
             label = f"{line[0].method}, {line[0].pixels / 1e6:.2g} Mpx"
-            axes.loglog([row.total_s for row in line], [row.rms_error for row in line], "o-", color=colour, markersize=size, label=label)
+            axes.loglog(
+                [row.total_s for row in line],
+                [row.rms_error for row in line],
+                "o-",
+                color=colour,
+                markersize=size,
+                label=label,
+            )
             stated = [(row.total_s, row.uncertainty) for row in line if row.uncertainty is not None]
             if stated:
-                axes.loglog(*zip(*stated, strict=True), "o:", color=colour, markersize=size, markerfacecolor="white", linewidth=0.8)
+                axes.loglog(
+                    *zip(*stated, strict=True),
+                    "o:",
+                    color=colour,
+                    markersize=size,
+                    markerfacecolor="white",
+                    linewidth=0.8,
+                )
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set(xlabel="time of camera and processor, s", ylabel="error", title=quantity)
         axes.legend(loc="best")
@@ -111,14 +150,24 @@ def _calibration(rows: Sequence[Row]) -> str:
     with sheet(5.2, 4.4) as figure:
         axes = figure.add_subplot()
         known = [row for row in rows if row.uncertainty is not None]
-        values = [value for row in known for value in (row.rms_error, row.uncertainty or row.rms_error)]
+        values = [
+            value for row in known for value in (row.rms_error, row.uncertainty or row.rms_error)
+        ]
         span = np.array([min(values) / 2, max(values) * 2])
         axes.loglog(span, span, color="black", linewidth=0.8)
-        for mark, quantity in zip(MARKS, dict.fromkeys(row.quantity for row in known), strict=False):
+        for mark, quantity in zip(
+            MARKS, dict.fromkeys(row.quantity for row in known), strict=False
+        ):
             for method in dict.fromkeys(row.method for row in known if row.quantity == quantity):
                 mine = [row for row in known if row.quantity == quantity and row.method == method]
                 label = f"{quantity}: {method}"
-                axes.loglog([row.uncertainty for row in mine], [row.rms_error for row in mine], mark, color=COLOURS[method], label=label)
+                axes.loglog(
+                    [row.uncertainty for row in mine],
+                    [row.rms_error for row in mine],
+                    mark,
+                    color=COLOURS[method],
+                    label=label,
+                )
         axes.set(xlabel="uncertainty stated", ylabel="root mean square error", xlim=span, ylim=span)
         axes.legend(loc="upper left")
         return as_svg(figure)
@@ -126,22 +175,29 @@ def _calibration(rows: Sequence[Row]) -> str:
 
 def _calibrated(rows: Sequence[Row]) -> str:
     ratios = [row.rms_error / row.uncertainty for row in rows if row.uncertainty]
-    return f"Errors are {min(ratios):.2f} to {max(ratios):.2f} times what was stated, in the median {np.median(ratios):.2f} times."
+    return (
+        f"Errors are {min(ratios):.2f} to {max(ratios):.2f} times what was stated, in the median"
+        f" {np.median(ratios):.2f} times."
+    )
 
 
 def _answer(rows: Sequence[Row], quantity: str) -> str:
     best = [row for row in rows if row.quantity == quantity and row.method != CLASSIC]
     one = min((row for row in best if row.frames == 1), key=lambda row: row.rms_error)
     return (
-        f"{quantity}: one frame of {one.pixels / 1e6:.2g} megapixels gives {one.rms_error:.1e} ({one.method}), "
-        f"in {one.processor_s:.2g} s of the processor."
+        f"{quantity}: one frame of {one.pixels / 1e6:.2g} megapixels gives {one.rms_error:.1e}"
+        f" ({one.method}), in {one.processor_s:.2g} s of the processor."
     )
 
 
 def _reads(rows: Sequence[Row], quantity: str) -> str:
     slopes = {
-        line[0].method: order([row.frames for row in line], [row.rms_error for row in line]) for line in reversed(_lines(rows, quantity))
+        line[0].method: order([row.frames for row in line], [row.rms_error for row in line])
+        for line in reversed(_lines(rows, quantity))
     }
     words = ", ".join(f"{method} {slope:.2f}" for method, slope in sorted(slopes.items()))
     tail = " The free form does not assume the Gaussian that is there." if quantity == EDGE else ""
-    return f"The error falls as the number of frames to the power: {words} (-0.50 where noise alone decides).{tail}"
+    return (
+        f"The error falls as the number of frames to the power: {words} (-0.50 where noise alone"
+        f" decides).{tail}"
+    )

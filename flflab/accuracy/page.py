@@ -1,4 +1,6 @@
-"""An accuracy page: one HTML file that needs nothing else, a sentence under every picture, readable on screen and on paper."""
+"""An accuracy page: one HTML file that needs nothing else, a sentence under every picture, readable
+on screen and on paper.
+"""
 
 from dataclasses import dataclass
 from importlib.resources import files
@@ -11,7 +13,9 @@ from flflab.whole_file import write_whole
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture as a data URI, what it is in a few words, and the sentence that says what to read from it."""
+    """A picture as a data URI, what it is in a few words, and the sentence that says what to read
+    from it.
+    """
 
     image: str
     name: str
@@ -29,7 +33,9 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with text, then pictures (``wide`` ones alone in their row, others two in a row), then tables."""
+    """A heading with text, then pictures (``wide`` ones alone in their row, others two in a row),
+    then tables.
+    """
 
     heading: str
     paragraphs: tuple[str, ...] = ()
@@ -40,7 +46,9 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A page: what it answers, the answer in a few sentences, the evidence, and where it came from."""
+    """A page: what it answers, the answer in a few sentences, the evidence, and where it came
+    from.
+    """
 
     title: str
     answers: tuple[str, ...]
@@ -54,6 +62,10 @@ def write_page(page: Page, file: Path) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string(files("flflab.accuracy").joinpath("page.html.jinja").read_text(encoding="utf-8"))
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(
+        files("flflab.accuracy").joinpath("page.html.jinja").read_text(encoding="utf-8")
+    )
     write_whole(file, template.render(page=page))

@@ -1,6 +1,8 @@
-"""What one would write first: rays from a pixel through thin lenses to the chart, drawn at random or on a regular grid, and their mean.
+"""What one would write first: rays from a pixel through thin lenses to the chart, drawn at random
+or on a regular grid, and their mean.
 
-The methods ``render`` is compared with. Every ray is one sample of four coordinates, two on the pixel and two on the microlens.
+The methods ``render`` is compared with. Every ray is one sample of four coordinates, two on the
+pixel and two on the microlens.
 """
 
 import math
@@ -21,7 +23,8 @@ Whole = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Geometry:
-    """A scene as these sums see it: thin lenses, and every pair of a pixel and a microlens whose light may reach it; mm.
+    """A scene as these sums see it: thin lenses, and every pair of a pixel and a microlens whose
+    light may reach it; mm.
 
     Attributes:
         pairs: pixel (x, y), microlens (x, y), shape (N, 4).
@@ -59,7 +62,18 @@ class Geometry:
     @property
     def lengths(self) -> Array:
         """The lengths in the order that the kernels take them."""
-        return np.array([self.pixel_width, self.radius, self.stop, self.depth, self.gap, self.focal, self.main_focal, self.distance])
+        return np.array(
+            [
+                self.pixel_width,
+                self.radius,
+                self.stop,
+                self.depth,
+                self.gap,
+                self.focal,
+                self.main_focal,
+                self.distance,
+            ]
+        )
 
     @property
     def law(self) -> Array:
@@ -75,14 +89,29 @@ def chart_geometry(scene: Scene, pixels: Whole) -> Geometry:
     """
     camera, plane = scene.camera, scene.planes[0]
     chart, array = plane.target, camera.array
-    plain = scene == one_plane(camera, chart, plane.distance) and array.tilt == (0, 0) and len(array.focal_lengths) == 1
+    plain = (
+        scene == one_plane(camera, chart, plane.distance)
+        and array.tilt == (0, 0)
+        and len(array.focal_lengths) == 1
+    )
     if not (plain and isinstance(chart, Chirp)):
-        raise InputError("ray sums: the scene is more than one chart of sines before an ideal camera; leave the rest out")
+        raise InputError(
+            "ray sums: the scene is more than one chart of sines before an ideal camera; leave the"
+            " rest out"
+        )
     focal = array.focal_lengths[0]
-    depth, gap, radius, stop = camera.optical_distance, camera.optical_gap, array.aperture / 2, camera.main_lens.aperture / 2
+    depth, gap, radius, stop = (
+        camera.optical_distance,
+        camera.optical_gap,
+        array.aperture / 2,
+        camera.main_lens.aperture / 2,
+    )
     shadow, own = stop * gap / depth, radius * abs(1 + gap / depth - gap / focal)
     xs, ys = pixel_positions(camera.sensor)
-    places, centres = np.stack([xs[pixels[:, 0]], ys[pixels[:, 1]]], axis=1), microlens_centres(array)
+    places, centres = (
+        np.stack([xs[pixels[:, 0]], ys[pixels[:, 1]]], axis=1),
+        microlens_centres(array),
+    )
     apart = np.linalg.norm(places[:, None] - centres * (1 + gap / depth), axis=2)
     pixel, lens = np.nonzero(apart < shadow + own + camera.sensor.pixel)
     return Geometry(
@@ -122,12 +151,14 @@ def random_rays(scene: Scene, pixels: Whole, rays: int, rng: np.random.Generator
 
 
 def grid_rays(scene: Scene, pixels: Whole, across: int) -> Array:
-    """Mean over a regular grid, ``across`` places in each of the four coordinates, each in the middle of its share.
+    """Mean over a regular grid, ``across`` places in each of the four coordinates, each in the
+    middle of its share.
 
     Args:
         scene: a chart of sines before an aligned, ideal camera.
         pixels: (column, row) of each, shape (K, 2).
-        across: places in a coordinate; their fourth power is the number of rays for a pixel and a microlens.
+        across: places in a coordinate; their fourth power is the number of rays for a pixel and a
+            microlens.
 
     Returns:
         Irradiance in units of the white level, shape (K,).
@@ -141,8 +172,12 @@ def grid_rays(scene: Scene, pixels: Whole, across: int) -> Array:
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def _radiance(pair: Array, lengths: Array, law: Array, a: float, b: float, c: float, d: float) -> float:  # pragma: no cover - compiled
-    """Of the ray at the shares (a, b) of the pixel and (c, d) of the microlens's area and angle; 0 where the stop holds it back."""
+def _radiance(
+    pair: Array, lengths: Array, law: Array, a: float, b: float, c: float, d: float
+) -> float:  # pragma: no cover - compiled
+    """Of the ray at the shares (a, b) of the pixel and (c, d) of the microlens's area and angle; 0
+    where the stop holds it back.
+    """
     pixel, radius, stop, depth, gap, focal, main_focal, distance = lengths
     left, right, width, height = law
     out, turn = radius * math.sqrt(c), 2 * math.pi * d
@@ -163,18 +198,24 @@ def _radiance(pair: Array, lengths: Array, law: Array, a: float, b: float, c: fl
 
 
 @numba.njit(cache=True, nogil=True)
-def _sum_random(pairs: Array, lengths: Array, law: Array, rays: int, rng: np.random.Generator) -> Array:  # pragma: no cover - compiled
+def _sum_random(
+    pairs: Array, lengths: Array, law: Array, rays: int, rng: np.random.Generator
+) -> Array:  # pragma: no cover - compiled
     means = np.zeros(len(pairs))
     for number in range(len(pairs)):
         total = 0.0
         for _ in range(rays):
-            total += _radiance(pairs[number], lengths, law, rng.random(), rng.random(), rng.random(), rng.random())
+            total += _radiance(
+                pairs[number], lengths, law, rng.random(), rng.random(), rng.random(), rng.random()
+            )
         means[number] = total / rays
     return means
 
 
 @numba.njit(cache=True, nogil=True)
-def _sum_grid(pairs: Array, lengths: Array, law: Array, across: int) -> Array:  # pragma: no cover - compiled
+def _sum_grid(
+    pairs: Array, lengths: Array, law: Array, across: int
+) -> Array:  # pragma: no cover - compiled
     means = np.zeros(len(pairs))
     for number in range(len(pairs)):
         total = 0.0
@@ -183,7 +224,13 @@ def _sum_grid(pairs: Array, lengths: Array, law: Array, across: int) -> Array:  
                 for k in range(across):
                     for m in range(across):
                         total += _radiance(
-                            pairs[number], lengths, law, (i + 0.5) / across, (j + 0.5) / across, (k + 0.5) / across, (m + 0.5) / across
+                            pairs[number],
+                            lengths,
+                            law,
+                            (i + 0.5) / across,
+                            (j + 0.5) / across,
+                            (k + 0.5) / across,
+                            (m + 0.5) / across,
                         )
         means[number] = total / across**4
     return means

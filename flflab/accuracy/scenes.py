@@ -1,7 +1,9 @@
-"""The four scenes by which renderers of this camera are compared: one bench, one chart, what is hard about it changed.
+"""The four scenes by which renderers of this camera are compared: one bench, one chart, what is
+hard about it changed.
 
-A 50 mm lens, an array of 0.9 mm lenses 400 um apart that touch, the chart's image 3.6 mm behind the array and the sensor 0.72 mm behind
-it; the chart is a sine of 20 to 620 cycles across 160 mm. In focus it stands at 1000 mm.
+A 50 mm lens, an array of 0.9 mm lenses 400 um apart that touch, the chart's image 3.6 mm behind the
+array and the sensor 0.72 mm behind it; the chart is a sine of 20 to 620 cycles across 160 mm. In
+focus it stands at 1000 mm.
 """
 
 from flflab.image.scene import Scene, one_plane
@@ -16,9 +18,12 @@ RESOLUTION = (480, 360)  # the middle of the sensor, two by one and a half micro
 
 
 def bench_scene(f_number: float, distance: float, resolution: tuple[int, int]) -> Scene:
-    """The bench at an f-number with the chart at a distance in mm, the middle (columns, rows) of its sensor."""
+    """The bench at an f-number with the chart at a distance in mm, the middle (columns, rows) of
+    its sensor.
+    """
     array = MicrolensArray(
-        layout="square", count=(17, 13), pitch=(0.4, 0.4), aperture=0.4, focal_lengths=(0.9,), distance=ARRAY
+        layout="square", count=(17, 13), pitch=(0.4, 0.4), aperture=0.4, focal_lengths=(0.9,),
+        distance=ARRAY
     )  # fmt: skip
     sensor = Sensor(resolution, 0.00166, ARRAY + GAP)
     return one_plane(Camera(MainLens(50.0, f_number), array, sensor), CHART, distance)

@@ -1,7 +1,8 @@
 """Exact rays through spherical surfaces: real thick lenses, and what first order says of them.
 
-Light runs along +z; a ray meets every surface where it is, is bent by Snell's law there, and nothing is approximated. A ray that misses
-a surface or is totally reflected becomes nan. Lengths in mm.
+Light runs along +z; a ray meets every surface where it is, is bent by Snell's law there, and
+nothing is approximated. A ray that misses a surface or is totally reflected becomes nan. Lengths in
+mm.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +23,8 @@ class Lens:
         curvature: of each surface, 1/mm, positive where its centre lies behind it; 0 for a plane.
         gap: from each surface's vertex to the next one's, mm; one fewer than surfaces.
         index: refractive index behind each surface, the last one 1.
-        stop: number of the surface that is the stop; a plane between equal indices is no more than that.
+        stop: number of the surface that is the stop; a plane between equal indices is no more than
+            that.
     """
 
     curvature: tuple[float, ...]
@@ -34,18 +36,23 @@ class Lens:
         """Refuse what is no lens in air.
 
         Raises:
-            InputError: the lists do not fit together, the last index is not 1, or the stop is none of the surfaces.
+            InputError: the lists do not fit together, the last index is not 1, or the stop is none
+                of the surfaces.
         """
         surfaces = len(self.curvature)
         if surfaces == 0 or len(self.gap) != surfaces - 1 or len(self.index) != surfaces:
             raise InputError(
-                f"lens: {surfaces} curvatures, {len(self.gap)} gaps and {len(self.index)} indices; as many indices as curvatures and one "
-                "gap fewer are due"
+                f"lens: {surfaces} curvatures, {len(self.gap)} gaps and {len(self.index)} indices;"
+                " as many indices as curvatures and one gap fewer are due"
             )
         if self.index[-1] != 1:
-            raise InputError(f"lens: the index behind the last surface is {self.index[-1]:g}; air, 1, is due")
+            raise InputError(
+                f"lens: the index behind the last surface is {self.index[-1]:g}; air, 1, is due"
+            )
         if not 0 <= self.stop < surfaces:
-            raise InputError(f"lens: the stop is surface {self.stop}; 0 to {surfaces - 1} are there")
+            raise InputError(
+                f"lens: the stop is surface {self.stop}; 0 to {surfaces - 1} are there"
+            )
 
     @property
     def vertex(self) -> Array:
@@ -61,8 +68,10 @@ class FirstOrder:
         focal_length: effective focal length, mm.
         front: front principal plane.
         rear: rear principal plane.
-        stop_share: height in the stop of a ray parallel to the axis over its height before the lens.
-        exit_pupil: place of the stop's image seen from behind; infinite where the lens is telecentric there.
+        stop_share: height in the stop of a ray parallel to the axis over its height before the
+            lens.
+        exit_pupil: place of the stop's image seen from behind; infinite where the lens is
+            telecentric there.
         pupil_share: diameter of the exit pupil over that of the entrance pupil.
     """
 
@@ -87,7 +96,11 @@ def mirrored(lens: Lens) -> Lens:
 def scaled(lens: Lens, focal_length: float) -> Lens:
     """The same lens, larger or smaller, with this effective focal length in mm."""
     factor = focal_length / first_order(lens).focal_length
-    return replace(lens, curvature=tuple(c / factor for c in lens.curvature), gap=tuple(g * factor for g in lens.gap))
+    return replace(
+        lens,
+        curvature=tuple(c / factor for c in lens.curvature),
+        gap=tuple(g * factor for g in lens.gap),
+    )
 
 
 def trace(lens: Lens, position: Array, direction: Array) -> tuple[Array, Array]:
@@ -99,7 +112,8 @@ def trace(lens: Lens, position: Array, direction: Array) -> tuple[Array, Array]:
         direction: its direction, of length 1, z above 0, shape (..., 3).
 
     Returns:
-        Where each surface is met, shape (surfaces, ..., 3), and the direction behind the lens, shape (..., 3).
+        Where each surface is met, shape (surfaces, ..., 3), and the direction behind the lens,
+        shape (..., 3).
 
     Source: vector form of Snell's law, e.g. Welford, Aberrations of Optical Systems, section 4.3.
     """
@@ -130,7 +144,8 @@ def at_plane(position: Array, direction: Array, z: npt.ArrayLike) -> Array:
 
 
 def first_order(lens: Lens) -> FirstOrder:
-    """Focal length, principal planes and pupils from the paraxial ray transfer matrices of the surfaces.
+    """Focal length, principal planes and pupils from the paraxial ray transfer matrices of the
+    surfaces.
 
     Raises:
         InputError: the lens is afocal.
@@ -156,9 +171,11 @@ def first_order(lens: Lens) -> FirstOrder:
 
 
 def _paraxial(lens: Lens, height: float, slope: float, first: int) -> tuple[list[float], float]:
-    """Heights at the surfaces and the last slope of a paraxial ray that starts before surface ``first``, the earlier ones left out.
+    """Heights at the surfaces and the last slope of a paraxial ray that starts before surface
+    ``first``, the earlier ones left out.
 
-    Where it starts at the stop, that surface is taken as already passed: rays are followed from behind it.
+    Where it starts at the stop, that surface is taken as already passed: rays are followed from
+    behind it.
     """
     before = 1.0 if first == 0 else lens.index[first - 1]
     heights: list[float] = []

@@ -1,7 +1,9 @@
-"""A focused light field camera of real lenses: exact rays in its meridional plane, and how to aim them.
+"""A focused light field camera of real lenses: exact rays in its meridional plane, and how to aim
+them.
 
-The main lens stands as the model describes it: scaled to the model's focal length, its entrance pupil F/N wide, the array counted from
-its rear principal plane and the target from its front one. The gap counts the microlens's glass plate as thickness over index.
+The main lens stands as the model describes it: scaled to the model's focal length, its entrance
+pupil F/N wide, the array counted from its rear principal plane and the target from its front one.
+The gap counts the microlens's glass plate as thickness over index.
 """
 
 from dataclasses import dataclass
@@ -32,7 +34,8 @@ class Setting:
         array: rear principal plane of the main lens to the microlenses, mm.
         gap: microlenses to the sensor, mm.
         aperture: diameter of the microlens, mm.
-        distance: target to the front principal plane of the main lens, mm; None puts it in focus by the model.
+        distance: target to the front principal plane of the main lens, mm; None puts it in focus by
+            the model.
     """
 
     lens: Lens
@@ -46,7 +49,8 @@ class Setting:
 
 @dataclass(frozen=True)
 class ThickCamera:
-    """A setting made definite: systems and vergences of one shape, and the main lens as light from behind meets it.
+    """A setting made definite: systems and vergences of one shape, and the main lens as light from
+    behind meets it.
 
     Attributes:
         smms: the model's systems.
@@ -94,7 +98,9 @@ def build(setting: Setting) -> ThickCamera:
         setting.aperture,
         1.0 if setting.distance is None else setting.distance,
     )
-    f_number, field, array, gap, aperture, distance = (np.array(part, dtype=float) for part in np.broadcast_arrays(*given))
+    f_number, field, array, gap, aperture, distance = (
+        np.array(part, dtype=float) for part in np.broadcast_arrays(*given)
+    )
     known = first_order(setting.lens)
     smms = Smms(
         lens_focal=np.full_like(gap, known.focal_length),
@@ -108,11 +114,20 @@ def build(setting: Setting) -> ThickCamera:
     )
     last = float(setting.lens.vertex[-1])
     vergence = sharp_vergence(smms) if setting.distance is None else 1 / distance
-    return ThickCamera(smms, vergence, mirrored(setting.lens), last - known.rear, last - known.front, known.stop_share)
+    return ThickCamera(
+        smms,
+        vergence,
+        mirrored(setting.lens),
+        last - known.rear,
+        last - known.front,
+        known.stop_share,
+    )
 
 
 def exact_rays(camera: ThickCamera, centre: Array, q: Array, slope: Array) -> Rays:
-    """Trace rays both ways from a height ``q`` on the curved side of the microlens round ``centre``, mm, that they meet with ``slope``."""
+    """Trace rays both ways from a height ``q`` on the curved side of the microlens round
+    ``centre``, mm, that they meet with ``slope``.
+    """
     smms, plate = camera.smms, MICROLENS.gap[0]
     off, nothing, length = q - centre, np.zeros_like(q), np.hypot(slope, 1.0)
     bend = MICROLENS.curvature[0]
@@ -133,7 +148,8 @@ def exact_rays(camera: ThickCamera, centre: Array, q: Array, slope: Array) -> Ra
 
 
 def aim(camera: ThickCamera, centre: Array, **wanted: Array) -> Rays:
-    """The rays through the microlens round ``centre`` that fulfil two conditions on ``m``, ``q``, ``o`` or ``s``, by Newton's method.
+    """The rays through the microlens round ``centre`` that fulfil two conditions on ``m``, ``q``,
+    ``o`` or ``s``, by Newton's method.
 
     Returns:
         The rays; nan where a ray on the way to them misses a surface.

@@ -1,7 +1,8 @@
-"""Work against precision: what every method reaches on every problem at every setting, and what it costs.
+"""Work against precision: what every method reaches on every problem at every setting, and what it
+costs.
 
-The design is that of the work-precision sets of the SciML benchmarks: problems with an independent reference, methods with a list of
-settings, repeats; a table comes out.
+The design is that of the work-precision sets of the SciML benchmarks: problems with an independent
+reference, methods with a list of settings, repeats; a table comes out.
 """
 
 import math
@@ -24,7 +25,8 @@ BRIEF = 0.02  # s; shorter runs are repeated within one timing until together th
 
 @dataclass(frozen=True)
 class Problem:
-    """A scene, the pixels it is judged by, and their values by a reference that shares no code with the methods.
+    """A scene, the pixels it is judged by, and their values by a reference that shares no code with
+    the methods.
 
     Attributes:
         name: for tables and plots.
@@ -43,7 +45,9 @@ class Problem:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a method finds: values at the problem's pixels, and how many pixels its time went into."""
+    """What a method finds: values at the problem's pixels, and how many pixels its time went
+    into.
+    """
 
     values: Array
     pixels: int
@@ -58,7 +62,8 @@ class Method:
         setting: what it takes: a ``tolerance``, or a count of work.
         settings: those to try.
         run: forms a picture at a setting; this is timed.
-        estimate: what the method itself says of its largest error at a setting; not timed. None where it says nothing.
+        estimate: what the method itself says of its largest error at a setting; not timed. None
+            where it says nothing.
     """
 
     name: str
@@ -110,13 +115,20 @@ class Row:
         return 1e6 * self.processor_s / self.pixels
 
 
-def work_precision(problems: Iterable[Problem], methods: Sequence[Method], *, repeats: int, tell: Callable[[str], None]) -> tuple[Row, ...]:
+def work_precision(
+    problems: Iterable[Problem],
+    methods: Sequence[Method],
+    *,
+    repeats: int,
+    tell: Callable[[str], None],
+) -> tuple[Row, ...]:
     """Run every method at every setting on every problem.
 
     Args:
         problems: what is to be solved.
         methods: how.
-        repeats: warm runs of each, of which the median counts; one where it takes longer than a second.
+        repeats: warm runs of each, of which the median counts; one where it takes longer than a
+            second.
         tell: is told what is being done.
     """
     rows: list[Row] = []
@@ -161,14 +173,22 @@ def _measure(problem: Problem, method: Method, setting: float, repeats: int) -> 
 
 def order(works: npt.ArrayLike, errors: npt.ArrayLike) -> float:
     """Slope of log error against log work: -1/2 for independent samples."""
-    return float(np.polyfit(np.log(np.asarray(works, dtype=float)), np.log(np.asarray(errors, dtype=float)), 1)[0])
+    return float(
+        np.polyfit(
+            np.log(np.asarray(works, dtype=float)), np.log(np.asarray(errors, dtype=float)), 1
+        )[0]
+    )
 
 
 def random_cost(rows: Sequence[Row], error: float) -> float:
-    """Processor seconds for a million lit pixels at which independent samples reach an rms error, by their law cost = constant/error^2.
+    """Processor seconds for a million lit pixels at which independent samples reach an rms error,
+    by their law cost = constant/error^2.
 
     Args:
         rows: of one scene and a method of independent samples; the constant is their median.
         error: root mean square, in units of the white level.
     """
-    return statistics.median(row.processor_s_per_megapixel * row.rms_error**2 for row in rows) / error**2
+    return (
+        statistics.median(row.processor_s_per_megapixel * row.rms_error**2 for row in rows)
+        / error**2
+    )

@@ -1,1 +1,3 @@
-"""Pictures measured: lattice of micro-images, dots, number of views, contrast; each result with its uncertainty."""
+"""Pictures measured: lattice of micro-images, dots, number of views, contrast; each result with its
+uncertainty.
+"""

@@ -1,4 +1,6 @@
-"""A picture of any origin as the fits take it: DN above black, the noise of its pixels, and in sentences what was guessed on the way."""
+"""A picture of any origin as the fits take it: DN above black, the noise of its pixels, and in
+sentences what was guessed on the way.
+"""
 
 import math
 
@@ -20,7 +22,10 @@ NEXT_TO_NONE = 5e-4  # of the brightest light: no sensor has less noise in a sin
 
 
 def as_read(
-    picture: npt.NDArray[np.generic] | RawPicture, camera: Camera, kind: str, noise: SensorNoise | None
+    picture: npt.NDArray[np.generic] | RawPicture,
+    camera: Camera,
+    kind: str,
+    noise: SensorNoise | None,
 ) -> tuple[Mosaic, list[str]]:
     """The picture above its black level, and remarks.
 
@@ -39,7 +44,9 @@ def as_read(
         mosaic = from_raw(picture, noise)
         if mosaic.gains is not None:
             share = ", ".join(f"{gain:.4f}" for gain in mosaic.gains.ravel())
-            remarks.append(f"the mosaic {picture.pattern} was measured as four sub-lattices of gains {share}")
+            remarks.append(
+                f"the mosaic {picture.pattern} was measured as four sub-lattices of gains {share}"
+            )
     else:
         mosaic = _grey(require_picture(picture, camera, kind), np.asarray(picture), noise, remarks)
     if noise is None:
@@ -53,27 +60,47 @@ def as_read(
 def _remark_on_noise(mosaic: Mosaic) -> str:
     """Where the noise comes from that uncertainties count, and when that is next to nothing."""
     light = float(mosaic.values.max()) - mosaic.noise.offset_dn
-    share = math.sqrt(float(mosaic.noise.variance(light + mosaic.noise.offset_dn))) / max(light, 1e-300)
+    share = math.sqrt(float(mosaic.noise.variance(light + mosaic.noise.offset_dn))) / max(
+        light, 1e-300
+    )
     if share >= NEXT_TO_NONE:
         return "the sensor's noise was estimated from the picture itself"
     return (
-        f"there is next to no noise in the picture, {share:.1g} of its light: uncertainties count that and nothing else that may be wrong "
-        "with it; a simulated picture has noise with --seed"
+        f"there is next to no noise in the picture, {share:.1g} of its light: uncertainties count"
+        " that and nothing else that may be wrong with it; a simulated picture has noise with"
+        " --seed"
     )
 
 
-def _grey(values: Array, picture: npt.NDArray[np.generic], noise: SensorNoise | None, remarks: list[str]) -> Mosaic:
+def _grey(
+    values: Array, picture: npt.NDArray[np.generic], noise: SensorNoise | None, remarks: list[str]
+) -> Mosaic:
     """A picture without filters, in steps of one."""
     if noise is None and picture.dtype.kind == "f":
         top = float(values.max())
         if top < 0:
-            raise MeasurementError(f"picture: all its numbers are below 0, from {values.min():.4g}; light from 0 up is due")
-        # in units of the white level the rounding of whole numbers would count as noise; dots may cover less than a thousandth
+            raise MeasurementError(
+                f"picture: all its numbers are below 0, from {values.min():.4g}; light from 0 up"
+                " is due"
+            )
+        # in units of the white level the rounding of whole numbers would count as noise; dots may
+        # cover less than a thousandth
         values = values * (SCALED_WHITE_DN / top if top > 0 else 1.0)
     if noise is None and picture.dtype.kind == "u":
         step = int(np.gcd.reduce(picture.ravel().astype(np.int64))) or 1
         if step > 1 and step & (step - 1) == 0:
             values = values / step
             picture = values.astype(np.uint16)
-            remarks.append(f"every number of the picture is a multiple of {step}: fewer bits, shifted up; they were shifted back")
-    return Mosaic(values, estimate_noise(picture if picture.dtype.kind == "u" else values) if noise is None else noise, None)
+            remarks.append(
+                f"every number of the picture is a multiple of {step}: fewer bits, shifted up; they"
+                " were shifted back"
+            )
+    return Mosaic(
+        values,
+        (
+            estimate_noise(picture if picture.dtype.kind == "u" else values)
+            if noise is None
+            else noise
+        ),
+        None,
+    )

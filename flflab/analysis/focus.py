@@ -9,13 +9,19 @@ import numpy.typing as npt
 APART = 2  # pixels: the next one behind the same colour filter
 
 
-def focus_figure(picture: npt.NDArray[Any], offset_dn: float = 0.0, dn_per_electron: float = 0.0, read_noise_dn: float = 0.0) -> float:
+def focus_figure(
+    picture: npt.NDArray[Any],
+    offset_dn: float = 0.0,
+    dn_per_electron: float = 0.0,
+    read_noise_dn: float = 0.0,
+) -> float:
     """How much neighbouring pixels differ, as a share of the mean brightness.
 
-    F = sqrt(max(0, <dx^2> + <dy^2> - 4 <v>)) / <s>, with the signal s above the offset, its differences dx and dy over two columns and
-    two rows, and the variance v = r^2 + g s that read noise r and the g DN of an electron's shot noise give it. It is the gradient energy
-    of focus measures, normalised: twice the light leaves it as it is, and noise adds nothing on average. It compares pictures of the same
-    thing only.
+    F = sqrt(max(0, <dx^2> + <dy^2> - 4 <v>)) / <s>, with the signal s above the offset, its
+    differences dx and dy over two columns and two rows, and the variance v = r^2 + g s that read
+    noise r and the g DN of an electron's shot noise give it. It is the gradient energy of focus
+    measures, normalised: twice the light leaves it as it is, and noise adds nothing on average. It
+    compares pictures of the same thing only.
 
     Args:
         picture: shape (rows, columns), DN, three rows and columns at least.
@@ -38,8 +44,11 @@ def focus_figure(picture: npt.NDArray[Any], offset_dn: float = 0.0, dn_per_elect
     return math.sqrt(max(0.0, energy - noise)) / mean
 
 
-def parabola_top(positions: npt.NDArray[np.float64], figures: npt.NDArray[np.float64]) -> float | None:
-    """Where figures are largest, by a parabola through the best and its neighbours; None where the best is the first or the last.
+def parabola_top(
+    positions: npt.NDArray[np.float64], figures: npt.NDArray[np.float64]
+) -> float | None:
+    """Where figures are largest, by a parabola through the best and its neighbours; None where the
+    best is the first or the last.
 
     Args:
         positions: shape (n,), rising or falling.
@@ -48,5 +57,11 @@ def parabola_top(positions: npt.NDArray[np.float64], figures: npt.NDArray[np.flo
     best = int(np.argmax(figures))
     if not 0 < best < len(figures) - 1:
         return None
-    curvature, slope, _ = np.polyfit(positions[best - 1 : best + 2] - positions[best], figures[best - 1 : best + 2], 2)
-    return float(positions[best] - slope / (2 * curvature)) if curvature < 0 else float(positions[best])
+    curvature, slope, _ = np.polyfit(
+        positions[best - 1 : best + 2] - positions[best], figures[best - 1 : best + 2], 2
+    )
+    return (
+        float(positions[best] - slope / (2 * curvature))
+        if curvature < 0
+        else float(positions[best])
+    )

@@ -1,4 +1,6 @@
-"""One frame measured: what ``flflab measure --json`` says, from a picture, the camera and what the target was."""
+"""One frame measured: what ``flflab measure --json`` says, from a picture, the camera and what the
+target was.
+"""
 
 import math
 from typing import Any
@@ -15,9 +17,20 @@ from flflab.analysis.lattice.kinds import kinds_of
 from flflab.analysis.lattice.profile import cone_of
 from flflab.analysis.lattice.registration import microlens_type_of, sensor_pixel
 from flflab.analysis.lattice.white import Lattice, find_lattice, pitch_and_angle
-from flflab.analysis.measure_json import contrast_json, dot_json, edge_json, lattice_json, micro_images_json
+from flflab.analysis.measure_json import (
+    contrast_json,
+    dot_json,
+    edge_json,
+    lattice_json,
+    micro_images_json,
+)
 from flflab.analysis.micro_images import every_micro_image
-from flflab.analysis.presence import brightest_light, require_blur_within, require_dots, require_light
+from flflab.analysis.presence import (
+    brightest_light,
+    require_blur_within,
+    require_dots,
+    require_light,
+)
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.without_white.bars import lattice_from_bars
 from flflab.analysis.without_white.dots import lattice_from_dots
@@ -46,13 +59,14 @@ def measure(
 ) -> dict[str, Any]:
     """Measure one frame.
 
-    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera. Another frame is measured on the
-    lattice of the white one beside it. Without one the lattice is measured where dots or bars are white, from the camera's nominal one;
-    sines and edges are measured on that itself. A remark says so.
+    A white frame gives the lattice, of which only layout and rough pitch are taken from the camera.
+    Another frame is measured on the lattice of the white one beside it. Without one the lattice is
+    measured where dots or bars are white, from the camera's nominal one; sines and edges are
+    measured on that itself. A remark says so.
 
     Args:
-        picture: [row, col]; DN, or any other unit where ``noise`` is None. A raw one is measured above its black level, the filters of its
-            mosaic as four sub-lattices.
+        picture: [row, col]; DN, or any other unit where ``noise`` is None. A raw one is measured
+            above its black level, the filters of its mosaic as four sub-lattices.
         camera: nominal.
         target: what stood there; None means white.
         distance: main lens to target, mm; None means where the camera is sharp.
@@ -60,8 +74,9 @@ def measure(
         white: a picture of a white target, taken as this one was; None: there is none.
 
     Returns:
-        ``lattice``, ``dots``, ``mtf`` as in the contract of ``measure --json`` (pixels, (x, y); mm; None where there is no value),
-        with the lattice's standard uncertainties, and ``remarks``, sentences.
+        ``lattice``, ``dots``, ``mtf`` as in the contract of ``measure --json`` (pixels, (x, y); mm;
+        None where there is no value), with the lattice's standard uncertainties, and ``remarks``,
+        sentences.
 
     Raises:
         InputError: a target this cannot measure, or no distance where one is needed.
@@ -72,15 +87,24 @@ def measure(
         kinds = ", ".join(kind.kind for kind in (White, FourDot, Bars, Chirp, Edge))
         raise InputError(f"measure: a {target.kind} target cannot be measured; allowed are {kinds}")
     if white is not None and isinstance(target, White):
-        raise InputError("measure: a white picture beside a white one; it belongs beside a picture of another target")
+        raise InputError(
+            "measure: a white picture beside a white one; it belongs beside a picture of another"
+            " target"
+        )
     mosaic, remarks = as_read(picture, camera, target.kind, noise)
     values, evened = mosaic.even()
     require_light(values, evened, target)
     result: dict[str, Any] = {"dots": [], "mtf": []}
     if isinstance(target, White):
         lattice = _lattice_of_white(values, evened, camera, remarks)
-        each = micro_images_json(every_micro_image(values, lattice, evened), nominal_radii(lattice, camera))
-        return {"lattice": lattice_json(lattice) | {"micro_images": each}, **result, "remarks": remarks}
+        each = micro_images_json(
+            every_micro_image(values, lattice, evened), nominal_radii(lattice, camera)
+        )
+        return {
+            "lattice": lattice_json(lattice) | {"micro_images": each},
+            **result,
+            "remarks": remarks,
+        }
     away = _sharp_distance(camera) if distance is None else distance
     if white is None:
         lattice = _lattice_without_white(values, evened, camera, target, away, remarks)
@@ -100,23 +124,30 @@ def measure(
         result["mtf"] = edge_json(edges, camera, away)
         remarks += _edge_remarks(edges)
     else:
-        curves, reasons = fit_contrasts(mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains)
+        curves, reasons = fit_contrasts(
+            mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains
+        )
         result["mtf"] = [point for curve in curves for point in contrast_json(curve, lattice)]
         remarks += reasons
     return {"lattice": lattice_json(lattice), **result, "remarks": remarks}
 
 
-def _lattice_of_white(values: npt.NDArray[np.floating[Any]], noise: SensorNoise, camera: Camera, remarks: list[str]) -> Lattice:
+def _lattice_of_white(
+    values: npt.NDArray[np.floating[Any]], noise: SensorNoise, camera: Camera, remarks: list[str]
+) -> Lattice:
     """The lattice of a white picture; remarks say what is unlike the camera."""
     kinds = kinds_of(camera)
-    # micro-images of kinds that are taken for one have no one profile in which their fall-off could be told
+    # micro-images of kinds that are taken for one have no one profile in which their fall-off could
+    # be told
     cone = cone_of(camera) if kinds or len(camera.array.focal_lengths) == 1 else None
-    lattice = find_lattice(values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, noise, cone, kinds)
+    lattice = find_lattice(
+        values, camera.array.layout, nominal_lattice(camera, 1.0).pitch_px, noise, cone, kinds
+    )
     remarks += _unlike_the_camera(lattice, camera)
     if cone is None:
         remarks.append(
-            "microlenses of several kinds: natural fall-off is left out, where there is any radii are off by up to a pixel, "
-            "far more than their uncertainty"
+            "microlenses of several kinds: natural fall-off is left out, where there is any radii"
+            " are off by up to a pixel, far more than their uncertainty"
         )
     return lattice
 
@@ -129,38 +160,62 @@ def _lattice_without_white(
     distance: float,
     remarks: list[str],
 ) -> Lattice:
-    """The lattice measured within dots or white bars, from the camera's nominal one, else that one; a remark says which and why."""
+    """The lattice measured within dots or white bars, from the camera's nominal one, else that one;
+    a remark says which and why.
+    """
     nominal, why = nominal_lattice(camera, brightest_light(values, noise)), ""
     try:
         if isinstance(target, FourDot):
-            found, where = lattice_from_dots(values, nominal, camera, target, distance, noise), "the dots"
-        elif isinstance(target, Bars) and target.kind == "bars" and len(camera.array.focal_lengths) == 1:
-            found, where = lattice_from_bars(values, nominal, camera, target, distance, noise), "the white bars"
+            found, where = (
+                lattice_from_dots(values, nominal, camera, target, distance, noise),
+                "the dots",
+            )
+        elif (
+            isinstance(target, Bars)
+            and target.kind == "bars"
+            and len(camera.array.focal_lengths) == 1
+        ):
+            found, where = (
+                lattice_from_bars(values, nominal, camera, target, distance, noise),
+                "the white bars",
+            )
         else:
             found, where = nominal, ""
     except MeasurementError as error:
         if isinstance(target, FourDot):
             require_blur_within(nominal, camera, distance)
         found, where, why = nominal, "", f" ({error})"
-    measured = f"was measured within {where}, from the camera's nominal one" if where else "is the camera's nominal one, not measured"
+    measured = (
+        f"was measured within {where}, from the camera's nominal one"
+        if where
+        else "is the camera's nominal one, not measured"
+    )
     remarks.append(f"no white picture: the lattice {measured}{why}")
     return found
 
 
 def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:
-    """The lattice that the camera's description says; radii and centres good to a pixel, light the same everywhere."""
+    """The lattice that the camera's description says; radii and centres good to a pixel, light the
+    same everywhere.
+    """
     smms = central_smms(camera)
     width, height = camera.sensor.resolution
     centres = sensor_pixel(camera.sensor, microlens_centres(camera.array) * float(smms.image_scale))
     pitch = np.asarray(camera.array.pitch) * float(smms.image_scale) / camera.sensor.pixel
-    slant = np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if camera.array.layout == "hexagonal" else np.eye(2)
+    slant = (
+        np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]])
+        if camera.array.layout == "hexagonal"
+        else np.eye(2)
+    )
     cos, sin = math.cos(camera.array.roll), math.sin(camera.array.roll)
     vectors = np.array([[cos, -sin], [sin, cos]]) @ (pitch[:, None] * slant)
     outside = float(smms.outside_radius) / camera.sensor.pixel
     off = np.hypot(*(centres - np.clip(centres, -0.5, [width - 0.5, height - 0.5])).T)
     centres = centres[off < outside]
     if len(centres) == 0:
-        raise InputError("camera: no micro-image falls on the sensor; check the offsets of array and sensor")
+        raise InputError(
+            "camera: no micro-image falls on the sensor; check the offsets of array and sensor"
+        )
     origin = centres[int(np.argmin(np.hypot(*(centres - [(width - 1) / 2, (height - 1) / 2]).T)))]
     length, angle = pitch_and_angle(camera.array.layout, vectors)
     return Lattice(
@@ -191,7 +246,9 @@ def nominal_lattice(camera: Camera, light_dn: float) -> Lattice:
 
 
 def nominal_radii(lattice: Lattice, camera: Camera) -> Array:
-    """Radii of bright and total field of each of the lattice's micro-images by the camera's description, px, shape (n, 2)."""
+    """Radii of bright and total field of each of the lattice's micro-images by the camera's
+    description, px, shape (n, 2).
+    """
     focal = microlens_type_of(lattice, camera)
     radii = np.full((len(focal), 2), math.nan)
     for smms in type_smms(camera):
@@ -202,7 +259,9 @@ def nominal_radii(lattice: Lattice, camera: Camera) -> Array:
 def _sharp_distance(camera: Camera) -> float:
     vergence = float(sharp_vergence(central_smms(camera)))
     if not (math.isfinite(vergence) and vergence > 0):
-        raise InputError("measure: this camera is sharp at no real distance; give the target's distance")
+        raise InputError(
+            "measure: this camera is sharp at no real distance; give the target's distance"
+        )
     return 1 / vergence
 
 
@@ -210,15 +269,26 @@ def _unlike_the_camera(lattice: Lattice, camera: Camera) -> list[str]:
     nominal, remarks = nominal_lattice(camera, 1.0), list[str]()
     if abs(lattice.pitch_px / nominal.pitch_px - 1) > PITCH_TOLERANCE:
         remarks.append(
-            f"the pitch is {lattice.pitch_px:.2f} px, the camera's description makes it {nominal.pitch_px:.2f} px; "
-            "check pitch, pixel and distances"
+            f"the pitch is {lattice.pitch_px:.2f} px, the camera's description makes it"
+            f" {nominal.pitch_px:.2f} px; check pitch, pixel and distances"
         )
     pairs = [
-        ("inside", lattice.inside_radius_px, nominal.inside_radius_px, lattice.inside_uncertainty_px),
-        ("outside", lattice.outside_radius_px, nominal.outside_radius_px, lattice.outside_uncertainty_px),
+        (
+            "inside",
+            lattice.inside_radius_px,
+            nominal.inside_radius_px,
+            lattice.inside_uncertainty_px,
+        ),
+        (
+            "outside",
+            lattice.outside_radius_px,
+            nominal.outside_radius_px,
+            lattice.outside_uncertainty_px,
+        ),
     ]
     return remarks + [
-        f"the {name} radius is {found:.2f} px, the camera's description makes it {due:.2f} px; check f-number, apertures and distances"
+        f"the {name} radius is {found:.2f} px, the camera's description makes it {due:.2f} px;"
+        " check f-number, apertures and distances"
         for name, found, due, doubt in pairs
         if abs(found - due) > max(RADIUS_TOLERANCE * due, 4 * doubt, 0.5)
     ]
@@ -231,5 +301,8 @@ def _edge_remarks(curve: EdgeCurve) -> list[str]:
     slope = math.degrees(curve.views[0].fit.angle)
     return [
         views,
-        f"{curve.starved} of the edges, at {slope:.2f} deg, sample their profile at too few places in a pixel; turn the target by a degree",
+        (
+            f"{curve.starved} of the edges, at {slope:.2f} deg, sample their profile at too few"
+            " places in a pixel; turn the target by a degree"
+        ),
     ]

@@ -1,4 +1,6 @@
-"""What ``flflab measure --json`` says, in JSON's own types: pixels (x, y), mm, None where there is no value."""
+"""What ``flflab measure --json`` says, in JSON's own types: pixels (x, y), mm, None where there is
+no value.
+"""
 
 import math
 from typing import Any
@@ -41,13 +43,18 @@ def lattice_json(lattice: Lattice) -> dict[str, Any]:
 
 
 def micro_images_json(found: MicroImages, nominal: npt.NDArray[np.float64]) -> list[dict[str, Any]]:
-    """Each micro-image by itself, in the lattice's order: centre and radii with standard uncertainties, and the model's radii.
+    """Each micro-image by itself, in the lattice's order: centre and radii with standard
+    uncertainties, and the model's radii.
 
     Args:
         found: as measured.
         nominal: radii of bright and total field by the model, px, shape (n, 2).
     """
-    doubt, inside, outside = np.sqrt(np.einsum("nkk->nk", found.covariance_px)[:, :2]), found.inside_px, found.outside_px
+    doubt, inside, outside = (
+        np.sqrt(np.einsum("nkk->nk", found.covariance_px)[:, :2]),
+        found.inside_px,
+        found.outside_px,
+    )
     return [
         {
             "centre_px": [_number(value) for value in found.centres_px[n]],
@@ -58,7 +65,10 @@ def micro_images_json(found: MicroImages, nominal: npt.NDArray[np.float64]) -> l
                 "inside_radius_px": _number(inside[1, n]),
                 "outside_radius_px": _number(outside[1, n]),
             },
-            "model": {"inside_radius_px": float(nominal[n, 0]), "outside_radius_px": float(nominal[n, 1])},
+            "model": {
+                "inside_radius_px": float(nominal[n, 0]),
+                "outside_radius_px": float(nominal[n, 1]),
+            },
         }
         for n in range(len(nominal))
     ]
@@ -77,7 +87,9 @@ def dot_json(dot: DotViews) -> dict[str, Any]:
 
 
 def contrast_json(curve: ContrastCurve, lattice: Lattice) -> list[dict[str, Any]]:
-    """A point for each frequency, with the classic reading, its bias, and every view's own contrast."""
+    """A point for each frequency, with the classic reading, its bias, and every view's own
+    contrast.
+    """
     return [
         {
             "cycles_per_px": float(curve.cycles_per_px[k]),
@@ -89,8 +101,17 @@ def contrast_json(curve: ContrastCurve, lattice: Lattice) -> list[dict[str, Any]
             "classic": _number(curve.classic[k]),
             "classic_bias": _number(curve.classic_bias[k]),
             "views": [
-                {"centre_px": lattice.centres_px[lens].tolist(), "contrast": float(contrast), "uncertainty": float(doubt)}
-                for lens, contrast, doubt in zip(curve.views, curve.views_contrast[:, k], curve.views_uncertainty[:, k], strict=True)
+                {
+                    "centre_px": lattice.centres_px[lens].tolist(),
+                    "contrast": float(contrast),
+                    "uncertainty": float(doubt),
+                }
+                for lens, contrast, doubt in zip(
+                    curve.views,
+                    curve.views_contrast[:, k],
+                    curve.views_uncertainty[:, k],
+                    strict=True,
+                )
                 if math.isfinite(contrast)
             ],
         }
@@ -102,6 +123,11 @@ def edge_json(curve: EdgeCurve, camera: Camera, distance: float) -> list[dict[st
     """A point for each frequency along the edges' normal."""
     scale = float(magnification(central_smms(camera), 1 / distance)) / camera.sensor.pixel
     return [
-        {"cycles_per_px": float(u), "cycles_per_mm": float(u) * scale, "contrast": float(mtf), "uncertainty": float(doubt)}
+        {
+            "cycles_per_px": float(u),
+            "cycles_per_mm": float(u) * scale,
+            "contrast": float(mtf),
+            "uncertainty": float(doubt),
+        }
         for u, mtf, doubt in zip(curve.cycles_per_px, curve.mtf, curve.uncertainty, strict=True)
     ]

@@ -1,4 +1,6 @@
-"""What the fits of single micro-images sum over pixels, compiled: normal matrices of each and of each with its neighbours."""
+"""What the fits of single micro-images sum over pixels, compiled: normal matrices of each and of
+each with its neighbours.
+"""
 
 import math
 
@@ -6,7 +8,15 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice.profile import BY_LARGE, BY_RADIUS, BY_SMALL, LOPSIDED, ORDERS, SQUARE, VALUE
+from flflab.analysis.lattice.profile import (
+    BY_LARGE,
+    BY_RADIUS,
+    BY_SMALL,
+    LOPSIDED,
+    ORDERS,
+    SQUARE,
+    VALUE,
+)
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -31,7 +41,9 @@ def _derivatives(
     at: Array,
     g: Array,
 ) -> bool:  # pragma: no cover - compiled
-    """Derivatives of a pixel by the values of a micro-image; the last is its share of the light. False where it sends none."""
+    """Derivatives of a pixel by the values of a micro-image; the last is its share of the light.
+    False where it sends none.
+    """
     dx, dy = column - one[0], row - one[1]
     r = math.sqrt(dx * dx + dy * dy)
     if r >= at[2]:
@@ -40,15 +52,25 @@ def _derivatives(
     k = int(place)
     t = place - k
     ux, uy = dx / max(r, 1e-9), dy / max(r, 1e-9)
-    # All columns are read between their entries: a share with steps in it has a fit of what the border cuts jump to and fro.
+    # All columns are read between their entries: a share with steps in it has a fit of what the
+    # border cuts jump to and fro.
     along, steep = slant[0] * ux + slant[1] * uy, slant[0] ** 2 + slant[1] ** 2
     share = (
         _between(table, k, t, VALUE)
         + (1.0 - 8.0 * (ux * uy) ** 2) * _between(table, k, t, SQUARE)
         + along * _between(table, k, t, LOPSIDED)
     )
-    share += steep * (_between(table, k, t, _FIRST_ORDER) + along * _between(table, k, t, _FIRST_ORDER + 2))
-    share += along * along * (_between(table, k, t, _FIRST_ORDER + 1) + along * _between(table, k, t, _FIRST_ORDER + 3))
+    share += steep * (
+        _between(table, k, t, _FIRST_ORDER) + along * _between(table, k, t, _FIRST_ORDER + 2)
+    )
+    share += (
+        along
+        * along
+        * (
+            _between(table, k, t, _FIRST_ORDER + 1)
+            + along * _between(table, k, t, _FIRST_ORDER + 3)
+        )
+    )
     large, small = _between(table, k, t, BY_LARGE), _between(table, k, t, BY_SMALL)
     share += large * (one[2] - at[0]) + small * (one[3] - at[1])
     slope = one[4] * _between(table, k, t, BY_RADIUS)
@@ -72,9 +94,11 @@ def sum_up(
     ceiling: float,
     offset_dn: float,
 ) -> tuple[Array, Array, Array, Array, Whole]:  # pragma: no cover - compiled
-    """Normal matrices of some micro-images, those with each neighbour, right sides, chi^2 and numbers of pixels.
+    """Normal matrices of some micro-images, those with each neighbour, right sides, chi^2 and
+    numbers of pixels.
 
-    ``which`` table is each micro-image's, ``at`` its radii, reach and step; where ``neighbours`` are -1 there are none.
+    ``which`` table is each micro-image's, ``at`` its radii, reach and step; where ``neighbours``
+    are -1 there are none.
     """
     normal = np.zeros((len(members), VALUES, VALUES))
     cross = np.zeros((len(members), neighbours.shape[1], VALUES, VALUES))
@@ -88,7 +112,9 @@ def sum_up(
         x, y, table = values[n, 0], values[n, 1], which[n]
         reach = at[table, 2]
         for row in range(max(0, math.ceil(y - reach)), min(height - 1, math.floor(y + reach)) + 1):
-            for column in range(max(0, math.ceil(x - reach)), min(width - 1, math.floor(x + reach)) + 1):
+            for column in range(
+                max(0, math.ceil(x - reach)), min(width - 1, math.floor(x + reach)) + 1
+            ):
                 read = picture[row, column]
                 if not read < ceiling:
                     continue
@@ -101,9 +127,13 @@ def sum_up(
                     if o < 0:
                         continue
                     there = which[o]
-                    if (column - values[o, 0]) ** 2 + (row - values[o, 1]) ** 2 >= at[there, 2] ** 2:  # spares most neighbours' rows
+                    if (column - values[o, 0]) ** 2 + (row - values[o, 1]) ** 2 >= at[
+                        there, 2
+                    ] ** 2:  # spares most neighbours' rows
                         continue
-                    lit[k] = _derivatives(column, row, values[o], slants[o], tables[there], at[there], others[k])
+                    lit[k] = _derivatives(
+                        column, row, values[o], slants[o], tables[there], at[there], others[k]
+                    )
                     if lit[k]:
                         expected += values[o, 4] * others[k, 4]
                 weight = 1.0 / (dark + gain * max(expected - offset_dn, 0.0))
@@ -126,8 +156,12 @@ def sum_up(
 
 
 @numba.njit(nogil=True, cache=True)
-def with_neighbours(members: Whole, neighbours: Whole, normal: Array, cross: Array, right: Array) -> tuple[Array, Array]:
-    """Systems of each of some micro-images together with its neighbours, itself first; a missing neighbour is left at rest."""
+def with_neighbours(
+    members: Whole, neighbours: Whole, normal: Array, cross: Array, right: Array
+) -> tuple[Array, Array]:
+    """Systems of each of some micro-images together with its neighbours, itself first; a missing
+    neighbour is left at rest.
+    """
     around = neighbours.shape[1] + 1
     systems = np.zeros((len(members), around * VALUES, around * VALUES))
     sides = np.zeros((len(members), around * VALUES))

@@ -1,10 +1,13 @@
-"""How many frames an accuracy takes: a rule that looks at the uncertainty alone, never at the value.
+"""How many frames an accuracy takes: a rule that looks at the uncertainty alone, never at the
+value.
 
-The uncertainty of a mean of n frames follows u(n)^2 = a / n + c, with a from light and read noise and c what no number of frames takes
-away (the fit's own error). A first look at few frames tells how many are due; a second, where it still is not enough, tells a and c. The
-value measured has no say in when to stop, and where u is computed from the noise of a known sensor over thousands of pixels it hardly
-depends on the value: the mean at the end is as free of bias as one of a fixed number of frames (tests/analysis/test_sequential.py holds the
-bias below a twentieth of the uncertainty asked for).
+The uncertainty of a mean of n frames follows u(n)^2 = a / n + c, with a from light and read noise
+and c what no number of frames takes away (the fit's own error). A first look at few frames tells
+how many are due; a second, where it still is not enough, tells a and c. The value measured has no
+say in when to stop, and where u is computed from the noise of a known sensor over thousands of
+pixels it hardly depends on the value: the mean at the end is as free of bias as one of a fixed
+number of frames (tests/analysis/test_sequential.py holds the bias below a twentieth of the
+uncertainty asked for).
 """
 
 import math
@@ -22,7 +25,8 @@ class Look:
 
 
 def frames_due(looks: tuple[Look, ...], wanted: float, most: int) -> int:
-    """How many frames there should be before the next look; no more than there are where it is over.
+    """How many frames there should be before the next look; no more than there are where it is
+    over.
 
     Args:
         looks: so far, at least one, each with more frames than the one before.
@@ -43,10 +47,14 @@ def frames_due(looks: tuple[Look, ...], wanted: float, most: int) -> int:
 
 
 def split_up(looks: tuple[Look, ...]) -> tuple[float, float]:
-    """a and c of u(n)^2 = a / n + c from the last two looks, neither below 0; c is 0 with one look."""
+    """a and c of u(n)^2 = a / n + c from the last two looks, neither below 0; c is 0 with one
+    look.
+    """
     last = looks[-1]
     if len(looks) == 1:
         return last.frames * last.uncertainty**2, 0.0
     before = looks[-2]
-    per_frame = max(before.uncertainty**2 - last.uncertainty**2, 0.0) / (1 / before.frames - 1 / last.frames)
+    per_frame = max(before.uncertainty**2 - last.uncertainty**2, 0.0) / (
+        1 / before.frames - 1 / last.frames
+    )
     return per_frame, max(last.uncertainty**2 - per_frame / last.frames, 0.0)

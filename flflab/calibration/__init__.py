@@ -1,1 +1,3 @@
-"""Fits of the model to measurements: L and b from parallax, and a whole bench from white and dot pictures."""
+"""Fits of the model to measurements: L and b from parallax, and a whole bench from white and dot
+pictures.
+"""

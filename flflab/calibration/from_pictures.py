@@ -18,12 +18,15 @@ from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
 
-INCREDIBLE = 25.0  # reduced chi^2: nothing that only widens uncertainties makes them five times what is stated
+# reduced chi^2: nothing that only widens uncertainties makes them five times what is stated
+INCREDIBLE = 25.0
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """What was taken in one setting: DN, [row, col], and their noise; no dots where none were shown."""
+    """What was taken in one setting: DN, [row, col], and their noise; no dots where none were
+    shown.
+    """
 
     white: npt.NDArray[np.generic]
     white_noise: SensorNoise
@@ -31,7 +34,9 @@ class Pictures:
     dots_noise: SensorNoise | None = None
 
 
-def calibrate(model: BenchModel, pictures: Sequence[Pictures], target: FourDot) -> tuple[Fit, tuple[Quantities, ...]]:
+def calibrate(
+    model: BenchModel, pictures: Sequence[Pictures], target: FourDot
+) -> tuple[Fit, tuple[Quantities, ...]]:
     """Measure the pictures and fit the bench to them.
 
     Args:
@@ -40,7 +45,8 @@ def calibrate(model: BenchModel, pictures: Sequence[Pictures], target: FourDot) 
         target: the dots.
 
     Raises:
-        MeasurementError: a white picture shows no lattice, there are fewer than two settings, or no such bench explains the pictures.
+        MeasurementError: a white picture shows no lattice, there are fewer than two settings, or no
+            such bench explains the pictures.
     """
     lattices: list[Lattice] = []
     for number, taken in enumerate(pictures):
@@ -49,31 +55,42 @@ def calibrate(model: BenchModel, pictures: Sequence[Pictures], target: FourDot) 
 
     def measure(shown: Sequence[Pictures], believed: Array) -> tuple[Quantities, ...]:
         settings = enumerate(zip(shown, lattices, strict=True))
-        return tuple(_quantities(model, believed, number, taken, lattice, target) for number, (taken, lattice) in settings)
+        return tuple(
+            _quantities(model, believed, number, taken, lattice, target)
+            for number, (taken, lattice) in settings
+        )
 
-    # how dots are blurred decides where their middle is: they are looked at with the camera that the white pictures show, where zeros are
-    # far off no other, and once more with what dots add to that
+    # how dots are blurred decides where their middle is: they are looked at with the camera that
+    # the white pictures show, where zeros are far off no other, and once more with what dots add to
+    # that
     measured = measure([replace(taken, dots=None) for taken in pictures], model.nominal)
     found = fit_bench(model, measured)
     for _ in range(2):
-        measured = measure(pictures, np.where(np.isfinite(found.values), found.values, model.nominal))
+        measured = measure(
+            pictures, np.where(np.isfinite(found.values), found.values, model.nominal)
+        )
         found = fit_bench(model, measured)
     if found.chi2 > INCREDIBLE:
         raise MeasurementError(
-            f"calibration: no zeros, scales and optics explain the pictures: reduced chi-square {found.chi2:.4g}, where noise leaves up to "
-            f"{found.most_by_noise:.2f} and up to {INCREDIBLE:g} is taken; farthest off is {found.farthest}; look at that picture, and at "
-            "the pitch, pixel and dots of the files, which are believed"
+            "calibration: no zeros, scales and optics explain the pictures: reduced chi-square"
+            f" {found.chi2:.4g}, where noise leaves up to {found.most_by_noise:.2f} and up to"
+            f" {INCREDIBLE:g} is taken; farthest off is {found.farthest}; look at that picture, and"
+            " at the pitch, pixel and dots of the files, which are believed"
         )
     return found, measured
 
 
-def _quantities(model: BenchModel, found: Array, number: int, taken: Pictures, lattice: Lattice, target: FourDot) -> Quantities:
+def _quantities(
+    model: BenchModel, found: Array, number: int, taken: Pictures, lattice: Lattice, target: FourDot
+) -> Quantities:
     """Of one setting; without parallax and magnification where its dots are not seen."""
     camera, distance = model.camera(found, number)
     dots = None
     if taken.dots is not None and taken.dots_noise is not None:
         try:
-            dots = count_views(taken.dots, taken.white, lattice, camera, target, distance, taken.dots_noise)
+            dots = count_views(
+                taken.dots, taken.white, lattice, camera, target, distance, taken.dots_noise
+            )
         except MeasurementError:
             dots = None
     return measured_quantities(lattice, dots, camera, target, distance)

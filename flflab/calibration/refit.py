@@ -1,4 +1,6 @@
-"""Fits of the model to measurements: the distances L (main lens to array) and b (array to sensor) from parallax."""
+"""Fits of the model to measurements: the distances L (main lens to array) and b (array to sensor)
+from parallax.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -23,8 +25,8 @@ class Refit:
         covariance: of (L, b), mm^2, scaled by ``scatter``; shape (2, 2).
         scatter: reduced chi-square; above 1 the points scatter more than their uncertainties allow.
         points: number of points fitted.
-        loosened: standard uncertainties of (L, b) in mm if one more parameter were fitted with them: ``focal_length`` of the main
-            lens, or a ``distance_offset`` common to all D.
+        loosened: standard uncertainties of (L, b) in mm if one more parameter were fitted with
+            them: ``focal_length`` of the main lens, or a ``distance_offset`` common to all D.
     """
 
     camera: Camera
@@ -45,30 +47,42 @@ class Refit:
 
     @property
     def directions(self) -> tuple[tuple[Array, float], tuple[Array, float]]:
-        """Best and worst known direction in (L, b), unit vectors, each with its standard uncertainty in mm."""
+        """Best and worst known direction in (L, b), unit vectors, each with its standard
+        uncertainty in mm.
+        """
         values, vectors = np.linalg.eigh(self.covariance)
-        return (vectors[:, 0], float(np.sqrt(values[0]))), (vectors[:, 1], float(np.sqrt(values[1])))
+        return (vectors[:, 0], float(np.sqrt(values[0]))), (
+            vectors[:, 1],
+            float(np.sqrt(values[1])),
+        )
 
 
 def parallax_slope(L: Array | float, b: Array | float, F: float, D: Array) -> Array:
-    """Slope of sensor position over microlens position of one object point: 1 - b / (D' - L), with 1/D' = 1/F - 1/D.
+    """Slope of sensor position over microlens position of one object point: 1 - b / (D' - L), with
+    1/D' = 1/F - 1/D.
 
-    That is 1 - 1/v for a Galilean and 1 + 1/v for a Keplerian arrangement; x = L (1/D - 1/F + 1/L) keeps it finite for an object
-    in the front focal plane. Source: similar triangles at the array, through the centres of the microlenses.
+    That is 1 - 1/v for a Galilean and 1 + 1/v for a Keplerian arrangement; x = L (1/D - 1/F + 1/L)
+    keeps it finite for an object in the front focal plane. Source: similar triangles at the array,
+    through the centres of the microlenses.
     """
     x = L * (1 / D - 1 / F) + 1
     return 1 - b / L * (1 - x) / x
 
 
-def refit_distances(camera: Camera, distance: Array, array_position: Array, slope: Array, uncertainty: Array) -> Refit:
-    """Fit L and b by weighted least squares on the parallax slopes; pitch, tilt, pixel and main lens are kept.
+def refit_distances(
+    camera: Camera, distance: Array, array_position: Array, slope: Array, uncertainty: Array
+) -> Refit:
+    """Fit L and b by weighted least squares on the parallax slopes; pitch, tilt, pixel and main
+    lens are kept.
 
-    The slope is fitted, not the virtual depth 1 / |slope - 1|: it is linear in the measured positions, so its errors are normal.
+    The slope is fitted, not the virtual depth 1 / |slope - 1|: it is linear in the measured
+    positions, so its errors are normal.
 
     Args:
         camera: where the fit begins.
         distance: D of each point, shape (P,), mm.
-        array_position: mean (x, y) of each point's microlenses, shape (P, 2), mm; a tilted array has its own L and b there.
+        array_position: mean (x, y) of each point's microlenses, shape (P, 2), mm; a tilted array
+            has its own L and b there.
         slope: measured, shape (P,).
         uncertainty: standard uncertainties of ``slope``, shape (P,).
 
@@ -76,7 +90,10 @@ def refit_distances(camera: Camera, distance: Array, array_position: Array, slop
         MeasurementError: fewer than three points, or points that leave L and b undetermined.
     """
     if len(slope) < 3:
-        raise MeasurementError(f"refit of L and b: {len(slope)} points with parallax given; at least 3, at different distances, are due")
+        raise MeasurementError(
+            f"refit of L and b: {len(slope)} points with parallax given; at least 3, at different"
+            " distances, are due"
+        )
     rise = array_position @ np.asarray(camera.array.tilt)
 
     def residuals(p: Array) -> Array:
@@ -84,12 +101,24 @@ def refit_distances(camera: Camera, distance: Array, array_position: Array, slop
         return (parallax_slope(L + rise, b - rise, F, distance + D0) - slope) / uncertainty
 
     start = np.array([camera.array.distance, camera.gap, camera.main_lens.focal_length, 0.0])
-    found = least_squares(lambda p: residuals(np.concatenate([p, start[2:]])), start[:2], x_scale=start[1], xtol=1e-14, ftol=1e-14)
+    found = least_squares(
+        lambda p: residuals(np.concatenate([p, start[2:]])),
+        start[:2],
+        x_scale=start[1],
+        xtol=1e-14,
+        ftol=1e-14,
+    )
     best = np.concatenate([found.x, start[2:]])
     jacobian = derivatives(residuals, best, 1e-5 * start[1])
     scatter = float(np.sum(residuals(best) ** 2) / (len(slope) - 2))
-    if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian[:, :2] / np.linalg.norm(jacobian[:, :2], axis=0)) > 1e7:
-        raise MeasurementError("refit of L and b: these points leave L and b undetermined; points at different distances are due")
+    if (
+        not np.all(np.isfinite(jacobian))
+        or np.linalg.cond(jacobian[:, :2] / np.linalg.norm(jacobian[:, :2], axis=0)) > 1e7
+    ):
+        raise MeasurementError(
+            "refit of L and b: these points leave L and b undetermined; points at different"
+            " distances are due"
+        )
     fitted = replace(
         camera,
         array=replace(camera.array, distance=float(best[0])),
@@ -109,12 +138,19 @@ def state_refit(before: Camera, refit: Refit) -> list[str]:
     (best, known), (worst, unknown) = refit.directions
     by_focal, by_offset = refit.loosened["focal_length"], refit.loosened["distance_offset"]
     return [
-        f"Refit of L and b alone to the parallax of {refit.points} points: L = {camera.array.distance:.4f} mm, u = {u_L:.4f} mm "
-        f"(before: {before.array.distance:.4f} mm); b = {camera.gap:.5f} mm, u = {u_b:.5f} mm (before: {before.gap:.5f} mm); "
-        f"correlation {refit.correlation:+.3f}; reduced chi-square {refit.scatter:.2f}, by which the uncertainties are scaled.",
-        f"The data tell {_combination(best)} to {1e3 * known:.2g} um and {_combination(worst)} to {1e3 * unknown:.2g} um. They cannot tell "
-        f"L and b from the main lens's focal length (with it free as well: {_both(by_focal)}), and hardly from an error common to all "
-        f"distances D (with it free: {_both(by_offset)}).",
+        (
+            f"Refit of L and b alone to the parallax of {refit.points} points: L ="
+            f" {camera.array.distance:.4f} mm, u = {u_L:.4f} mm (before:"
+            f" {before.array.distance:.4f} mm); b = {camera.gap:.5f} mm, u = {u_b:.5f} mm (before:"
+            f" {before.gap:.5f} mm); correlation {refit.correlation:+.3f}; reduced chi-square"
+            f" {refit.scatter:.2f}, by which the uncertainties are scaled."
+        ),
+        (
+            f"The data tell {_combination(best)} to {1e3 * known:.2g} um and {_combination(worst)}"
+            f" to {1e3 * unknown:.2g} um. They cannot tell L and b from the main lens's focal"
+            f" length (with it free as well: {_both(by_focal)}), and hardly from an error common to"
+            f" all distances D (with it free: {_both(by_offset)})."
+        ),
     ]
 
 

@@ -1,4 +1,6 @@
-"""The command line: names and JSON keys are a contract, see docs/commands.md. One file a command."""
+"""The command line: names and JSON keys are a contract, see docs/commands.md. One file a
+command.
+"""
 
 import _thread
 import os
@@ -6,27 +8,39 @@ import signal
 import sys
 import threading
 
-from flflab.cli.ending import INTERRUPTED, end_with_one_sentence, end_without_output, is_interruption, lost_output
+from flflab.cli.ending import (
+    INTERRUPTED,
+    end_with_one_sentence,
+    end_without_output,
+    is_interruption,
+    lost_output,
+)
 from flflab.errors import FlflabError
 from flflab.house import stranger_among_packages
 from flflab.kernel_cache import remove_temporary_kernels
 
 
 def main() -> None:
-    """Run one command; exit 0 done, 1 could not be done, 2 usage, 3 the comparison rejects the model, 130 interrupted."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # so starts a shell a job in the background; who moves hears an interrupt
+    """Run one command; exit 0 done, 1 could not be done, 2 usage, 3 the comparison rejects the
+    model, 130 interrupted.
+    """
+    if (
+        signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    ):  # so starts a shell a job in the background; who moves hears an interrupt
         signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.unraisablehook = again_if_an_interruption
     try:
         code = _command()
         if sys.stdout is not None:  # None where it was closed beforehand
-            sys.stdout.flush()  # what is left may find the disk full; Python, ending, tells that with a traceback
+            # what is left may find the disk full; Python, ending, tells that with a traceback
+            sys.stdout.flush()
     except BaseException as error:
         if is_interruption(error):
             sys.stderr.write("\nflflab: interrupted\n")
             sys.stderr.flush()
             remove_temporary_kernels()
-            os._exit(INTERRUPTED)  # threads may still measure; they hold nothing, and an operator does not wait for them
+            # threads may still measure; they hold nothing, and an operator does not wait for them
+            os._exit(INTERRUPTED)
         lost = lost_output() if isinstance(error, OSError) else None
         if lost is None:
             raise
@@ -53,7 +67,9 @@ def _command() -> int | str | None:
 
 
 def again_if_an_interruption(lost: "sys.UnraisableHookArgs") -> None:
-    """An interrupt that came where Python drops errors, a callback from compiled code, comes again a moment later."""
+    """An interrupt that came where Python drops errors, a callback from compiled code, comes again
+    a moment later.
+    """
     if is_interruption(lost.exc_value):
         threading.Timer(0.02, _interrupt).start()
     else:

@@ -1,4 +1,6 @@
-"""``flflab accuracy WHAT``: what accuracy costs, where the model holds, how well lattice and depth are known: a page, a CSV and a table."""
+"""``flflab accuracy WHAT``: what accuracy costs, where the model holds, how well lattice and depth
+are known: a page, a CSV and a table.
+"""
 
 import os
 import platform
@@ -39,18 +41,35 @@ def accuracy(
     what: Annotated[
         What,
         typer.Argument(
-            help="image, measure: error against time of pictures and of measured numbers; model: against exact rays; "
-            "depth: error of a dot's depth against its distance; lattice: that of the micro-images' lattice against the f-number"
+            help=(
+                "image, measure: error against time of pictures and of measured numbers; model:"
+                " against exact rays; "
+                "depth: error of a dot's depth against its distance; lattice: that of the"
+                " micro-images' lattice against the f-number"
+            )
         ),
     ],
-    out: Annotated[Path, typer.Option(help="folder for the page and the CSV, made if need be")] = Path(),
+    out: Annotated[
+        Path, typer.Option(help="folder for the page and the CSV, made if need be")
+    ] = Path(),
     camera: Annotated[
-        Path | None, typer.Option(help="camera file (YAML) whose depth or lattice is asked for; without it the built-in one")
+        Path | None,
+        typer.Option(
+            help=(
+                "camera file (YAML) whose depth or lattice is asked for; without it the"
+                " built-in one"
+            )
+        ),
     ] = None,
 ) -> None:
-    """Show what accuracy costs in time, where the first-order model holds, and how well a camera tells depth and its lattice."""
+    """Show what accuracy costs in time, where the first-order model holds, and how well a camera
+    tells depth and its lattice.
+    """
     if camera is not None and what not in OF_A_CAMERA:
-        raise InputError(f"--camera {camera}: accuracy {what} has cameras of its own; only depth and lattice take one")
+        raise InputError(
+            f"--camera {camera}: accuracy {what} has cameras of its own; only depth and lattice"
+            " take one"
+        )
     make_folder(out, f"--out {out}")
     page_file, table_file = (out / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
     console = Console(soft_wrap=True)
@@ -72,8 +91,8 @@ def accuracy(
 
 def _made(what: str) -> str:
     return (
-        f"flflab accuracy {what}, version {version('flflab')}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {platform.machine()}, "
-        f"{os.cpu_count()} cores"
+        f"flflab accuracy {what}, version {version('flflab')}, {datetime.now(UTC):%Y-%m-%d %H:%M}"
+        f" UTC, {platform.machine()}, {os.cpu_count()} cores"
     )
 
 
@@ -117,7 +136,9 @@ def _depth(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tupl
     return depth_page(rows, name, _made(What.DEPTH)), depth_summary(rows)
 
 
-def _lattice(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
+def _lattice(
+    camera: Path | None, file: Path, tell: Callable[[str], None]
+) -> tuple[Page, PlainTable]:
     from flflab.accuracy.lattice import lattice_rows
     from flflab.accuracy.lattice_page import lattice_page, lattice_summary
     from flflab.accuracy.table import write_table
@@ -136,15 +157,31 @@ def _described(camera: Path | None, what: What) -> tuple[Camera, str]:
     file = built_in(Kind.CAMERA) if camera is None else camera
     found = read_camera(file)
     if (kinds := len(found.array.focal_lengths)) > 1:
-        raise InputError(f"accuracy {what}: {file} has microlenses of {kinds} focal lengths; give a camera whose array has one")
+        raise InputError(
+            f"accuracy {what}: {file} has microlenses of {kinds} focal lengths; give a camera whose"
+            " array has one"
+        )
     return found, file.stem
 
 
 def _shown(table: PlainTable) -> Table:
-    shown = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), title=table.caption)
+    shown = Table(
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        pad_edge=False,
+        padding=(0, 1, 0, 0),
+        title=table.caption,
+    )
     for number, heading in enumerate(table.headings):
-        longest = max(len(word) for row in table.rows for word in row[number].split() or [""])  # no word of a cell is cut
-        shown.add_column(heading, justify="left" if number < 2 else "right", no_wrap=number < 2, min_width=longest)
+        longest = max(
+            len(word) for row in table.rows for word in row[number].split() or [""]
+        )  # no word of a cell is cut
+        shown.add_column(
+            heading,
+            justify="left" if number < 2 else "right",
+            no_wrap=number < 2,
+            min_width=longest,
+        )
     for row in table.rows:
         shown.add_row(*row)
     return shown

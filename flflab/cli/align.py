@@ -1,4 +1,6 @@
-"""``flflab align``: the array straight to the sensor, the sensor to its place, by white pictures."""
+"""``flflab align``: the array straight to the sensor, the sensor to its place, by white
+pictures.
+"""
 
 import json
 import sys
@@ -26,21 +28,46 @@ if TYPE_CHECKING:
 
 
 def align(
-    bench: Annotated[Path | None, typer.Option(help="bench file (YAML); the built-in simulated bench without one")] = None,
-    exit_pupil: Annotated[bool, typer.Option("--exit-pupil", help="move the sensor into the exit pupil: no vignetting")] = False,
-    overlap: Annotated[str | None, typer.Option(help="move the sensor until neighbours overlap so far: '20 um', '-50 um' is a gap")] = None,
-    f_number: Annotated[float | None, typer.Option(min=0.5, help="while white pictures are taken; the camera file's without one")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder of the run, new or empty; runs/<UTC>-align without one")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
+    bench: Annotated[
+        Path | None,
+        typer.Option(help="bench file (YAML); the built-in simulated bench without one"),
+    ] = None,
+    exit_pupil: Annotated[
+        bool,
+        typer.Option("--exit-pupil", help="move the sensor into the exit pupil: no vignetting"),
+    ] = False,
+    overlap: Annotated[
+        str | None,
+        typer.Option(
+            help="move the sensor until neighbours overlap so far: '20 um', '-50 um' is a gap"
+        ),
+    ] = None,
+    f_number: Annotated[
+        float | None,
+        typer.Option(min=0.5, help="while white pictures are taken; the camera file's without one"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="folder of the run, new or empty; runs/<UTC>-align without one"),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
+    ] = None,
 ) -> None:
-    """Turn the array straight to the sensor's rows and parallel to it, and move the sensor where it is wanted, by white pictures."""
-    from drivers.bench import connect_described  # the engine and the drivers are loaded by those who use them
+    """Turn the array straight to the sensor's rows and parallel to it, and move the sensor where it
+    is wanted, by white pictures.
+    """
+    from drivers.bench import (
+        connect_described,
+    )  # the engine and the drivers are loaded by those who use them
     from procedures.align import Request, most_frames, require_reachable
     from procedures.align import align as run
     from procedures.engine import RunInterruptedError
 
     if exit_pupil and overlap is not None:
-        raise InputError("align: --exit-pupil and --overlap are two places of the one sensor; give one of them")
+        raise InputError(
+            "align: --exit-pupil and --overlap are two places of the one sensor; give one of them"
+        )
     described = with_seed(described_bench(bench or built_in(Kind.BENCH)), seed)
     wanted = None if overlap is None else option_quantity("--overlap", overlap, "length")
     request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
@@ -49,23 +76,33 @@ def align(
     outcomes: tuple[Outcome, ...] = ()
     with run_folder(out, "align") as folder, connect_described(described) as connected:
         columns, rows = described.optics.sensor.resolution
-        recording = with_descriptions(Recording(folder, most_frames(request), (rows, columns)), described, None)
+        recording = with_descriptions(
+            Recording(folder, most_frames(request), (rows, columns)), described, None
+        )
         try:
             outcomes = run(connected, request, recording, _tell)
         except FlflabError as error:
-            failure = error  # raised below: every axis was told to stop, and what goes wrong in leaving must not hide why
+            # raised below: every axis was told to stop, and what goes wrong in leaving must not
+            # hide why
+            failure = error
     if isinstance(failure, RunInterruptedError):
         sys.stderr.write(f"flflab: {failure}; align begins anew, a few pictures are all it takes\n")
         raise typer.Exit(INTERRUPTED)
     if failure is not None:
         raise failure
-    write_whole(folder / "alignment.json", json.dumps([asdict(one) for one in outcomes], indent=1) + "\n")
+    write_whole(
+        folder / "alignment.json", json.dumps([asdict(one) for one in outcomes], indent=1) + "\n"
+    )
     write_whole(folder / "alignment.yaml", zeros_as_text(outcomes, described))
     console = Console(width=None if Console().is_terminal else 140)
     console.print(table_of(outcomes))
     for one in outcomes:
         console.print(ending_of(one), highlight=False)
-    console.print(f"Zeros of the axes by this alignment, for the bench file: {folder / 'alignment.yaml'}", highlight=False, soft_wrap=True)
+    console.print(
+        f"Zeros of the axes by this alignment, for the bench file: {folder / 'alignment.yaml'}",
+        highlight=False,
+        soft_wrap=True,
+    )
 
 
 def _tell(sentence: str) -> None:
@@ -79,19 +116,38 @@ def table_of(outcomes: "tuple[Outcome, ...]") -> Table:
         table.add_column(head, justify="right" if head else "left", overflow="fold")
     for one in outcomes:
         show = (ANGLE if one.unit == "rad" else LENGTH).show
-        table.add_row(one.what, show(one.before, "+.5f"), show(one.after, "+.5f"), show(one.uncertainty, ".5f"), str(one.pictures))
+        table.add_row(
+            one.what,
+            show(one.before, "+.5f"),
+            show(one.after, "+.5f"),
+            show(one.uncertainty, ".5f"),
+            str(one.pictures),
+        )
     return table
 
 
 def ending_of(one: "Outcome") -> str:
     """Why aligning one thing stopped, and where its axis stands, in a sentence."""
-    at = f"; {one.axis} stands at {(ANGLE if one.unit == 'rad' else LENGTH).show(one.reading, '.4f')}" if one.axis else ""
+    at = (
+        f"; {one.axis} stands at"
+        f" {(ANGLE if one.unit == 'rad' else LENGTH).show(one.reading, '.4f')}"
+        if one.axis
+        else ""
+    )
     return f"{one.what}: {one.why}{at}"
 
 
 def zeros_as_text(outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:
-    """Zeros with which a reading of every turned axis says how the array truly stands to the sensor: lines of a bench file."""
-    lines = ["# Zeros by `flflab align`, to put into the bench file: with them a reading says how the array stands to the sensor.", "axes:"]
+    """Zeros with which a reading of every turned axis says how the array truly stands to the
+    sensor: lines of a bench file.
+    """
+    lines = [
+        (
+            "# Zeros by `flflab align`, to put into the bench file: with them a reading says how"
+            " the array stands to the sensor."
+        ),
+        "axes:",
+    ]
     for one in outcomes:
         if one.axis and one.unit == "rad":
             axis = bench.description.axes[one.axis]
@@ -101,4 +157,7 @@ def zeros_as_text(outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:
                 f"    zero: {ANGLE.show(zero, '.5f')}",
                 f"    zero_uncertainty: {ANGLE.show(one.uncertainty, '.2g')}",
             ]
-    return "\n".join(lines if len(lines) > 2 else [*lines[:1], "axes: {}  # nothing turns the array"]) + "\n"
+    return (
+        "\n".join(lines if len(lines) > 2 else [*lines[:1], "axes: {}  # nothing turns the array"])
+        + "\n"
+    )

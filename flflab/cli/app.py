@@ -1,4 +1,6 @@
-"""All commands of ``flflab`` in one list; each lives in the file of its name and is loaded when it is asked for."""
+"""All commands of ``flflab`` in one list; each lives in the file of its name and is loaded when it
+is asked for.
+"""
 
 from importlib import import_module
 from importlib.metadata import version
@@ -30,11 +32,15 @@ COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 col
     "new": "Write a commented copy of a built-in file to begin from.",
 }
 GIVEN = "flflab.given"  # where a context keeps the words of the command line
-UNUSABLE = typer.BadParameter.__base__  # click's UsageError, which a word too many raises; typer names its kinds alone
+UNUSABLE = (
+    typer.BadParameter.__base__
+)  # click's UsageError, which a word too many raises; typer names its kinds alone
 
 
 class Commands(TyperGroup):
-    """The commands by name; a command that draws or compiles does not slow down the others' start."""
+    """The commands by name; a command that draws or compiles does not slow down the others'
+    start.
+    """
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Every name, in the order of the help text."""
@@ -47,7 +53,9 @@ class Commands(TyperGroup):
         module = import_module(f"flflab.cli.{cmd_name}")
         group = getattr(module, "app", None)
         if group is None:
-            group = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+            group = typer.Typer(
+                add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
+            )
             group.command(cmd_name)(getattr(module, cmd_name))
         command = typer.main.get_command(cast(typer.Typer, group))
         command.name = cmd_name
@@ -60,7 +68,9 @@ class Commands(TyperGroup):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; its Ctrl-C goes to ``main``, which says so, and a word too many that is a unit is told to belong in quotes."""
+        """Run the command; its Ctrl-C goes to ``main``, which says so, and a word too many that is
+        a unit is told to belong in quotes.
+        """
         try:
             return super().invoke(ctx)
         except BaseException as error:
@@ -74,7 +84,10 @@ class Commands(TyperGroup):
 app = typer.Typer(
     name="flflab",
     cls=Commands,
-    help="Run the bench of a focused light field camera and say, with numbers, whether the camera does what its model says.",
+    help=(
+        "Run the bench of a focused light field camera and say, with numbers, whether the camera"
+        " does what its model says."
+    ),
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},  # the commands inherit it
     add_completion=False,
@@ -91,6 +104,13 @@ def _tell_version(asked: bool) -> None:
 
 @app.callback()
 def flflab(
-    version: Annotated[bool, typer.Option("--version", callback=_tell_version, is_eager=True, help="Say which version this is.")] = False,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_tell_version, is_eager=True, help="Say which version this is."
+        ),
+    ] = False,
 ) -> None:
-    """Run the bench of a focused light field camera and say, with numbers, whether the camera does what its model says."""
+    """Run the bench of a focused light field camera and say, with numbers, whether the camera does
+    what its model says.
+    """

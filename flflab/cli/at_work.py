@@ -1,4 +1,6 @@
-"""What a command that says nothing for a while tells an operator: that it is still at work, at what, and for how long."""
+"""What a command that says nothing for a while tells an operator: that it is still at work, at
+what, and for how long.
+"""
 
 import contextlib
 import threading
@@ -10,12 +12,15 @@ from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
 SILENCE_S = 2.0
 WORDS = "still at work"
-COMPILING = "still at work: compiling, as before each first picture of a kind"  # with the time before it, 80 columns hold it
+# with the time before it, 80 columns hold it
+COMPILING = "still at work: compiling, as before each first picture of a kind"
 
 
 @contextlib.contextmanager
 def told_at_work() -> Generator[None]:
-    """Says on a terminal, once it has lasted two seconds, that it goes on, and for how long; elsewhere standard error is for errors."""
+    """Says on a terminal, once it has lasted two seconds, that it goes on, and for how long;
+    elsewhere standard error is for errors.
+    """
     ended = threading.Event()
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -23,7 +28,10 @@ def told_at_work() -> Generator[None]:
         return
     columns = TimeElapsedColumn(), TextColumn("{task.description}")
     recorder = install_recorder("numba:compile")
-    with recorder as compiled, Progress(*columns, console=console, transient=True, auto_refresh=False) as shown:
+    with (
+        recorder as compiled,
+        Progress(*columns, console=console, transient=True, auto_refresh=False) as shown,
+    ):
         task = shown.add_task(WORDS, visible=False)
 
         def tell() -> None:
@@ -31,7 +39,9 @@ def told_at_work() -> Generator[None]:
                 return
             while not ended.wait(1.0):
                 begun = sum(1 if one.is_start else -1 for _, one in list(compiled.buffer))
-                shown.update(task, description=COMPILING if begun else WORDS, visible=True, refresh=True)
+                shown.update(
+                    task, description=COMPILING if begun else WORDS, visible=True, refresh=True
+                )
 
         teller = threading.Thread(target=tell, name="at work")
         teller.start()

@@ -9,7 +9,14 @@ from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import LENGTH, read_bench
-from flflab.cli.connected import AxisName, BenchFile, TakesReadings, axis_named, connected_bench, say_places
+from flflab.cli.connected import (
+    AxisName,
+    BenchFile,
+    TakesReadings,
+    axis_named,
+    connected_bench,
+    say_places,
+)
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
 from flflab.errors import CommunicationError, DeviceError, InputError
@@ -18,7 +25,10 @@ from flflab.units import parse_quantity
 PIPED = 400  # columns that any line may take where no terminal folds it
 
 app = typer.Typer(
-    help="Look at a bench and move it by hand; every command refuses what is out of limits or brings array and sensor too near.",
+    help=(
+        "Look at a bench and move it by hand; every command refuses what is out of limits or brings"
+        " array and sensor too near."
+    ),
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -27,7 +37,9 @@ app = typer.Typer(
 
 @app.command(short_help="Ask every device who it is, where it stands, what it warns of.")
 def check(bench: BenchFile) -> None:
-    """Ask every device, all lines at once, who it is, where it stands and what it warns of; all faults in one run."""
+    """Ask every device, all lines at once, who it is, where it stands and what it warns of; all
+    faults in one run.
+    """
     from drivers.described import one_instrument
     from drivers.survey import SILENT, survey
 
@@ -38,7 +50,13 @@ def check(bench: BenchFile) -> None:
         axis = described.description.axes.get(row.name)
         show = LENGTH.show if axis is None else axis.coordinate.show
         answers = row.identity != SILENT
-        position = "" if axis is None or not answers else "not homed" if row.position is None else show(row.position, ".4f")
+        position = (
+            ""
+            if axis is None or not answers
+            else "not homed"
+            if row.position is None
+            else show(row.position, ".4f")
+        )
         table.add_row(row.name, position, row.identity, row.state if answers else "")
     _print(table)
     if twice := one_instrument({row.name: (row.driver, row.serial) for row in rows}):
@@ -49,21 +67,40 @@ def check(bench: BenchFile) -> None:
 
 @app.command(short_help="Say where every axis and its element stand.")
 def where(bench: BenchFile) -> None:
-    """Say where every axis stands between its limits, where its element is in the world, and how the array is turned."""
+    """Say where every axis stands between its limits, where its element is in the world, and how
+    the array is turned.
+    """
     with connected_bench(bench) as connected:
         table = _table("axis", "reading", "limits", "moves", "in the world")
         for name, axis in connected.axes.items():
             element = connected.described.description.axes[name].moves
             homed = axis.is_homed()
             show = axis.coordinate.show
-            reading, world = (show(axis.position(), ".4f"), show(connected.world(element), ".4f")) if homed else ("not homed", "unknown")
-            table.add_row(name, reading, f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}", element, world)
+            reading, world = (
+                (show(axis.position(), ".4f"), show(connected.world(element), ".4f"))
+                if homed
+                else ("not homed", "unknown")
+            )
+            table.add_row(
+                name,
+                reading,
+                f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}",
+                element,
+                world,
+            )
         _print(table)
 
 
 @app.command(short_help="Look for the reference of every axis, or of the ones named.")
-def home(bench: BenchFile, axes: Annotated[list[str] | None, typer.Argument(help="axes to home; all when none is named")] = None) -> None:
-    """Look for the reference of every axis, or of the ones named: array and sensor first, away from each other."""
+def home(
+    bench: BenchFile,
+    axes: Annotated[
+        list[str] | None, typer.Argument(help="axes to home; all when none is named")
+    ] = None,
+) -> None:
+    """Look for the reference of every axis, or of the ones named: array and sensor first, away from
+    each other.
+    """
     from drivers.base import wait_all  # devices are loaded by those who use them
     from procedures.steps import home_steps
 
@@ -76,7 +113,9 @@ def home(bench: BenchFile, axes: Annotated[list[str] | None, typer.Argument(help
 
 @app.command(cls=TakesReadings)
 def move(
-    axis: AxisName, position: Annotated[str, typer.Argument(help="reading with its unit: '12.5 mm', '1.5 deg'")], bench: BenchFile
+    axis: AxisName,
+    position: Annotated[str, typer.Argument(help="reading with its unit: '12.5 mm', '1.5 deg'")],
+    bench: BenchFile,
 ) -> None:
     """Move an axis to a reading and wait until it is there."""
     with connected_bench(bench) as connected:
@@ -100,7 +139,9 @@ def jog(
 
 @app.command(short_help="Stop every axis.")
 def stop(bench: BenchFile) -> None:
-    """Stop every axis: the program that drives the bench is told to; where it does not, or there is none, this one opens the ports."""
+    """Stop every axis: the program that drives the bench is told to; where it does not, or there is
+    none, this one opens the ports.
+    """
     from drivers.owner import ask_owners_to_stop
     from drivers.sentinel import stop_axes
 
@@ -112,7 +153,11 @@ def stop(bench: BenchFile) -> None:
     if left := {name: answer for name, answer in answers.items() if answer != ""}:
         try:
             described = read_bench(bench)
-            addresses = {name: described.description.axes[name].address for name in left if name in described.description.axes}
+            addresses = {
+                name: described.description.axes[name].address
+                for name in left
+                if name in described.description.axes
+            }
             untold = stop_axes(described, addresses)
             faults += untold or (["past it every axis was told to stop"] if faults else [])
         except InputError as unreadable:
@@ -124,21 +169,31 @@ def stop(bench: BenchFile) -> None:
 
 def _by_hand(told: str, bench: Path) -> str:
     return (
-        f"{told} was told to stop: no running program began with {bench}, and what is in it does not say how to reach the stages; "
-        "stop them by hand, by the emergency stop or by their power, then correct the file"
+        f"{told} was told to stop: no running program began with {bench}, and what is in it does"
+        " not say how to reach the stages; stop them by hand, by the emergency stop or by their"
+        " power, then correct the file"
     )
 
 
 app.command(short_help="Take one picture, or one after the other with a figure of focus.")(snap)
-app.command(short_help="Take a picture at each reading of an axis; show the sharpest.", cls=TakesReadings)(scan)
+app.command(
+    short_help="Take a picture at each reading of an axis; show the sharpest.", cls=TakesReadings
+)(scan)
 
 
 def _table(*headings: str) -> Table:
-    """A table that 80 columns hold: what a device says of itself goes over as many lines as it takes, nothing is cut."""
+    """A table that 80 columns hold: what a device says of itself goes over as many lines as it
+    takes, nothing is cut.
+    """
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in headings:
         number = heading in ("position", "reading", "in the world")
-        table.add_column(heading, justify="right" if number else "left", no_wrap=heading not in ("identity", "state"), overflow="fold")
+        table.add_column(
+            heading,
+            justify="right" if number else "left",
+            no_wrap=heading not in ("identity", "state"),
+            overflow="fold",
+        )
     return table
 
 

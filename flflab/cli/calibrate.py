@@ -1,4 +1,6 @@
-"""``flflab calibrate``: where the stages' zeros and the optics really are, by white and dot pictures at several settings."""
+"""``flflab calibrate``: where the stages' zeros and the optics really are, by white and dot
+pictures at several settings.
+"""
 
 import math
 from pathlib import Path
@@ -10,7 +12,13 @@ from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import read_bench
-from flflab.bench_calibration import Calibration, calibrate_run, require_unwritten, state_calibration, write_calibration
+from flflab.bench_calibration import (
+    Calibration,
+    calibrate_run,
+    require_unwritten,
+    state_calibration,
+    write_calibration,
+)
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.record import Run
@@ -20,19 +28,40 @@ TITLE = "What the bench is; of zeros and scales the error; told: share by the pi
 
 
 def calibrate(
-    study: Annotated[Path | None, typer.Argument(help="study file (YAML); the built-in calibration without one")] = None,
-    bench: Annotated[Path | None, typer.Option(help="bench file (YAML); the built-in simulated bench without one")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder of the run, new or empty; runs/<UTC>-<study> without one")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
+    study: Annotated[
+        Path | None, typer.Argument(help="study file (YAML); the built-in calibration without one")
+    ] = None,
+    bench: Annotated[
+        Path | None,
+        typer.Option(help="bench file (YAML); the built-in simulated bench without one"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="folder of the run, new or empty; runs/<UTC>-<study> without one"),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
+    ] = None,
 ) -> None:
-    """Find zeros and scales of the stages, focal lengths, apertures and centre, and say what the pictures cannot tell."""
+    """Find zeros and scales of the stages, focal lengths, apertures and centre, and say what the
+    pictures cannot tell.
+    """
     with progress_shown() as tell:
-        run = run_study(study or built_in(Kind.CALIBRATION), bench or built_in(Kind.BENCH), out, seed, tell, "calibrate")
+        run = run_study(
+            study or built_in(Kind.CALIBRATION),
+            bench or built_in(Kind.BENCH),
+            out,
+            seed,
+            tell,
+            "calibrate",
+        )
     conclude(run)
 
 
 def conclude(run: Run) -> Calibration:
-    """Fit a bench to a run, print the table and what could not be told, and leave files to go on with."""
+    """Fit a bench to a run, print the table and what could not be told, and leave files to go on
+    with.
+    """
     require_unwritten(run.folder)  # before the pictures are measured, which takes its time
     bench = read_bench(run.folder / "bench.yaml")
     with measuring(run, "resume"):
@@ -42,7 +71,9 @@ def conclude(run: Run) -> Calibration:
     console.print(table_of(found))
     for sentence in state_calibration(found):
         console.print(sentence, highlight=False)
-    console.print(f"Written: {', '.join(str(file) for file in files)}", highlight=False, soft_wrap=True)
+    console.print(
+        f"Written: {', '.join(str(file) for file in files)}", highlight=False, soft_wrap=True
+    )
     return found
 
 
@@ -55,15 +86,27 @@ def table_of(found: Calibration) -> Table:
     for name, nominal, prior, value, u, share in zip(
         fit.names, fit.nominal, fit.prior, fit.values, fit.uncertainty, fit.by_pictures, strict=True
     ):
-        table.add_row(name, _with_doubt(name, nominal, prior), _with_doubt(name, value, u), f"{100 * share:.0f} %")
+        table.add_row(
+            name,
+            _with_doubt(name, nominal, prior),
+            _with_doubt(name, value, u),
+            f"{100 * share:.0f} %",
+        )
     return table
 
 
 def _with_doubt(name: str, value: float, u: float) -> str:
-    """A parameter and its standard uncertainty where there is one: ``-1.31 ± 0.70 um``; ``-`` for what is not determined."""
+    """A parameter and its standard uncertainty where there is one: ``-1.31 ± 0.70 um``; ``-`` for
+    what is not determined.
+    """
     if not math.isfinite(value):
         return "-"
-    of_stages = {"scale": (100.0, "+.4f", "%"), "zero": (1e3, "+.2f", "um"), "x": (1e3, "+.2f", "um"), "y": (1e3, "+.2f", "um")}
+    of_stages = {
+        "scale": (100.0, "+.4f", "%"),
+        "zero": (1e3, "+.2f", "um"),
+        "x": (1e3, "+.2f", "um"),
+        "y": (1e3, "+.2f", "um"),
+    }
     times, form, unit = of_stages.get(name.rpartition(".")[2], (1.0, ".5f", "mm"))
     doubt = f" ± {times * u:{form.removeprefix('+')}}" if math.isfinite(u) else ""
     return f"{times * value:{form}}{doubt} {unit}"

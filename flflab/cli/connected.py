@@ -1,4 +1,6 @@
-"""What the commands of ``flflab bench`` have in common: the bench connected, an axis by its name, where it stands."""
+"""What the commands of ``flflab bench`` have in common: the bench connected, an axis by its name,
+where it stands.
+"""
 
 import re
 from collections.abc import Generator
@@ -20,11 +22,17 @@ AxisName = Annotated[str, typer.Argument(help="name of an axis in the bench file
 
 
 class TakesReadings(TyperCommand):
-    """A command that takes ``-1 mm`` for the reading it is: what begins with a minus and a digit is no option's name."""
+    """A command that takes ``-1 mm`` for the reading it is: what begins with a minus and a digit is
+    no option's name.
+    """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """A space before a reading keeps it from looking like an option; quantities may begin with one."""
-        return super().parse_args(ctx, [f" {given}" if re.match(r"-\.?\d", given) else given for given in args])
+        """A space before a reading keeps it from looking like an option; quantities may begin with
+        one.
+        """
+        return super().parse_args(
+            ctx, [f" {given}" if re.match(r"-\.?\d", given) else given for given in args]
+        )
 
 
 @contextmanager
@@ -45,17 +53,22 @@ def axis_named(bench: "ConnectedBench", name: str) -> "Axis":
     try:
         return bench.axes[name]
     except KeyError:
-        raise InputError(f"there is no axis {name} on this bench; its axes are {', '.join(bench.axes)}") from None
+        raise InputError(
+            f"there is no axis {name} on this bench; its axes are {', '.join(bench.axes)}"
+        ) from None
 
 
 def say_places(bench: "ConnectedBench", *names: str) -> None:
-    """Say where axes are, and of axes that are simulated for this command alone that they forget it."""
+    """Say where axes are, and of axes that are simulated for this command alone that they forget
+    it.
+    """
     for name in names:
         axis = bench.axes[name]
         typer.echo(f"{name} is at {axis.coordinate.show(axis.position(), '.4f')}")
     if any(bench.described.description.axes[name].address == "simulated" for name in names):
         typer.echo(
-            "this bench was simulated for this command alone and forgets it; "
-            f"`flflab sim {bench.described.file} --write-bench served.yaml` serves one that stays, for --bench served.yaml",
+            "this bench was simulated for this command alone and forgets it; `flflab sim"
+            f" {bench.described.file} --write-bench served.yaml` serves one that stays, for --bench"
+            " served.yaml",
             err=True,
         )

@@ -1,4 +1,6 @@
-"""``flflab design REQUIREMENTS``: which configuration, what it gives up for what, and how well it must be built."""
+"""``flflab design REQUIREMENTS``: which configuration, what it gives up for what, and how well it
+must be built.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -23,11 +25,20 @@ from flflab.whole_file import make_folder, write_csv, write_whole
 
 def design(
     requirements: Annotated[Path, typer.Argument(help="requirements file (YAML)")],
-    out: Annotated[Path, typer.Option(help="folder for the page, the table, the camera files and the search's log")] = Path("design"),
-    scheduler: Annotated[str | None, typer.Option(help="address of a Dask scheduler whose workers share the search")] = None,
-    json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    out: Annotated[
+        Path,
+        typer.Option(help="folder for the page, the table, the camera files and the search's log"),
+    ] = Path("design"),
+    scheduler: Annotated[
+        str | None, typer.Option(help="address of a Dask scheduler whose workers share the search")
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="one JSON object on standard output")
+    ] = False,
 ) -> None:
-    """Search the configurations that meet the requirements; an interrupted search goes on when it is started again."""
+    """Search the configurations that meet the requirements; an interrupted search goes on when it
+    is started again.
+    """
     wanted = read_requirements(requirements)
     make_folder(out, f"--out {out}")
     found = _searched(wanted, scheduler, out / "search.jsonl", quiet=json)
@@ -42,7 +53,10 @@ def design(
                 "built": found.built,
                 "met": found.met,
                 "epsilon": found.front.epsilon,
-                "named": [row(wanted, option) | {"yield": option.built.share if option.built else None} for option in named],
+                "named": [
+                    row(wanted, option) | {"yield": option.built.share if option.built else None}
+                    for option in named
+                ],
                 "front": [row(wanted, option) for option in front],
             }
         )
@@ -53,10 +67,19 @@ def design(
     for option in named:
         built = option.built
         if built is not None and built.buys_most is not None:
-            better = f"{100 * built.halved[built.buys_most]:.1f} % with half the tolerance of {built.buys_most.replace('_', ' ')}"
-            console.print(f"{option.name}: {100 * built.share:.1f} % of those built meet everything, {better}.", highlight=False)
+            better = (
+                f"{100 * built.halved[built.buys_most]:.1f} % with half the tolerance of"
+                f" {built.buys_most.replace('_', ' ')}"
+            )
+            console.print(
+                f"{option.name}: {100 * built.share:.1f} % of those built meet everything,"
+                f" {better}.",
+                highlight=False,
+            )
     console.print(
-        f"{out / 'design.html'}, {out / 'front.csv'}, {len(named) + len(front)} camera files in {out / 'cameras'}", highlight=False
+        f"{out / 'design.html'}, {out / 'front.csv'}, {len(named) + len(front)} camera files in"
+        f" {out / 'cameras'}",
+        highlight=False,
     )
 
 
@@ -76,12 +99,21 @@ def _nothing(wanted: Requirements, found: Found, why: Hindrance) -> str:
     """What clashes, and by how much, in sentences."""
     said = [f"none of {found.tried:,} configurations meets the requirements"]
     if why.nearest is None:
-        return f"{said[0]}: none can be built, no gap within travel.gap puts the depth in focus; widen travel.gap or travel.array"
+        return (
+            f"{said[0]}: none can be built, no gap within travel.gap puts the depth in focus; widen"
+            " travel.gap or travel.array"
+        )
     for demand, value in why.alone:
         bound = "at least" if demand.least else "at most"
-        said.append(f"all others can be met with {demand.name} {demand.show(value)} instead of {bound} {demand.show(demand.limit)}")
+        said.append(
+            f"all others can be met with {demand.name} {demand.show(value)} instead of {bound}"
+            f" {demand.show(demand.limit)}"
+        )
     if not why.alone:
-        clash = " and ".join(f"{demand.name} ({demand.show(value)}, asked {demand.show(demand.limit)})" for demand, value in why.misses)
+        clash = " and ".join(
+            f"{demand.name} ({demand.show(value)}, asked {demand.show(demand.limit)})"
+            for demand, value in why.misses
+        )
         said.append(f"at least two clash: the nearest configuration misses {clash}")
     return "; ".join(said)
 
@@ -93,7 +125,11 @@ def _table(wanted: Requirements, named: tuple[Option, ...]) -> Table:
     table.add_column("")
     for cells in rows:
         table.add_column(str(cells["name"]), justify="right")
-    several = {part for part in ("main_lens", "array", "sensor") if len({cells[part] for cells in rows}) > 1}
+    several = {
+        part
+        for part in ("main_lens", "array", "sensor")
+        if len({cells[part] for cells in rows}) > 1
+    }
     for head in rows[0]:
         if head not in ({"name", "main_lens", "array", "sensor"} - several):
             table.add_row(label(head), *(_cell(cells[head]) for cells in rows))
@@ -104,7 +140,14 @@ def _cell(value: object) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-def _write(out: Path, title: str, wanted: Requirements, found: Found, named: tuple[Option, ...], front: tuple[Option, ...]) -> None:
+def _write(
+    out: Path,
+    title: str,
+    wanted: Requirements,
+    found: Found,
+    named: tuple[Option, ...],
+    front: tuple[Option, ...],
+) -> None:
     write_page(out / "design.html", f"Design search: {title}", wanted, found, named, front)
     rows = [row(wanted, option) for option in (*named, *front)]
     heads = list(rows[0])
@@ -113,5 +156,11 @@ def _write(out: Path, title: str, wanted: Requirements, found: Found, named: tup
     make_folder(cameras, f"--out {out}: {cameras.name}")
     for option in (*named, *front):
         heading = f"Design search '{title}', {option.name}: {'; '.join(asked(wanted)[:1])}"
-        name = option.name.replace(" ", "-") if not option.name.isdigit() else f"{int(option.name):03d}"
-        write_whole(cameras / f"{name}.yaml", camera_text(option.given, option.lens, wanted, heading))
+        name = (
+            option.name.replace(" ", "-")
+            if not option.name.isdigit()
+            else f"{int(option.name):03d}"
+        )
+        write_whole(
+            cameras / f"{name}.yaml", camera_text(option.given, option.lens, wanted, heading)
+        )

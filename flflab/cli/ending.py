@@ -15,11 +15,15 @@ INTERRUPTED = 130
 
 
 class InterruptedCommandError(Exception):
-    """A command was ended by Ctrl-C; under this name it passes through what prints or hides a KeyboardInterrupt."""
+    """A command was ended by Ctrl-C; under this name it passes through what prints or hides a
+    KeyboardInterrupt.
+    """
 
 
 def is_interruption(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is the reason of an error; Python wraps it in another one where it comes in the middle of an import."""
+    """Whether Ctrl-C is the reason of an error; Python wraps it in another one where it comes in
+    the middle of an import.
+    """
     while error is not None:
         if isinstance(error, (KeyboardInterrupt, InterruptedCommandError)):
             return True
@@ -50,9 +54,14 @@ def lost_output() -> OSError | None:
 
 
 def end_without_output(lost: OSError) -> int:
-    """Say that standard output takes nothing more, but not to who closed the pipe, as ``head`` does; return exit code 1."""
+    """Say that standard output takes nothing more, but not to who closed the pipe, as ``head``
+    does; return exit code 1.
+    """
     if not isinstance(lost, BrokenPipeError):
-        sys.stderr.write(f"flflab: standard output cannot be written ({lost.strerror or lost}); send it to a place with room\n")
+        sys.stderr.write(
+            f"flflab: standard output cannot be written ({lost.strerror or lost}); send it to a"
+            " place with room\n"
+        )
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())  # Python flushes it once more when it ends
     os.close(nowhere)
@@ -61,7 +70,9 @@ def end_without_output(lost: OSError) -> int:
 
 @contextlib.contextmanager
 def reader_may_go() -> Generator[None]:
-    """What is printed in it may find that its reader has gone, as ``head`` does; the command's answer, its exit code, stays."""
+    """What is printed in it may find that its reader has gone, as ``head`` does; the command's
+    answer, its exit code, stays.
+    """
     try:
         yield
         if sys.stdout is not None:
@@ -74,4 +85,6 @@ def reader_may_go() -> Generator[None]:
 
 def print_json(result: dict[str, Any]) -> None:
     """Print one JSON object on standard output; nan and infinity have no place in it."""
-    print(json.dumps(result, allow_nan=False))  # a standard output that was closed beforehand takes nothing and says nothing
+    print(
+        json.dumps(result, allow_nan=False)
+    )  # a standard output that was closed beforehand takes nothing and says nothing

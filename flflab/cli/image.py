@@ -1,4 +1,6 @@
-"""``flflab image CAMERA``: the picture a camera takes of a scene, as numbers or as a picture file, with its ground truth beside it."""
+"""``flflab image CAMERA``: the picture a camera takes of a scene, as numbers or as a picture file,
+with its ground truth beside it.
+"""
 
 import json as text
 from pathlib import Path
@@ -27,7 +29,13 @@ from flflab.whole_file import require_writable, write_whole
 
 WIDTH = 100  # characters, where the terminal is no narrower
 DOTS = "four-dot"
-OURS = {"camera", "lattice", "planes", "reasons", "error_estimate"}  # keys by which a ground truth is known
+OURS = {
+    "camera",
+    "lattice",
+    "planes",
+    "reasons",
+    "error_estimate",
+}  # keys by which a ground truth is known
 
 
 def image(
@@ -35,38 +43,84 @@ def image(
     out: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", help=".npy (float64, white level 1), .tiff, .png or .dng; the ground truth goes beside it, as .json"
+            "-o",
+            "--output",
+            help=(
+                ".npy (float64, white level 1), .tiff, .png or .dng; the ground truth goes beside"
+                " it, as .json"
+            ),
         ),
     ],
-    camera: Annotated[Path | None, typer.Argument(help="camera file (YAML); not needed where the scene names one")] = None,
-    scene: Annotated[Path | None, typer.Option(help="scene file (YAML), instead of --target and --distance")] = None,
-    distance: Annotated[str | None, typer.Option(help="main lens to target, with its unit, or infinity")] = None,
+    camera: Annotated[
+        Path | None, typer.Argument(help="camera file (YAML); not needed where the scene names one")
+    ] = None,
+    scene: Annotated[
+        Path | None, typer.Option(help="scene file (YAML), instead of --target and --distance")
+    ] = None,
+    distance: Annotated[
+        str | None, typer.Option(help="main lens to target, with its unit, or infinity")
+    ] = None,
     target: Annotated[
-        str | None, typer.Option(help="kind of target, or a YAML target file, or a picture file; without it four-dot")
+        str | None,
+        typer.Option(
+            help="kind of target, or a YAML target file, or a picture file; without it four-dot"
+        ),
     ] = None,
-    wavelength: Annotated[str | None, typer.Option(help="of the light, with its unit; without it light is rays, and nothing bends")] = None,
-    effects: Annotated[str, typer.Option(help="auto, fast, reference, or a list of effects joined by commas")] = "auto",
+    wavelength: Annotated[
+        str | None,
+        typer.Option(
+            help="of the light, with its unit; without it light is rays, and nothing bends"
+        ),
+    ] = None,
+    effects: Annotated[
+        str, typer.Option(help="auto, fast, reference, or a list of effects joined by commas")
+    ] = "auto",
     tolerance: Annotated[
-        float | None, typer.Option(help=f"largest error asked for, as a share of white level; without it {TOLERANCE:g}")
+        float | None,
+        typer.Option(
+            help=f"largest error asked for, as a share of white level; without it {TOLERANCE:g}"
+        ),
     ] = None,
-    time_budget: Annotated[str | None, typer.Option(help="time with its unit: the best accuracy that fits, instead of --tolerance")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="of the noise; without one the picture has none")] = None,
-    explain: Annotated[bool, typer.Option(help="print every effect: size, bound, on or off, why, milliseconds")] = False,
-    json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output")] = False,
+    time_budget: Annotated[
+        str | None,
+        typer.Option(
+            help="time with its unit: the best accuracy that fits, instead of --tolerance"
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="of the noise; without one the picture has none")
+    ] = None,
+    explain: Annotated[
+        bool, typer.Option(help="print every effect: size, bound, on or off, why, milliseconds")
+    ] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="one JSON object on standard output")
+    ] = False,
 ) -> None:
-    """Form the picture of a scene and write it; columns rise with the world's x, rows with its y."""
+    """Form the picture of a scene and write it; columns rise with the world's x, rows with its
+    y.
+    """
     if (scene is None) == (distance is None) or (camera is None and scene is None):
-        context.fail("give a camera and --distance, or --scene with a scene that names its camera or a camera beside it")
+        context.fail(
+            "give a camera and --distance, or --scene with a scene that names its camera or a"
+            " camera beside it"
+        )
     if scene is not None and target is not None:
         context.fail("--target belongs to --distance; a scene file has its targets in `planes`")
     if scene is not None and wavelength is not None:
-        context.fail("--wavelength belongs to --target and --distance; a scene file has a field of that name")
+        context.fail(
+            "--wavelength belongs to --target and --distance; a scene file has a field of that name"
+        )
     if time_budget is not None and tolerance is not None:
         context.fail("give --tolerance, or --time-budget, which chooses one; not both")
     require_picture_file(out)
     truth_file = out.with_suffix(".json")
     _require_ours(truth_file)
-    pictured = read_scene(scene, camera) if scene is not None else _short(camera or Path(), target, distance or "", wavelength)
+    pictured = (
+        read_scene(scene, camera)
+        if scene is not None
+        else _short(camera or Path(), target, distance or "", wavelength)
+    )
     budget = None if time_budget is None else option_quantity("--time-budget", time_budget, "time")
     with told_at_work():
         report = take_picture(
@@ -83,7 +137,11 @@ def image(
         write_picture(out, report.image)
     else:
         write_picture(out, report.image, pattern=mosaic.pattern, neutral=neutral(mosaic))
-    told = {"effects": [_keys(effect) for effect in report.effects], "error_estimate": report.error_estimate, "time_ms": report.time_ms}
+    told = {
+        "effects": [_keys(effect) for effect in report.effects],
+        "error_estimate": report.error_estimate,
+        "time_ms": report.time_ms,
+    }
     truth = text.dumps({**ground_truth(pictured.scene), **told}, allow_nan=False, indent=1) + "\n"
     try:
         write_whole(truth_file, truth)
@@ -99,17 +157,29 @@ def image(
         absent = [effect.name for effect in report.effects if not effect.on and not effect.unit]
         if absent:
             console.print(f"Not in this scene: {', '.join(absent)}.", highlight=False)
-    said = f"error below {report.error_estimate:.2g} of white level, {report.time_ms:.0f} ms; ground truth in {truth_file}"
+    said = (
+        f"error below {report.error_estimate:.2g} of white level, {report.time_ms:.0f} ms; ground"
+        f" truth in {truth_file}"
+    )
     console.print(f"{out}: {said}", highlight=False, soft_wrap=True)
 
 
-def _short(camera: Path, target: str | None, distance: str, wavelength: str | None) -> PicturedScene:
+def _short(
+    camera: Path, target: str | None, distance: str, wavelength: str | None
+) -> PicturedScene:
     """One target on the axis, the short way."""
     away = option_quantity("--distance", distance, "length")
     if not away > 0:
-        raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm, or infinity")
+        raise InputError(
+            f"--distance {distance}: a distance in front of the main lens is above 0 mm, or"
+            " infinity"
+        )
     bent = None if wavelength is None else _bent(wavelength)
-    return PicturedScene(short_scene(read_camera(camera), Plane(read_target(target or DOTS), away), bent), SensorResponse(), None)
+    return PicturedScene(
+        short_scene(read_camera(camera), Plane(read_target(target or DOTS), away), bent),
+        SensorResponse(),
+        None,
+    )
 
 
 def _bent(wavelength: str) -> float:
@@ -140,8 +210,8 @@ def _require_ours(file: Path) -> None:
         held = None
     if not isinstance(held, dict) or not held.keys() >= OURS:
         raise InputError(
-            f"{file}: the picture's ground truth goes into a file of this name, and the one that is there is none; "
-            "move it, or give -o another name"
+            f"{file}: the picture's ground truth goes into a file of this name, and the one that is"
+            " there is none; move it, or give -o another name"
         )
     require_writable(file)
 
@@ -156,7 +226,15 @@ def _table(report: Report, width: int) -> Table:
             continue  # told in one line below
         size = "" if effect.size is None else f"{effect.size:.3g} {effect.unit}"
         state, style = ("on", "") if effect.on else ("off", "dim")
-        table.add_row(effect.name, size, f"{effect.bound:.2g}", state, _short_number(effect.ms), effect.why, style=style)
+        table.add_row(
+            effect.name,
+            size,
+            f"{effect.bound:.2g}",
+            state,
+            _short_number(effect.ms),
+            effect.why,
+            style=style,
+        )
     return table
 
 

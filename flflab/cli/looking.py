@@ -1,4 +1,6 @@
-"""``flflab bench snap`` and ``scan``: look through the camera, once, again and again, or along an axis, with a figure of focus."""
+"""``flflab bench snap`` and ``scan``: look through the camera, once, again and again, or along an
+axis, with a figure of focus.
+"""
 
 import sys
 import time
@@ -31,12 +33,20 @@ Gain = Annotated[float, typer.Option(help="gain, as a factor")]
 def snap(
     context: typer.Context,
     bench: BenchFile,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="picture to write: .png, .tiff (16 bits) or .dng")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="picture to write: .png, .tiff (16 bits) or .dng"),
+    ] = None,
     exposure: Exposure = "10 ms",
     gain: Gain = 1.0,
-    live: Annotated[bool, typer.Option("--live", help="go on until Ctrl-C; -o then always holds the newest picture")] = False,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="go on until Ctrl-C; -o then always holds the newest picture"),
+    ] = False,
 ) -> None:
-    """Take one picture of whatever stands before the camera, or one after the other with a figure of focus."""
+    """Take one picture of whatever stands before the camera, or one after the other with a figure
+    of focus.
+    """
     seconds = option_quantity("--exposure", exposure, "time")
     if output is not None and output.suffix.lower() not in ENDINGS:
         raise InputError(f"{output}: a picture is written as .png, .tiff or .dng; give such a name")
@@ -52,7 +62,10 @@ def snap(
         if output is not None:
             _write(output, frame, camera)
     rows, columns = frame.picture.shape
-    typer.echo(f"{output}: {columns} x {rows} pixels, {frame.exposure_s:g} s, {frame.pixel_format}, {saturated} saturated")
+    typer.echo(
+        f"{output}: {columns} x {rows} pixels, {frame.exposure_s:g} s, {frame.pixel_format},"
+        f" {saturated} saturated"
+    )
 
 
 def scan(
@@ -60,20 +73,33 @@ def scan(
     first: Annotated[str, typer.Argument(help="first reading with its unit: '10 mm', '-2 deg'")],
     last: Annotated[str, typer.Argument(help="last reading with its unit")],
     bench: BenchFile,
-    points: Annotated[int, typer.Option(min=3, max=1000, help="how many readings, both ends included")] = 11,
+    points: Annotated[
+        int, typer.Option(min=3, max=1000, help="how many readings, both ends included")
+    ] = 11,
     exposure: Exposure = "10 ms",
     gain: Gain = 1.0,
-    go: Annotated[bool, typer.Option("--go", help="at the end go to the best reading, from the side of the first")] = False,
+    go: Annotated[
+        bool,
+        typer.Option("--go", help="at the end go to the best reading, from the side of the first"),
+    ] = False,
 ) -> None:
-    """Move an axis through a range, take a picture at each reading, and show where it is sharpest."""
+    """Move an axis through a range, take a picture at each reading, and show where it is
+    sharpest.
+    """
     seconds = option_quantity("--exposure", exposure, "time")
     with connected_bench(bench) as connected:
         moved, camera = axis_named(connected, axis), connected.camera
         show, dimension = moved.coordinate.show, moved.coordinate.dimension
-        readings = np.linspace(parse_quantity(first, dimension), parse_quantity(last, dimension), points)
+        readings = np.linspace(
+            parse_quantity(first, dimension), parse_quantity(last, dimension), points
+        )
         if readings[0] == readings[-1]:
-            raise InputError(f"asked to scan {axis} from {first.strip()} to {last.strip()}; the two must differ")
-        connected.check_way(axis, [float(reading) for reading in readings])  # all of it before anything moves
+            raise InputError(
+                f"asked to scan {axis} from {first.strip()} to {last.strip()}; the two must differ"
+            )
+        connected.check_way(
+            axis, [float(reading) for reading in readings]
+        )  # all of it before anything moves
         camera.prepare(seconds, gain)
         figures = np.zeros(points)
         saturated = 0
@@ -82,12 +108,17 @@ def scan(
             frame = camera.grab()
             figures[place_] = _figure(frame, camera)
             saturated = max(saturated, _saturated(frame, camera))
-            sys.stderr.write(f"{place_ + 1}/{points} {show(float(reading), '.4f')}  focus {figures[place_]:.5f}\n")
+            sys.stderr.write(
+                f"{place_ + 1}/{points} {show(float(reading), '.4f')}  focus"
+                f" {figures[place_]:.5f}\n"
+            )
         best = parabola_top(readings, figures)
         for line in _curve([show(float(reading), ".4f") for reading in readings], figures):
             typer.echo(line)
         if saturated:
-            typer.echo(f"up to {saturated} pixels saturated: expose less, else the figure says little")
+            typer.echo(
+                f"up to {saturated} pixels saturated: expose less, else the figure says little"
+            )
         if best is None:
             end = show(float(readings[int(np.argmax(figures))]), ".4f")
             typer.echo(f"sharpest at the end of the range, {end}: scan beyond it")
@@ -126,7 +157,10 @@ def _watch(camera: "CameraDevice", output: Path | None) -> None:
                 _write(output, frame, camera)
             rate = 1 / max(time.monotonic() - begun, 1e-6)
             facts = f"best {best:.5f}, {_saturated(frame, camera)} saturated, {rate:.1f} frames/s"
-            sys.stdout.write(f"frame {frame.number}  focus {figure:.5f} {_bar(figure / best if best else 0.0)} {facts}  {end}")
+            sys.stdout.write(
+                f"frame {frame.number}  focus {figure:.5f} {_bar(figure / best if best else 0.0)}"
+                f" {facts}  {end}"
+            )
             sys.stdout.flush()
     except KeyboardInterrupt:
         sys.stdout.write("\n")
@@ -134,7 +168,9 @@ def _watch(camera: "CameraDevice", output: Path | None) -> None:
 
 
 def _figure(frame: "Frame", camera: "CameraDevice") -> float:
-    return focus_figure(frame.picture, camera.offset_dn, camera.dn_per_electron, camera.read_noise_dn)
+    return focus_figure(
+        frame.picture, camera.offset_dn, camera.dn_per_electron, camera.read_noise_dn
+    )
 
 
 def _saturated(frame: "Frame", camera: "CameraDevice") -> int:
@@ -156,9 +192,22 @@ def _curve(readings: list[str], figures: "np.ndarray") -> Iterator[str]:
 
 def _write(output: Path, frame: "Frame", camera: "CameraDevice") -> None:
     if output.suffix.lower() == ".dng":
-        mosaic = frame.pixel_format.removeprefix("Bayer").rstrip("0123456789") if frame.pixel_format.startswith("Bayer") else ""
+        mosaic = (
+            frame.pixel_format.removeprefix("Bayer").rstrip("0123456789")
+            if frame.pixel_format.startswith("Bayer")
+            else ""
+        )
         pattern = {"RG": "rggb", "BG": "bggr", "GR": "grbg", "GB": "gbrg"}.get(mosaic)
         black = round(camera.offset_dn)
-        write_raw(output, RawPicture(frame.picture, pattern, (black, black, black, black), camera.full_scale, exposure_s=frame.exposure_s))
+        write_raw(
+            output,
+            RawPicture(
+                frame.picture,
+                pattern,
+                (black, black, black, black),
+                camera.full_scale,
+                exposure_s=frame.exposure_s,
+            ),
+        )
     else:
         write_picture(output, frame.picture)

@@ -20,20 +20,43 @@ from flflab.raw_file import RAW, RawPicture, read_raw
 
 
 def measure(
-    frame: Annotated[Path, typer.Argument(help="picture: .npy, .png, .tiff, .h5, .dng or another raw file")],
+    frame: Annotated[
+        Path, typer.Argument(help="picture: .npy, .png, .tiff, .h5, .dng or another raw file")
+    ],
     camera: Annotated[Path, typer.Option(help="camera file (YAML) of the camera that took it")],
-    target: Annotated[str, typer.Option(help="kind of target that stood there, or its YAML file")] = "white",
-    distance: Annotated[str | None, typer.Option(help="main lens to target, with its unit; without it where the camera is sharp")] = None,
-    white: Annotated[
-        Path | None, typer.Option(help="picture of a white target taken as the frame was: the lattice is measured in it, much better")
+    target: Annotated[
+        str, typer.Option(help="kind of target that stood there, or its YAML file")
+    ] = "white",
+    distance: Annotated[
+        str | None,
+        typer.Option(
+            help="main lens to target, with its unit; without it where the camera is sharp"
+        ),
     ] = None,
-    number: Annotated[int | None, typer.Option(help="which picture of a file of several (.h5, .tiff), from 0")] = None,
-    json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output (pixels, mm)")] = False,
+    white: Annotated[
+        Path | None,
+        typer.Option(
+            help=(
+                "picture of a white target taken as the frame was: the lattice is measured in it,"
+                " much better"
+            )
+        ),
+    ] = None,
+    number: Annotated[
+        int | None, typer.Option(help="which picture of a file of several (.h5, .tiff), from 0")
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="one JSON object on standard output (pixels, mm)")
+    ] = False,
 ) -> None:
-    """Measure one picture; positions are (x, y) in pixels, (0, 0) is the centre of the top-left one."""
+    """Measure one picture; positions are (x, y) in pixels, (0, 0) is the centre of the top-left
+    one.
+    """
     away = None if distance is None else option_quantity("--distance", distance, "length")
     if away is not None and not away > 0:
-        raise InputError(f"--distance {distance}: a distance in front of the main lens is above 0 mm")
+        raise InputError(
+            f"--distance {distance}: a distance in front of the main lens is above 0 mm"
+        )
     picture, beside = _read(frame, number), None if white is None else _read(white, None)
     result = measure_picture(picture, read_camera(camera), read_target(target), away, white=beside)
     if json:
@@ -51,7 +74,11 @@ def measure(
 
 def _read(file: Path, number: int | None) -> Picture | RawPicture:
     """One picture; a raw file as the sensor read it."""
-    return read_raw(file) if file.suffix.lower() in RAW and number in (None, 0) else read_picture(file, number)
+    return (
+        read_raw(file)
+        if file.suffix.lower() in RAW and number in (None, 0)
+        else read_picture(file, number)
+    )
 
 
 def _print_lattice(console: Console, lattice: dict[str, Any]) -> None:
@@ -60,7 +87,10 @@ def _print_lattice(console: Console, lattice: dict[str, Any]) -> None:
     table.add_row("pitch", f"{lattice['pitch_px']:.5f} px")
     table.add_row("angle", f"{lattice['angle_deg']:.5f} deg")
     table.add_row("origin (x, y)", "{:.4f}, {:.4f} px".format(*lattice["origin_px"]))
-    table.add_row("inside, outside radius", f"{lattice['inside_radius_px']:.3f}, {lattice['outside_radius_px']:.3f} px")
+    table.add_row(
+        "inside, outside radius",
+        f"{lattice['inside_radius_px']:.3f}, {lattice['outside_radius_px']:.3f} px",
+    )
     table.add_row("micro-images", str(len(lattice["centres_px"])))
     console.print(table)
     if lattice.get("micro_images"):
@@ -68,7 +98,9 @@ def _print_lattice(console: Console, lattice: dict[str, Any]) -> None:
 
 
 def _radii(each: list[dict[str, Any]]) -> Table:
-    """The bright and total field of the micro-images one by one, those of one kind of microlens together; ``--json`` lists them all."""
+    """The bright and total field of the micro-images one by one, those of one kind of microlens
+    together; ``--json`` lists them all.
+    """
     table = Table(title="Radii of single micro-images, px", box=box.SIMPLE)
     for head in ("field", "model", "mean", "scatter", "stated", "least", "most", "seen"):
         table.add_column(head, justify="right")
@@ -81,7 +113,12 @@ def _radii(each: list[dict[str, Any]]) -> Table:
                 continue
             radii, doubts = zip(*found, strict=True)
             figures = fmean(radii), pstdev(radii), median(doubts), min(radii), max(radii)
-            table.add_row(name, f"{due:.3f}", *(f"{value:.3f}" for value in figures), f"{len(found)} of {len(kind)}")
+            table.add_row(
+                name,
+                f"{due:.3f}",
+                *(f"{value:.3f}" for value in figures),
+                f"{len(found)} of {len(kind)}",
+            )
     return table
 
 
@@ -92,25 +129,39 @@ def _dots(dots: list[dict[str, Any]]) -> Table:
     for dot in dots:
         position = [
             "none" if value is None or sigma is None else f"{value:.3f} ± {sigma:.3f}"
-            for value, sigma in zip(dot["position_mm"] or [None] * 3, dot["uncertainty_mm"] or [None] * 3, strict=True)
+            for value, sigma in zip(
+                dot["position_mm"] or [None] * 3, dot["uncertainty_mm"] or [None] * 3, strict=True
+            )
         ]
         table.add_row(str(dot["dot"]), str(dot["views"]), str(dot["views_uncertain"]), *position)
     return table
 
 
 def _contrasts(points: list[dict[str, Any]]) -> Table:
-    """Of several kinds of microlenses a curve each; the classic reading, (max - min)/(max + min), with its bias."""
+    """Of several kinds of microlenses a curve each; the classic reading, (max - min)/(max + min),
+    with its bias.
+    """
     table = Table(title="Contrast against frequency", box=box.SIMPLE)
     kinds = dict.fromkeys(point.get("microlens_focal_length_mm") for point in points)
     classic = any("classic" in point for point in points)
-    heads = ["microlens mm"] * (len(kinds) > 1) + ["cycles/px", "contrast"] + ["views", "max, min", "its bias"] * classic
+    heads = (
+        ["microlens mm"] * (len(kinds) > 1)
+        + ["cycles/px", "contrast"]
+        + ["views", "max, min", "its bias"] * classic
+    )
     for head in heads:
         table.add_column(head, justify="right")
     for point in points:
         row = [f"{point['microlens_focal_length_mm']:g}"] if len(kinds) > 1 else []
-        row += [f"{point['cycles_per_px']:.4f}", f"{point['contrast']:.5f} ± {point['uncertainty']:.5f}"]
+        row += [
+            f"{point['cycles_per_px']:.4f}",
+            f"{point['contrast']:.5f} ± {point['uncertainty']:.5f}",
+        ]
         if classic:
             row += [str(len(point["views"]))]
-            row += ["none" if value is None else f"{value:+.3f}" for value in (point["classic"], point["classic_bias"])]
+            row += [
+                "none" if value is None else f"{value:+.3f}"
+                for value in (point["classic"], point["classic_bias"])
+            ]
         table.add_row(*row)
     return table

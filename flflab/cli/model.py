@@ -20,11 +20,21 @@ from flflab.whole_file import make_folder
 
 def model(
     camera: Annotated[Path, typer.Argument(help="camera file (YAML)")],
-    distance: Annotated[list[str] | None, typer.Option(help="target distance with its unit, or infinity; may be repeated")] = None,
-    json: Annotated[bool, typer.Option("--json", help="one JSON object on standard output (mm, degrees)")] = False,
-    figures: Annotated[Path | None, typer.Option(help="folder for the paper's Figures 1 to 9, drawn for this camera")] = None,
+    distance: Annotated[
+        list[str] | None,
+        typer.Option(help="target distance with its unit, or infinity; may be repeated"),
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="one JSON object on standard output (mm, degrees)")
+    ] = False,
+    figures: Annotated[
+        Path | None,
+        typer.Option(help="folder for the paper's Figures 1 to 9, drawn for this camera"),
+    ] = None,
 ) -> None:
-    """State every property the model has for a camera; distances are measured from the main lens."""
+    """State every property the model has for a camera; distances are measured from the main
+    lens.
+    """
     if figures is not None:
         make_folder(figures, f"--figures {figures}")
     description = load(camera, CameraDescription)
@@ -34,17 +44,24 @@ def model(
     solution = solve_camera(described, fields)
     if not distances and solution.sharp_distance is not None:
         distances = [solution.sharp_distance]
-    solved = [solve_distance(described, one, solution.useful_pixels, fields, solution.row) for one in distances]
+    solved = [
+        solve_distance(described, one, solution.useful_pixels, fields, solution.row)
+        for one in distances
+    ]
     areas = measurement_area(described, "total"), measurement_area(described, "chief")
     volume = measurement_volume(described, fields=fields)
     if json:
         print_json(as_json(described, solution, solved, areas, volume))
     else:
-        from flflab.cli.model_table import print_tables  # a program that reads JSON need not wait for tables
+        from flflab.cli.model_table import (
+            print_tables,
+        )  # a program that reads JSON need not wait for tables
 
         print_tables(solution, solved, areas, volume, description.remarks())
     if figures is not None:
-        from flflab.figures import draw_figures  # matplotlib takes longer to start than the model to compute
+        from flflab.figures import (
+            draw_figures,
+        )  # matplotlib takes longer to start than the model to compute
 
         for file, caption in draw_figures(described, figures):
             typer.echo(f"{file}: {caption}", err=json)
@@ -53,5 +70,7 @@ def model(
 def _distance(given: str) -> float:
     value = option_quantity("--distance", given, "length")
     if not value > 0:
-        raise InputError(f"--distance {given}: a distance in front of the main lens is above 0 mm, or infinity")
+        raise InputError(
+            f"--distance {given}: a distance in front of the main lens is above 0 mm, or infinity"
+        )
     return value

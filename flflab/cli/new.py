@@ -1,4 +1,6 @@
-"""``flflab new camera|bench|study|calibration|requirements FILE``: a commented copy of a built-in description to start from."""
+"""``flflab new camera|bench|study|calibration|requirements FILE``: a commented copy of a built-in
+description to start from.
+"""
 
 from enum import StrEnum
 from importlib.resources import files
@@ -37,7 +39,9 @@ def built_in(kind: Kind) -> Path:
 
 def new(
     kind: Annotated[Kind, typer.Argument(help="camera, bench, study, calibration or requirements")],
-    file: Annotated[Path, typer.Argument(help="file to write; an existing one is never overwritten")],
+    file: Annotated[
+        Path, typer.Argument(help="file to write; an existing one is never overwritten")
+    ],
 ) -> None:
     """Write a commented copy of a built-in file; a bench gets its camera file beside it."""
     text = built_in(kind).read_text(encoding="utf-8")

@@ -1,4 +1,6 @@
-"""``flflab plan STUDY``: what would be done, how long it takes and how sure it will be; nothing connects, nothing moves."""
+"""``flflab plan STUDY``: what would be done, how long it takes and how sure it will be; nothing
+connects, nothing moves.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,11 +22,20 @@ from flflab.whole_file import require_writable, write_csv
 
 def plan(
     study: Annotated[Path, typer.Argument(help="study file (YAML)")],
-    bench: Annotated[Path | None, typer.Option(help="bench file (YAML); by default the built-in simulated one")] = None,
-    out: Annotated[Path | None, typer.Option(help="table of what each configuration is expected to give (CSV)")] = None,
-    scheduler: Annotated[str | None, typer.Option(help="address of a Dask scheduler whose workers share the simulation")] = None,
+    bench: Annotated[
+        Path | None, typer.Option(help="bench file (YAML); by default the built-in simulated one")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="table of what each configuration is expected to give (CSV)")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="address of a Dask scheduler whose workers share the simulation"),
+    ] = None,
 ) -> None:
-    """Print every step, the duration and the expected uncertainty of each configuration; refuse what the bench cannot reach."""
+    """Print every step, the duration and the expected uncertainty of each configuration; refuse
+    what the bench cannot reach.
+    """
     from procedures.durations import Expected, durations  # the engine is loaded by those who use it
     from procedures.steps import most_frames, steps
 
@@ -37,7 +48,9 @@ def plan(
     if out is not None:
         _write(expected, read, out)
     frames = {one.configuration: one.looks[-1].frames for one in expected if one.looks}
-    lasting = durations(to_do, described, Expected({one.configuration: one.exposure_s for one in expected}, frames))
+    lasting = durations(
+        to_do, described, Expected({one.configuration: one.exposure_s for one in expected}, frames)
+    )
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("step", justify="right")
     table.add_column("what", overflow="fold")
@@ -50,15 +63,23 @@ def plan(
     console.print(table)
     console.print(_expected_table(expected, read))
     console.print(
-        f"{len(to_do)} steps, at most {most} frames ({most * columns * rows * 2 / 1e6:.0f} MB), "
-        f"about {in_words(sum(lasting))} at the stages' own speed; within limits, and the gap holds on the way."
+        f"{len(to_do)} steps, at most {most} frames ({most * columns * rows * 2 / 1e6:.0f} MB),"
+        f" about {in_words(sum(lasting))} at the stages' own speed; within limits, and the gap"
+        " holds on the way."
     )
 
 
 def _expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Expectation]:
-    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    columns = (
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
     with Progress(*columns, transient=True, console=Console(stderr=True)) as progress:
-        bar = progress.add_task("configurations drawn and measured", total=len(study.configurations))
+        bar = progress.add_task(
+            "configurations drawn and measured", total=len(study.configurations)
+        )
         found: list[Expectation] = []
         for one in expect_all(study, bench, scheduler):
             found.append(one)
@@ -67,12 +88,17 @@ def _expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Exp
 
 
 def _expected_table(expected: list[Expectation], study: Study) -> Table:
-    """One line a configuration: exposure, frames of the bars, how sure the MTF will be by noise, and how far the stages leave it open."""
+    """One line a configuration: exposure, frames of the bars, how sure the MTF will be by noise,
+    and how far the stages leave it open.
+    """
     wanted = study.description.mtf_standard_uncertainty
     asked = "" if wanted is None else f", {wanted:g} asked for"
     table = Table(
         box=box.SIMPLE_HEAD,
-        title=f"Expected standard uncertainty of the MTF: by the frames' noise alone{asked}; what the stages may be off comes on top",
+        title=(
+            f"Expected standard uncertainty of the MTF: by the frames' noise alone{asked}; what the"
+            " stages may be off comes on top"
+        ),
     )
     for head in ("", "F/", "target mm", "array mm", "sensor mm", "exposure ms", "frames"):
         table.add_column(head, justify="right", overflow="fold")
@@ -89,21 +115,43 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
             said += f", not reached with {last.frames} frames"
         stages = "" if last is None else f"{one.by_stages:.2g}"
         frames = "" if last is None else str(last.frames)
-        place = f"{setting.f_number:g}", f"{setting.distance:g}", f"{setting.array:g}", f"{setting.sensor:.4f}"
+        place = (
+            f"{setting.f_number:g}",
+            f"{setting.distance:g}",
+            f"{setting.array:g}",
+            f"{setting.sensor:.4f}",
+        )
         table.add_row(
-            str(one.configuration), *place, f"{1e3 * one.exposure_s:.3g}", frames, said, stages, *([setting.besides] if besides else [])
+            str(one.configuration),
+            *place,
+            f"{1e3 * one.exposure_s:.3g}",
+            frames,
+            said,
+            stages,
+            *([setting.besides] if besides else []),
         )
     return table
 
 
 def _write(expected: list[Expectation], study: Study, file: Path) -> None:
     places = "configuration", "f_number", "distance_mm", "array_mm", "sensor_mm"
-    rows: list[list[object]] = [[*places, "exposure_s", "frames", "mtf_standard_uncertainty", "mtf_uncertainty_by_stages", "besides"]]
+    rows: list[list[object]] = [
+        [
+            *places,
+            "exposure_s",
+            "frames",
+            "mtf_standard_uncertainty",
+            "mtf_uncertainty_by_stages",
+            "besides",
+        ]
+    ]
     for one in expected:
         setting = study.configurations[one.configuration]
         look = one.looks[-1] if one.looks else None
         place = setting.index, setting.f_number, setting.distance, setting.array, setting.sensor
         found = ("", "", "") if look is None else (look.frames, look.uncertainty, one.by_stages)
         numbers = one.exposure_s, *found, setting.besides
-        rows.append([f"{value:.10g}" if isinstance(value, float) else value for value in (*place, *numbers)])
+        rows.append(
+            [f"{value:.10g}" if isinstance(value, float) else value for value in (*place, *numbers)]
+        )
     write_csv(file, rows)

@@ -1,4 +1,6 @@
-"""``flflab report RUN...``: measure and compare recorded runs again; many of them on all cores or on a Dask cluster."""
+"""``flflab report RUN...``: measure and compare recorded runs again; many of them on all cores or
+on a Dask cluster.
+"""
 
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -17,7 +19,9 @@ from flflab.workers import results
 
 
 class Analysed(NamedTuple):
-    """What became of a run: its place among those asked for, folder, sentences of its verdicts, whether the model was accepted."""
+    """What became of a run: its place among those asked for, folder, sentences of its verdicts,
+    whether the model was accepted.
+    """
 
     number: int
     folder: Path
@@ -27,19 +31,29 @@ class Analysed(NamedTuple):
 
 def report(
     runs: Annotated[list[Path], typer.Argument(help="folder of a run, or of several")],
-    bench: Annotated[Path | None, typer.Option(help="hold one run against this bench file instead, into report-NAME.html")] = None,
-    scheduler: Annotated[str | None, typer.Option(help="address of a Dask scheduler whose workers share several runs")] = None,
+    bench: Annotated[
+        Path | None,
+        typer.Option(help="hold one run against this bench file instead, into report-NAME.html"),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="address of a Dask scheduler whose workers share several runs"),
+    ] = None,
 ) -> None:
     """Measure and compare recorded runs again and rewrite their tables and reports."""
     if len(runs) == 1 and scheduler is None:
         conclude(read_run(runs[0]), bench)
         return
     if bench is not None:
-        raise InputError("report: --bench holds one run against another bench; give one run, without --scheduler")
+        raise InputError(
+            "report: --bench holds one run against another bench; give one run, without --scheduler"
+        )
     with Progress(transient=True, console=Console(stderr=True)) as progress:
         bar = progress.add_task("runs", total=len(runs))
         found: list[Analysed] = []
-        for one in results(analyse, [(number, folder.resolve()) for number, folder in enumerate(runs)], scheduler):
+        for one in results(
+            analyse, [(number, folder.resolve()) for number, folder in enumerate(runs)], scheduler
+        ):
             found.append(one)
             progress.update(bar, advance=1)
     table = Table(box=box.SIMPLE_HEAD)
@@ -54,9 +68,16 @@ def report(
 
 
 def analyse(number: int, folder: Path) -> Analysed:
-    """Evaluate a recorded run and write its table and page; a run that cannot be evaluated says why and counts as not accepted."""
+    """Evaluate a recorded run and write its table and page; a run that cannot be evaluated says why
+    and counts as not accepted.
+    """
     try:
         comparison = judged(read_run(folder))[0].comparison
     except FlflabError as error:
         return Analysed(number, folder, (str(error),), False)
-    return Analysed(number, folder, tuple(verdict.sentence for verdict in comparison.verdicts), comparison.accepted)
+    return Analysed(
+        number,
+        folder,
+        tuple(verdict.sentence for verdict in comparison.verdicts),
+        comparison.accepted,
+    )

@@ -14,9 +14,14 @@ from flflab.record import Run, read_run
 
 def resume(
     run: Annotated[Path, typer.Argument(help="folder of the run")],
-    bench: Annotated[Path | None, typer.Option(help="the same bench at other addresses (YAML); the recorded one without it")] = None,
+    bench: Annotated[
+        Path | None,
+        typer.Option(help="the same bench at other addresses (YAML); the recorded one without it"),
+    ] = None,
 ) -> None:
-    """Home what lost its reference, check that the bench shows what it showed, take what is missing; then as the command that began it."""
+    """Home what lost its reference, check that the bench shows what it showed, take what is
+    missing; then as the command that began it.
+    """
     found = read_run(run)
     if not _lacks_its_fit_alone(found):
         with progress_shown() as tell:
@@ -30,5 +35,11 @@ def resume(
 
 
 def _lacks_its_fit_alone(run: Run) -> bool:
-    """Whether a calibration was taken to its end and interrupted while its pictures were measured."""
-    return run.complete and run.start.get("plan_name") == "calibrate" and not (run.folder / "calibration.json").exists()
+    """Whether a calibration was taken to its end and interrupted while its pictures were
+    measured.
+    """
+    return (
+        run.complete
+        and run.start.get("plan_name") == "calibrate"
+        and not (run.folder / "calibration.json").exists()
+    )

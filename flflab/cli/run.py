@@ -1,4 +1,6 @@
-"""What a command does to take a study on a bench: connect, begin the record, home and sweep, say how far it is."""
+"""What a command does to take a study on a bench: connect, begin the record, home and sweep, say
+how far it is.
+"""
 
 import contextlib
 import sys
@@ -14,7 +16,15 @@ from flflab.bench import Bench, read_bench, with_seed
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.errors import CommunicationError, FlflabError, InputError, RecordError
-from flflab.record import ContinuedRecording, Recording, Run, forget_descriptions, keep_descriptions, read_run, run_folder
+from flflab.record import (
+    ContinuedRecording,
+    Recording,
+    Run,
+    forget_descriptions,
+    keep_descriptions,
+    read_run,
+    run_folder,
+)
 from flflab.study import Study, read_study
 from flflab.wheel import unlike_the_wheel
 
@@ -23,7 +33,14 @@ if TYPE_CHECKING:
     from procedures.sweep import Tell
 
 
-def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int | None, tell: "Tell", name: str) -> Run:
+def run_study(
+    study_file: Path,
+    bench_file: Path,
+    folder: Path | None,
+    seed: int | None,
+    tell: "Tell",
+    name: str,
+) -> Run:
     """Take every frame of a study on a bench and read the record back.
 
     Args:
@@ -52,25 +69,38 @@ def run_study(study_file: Path, bench_file: Path, folder: Path | None, seed: int
     for sentence in unlike_the_wheel(study, bench):
         sys.stderr.write(f"flflab: {sentence}\n")
     with run_folder(folder, study.description.name) as place, connect_described(bench) as connected:
-        recording = with_descriptions(begin_recording(connected, study, place), bench, study_file, study)
+        recording = with_descriptions(
+            begin_recording(connected, study, place), bench, study_file, study
+        )
         failure = failure_of(place, lambda: take_study(connected, study, recording, tell, name))
     return ended(place, failure)
 
 
-def with_descriptions(recording: Recording, bench: Bench, study_file: Path | None, study: Study | None = None) -> Recording:
-    """A record with the descriptions beside it: written when the folder is its own, so that no other run's are written over.
+def with_descriptions(
+    recording: Recording, bench: Bench, study_file: Path | None, study: Study | None = None
+) -> Recording:
+    """A record with the descriptions beside it: written when the folder is its own, so that no
+    other run's are written over.
 
     Raises:
-        RecordError: the folder cannot be written, or a file is no longer what was read of it; nothing is left in the folder.
+        RecordError: the folder cannot be written, or a file is no longer what was read of it;
+            nothing is left in the folder.
     """
     folder = recording.folder
     try:
         keep_descriptions(folder, bench, study_file)
         kept = read_bench(folder / "bench.yaml")
-        same = kept.optics == bench.optics and kept.description == bench.description.model_copy(update={"optics": "camera.yaml"})
-        if not same or (study is not None and read_study(folder / "study.yaml", kept.optics) != study):
+        same = kept.optics == bench.optics and kept.description == bench.description.model_copy(
+            update={"optics": "camera.yaml"}
+        )
+        if not same or (
+            study is not None and read_study(folder / "study.yaml", kept.optics) != study
+        ):
             changed = bench.file if study is None else f"{bench.file} or {study_file}"
-            raise RecordError(f"{folder}: {changed} was changed while the bench was connected; nothing moved, begin again")
+            raise RecordError(
+                f"{folder}: {changed} was changed while the bench was connected; nothing moved,"
+                " begin again"
+            )
     except FlflabError:
         forget_descriptions(folder)
         recording.discard()
@@ -87,7 +117,8 @@ def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:
         tell: called when a step begins.
 
     Raises:
-        InputError: there is nothing to go on with, or the bench is another one; and as ``run_study``.
+        InputError: there is nothing to go on with, or the bench is another one; and as
+            ``run_study``.
     """
     from drivers.bench import connect
     from procedures.resume import require_unfinished, rest_of, resume
@@ -104,10 +135,14 @@ def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:
     except CommunicationError as error:
         if bench_file is not None:
             raise
-        there = f"the same bench at other addresses is given with `flflab resume {folder} --bench FILE`"
+        there = (
+            f"the same bench at other addresses is given with `flflab resume {folder} --bench FILE`"
+        )
         raise CommunicationError(f"{error}\n{there}") from error
     with connected:
-        failure = failure_of(folder, lambda: resume(connected, study, run, rest, ContinuedRecording(folder), tell))
+        failure = failure_of(
+            folder, lambda: resume(connected, study, run, rest, ContinuedRecording(folder), tell)
+        )
     return ended(folder, failure)
 
 
@@ -117,23 +152,35 @@ def require_same_bench(recorded: Bench, given: Bench) -> None:
     Raises:
         InputError: a field differs; it is named.
     """
-    before, now = (_without_addresses(bench.description.model_dump()) for bench in (recorded, given))
-    different = [field for field in before if before[field] != now.get(field) and field not in ("optics", "simulated")]
+    before, now = (
+        _without_addresses(bench.description.model_dump()) for bench in (recorded, given)
+    )
+    different = [
+        field
+        for field in before
+        if before[field] != now.get(field) and field not in ("optics", "simulated")
+    ]
     different += [] if recorded.optics == given.optics else ["optics"]
     if different:
         raise InputError(
-            f"{given.file}: {' and '.join(different)} are not as in {recorded.file}, with which this run began; only addresses may differ"
+            f"{given.file}: {' and '.join(different)} are not as in {recorded.file}, with which"
+            " this run began; only addresses may differ"
         )
 
 
 def _without_addresses(value: object) -> Any:
     if isinstance(value, dict):
-        return {key: _without_addresses(inner) for key, inner in cast(dict[str, object], value).items() if key not in ("address", "driver")}
+        return {
+            key: _without_addresses(inner)
+            for key, inner in cast(dict[str, object], value).items()
+            if key not in ("address", "driver")
+        }
     return value
 
 
 def failure_of(folder: Path, doing: Callable[[], None]) -> FlflabError | None:
-    """What a run failed with, raised after the bench was left, so that what goes wrong in leaving does not hide why.
+    """What a run failed with, raised after the bench was left, so that what goes wrong in leaving
+    does not hide why.
 
     How to go on is said at once: an operator may not wait for the bench to be left.
     """
@@ -165,12 +212,24 @@ def ended(folder: Path, failure: FlflabError | None) -> Run:
 
 @contextlib.contextmanager
 def measuring(run: Run, command: str) -> Generator[Callable[[int, int], None]]:
-    """Says what it is at, of how many configurations as far as it is told; at Ctrl-C, with which command the run is measured again."""
+    """Says what it is at, of how many configurations as far as it is told; at Ctrl-C, with which
+    command the run is measured again.
+    """
     console = Console(stderr=True)
-    console.print(f"{'all recorded' if run.complete else 'not recorded to its end'}; measuring and comparing", highlight=False)
-    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    console.print(
+        f"{'all recorded' if run.complete else 'not recorded to its end'}; measuring and comparing",
+        highlight=False,
+    )
+    columns = (
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
     try:
-        with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        with Progress(
+            *columns, console=console, transient=True, disable=not console.is_terminal
+        ) as bar:
             task = bar.add_task("measure", total=None)
 
             def tell(done: int, total: int) -> None:
@@ -179,18 +238,27 @@ def measuring(run: Run, command: str) -> Generator[Callable[[int, int], None]]:
 
             yield tell
     except KeyboardInterrupt:
-        sys.stderr.write(f"flflab: what was recorded is kept, `flflab {command} {run.folder}` measures it\n")
+        sys.stderr.write(
+            f"flflab: what was recorded is kept, `flflab {command} {run.folder}` measures it\n"
+        )
         raise
 
 
 @contextlib.contextmanager
 def progress_shown() -> Generator["Tell", None, None]:
-    """Shows on standard error how far a procedure is: a bar on a terminal, one line a recorded point elsewhere."""
+    """Shows on standard error how far a procedure is: a bar on a terminal, one line a recorded
+    point elsewhere.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _lines()
         return
-    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    columns = (
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("connect", total=None)
         shows = ""
@@ -199,7 +267,12 @@ def progress_shown() -> Generator["Tell", None, None]:
             nonlocal shows
             left = f"about {in_words(step.seconds_left)} of recording left" if step.last else ""
             now = step.step.partition(":")[0]
-            bar.update(task, total=step.total, completed=step.done, description=f"{now}  [dim]{left}  {step.last}[/dim]")
+            bar.update(
+                task,
+                total=step.total,
+                completed=step.done,
+                description=f"{now}  [dim]{left}  {step.last}[/dim]",
+            )
             if step.shows and step.shows != shows:
                 bar.console.print(step.shows, style="dim", highlight=False, markup=False)
             shows = step.shows
@@ -221,7 +294,10 @@ def _lines() -> Callable[["Step"], None]:
     def tell(step: "Step") -> None:
         nonlocal last, shows
         if step.last and step.last != last:
-            sys.stderr.write(f"{step.done}/{step.total}, about {in_words(step.seconds_left)} of recording left: {step.last}\n")
+            sys.stderr.write(
+                f"{step.done}/{step.total}, about {in_words(step.seconds_left)} of recording left:"
+                f" {step.last}\n"
+            )
         if step.shows and step.shows != shows:
             sys.stderr.write(f"{step.shows}\n")
         last, shows = step.last, step.shows

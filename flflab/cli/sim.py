@@ -10,13 +10,33 @@ from flflab.bench import read_bench, with_seed
 
 def sim(
     bench: Annotated[Path, typer.Argument(help="bench file (YAML); its addresses are ignored")],
-    json: Annotated[bool, typer.Option("--json", help="one JSON line with all addresses on standard output")] = False,
-    port: Annotated[int, typer.Option(min=0, max=65000, help="first port, the next ones count up; 0 takes free ones")] = 0,
-    pty: Annotated[bool, typer.Option("--pty", help="serial instruments on pseudo terminals instead of TCP")] = False,
-    write_bench: Annotated[Path | None, typer.Option(help="also write a copy of the bench file with the addresses served")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="instead of the bench file's simulated.seed")] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="one JSON line with all addresses on standard output")
+    ] = False,
+    port: Annotated[
+        int,
+        typer.Option(
+            min=0, max=65000, help="first port, the next ones count up; 0 takes free ones"
+        ),
+    ] = 0,
+    pty: Annotated[
+        bool, typer.Option("--pty", help="serial instruments on pseudo terminals instead of TCP")
+    ] = False,
+    write_bench: Annotated[
+        Path | None,
+        typer.Option(help="also write a copy of the bench file with the addresses served"),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="instead of the bench file's simulated.seed")
+    ] = None,
 ) -> None:
     """Serve until Ctrl-C, or until standard input ends where it is a pipe."""
     from sim.serve import main  # what draws pictures is loaded by those who draw
 
-    main(with_seed(read_bench(bench), seed), port, pty=pty, json_line=json, write_bench_file=write_bench)
+    main(
+        with_seed(read_bench(bench), seed),
+        port,
+        pty=pty,
+        json_line=json,
+        write_bench_file=write_bench,
+    )

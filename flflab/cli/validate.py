@@ -1,4 +1,6 @@
-"""``flflab validate``: the main job. Home, sweep, capture, measure, compare with the model, report."""
+"""``flflab validate``: the main job. Home, sweep, capture, measure, compare with the model,
+report.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -23,35 +25,61 @@ REJECTED = 3
 
 
 def validate(
-    study: Annotated[Path | None, typer.Argument(help="study file (YAML); the built-in first study without one")] = None,
-    bench: Annotated[Path | None, typer.Option(help="bench file (YAML); the built-in simulated bench without one")] = None,
-    out: Annotated[Path | None, typer.Option(help="folder of the run, new or empty; runs/<UTC>-<study> without one")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")] = None,
+    study: Annotated[
+        Path | None, typer.Argument(help="study file (YAML); the built-in first study without one")
+    ] = None,
+    bench: Annotated[
+        Path | None,
+        typer.Option(help="bench file (YAML); the built-in simulated bench without one"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="folder of the run, new or empty; runs/<UTC>-<study> without one"),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
+    ] = None,
 ) -> None:
-    """Run a study on a bench and say whether the camera does what its model says (exit 0), or not (exit 3)."""
+    """Run a study on a bench and say whether the camera does what its model says (exit 0), or not
+    (exit 3).
+    """
     with progress_shown() as tell:
-        run = run_study(study or built_in(Kind.STUDY), bench or built_in(Kind.BENCH), out, seed, tell, "validate")
+        run = run_study(
+            study or built_in(Kind.STUDY),
+            bench or built_in(Kind.BENCH),
+            out,
+            seed,
+            tell,
+            "validate",
+        )
     conclude(run)
 
 
-def judged(run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody) -> tuple[Evaluation, Path]:
+def judged(
+    run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody
+) -> tuple[Evaluation, Path]:
     """Evaluate a run and write its table and page beside it.
 
     Args:
         run: the record.
-        bench_file: the bench to hold it against, a calibrated one for instance; the recorded one without it.
+        bench_file: the bench to hold it against, a calibrated one for instance; the recorded one
+            without it.
         tell: called with how many configurations are measured, of how many.
 
     Returns:
         What was found, and the page.
 
     Raises:
-        FlflabError: there is no study in it, a description is wrong, a frame is missing or cannot be measured.
+        FlflabError: there is no study in it, a description is wrong, a frame is missing or cannot
+            be measured.
     """
     from flflab.report import write_report  # draws; loaded by those who draw
 
     if not (run.folder / "study.yaml").exists():
-        raise InputError(f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} without a study has nothing to compare")
+        raise InputError(
+            f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} without a study"
+            " has nothing to compare"
+        )
     bench = read_bench(bench_file or run.folder / "bench.yaml")
     study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
     evaluation = evaluate(run, study, bench, tell=tell)
@@ -63,7 +91,9 @@ def judged(run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody) -
 
 
 def conclude(run: Run, bench_file: Path | None = None) -> None:
-    """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is rejected."""
+    """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is
+    rejected.
+    """
     with measuring(run, "report") as tell:
         evaluation, page = judged(run, bench_file, tell)
     with reader_may_go():
@@ -78,16 +108,28 @@ def _tell(evaluation: Evaluation, page: Path) -> None:
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
     accepted = evaluation.comparison.accepted
-    console.print("The camera does what its model says." if accepted else "The camera does not do what its model says.", style="bold")
+    console.print(
+        (
+            "The camera does what its model says."
+            if accepted
+            else "The camera does not do what its model says."
+        ),
+        style="bold",
+    )
     for suspect in not_told_apart(evaluation.suspects):
         console.print(f"Would explain it: {suspect.sentence}.", highlight=False)
     if not accepted and not not_told_apart(evaluation.suspects):
-        console.print("No single change of the bench explains it: no size of the optics, no turn of the array, no zero of a stage.")
+        console.print(
+            "No single change of the bench explains it: no size of the optics, no turn of the"
+            " array, no zero of a stage."
+        )
     console.print(f"Report: {page}", highlight=False, soft_wrap=True)
 
 
 def _verdicts(evaluation: Evaluation) -> Table:
-    """One line a property: how many benches built and measured as stated disagree at least as much."""
+    """One line a property: how many benches built and measured as stated disagree at least as
+    much.
+    """
     table = Table(box=box.SIMPLE, title="Verdicts")
     table.add_column("", no_wrap=True)
     for head in ("values", AS_FAR_OFF, "rejected below"):
@@ -96,18 +138,36 @@ def _verdicts(evaluation: Evaluation) -> Table:
     for one in evaluation.comparison.verdicts:
         shares = (percent(share) for share in (one.p_value, one.threshold))
         table.add_row(
-            PROPERTY_NAMES.get(one.quantity, one.quantity), str(one.rows), *shares, "agrees" if one.accepted else "[bold]rejected[/bold]"
+            PROPERTY_NAMES.get(one.quantity, one.quantity),
+            str(one.rows),
+            *shares,
+            "agrees" if one.accepted else "[bold]rejected[/bold]",
         )
     return table
 
 
 def _table(evaluation: Evaluation) -> Table:
-    """One line a configuration: where it stood, views measured and predicted, how well the contrast agrees."""
+    """One line a configuration: where it stood, views measured and predicted, how well the contrast
+    agrees.
+    """
     table = Table(box=box.SIMPLE, title="Measured against predicted")
-    for head in ("", "F/", "target mm", "sensor mm", "views seen", "views model", "MTF points", "rms z"):
+    for head in (
+        "",
+        "F/",
+        "target mm",
+        "sensor mm",
+        "views seen",
+        "views model",
+        "MTF points",
+        "rms z",
+    ):
         table.add_column(head, justify="right")
     for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
-        scores = [row.z for row in evaluation.comparison.rows if row.quantity == "mtf" and row.configuration == one.configuration.index]
+        scores = [
+            row.z
+            for row in evaluation.comparison.rows
+            if row.quantity == "mtf" and row.configuration == one.configuration.index
+        ]
         table.add_row(
             str(one.configuration.index),
             f"{one.configuration.f_number:g}",

@@ -1,4 +1,6 @@
-"""What a search leaves for people and programs: the front as rows, the named configurations, and what building them demands."""
+"""What a search leaves for people and programs: the front as rows, the named configurations, and
+what building them demands.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -56,7 +58,10 @@ def answer(wanted: Requirements, found: Found) -> tuple[tuple[Option, ...], tupl
         found: what the search found; at least one configuration.
     """
     grid = make_grid(wanted)
-    front = tuple(_option(wanted, grid, str(index), given) for index, given in enumerate(chosen(grid, found.front.numbers), start=1))
+    front = tuple(
+        _option(wanted, grid, str(index), given)
+        for index, given in enumerate(chosen(grid, found.front.numbers), start=1)
+    )
     count = len(wanted.maximise)
     weights = [*np.eye(count), np.full(count, 1 / count)] if count > 1 else [np.ones(1)]
     names = [f"most {name}" for name in wanted.maximise] + (["balanced"] if count > 1 else [])
@@ -64,12 +69,21 @@ def answer(wanted: Requirements, found: Found) -> tuple[tuple[Option, ...], tupl
     for name, weight in zip(names, weights, strict=True):
         best = int(np.argmax(np.log(np.maximum(found.front.values, 1e-12)) @ weight))
         given = refine(front[best].given, grid, wanted, weight).given
-        named.append(_option(wanted, grid, name, given, sensitivities(given, wanted), built_yield(given, wanted)))
+        named.append(
+            _option(
+                wanted, grid, name, given, sensitivities(given, wanted), built_yield(given, wanted)
+            )
+        )
     return tuple(named), front
 
 
 def _option(
-    wanted: Requirements, grid: Grid, name: str, given: Candidates, by: tuple[Sensitivity, ...] = (), built: Yield | None = None
+    wanted: Requirements,
+    grid: Grid,
+    name: str,
+    given: Candidates,
+    by: tuple[Sensitivity, ...] = (),
+    built: Yield | None = None,
 ) -> Option:
     figures = solve_figures(given, wanted, 1)
     values = objectives(given, wanted, figures, 1)[0]
@@ -91,10 +105,17 @@ def row(wanted: Requirements, option: Option) -> dict[str, Any]:
     }
     for name, value in zip(wanted.maximise, option.values, strict=True):
         unit, factor = UNITS[name]
-        key = {"mm^2": "area_mm2", "px": "elr_px", "deg": "marginal_angle_deg", "": "contrast"}[unit]
+        key = {"mm^2": "area_mm2", "px": "elr_px", "deg": "marginal_angle_deg", "": "contrast"}[
+            unit
+        ]
         cells[key] = float(value) * factor
     for demand in demands(wanted):
-        key = {"views": "views", "blur": "blur_px", "width": "width_mm", "resolution": "resolution_um"}.get(demand.name)
+        key = {
+            "views": "views",
+            "blur": "blur_px",
+            "width": "width_mm",
+            "resolution": "resolution_um",
+        }.get(demand.name)
         if key is not None:
             cells[key] = float(getattr(figures, demand.figure)[0]) * demand.factor
     return cells

@@ -1,4 +1,6 @@
-"""What chunks of a search found, and their log: one JSON line a chunk, so that an interrupted search goes on where it was."""
+"""What chunks of a search found, and their log: one JSON line a chunk, so that an interrupted
+search goes on where it was.
+"""
 
 import contextlib
 import hashlib
@@ -42,7 +44,9 @@ class Found:
     def with_more(self, other: "Found") -> "Found":
         """Both together."""
         front = merged(self.front, other.front.numbers, other.front.values)
-        return Found(front, self.chunks + other.chunks, self.built + other.built, self.met + other.met)
+        return Found(
+            front, self.chunks + other.chunks, self.built + other.built, self.met + other.met
+        )
 
 
 def fingerprint(wanted: Requirements) -> str:
@@ -73,9 +77,16 @@ class ChunkLog:
                 raise _unwritten(self._file, error) from error
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if self._stream is not None:
-            with contextlib.suppress(OSError):  # every line was flushed, or was told not to be on the disk
+            with contextlib.suppress(
+                OSError
+            ):  # every line was flushed, or was told not to be on the disk
                 self._stream.close()
 
     def add(self, part: Found) -> None:
@@ -109,18 +120,30 @@ class ChunkLog:
         for number, line in enumerate(whole.splitlines(), start=1):
             try:
                 row: dict[str, Any] = json.loads(line)
-                search, front = row["search"], Front(np.array(row["numbers"], dtype=np.int64), np.array(row["values"]), row["epsilon"])
+                search, front = (
+                    row["search"],
+                    Front(
+                        np.array(row["numbers"], dtype=np.int64),
+                        np.array(row["values"]),
+                        row["epsilon"],
+                    ),
+                )
                 chunks = tuple((int(first), int(last)) for first, last in row["chunks"])
                 found = Found(front, chunks, row["built"], row["met"])
             except (ValueError, KeyError, TypeError) as error:
-                raise InputError(f"{file}:{number}: this is no log of a search; give another --out, or delete it") from error
+                raise InputError(
+                    f"{file}:{number}: this is no log of a search; give another --out, or delete it"
+                ) from error
             if search != self._search:
-                raise InputError(f"{file}:{number}: this log is of a search with other requirements; give another --out, or delete it")
+                raise InputError(
+                    f"{file}:{number}: this log is of a search with other requirements; give"
+                    " another --out, or delete it"
+                )
             self.done.append(found)
 
 
 def _unwritten(file: Path, error: OSError) -> InputError:
     return InputError(
-        f"{file}: the log of the search cannot be written ({error.strerror or error}); make room, or give another --out, and start again: "
-        "what the log holds is not searched again"
+        f"{file}: the log of the search cannot be written ({error.strerror or error}); make room,"
+        " or give another --out, and start again: what the log holds is not searched again"
     )

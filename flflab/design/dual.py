@@ -1,7 +1,9 @@
-"""Numbers that carry their derivatives: the model differentiated exactly, by running it (forward automatic differentiation).
+"""Numbers that carry their derivatives: the model differentiated exactly, by running it (forward
+automatic differentiation).
 
-A ``Dual`` stands for an array and its derivatives by several dimensions at once; numpy's functions that the model uses know it. Where
-the model has a corner (a smaller of two, an absolute value) the derivative is that of the branch taken; of counts it is 0.
+A ``Dual`` stands for an array and its derivatives by several dimensions at once; numpy's functions
+that the model uses know it. Where the model has a corner (a smaller of two, an absolute value) the
+derivative is that of the branch taken; of counts it is 0.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,11 +16,16 @@ Array = npt.NDArray[np.float64]
 
 
 class Dual(np.lib.mixins.NDArrayOperatorsMixin):
-    """An array ``value`` of any shape and its derivatives ``slope``, of the same shape with one more axis at the end."""
+    """An array ``value`` of any shape and its derivatives ``slope``, of the same shape with one
+    more axis at the end.
+    """
 
     def __init__(self, value: Array, slope: Array) -> None:
         """Take both as they are."""
-        self.value, self.slope = np.asarray(value, dtype=np.float64), np.asarray(slope, dtype=np.float64)
+        self.value, self.slope = (
+            np.asarray(value, dtype=np.float64),
+            np.asarray(slope, dtype=np.float64),
+        )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -64,18 +71,24 @@ def _where(condition: Any, yes: Any, no: Any) -> Any:
     if not isinstance(yes, Dual) and not isinstance(no, Dual):
         return np.where(chosen, yes, no)
     width = _width([yes, no])
-    return Dual(np.where(chosen, _value(yes), _value(no)), np.where(chosen[..., None], _slope(yes, width), _slope(no, width)))
+    return Dual(
+        np.where(chosen, _value(yes), _value(no)),
+        np.where(chosen[..., None], _slope(yes, width), _slope(no, width)),
+    )
 
 
 def _sinc(given: Any) -> Dual:
     x = given.value
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where(np.abs(x) < 1e-4, -(np.pi**2) * x / 3, (np.cos(np.pi * x) - np.sinc(x)) / x)
+        slope = np.where(
+            np.abs(x) < 1e-4, -(np.pi**2) * x / 3, (np.cos(np.pi * x) - np.sinc(x)) / x
+        )
     return Dual(np.sinc(x), slope[..., None] * given.slope)
 
 
 _PLAIN: set[Any] = {
-    np.greater, np.greater_equal, np.less, np.less_equal, np.equal, np.not_equal, np.isfinite, np.isnan, np.logical_not,
+    np.greater, np.greater_equal, np.less, np.less_equal, np.equal, np.not_equal, np.isfinite,
+    np.isnan, np.logical_not,
     np.bitwise_and, np.bitwise_or, np.invert, np.sign, np.floor, np.ceil,
 }  # fmt: skip
 _RULES: dict[Any, Callable[..., Sequence[Any]]] = {

@@ -1,7 +1,9 @@
-"""What a configuration is worth: the figures that requirements and objectives speak of, for many configurations at once.
+"""What a configuration is worth: the figures that requirements and objectives speak of, for many
+configurations at once.
 
-Everything comes from the model of ``flflab.optics.configurations``; within one side of focus views grow and contrast falls with the
-distance from the array's conjugate, so what holds at both ends of the depth holds in all of it.
+Everything comes from the model of ``flflab.optics.configurations``; within one side of focus views
+grow and contrast falls with the distance from the array's conjugate, so what holds at both ends of
+the depth holds in all of it.
 """
 
 from dataclasses import dataclass, fields
@@ -19,7 +21,8 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Figures:
-    """What requirements speak of, of n configurations, each of shape (n,); worst over the depth where it changes in it.
+    """What requirements speak of, of n configurations, each of shape (n,); worst over the depth
+    where it changes in it.
 
     Attributes:
         views: least number of chief views along the row.
@@ -53,7 +56,9 @@ class Figures:
         )
 
 
-def properties_at(given: Candidates, wanted: Requirements, distance: npt.ArrayLike, threads: int | None = None) -> Properties:
+def properties_at(
+    given: Candidates, wanted: Requirements, distance: npt.ArrayLike, threads: int | None = None
+) -> Properties:
     """The model's properties with the target at a distance, mm."""
     return solve_configurations(
         Configurations(
@@ -75,10 +80,13 @@ def properties_at(given: Candidates, wanted: Requirements, distance: npt.ArrayLi
     )
 
 
-def figures_at(given: Candidates, wanted: Requirements, end: int, threads: int | None = None) -> Figures:
+def figures_at(
+    given: Candidates, wanted: Requirements, end: int, threads: int | None = None
+) -> Figures:
     """The figures at the near (0) or the far (1) end of the depth.
 
-    Where the array's conjugate, at which no view has depth, lies inside the depth, there are no views.
+    Where the array's conjugate, at which no view has depth, lies inside the depth, there are no
+    views.
     """
     near, far = wanted.measure.depth
     conjugate = 1 / given.lens_focal - 1 / given.place
@@ -90,7 +98,9 @@ def figures_at(given: Candidates, wanted: Requirements, end: int, threads: int |
         resolution=given.sensor.pixel / there.magnification,
         contrast=there.contrast,
         width=seen_width(given, there, (near, far)[end]),
-        light=marginal_angle(given.gap, given.place, given.lens_focal, given.f_number, given.focal, given.aperture),
+        light=marginal_angle(
+            given.gap, given.place, given.lens_focal, given.f_number, given.focal, given.aperture
+        ),
     )
 
 
@@ -99,11 +109,15 @@ def solve_figures(given: Candidates, wanted: Requirements, threads: int | None =
     return figures_at(given, wanted, 0, threads).worst(figures_at(given, wanted, 1, threads))
 
 
-def objectives(given: Candidates, wanted: Requirements, figures: Figures, threads: int | None = None) -> Array:
-    """What is to be as large as possible, in the order of ``maximise``; shape (n, number of objectives).
+def objectives(
+    given: Candidates, wanted: Requirements, figures: Figures, threads: int | None = None
+) -> Array:
+    """What is to be as large as possible, in the order of ``maximise``; shape (n, number of
+    objectives).
 
-    ``area`` is the measurement area, mm^2; ``elr`` the effective lateral resolution of the row in the middle of the depth by eq. (3),
-    pixels; ``contrast`` the least in the depth; ``light`` the marginal angle, rad.
+    ``area`` is the measurement area, mm^2; ``elr`` the effective lateral resolution of the row in
+    the middle of the depth by eq. (3), pixels; ``contrast`` the least in the depth; ``light`` the
+    marginal angle, rad.
     """
     near, far = wanted.measure.depth
     middle = properties_at(given, wanted, 2 * near * far / (near + far), threads)
@@ -117,19 +131,25 @@ def objectives(given: Candidates, wanted: Requirements, figures: Figures, thread
 
 
 def seen_width(given: Candidates, there: Properties, distance: npt.ArrayLike) -> Array:
-    """Width on the target, mm, in which a point has all the views it has on the axis: 2 (Y - r) D / L.
+    """Width on the target, mm, in which a point has all the views it has on the axis: 2 (Y - r) D /
+    L.
 
-    r is the reach of a point's views on the array, half the mean number of views times the pitch; Y half the array that the sensor sees.
+    r is the reach of a point's views on the array, half the mean number of views times the pitch; Y
+    half the array that the sensor sees.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        views = np.where(np.isfinite(there.elr_by_views), there.useful_pixels / there.elr_by_views, 0.0)
+        views = np.where(
+            np.isfinite(there.elr_by_views), there.useful_pixels / there.elr_by_views, 0.0
+        )
     reach = np.where(views > 0, views, 1.0) * given.pitch / 2
     return np.maximum(2 * (half_seen(given) - reach) * np.asarray(distance) / given.place, 0.0)
 
 
 def half_seen(given: Candidates) -> Array:
     """Half the width of the array that the sensor sees, mm."""
-    half_sensor = given.sensor.resolution[0] * given.sensor.pixel / 2 / (1 + given.gap / given.place)
+    half_sensor = (
+        given.sensor.resolution[0] * given.sensor.pixel / 2 / (1 + given.gap / given.place)
+    )
     return np.minimum(given.array.count[0] * given.pitch / 2, half_sensor)
 
 
@@ -139,8 +159,11 @@ def seen_microlenses(given: Candidates) -> Array:
     return 2 * np.floor(per_half) + 1 if given.array.count[0] % 2 else 2 * np.floor(per_half + 0.5)
 
 
-def marginal_angle(gap: Any, place: Any, lens_focal: Any, f_number: Any, focal: Any, aperture: Any) -> Any:
-    """Full angle of the cone that lights the axial micro-image's centre, rad: 2 atan(g/b), g = min(d, A b/(L |kappa|))/2.
+def marginal_angle(
+    gap: Any, place: Any, lens_focal: Any, f_number: Any, focal: Any, aperture: Any
+) -> Any:
+    """Full angle of the cone that lights the axial micro-image's centre, rad: 2 atan(g/b), g =
+    min(d, A b/(L |kappa|))/2.
 
     Args:
         gap: b, mm.
@@ -155,14 +178,22 @@ def marginal_angle(gap: Any, place: Any, lens_focal: Any, f_number: Any, focal: 
     return 2 * np.arctan(np.minimum(aperture, lens_focal / f_number * ratio / kappa) / 2 / gap)
 
 
-def measurement_area(given: Candidates, middle: Properties, wanted: Requirements, threads: int | None = None) -> Array:
-    """Depth of field at one pixel of blur, inside the stereo region, times its mean width by Simpson's rule; mm^2."""
+def measurement_area(
+    given: Candidates, middle: Properties, wanted: Requirements, threads: int | None = None
+) -> Array:
+    """Depth of field at one pixel of blur, inside the stereo region, times its mean width by
+    Simpson's rule; mm^2.
+    """
     least = 1 / wanted.search.farthest
-    first = np.minimum(middle.near_vergence, np.where(middle.stereo_near > 0, middle.stereo_near, 0.0))
+    first = np.minimum(
+        middle.near_vergence, np.where(middle.stereo_near > 0, middle.stereo_near, 0.0)
+    )
     last = np.maximum(np.maximum(middle.far_vergence, middle.stereo_far), least)
     some = (first > last) & np.isfinite(last)
     near, far = 1 / np.where(some, first, 1.0), 1 / np.where(some, last, 1.0)
     total = np.zeros(given.number)
     for distance, weight in ((near, 1 / 6), ((near + far) / 2, 4 / 6), (far, 1 / 6)):
-        total += weight * seen_width(given, properties_at(given, wanted, distance, threads), distance)
+        total += weight * seen_width(
+            given, properties_at(given, wanted, distance, threads), distance
+        )
     return np.where(some, total * (far - near), 0.0)

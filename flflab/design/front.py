@@ -1,8 +1,9 @@
-"""The Pareto front of a stream of points: nothing kept is dominated, and everything seen is dominated within a factor 1 + epsilon.
+"""The Pareto front of a stream of points: nothing kept is dominated, and everything seen is
+dominated within a factor 1 + epsilon.
 
-Epsilon boxes after Laumanns, Thiele, Deb and Zitzler (Evolutionary Computation 10, 2002): each objective's logarithm is cut into
-steps of log(1 + epsilon); one point is kept for each box that no other box dominates. With epsilon 0 the front is exact, equal points
-included.
+Epsilon boxes after Laumanns, Thiele, Deb and Zitzler (Evolutionary Computation 10, 2002): each
+objective's logarithm is cut into steps of log(1 + epsilon); one point is kept for each box that no
+other box dominates. With epsilon 0 the front is exact, equal points included.
 """
 
 import math
@@ -39,12 +40,19 @@ def empty_front(objectives: int, epsilon: float) -> Front:
 
 
 def merged(front: Front, numbers: Whole, values: Array) -> Front:
-    """The front of a front and further points; the same whatever the order in which points come, up to the choice within a box."""
+    """The front of a front and further points; the same whatever the order in which points come, up
+    to the choice within a box.
+    """
     if len(numbers) == 0:
         return front
     every, points = np.concatenate([front.numbers, numbers]), np.concatenate([front.values, values])
-    boxes = points if front.epsilon == 0 else np.floor(np.log(np.maximum(points, SMALLEST)) / math.log1p(front.epsilon))
-    # good points first, so that most others fall to the first ones they meet; equal ones in the order of their numbers
+    boxes = (
+        points
+        if front.epsilon == 0
+        else np.floor(np.log(np.maximum(points, SMALLEST)) / math.log1p(front.epsilon))
+    )
+    # good points first, so that most others fall to the first ones they meet; equal ones in the
+    # order of their numbers
     order = np.lexsort((every, -np.log(np.maximum(points, SMALLEST)).sum(axis=1)))
     kept = order[_survivors(np.ascontiguousarray(boxes[order]), front.epsilon > 0)]
     kept = kept[np.argsort(every[kept])]
@@ -53,7 +61,9 @@ def merged(front: Front, numbers: Whole, values: Array) -> Front:
 
 @numba.njit(cache=True, nogil=True)
 def _survivors(boxes: Array, one_a_box: bool) -> Whole:
-    """Indices of the rows that no other row dominates; of equal rows the first only, where one a box is wanted."""
+    """Indices of the rows that no other row dominates; of equal rows the first only, where one a
+    box is wanted.
+    """
     count, width = boxes.shape
     kept = np.empty(count, dtype=np.int64)
     size = 0

@@ -1,4 +1,5 @@
-"""The configurations to try, numbered: main lens and f-number, array, sensor, array distance, and the distance in focus.
+"""The configurations to try, numbered: main lens and f-number, array, sensor, array distance, and
+the distance in focus.
 
 The gap follows from the rest: the sensor stands where a target at the focus distance is sharp.
 """
@@ -16,7 +17,17 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 
-COLUMNS = ("number_in_grid", "lens", "lens_focal", "f_number", "place", "gap", "focal", "pitch", "aperture")
+COLUMNS = (
+    "number_in_grid",
+    "lens",
+    "lens_focal",
+    "f_number",
+    "place",
+    "gap",
+    "focal",
+    "pitch",
+    "aperture",
+)
 
 
 @dataclass(frozen=True)
@@ -42,7 +53,13 @@ class Grid:
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
         """Sensors, arrays, lenses, focus distances, places."""
-        return len(self.sensors), len(self.arrays), len(self.lenses), len(self.focus), len(self.places)
+        return (
+            len(self.sensors),
+            len(self.arrays),
+            len(self.lenses),
+            len(self.focus),
+            len(self.places),
+        )
 
     @property
     def size(self) -> int:
@@ -91,22 +108,27 @@ class Candidates:
 
 
 def make_grid(wanted: Requirements) -> Grid:
-    """The grid that has about as many configurations as the requirements ask for: what parts leave over goes into the array's places.
+    """The grid that has about as many configurations as the requirements ask for: what parts leave
+    over goes into the array's places.
 
     Raises:
-        InputError: the parts alone make more configurations than asked for, or no place of the array forms a real image behind it.
+        InputError: the parts alone make more configurations than asked for, or no place of the
+            array forms a real image behind it.
     """
     lenses = tuple((lens, number) for lens in wanted.parts.main_lenses for number in lens.f_number)
     arrays, sensors = tuple(wanted.parts.arrays), tuple(wanted.parts.sensors)
     near, far = wanted.measure.depth
     steps = wanted.search.focus_steps
-    focus = 1 / (np.linspace(1 / near, 1 / far, steps) if steps > 1 else np.array([(1 / near + 1 / far) / 2]))
+    focus = 1 / (
+        np.linspace(1 / near, 1 / far, steps) if steps > 1 else np.array([(1 / near + 1 / far) / 2])
+    )
     fixed = len(lenses) * len(arrays) * len(sensors) * steps
     count = wanted.search.configurations // fixed
     if count < 1:
         raise InputError(
-            f"search.configurations is {wanted.search.configurations}, but the parts and {steps} focus distances make {fixed} for every "
-            f"place of the array; ask for at least {fixed}, or for fewer focus_steps"
+            f"search.configurations is {wanted.search.configurations}, but the parts and {steps}"
+            f" focus distances make {fixed} for every place of the array; ask for at least {fixed},"
+            " or for fewer focus_steps"
         )
     low, high = wanted.travel.array or (0.0, 0.0)
     places = np.linspace(low, high, count) if count > 1 else np.array([(low + high) / 2])
@@ -114,9 +136,11 @@ def make_grid(wanted: Requirements) -> Grid:
 
 
 def candidates(grid: Grid, first: int, last: int) -> list[Candidates]:
-    """The configurations numbered from first to below last that can be built: a real gap within its range.
+    """The configurations numbered from first to below last that can be built: a real gap within its
+    range.
 
-    In focus kappa x = b/L with kappa = 1 + b (1/L - 1/f) and x = L (V - 1/F + 1/L), so b = x / (1/L - x (1/L - 1/f)).
+    In focus kappa x = b/L with kappa = 1 + b (1/L - 1/f) and x = L (V - 1/F + 1/L), so b = x / (1/L
+    - x (1/L - 1/f)).
     """
     numbers = np.arange(first, min(last, grid.size))
     sensor, array, lens, focus, place = np.unravel_index(numbers, grid.shape)

@@ -13,7 +13,9 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Demand:
-    """One requirement: the figure it speaks of, its limit, whether that is the least or the most allowed, and the unit people read."""
+    """One requirement: the figure it speaks of, its limit, whether that is the least or the most
+    allowed, and the unit people read.
+    """
 
     name: str
     figure: str
@@ -23,7 +25,9 @@ class Demand:
     factor: float
 
     def margin(self, values: Array) -> Array:
-        """How far a figure is on the right side of the limit, relative to the limit; negative where the requirement is missed."""
+        """How far a figure is on the right side of the limit, relative to the limit; negative where
+        the requirement is missed.
+        """
         away = (values - self.limit) / self.limit
         return away if self.least else -away
 
@@ -46,12 +50,16 @@ def demands(wanted: Requirements) -> tuple[Demand, ...]:
     if require.contrast is not None:
         asked.append(Demand("contrast", "contrast", require.contrast.least, True, "", 1.0))
     if require.marginal_angle is not None:
-        asked.append(Demand("marginal angle", "light", require.marginal_angle, True, "deg", 180 / np.pi))
+        asked.append(
+            Demand("marginal angle", "light", require.marginal_angle, True, "deg", 180 / np.pi)
+        )
     return tuple(asked)
 
 
 def margins(asked: tuple[Demand, ...], figures: Figures) -> Array:
-    """Relative margins of every demand, shape (demands, n); what is met within rounding counts as met."""
+    """Relative margins of every demand, shape (demands, n); what is met within rounding counts as
+    met.
+    """
     rows = np.stack([demand.margin(getattr(figures, demand.figure)) for demand in asked])
     return np.where(np.abs(rows) < 1e-9, 0.0, rows)
 

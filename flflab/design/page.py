@@ -1,4 +1,6 @@
-"""The page of a design search: aims, options, the front to click through, sensitivities; one file without anything from outside."""
+"""The page of a design search: aims, options, the front to click through, sensitivities; one file
+without anything from outside.
+"""
 
 import json
 import math
@@ -21,22 +23,41 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 UNITS = {"mm": "mm", "mm2": "mm²", "um": "um", "px": "px", "deg": "deg"}
 
 
-def write_page(file: Path, title: str, wanted: Requirements, found: Found, named: tuple[Option, ...], front: tuple[Option, ...]) -> None:
+def write_page(
+    file: Path,
+    title: str,
+    wanted: Requirements,
+    found: Found,
+    named: tuple[Option, ...],
+    front: tuple[Option, ...],
+) -> None:
     """Write the page of a search that found something."""
     rows = [row(wanted, option) for option in (*named, *front)]
-    heads = [head for head in rows[0] if head not in PARTS or len({cells[head] for cells in rows}) > 1]
-    page = Environment(loader=PackageLoader("flflab.design", "."), undefined=StrictUndefined, autoescape=True).get_template(
-        "page.html.jinja"
-    )
+    heads = [
+        head for head in rows[0] if head not in PARTS or len({cells[head] for cells in rows}) > 1
+    ]
+    page = Environment(
+        loader=PackageLoader("flflab.design", "."), undefined=StrictUndefined, autoescape=True
+    ).get_template("page.html.jinja")
     text = page.render(
         title=title,
         summary=summary(found),
-        parts="; ".join(f"{part.replace('_', ' ')}: {rows[0][part]}" for part in PARTS if part not in heads),
+        parts="; ".join(
+            f"{part.replace('_', ' ')}: {rows[0][part]}" for part in PARTS if part not in heads
+        ),
         asked=asked(wanted),
         heads=heads,
-        named=[([_cell(row(wanted, option)[head]) for head in heads], *_built(option)) for option in named],
-        sensitivities=[(option.name, [_sensitivity(one, wanted) for one in option.sensitivities]) for option in named],
-        dimensions=[_off(name, wanted) for name in DIMENSIONS if getattr(wanted.tolerances, name) > 0],
+        named=[
+            ([_cell(row(wanted, option)[head]) for head in heads], *_built(option))
+            for option in named
+        ],
+        sensitivities=[
+            (option.name, [_sensitivity(one, wanted) for one in option.sensitivities])
+            for option in named
+        ],
+        dimensions=[
+            _off(name, wanted) for name in DIMENSIONS if getattr(wanted.tolerances, name) > 0
+        ],
         labels=[label(head) for head in heads],
         labels_json=_script([label(head) for head in heads]),
         heads_json=_script(heads),
@@ -49,10 +70,14 @@ def write_page(file: Path, title: str, wanted: Requirements, found: Found, named
 
 def summary(found: Found) -> str:
     """One sentence: how many were tried, could be built, met everything, and stand on the front."""
-    kind = "exact" if found.front.epsilon == 0 else f"within {100 * found.front.epsilon:g} % in every aim"
+    kind = (
+        "exact"
+        if found.front.epsilon == 0
+        else f"within {100 * found.front.epsilon:g} % in every aim"
+    )
     return (
-        f"Of {found.tried:,} configurations {found.built:,} can be built and {found.met:,} meet every requirement; "
-        f"{len(found.front.numbers):,} of them make the front ({kind})."
+        f"Of {found.tried:,} configurations {found.built:,} can be built and {found.met:,} meet"
+        f" every requirement; {len(found.front.numbers):,} of them make the front ({kind})."
     )
 
 
@@ -61,11 +86,14 @@ def asked(wanted: Requirements) -> list[str]:
     near, far = wanted.measure.depth
     lines = [f"depth {near:g} mm to {far:g} mm from the main lens; in all of it:"]
     lines += [
-        f"{one.name if one.name != one.unit else ''} {'at least' if one.least else 'at most'} {one.show(one.limit)}".strip()
+        f"{one.name if one.name != one.unit else ''} {'at least' if one.least else 'at most'}"
+        f" {one.show(one.limit)}".strip()
         for one in demands(wanted)
     ]
     if wanted.require.contrast is not None:
-        lines[-1 - (wanted.require.marginal_angle is not None)] += f" at {wanted.require.contrast.at:g} cycles/mm"
+        lines[-1 - (wanted.require.marginal_angle is not None)] += (
+            f" at {wanted.require.contrast.at:g} cycles/mm"
+        )
     return [*lines, f"as much as possible of {', '.join(wanted.maximise)}"]
 
 
@@ -89,7 +117,11 @@ def _built(option: Option) -> tuple[str, str]:
     if option.built is None:
         return "", ""
     share, first = option.built.share, option.built.buys_most
-    better = "" if first is None else f"{first.replace('_', ' ')}: {100 * option.built.halved[first]:.1f} %"
+    better = (
+        ""
+        if first is None
+        else f"{first.replace('_', ' ')}: {100 * option.built.halved[first]:.1f} %"
+    )
     return f"{100 * share:.1f} %", better
 
 
@@ -99,9 +131,18 @@ def _cell(value: Any) -> str:
 
 def _sensitivity(one: Sensitivity, wanted: Requirements) -> list[str]:
     name = one.name.replace("_", " ") + (f", {one.unit}" if one.unit else "")
-    changes = [change for dimension, change in zip(DIMENSIONS, one.per_tolerance, strict=True) if getattr(wanted.tolerances, dimension) > 0]
-    return [name, f"{one.value:.5g}", *("0" if change == 0 else f"{change:+.2g}" for change in changes)]
+    changes = [
+        change
+        for dimension, change in zip(DIMENSIONS, one.per_tolerance, strict=True)
+        if getattr(wanted.tolerances, dimension) > 0
+    ]
+    return [
+        name,
+        f"{one.value:.5g}",
+        *("0" if change == 0 else f"{change:+.2g}" for change in changes),
+    ]
 
 
 def _script(value: Any) -> Markup:
-    return Markup(json.dumps(value).replace("<", "\\u003c"))  # noqa: S704 - our own numbers and names, with no way out of the script
+    # our own numbers and names, with no way out of the script
+    return Markup(json.dumps(value).replace("<", "\\u003c"))  # noqa: S704

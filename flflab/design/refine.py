@@ -1,7 +1,8 @@
-"""From the grid's points to better ones between them: parts and f-number stay, array distance and gap move freely.
+"""From the grid's points to better ones between them: parts and f-number stay, array distance and
+gap move freely.
 
-The best point of the front for one objective, or for all of them together, is taken further by scipy's COBYQA (Ragonneau, 2022), which
-needs no derivatives and keeps to its bounds.
+The best point of the front for one objective, or for all of them together, is taken further by
+scipy's COBYQA (Ragonneau, 2022), which needs no derivatives and keeps to its bounds.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +31,8 @@ class Refined:
     Attributes:
         given: the configuration, one of them.
         values: its objectives, in the order of ``maximise``, shape (m,).
-        gain: of the weighted geometric mean of the objectives over the grid's point; 0 where nothing better was found.
+        gain: of the weighted geometric mean of the objectives over the grid's point; 0 where
+            nothing better was found.
     """
 
     given: Candidates
@@ -82,7 +84,11 @@ def refine(start: Candidates, grid: Grid, wanted: Requirements, weights: Array) 
 
 
 def _spacing(grid: Grid) -> float:
-    return float(grid.places[1] - grid.places[0]) if len(grid.places) > 1 else 0.01 * float(grid.places[0])
+    return (
+        float(grid.places[1] - grid.places[0])
+        if len(grid.places) > 1
+        else 0.01 * float(grid.places[0])
+    )
 
 
 def _values(given: Candidates, wanted: Requirements) -> Array:

@@ -1,4 +1,6 @@
-"""What a user wants of a camera, in the user's terms: the requirements file, YAML in and a frozen description out."""
+"""What a user wants of a camera, in the user's terms: the requirements file, YAML in and a frozen
+description out.
+"""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -19,7 +21,9 @@ def _as_list(given: object) -> object:
 
 
 class MeasureDescription(Description):
-    """What is to be measured: a range of distances from the main lens, and how wide the scene is in all of it."""
+    """What is to be measured: a range of distances from the main lens, and how wide the scene is in
+    all of it.
+    """
 
     depth: tuple[PositiveLength, PositiveLength]
     width: PositiveLength | None = None
@@ -28,7 +32,10 @@ class MeasureDescription(Description):
     def _near_comes_first(self) -> "MeasureDescription":
         near, far = self.depth
         if near >= far:
-            raise ValueError(f"depth runs from {near:g} mm to {far:g} mm; the nearer end comes first, the farther one lies beyond it")
+            raise ValueError(
+                f"depth runs from {near:g} mm to {far:g} mm; the nearer end comes first, the"
+                " farther one lies beyond it"
+            )
         return self
 
 
@@ -55,7 +62,9 @@ class LensPart(Description):
 
     name: str
     focal_length: PositiveLength
-    f_number: Annotated[list[Annotated[float, Field(gt=0)]], BeforeValidator(_as_list), Field(min_length=1)]
+    f_number: Annotated[
+        list[Annotated[float, Field(gt=0)]], BeforeValidator(_as_list), Field(min_length=1)
+    ]
 
 
 class ArrayPart(Description):
@@ -70,7 +79,10 @@ class ArrayPart(Description):
     @model_validator(mode="after")
     def _fits(self) -> "ArrayPart":
         if self.aperture > self.pitch:
-            raise ValueError(f"aperture is {self.aperture:g} mm, wider than the pitch of {self.pitch:g} mm; the pitch at most is allowed")
+            raise ValueError(
+                f"aperture is {self.aperture:g} mm, wider than the pitch of {self.pitch:g} mm; the"
+                " pitch at most is allowed"
+            )
         return self
 
 
@@ -91,7 +103,9 @@ class PartsDescription(Description):
 
 
 class TravelDescription(Description):
-    """Where the array can stand behind the main lens, and how far the sensor behind the array; a bench file may say both."""
+    """Where the array can stand behind the main lens, and how far the sensor behind the array; a
+    bench file may say both.
+    """
 
     array: tuple[PositiveLength, PositiveLength] | None = None
     gap: tuple[PositiveLength, PositiveLength] | None = None
@@ -100,15 +114,22 @@ class TravelDescription(Description):
     @model_validator(mode="after")
     def _has_room(self) -> "TravelDescription":
         if self.bench is None and (self.array is None or self.gap is None):
-            raise ValueError("give the ranges array and gap, or a bench file that has stages for array and sensor")
+            raise ValueError(
+                "give the ranges array and gap, or a bench file that has stages for array and"
+                " sensor"
+            )
         for name, span in (("array", self.array), ("gap", self.gap)):
             if span is not None and span[0] >= span[1]:
-                raise ValueError(f"{name} runs from {span[0]:g} mm to {span[1]:g} mm; the smaller comes first")
+                raise ValueError(
+                    f"{name} runs from {span[0]:g} mm to {span[1]:g} mm; the smaller comes first"
+                )
         return self
 
 
 class TolerancesDescription(Description):
-    """How far each dimension may be off what is asked for, either way, every value in between being as likely; relative for the lenses."""
+    """How far each dimension may be off what is asked for, either way, every value in between being
+    as likely; relative for the lenses.
+    """
 
     gap: Annotated[Length, Field(ge=0)] = 0.0
     tilt: Annotated[Angle, Field(ge=0)] = 0.0
@@ -147,15 +168,22 @@ class Requirements(Description):
         free = self.require.free_working_distance
         if free is not None and free > near:
             raise ValueError(
-                f"require.free_working_distance is {free:g} mm but measure.depth begins {near:g} mm before the main lens; "
-                f"begin the depth at {free:g} mm or farther, or ask for less room"
+                f"require.free_working_distance is {free:g} mm but measure.depth begins {near:g} mm"
+                f" before the main lens; begin the depth at {free:g} mm or farther, or ask for less"
+                " room"
             )
         if far > self.search.farthest:
-            raise ValueError(f"measure.depth ends at {far:g} mm, beyond search.farthest, {self.search.farthest:g} mm; raise the latter")
+            raise ValueError(
+                f"measure.depth ends at {far:g} mm, beyond search.farthest,"
+                f" {self.search.farthest:g} mm; raise the latter"
+            )
         if len(set(self.maximise)) < len(self.maximise):
             raise ValueError("maximise names an objective twice; keep one of each")
         if "contrast" in self.maximise and self.require.contrast is None:
-            raise ValueError("maximise names contrast, but require.contrast, which says at what frequency, is missing")
+            raise ValueError(
+                "maximise names contrast, but require.contrast, which says at what frequency, is"
+                " missing"
+            )
         return self
 
 
@@ -163,13 +191,18 @@ def read_requirements(file: Path) -> Requirements:
     """Read a requirements file; ranges of travel that a bench file gives are filled in.
 
     Raises:
-        InputError: a field is missing, unknown, without a unit, impossible or contradicts another; file, line and field are named.
+        InputError: a field is missing, unknown, without a unit, impossible or contradicts another;
+            file, line and field are named.
     """
     data, lines = read_yaml(file)
     found = check(data, Requirements, str(file), lines)
     if found.travel.bench is None:
         return found
-    travel = _bench_travel(Path(file).parent / found.travel.bench, found.travel, f"{file}:{lines.get(('travel', 'bench'), 1)}")
+    travel = _bench_travel(
+        Path(file).parent / found.travel.bench,
+        found.travel,
+        f"{file}:{lines.get(('travel', 'bench'), 1)}",
+    )
     return found.model_copy(update={"travel": travel})
 
 
@@ -182,19 +215,31 @@ def _bench_travel(bench_file: Path, given: TravelDescription, place: str) -> Tra
         spans[axis.moves] = (min(ends), max(ends))
     if "array.z" not in spans or "sensor.z" not in spans:
         raise InputError(
-            f"{place}: travel.bench: {bench_file} has no stages that move array.z and sensor.z; give travel.array and travel.gap"
+            f"{place}: travel.bench: {bench_file} has no stages that move array.z and sensor.z;"
+            " give travel.array and travel.gap"
         )
     array, sensor = spans["array.z"], spans["sensor.z"]
-    gap = (bench.description.minimum_gap, max(sensor[1] - array[0], bench.description.minimum_gap * 2))
-    return given.model_copy(update={"array": _both(array, given.array, place, "array"), "gap": _both(gap, given.gap, place, "gap")})
+    gap = (
+        bench.description.minimum_gap,
+        max(sensor[1] - array[0], bench.description.minimum_gap * 2),
+    )
+    return given.model_copy(
+        update={
+            "array": _both(array, given.array, place, "array"),
+            "gap": _both(gap, given.gap, place, "gap"),
+        }
+    )
 
 
-def _both(stage: tuple[float, float], asked: tuple[float, float] | None, place: str, name: str) -> tuple[float, float]:
+def _both(
+    stage: tuple[float, float], asked: tuple[float, float] | None, place: str, name: str
+) -> tuple[float, float]:
     """What two ranges share, mm."""
     low, high = (max(stage[0], asked[0]), min(stage[1], asked[1])) if asked else stage
     low = max(low, 1e-3)
     if low >= high:
         raise InputError(
-            f"{place}: travel.{name}: the stages reach {stage[0]:g} to {stage[1]:g} mm, none of which was asked for; widen the range"
+            f"{place}: travel.{name}: the stages reach {stage[0]:g} to {stage[1]:g} mm, none of"
+            " which was asked for; widen the range"
         )
     return low, high

@@ -1,4 +1,6 @@
-"""The search: all configurations of a grid in chunks, the front of those that meet the requirements, and what hinders where none does."""
+"""The search: all configurations of a grid in chunks, the front of those that meet the
+requirements, and what hinders where none does.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -25,8 +27,10 @@ class Hindrance:
     """Why nothing meets the requirements.
 
     Attributes:
-        alone: for a demand that is the only one missed somewhere: the best value its figure has there.
-        nearest: number of the configuration whose worst relative miss is least; None where none can be built.
+        alone: for a demand that is the only one missed somewhere: the best value its figure has
+            there.
+        nearest: number of the configuration whose worst relative miss is least; None where none can
+            be built.
         misses: that configuration's misses: demand and value.
     """
 
@@ -50,8 +54,12 @@ def chunks(grid: Grid) -> Iterator[Chunk]:
     return ((first, min(first + CHUNK, grid.size)) for first in range(0, grid.size, CHUNK))
 
 
-def search_chunk(wanted: Requirements, grid: Grid, first: int, last: int, threads: int | None = None) -> Found:
-    """Search the configurations from first to below last: what misses a demand at the near end is not looked at again."""
+def search_chunk(
+    wanted: Requirements, grid: Grid, first: int, last: int, threads: int | None = None
+) -> Found:
+    """Search the configurations from first to below last: what misses a demand at the near end is
+    not looked at again.
+    """
     asked = demands(wanted)
     found = Found(empty_front(len(wanted.maximise), wanted.search.epsilon), ((first, last),), 0, 0)
     for given in candidates(grid, first, last):
@@ -72,25 +80,40 @@ def search_chunk(wanted: Requirements, grid: Grid, first: int, last: int, thread
     return found
 
 
-def search(wanted: Requirements, log: Path | None = None, progress: Progress | None = None) -> Found:
+def search(
+    wanted: Requirements, log: Path | None = None, progress: Progress | None = None
+) -> Found:
     """Search the whole grid on this machine's cores; memory stays that of one chunk and the front.
 
     Args:
         wanted: the requirements.
-        log: where every chunk's result is written when it is there; a search that was interrupted goes on from it.
+        log: where every chunk's result is written when it is there; a search that was interrupted
+            goes on from it.
         progress: called with the configurations done and their number.
 
     Raises:
         InputError: as ``make_grid``; or the log is another search's.
     """
     grid = make_grid(wanted)
-    return gathered(wanted, grid, lambda todo: (search_chunk(wanted, grid, *chunk) for chunk in todo), log, progress)
+    return gathered(
+        wanted,
+        grid,
+        lambda todo: (search_chunk(wanted, grid, *chunk) for chunk in todo),
+        log,
+        progress,
+    )
 
 
 def gathered(
-    wanted: Requirements, grid: Grid, run: Callable[[list[Chunk]], Iterable[Found]], log: Path | None, progress: Progress | None = None
+    wanted: Requirements,
+    grid: Grid,
+    run: Callable[[list[Chunk]], Iterable[Found]],
+    log: Path | None,
+    progress: Progress | None = None,
 ) -> Found:
-    """All chunks together, in whatever order ``run`` has them ready; those in the log are not searched again."""
+    """All chunks together, in whatever order ``run`` has them ready; those in the log are not
+    searched again.
+    """
     total = Found(empty_front(len(wanted.maximise), wanted.search.epsilon), (), 0, 0)
     with ChunkLog(log, fingerprint(wanted)) as kept:
         for part in kept.done:
@@ -105,7 +128,9 @@ def gathered(
 
 
 def hindrance(wanted: Requirements, threads: int | None = None) -> Hindrance:
-    """Which demands clash and by how much, where no configuration meets them all; looks at every configuration once more."""
+    """Which demands clash and by how much, where no configuration meets them all; looks at every
+    configuration once more.
+    """
     asked, grid, best = demands(wanted), make_grid(wanted), _Best()
     for first, last in chunks(grid):
         for given in candidates(grid, first, last):
@@ -131,7 +156,9 @@ def _compare(best: _Best, asked: tuple[Demand, ...], given: Candidates, figures:
     if worst[at] > best.worst:
         best.worst, best.nearest = float(worst[at]), int(given.number_in_grid[at])
         best.misses = tuple(
-            (demand, float(getattr(figures, demand.figure)[at])) for demand, miss in zip(asked, rows[:, at], strict=True) if miss < 0
+            (demand, float(getattr(figures, demand.figure)[at]))
+            for demand, miss in zip(asked, rows[:, at], strict=True)
+            if miss < 0
         )
 
 

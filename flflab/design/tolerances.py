@@ -1,4 +1,6 @@
-"""How well a configuration must be built: what each dimension's error changes, and how many of many built ones meet the demands."""
+"""How well a configuration must be built: what each dimension's error changes, and how many of many
+built ones meet the demands.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,7 +18,16 @@ from flflab.optics.configurations import properties_of
 
 Array = npt.NDArray[np.float64]
 
-DIMENSIONS = ("gap", "tilt", "array_distance", "focal_length", "aperture", "pitch", "main_lens_focal_length", "f_number")
+DIMENSIONS = (
+    "gap",
+    "tilt",
+    "array_distance",
+    "focal_length",
+    "aperture",
+    "pitch",
+    "main_lens_focal_length",
+    "f_number",
+)
 RELATIVE = ("focal_length", "aperture", "pitch", "main_lens_focal_length", "f_number")
 MODEL_NAMES = {
     "gap": "gap",
@@ -50,7 +61,8 @@ class Sensitivity:
         name: of the property.
         unit: of the numbers below.
         value: of the property as asked for.
-        per_tolerance: its change, to first order, when a dimension is off by its tolerance; one for each of ``DIMENSIONS``.
+        per_tolerance: its change, to first order, when a dimension is off by its tolerance; one for
+            each of ``DIMENSIONS``.
     """
 
     name: str
@@ -83,9 +95,11 @@ class Yield:
 
 
 def sensitivities(given: Candidates, wanted: Requirements) -> tuple[Sensitivity, ...]:
-    """Derivatives of the properties in the middle of the depth, exact to rounding, times the tolerances.
+    """Derivatives of the properties in the middle of the depth, exact to rounding, times the
+    tolerances.
 
-    A tilt moves a microlens at the array's edge along the axis by tilt times half the width: the array distance grows as the gap shrinks.
+    A tilt moves a microlens at the array's edge along the axis by tilt times half the width: the
+    array distance grows as the gap shrinks.
 
     Args:
         given: one configuration.
@@ -94,13 +108,26 @@ def sensitivities(given: Candidates, wanted: Requirements) -> tuple[Sensitivity,
     near, far = wanted.measure.depth
     start = [given.gap[0], given.place[0], given.focal[0], given.aperture[0], given.pitch[0]]
     start += [given.lens_focal[0], given.f_number[0]]
-    duals = dict(zip((name for name in DIMENSIONS if name != "tilt"), dimensions([float(value) for value in start]), strict=True))
+    duals = dict(
+        zip(
+            (name for name in DIMENSIONS if name != "tilt"),
+            dimensions([float(value) for value in start]),
+            strict=True,
+        )
+    )
     fixed = {"distance": 2 * near * far / (near + far), "pixel": given.sensor.pixel}
     fixed["cycles_per_mm"] = wanted.require.contrast.at if wanted.require.contrast else 0.0
     numbers: dict[str, Any] = {MODEL_NAMES[name]: dual for name, dual in duals.items()}
     numbers |= {name: np.array([value]) for name, value in fixed.items()}
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        found: dict[str, Any] = dict(properties_of(numbers, given.array.count[0], given.sensor.resolution[0], wanted.minimum_illumination))
+        found: dict[str, Any] = dict(
+            properties_of(
+                numbers,
+                given.array.count[0],
+                given.sensor.resolution[0],
+                wanted.minimum_illumination,
+            )
+        )
         found["sharp_distance"] = 1 / found["sharp_vergence"]
         found["marginal_angle"] = marginal_angle(*(numbers[name] for name in CONE))
     steps = _steps(given, wanted.tolerances)
@@ -124,31 +151,48 @@ def _steps(given: Candidates, tolerances: TolerancesDescription) -> dict[str, fl
         "main_lens_focal_length": float(given.lens_focal[0]),
         "f_number": float(given.f_number[0]),
     }
-    return {name: getattr(tolerances, name) * (base[name] if name in RELATIVE else 1.0) for name in DIMENSIONS}
+    return {
+        name: getattr(tolerances, name) * (base[name] if name in RELATIVE else 1.0)
+        for name in DIMENSIONS
+    }
 
 
 def built_yield(given: Candidates, wanted: Requirements, draws: int = DRAWS) -> Yield:
-    """Build a configuration many times within the tolerances and count those that meet every demand, at both edges of the array too.
+    """Build a configuration many times within the tolerances and count those that meet every
+    demand, at both edges of the array too.
 
-    The same draws serve every halved tolerance, so that small differences are no accident of drawing.
+    The same draws serve every halved tolerance, so that small differences are no accident of
+    drawing.
 
     Args:
         given: one configuration.
         wanted: the requirements with the tolerances.
         draws: how many are built.
     """
-    unit = np.random.Generator(np.random.Philox(key=_KEY)).uniform(-1.0, 1.0, (len(DIMENSIONS), draws))
+    unit = np.random.Generator(np.random.Philox(key=_KEY)).uniform(
+        -1.0, 1.0, (len(DIMENSIONS), draws)
+    )
     steps = _steps(given, wanted.tolerances)
 
     def share(widths: dict[str, float]) -> float:
-        return float(_all_met(given, wanted, {name: widths[name] * unit[row] for row, name in enumerate(DIMENSIONS)}).mean())
+        return float(
+            _all_met(
+                given,
+                wanted,
+                {name: widths[name] * unit[row] for row, name in enumerate(DIMENSIONS)},
+            ).mean()
+        )
 
     whole = share(steps)
-    halved = {name: share(steps | {name: steps[name] / 2}) for name in DIMENSIONS if steps[name] > 0}
+    halved = {
+        name: share(steps | {name: steps[name] / 2}) for name in DIMENSIONS if steps[name] > 0
+    }
     return Yield(whole, math.sqrt(max(whole * (1 - whole), 1 / draws) / draws), halved)
 
 
-def _all_met(given: Candidates, wanted: Requirements, off: dict[str, Array]) -> npt.NDArray[np.bool_]:
+def _all_met(
+    given: Candidates, wanted: Requirements, off: dict[str, Array]
+) -> npt.NDArray[np.bool_]:
     asked, edge = demands(wanted), float(half_seen(given)[0])
     good = np.ones(len(off["gap"]), dtype=np.bool_)
     for side in (-1.0, 0.0, 1.0):
@@ -159,7 +203,9 @@ def _all_met(given: Candidates, wanted: Requirements, off: dict[str, Array]) -> 
 
 
 def _built(given: Candidates, off: dict[str, Array], rise: Array) -> Candidates:
-    """The configuration built many times; an array that is off carries the sensor with it, a tilted one does not."""
+    """The configuration built many times; an array that is off carries the sensor with it, a tilted
+    one does not.
+    """
     count = len(off["gap"])
     pitch = given.pitch + off["pitch"]
     return replace(

@@ -1,4 +1,6 @@
-"""The paper's Figures 1 to 9, drawn by the model for any camera: ``flflab model CAMERA --figures DIR``."""
+"""The paper's Figures 1 to 9, drawn by the model for any camera: ``flflab model CAMERA --figures
+DIR``.
+"""
 
 import io
 from collections.abc import Callable
@@ -15,10 +17,12 @@ Drawing = Callable[[Camera], tuple["Figure", str]]
 
 
 def draw_figures(camera: Camera, folder: Path) -> list[tuple[Path, str]]:
-    """Draw Figures 1 to 9 into a folder as figure-1.png to figure-9.png, and captions.md beside them.
+    """Draw Figures 1 to 9 into a folder as figure-1.png to figure-9.png, and captions.md beside
+    them.
 
     Args:
-        camera: the camera; Figures 3 and 4 open its main lens to the first full stop at which micro-images overlap clearly.
+        camera: the camera; Figures 3 and 4 open its main lens to the first full stop at which
+            micro-images overlap clearly.
         folder: where to write.
 
     Returns:

@@ -1,4 +1,6 @@
-"""What the figures share: a sheet with its caption, colours, and the stop at which micro-images overlap."""
+"""What the figures share: a sheet with its caption, colours, and the stop at which micro-images
+overlap.
+"""
 
 import textwrap
 from dataclasses import replace
@@ -26,7 +28,14 @@ def sheet(caption: str, height: float = 4.8, width: float = 11.0) -> "Figure":
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.set(rect=(0.0, share, 1.0, 1.0 - share), w_pad=0.08, h_pad=0.08)  # pyright: ignore[reportCallIssue]
-    figure.text(0.015, share - 0.1 / (height + 0.2 * len(lines)), "\n".join(lines), va="top", fontsize=9, color=DARK)
+    figure.text(
+        0.015,
+        share - 0.1 / (height + 0.2 * len(lines)),
+        "\n".join(lines),
+        va="top",
+        fontsize=9,
+        color=DARK,
+    )
     return figure
 
 
@@ -39,9 +48,16 @@ def plain(axes: "Axes", title: str, across: str, up: str) -> None:
 
 
 def overlapping_camera(camera: Camera) -> Camera:
-    """The camera at the smallest full stop opening at which neighbours overlap by a fifth of a pitch or more; itself if it does."""
-    for f_number in (camera.main_lens.f_number, *(stop for stop in _STOPS if stop < camera.main_lens.f_number)):
-        lens = MainLens(camera.main_lens.focal_length, f_number, camera.main_lens.principal_separation)
+    """The camera at the smallest full stop opening at which neighbours overlap by a fifth of a
+    pitch or more; itself if it does.
+    """
+    for f_number in (
+        camera.main_lens.f_number,
+        *(stop for stop in _STOPS if stop < camera.main_lens.f_number),
+    ):
+        lens = MainLens(
+            camera.main_lens.focal_length, f_number, camera.main_lens.principal_separation
+        )
         opened = replace(camera, main_lens=lens)
         smms = central_smms(opened)
         pitch = camera.array.pitch[0] * float(smms.image_scale)

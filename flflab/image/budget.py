@@ -1,4 +1,6 @@
-"""The finest tolerance that a time budget allows, from a short calibration on a few tiles of the picture."""
+"""The finest tolerance that a time budget allows, from a short calibration on a few tiles of the
+picture.
+"""
 
 import math
 import time
@@ -29,7 +31,8 @@ MARGIN = 1.3  # what is predicted may be short by this
 def affordable_tolerance(scene: Scene, budget: float, effects: str = "auto") -> float:
     """The finest tolerance whose picture is expected to be ready within the budget.
 
-    From coarse to fine, each tolerance is tried on a few tiles; what that takes counts against the budget.
+    From coarse to fine, each tolerance is tried on a few tiles; what that takes counts against the
+    budget.
 
     Args:
         scene: what is pictured.
@@ -44,7 +47,9 @@ def affordable_tolerance(scene: Scene, budget: float, effects: str = "auto") -> 
     def tried(tolerance: float) -> float:
         choice = choose(scene, tolerance, effects)
         return expected_seconds(
-            lambda wanted: render(scene, tolerance=choice.tolerance, effects=choice.formed, wanted=wanted),
+            lambda wanted: render(
+                scene, tolerance=choice.tolerance, effects=choice.formed, wanted=wanted
+            ),
             lambda image: estimate_error(scene, image, choice.tolerance, choice.effects),
             tiles,
             time.perf_counter,
@@ -54,7 +59,8 @@ def affordable_tolerance(scene: Scene, budget: float, effects: str = "auto") -> 
 
 
 def finest_within(budget: float, tried: Callable[[float], float], clock: Clock) -> float:
-    """The finest tolerance that a budget has time for, after trying coarser ones, which takes time of it, too.
+    """The finest tolerance that a budget has time for, after trying coarser ones, which takes time
+    of it, too.
 
     Args:
         budget: s.
@@ -77,13 +83,16 @@ def finest_within(budget: float, tried: Callable[[float], float], clock: Clock) 
         if predicted > left:
             if affordable == 0.0:
                 raise InputError(
-                    f"time budget: {_in_words(budget)} cannot be kept; the least that can is about {_in_words(budget - left + predicted)}, "
-                    f"besides {_in_words(warm - started)} to get ready"
+                    f"time budget: {_in_words(budget)} cannot be kept; the least that can is about"
+                    f" {_in_words(budget - left + predicted)}, besides {_in_words(warm - started)}"
+                    " to get ready"
                 )
             break
         affordable = tolerance
         growth = min(max(took / before, 1.0), STEP)
-        if growth * (took + predicted) > left:  # the next try would only take the time that this picture needs
+        if (
+            growth * (took + predicted) > left
+        ):  # the next try would only take the time that this picture needs
             break
         before = took
         tolerance /= STEP
@@ -105,8 +114,11 @@ def tiles_tried(scene: Scene) -> Flags:
     return wanted
 
 
-def expected_seconds(form: Callable[[Flags], Array], estimate: Callable[[Array], object], wanted: Flags, clock: Clock) -> float:
-    """Time expected for all pixels, from what none and a few of them take, and for the estimate of the error, s.
+def expected_seconds(
+    form: Callable[[Flags], Array], estimate: Callable[[Array], object], wanted: Flags, clock: Clock
+) -> float:
+    """Time expected for all pixels, from what none and a few of them take, and for the estimate of
+    the error, s.
 
     Args:
         form: forms the wanted pixels, [row, column].

@@ -1,8 +1,10 @@
-"""Which effects a picture needs to be right to a tolerance, and what they leave of the tolerance to the orders of quadrature.
+"""Which effects a picture needs to be right to a tolerance, and what they leave of the tolerance to
+the orders of quadrature.
 
-An effect's bound holds whichever of the others are left out, so the picture without some of them is off by at most the sum of
-their bounds. What a bound takes from the tolerance the quadrature must make good by finer orders, which cost time. So an effect's share
-of the tolerance is its share of the time: what is left out has a bound within it, and the bounds together stay below half the
+An effect's bound holds whichever of the others are left out, so the picture without some of them is
+off by at most the sum of their bounds. What a bound takes from the tolerance the quadrature must
+make good by finer orders, which cost time. So an effect's share of the tolerance is its share of
+the time: what is left out has a bound within it, and the bounds together stay below half the
 tolerance. Most of the rest goes to the quadrature of what is kept.
 """
 
@@ -41,12 +43,22 @@ LIGHT = (
     "colour-filter",
     "motion",
 )
-NOISE = ("shot-noise", "read-noise", "dark-current", "fixed-pattern", "dead-pixels", "saturation", "quantisation")
+NOISE = (
+    "shot-noise",
+    "read-noise",
+    "dark-current",
+    "fixed-pattern",
+    "dead-pixels",
+    "saturation",
+    "quantisation",
+)
 
 
 @dataclass(frozen=True)
 class Decision:
-    """Whether an effect is in the picture, and what speaks for it; a size of None: the scene has no such effect."""
+    """Whether an effect is in the picture, and what speaks for it; a size of None: the scene has no
+    such effect.
+    """
 
     name: str
     on: bool
@@ -59,7 +71,9 @@ class Decision:
 
 @dataclass(frozen=True)
 class Choice:
-    """What a picture is formed of: every effect of the light, the tolerance of the quadrature, and the largest error promised."""
+    """What a picture is formed of: every effect of the light, the tolerance of the quadrature, and
+    the largest error promised.
+    """
 
     decisions: tuple[Decision, ...]
     tolerance: float
@@ -78,11 +92,29 @@ class Choice:
 
 
 def effects_of(scene: Scene) -> tuple[Effect, ...]:
-    """The effects of the light that a scene has; misalignment and occlusion only where something is out of line or hides something."""
+    """The effects of the light that a scene has; misalignment and occlusion only where something is
+    out of line or hides something.
+    """
     turned = tuple((plane.roll, math.hypot(*plane.tilt)) for plane in scene.planes)
-    described = (scene.diffraction, scene.falloff, scene.distortion, scene.scatter, scene.stray_light, scene.colour_filter, scene.motion)
+    described = (
+        scene.diffraction,
+        scene.falloff,
+        scene.distortion,
+        scene.scatter,
+        scene.stray_light,
+        scene.colour_filter,
+        scene.motion,
+    )
     array, sensor = scene.camera.array, scene.camera.sensor
-    out_of_line = any((*array.offset, array.roll, *array.tilt, *sensor.offset, *(part for plane in turned for part in plane)))
+    out_of_line = any(
+        (
+            *array.offset,
+            array.roll,
+            *array.tilt,
+            *sensor.offset,
+            *(part for plane in turned for part in plane),
+        )
+    )
     return (
         Defocus(),
         Vignetting(),
@@ -100,27 +132,43 @@ def choose(scene: Scene, tolerance: float, asked: str = "auto") -> Choice:
     Args:
         scene: what is pictured.
         tolerance: largest error asked for, of white.
-        asked: ``auto``, ``fast`` (five times the tolerance), ``reference`` (all the scene has, as finely as it goes), or names of
-            effects joined by commas; those of the noise are passed over.
+        asked: ``auto``, ``fast`` (five times the tolerance), ``reference`` (all the scene has, as
+            finely as it goes), or names of effects joined by commas; those of the noise are passed
+            over.
 
     Raises:
-        InputError: an unknown name, or a tolerance that is not a share of white or below what the quadrature can keep.
+        InputError: an unknown name, or a tolerance that is not a share of white or below what the
+            quadrature can keep.
     """
     check_tolerance(tolerance)
     regime = survey(scene)
     present = {effect.name: effect for effect in effects_of(scene)}
     bounds = {name: effect.bound(regime) for name, effect in present.items()}
     if asked in LEVELS:
-        allowed = LEAST_TOLERANCE if asked == "reference" else min(tolerance * (FAST if asked == "fast" else 1.0), 0.5)
-        shares = _shares({name: effect.cost(regime) for name, effect in present.items()}, 0.0 if asked == "reference" else allowed)
-        left_out = _left_out({name: bounds[name] for name in present.keys() & ALL}, shares, SHARE * allowed)
+        allowed = (
+            LEAST_TOLERANCE
+            if asked == "reference"
+            else min(tolerance * (FAST if asked == "fast" else 1.0), 0.5)
+        )
+        shares = _shares(
+            {name: effect.cost(regime) for name, effect in present.items()},
+            0.0 if asked == "reference" else allowed,
+        )
+        left_out = _left_out(
+            {name: bounds[name] for name in present.keys() & ALL}, shares, SHARE * allowed
+        )
         rest = max(KEPT * (allowed - sum(bounds[name] for name in left_out)), LEAST_TOLERANCE)
         on = present.keys() - left_out
     else:
         on, rest, allowed = present.keys() & named(asked), tolerance, math.inf
         for name in sorted(present.keys() - ALL - on):
-            raise InputError(f"effects: '{name}' cannot be left out of this scene; add it to the list")
-    decisions = [_decide(name, present.get(name), name in on, bounds.get(name, 0.0), asked, regime) for name in LIGHT]
+            raise InputError(
+                f"effects: '{name}' cannot be left out of this scene; add it to the list"
+            )
+    decisions = [
+        _decide(name, present.get(name), name in on, bounds.get(name, 0.0), asked, regime)
+        for name in LIGHT
+    ]
     return Choice(tuple(decisions), rest, allowed, regime)
 
 
@@ -128,12 +176,14 @@ def check_tolerance(tolerance: float) -> None:
     """Refuse what no picture can keep.
 
     Raises:
-        InputError: the tolerance is not a number above what the quadrature can keep and below white.
+        InputError: the tolerance is not a number above what the quadrature can keep and below
+            white.
     """
     if not (math.isfinite(tolerance) and 2 * LEAST_TOLERANCE <= tolerance < 1):
         raise InputError(
-            f"tolerance: {tolerance:g} of white; from {2 * LEAST_TOLERANCE:g}, below which the reference itself is not sure, "
-            f"to below 1 is allowed; give {TOLERANCE:g}, for instance"
+            f"tolerance: {tolerance:g} of white; from {2 * LEAST_TOLERANCE:g}, below which the"
+            f" reference itself is not sure, to below 1 is allowed; give {TOLERANCE:g}, for"
+            " instance"
         )
 
 
@@ -146,7 +196,9 @@ def named(asked: str) -> frozenset[str]:
     names = frozenset(name.strip() for name in asked.split(",") if name.strip())
     allowed = f"one of {', '.join(LEVELS)}, or a list of {', '.join((*LIGHT, *NOISE))}"
     if names & {*LEVELS}:
-        raise InputError(f"effects: '{asked}' is a list; {', '.join(LEVELS)} stand alone; give {allowed}")
+        raise InputError(
+            f"effects: '{asked}' is a list; {', '.join(LEVELS)} stand alone; give {allowed}"
+        )
     for name in sorted(names - {*LIGHT, *NOISE}):
         raise InputError(f"effects: there is no '{name}'; allowed: {allowed}")
     if not names:
@@ -161,7 +213,9 @@ def _shares(costs: dict[str, float], allowed: float) -> dict[str, float]:
 
 
 def _left_out(bounds: dict[str, float], shares: dict[str, float], most: float) -> set[str]:
-    """The effects whose bounds are within their shares, the smallest first, as long as the bounds' sum is no larger than ``most``."""
+    """The effects whose bounds are within their shares, the smallest first, as long as the bounds'
+    sum is no larger than ``most``.
+    """
     out: set[str] = set()
     total = 0.0
     for name, bound in sorted(bounds.items(), key=lambda item: item[1]):
@@ -171,7 +225,9 @@ def _left_out(bounds: dict[str, float], shares: dict[str, float], most: float) -
     return out
 
 
-def _decide(name: str, effect: Effect | None, on: bool, bound: float, asked: str, regime: Regime) -> Decision:
+def _decide(
+    name: str, effect: Effect | None, on: bool, bound: float, asked: str, regime: Regime
+) -> Decision:
     if effect is None:
         return Decision(name, False, None, "", 0.0, "the scene has none", 0.0)
     why = effect.why(regime)

@@ -1,4 +1,6 @@
-"""How far a picture is from the reference: the reference itself on the pixels where the difference can be largest."""
+"""How far a picture is from the reference: the reference itself on the pixels where the difference
+can be largest.
+"""
 
 from dataclasses import replace
 
@@ -13,16 +15,26 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 BLOCKS = 12  # a side: of each block of the picture, its steepest pixel
-SPREAD, SPREAD_WAVES = 600, 2000  # more pixels, evenly spread over those with light; with waves each costs little beside the tables
-FINER, FINER_WAVES = 8.0, 3.0  # how much finer the reference is formed here; waves cost so much that less must do
-ENOUGH = 0.002  # where a picture with waves is coarser than FINER_WAVES times that, the reference is this fine, or FINER times finer
+# more pixels, evenly spread over those with light; with waves each costs little beside the tables
+SPREAD, SPREAD_WAVES = (
+    600,
+    2000,
+)
+FINER, FINER_WAVES = (
+    8.0,
+    3.0,
+)  # how much finer the reference is formed here; waves cost so much that less must do
+# where a picture with waves is coarser than FINER_WAVES times that, the reference is this fine, or
+# FINER times finer
+ENOUGH = 0.002
 SAFETY = 3.6  # the largest difference anywhere is up to 3.4 times the largest one found in trials
 FAR = 0.7  # of the way from a picture's middle to its corners
 LEAST = 0.02  # of the finer picture's tolerance: what neither picture shows
 
 
 def estimate_error(scene: Scene, image: Array, tolerance: float, effects: frozenset[str]) -> float:
-    """Estimate the largest difference of a picture from the reference, of white; it is not below it (see docs/pictures.md).
+    """Estimate the largest difference of a picture from the reference, of white; it is not below it
+    (see docs/pictures.md).
 
     Args:
         scene: what is pictured, with all its effects.
@@ -37,21 +49,33 @@ def estimate_error(scene: Scene, image: Array, tolerance: float, effects: frozen
 
     def difference(held_against: Scene, finer: float, looked_at: Flags) -> float:
         truth = finer_picture(held_against, image, max(finer, LEAST_TOLERANCE), looked_at, filtered)
-        return SAFETY * float(np.abs(truth - image)[looked_at].max(initial=0.0)) + LEAST * max(finer, LEAST_TOLERANCE)
+        return SAFETY * float(np.abs(truth - image)[looked_at].max(initial=0.0)) + LEAST * max(
+            finer, LEAST_TOLERANCE
+        )
 
     if scene.diffraction is None:
         return difference(scene, tolerance / FINER, wanted)
     least = max(tolerance / FINER, min(tolerance / FINER_WAVES, ENOUGH))
-    of_all = max(difference(scene, least, wanted), difference(scene, least, wanted & outlying(image, scene.camera)))
-    # Twice as fine may mean the same orders again and repeat the picture's own error; where it is one of rays, they say so.
-    return of_all if "diffraction" in effects else max(of_all, difference(replace(scene, diffraction=None), tolerance / FINER, wanted))
+    of_all = max(
+        difference(scene, least, wanted),
+        difference(scene, least, wanted & outlying(image, scene.camera)),
+    )
+    # Twice as fine may mean the same orders again and repeat the picture's own error; where it is
+    # one of rays, they say so.
+    return (
+        of_all
+        if "diffraction" in effects
+        else max(of_all, difference(replace(scene, diffraction=None), tolerance / FINER, wanted))
+    )
 
 
-def finer_picture(scene: Scene, image: Array, tolerance: float, wanted: Flags, filtered: bool = True) -> Array:
+def finer_picture(
+    scene: Scene, image: Array, tolerance: float, wanted: Flags, filtered: bool = True
+) -> Array:
     """The wanted pixels of a scene with every effect, at another tolerance than a picture of it.
 
-    Stray light is that of the picture's own mean, since for the true one all pixels would have to be formed: it is off by its share of
-    the mean of the picture's errors.
+    Stray light is that of the picture's own mean, since for the true one all pixels would have to
+    be formed: it is off by its share of the mean of the picture's errors.
 
     Args:
         scene: what is pictured.
@@ -60,8 +84,14 @@ def finer_picture(scene: Scene, image: Array, tolerance: float, wanted: Flags, f
         wanted: the pixels, [row, column]; the others hold anything.
         filtered: whether the picture's light came through the scene's colour filter.
     """
-    light = render(replace(scene, stray_light=None, colour_filter=None), tolerance=tolerance, wanted=wanted)
-    passed = np.ones(image.shape) if scene.colour_filter is None else transmissions(scene.colour_filter, image.shape)
+    light = render(
+        replace(scene, stray_light=None, colour_filter=None), tolerance=tolerance, wanted=wanted
+    )
+    passed = (
+        np.ones(image.shape)
+        if scene.colour_filter is None
+        else transmissions(scene.colour_filter, image.shape)
+    )
     if scene.stray_light is not None:
         seen = passed if filtered else np.ones(image.shape)
         mean = float(image[seen > 0].sum() / seen[seen > 0].sum())
@@ -70,7 +100,9 @@ def finer_picture(scene: Scene, image: Array, tolerance: float, wanted: Flags, f
 
 
 def telling_pixels(image: Array, spread: int) -> Flags:
-    """The steepest pixel of every block of a picture, and so many others spread evenly over its light."""
+    """The steepest pixel of every block of a picture, and so many others spread evenly over its
+    light.
+    """
     steep = steepness(image)
     wanted = steepest_pixels(steep)
     lit = np.flatnonzero(image.ravel() + steep.ravel())
@@ -82,7 +114,8 @@ def telling_pixels(image: Array, spread: int) -> Flags:
 def outlying(image: Array, camera: Camera) -> Flags:
     """Pixels within half a pitch of the steepest one that is far from the picture's middle.
 
-    Microlenses there differ most from the others with which they share tables in waves; looked at alone, they have their own.
+    Microlenses there differ most from the others with which they share tables in waves; looked at
+    alone, they have their own.
     """
     rows, columns = (np.arange(size) - (size - 1) / 2 for size in image.shape)
     from_middle = np.hypot(rows[:, None], columns)

@@ -19,28 +19,40 @@ from flflab.targets import FourDot, Picture, Target
 
 Array = npt.NDArray[np.float64]
 
-UNITS = {"diameter": "diameter_mm", "spacing": "spacing_mm", "width": "width_mm", "height": "height_mm"}
+UNITS = {
+    "diameter": "diameter_mm",
+    "spacing": "spacing_mm",
+    "width": "width_mm",
+    "height": "height_mm",
+}
 
 
 def ground_truth(scene: Scene) -> dict[str, Any]:
-    """Camera, lattice of micro-images, and where every dot is seen; (x, y) throughout, pixel (0, 0) at its centre.
+    """Camera, lattice of micro-images, and where every dot is seen; (x, y) throughout, pixel (0, 0)
+    at its centre.
 
     Returns:
         Numbers, strings, lists and dictionaries, ready for JSON:
 
-        ``camera``: ``focal_length_mm``, ``f_number``, ``aperture_shape``, ``array`` {``layout``, ``count``, ``pitch_mm``, ``aperture_mm``,
-        ``focal_lengths_mm``, ``distance_mm``, ``offset_mm``, ``roll_deg``, ``tilt`` (slopes)}, ``sensor`` {``resolution_px``,
-        ``pixel_mm``, ``distance_mm``, ``offset_mm``}, ``sharp_distance_mm``.
+        ``camera``: ``focal_length_mm``, ``f_number``, ``aperture_shape``, ``array`` {``layout``,
+            ``count``, ``pitch_mm``, ``aperture_mm``,
+        ``focal_lengths_mm``, ``distance_mm``, ``offset_mm``, ``roll_deg``, ``tilt`` (slopes)},
+        ``sensor`` {``resolution_px``, ``pixel_mm``, ``distance_mm``, ``offset_mm``},
+        ``sharp_distance_mm``.
 
-        ``lattice``: ``layout``, ``pitch_px`` and ``angle_deg`` as described, without scatter; ``centres_px`` of all micro-images of which
-        any part is on the sensor, with the ``microlenses`` [column, row] they belong to and their ``inside_radii_px`` and
-        ``outside_radii_px``; ``origin_px``, ``inside_radius_px`` and ``outside_radius_px`` of the one nearest the sensor's middle.
+        ``lattice``: ``layout``, ``pitch_px`` and ``angle_deg`` as described, without scatter;
+            ``centres_px`` of all micro-images of which
+        any part is on the sensor, with the ``microlenses`` [column, row] they belong to and their
+        ``inside_radii_px`` and ``outside_radii_px``; ``origin_px``, ``inside_radius_px`` and
+        ``outside_radius_px`` of the one nearest the sensor's middle.
 
-        ``planes``, a list: ``target`` {``kind``, its sizes}, ``distance_mm``, ``offset_mm``, ``roll_deg``, ``tilt``, ``size_mm``,
-        ``magnification`` (at its distance, target to micro-image), and ``dots`` of a four-dot target: ``dot``, ``position_mm``
-        [x, y, distance], ``views`` {``total``, ``bright``, ``chief``}, and ``images``, one for each of the total views: ``microlens``
-        [column, row], ``bright``, ``chief``, ``place_px`` (where the ray through the middle of what limits the dot's light lands; in
-        the middle of the exposure).
+        ``planes``, a list: ``target`` {``kind``, its sizes}, ``distance_mm``, ``offset_mm``,
+            ``roll_deg``, ``tilt``, ``size_mm``,
+        ``magnification`` (at its distance, target to micro-image), and ``dots`` of a four-dot
+        target: ``dot``, ``position_mm`` [x, y, distance], ``views`` {``total``, ``bright``,
+        ``chief``}, and ``images``, one for each of the total views: ``microlens`` [column, row],
+        ``bright``, ``chief``, ``place_px`` (where the ray through the middle of what limits the
+        dot's light lands; in the middle of the exposure).
 
         ``reasons`` {key: sentence} for what is null.
     """
@@ -91,19 +103,25 @@ def _camera(camera: Camera, reasons: dict[str, str]) -> dict[str, Any]:
 
 def _pixels(sensor: Sensor, position: Array) -> Array:
     """Positions (x, y) on the sensor in mm as pixels, shape (n, 2)."""
-    return (position - np.asarray(sensor.offset)) / sensor.pixel + (np.asarray(sensor.resolution) - 1) / 2
+    return (position - np.asarray(sensor.offset)) / sensor.pixel + (
+        np.asarray(sensor.resolution) - 1
+    ) / 2
 
 
 def _lattice(camera: Camera, smms: Smms) -> dict[str, Any]:
     pixel, size = camera.sensor.pixel, np.asarray(camera.sensor.resolution)
-    centres = _pixels(camera.sensor, np.stack([smms.centre_x, smms.centre_y], axis=1) * smms.image_scale[:, None])
+    centres = _pixels(
+        camera.sensor, np.stack([smms.centre_x, smms.centre_y], axis=1) * smms.image_scale[:, None]
+    )
     inside, outside = smms.inside_radius / pixel, smms.outside_radius / pixel
     seen = np.flatnonzero(np.hypot(*(centres - np.clip(centres, -0.5, size - 0.5)).T) < outside)
     middle = int(np.argmin(np.hypot(*(centres - (size - 1) / 2).T)))
     turn = 90.0 if camera.array.layout == "square" else 60.0
     return {
         "layout": camera.array.layout,
-        "pitch_px": math.sqrt(math.prod(camera.array.pitch)) * float(smms.image_scale[middle]) / pixel,
+        "pitch_px": (
+            math.sqrt(math.prod(camera.array.pitch)) * float(smms.image_scale[middle]) / pixel
+        ),
         "angle_deg": (math.degrees(camera.array.roll) + turn / 2) % turn - turn / 2,
         "origin_px": centres[middle].tolist(),
         "inside_radius_px": float(inside[middle]),
@@ -125,11 +143,15 @@ def _plane(scene: Scene, index: int, smms: Smms, reasons: dict[str, str]) -> dic
         why = "what has a size in mm is a point, and dark, at infinity"
     elif index > 0:
         why = "nearer cards hide parts of it; the model's views know nothing of cards"
-    elif plane.size is not None and np.any(np.abs(plane.target.centres) > np.asarray(plane.size) / 2):
+    elif plane.size is not None and np.any(
+        np.abs(plane.target.centres) > np.asarray(plane.size) / 2
+    ):
         why = "a dot lies off its card"
     else:
         useful = fields_of(smms, neighbours_of(smms, scene.camera), scene.camera)
-        dots = [_dot(scene, plane, dot, place, useful) for dot, place in enumerate(plane.target.centres)]
+        dots = [
+            _dot(scene, plane, dot, place, useful) for dot, place in enumerate(plane.target.centres)
+        ]
     scale = float(magnification(smms, 1 / plane.distance)[axis_microlens(smms)])
     if math.isinf(scale):
         reasons[f"{key}.magnification"] = "the target's image lies on the array"
@@ -158,43 +180,66 @@ def _target(target: Target) -> dict[str, Any]:
         if field.name == "angle":
             told["angle_deg"] = math.degrees(value)
         elif not (isinstance(target, Picture) and field.name == "values"):
-            told[UNITS.get(field.name, field.name)] = list(value) if isinstance(value, tuple) else value
+            told[UNITS.get(field.name, field.name)] = (
+                list(value) if isinstance(value, tuple) else value
+            )
     return told
 
 
-def _dot(scene: Scene, plane: Plane, dot: int, place: Array, useful: SensorFields) -> dict[str, Any]:
+def _dot(
+    scene: Scene, plane: Plane, dot: int, place: Array, useful: SensorFields
+) -> dict[str, Any]:
     camera = scene.camera
     position = dot_position(plane, place)
     vergence = 1 / position[2]
     angle = paraxial_angle(position[:2] * vergence, scene.distortion)
     members = _within_reach(useful.smms, vergence, angle)
-    total, bright, chief = seen_by(useful, members, vergence, np.broadcast_to(angle, (len(members), 2)))
+    total, bright, chief = seen_by(
+        useful, members, vergence, np.broadcast_to(angle, (len(members), 2))
+    )
     lenses = select(useful.smms, members)
     centre = np.stack([lenses.centre_x, lenses.centre_y], axis=1)
-    landing = _pixels(camera.sensor, chief_crossings(lenses, vergence, angle, centre, camera.aperture_shape)[2])
+    landing = _pixels(
+        camera.sensor, chief_crossings(lenses, vergence, angle, centre, camera.aperture_shape)[2]
+    )
     indices = microlens_indices(camera.array)[members]
     return {
         "dot": dot,
         "position_mm": position.tolist(),
-        "views": {"total": int(total.sum()), "bright": int(bright.sum()), "chief": int(chief.sum())},
+        "views": {
+            "total": int(total.sum()),
+            "bright": int(bright.sum()),
+            "chief": int(chief.sum()),
+        },
         "images": [
-            {"microlens": indices[i].tolist(), "bright": bool(bright[i]), "chief": bool(chief[i]), "place_px": landing[i].tolist()}
+            {
+                "microlens": indices[i].tolist(),
+                "bright": bool(bright[i]),
+                "chief": bool(chief[i]),
+                "place_px": landing[i].tolist(),
+            }
             for i in np.flatnonzero(total)
         ],
     }
 
 
 def _within_reach(smms: Smms, vergence: float, angle: Array) -> npt.NDArray[np.int64]:
-    """Microlenses on which light of the point with o V = ``angle`` falls, or may fall; square apertures reach to their corners."""
+    """Microlenses on which light of the point with o V = ``angle`` falls, or may fall; square
+    apertures reach to their corners.
+    """
     shift = np.stack([smms.centre_x, smms.centre_y], axis=1) + angle * smms.distance[:, None]
     x = smms.distance * (vergence - 1 / smms.lens_focal) + 1
-    return np.flatnonzero(np.hypot(*shift.T) <= (smms.lens_aperture * np.abs(x) + smms.aperture) / math.sqrt(2))
+    return np.flatnonzero(
+        np.hypot(*shift.T) <= (smms.lens_aperture * np.abs(x) + smms.aperture) / math.sqrt(2)
+    )
 
 
 def dot_position(plane: Plane, place: Array) -> Array:
-    """Where a place (x, y) mm in a target's own axes stands in the world: x, y, and the distance before the main lens; mm, shape (3,).
+    """Where a place (x, y) mm in a target's own axes stands in the world: x, y, and the distance
+    before the main lens; mm, shape (3,).
 
-    The roll turns it, and along the slope of the tilt its lengths shrink by 1 / sqrt(1 + tilt^2) as seen along the axis.
+    The roll turns it, and along the slope of the tilt its lengths shrink by 1 / sqrt(1 + tilt^2) as
+    seen along the axis.
     """
     cos, sin = math.cos(plane.roll), math.sin(plane.roll)
     turned, tilt = np.array([[cos, -sin], [sin, cos]]) @ place, np.asarray(plane.tilt)
@@ -206,11 +251,16 @@ def dot_position(plane: Plane, place: Array) -> Array:
 
 
 def paraxial_angle(angle: Array, distortion: Distortion | None) -> Array:
-    """The direction a (rad, shape (2,)) under which a lens without distortion shows what lies under ``angle`` = a (1 + k |a|^2)."""
+    """The direction a (rad, shape (2,)) under which a lens without distortion shows what lies under
+    ``angle`` = a (1 + k |a|^2).
+    """
     seen = float(np.hypot(*angle))
     if distortion is None or seen == 0:
         return angle
     found = seen
-    for _ in range(50):  # Newton's steps double the digits; far fewer settle it wherever the picture does not fold over
-        found -= (found * (1 + distortion.coefficient * found**2) - seen) / (1 + 3 * distortion.coefficient * found**2)
+    # Newton's steps double the digits; far fewer settle it wherever the picture does not fold over
+    for _ in range(50):
+        found -= (found * (1 + distortion.coefficient * found**2) - seen) / (
+            1 + 3 * distortion.coefficient * found**2
+        )
     return angle * (found / seen)

@@ -1,4 +1,6 @@
-"""A picture of a scene at a stated accuracy, with what is in it, why, how far it can be from the reference, and the time it took."""
+"""A picture of a scene at a stated accuracy, with what is in it, why, how far it can be from the
+reference, and the time it took.
+"""
 
 import math
 import time
@@ -25,7 +27,8 @@ BRIGHTEST = 0.7  # of saturation: the exposure rule of the bench
 
 @dataclass(frozen=True)
 class Told:
-    """One effect: whether the picture holds it, its size in ``unit``, most that leaving it out can change (of white), why, milliseconds.
+    """One effect: whether the picture holds it, its size in ``unit``, most that leaving it out can
+    change (of white), why, milliseconds.
 
     A size of None: the scene has no such effect, or it has no size.
     """
@@ -41,9 +44,11 @@ class Told:
 
 @dataclass(frozen=True)
 class Report:
-    """A picture in units of the white level, its effects, an estimate of its largest error but for noise, and the time it took.
+    """A picture in units of the white level, its effects, an estimate of its largest error but for
+    noise, and the time it took.
 
-    ``choice`` is what was chosen of the effects of the light, ``tolerance`` what was asked for or could be afforded.
+    ``choice`` is what was chosen of the effects of the light, ``tolerance`` what was asked for or
+    could be afforded.
     """
 
     image: Array
@@ -72,11 +77,13 @@ def take_picture(
         effects: ``auto``, ``fast``, ``reference``, or names joined by commas.
         seed: of the noise; without one the picture has none.
         response: the sensor; by default one of 12 bits.
-        electrons_at_white: mean electrons in a pixel at the white level; None: the brightest light fills 70 % of what saturates.
+        electrons_at_white: mean electrons in a pixel at the white level; None: the brightest light
+            fills 70 % of what saturates.
         budget: time to take, s: the finest tolerance that fits instead of ``tolerance``.
 
     Raises:
-        InputError: an unknown effect, noise without a seed, a tolerance or budget that cannot be kept; and as ``render``.
+        InputError: an unknown effect, noise without a seed, a tolerance or budget that cannot be
+            kept; and as ``render``.
     """
     started = time.perf_counter()
     noise = _noise(effects, seed)
@@ -113,20 +120,34 @@ def _noise(effects: str, seed: int | None) -> frozenset[str]:
 
 def _present(response: SensorResponse) -> dict[str, Effect]:
     """The effects that a sensor has."""
-    return {part.name: part for field in fields(response) if (part := getattr(response, field.name)) is not None}
+    return {
+        part.name: part
+        for field in fields(response)
+        if (part := getattr(response, field.name)) is not None
+    }
 
 
-def _read(image: Array, electrons: float, sensor: SensorResponse, noise: frozenset[str], seed: int | None) -> Array:
+def _read(
+    image: Array, electrons: float, sensor: SensorResponse, noise: frozenset[str], seed: int | None
+) -> Array:
     """What the sensor reads, in units of the white level again."""
-    kept = {name.replace("-", "_"): None for name in NOISE if name not in noise and name != "quantisation"}
+    kept = {
+        name.replace("-", "_"): None
+        for name in NOISE
+        if name not in noise and name != "quantisation"
+    }
     response = replace(sensor, **kept)
     numbers = response.quantisation
     read = digitise if "quantisation" in noise else read_out
     read_numbers = read(np.maximum(image, 0.0), electrons, response, noise_key("picture", seed))
-    return (read_numbers.astype(np.float64) - numbers.offset_dn) / (numbers.dn_per_electron * electrons)
+    return (read_numbers.astype(np.float64) - numbers.offset_dn) / (
+        numbers.dn_per_electron * electrons
+    )
 
 
-def _noise_decisions(response: SensorResponse, noise: frozenset[str], regime: Regime, seed: int | None) -> tuple[Decision, ...]:
+def _noise_decisions(
+    response: SensorResponse, noise: frozenset[str], regime: Regime, seed: int | None
+) -> tuple[Decision, ...]:
     present = _present(response)
     decisions: list[Decision] = []
     for name in NOISE:
@@ -134,14 +155,28 @@ def _noise_decisions(response: SensorResponse, noise: frozenset[str], regime: Re
         if effect is None:
             decisions.append(Decision(name, False, None, "", 0.0, "the sensor has none", 0.0))
             continue
-        why = effect.why(regime) + ("" if name in noise else ": no seed was given" if seed is None else ": not asked for")
+        why = effect.why(regime) + (
+            "" if name in noise else ": no seed was given" if seed is None else ": not asked for"
+        )
         cost = effect.cost(regime)
-        decisions.append(Decision(name, name in noise, effect.size(regime), effect.unit, effect.bound(regime), why, cost))
+        decisions.append(
+            Decision(
+                name,
+                name in noise,
+                effect.size(regime),
+                effect.unit,
+                effect.bound(regime),
+                why,
+                cost,
+            )
+        )
     return tuple(decisions)
 
 
 def _told(decisions: tuple[Decision, ...], ms: float) -> tuple[Told, ...]:
-    """The decisions with the time measured shared out by the costs expected; what is off is told at the same rate."""
+    """The decisions with the time measured shared out by the costs expected; what is off is told at
+    the same rate.
+    """
     total = sum(decision.cost for decision in decisions if decision.on)
     rate = ms / total if total > 0 else 1.0
     return tuple(

@@ -1,7 +1,9 @@
-"""One scene's trial of what is promised of ``auto``: its error and its estimate against a finer picture with every effect.
+"""One scene's trial of what is promised of ``auto``: its error and its estimate against a finer
+picture with every effect.
 
-Of a large picture the finer one is formed at some pixels only: those that the estimate looks at, the steepest of each of 12 x 12 blocks
-of ``auto``'s own picture, where rims and edges are, among them, and ``SPREAD`` drawn at random among all.
+Of a large picture the finer one is formed at some pixels only: those that the estimate looks at,
+the steepest of each of 12 x 12 blocks of ``auto``'s own picture, where rims and edges are, among
+them, and ``SPREAD`` drawn at random among all.
 """
 
 import math
@@ -18,18 +20,23 @@ from flflab.image.scene import Scene
 from flflab.targets import Picture, Target
 
 TOLERANCES = (1e-3, 1e-1)  # from which one is drawn, evenly in its logarithm
-FINER, FINER_WAVES = 16.0, 8.0  # how much finer than asked for the picture is formed that ``auto`` is held against, at most 1e-5
+FINER, FINER_WAVES = (
+    16.0,
+    8.0,
+)  # how much finer than asked for the picture is formed that ``auto`` is held against, at most 1e-5
 WHOLE = 1024  # up to so many pixels all of them are formed
 SPREAD = 2000
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A scene tried: tolerance asked for, largest error found and estimated, of white, and processor seconds.
+    """A scene tried: tolerance asked for, largest error found and estimated, of white, and
+    processor seconds.
 
-    ``seconds`` are those of ``auto`` with its choice and estimate, ``picture`` without the estimate, ``every`` those of the same scene
-    with every effect that it has, at the same tolerance, and ``every_achieved`` its largest error. The picture that both are held
-    against was ``finer`` times finer than asked for.
+    ``seconds`` are those of ``auto`` with its choice and estimate, ``picture`` without the
+    estimate, ``every`` those of the same scene with every effect that it has, at the same
+    tolerance, and ``every_achieved`` its largest error. The picture that both are held against was
+    ``finer`` times finer than asked for.
     """
 
     seed: int
@@ -53,7 +60,12 @@ class Trial:
         return self.achieved > self.asked / 1000
 
 
-def drawn(seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float = TOLERANCES[0], waves: bool = True) -> tuple[Scene, float]:
+def drawn(
+    seed: int,
+    resolution: tuple[int, int] = RESOLUTION,
+    finest: float = TOLERANCES[0],
+    waves: bool = True,
+) -> tuple[Scene, float]:
     """A random scene and a tolerance for it; without ``waves`` its light is rays."""
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, resolution)
@@ -67,14 +79,21 @@ def sharpest(target: Target) -> Target:
 
 
 def try_scene(
-    seed: int, resolution: tuple[int, int] = RESOLUTION, finest: float = TOLERANCES[0], waves: bool = True, finer: float | None = None
+    seed: int,
+    resolution: tuple[int, int] = RESOLUTION,
+    finest: float = TOLERANCES[0],
+    waves: bool = True,
+    finer: float | None = None,
 ) -> Trial:
-    """Take a picture of the scene that is ``drawn``, its pictures in black and white, and hold it against a finer one.
+    """Take a picture of the scene that is ``drawn``, its pictures in black and white, and hold it
+    against a finer one.
 
     That is ``FINER`` times finer than asked for, in waves ``FINER_WAVES`` times, or so many times.
     """
     scene, tolerance = drawn(seed, resolution, finest, waves)
-    scene = replace(scene, planes=tuple(replace(plane, target=sharpest(plane.target)) for plane in scene.planes))
+    scene = replace(
+        scene, planes=tuple(replace(plane, target=sharpest(plane.target)) for plane in scene.planes)
+    )
     finer = finer or (FINER if scene.diffraction is None else FINER_WAVES)
     marks = [time.process_time()]
     choice = choose(scene, tolerance)
@@ -85,9 +104,27 @@ def try_scene(
     every = render(scene, tolerance=tolerance)
     marks.append(time.process_time())
     wanted = telling_pixels(image, SPREAD)
-    drawn_pixels = np.random.default_rng(seed).permutation(wanted.size)[: wanted.size if wanted.size <= WHOLE else SPREAD]
+    drawn_pixels = np.random.default_rng(seed).permutation(wanted.size)[
+        : wanted.size if wanted.size <= WHOLE else SPREAD
+    ]
     wanted.ravel()[drawn_pixels] = True
-    truth = finer_picture(scene, image, max(tolerance / finer, LEAST_TOLERANCE), wanted, "colour-filter" in choice.effects)
+    truth = finer_picture(
+        scene,
+        image,
+        max(tolerance / finer, LEAST_TOLERANCE),
+        wanted,
+        "colour-filter" in choice.effects,
+    )
     errors = [float(np.abs(image - truth)[wanted].max()) for image in (image, every)]
     picture, looking, every_seconds = (float(part) for part in np.diff(marks))
-    return Trial(seed, tolerance, errors[0], estimated, picture + looking, picture, every_seconds, errors[1], finer)
+    return Trial(
+        seed,
+        tolerance,
+        errors[0],
+        estimated,
+        picture + looking,
+        picture,
+        every_seconds,
+        errors[1],
+        finer,
+    )

@@ -1,4 +1,6 @@
-"""Random scenes of random cameras, for trials of what is promised for every scene. Deterministic effects only."""
+"""Random scenes of random cameras, for trials of what is promised for every scene. Deterministic
+effects only.
+"""
 
 import math
 
@@ -20,7 +22,9 @@ RESOLUTION = (256, 192)
 
 
 def random_scene(rng: np.random.Generator, resolution: tuple[int, int] = RESOLUTION) -> Scene:
-    """A camera with 10 to 60 pixels to a microlens's radius before one or two targets; it has every imperfection, from none to plain."""
+    """A camera with 10 to 60 pixels to a microlens's radius before one or two targets; it has every
+    imperfection, from none to plain.
+    """
     while True:
         try:
             camera = _camera(rng, resolution)
@@ -63,7 +67,10 @@ def _camera(rng: np.random.Generator, resolution: tuple[int, int]) -> Camera:
 
 def _target(rng: np.random.Generator, width: float) -> Target:
     """A target whose details are of the size that the sensor sees, ``width`` mm."""
-    kind = rng.choice(["four-dot", "bars", "chirp", "edge", "white", "black", "picture"], p=[0.15, 0.25, 0.2, 0.15, 0.08, 0.02, 0.15])
+    kind = rng.choice(
+        ["four-dot", "bars", "chirp", "edge", "white", "black", "picture"],
+        p=[0.15, 0.25, 0.2, 0.15, 0.08, 0.02, 0.15],
+    )
     cycles = sorted(_log(rng, 0.5, 100.0) / width for _ in range(2))
     match str(kind):
         case "four-dot":
@@ -82,7 +89,13 @@ def _target(rng: np.random.Generator, width: float) -> Target:
 
 def _plane(rng: np.random.Generator, camera: Camera, distance: float, card: bool) -> Plane:
     sensor = camera.sensor
-    width = distance / camera.array.distance * sensor.resolution[0] * sensor.pixel * rng.uniform(1.0, 10.0)
+    width = (
+        distance
+        / camera.array.distance
+        * sensor.resolution[0]
+        * sensor.pixel
+        * rng.uniform(1.0, 10.0)
+    )
     return Plane(
         _target(rng, width),
         distance,
@@ -94,7 +107,9 @@ def _plane(rng: np.random.Generator, camera: Camera, distance: float, card: bool
 
 
 def _sharp_distance(camera: Camera) -> float:
-    """Where a target is sharp: 1 / (1/F - (1 - x)/L) with x = (b/L) / kappa (physics.md); not above 0 where nowhere."""
+    """Where a target is sharp: 1 / (1/F - (1 - x)/L) with x = (b/L) / kappa (physics.md); not above
+    0 where nowhere.
+    """
     gap, distance = camera.gap, camera.array.distance
     kappa = 1 + gap / distance - gap / camera.array.focal_lengths[0]
     return 1 / (1 / camera.main_lens.focal_length - (1 - gap / distance / kappa) / distance)
@@ -103,10 +118,15 @@ def _sharp_distance(camera: Camera) -> float:
 def _scene(rng: np.random.Generator, camera: Camera) -> Scene:
     sharp = _sharp_distance(camera)
     distances = sorted(
-        sharp * math.exp(_sign(rng) * _log(rng, 1e-4, 0.3)) if 150 < sharp < 5000 and rng.random() < 0.5 else _log(rng, 150.0, 5000.0)
+        sharp * math.exp(_sign(rng) * _log(rng, 1e-4, 0.3))
+        if 150 < sharp < 5000 and rng.random() < 0.5
+        else _log(rng, 150.0, 5000.0)
         for _ in range(2 if rng.random() < 0.2 else 1)
     )
-    planes = tuple(_plane(rng, camera, distance, card=place < len(distances) - 1) for place, distance in enumerate(distances))
+    planes = tuple(
+        _plane(rng, camera, distance, card=place < len(distances) - 1)
+        for place, distance in enumerate(distances)
+    )
     way = [_log(rng, 1e-7, 1e-1) for _ in range(4)]
     return Scene(
         camera,

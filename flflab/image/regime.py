@@ -1,12 +1,16 @@
-"""The regime of a scene: the few numbers from which follows how much each effect can matter. Only numbers; ``survey`` finds them.
+"""The regime of a scene: the few numbers from which follows how much each effect can matter. Only
+numbers; ``survey`` finds them.
 
-Angles are on the object side, o / D of a place o on the target; at infinity they are the target's own coordinates.
+Angles are on the object side, o / D of a place o on the target; at infinity they are the target's
+own coordinates.
 """
 
 import math
 from dataclasses import dataclass
 
-UNEVEN = math.pi  # a stretch of the rays about their middle changes a pixel by so many times what an even shift of them does
+# a stretch of the rays about their middle changes a pixel by so many times what an even shift of
+# them does
+UNEVEN = math.pi
 
 
 @dataclass(frozen=True)
@@ -20,7 +24,8 @@ class PlaneRegime:
         field: largest angle off the axis from which a ray reaches the sensor, rad.
         from_centre: the same off the target's centre.
         bundle: half the angle over which the rays of one pixel are spread, rad.
-        pixel_angle: smallest angle that one pixel sees, rad; 0 where the target's image lies on the array.
+        pixel_angle: smallest angle that one pixel sees, rad; 0 where the target's image lies on the
+            array.
         contrast: range of the light with the target's radiance, of white.
         steepness: most that a pixel changes when the target moves by 1 rad, of white.
         plain: whether the radiance varies along one direction only.
@@ -38,13 +43,17 @@ class PlaneRegime:
     plain: bool
 
     def moved(self, shift: float, stretch: float = 0.0) -> float:
-        """Most that a pixel changes, of white, when all its rays move evenly by ``shift`` and apart by ``stretch``, rad."""
+        """Most that a pixel changes, of white, when all its rays move evenly by ``shift`` and apart
+        by ``stretch``, rad.
+        """
         far = shift + UNEVEN * stretch
         return min(self.contrast, self.steepness * far) if far > 0 else 0.0
 
     def pixels(self, angle: float) -> float:
         """An angle as seen on the sensor, pixels."""
-        return angle / self.pixel_angle if self.pixel_angle > 0 else (math.inf if angle > 0 else 0.0)
+        return (
+            angle / self.pixel_angle if self.pixel_angle > 0 else (math.inf if angle > 0 else 0.0)
+        )
 
 
 @dataclass(frozen=True)
@@ -74,7 +83,8 @@ class Regime:
         lit: share of them that light can reach.
         microlenses: how many send light to the sensor.
         kinds: how many kinds of rims they have.
-        light: brightest light under white targets, of white, the light of neighbours included; an upper bound.
+        light: brightest light under white targets, of white, the light of neighbours included; an
+            upper bound.
         brightest: the same under the scene's targets.
         reaching: micro-images that reach a pixel, at most.
         rim: width of the widest rim, pixels.
@@ -123,4 +133,7 @@ class Regime:
     def changed(self, change: Change) -> float:
         """Most that a pixel changes by this, of white."""
         rays = sum(plane.moved(change.shift, change.stretch) for plane in self.planes)
-        return min(self.light, rays + self.rim_steepness * change.rim * UNEVEN + change.level * self.brightest)
+        return min(
+            self.light,
+            rays + self.rim_steepness * change.rim * UNEVEN + change.level * self.brightest,
+        )

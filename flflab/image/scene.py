@@ -1,4 +1,6 @@
-"""What a picture is formed of: a camera, the flat targets before it, and what is not ideal about either."""
+"""What a picture is formed of: a camera, the flat targets before it, and what is not ideal about
+either.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -16,8 +18,18 @@ from flflab.targets import Target
 
 FARTHEST = 1e12  # mm; from there on numbers only overflow
 STEEPEST = 0.5  # slope of a target's plane
-DESCRIBED = ("diffraction", "falloff", "distortion", "scatter", "stray-light", "colour-filter", "motion")  # by the scene; None is ideal
-ALL = frozenset(("defocus", "vignetting", "overlap", "pixel", "misalignment", *DESCRIBED))  # effects of the light, the noise not among them
+DESCRIBED = (
+    "diffraction",
+    "falloff",
+    "distortion",
+    "scatter",
+    "stray-light",
+    "colour-filter",
+    "motion",
+)  # by the scene; None is ideal
+ALL = frozenset(
+    ("defocus", "vignetting", "overlap", "pixel", "misalignment", *DESCRIBED)
+)  # effects of the light, the noise not among them
 
 
 @dataclass(frozen=True)
@@ -29,10 +41,13 @@ class Plane:
         distance: main lens to the place where the plane meets the axis, mm; infinity allowed.
         offset: where the target's centre stands, world (x, y) mm; without meaning at infinity.
         roll: the target's x axis turned from the world's towards its y axis, rad.
-        tilt: slopes along the world's (x, y) round the target's centre, which stays at ``distance``: the place of the plane that lies
-            (u, v) further along (x, y) lies tilt_x u + tilt_y v further from the main lens. The target, rolled, is turned into this
-            plane by the shortest way, rigidly: lengths on it stay, and seen along the axis it is foreshortened.
-        size: width and height in mm of the opaque card that carries the target, along the target's own axes; None for a boundless one.
+        tilt: slopes along the world's (x, y) round the target's centre, which stays at
+            ``distance``: the place of the plane that lies (u, v) further along (x, y) lies tilt_x u
+            + tilt_y v further from the main lens. The target, rolled, is turned into this plane by
+            the shortest way, rigidly: lengths on it stay, and seen along the axis it is
+            foreshortened.
+        size: width and height in mm of the opaque card that carries the target, along the target's
+            own axes; None for a boundless one.
     """
 
     target: Target
@@ -46,22 +61,39 @@ class Plane:
         """Refuse what no plane can be.
 
         Raises:
-            InputError: a number is not finite or outside what is allowed, or a tilt or a card at infinity.
+            InputError: a number is not finite or outside what is allowed, or a tilt or a card at
+                infinity.
         """
         if math.isnan(self.distance) or self.distance <= 0:
             raise InputError(
-                f"scene: the target's distance is {self.distance:g} mm; one above 0, in front of the main lens, or infinity is due"
+                f"scene: the target's distance is {self.distance:g} mm; one above 0, in front of"
+                " the main lens, or infinity is due"
             )
         if FARTHEST < self.distance < math.inf:
-            raise InputError(f"scene: the target's distance is {self.distance:g} mm; up to {FARTHEST:g} mm is allowed, or infinity")
+            raise InputError(
+                f"scene: the target's distance is {self.distance:g} mm; up to {FARTHEST:g} mm is"
+                " allowed, or infinity"
+            )
         if not all(math.isfinite(part) for part in (*self.offset, self.roll)):
-            raise InputError(f"scene: offset is {self.offset} mm and roll {self.roll:g} rad; finite numbers are due")
+            raise InputError(
+                f"scene: offset is {self.offset} mm and roll {self.roll:g} rad; finite numbers"
+                " are due"
+            )
         if not math.hypot(*self.tilt) <= STEEPEST:
-            raise InputError(f"scene: the target's tilt is {self.tilt}; slopes of together at most {STEEPEST:g} are allowed")
-        if self.size is not None and not all(math.isfinite(side) and side > 0 for side in self.size):
-            raise InputError(f"scene: a card's size is {self.size} mm; width and height above 0 are due")
+            raise InputError(
+                f"scene: the target's tilt is {self.tilt}; slopes of together at most {STEEPEST:g}"
+                " are allowed"
+            )
+        if self.size is not None and not all(
+            math.isfinite(side) and side > 0 for side in self.size
+        ):
+            raise InputError(
+                f"scene: a card's size is {self.size} mm; width and height above 0 are due"
+            )
         if math.isinf(self.distance) and (any(self.tilt) or self.size is not None):
-            raise InputError("scene: a target at infinity has neither tilt nor size; leave them out")
+            raise InputError(
+                "scene: a target at infinity has neither tilt nor size; leave them out"
+            )
 
 
 @dataclass(frozen=True)
@@ -94,21 +126,30 @@ class Scene:
         """Refuse what is no scene.
 
         Raises:
-            InputError: no target, targets not in the order of their distances, or a boundless one before another.
+            InputError: no target, targets not in the order of their distances, or a boundless one
+                before another.
         """
         if not self.planes:
             raise InputError("scene: there is no target; give at least one plane")
         for near, far in zip(self.planes, self.planes[1:], strict=False):
             if near.distance >= far.distance:
                 raise InputError(
-                    f"scene: a target at {near.distance:g} mm stands before one at {far.distance:g} mm in the list; the nearest comes first"
+                    f"scene: a target at {near.distance:g} mm stands before one at {far.distance:g}"
+                    " mm in the list; the nearest comes first"
                 )
             if near.size is None:
-                raise InputError(f"scene: the boundless target at {near.distance:g} mm hides all behind it; give it a size")
+                raise InputError(
+                    f"scene: the boundless target at {near.distance:g} mm hides all behind it; give"
+                    " it a size"
+                )
 
 
-def one_plane(camera: Camera, target: Target, distance: float, offset: tuple[float, float] = (0.0, 0.0)) -> Scene:
-    """The plain scene: one flat target at a distance (mm), its centre off the axis by ``offset`` (mm)."""
+def one_plane(
+    camera: Camera, target: Target, distance: float, offset: tuple[float, float] = (0.0, 0.0)
+) -> Scene:
+    """The plain scene: one flat target at a distance (mm), its centre off the axis by ``offset``
+    (mm).
+    """
     return Scene(camera, (Plane(target, distance, offset),))
 
 
@@ -120,18 +161,24 @@ def in_light(scene: Scene, wavelength: float | None) -> Scene:
 def without(scene: Scene, effects: frozenset[str]) -> Scene:
     """The scene in which what is not among ``effects`` is ideal.
 
-    Without ``misalignment`` the array has no offset, roll and tilt, the sensor no offset, and no target roll or tilt; a target's offset
-    is where it stands and stays.
+    Without ``misalignment`` the array has no offset, roll and tilt, the sensor no offset, and no
+    target roll or tilt; a target's offset is where it stands and stays.
 
     Raises:
         InputError: there is no effect of that name.
     """
     for name in sorted(effects - ALL):
         raise InputError(f"effects: there is no '{name}'; allowed: {', '.join(sorted(ALL))}")
-    ideal = replace(scene, **{name.replace("-", "_"): None for name in DESCRIBED if name not in effects})
+    ideal = replace(
+        scene, **{name.replace("-", "_"): None for name in DESCRIBED if name not in effects}
+    )
     if "misalignment" in effects:
         return ideal
     camera = scene.camera
     array = replace(camera.array, offset=(0.0, 0.0), roll=0.0, tilt=(0.0, 0.0))
     camera = replace(camera, array=array, sensor=replace(camera.sensor, offset=(0.0, 0.0)))
-    return replace(ideal, camera=camera, planes=tuple(replace(plane, roll=0.0, tilt=(0.0, 0.0)) for plane in scene.planes))
+    return replace(
+        ideal,
+        camera=camera,
+        planes=tuple(replace(plane, roll=0.0, tilt=(0.0, 0.0)) for plane in scene.planes),
+    )

@@ -1,4 +1,6 @@
-"""The scene file: YAML in, a frozen ``Scene`` and its sensor out; every fault with file and line."""
+"""The scene file: YAML in, a frozen ``Scene`` and its sensor out; every fault with file and
+line.
+"""
 
 import math
 from collections.abc import Callable, Mapping
@@ -42,7 +44,9 @@ def _distance(given: object) -> float:
     except InputError as error:
         raise ValueError(str(error)) from error
     if not away > 0:
-        raise ValueError(f"{given}: a distance in front of the main lens is above 0 mm, or infinity")
+        raise ValueError(
+            f"{given}: a distance in front of the main lens is above 0 mm, or infinity"
+        )
     return away
 
 
@@ -54,7 +58,10 @@ def wavelength_from(given: object) -> float:
     """
     wavelength = parse_quantity(given, "length")
     if not LIGHT[0] <= wavelength <= LIGHT[1]:
-        raise InputError(f"{given}: light has a wavelength from {1e6 * LIGHT[0]:g} nm to {1e3 * LIGHT[1]:g} um here")
+        raise InputError(
+            f"{given}: light has a wavelength from {1e6 * LIGHT[0]:g} nm to {1e3 * LIGHT[1]:g} um"
+            " here"
+        )
     return wavelength
 
 
@@ -74,7 +81,9 @@ TargetData = str | dict[str, Any]
 
 
 class PlaneDescription(Description):
-    """A flat target: what, how far, and how it stands; ``size`` is that of the opaque card that carries it."""
+    """A flat target: what, how far, and how it stands; ``size`` is that of the opaque card that
+    carries it.
+    """
 
     target: TargetData
     distance: Distance
@@ -85,7 +94,9 @@ class PlaneDescription(Description):
 
 
 class ScatterDescription(Description):
-    """Scatter of the microlenses: standard deviations of focal lengths (of themselves) and places."""
+    """Scatter of the microlenses: standard deviations of focal lengths (of themselves) and
+    places.
+    """
 
     focal_length: Ratio = 0.0
     position: Length = 0.0
@@ -102,7 +113,9 @@ class ColourFilterDescription(Description):
 
 
 class MotionDescription(Description):
-    """What the targets do while light is gathered: the whole drift, the amplitude of the vibration."""
+    """What the targets do while light is gathered: the whole drift, the amplitude of the
+    vibration.
+    """
 
     drift: Pair = (0.0, 0.0)
     vibration: Pair = (0.0, 0.0)
@@ -124,7 +137,9 @@ class DeadPixelsDescription(Description):
 
 
 class SensorDescription(Description):
-    """How light becomes numbers; electrons are plain numbers, ``white`` those at the white level."""
+    """How light becomes numbers; electrons are plain numbers, ``white`` those at the white
+    level.
+    """
 
     white: Annotated[float, Field(gt=0)] | None = None
     full_well: float | None = Saturation.full_well
@@ -145,14 +160,22 @@ class SensorDescription(Description):
             saturation=None if self.full_well is None else Saturation(self.full_well),
             shot_noise=ShotNoise(),
             read_noise=ReadNoise(self.read_noise) if self.read_noise else None,
-            dark_current=DarkCurrent(self.dark_current, self.exposure) if self.dark_current else None,
-            fixed_pattern=None if pattern is None else FixedPattern(pattern.gain, pattern.offset, pattern.seed),
+            dark_current=(
+                DarkCurrent(self.dark_current, self.exposure) if self.dark_current else None
+            ),
+            fixed_pattern=(
+                None
+                if pattern is None
+                else FixedPattern(pattern.gain, pattern.offset, pattern.seed)
+            ),
             dead_pixels=None if dead is None else DeadPixels(dead.share, dead.seed),
         )
 
 
 class SceneDescription(Description):
-    """A scene file; without a ``wavelength`` light is rays and nothing bends, ``camera`` is a camera file relative to this one."""
+    """A scene file; without a ``wavelength`` light is rays and nothing bends, ``camera`` is a
+    camera file relative to this one.
+    """
 
     camera: Path | None = None
     planes: list[PlaneDescription]
@@ -168,7 +191,9 @@ class SceneDescription(Description):
 
 @dataclass(frozen=True)
 class PicturedScene:
-    """What a scene file describes: the scene, the sensor, and mean electrons at the white level (None: by the exposure rule)."""
+    """What a scene file describes: the scene, the sensor, and mean electrons at the white level
+    (None: by the exposure rule).
+    """
 
     scene: Scene
     response: SensorResponse
@@ -183,13 +208,17 @@ def read_scene(file: Path, camera: Path | None = None) -> PicturedScene:
         camera: a camera file that takes the place of the one the scene names.
 
     Raises:
-        InputError: a field is missing, unknown, without a unit or impossible, or no camera is named; with file, line and field.
+        InputError: a field is missing, unknown, without a unit or impossible, or no camera is
+            named; with file, line and field.
     """
     file = Path(file)
     data, lines = read_yaml(file)
     told = check(data, SceneDescription, str(file), lines)
     if camera is None and told.camera is None:
-        raise InputError(f"{file}:1: camera: this field is missing; name a camera file here or on the command line")
+        raise InputError(
+            f"{file}:1: camera: this field is missing; name a camera file here or on the command"
+            " line"
+        )
     planes = tuple(_plane(plane, index, file, lines) for index, plane in enumerate(told.planes))
     optics = read_camera(camera if camera is not None else file.parent / (told.camera or ""))
     made: dict[str, Any] = {}
@@ -200,8 +229,15 @@ def read_scene(file: Path, camera: Path | None = None) -> PicturedScene:
 
 
 def short_scene(camera: Camera, plane: Plane, wavelength: float | None = None) -> Scene:
-    """One target and nothing out of order: light falls off towards the border, and bends where it has a wavelength (mm)."""
-    return Scene(camera, (plane,), diffraction=None if wavelength is None else Diffraction(wavelength), falloff=Falloff())
+    """One target and nothing out of order: light falls off towards the border, and bends where it
+    has a wavelength (mm).
+    """
+    return Scene(
+        camera,
+        (plane,),
+        diffraction=None if wavelength is None else Diffraction(wavelength),
+        falloff=Falloff(),
+    )
 
 
 def _makers(told: SceneDescription) -> dict[str, Callable[[], object]]:
@@ -210,15 +246,25 @@ def _makers(told: SceneDescription) -> dict[str, Callable[[], object]]:
     return {
         "wavelength": lambda: None if told.wavelength is None else Diffraction(told.wavelength),
         "distortion": lambda: Distortion(told.distortion) if told.distortion else None,
-        "scatter": lambda: None if scatter is None else Scatter(scatter.focal_length, scatter.position, scatter.seed),
+        "scatter": lambda: (
+            None
+            if scatter is None
+            else Scatter(scatter.focal_length, scatter.position, scatter.seed)
+        ),
         "stray_light": lambda: StrayLight(told.stray_light) if told.stray_light else None,
-        "colour_filter": lambda: None if mosaic is None else ColourFilter(mosaic.pattern, mosaic.red, mosaic.green, mosaic.blue),
+        "colour_filter": lambda: (
+            None
+            if mosaic is None
+            else ColourFilter(mosaic.pattern, mosaic.red, mosaic.green, mosaic.blue)
+        ),
         "motion": lambda: None if motion is None else Motion(motion.drift, motion.vibration),
         "sensor": told.sensor.response,
     }
 
 
-def _scene(camera: Camera, planes: tuple[Plane, ...], told: SceneDescription, made: Mapping[str, Any]) -> Scene:
+def _scene(
+    camera: Camera, planes: tuple[Plane, ...], told: SceneDescription, made: Mapping[str, Any]
+) -> Scene:
     return Scene(
         camera,
         planes,
@@ -236,7 +282,12 @@ def _plane(told: PlaneDescription, index: int, file: Path, lines: Lines) -> Plan
     under = ("planes", index)
     target = target_from(told.target, str(file), file.parent, lines, (*under, "target"))
     tilt = math.tan(told.tilt[0]), math.tan(told.tilt[1])
-    return _at(lambda: Plane(target, told.distance, told.offset, told.roll, tilt, told.size), file, lines, under)
+    return _at(
+        lambda: Plane(target, told.distance, told.offset, told.roll, tilt, told.size),
+        file,
+        lines,
+        under,
+    )
 
 
 def _at(make: Callable[[], Made], file: Path, lines: Lines, path: tuple[str | int, ...]) -> Made:

@@ -1,4 +1,6 @@
-"""From a scene to its regime: what its pupils say about blur, rims, overlap and steepness, without forming a picture."""
+"""From a scene to its regime: what its pupils say about blur, rims, overlap and steepness, without
+forming a picture.
+"""
 
 import math
 from dataclasses import replace
@@ -31,7 +33,11 @@ def survey(scene: Scene) -> Regime:
     gap, crosstalk, reaching = _neighbours(pupils, seen, pixel)
     light = level + crosstalk
     width = 2 * slope / pixel
-    rim_steepness = reaching * level * min(math.sqrt(2), 4 / (math.pi * max(float(width.min(initial=math.inf)), 1e-9)))
+    rim_steepness = (
+        reaching
+        * level
+        * min(math.sqrt(2), 4 / (math.pi * max(float(width.min(initial=math.inf)), 1e-9)))
+    )
     planes = tuple(_plane(scene, plane, seen, light, reaching * level) for plane in scene.planes)
     columns, rows = camera.sensor.resolution
     kinds = np.unique(np.stack([slope, pupils.reach[seen]], axis=1), axis=0)
@@ -49,7 +55,9 @@ def survey(scene: Scene) -> Regime:
         rim_steepness=rim_steepness,
         gap=gap,
         crosstalk=crosstalk,
-        airy=0.61 / max(float(np.abs(pupils.slant_spread[seen]).min(initial=math.inf)), 1e-300) / pixel,
+        airy=0.61
+        / max(float(np.abs(pupils.slant_spread[seen]).min(initial=math.inf)), 1e-300)
+        / pixel,
         slope=_steepest_ray(pupils, seen),
         at_once=scene.diffraction is not None,
         misaligned=_misaligned(scene, seen),
@@ -62,42 +70,59 @@ def _reaching_the_sensor(camera: Camera, pupils: Pupils) -> Flags:
     sensor = camera.sensor
     away = [
         np.maximum(np.abs(centre - middle) - count * sensor.pixel / 2, 0)
-        for centre, middle, count in zip((pupils.centre_x, pupils.centre_y), sensor.offset, sensor.resolution, strict=True)
+        for centre, middle, count in zip(
+            (pupils.centre_x, pupils.centre_y), sensor.offset, sensor.resolution, strict=True
+        )
     ]
     return np.hypot(away[0], away[1]) <= pupils.outside
 
 
 def _neighbours(pupils: Pupils, seen: Flags, pixel: float) -> tuple[float, float, int]:
-    """Gap between neighbouring micro-images in pixels, most light that a pixel has from neighbours, most micro-images on a pixel.
+    """Gap between neighbouring micro-images in pixels, most light that a pixel has from neighbours,
+    most micro-images on a pixel.
 
-    A pixel belongs to the micro-image whose centre is nearest, so no neighbour's centre is nearer than half the way between the two.
+    A pixel belongs to the micro-image whose centre is nearest, so no neighbour's centre is nearer
+    than half the way between the two.
     """
     places = np.stack([pupils.centre_x, pupils.centre_y], axis=1)
     owners = np.flatnonzero(seen)
     if len(places) < 2 or not len(owners):
         return math.inf, 0.0, 1
     middle = places[owners].mean(axis=0)
-    owners = owners[np.argsort(np.hypot(*(places[owners] - middle).T))[:9]]  # unlike microlenses repeat within a few
+    owners = owners[
+        np.argsort(np.hypot(*(places[owners] - middle).T))[:9]
+    ]  # unlike microlenses repeat within a few
     gap, crosstalk, reaching = math.inf, 0.0, 1
     for owner in owners:
         apart = np.hypot(*(places - places[owner]).T)
         others = (apart > 0) & (apart / 2 - pixel < pupils.outside)
-        gap = min(gap, float((apart - pupils.outside[owner] - pupils.outside)[apart > 0].min()) / pixel)
+        gap = min(
+            gap, float((apart - pupils.outside[owner] - pupils.outside)[apart > 0].min()) / pixel
+        )
         nearest = np.maximum(apart[others] / 2 - pixel / math.sqrt(2), 0)
         slope = np.maximum(np.abs(pupils.slope[others]), 1e-9)
-        shares = [two_disc_area(1.0, *pair) / math.pi for pair in zip(pupils.reach[others] / slope, nearest / slope, strict=True)]
+        shares = [
+            two_disc_area(1.0, *pair) / math.pi
+            for pair in zip(pupils.reach[others] / slope, nearest / slope, strict=True)
+        ]
         crosstalk = max(crosstalk, float(np.dot(shares, pupils.level[others])))
         reaching = max(reaching, 1 + int(others.sum()))
     return gap, crosstalk, reaching
 
 
 def _plane(scene: Scene, plane: Plane, seen: Flags, light: float, reaching: float) -> PlaneRegime:
-    """The regime of one target; ``reaching`` counts micro-images on a pixel, each with its level."""
+    """The regime of one target; ``reaching`` counts micro-images on a pixel, each with its
+    level.
+    """
     camera, pixel = scene.camera, scene.camera.sensor.pixel
     pupils = camera_pupils(camera, 1 / plane.distance, scene.scatter)
     spread, scale = np.abs(pupils.spread[seen]), np.abs(pupils.scale[seen]) * pixel
     outside = np.minimum(pupils.outside[seen] / pixel, math.hypot(*camera.sensor.resolution) + 1)
-    field = float((np.hypot(pupils.direction_x, pupils.direction_y)[seen] + scale * outside + spread).max(initial=0.0))
+    field = float(
+        (np.hypot(pupils.direction_x, pupils.direction_y)[seen] + scale * outside + spread).max(
+            initial=0.0
+        )
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         blur = np.where(spread == 0, 0.0, 2 * spread / scale)
         by_pixel, by_blur = light * math.sqrt(2) / scale, reaching * 2 / (math.pi * spread)
@@ -105,7 +130,9 @@ def _plane(scene: Scene, plane: Plane, seen: Flags, light: float, reaching: floa
     finite = math.isfinite(plane.distance)
     from_centre = field + (math.hypot(*plane.offset) / plane.distance if finite else 0.0)
     if isinstance(plane.target, Chirp) and finite and _fills(plane, plane.target, field):
-        steepness = min(steepness, light * math.pi * max(plane.target.cycles_per_mm) * plane.distance)
+        steepness = min(
+            steepness, light * math.pi * max(plane.target.cycles_per_mm) * plane.distance
+        )
     if len(scene.planes) > 1:
         steepness = 3 * steepness  # a card that moves uncovers what is behind it, on two sides
     return PlaneRegime(
@@ -132,7 +159,11 @@ def _contrast(plane: Plane, planes: int) -> float:
     """Range of the radiance on a target, its surroundings included."""
     if isinstance(plane.target, White | Black) and plane.size is None and planes == 1:
         return 0.0
-    return float(plane.target.values.max()) if isinstance(plane.target, Picture) and planes == 1 else 1.0
+    return (
+        float(plane.target.values.max())
+        if isinstance(plane.target, Picture) and planes == 1
+        else 1.0
+    )
 
 
 def _brightest(plane: Plane) -> float:
@@ -144,14 +175,22 @@ def _brightest(plane: Plane) -> float:
 
 def _steepest_ray(pupils: Pupils, seen: Flags) -> float:
     """Largest slope of a ray that reaches the sensor."""
-    slant = np.hypot(pupils.slant_x, pupils.slant_y) + np.abs(pupils.slant_scale) * pupils.outside + np.abs(pupils.slant_spread)
+    slant = (
+        np.hypot(pupils.slant_x, pupils.slant_y)
+        + np.abs(pupils.slant_scale) * pupils.outside
+        + np.abs(pupils.slant_spread)
+    )
     return float(slant[seen].max(initial=0.0))
 
 
 def _changed(old: Pupils, new: Pupils, seen: Flags, pixel: float) -> Change:
-    """What becomes of the rays and rims of the micro-images seen when these are the pupils instead."""
+    """What becomes of the rays and rims of the micro-images seen when these are the pupils
+    instead.
+    """
     if np.any((old.lens_scale == 0) != (new.lens_scale == 0)):
-        return Change(math.inf, math.inf, 0.0, 1.0)  # another aperture limits: the two descriptions cannot be compared
+        return Change(
+            math.inf, math.inf, 0.0, 1.0
+        )  # another aperture limits: the two descriptions cannot be compared
     step = np.hypot(new.centre_x - old.centre_x, new.centre_y - old.centre_y)
     turned = np.hypot(new.direction_x - old.direction_x, new.direction_y - old.direction_y)
     apart = np.abs(new.spread - old.spread) + np.abs(new.scale - old.scale) * old.outside
@@ -165,7 +204,14 @@ def _changed(old: Pupils, new: Pupils, seen: Flags, pixel: float) -> Change:
 
 
 def _worst(changes: list[Change]) -> Change:
-    return Change(*(max(parts) for parts in zip(*((one.rim, one.shift, one.stretch, one.level) for one in changes), strict=True)))
+    return Change(
+        *(
+            max(parts)
+            for parts in zip(
+                *((one.rim, one.shift, one.stretch, one.level) for one in changes), strict=True
+            )
+        )
+    )
 
 
 def _misaligned(scene: Scene, seen: Flags) -> Change:
@@ -176,7 +222,10 @@ def _misaligned(scene: Scene, seen: Flags) -> Change:
     step = math.hypot(*scene.camera.sensor.offset)
     changes: list[Change] = []
     for plane in scene.planes:
-        old, new = (camera_pupils(camera, 1 / plane.distance, scene.scatter) for camera in (scene.camera, ideal))
+        old, new = (
+            camera_pupils(camera, 1 / plane.distance, scene.scatter)
+            for camera in (scene.camera, ideal)
+        )
         change = _changed(old, new, seen | _reaching_the_sensor(ideal, new), pixel)
         turned = step * float(np.abs(old.scale).max())  # the sensor's own offset moves all alike
         changes.append(replace(change, rim=change.rim + step / pixel, shift=change.shift + turned))
@@ -188,6 +237,10 @@ def _scattered(scene: Scene, seen: Flags) -> Change:
         return Change()
     camera, pixel = scene.camera, scene.camera.sensor.pixel
     pairs = [
-        (camera_pupils(camera, 1 / plane.distance, scene.scatter), camera_pupils(camera, 1 / plane.distance)) for plane in scene.planes
+        (
+            camera_pupils(camera, 1 / plane.distance, scene.scatter),
+            camera_pupils(camera, 1 / plane.distance),
+        )
+        for plane in scene.planes
     ]
     return _worst([_changed(old, new, seen, pixel) for old, new in pairs])

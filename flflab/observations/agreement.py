@@ -1,4 +1,6 @@
-"""How far a camera's model agrees with observations, frame by frame and in sentences: as found, good or bad."""
+"""How far a camera's model agrees with observations, frame by frame and in sentences: as found,
+good or bad.
+"""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +22,8 @@ class FrameAgreement:
 
     Attributes:
         tilt_deg: between the board's normal and the axis.
-        residual_px: root mean square of measured less predicted positions on the sensor, after the fit of two offsets.
+        residual_px: root mean square of measured less predicted positions on the sensor, after the
+            fit of two offsets.
         offset_mm: those offsets (x, y).
     """
 
@@ -41,8 +44,12 @@ class FrameAgreement:
 
     @property
     def views_agree(self) -> bool:
-        """Whether the median numbers of views differ by no more than 10 %, or by no more than one."""
-        return abs(self.predicted_median - self.measured_median) <= max(VIEWS_COUNT, VIEWS_SHARE * self.measured_median)
+        """Whether the median numbers of views differ by no more than 10 %, or by no more than
+        one.
+        """
+        return abs(self.predicted_median - self.measured_median) <= max(
+            VIEWS_COUNT, VIEWS_SHARE * self.measured_median
+        )
 
     @property
     def depth_deviation(self) -> float | None:
@@ -53,7 +60,11 @@ class FrameAgreement:
 
 
 def compare_frames(
-    observations: Observations, seen: SeenPoints, predicted: PredictedPoints, refit: PredictedPoints | None, pixel: float
+    observations: Observations,
+    seen: SeenPoints,
+    predicted: PredictedPoints,
+    refit: PredictedPoints | None,
+    pixel: float,
 ) -> tuple[FrameAgreement, ...]:
     """Medians and totals of every frame that has observations.
 
@@ -61,16 +72,25 @@ def compare_frames(
         observations: as read.
         seen: its points as measured.
         predicted: the same points by the camera as described.
-        refit: the same by the camera with refitted distances; ``None`` where the points allow no refit.
+        refit: the same by the camera with refitted distances; ``None`` where the points allow no
+            refit.
         pixel: pixel size, mm.
     """
     return tuple(
-        _one_frame(frame, math.degrees(observations.poses[frame].tilt), seen, predicted, refit, pixel) for frame in observations.frames
+        _one_frame(
+            frame, math.degrees(observations.poses[frame].tilt), seen, predicted, refit, pixel
+        )
+        for frame in observations.frames
     )
 
 
 def _one_frame(
-    frame: int, tilt_deg: float, seen: SeenPoints, predicted: PredictedPoints, refit: PredictedPoints | None, pixel: float
+    frame: int,
+    tilt_deg: float,
+    seen: SeenPoints,
+    predicted: PredictedPoints,
+    refit: PredictedPoints | None,
+    pixel: float,
 ) -> FrameAgreement:
     of = seen.frame == frame
     known = of & seen.with_parallax
@@ -99,7 +119,9 @@ def _median(values: Array) -> float | None:
 
 
 def depth_deviation(seen: SeenPoints, predicted: PredictedPoints) -> float | None:
-    """Median over all points of the deviation of predicted from measured virtual depth, relative and without sign."""
+    """Median over all points of the deviation of predicted from measured virtual depth, relative
+    and without sign.
+    """
     known = seen.with_parallax
     return _median(np.abs(predicted.virtual_depth[known] / seen.virtual_depth[known] - 1))
 
@@ -108,23 +130,39 @@ def state_views(frames: tuple[FrameAgreement, ...]) -> list[str]:
     """Sentences on the number of views."""
     said: list[str] = []
     limit = f"{math.degrees(STEEP):.0f} degrees"
-    for steep, which in ((False, f"tilted by less than {limit}"), (True, f"tilted by {limit} or more")):
+    for steep, which in (
+        (False, f"tilted by less than {limit}"),
+        (True, f"tilted by {limit} or more"),
+    ):
         group = [frame for frame in frames if (math.radians(frame.tilt_deg) >= STEEP) == steep]
         if not group:
             continue
-        worst = max(group, key=lambda frame: abs(frame.predicted_median / frame.measured_median - 1))
+        worst = max(
+            group, key=lambda frame: abs(frame.predicted_median / frame.measured_median - 1)
+        )
         astray = [str(frame.frame) for frame in group if not frame.views_agree]
-        verdict = "in every one" if not astray else f"in {len(group) - len(astray)} of them, not in frame {', '.join(astray)}"
-        measured, predicted = (sum(getattr(frame, name) for frame in group) for name in ("measured_total", "predicted_total"))
+        verdict = (
+            "in every one"
+            if not astray
+            else f"in {len(group) - len(astray)} of them, not in frame {', '.join(astray)}"
+        )
+        measured, predicted = (
+            sum(getattr(frame, name) for frame in group)
+            for name in ("measured_total", "predicted_total")
+        )
         said.append(
-            f"Views, {len(group)} frames {which}: the predicted median lies within 10 % or one view of the measured one {verdict}; "
-            f"worst is frame {worst.frame} ({worst.predicted_median:g} predicted, {worst.measured_median:g} measured); "
-            f"in all {predicted} views are predicted, {measured} measured ({predicted / measured - 1:+.1%})."
+            f"Views, {len(group)} frames {which}: the predicted median lies within 10 % or one view"
+            f" of the measured one {verdict}; worst is frame {worst.frame}"
+            f" ({worst.predicted_median:g} predicted, {worst.measured_median:g} measured); in all"
+            f" {predicted} views are predicted, {measured} measured"
+            f" ({predicted / measured - 1:+.1%})."
         )
     return said
 
 
-def state_depths(frames: tuple[FrameAgreement, ...], before: float | None, after: float | None) -> list[str]:
+def state_depths(
+    frames: tuple[FrameAgreement, ...], before: float | None, after: float | None
+) -> list[str]:
     """Sentences on the virtual depth.
 
     Args:
@@ -132,11 +170,19 @@ def state_depths(frames: tuple[FrameAgreement, ...], before: float | None, after
         before: median relative deviation of all points by the camera as described.
         after: the same after the refit.
     """
-    found = sorted((frame for frame in frames if frame.depth_deviation is not None), key=lambda frame: frame.virtual_depth_measured or 0.0)
+    found = sorted(
+        (frame for frame in frames if frame.depth_deviation is not None),
+        key=lambda frame: frame.virtual_depth_measured or 0.0,
+    )
     if not found or before is None:
         return ["Virtual depth: no point is seen often enough for a parallax."]
-    trend = ", ".join(f"{frame.depth_deviation:+.0%} at v = {frame.virtual_depth_measured:.1f}" for frame in found)
-    said = [f"Virtual depth by the camera as described against parallax: {trend}; median of all points' deviations {before:.1%}."]
+    trend = ", ".join(
+        f"{frame.depth_deviation:+.0%} at v = {frame.virtual_depth_measured:.1f}" for frame in found
+    )
+    said = [
+        f"Virtual depth by the camera as described against parallax: {trend}; median of all points'"
+        f" deviations {before:.1%}."
+    ]
     if after is not None:
         said.append(f"After a refit of the two distances L and b alone that median is {after:.1%}.")
     return said

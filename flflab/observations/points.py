@@ -1,4 +1,6 @@
-"""Points of a board as a camera saw them, measured and predicted: number of views, and virtual depth from parallax."""
+"""Points of a board as a camera saw them, measured and predicted: number of views, and virtual
+depth from parallax.
+"""
 
 from dataclasses import dataclass
 
@@ -21,13 +23,15 @@ class SeenPoints:
     Attributes:
         frame: shape (P,).
         point: number on the board, shape (P,).
-        position: (x, y, D) in the world, mm, shape (P, 3); the origin of x and y is free in each frame.
+        position: (x, y, D) in the world, mm, shape (P, 3); the origin of x and y is free in each
+            frame.
         views: measured number of views, shape (P,).
         owner: point each view belongs to, shape (K,).
         microlens: position of each view's microlens in the camera's list, shape (K,).
         array_position: mean (x, y) of each point's microlenses, mm, shape (P, 2).
         landing: (x, y) of each view on the sensor, mm, shape (K, 2).
-        slope: parallax slope of sensor position over microlens position, shape (P,); nan for fewer than two views.
+        slope: parallax slope of sensor position over microlens position, shape (P,); nan for fewer
+            than two views.
         slope_uncertainty: its standard uncertainty, shape (P,).
     """
 
@@ -44,7 +48,9 @@ class SeenPoints:
 
     @property
     def virtual_depth(self) -> Array:
-        """Virtual depth from the parallax: 1 / |slope - 1|, as the slope is 1 - 1/v (Galilean) or 1 + 1/v (Keplerian)."""
+        """Virtual depth from the parallax: 1 / |slope - 1|, as the slope is 1 - 1/v (Galilean) or 1
+        + 1/v (Keplerian).
+        """
         with np.errstate(divide="ignore"):
             return 1 / np.abs(self.slope - 1)
 
@@ -72,22 +78,30 @@ class PredictedPoints:
 
 
 def measure_points(observations: Observations, camera: Camera) -> SeenPoints:
-    """Bring observations onto the camera's array and sensor, and take the parallax slope of every point.
+    """Bring observations onto the camera's array and sensor, and take the parallax slope of every
+    point.
 
-    The slope is the least-squares line through the views of one point, one slope for x and y, all views of equal weight (the
-    files give no uncertainties). Its uncertainty comes from the residuals, pooled over the points of a frame: a point seen four
-    times has too few of its own.
+    The slope is the least-squares line through the views of one point, one slope for x and y, all
+    views of equal weight (the files give no uncertainties). Its uncertainty comes from the
+    residuals, pooled over the points of a frame: a point seen four times has too few of its own.
 
     Raises:
         InputError: a microlens or a pixel that the camera does not have.
     """
     _check_inside(observations, camera)
     _, first, owner = np.unique(
-        observations.frame * len(observations.board.corners()) + observations.point, return_index=True, return_inverse=True
+        observations.frame * len(observations.board.corners()) + observations.point,
+        return_index=True,
+        return_inverse=True,
     )
     frame, point = observations.frame[first], observations.point[first]
     corners = observations.board.corners()
-    position = np.array([observations.poses[int(f)].positions(corners[p]) for f, p in zip(frame, point, strict=True)])
+    position = np.array(
+        [
+            observations.poses[int(f)].positions(corners[p])
+            for f, p in zip(frame, point, strict=True)
+        ]
+    )
     _check_in_front(observations, frame, point, position)
     microlens = observations.microlens[:, 0] + observations.microlens[:, 1] * camera.array.count[0]
     smms = camera_smms(camera)
@@ -96,15 +110,20 @@ def measure_points(observations: Observations, camera: Camera) -> SeenPoints:
     landing = np.array([x[0], y[0]]) + observations.pixel * camera.sensor.pixel
     views = np.bincount(owner)
     array_position = _mean(centre, owner)
-    slope, uncertainty = _slopes(centre - array_position[owner], landing - _mean(landing, owner)[owner], owner, frame)
-    return SeenPoints(frame, point, position, views, owner, microlens, array_position, landing, slope, uncertainty)
+    slope, uncertainty = _slopes(
+        centre - array_position[owner], landing - _mean(landing, owner)[owner], owner, frame
+    )
+    return SeenPoints(
+        frame, point, position, views, owner, microlens, array_position, landing, slope, uncertainty
+    )
 
 
 def predict_points(camera: Camera, seen: SeenPoints) -> PredictedPoints:
     """Chief views and virtual depth of the same points by the model of a camera.
 
-    The lateral origin of each frame is fitted first: two offsets by least squares of predicted against measured positions on
-    the sensor, on which the landing point of a chief ray depends linearly.
+    The lateral origin of each frame is fitted first: two offsets by least squares of predicted
+    against measured positions on the sensor, on which the landing point of a chief ray depends
+    linearly.
     """
     smms = camera_smms(camera)
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1)
@@ -116,7 +135,9 @@ def predict_points(camera: Camera, seen: SeenPoints) -> PredictedPoints:
         seeing, v = select(smms, seen.microlens[members]), float(vergence[number])
         angle, places = seen.position[number, :2] * v, centre[seen.microlens[members]]
         _, _, landing[members] = chief_crossings(seeing, v, angle, places)
-        per_mm[members] = (chief_crossings(seeing, v, angle + v, places)[2] - landing[members])[:, 0]
+        per_mm[members] = (chief_crossings(seeing, v, angle + v, places)[2] - landing[members])[
+            :, 0
+        ]
         depth[members] = virtual_depth(seeing, v)
     offset = np.empty((len(seen.frame), 2))
     residual = seen.landing - landing
@@ -128,29 +149,45 @@ def predict_points(camera: Camera, seen: SeenPoints) -> PredictedPoints:
         residual[members] -= slope * fitted
     fields = sensor_fields(camera)
     angles = (seen.position[:, :2] + offset) * vergence[:, None]
-    views = np.array([len(chief_view_indices(fields, float(v), angle)) for v, angle in zip(vergence, angles, strict=True)])
+    views = np.array(
+        [
+            len(chief_view_indices(fields, float(v), angle))
+            for v, angle in zip(vergence, angles, strict=True)
+        ]
+    )
     return PredictedPoints(views, _mean(depth[:, None], seen.owner)[:, 0], offset, residual)
 
 
 def _mean(values: Array, owner: Numbers) -> Array:
     """Mean over the views of each point, shape (P, k)."""
-    return np.stack([np.bincount(owner, column) for column in values.T], axis=1) / np.bincount(owner)[:, None]
+    return (
+        np.stack([np.bincount(owner, column) for column in values.T], axis=1)
+        / np.bincount(owner)[:, None]
+    )
 
 
 def _slopes(across: Array, landed: Array, owner: Numbers, frame: Numbers) -> tuple[Array, Array]:
-    """Slope of ``landed`` over ``across`` (both less their means) of each point, and its standard uncertainty."""
+    """Slope of ``landed`` over ``across`` (both less their means) of each point, and its standard
+    uncertainty.
+    """
     spread = np.bincount(owner, np.sum(across**2, axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.bincount(owner, np.sum(across * landed, axis=1)) / spread
-    squares = np.bincount(owner, np.sum((landed - np.nan_to_num(slope)[owner, None] * across) ** 2, axis=1))
-    freedom = np.maximum(2 * np.bincount(owner) - 3, 0)  # two coordinates a view, less two means and a slope
+    squares = np.bincount(
+        owner, np.sum((landed - np.nan_to_num(slope)[owner, None] * across) ** 2, axis=1)
+    )
+    freedom = np.maximum(
+        2 * np.bincount(owner) - 3, 0
+    )  # two coordinates a view, less two means and a slope
     variance = np.full(len(frame), np.nan)
     for number in np.unique(frame):
         members = (frame == number) & (freedom > 0)
         if freedom[members].sum() > 0:
             variance[frame == number] = squares[members].sum() / freedom[members].sum()
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(spread > 0, slope, np.nan), np.where(spread > 0, np.sqrt(variance / spread), np.nan)
+        return np.where(spread > 0, slope, np.nan), np.where(
+            spread > 0, np.sqrt(variance / spread), np.nan
+        )
 
 
 def _check_inside(observations: Observations, camera: Camera) -> None:
@@ -164,15 +201,18 @@ def _check_inside(observations: Observations, camera: Camera) -> None:
         outside = (given < -0.5) | (given > count - 0.5)
         if outside.any():
             raise InputError(
-                f"{file}: {name}: {given[outside][0]:g} lies outside this camera, which has {count} {unit}, 0 to {count - 1}; "
-                "give the camera that took these pictures"
+                f"{file}: {name}: {given[outside][0]:g} lies outside this camera, which has {count}"
+                f" {unit}, 0 to {count - 1}; give the camera that took these pictures"
             )
 
 
-def _check_in_front(observations: Observations, frame: Numbers, point: Numbers, position: Array) -> None:
+def _check_in_front(
+    observations: Observations, frame: Numbers, point: Numbers, position: Array
+) -> None:
     behind = position[:, 2] <= 0
     if behind.any():
         raise InputError(
-            f"{observations.folder / 'poses.json'}: {frame[behind][0]}: point {point[behind][0]} of the board lies "
-            f"{position[behind][0, 2]:.4g} mm in front of the lens; a distance above 0 mm is due"
+            f"{observations.folder / 'poses.json'}: {frame[behind][0]}: point {point[behind][0]} of"
+            f" the board lies {position[behind][0, 2]:.4g} mm in front of the lens; a distance"
+            " above 0 mm is due"
         )

@@ -1,8 +1,10 @@
-"""Reader of a folder in the format of the published R12-A measurements: points of a board, seen in micro-images.
+"""Reader of a folder in the format of the published R12-A measurements: points of a board, seen in
+micro-images.
 
-``observations.csv`` has one row per point seen in one micro-image: microlens column k and row l, pixel column u and row v, the
-point (``cluster``) and the ``frame``; further columns are not read. ``poses.json`` has a rotation and a translation per frame,
-``camera.json`` the board (``target``). Source of the format: docs/r12a.md.
+``observations.csv`` has one row per point seen in one micro-image: microlens column k and row l,
+pixel column u and row v, the point (``cluster``) and the ``frame``; further columns are not read.
+``poses.json`` has a rotation and a translation per frame, ``camera.json`` the board (``target``).
+Source of the format: docs/r12a.md.
 """
 
 import csv
@@ -34,7 +36,9 @@ class Board:
     spacing: float
 
     def corners(self) -> Array:
-        """Position of every point in the board's frame, mm, shape (points, 3): point c lies in column c % columns, row c // columns."""
+        """Position of every point in the board's frame, mm, shape (points, 3): point c lies in
+        column c % columns, row c // columns.
+        """
         row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
         return np.stack([column * self.spacing, row * self.spacing, np.zeros(len(row))], axis=1)
 
@@ -59,8 +63,9 @@ class Pose:
     def positions(self, points: Array) -> Array:
         """World (x, y, D) of points of the board, mm, shape (points, 3).
 
-        The third coordinate of R (X - t) is the distance D in front of the lens. The other two run against the sensor's
-        columns and rows in the published poses, so they change sign here; their origin is free (see ``docs/r12a.md``).
+        The third coordinate of R (X - t) is the distance D in front of the lens. The other two run
+        against the sensor's columns and rows in the published poses, so they change sign here;
+        their origin is free (see ``docs/r12a.md``).
         """
         return (points - self.translation) @ self.rotation.T * np.array([-1.0, -1.0, 1.0])
 
@@ -101,7 +106,9 @@ class Observations:
 
 class _Target(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
-    checkerboard_corners: Annotated[str, written_as(r"\s*[1-9]\d*\s*x\s*[1-9]\d*\s*", "two numbers are due, such as '8 x 5'")]
+    checkerboard_corners: Annotated[
+        str, written_as(r"\s*[1-9]\d*\s*x\s*[1-9]\d*\s*", "two numbers are due, such as '8 x 5'")
+    ]
     spacing_mm: Annotated[float, Field(gt=0)]
 
 
@@ -111,7 +118,9 @@ class _CameraFacts(BaseModel):
 
 
 class _PoseDescription(Description):
-    rotation: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+    rotation: tuple[
+        tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]
+    ]
     translation_mm: tuple[float, float, float]
 
 
@@ -119,13 +128,24 @@ def read_observations(folder: Path) -> Observations:
     """Read ``observations.csv``, ``poses.json`` and the board of ``camera.json``.
 
     Raises:
-        InputError: a file, column, cell or field is missing or impossible; the message names file, line and field.
+        InputError: a file, column, cell or field is missing or impossible; the message names file,
+            line and field.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; give one that holds observations.csv, poses.json and camera.json")
-    missing = [name for name in ("observations.csv", "poses.json", "camera.json") if not (folder / name).is_file()]
+        raise InputError(
+            f"{folder}: no such folder; give one that holds observations.csv, poses.json and"
+            " camera.json"
+        )
+    missing = [
+        name
+        for name in ("observations.csv", "poses.json", "camera.json")
+        if not (folder / name).is_file()
+    ]
     if missing:
-        raise InputError(f"{folder}: lacks {' and '.join(missing)}; give a folder that holds observations.csv, poses.json and camera.json")
+        raise InputError(
+            f"{folder}: lacks {' and '.join(missing)}; give a folder that holds observations.csv,"
+            " poses.json and camera.json"
+        )
     board = _read_board(folder / "camera.json")
     poses = _read_poses(folder / "poses.json")
     file = folder / "observations.csv"
@@ -135,18 +155,28 @@ def read_observations(folder: Path) -> Observations:
         _, _, point, frame = whole
         if point >= board.columns * board.rows:
             raise InputError(
-                f"{file}:{line}: cluster: {point} is not a point of the board; its {board.columns} x {board.rows} points have "
-                f"the numbers 0 to {board.columns * board.rows - 1}"
+                f"{file}:{line}: cluster: {point} is not a point of the board; its {board.columns}"
+                f" x {board.rows} points have the numbers 0 to {board.columns * board.rows - 1}"
             )
         if frame not in poses:
-            raise InputError(f"{file}:{line}: frame: {frame} has no pose in {folder / 'poses.json'}; poses there: {sorted(poses)}")
+            raise InputError(
+                f"{file}:{line}: frame: {frame} has no pose in {folder / 'poses.json'}; poses"
+                f" there: {sorted(poses)}"
+            )
         if whole in views:
-            raise InputError(f"{file}:{line}: this view stands in line {lines[whole]} already (same k, l, cluster and frame); keep one")
+            raise InputError(
+                f"{file}:{line}: this view stands in line {lines[whole]} already (same k, l,"
+                " cluster and frame); keep one"
+            )
         views[whole], lines[whole] = real, line
     if not views:
-        raise InputError(f"{file}:1: no view below the header; one row per point and micro-image is due")
+        raise InputError(
+            f"{file}:1: no view below the header; one row per point and micro-image is due"
+        )
     keys = np.array(list(views), dtype=np.int64)
-    return Observations(folder, board, poses, keys[:, :2], np.array(list(views.values())), keys[:, 2], keys[:, 3])
+    return Observations(
+        folder, board, poses, keys[:, :2], np.array(list(views.values())), keys[:, 2], keys[:, 3]
+    )
 
 
 def _read_board(file: Path) -> Board:
@@ -165,8 +195,14 @@ def _read_poses(file: Path) -> dict[int, Pose]:
             raise InputError(f"{where}: a frame is a whole number from 0")
         pose = check(given, _PoseDescription, str(file), lines, under=(name,))
         rotation = np.array(pose.rotation)
-        if not np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROUNDING) or np.linalg.det(rotation) < 0:
-            raise InputError(f"{where}.rotation: not a rotation; rows of length 1 at right angles and determinant +1 are due")
+        if (
+            not np.allclose(rotation @ rotation.T, np.eye(3), atol=_ROUNDING)
+            or np.linalg.det(rotation) < 0
+        ):
+            raise InputError(
+                f"{where}.rotation: not a rotation; rows of length 1 at right angles and"
+                " determinant +1 are due"
+            )
         poses[int(name)] = Pose(rotation, np.array(pose.translation_mm))
     return poses
 
@@ -178,13 +214,22 @@ def _rows(file: Path) -> Iterator[tuple[int, tuple[int, ...], tuple[float, float
             table = csv.DictReader(text)
             missing = [name for name in (*_WHOLE, *_REAL) if name not in (table.fieldnames or ())]
             if missing:
-                raise InputError(f"{file}:1: no column {', '.join(missing)}; the columns k, l, u, v, cluster and frame are due")
+                raise InputError(
+                    f"{file}:1: no column {', '.join(missing)}; the columns k, l, u, v, cluster and"
+                    " frame are due"
+                )
             for row in table:
                 line = table.line_num
                 whole = tuple(_whole(row[name], f"{file}:{line}: {name}") for name in _WHOLE)
-                yield line, whole, (_real(row["u"], f"{file}:{line}: u"), _real(row["v"], f"{file}:{line}: v"))
+                yield (
+                    line,
+                    whole,
+                    (_real(row["u"], f"{file}:{line}: u"), _real(row["v"], f"{file}:{line}: v")),
+                )
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{file}: cannot be read ({error}); a table of views with a header line is due") from error
+        raise InputError(
+            f"{file}: cannot be read ({error}); a table of views with a header line is due"
+        ) from error
 
 
 def _whole(cell: str | None, where: str) -> int:

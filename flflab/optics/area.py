@@ -1,8 +1,10 @@
-"""The measurement area: points that enough micro-images of a row see, each of them sharply; polygons with exact corners.
+"""The measurement area: points that enough micro-images of a row see, each of them sharply;
+polygons with exact corners.
 
-In the plane of (V, w), vergence and height times vergence, every ray is a straight line w = m V + (m c - q/L): so are the edges of
-all fields, and the same corners joined by straight lines are the area in (z, y) = (-1/V, w/V). V = 0 is infinity, V < 0 is cut off.
-Source: paper, "Stereo and multistereovision" and "Depth of field", Figs. 5 and 6. Lengths in mm.
+In the plane of (V, w), vergence and height times vergence, every ray is a straight line w = m V +
+(m c - q/L): so are the edges of all fields, and the same corners joined by straight lines are the
+area in (z, y) = (-1/V, w/V). V = 0 is infinity, V < 0 is cut off. Source: paper, "Stereo and
+multistereovision" and "Depth of field", Figs. 5 and 6. Lengths in mm.
 """
 
 import itertools
@@ -31,7 +33,8 @@ class MeasurementArea:
     """Where enough micro-images of the row see a point sharply.
 
     Attributes:
-        polygons: corners (V, w) of disjoint polygons, each of shape (K, 2): vergence in 1/mm, height times vergence.
+        polygons: corners (V, w) of disjoint polygons, each of shape (K, 2): vergence in 1/mm,
+            height times vergence.
         reason: why there is none; empty where there is one.
     """
 
@@ -39,9 +42,12 @@ class MeasurementArea:
     reason: str
 
     def corners(self) -> tuple[Array, ...]:
-        """The same corners as (z, y) in mm, the target in front of the main lens at z < 0; infinite where V = 0."""
+        """The same corners as (z, y) in mm, the target in front of the main lens at z < 0; infinite
+        where V = 0.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
-            return tuple(np.stack([-1 / part[:, 0], np.nan_to_num(part[:, 1] / part[:, 0], nan=0.0, posinf=np.inf, neginf=-np.inf)], axis=1)
+            return tuple(np.stack([-1 / part[:, 0],
+            np.nan_to_num(part[:, 1] / part[:, 0], nan=0.0, posinf=np.inf, neginf=-np.inf)], axis=1)
                          for part in self.polygons)  # fmt: skip
 
     def size(self) -> float:
@@ -58,7 +64,9 @@ class MeasurementArea:
 
 @dataclass(frozen=True)
 class _Edges:
-    """Lower and upper edge of what each system sees as lines slope * V + height; all of shape (n,)."""
+    """Lower and upper edge of what each system sees as lines slope * V + height; all of shape
+    (n,).
+    """
 
     low_slope: Array
     low: Array
@@ -68,26 +76,39 @@ class _Edges:
 
 
 def sharp_ranges(smms: Smms, circle: float, nearest: float) -> list[list[Interval]]:
-    """Depth of field of each system (fields of shape (n,)) as vergence intervals, from infinity to ``nearest`` mm."""
+    """Depth of field of each system (fields of shape (n,)) as vergence intervals, from infinity to
+    ``nearest`` mm.
+    """
     known: dict[tuple[float, ...], list[Interval]] = {}
     found: list[list[Interval]] = []
     for index in range(len(smms.focal)):
         one = select(smms, np.asarray(index))
         key = tuple(float(part) for part in (one.focal, one.distance, one.gap, one.aperture))
         if key not in known:
-            known[key] = [(low, min(high, 1 / nearest)) for low, high in depth_of_field(one, circle) if low < 1 / nearest]
+            known[key] = [
+                (low, min(high, 1 / nearest))
+                for low, high in depth_of_field(one, circle)
+                if low < 1 / nearest
+            ]
         found.append(known[key])
     return found
 
 
 def measurement_area(
-    camera: Camera, by: Rule = "total", views: int = 2, circle: float | None = None, *, anywhere: bool = False
+    camera: Camera,
+    by: Rule = "total",
+    views: int = 2,
+    circle: float | None = None,
+    *,
+    anywhere: bool = False,
 ) -> MeasurementArea:
-    """Points of the plane of the row (nearest the axis) that at least ``views`` of its micro-images see inside their depths of field.
+    """Points of the plane of the row (nearest the axis) that at least ``views`` of its micro-images
+    see inside their depths of field.
 
     Args:
         camera: the camera.
-        by: "total", some useful ray (the paper's, by useful chief rays), or "chief", the ray through the limiting stop's centre.
+        by: "total", some useful ray (the paper's, by useful chief rays), or "chief", the ray
+            through the limiting stop's centre.
         views: least number of micro-images.
         circle: permitted blur on the sensor, mm; one pixel unless told.
         anywhere: leave depth of field out (the paper's Fig. 5).
@@ -95,28 +116,42 @@ def measurement_area(
     row = row_fields(camera)
     lit = np.flatnonzero(~np.isnan(row.useful[:, 0]))
     if len(lit) < views:
-        return MeasurementArea((), f"fewer than {views} micro-images of the row have a useful interval")
+        return MeasurementArea(
+            (), f"fewer than {views} micro-images of the row have a useful interval"
+        )
     smms, useful = select(row.smms, lit), row.useful[lit]
     nearest = NEAREST * camera.main_lens.focal_length
     everywhere: list[Interval] = [(0.0, 1 / nearest)]
-    ranges = [everywhere] * len(lit) if anywhere else sharp_ranges(smms, circle or camera.sensor.pixel, nearest)
+    ranges = (
+        [everywhere] * len(lit)
+        if anywhere
+        else sharp_ranges(smms, circle or camera.sensor.pixel, nearest)
+    )
     lines = _total_lines(smms, useful) if by == "total" else None
     chains = _Chains()
     for first, last in _slabs(smms, ranges, lines):
         middle = (first + last) / 2
         sharp = np.array([any(low <= middle <= high for low, high in one) for one in ranges])
-        edges = _outermost(lines, middle) if lines is not None else _chief_edges(smms, useful, middle)
+        edges = (
+            _outermost(lines, middle) if lines is not None else _chief_edges(smms, useful, middle)
+        )
         _cover(edges, edges.active & sharp, first, last, views, chains)
     polygons = chains.finished()
     reason = ""
     if not polygons:
-        blind = "no micro-image is sharp at a real distance" if not any(ranges) else f"no sharp point is seen by {views} micro-images"
+        blind = (
+            "no micro-image is sharp at a real distance"
+            if not any(ranges)
+            else f"no sharp point is seen by {views} micro-images"
+        )
         reason = f"{blind} of the row"
     return MeasurementArea(polygons, reason)
 
 
 def _total_lines(smms: Smms, useful: Array) -> tuple[Array, Array, Flags]:
-    """Slopes, heights and existence of the lines of all vertices of the useful light, shape (n, 12)."""
+    """Slopes, heights and existence of the lines of all vertices of the useful light, shape (n,
+    12).
+    """
     rays = useful_rays(smms, useful)
     return rays.main_lens, rays.object_slope, rays.exists
 
@@ -125,31 +160,61 @@ def _outermost(lines: tuple[Array, Array, Flags], vergence: float) -> _Edges:
     slope, height, exists = lines
     at = slope * vergence + height
     each = np.arange(len(slope))
-    low, high = np.where(exists, at, np.inf).argmin(axis=1), np.where(exists, at, -np.inf).argmax(axis=1)
-    return _Edges(slope[each, low], height[each, low], slope[each, high], height[each, high], np.count_nonzero(exists, axis=1) > 0)
+    low, high = (
+        np.where(exists, at, np.inf).argmin(axis=1),
+        np.where(exists, at, -np.inf).argmax(axis=1),
+    )
+    return _Edges(
+        slope[each, low],
+        height[each, low],
+        slope[each, high],
+        height[each, high],
+        np.count_nonzero(exists, axis=1) > 0,
+    )
 
 
 def _chief_edges(smms: Smms, useful: Array, vergence: float) -> _Edges:
-    """The object points whose chief rays land in the useful interval; see ``views`` for the chief ray."""
+    """The object points whose chief rays land in the useful interval; see ``views`` for the chief
+    ray.
+    """
     bend = 1 / smms.distance - 1 / smms.lens_focal
     x = smms.distance * (vergence + bend)
     by_microlens = smms.aperture < smms.lens_aperture * np.abs(x)
     centre = smms.centre_x * smms.image_scale
     half = smms.lens_aperture / 2
-    m = np.clip((centre[:, None] - useful) * (smms.distance / smms.gap)[:, None], -half[:, None], half[:, None])
+    m = np.clip(
+        (centre[:, None] - useful) * (smms.distance / smms.gap)[:, None],
+        -half[:, None],
+        half[:, None],
+    )
     kappa = smms.kappa[:, None]
-    q = (useful - (smms.gap / smms.focal * smms.centre_x)[:, None]) / np.where(kappa == 0, 1.0, kappa)
+    q = (useful - (smms.gap / smms.focal * smms.centre_x)[:, None]) / np.where(
+        kappa == 0, 1.0, kappa
+    )
     edge = smms.centre_x[:, None] + smms.aperture[:, None] / 2 * np.array([-1.0, 1.0])
     q = np.where(kappa == 0, edge, np.clip(np.sort(q, axis=1), edge[:, :1], edge[:, 1:]))
     slope = np.where(by_microlens[:, None], m, 0.0)
-    height = np.where(by_microlens[:, None], m * bend[:, None] - (smms.centre_x / smms.distance)[:, None], -q / smms.distance[:, None])
+    height = np.where(
+        by_microlens[:, None],
+        m * bend[:, None] - (smms.centre_x / smms.distance)[:, None],
+        -q / smms.distance[:, None],
+    )
     order = np.argsort(slope * vergence + height, axis=1)
-    slope, height = np.take_along_axis(slope, order, axis=1), np.take_along_axis(height, order, axis=1)
-    return _Edges(slope[:, 0], height[:, 0], slope[:, 1], height[:, 1], np.ones(len(slope), dtype=np.bool_))
+    slope, height = (
+        np.take_along_axis(slope, order, axis=1),
+        np.take_along_axis(height, order, axis=1),
+    )
+    return _Edges(
+        slope[:, 0], height[:, 0], slope[:, 1], height[:, 1], np.ones(len(slope), dtype=np.bool_)
+    )
 
 
-def _slabs(smms: Smms, ranges: list[list[Interval]], lines: tuple[Array, Array, Flags] | None) -> list[Interval]:
-    """Vergence ranges in which every system's edges are one line each and its depth of field is on or off throughout."""
+def _slabs(
+    smms: Smms, ranges: list[list[Interval]], lines: tuple[Array, Array, Flags] | None
+) -> list[Interval]:
+    """Vergence ranges in which every system's edges are one line each and its depth of field is on
+    or off throughout.
+    """
     whole = merge_intervals([part for one in ranges for part in one])
     if lines is None:
         bend = 1 / smms.lens_focal - 1 / smms.distance
@@ -190,7 +255,9 @@ class _Chains:
         self._open: list[tuple[list[tuple[float, float]], list[tuple[float, float]]]] = []
         self._done: list[Array] = []
 
-    def add(self, first: float, last: float, pieces: list[tuple[float, float, float, float]]) -> None:
+    def add(
+        self, first: float, last: float, pieces: list[tuple[float, float, float, float]]
+    ) -> None:
         """Add the pieces (low and high at ``first``, low and high at ``last``) of one slab."""
         carried: list[tuple[list[tuple[float, float]], list[tuple[float, float]]]] = []
         for low0, high0, low1, high1 in pieces:
@@ -219,7 +286,9 @@ class _Chains:
 
 
 def _polygon(low: list[tuple[float, float]], high: list[tuple[float, float]]) -> Array:
-    """One polygon from its lower and upper edge, without the corners that lie on a straight line."""
+    """One polygon from its lower and upper edge, without the corners that lie on a straight
+    line.
+    """
     sides = []
     for side in (low, high):
         points = np.array(side)
@@ -227,15 +296,21 @@ def _polygon(low: list[tuple[float, float]], high: list[tuple[float, float]]) ->
         for i in range(1, len(points) - 1):
             before, here, after = points[i - 1], points[i], points[i + 1]
             share = (here[0] - before[0]) / (after[0] - before[0])
-            keep[i] = abs(before[1] + share * (after[1] - before[1]) - here[1]) > 1e-12 * (np.abs(points[:, 1]).max() + 1e-300)
+            keep[i] = abs(before[1] + share * (after[1] - before[1]) - here[1]) > 1e-12 * (
+                np.abs(points[:, 1]).max() + 1e-300
+            )
         sides.append(points[keep])
     corners = np.concatenate([sides[0], sides[1][::-1]])
     same = np.all(np.isclose(corners, np.roll(corners, 1, axis=0), rtol=1e-12, atol=1e-15), axis=1)
     return corners[~same]
 
 
-def _cover(edges: _Edges, active: Flags, first: float, last: float, views: int, chains: _Chains) -> None:
-    """Add what at least ``views`` of the active systems see between two vergences, cut wherever two edges cross."""
+def _cover(
+    edges: _Edges, active: Flags, first: float, last: float, views: int, chains: _Chains
+) -> None:
+    """Add what at least ``views`` of the active systems see between two vergences, cut wherever two
+    edges cross.
+    """
     slope = np.concatenate([edges.low_slope[active], edges.high_slope[active]])
     height = np.concatenate([edges.low[active], edges.high[active]])
     step = np.repeat([1, -1], int(active.sum()))
@@ -243,7 +318,11 @@ def _cover(edges: _Edges, active: Flags, first: float, last: float, views: int, 
         return
     a, b = np.triu_indices(len(slope), 1)
     cuts = _distinct(_crossings(slope[a] - slope[b], height[b] - height[a]))
-    marks = [first, *cuts[(cuts > first * (1 + 1e-12)) & (cuts < last * (1 - 1e-12))].tolist(), last]
+    marks = [
+        first,
+        *cuts[(cuts > first * (1 + 1e-12)) & (cuts < last * (1 - 1e-12))].tolist(),
+        last,
+    ]
     for low, high in itertools.pairwise(marks):
         order = np.argsort(slope * ((low + high) / 2) + height, kind="stable")
         depth = np.cumsum(step[order])

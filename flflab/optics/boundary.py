@@ -1,10 +1,12 @@
-"""Boundary chief rays and useful chief rays: the edges of what one SMMS sees, on the sensor and on the object side.
+"""Boundary chief rays and useful chief rays: the edges of what one SMMS sees, on the sensor and on
+the object side.
 
-A ray is (m, q), where it crosses the main lens and the microlens plane. All light of an SMMS is the rectangle |m| <= A/2,
+A ray is (m, q), where it crosses the main lens and the microlens plane. All light of an SMMS is the
+rectangle |m| <= A/2,
 |q - y| <= d/2; its corners are the boundary rays, and the strip of rays that land in the useful interval cuts it. On the object
-side a ray is the straight line o = m + D (m c - q/L) with c = 1/L - 1/F, or o V = m W - q/L: finite at infinity too.
-Lengths in mm. Source: paper, "Chief rays and useful chief rays", Figs. 2 to 4.
-"""
+side a ray is the straight line o = m + D (m c - q/L) with c = 1/L - 1/F, or o V = m W - q/L: finite
+at infinity too. Lengths in mm. Source: paper, "Chief rays and useful chief rays", Figs. 2 to 4.
+"""  # noqa: E501
 
 from dataclasses import dataclass
 
@@ -31,7 +33,8 @@ class Rays:
         microlens: where they cross the microlens plane, mm.
         sensor: where they land, mm.
         object_slope: slope of the object-side line, o = main_lens + distance * object_slope.
-        exists: whether the ray is one; a useful ray is not where the edge of the useful interval does not cut that stop's edge.
+        exists: whether the ray is one; a useful ray is not where the edge of the useful interval
+            does not cut that stop's edge.
     """
 
     main_lens: Array
@@ -43,12 +46,14 @@ class Rays:
 
 @dataclass(frozen=True)
 class ObjectFields:
-    """What SMMSs see in an object plane, as intervals of o V (height times vergence; the angle at infinity), shape (..., 2).
+    """What SMMSs see in an object plane, as intervals of o V (height times vergence; the angle at
+    infinity), shape (..., 2).
 
     Attributes:
         bright: between the inside boundary rays: the full cone passes.
         total: between the outside boundary rays: some light passes.
-        useful_bright: the full cone passes and lands in the useful interval; nan where nothing does.
+        useful_bright: the full cone passes and lands in the useful interval; nan where nothing
+            does.
         useful_total: some light lands in the useful interval; nan where there is no such interval.
     """
 
@@ -59,7 +64,9 @@ class ObjectFields:
 
 
 def _as_column(smms: Smms) -> Smms:
-    return Smms(**{name: np.asarray(getattr(smms, name))[..., None] for name in Smms.__dataclass_fields__})
+    return Smms(
+        **{name: np.asarray(getattr(smms, name))[..., None] for name in Smms.__dataclass_fields__}
+    )
 
 
 def _rays(smms: Smms, m: Array, q: Array, exists: Flags) -> Rays:
@@ -70,9 +77,11 @@ def _rays(smms: Smms, m: Array, q: Array, exists: Flags) -> Rays:
 
 
 def boundary_rays(smms: Smms) -> Rays:
-    """The four boundary chief rays of each SMMS along x, in the order of ``BOUNDARY_NAMES`` (upper and lower edge of the main lens).
+    """The four boundary chief rays of each SMMS along x, in the order of ``BOUNDARY_NAMES`` (upper
+    and lower edge of the main lens).
 
-    Parallel rays pass edges on the same side of main lens and microlens, diagonal ones on opposite sides.
+    Parallel rays pass edges on the same side of main lens and microlens, diagonal ones on opposite
+    sides.
 
     Args:
         smms: systems, fields of shape (...).
@@ -87,15 +96,19 @@ def boundary_rays(smms: Smms) -> Rays:
 
 
 def parallel_are_inside(smms: Smms, vergence: Array | float | None = None) -> Flags:
-    """Whether the parallel rays are the inside ones: on the sensor iff kappa > 0, in the object plane of ``vergence`` iff W > 0."""
+    """Whether the parallel rays are the inside ones: on the sensor iff kappa > 0, in the object
+    plane of ``vergence`` iff W > 0.
+    """
     return smms.kappa > 0 if vergence is None else array_vergence(smms, vergence) > 0
 
 
 def useful_rays(smms: Smms, useful: Array) -> Rays:
-    """Vertices of the light that lands in the useful interval: 4 boundary rays, then 4 useful rays on its low edge, 4 on its high one.
+    """Vertices of the light that lands in the useful interval: 4 boundary rays, then 4 useful rays
+    on its low edge, 4 on its high one.
 
-    Useful chief rays pass an edge of the useful interval and an edge of the main lens (upper, lower) or of the microlens (upper,
-    lower). Where the strip touches only a corner of the rectangle, that boundary ray is it.
+    Useful chief rays pass an edge of the useful interval and an edge of the main lens (upper,
+    lower) or of the microlens (upper, lower). Where the strip touches only a corner of the
+    rectangle, that boundary ray is it.
 
     Args:
         smms: systems, fields of shape (...).
@@ -127,14 +140,20 @@ def useful_rays(smms: Smms, useful: Array) -> Rays:
             steep & (np.abs(q - y) * np.abs(kappa) <= half_microlens * np.abs(kappa) + slack),
             np.abs(m) * slope <= half_lens * slope + slack,
         ]
-    return _rays(column, np.concatenate(ms, axis=-1), np.concatenate(qs, axis=-1), np.concatenate(exist, axis=-1))
+    return _rays(
+        column,
+        np.concatenate(ms, axis=-1),
+        np.concatenate(qs, axis=-1),
+        np.concatenate(exist, axis=-1),
+    )
 
 
 def object_fields(smms: Smms, useful: Array, vergence: float) -> ObjectFields:
-    """Bright and total field of each SMMS in an object plane, by boundary rays and by useful chief rays.
+    """Bright and total field of each SMMS in an object plane, by boundary rays and by useful chief
+    rays.
 
-    Inside useful rays alone do not mark the bright field (paper, Fig. 4): it lies between the inside boundary rays, cut by the inner
-    ones of the useful rays.
+    Inside useful rays alone do not mark the bright field (paper, Fig. 4): it lies between the
+    inside boundary rays, cut by the inner ones of the useful rays.
 
     Args:
         smms: systems, fields of shape (...).
@@ -143,7 +162,9 @@ def object_fields(smms: Smms, useful: Array, vergence: float) -> ObjectFields:
     """
     column = _as_column(smms)
     corner = boundary_rays(smms)
-    ordered = np.sort(object_crossing(column, corner.main_lens, corner.microlens, np.asarray(vergence)), axis=-1)
+    ordered = np.sort(
+        object_crossing(column, corner.main_lens, corner.microlens, np.asarray(vergence)), axis=-1
+    )
     bright, total = ordered[..., 1:3], ordered[..., [0, 3]]
     rays = useful_rays(smms, useful)
     height = object_crossing(column, rays.main_lens, rays.microlens, np.asarray(vergence))
@@ -158,7 +179,8 @@ def object_fields(smms: Smms, useful: Array, vergence: float) -> ObjectFields:
     lowest, highest = spread(slice(0, 12))
     some = lowest <= highest
     useful_total = np.where(some[..., None], np.stack([lowest, highest], axis=-1), np.nan)
-    # Points that send a ray onto an edge of the useful interval lie between that edge's rays: none of them is wholly inside.
+    # Points that send a ray onto an edge of the useful interval lie between that edge's rays: none
+    # of them is wholly inside.
     low_first, low_last = spread(slice(4, 8))
     high_first, high_last = spread(slice(8, 12))
     rising = low_last <= high_first

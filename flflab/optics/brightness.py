@@ -1,8 +1,9 @@
-"""How much light reaches each micro-image: marginal angle and irradiance against the sensor's position, and how they fall off.
+"""How much light reaches each micro-image: marginal angle and irradiance against the sensor's
+position, and how they fall off.
 
-The marginal angle is a plane angle and falls as cos^2 of the field angle phi = atan(y/L) (for a slender cone); the irradiance of the
-same cone falls as cos^4: the paper's "cos^4" is right for the second. Lengths in mm, angles in rad.
-Source: paper, "Marginal angles", Figs. 8 and 9.
+The marginal angle is a plane angle and falls as cos^2 of the field angle phi = atan(y/L) (for a
+slender cone); the irradiance of the same cone falls as cos^4: the paper's "cos^4" is right for the
+second. Lengths in mm, angles in rad. Source: paper, "Marginal angles", Figs. 8 and 9.
 """
 
 from dataclasses import dataclass, replace
@@ -36,7 +37,9 @@ class Brightness:
 
 
 def limiting_half_width(smms: Smms) -> Array:
-    """Half width, at the microlens, of the cone onto the micro-image's centre, mm: g = min(d, w_m / |kappa|) / 2."""
+    """Half width, at the microlens, of the cone onto the micro-image's centre, mm: g = min(d, w_m /
+    |kappa|) / 2.
+    """
     with np.errstate(divide="ignore"):
         return np.minimum(smms.aperture, smms.lens_width / np.abs(smms.kappa)) / 2
 
@@ -44,22 +47,28 @@ def limiting_half_width(smms: Smms) -> Array:
 def irradiance(smms: Smms) -> Array:
     """Irradiance of the cone onto each micro-image's centre, as a share of a full hemisphere's.
 
-    E = (1 - (b^2 + t^2 - g^2) / sqrt((b^2 + t^2 - g^2)^2 + 4 b^2 g^2)) / 2 with t = y b/L, written without the cancellation of 1 - 1.
+    E = (1 - (b^2 + t^2 - g^2) / sqrt((b^2 + t^2 - g^2)^2 + 4 b^2 g^2)) / 2 with t = y b/L, written
+    without the cancellation of 1 - 1.
     """
     b, g = smms.gap, limiting_half_width(smms)
     t = np.hypot(smms.centre_x, smms.centre_y) * b / smms.distance
     near = b * b + (t - g) * (t + g)
     root = np.hypot(near, 2 * b * g)
-    return np.where(near > 0, 2 * (b * g) ** 2 / (root * (root + np.maximum(near, 0.0))), (1 - near / root) / 2)
+    return np.where(
+        near > 0, 2 * (b * g) ** 2 / (root * (root + np.maximum(near, 0.0))), (1 - near / root) / 2
+    )
 
 
 def vignetted_angle(smms: Smms, offset: Array | float) -> Array:
-    """Marginal angle at ``offset`` mm from the micro-image's centre: times the relative illumination of the row (the paper's way)."""
+    """Marginal angle at ``offset`` mm from the micro-image's centre: times the relative
+    illumination of the row (the paper's way).
+    """
     return marginal_angle(smms) * row_illumination(smms, np.asarray(offset, dtype=np.float64))
 
 
 def brightness(camera: Camera, sensor_distances: Array) -> Brightness:
-    """Marginal angle and irradiance of every microlens of the row against the sensor's position (the paper's Fig. 9).
+    """Marginal angle and irradiance of every microlens of the row against the sensor's position
+    (the paper's Fig. 9).
 
     Args:
         camera: the camera; its own sensor distance is not used.
@@ -72,15 +81,21 @@ def brightness(camera: Camera, sensor_distances: Array) -> Brightness:
     angles: list[Array] = []
     shares: list[Array] = []
     for distance in sensor_distances:
-        smms = select(camera_smms(replace(camera, sensor=replace(camera.sensor, distance=float(distance)))), members)
+        smms = select(
+            camera_smms(replace(camera, sensor=replace(camera.sensor, distance=float(distance)))),
+            members,
+        )
         angles.append(marginal_angle(smms))
         shares.append(irradiance(smms))
     centre = select(camera_smms(camera), members).centre_x
-    return Brightness(np.asarray(sensor_distances, dtype=np.float64), centre, np.stack(angles), np.stack(shares))
+    return Brightness(
+        np.asarray(sensor_distances, dtype=np.float64), centre, np.stack(angles), np.stack(shares)
+    )
 
 
 def fall_exponents(smms: Smms) -> tuple[Array, Array]:
-    """Exponents n of cos^n phi near the axis for marginal angle and irradiance, closed forms with r = g/b.
+    """Exponents n of cos^n phi near the axis for marginal angle and irradiance, closed forms with r
+    = g/b.
 
     2 r / (atan(r) (1 + r^2)^2) and 4 / (1 + r^2)^2.
     """
@@ -89,7 +104,8 @@ def fall_exponents(smms: Smms) -> tuple[Array, Array]:
 
 
 def fitted_exponent(phi: Array, value: Array) -> float:
-    """Exponent n of value ~ cos^n phi in the limit of small phi: least squares of the logarithms with a term in phi^4 beside.
+    """Exponent n of value ~ cos^n phi in the limit of small phi: least squares of the logarithms
+    with a term in phi^4 beside.
 
     Args:
         phi: field angles, shape (n,), rad; at least three, one of them 0 or near it.

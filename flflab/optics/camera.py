@@ -1,4 +1,6 @@
-"""What the camera is made of: main lens, microlens array and sensor as frozen descriptions, and where the microlenses lie."""
+"""What the camera is made of: main lens, microlens array and sensor as frozen descriptions, and
+where the microlenses lie.
+"""
 
 import math
 from dataclasses import dataclass, fields, is_dataclass
@@ -18,8 +20,9 @@ ApertureShape = Literal["round", "square"]
 class MainLens:
     """The main lens; lengths in mm.
 
-    Object distances count from its front principal plane, all distances behind it from its rear one, at z = 0. A thin lens has both in
-    one place; ``principal_separation`` (rear minus front, negative where they are crossed) only says how far apart they lie.
+    Object distances count from its front principal plane, all distances behind it from its rear
+    one, at z = 0. A thin lens has both in one place; ``principal_separation`` (rear minus front,
+    negative where they are crossed) only says how far apart they lie.
     """
 
     focal_length: float
@@ -34,9 +37,11 @@ class MainLens:
 
 @dataclass(frozen=True)
 class Substrate:
-    """The glass plate that carries the microlenses: ``thickness`` in mm, refractive ``index``, on which ``side`` of the lenses.
+    """The glass plate that carries the microlenses: ``thickness`` in mm, refractive ``index``, on
+    which ``side`` of the lenses.
 
-    Distances to the array are air, up to the nearest face of plate or lenses; the plate adds thickness/index to the optical one.
+    Distances to the array are air, up to the nearest face of plate or lenses; the plate adds
+    thickness/index to the optical one.
     """
 
     thickness: float
@@ -48,10 +53,11 @@ class Substrate:
 class MicrolensArray:
     """The microlens array; lengths in mm, angles in rad.
 
-    ``pitch`` is (x, y): along a row, and between nearest neighbours of adjacent rows scaled so that equal numbers mean a
-    regular lattice (hexagonal rows lie pitch_y sqrt(3)/2 apart). ``pattern`` is a tile of indices into ``focal_lengths``,
-    indexed [row % rows of the tile, column % columns of the tile]. ``distance`` is behind the main lens. ``tilt`` is the
-    slope of the array's plane along (x, y): the microlens at (x, y) lies tilt_x x + tilt_y y further from the main lens.
+    ``pitch`` is (x, y): along a row, and between nearest neighbours of adjacent rows scaled so that
+    equal numbers mean a regular lattice (hexagonal rows lie pitch_y sqrt(3)/2 apart). ``pattern``
+    is a tile of indices into ``focal_lengths``, indexed [row % rows of the tile, column % columns
+    of the tile]. ``distance`` is behind the main lens. ``tilt`` is the slope of the array's plane
+    along (x, y): the microlens at (x, y) lies tilt_x x + tilt_y y further from the main lens.
     """
 
     layout: Layout
@@ -79,7 +85,9 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Useful:
-    """Which part of a micro-image counts: least relative illumination, and most crosstalk from neighbours."""
+    """Which part of a micro-image counts: least relative illumination, and most crosstalk from
+    neighbours.
+    """
 
     minimum_illumination: float = 0.0
     maximum_crosstalk: float = 0.0
@@ -99,7 +107,8 @@ class Camera:
         """Refuse what is not a camera.
 
         Raises:
-            InputError: a length is not positive or finite, the sensor is not behind the array, or the pattern points nowhere.
+            InputError: a length is not positive or finite, the sensor is not behind the array, or
+                the pattern points nowhere.
         """
         for path, value in _numbers(self, ""):
             if not math.isfinite(value):
@@ -119,28 +128,43 @@ class Camera:
             if value <= 0:
                 raise InputError(f"camera: {path} is {value:g}; a number above 0 is due")
         if any(f == 0 for f in self.array.focal_lengths) or not self.array.focal_lengths:
-            raise InputError("camera: microlens_array.focal_length needs at least one focal length, none of them 0")
+            raise InputError(
+                "camera: microlens_array.focal_length needs at least one focal length, none of"
+                " them 0"
+            )
         if self.sensor.distance <= self.array.distance:
             raise InputError(
-                f"camera: sensor.distance is {self.sensor.distance:g} mm, in front of or on the array at "
-                f"{self.array.distance:g} mm; the sensor lies behind the array"
+                f"camera: sensor.distance is {self.sensor.distance:g} mm, in front of or on the"
+                f" array at {self.array.distance:g} mm; the sensor lies behind the array"
             )
         plate = self.array.substrate
         if plate is not None and plate.thickness < 0:
-            raise InputError(f"camera: microlens_array.substrate.thickness is {plate.thickness:g} mm; 0 mm or more is due")
+            raise InputError(
+                f"camera: microlens_array.substrate.thickness is {plate.thickness:g} mm; 0 mm or"
+                " more is due"
+            )
         if plate is not None and plate.index < 1:
-            raise InputError(f"camera: microlens_array.substrate.refractive_index is {plate.index:g}; 1 or more is due")
+            raise InputError(
+                f"camera: microlens_array.substrate.refractive_index is {plate.index:g}; 1 or more"
+                " is due"
+            )
         nearest = nearest_neighbour(self.array)
         if self.array.aperture > nearest * (1 + 1e-9):
             raise InputError(
-                f"camera: microlens_array.aperture is {self.array.aperture:g} mm, wider than the {nearest:g} mm between neighbours; "
-                "the pitch at most is allowed"
+                f"camera: microlens_array.aperture is {self.array.aperture:g} mm, wider than the"
+                f" {nearest:g} mm between neighbours; the pitch at most is allowed"
             )
         types = len(self.array.focal_lengths)
-        if not self.array.pattern or any(not 0 <= kind < types for row in self.array.pattern for kind in row):
-            raise InputError(f"camera: microlens_array.pattern must be rows of indices from 0 to {types - 1}")
+        if not self.array.pattern or any(
+            not 0 <= kind < types for row in self.array.pattern for kind in row
+        ):
+            raise InputError(
+                f"camera: microlens_array.pattern must be rows of indices from 0 to {types - 1}"
+            )
         if len({len(row) for row in self.array.pattern}) != 1 or not self.array.pattern[0]:
-            raise InputError("camera: microlens_array.pattern must be rows of one and the same length")
+            raise InputError(
+                "camera: microlens_array.pattern must be rows of one and the same length"
+            )
         for path, share in (
             ("minimum_illumination", self.useful.minimum_illumination),
             ("maximum_crosstalk", self.useful.maximum_crosstalk),
@@ -155,12 +179,16 @@ class Camera:
 
     @property
     def optical_distance(self) -> float:
-        """L, main lens to microlenses, mm: the air and, where the plate faces the main lens, its thickness over its index."""
+        """L, main lens to microlenses, mm: the air and, where the plate faces the main lens, its
+        thickness over its index.
+        """
         return self.array.distance + self._plate("main lens")
 
     @property
     def optical_gap(self) -> float:
-        """b, microlenses to sensor, mm: the air and, where the plate faces the sensor, its thickness over its index."""
+        """b, microlenses to sensor, mm: the air and, where the plate faces the sensor, its
+        thickness over its index.
+        """
         return self.gap + self._plate("sensor")
 
     def _plate(self, side: str) -> float:
@@ -177,9 +205,15 @@ def nearest_neighbour(array: MicrolensArray) -> float:
 def _numbers(part: Any, path: str) -> list[tuple[str, float]]:
     """Every number inside a frozen description with the path that names it."""
     if is_dataclass(part):
-        return [found for field in fields(part) for found in _numbers(getattr(part, field.name), f"{path}.{field.name}".lstrip("."))]
+        return [
+            found
+            for field in fields(part)
+            for found in _numbers(getattr(part, field.name), f"{path}.{field.name}".lstrip("."))
+        ]
     if isinstance(part, tuple):
-        return [found for index, item in enumerate(part) for found in _numbers(item, f"{path}[{index}]")]  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
+        return [
+            found for index, item in enumerate(part) for found in _numbers(item, f"{path}[{index}]")
+        ]  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
     return [(path, float(part))] if isinstance(part, (int, float)) else []
 
 
@@ -191,9 +225,11 @@ def microlens_indices(array: MicrolensArray) -> npt.NDArray[np.int64]:
 
 
 def microlens_centres(array: MicrolensArray) -> Array:
-    """Centres (x, y) of every microlens in mm, row by row, shape (N, 2); the middle of the array lies at its offset.
+    """Centres (x, y) of every microlens in mm, row by row, shape (N, 2); the middle of the array
+    lies at its offset.
 
-    Hexagonal: microlens (k, l) lies at (pitch_x (k - (l mod 2)/2), pitch_y l sqrt(3)/2) before centring.
+    Hexagonal: microlens (k, l) lies at (pitch_x (k - (l mod 2)/2), pitch_y l sqrt(3)/2) before
+    centring.
     """
     column, row = microlens_indices(array).T.astype(np.float64)
     if array.layout == "hexagonal":
@@ -202,7 +238,9 @@ def microlens_centres(array: MicrolensArray) -> Array:
     x = array.pitch[0] * (column - (column.min() + column.max()) / 2)
     y = array.pitch[1] * (row - (row.min() + row.max()) / 2)
     cos, sin = math.cos(array.roll), math.sin(array.roll)
-    return np.stack([cos * x - sin * y + array.offset[0], sin * x + cos * y + array.offset[1]], axis=1)
+    return np.stack(
+        [cos * x - sin * y + array.offset[0], sin * x + cos * y + array.offset[1]], axis=1
+    )
 
 
 def microlens_types(array: MicrolensArray) -> npt.NDArray[np.int64]:
@@ -213,7 +251,8 @@ def microlens_types(array: MicrolensArray) -> npt.NDArray[np.int64]:
 
 
 def pixel_positions(sensor: Sensor) -> tuple[Array, Array]:
-    """World x of the pixel columns and y of the pixel rows (centres) in mm: shapes (columns,) and (rows,).
+    """World x of the pixel columns and y of the pixel rows (centres) in mm: shapes (columns,) and
+    (rows,).
 
     Columns rise with x and rows with y; the middle of the sensor lies at its offset.
     """

@@ -1,7 +1,9 @@
-"""What one SMMS does with a target at a distance: image position, virtual depth, magnification, blur, depth of field.
+"""What one SMMS does with a target at a distance: image position, virtual depth, magnification,
+blur, depth of field.
 
-Works in the object vergence V = 1/D and in x = L W = -a/D', so that a target at infinity, an image on the array and an afocal
-array are ordinary values. Lengths in mm. Source: paper, "Depth of field" and "MTF function"; thin lenses, first order.
+Works in the object vergence V = 1/D and in x = L W = -a/D', so that a target at infinity, an image
+on the array and an afocal array are ordinary values. Lengths in mm. Source: paper, "Depth of field"
+and "MTF function"; thin lenses, first order.
 """
 
 import math
@@ -21,13 +23,17 @@ def vergence_of(distance: float) -> float:
 
 
 def image_distance(smms: Smms, vergence: Array | float) -> Array:
-    """Main lens to the target's image, mm: D' = L / (1 - x); infinite for an object in the front focal plane."""
+    """Main lens to the target's image, mm: D' = L / (1 - x); infinite for an object in the front
+    focal plane.
+    """
     with np.errstate(divide="ignore"):
         return smms.distance / (1 - image_offset(smms, vergence))
 
 
 def virtual_depth(smms: Smms, vergence: Array | float) -> Array:
-    """|a| / b: distance from the array to the main lens's image over the gap to the sensor (eq. 3 and reference [6])."""
+    """|a| / b: distance from the array to the main lens's image over the gap to the sensor (eq. 3
+    and reference [6]).
+    """
     with np.errstate(divide="ignore"):
         x = image_offset(smms, vergence)
         return np.abs(x / (1 - x)) * smms.distance / smms.gap
@@ -57,20 +63,26 @@ def magnification(smms: Smms, vergence: Array | float) -> Array:
 
 
 def blur(smms: Smms, vergence: Array | float) -> Array:
-    """Diameter of the geometric blur of a point on the sensor, mm: |kappa x - b/L| min(A, d/|x|)."""
+    """Diameter of the geometric blur of a point on the sensor, mm: |kappa x - b/L| min(A,
+    d/|x|).
+    """
     return np.abs(signed_blur(smms, vergence))
 
 
 def signed_blur(smms: Smms, vergence: Array | float) -> Array:
-    """``blur`` with the sign of the defocus, which is not the same on both sides of the focus, mm."""
+    """``blur`` with the sign of the defocus, which is not the same on both sides of the focus,
+    mm.
+    """
     x = image_offset(smms, vergence)
     return (smms.kappa * x - smms.gap / smms.distance) * limiting_aperture(smms, vergence)
 
 
 def sharp_vergence(smms: Smms) -> Array:
-    """Vergence of the object plane in focus, 1/mm; infinite where the sensor lies in the exit pupil.
+    """Vergence of the object plane in focus, 1/mm; infinite where the sensor lies in the exit
+    pupil.
 
-    V = 1/F - e/(1 + L e) with e = 1/b - 1/f, the vergence that the microlens brings to a point on the sensor: kappa x = b/L.
+    V = 1/F - e/(1 + L e) with e = 1/b - 1/f, the vergence that the microlens brings to a point on
+    the sensor: kappa x = b/L.
     """
     e = 1 / smms.gap - 1 / smms.focal
     with np.errstate(divide="ignore"):
@@ -78,11 +90,13 @@ def sharp_vergence(smms: Smms) -> Array:
 
 
 def depth_of_field(smms: Smms, circle: float) -> list[Interval]:
-    """Object vergences (low, high) with blur <= circle, for one SMMS, as a sorted union of intervals with V >= 0.
+    """Object vergences (low, high) with blur <= circle, for one SMMS, as a sorted union of
+    intervals with V >= 0.
 
     |kappa x - b/L| <= c max(1/A, |x|/d) is the union of two sets with closed-form ends; ends at infinity are allowed. With
-    e = 1/b - 1/f the ends of the main lens's set lie at V = 1/F - (e -+ c/(A b))/(1 + L e), those of the microlens's at
-    V = 1/F - e'/(1 + L e') with e' = (1 +- c/d)/b - 1/f: nothing cancels there that does not cancel in the result's condition.
+    e = 1/b - 1/f the ends of the main lens's set lie at V = 1/F - (e -+ c/(A b))/(1 + L e), those
+    of the microlens's at V = 1/F - e'/(1 + L e') with e' = (1 +- c/d)/b - 1/f: nothing cancels
+    there that does not cancel in the result's condition.
 
     Args:
         smms: one system (fields of shape ()).
@@ -90,8 +104,18 @@ def depth_of_field(smms: Smms, circle: float) -> list[Interval]:
 
     Returns:
         Vergence intervals in 1/mm, disjoint, rising; empty when nothing real is sharp.
-    """
-    F, A, L, b, f, d = (float(part) for part in (smms.lens_focal, smms.lens_aperture, smms.distance, smms.gap, smms.focal, smms.aperture))
+    """  # noqa: E501
+    F, A, L, b, f, d = (
+        float(part)
+        for part in (
+            smms.lens_focal,
+            smms.lens_aperture,
+            smms.distance,
+            smms.gap,
+            smms.focal,
+            smms.aperture,
+        )
+    )
     sets: list[Interval] = []
     e = 1 / b - 1 / f
     middle, spread = 1 + L * e, circle / A / b
@@ -100,7 +124,8 @@ def depth_of_field(smms: Smms, circle: float) -> list[Interval]:
         sets.append((ends[0], ends[1]))
     elif b / L <= circle / A:
         sets.append((-math.inf, math.inf))
-    # 1 + L e' is kappa +- c/d times L/b: of one sign the set lies between its ends, of two outside them.
+    # 1 + L e' is kappa +- c/d times L/b: of one sign the set lies between its ends, of two outside
+    # them.
     plus, minus = ((1 + sign * circle / d) / b - 1 / f for sign in (1, -1))
     above, below = 1 + L * plus, 1 + L * minus
     high = 1 / F - plus / above if above != 0 else math.inf
@@ -126,8 +151,8 @@ def merge_intervals(intervals: list[Interval]) -> list[Interval]:
 def marginal_angle(smms: Smms) -> Array:
     """Full plane angle of the cone on each micro-image's centre, rad (paper, Figs. 8 and 9).
 
-    atan((t + g)/b) - atan((t - g)/b) with t = y b/L the shift of the centre and g the half width of the limiting stop, written as
-    one angle so that far off the axis no digits cancel.
+    atan((t + g)/b) - atan((t - g)/b) with t = y b/L the shift of the centre and g the half width of
+    the limiting stop, written as one angle so that far off the axis no digits cancel.
     """
     with np.errstate(divide="ignore"):
         half = np.minimum(smms.aperture, smms.lens_width / np.abs(smms.kappa)) / 2

@@ -1,4 +1,6 @@
-"""What differs from one microlens type to the next: where each is sharp, how wide its micro-images are. Lengths in mm."""
+"""What differs from one microlens type to the next: where each is sharp, how wide its micro-images
+are. Lengths in mm.
+"""
 
 import math
 from dataclasses import dataclass
@@ -19,7 +21,8 @@ class TypeSolution:
         focal_length: of the type, mm.
         arrangement: keplerian, galilean or afocal.
         kappa: slope of the sensor position over the position on the microlens.
-        sharp_distance: target distance in focus; infinite at infinity, None where no real target is.
+        sharp_distance: target distance in focus; infinite at infinity, None where no real target
+            is.
         depth_of_field: (near, far) intervals of target distance; far may be infinite.
         inside_radius: half width of the bright field on the sensor.
         outside_radius: half width of the total field on the sensor.
@@ -35,7 +38,9 @@ class TypeSolution:
 
 
 def arrangement_of(gap: float, focal: float) -> str:
-    """keplerian where the gap exceeds the focal length, galilean where it falls short of it, afocal where they are equal."""
+    """keplerian where the gap exceeds the focal length, galilean where it falls short of it, afocal
+    where they are equal.
+    """
     return "keplerian" if gap > focal > 0 else "afocal" if gap == focal else "galilean"
 
 
@@ -47,7 +52,9 @@ def type_smms(camera: Camera) -> list[Smms]:
 
 
 def sharp_distance(smms: Smms) -> float | None:
-    """Target distance in focus of one system; infinite at infinity, None where no real target is."""
+    """Target distance in focus of one system; infinite at infinity, None where no real target
+    is.
+    """
     sharp = float(sharp_vergence(smms))
     return math.inf if sharp == 0 else 1 / sharp if sharp > 0 and math.isfinite(sharp) else None
 
@@ -55,7 +62,9 @@ def sharp_distance(smms: Smms) -> float | None:
 def as_distances(vergences: list[Interval]) -> tuple[Interval, ...]:
     """Vergence intervals as (near, far) target distances, rising."""
     return tuple(
-        (1 / high if math.isfinite(high) else 0.0, 1 / low if low > 0 else math.inf) for low, high in reversed(vergences) if high > 0
+        (1 / high if math.isfinite(high) else 0.0, 1 / low if low > 0 else math.inf)
+        for low, high in reversed(vergences)
+        if high > 0
     )
 
 

@@ -1,7 +1,8 @@
 """How many pixels are useful: R_u of eq. (3), along the row and on the sensor.
 
-A pixel row meets a round micro-image in a chord; what a neighbour hides of it, its disc and all behind it as seen from the
-micro-image's centre, is convex and meets the row in one interval. So pixels are counted by intervals, not one by one.
+A pixel row meets a round micro-image in a chord; what a neighbour hides of it, its disc and all
+behind it as seen from the micro-image's centre, is convex and meets the row in one interval. So
+pixels are counted by intervals, not one by one.
 """
 
 import numpy as np
@@ -15,7 +16,8 @@ _CHUNK = 400_000
 
 
 def useful_pixels(camera: Camera, fields: SensorFields | None = None) -> tuple[int, int]:
-    """Number of pixels whose centre lies in some useful region: along the row nearest the axis, and on the whole sensor.
+    """Number of pixels whose centre lies in some useful region: along the row nearest the axis, and
+    on the whole sensor.
 
     Args:
         camera: the camera.
@@ -30,12 +32,17 @@ def useful_pixels(camera: Camera, fields: SensorFields | None = None) -> tuple[i
     last = np.floor((row[:, 1] - low[0]) / pixel - 0.5)
     along = int(np.sum(np.clip(np.minimum(last, columns - 1) - np.maximum(first, 0) + 1, 0, None)))
     fields = fields or sensor_fields(camera)
-    return along, _round_pixels(camera, fields) if fields.shape == "round" else _square_pixels(camera, fields)
+    return along, (
+        _round_pixels(camera, fields) if fields.shape == "round" else _square_pixels(camera, fields)
+    )
 
 
 def _lit(fields: SensorFields) -> npt.NDArray[np.int64]:
     """Micro-images whose centre is on the sensor and in nobody else's light."""
-    members = np.flatnonzero(np.all((fields.centre >= fields.low) & (fields.centre <= fields.high), axis=1) & (fields.radius > 0))
+    members = np.flatnonzero(
+        np.all((fields.centre >= fields.low) & (fields.centre <= fields.high), axis=1)
+        & (fields.radius > 0)
+    )
     return members[in_useful(fields, members, fields.centre[members])]
 
 
@@ -66,8 +73,18 @@ def _round_pixels(camera: Camera, fields: SensorFields) -> int:
     return total
 
 
-def _hidden(fields: SensorFields, part: npt.NDArray[np.int64], up: Array, place: Array, pixel: float, first: Array, last: Array) -> Array:
-    """Number of pixels from ``first`` to ``last`` of each row (shape (n, rows)) that some neighbour's light or shadow covers."""
+def _hidden(
+    fields: SensorFields,
+    part: npt.NDArray[np.int64],
+    up: Array,
+    place: Array,
+    pixel: float,
+    first: Array,
+    last: Array,
+) -> Array:
+    """Number of pixels from ``first`` to ``last`` of each row (shape (n, rows)) that some
+    neighbour's light or shadow covers.
+    """
     other = fields.neighbours[part]
     if other.shape[1] == 0:
         return np.zeros(up.shape)
@@ -78,7 +95,9 @@ def _hidden(fields: SensorFields, part: npt.NDArray[np.int64], up: Array, place:
     # Tangents from the centre: the shadow's straight edges, beginning where they touch.
     cos, sin = side / reach, radius / reach
     edges = [
-        side[..., None] * np.stack([gap[..., 0] * cos - turn * gap[..., 1] * sin, gap[..., 1] * cos + turn * gap[..., 0] * sin], axis=-1)
+        side[...,
+        None] * np.stack([gap[..., 0] * cos - turn * gap[..., 1] * sin,
+        gap[..., 1] * cos + turn * gap[..., 0] * sin], axis=-1)
         / reach[..., None]
         for turn in (-1.0, 1.0)
     ]  # fmt: skip
@@ -98,12 +117,22 @@ def _hidden(fields: SensorFields, part: npt.NDArray[np.int64], up: Array, place:
     high = np.where(some, np.where(np.isnan(found), -np.inf, found).max(axis=0), -np.inf)
     # A row along which the shadow never ends: the direction of x lies between the tangents.
     endless = (np.abs(gap[..., 1]) < radius)[:, None, :]
-    low, high = np.where(some & endless & (gx < 0), -np.inf, low), np.where(some & endless & (gx > 0), np.inf, high)
-    begin = np.maximum(np.where(some, np.floor(place[:, :, None] + low / pixel) + 1, np.inf), first[..., None])
-    end = np.minimum(np.where(some, np.ceil(place[:, :, None] + high / pixel) - 1, -np.inf), last[..., None])
+    low, high = (
+        np.where(some & endless & (gx < 0), -np.inf, low),
+        np.where(some & endless & (gx > 0), np.inf, high),
+    )
+    begin = np.maximum(
+        np.where(some, np.floor(place[:, :, None] + low / pixel) + 1, np.inf), first[..., None]
+    )
+    end = np.minimum(
+        np.where(some, np.ceil(place[:, :, None] + high / pixel) - 1, -np.inf), last[..., None]
+    )
     order = np.argsort(begin, axis=-1)
     begin, end = np.take_along_axis(begin, order, axis=-1), np.take_along_axis(end, order, axis=-1)
-    before = np.concatenate([np.full((*end.shape[:2], 1), -np.inf), np.maximum.accumulate(end, axis=-1)[..., :-1]], axis=-1)
+    before = np.concatenate(
+        [np.full((*end.shape[:2], 1), -np.inf), np.maximum.accumulate(end, axis=-1)[..., :-1]],
+        axis=-1,
+    )
     covered = np.where(begin <= end, end - np.maximum(begin - 1, before), 0.0)
     return np.maximum(covered, 0.0).sum(axis=-1)
 
@@ -113,9 +142,16 @@ def _square_pixels(camera: Camera, fields: SensorFields) -> int:
     low, pixel = fields.low, camera.sensor.pixel
     total = 0
     for i in _lit(fields):
-        first = np.maximum(np.floor((fields.centre[i] - fields.radius[i] - low) / pixel - 0.5).astype(int), 0)
-        last = np.minimum(np.ceil((fields.centre[i] + fields.radius[i] - low) / pixel - 0.5).astype(int), [columns - 1, rows - 1])
-        x, y = (low[axis] + (np.arange(first[axis], last[axis] + 1) + 0.5) * pixel for axis in (0, 1))
+        first = np.maximum(
+            np.floor((fields.centre[i] - fields.radius[i] - low) / pixel - 0.5).astype(int), 0
+        )
+        last = np.minimum(
+            np.ceil((fields.centre[i] + fields.radius[i] - low) / pixel - 0.5).astype(int),
+            [columns - 1, rows - 1],
+        )
+        x, y = (
+            low[axis] + (np.arange(first[axis], last[axis] + 1) + 0.5) * pixel for axis in (0, 1)
+        )
         points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         total += int(np.count_nonzero(in_useful(fields, np.full(len(points), i), points)))
     return total

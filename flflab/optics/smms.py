@@ -1,7 +1,8 @@
 """One main lens - microlens system (SMMS): vignetting on the sensor and where its rays go.
 
-A ray is (m, q): where it crosses the main lens and the microlens plane. All functions take arrays and broadcast; lengths in
-mm, vergences in 1/mm. Source: paper, "Chief rays and useful chief rays", Figs. 2 to 4.
+A ray is (m, q): where it crosses the main lens and the microlens plane. All functions take arrays
+and broadcast; lengths in mm, vergences in 1/mm. Source: paper, "Chief rays and useful chief rays",
+Figs. 2 to 4.
 """
 
 from dataclasses import dataclass
@@ -41,7 +42,9 @@ class Smms:
 
     @property
     def kappa(self) -> Array:
-        """Slope of the sensor position over the position on the microlens: 1 + b/L - b/f; 0 in the exit pupil."""
+        """Slope of the sensor position over the position on the microlens: 1 + b/L - b/f; 0 in the
+        exit pupil.
+        """
         return 1 + self.gap / self.distance - self.gap / self.focal
 
     @property
@@ -56,7 +59,9 @@ class Smms:
 
     @property
     def limiting_radius(self) -> Array:
-        """Radius g = min(d, A b / (L |kappa|)) / 2 in the microlens plane of the cone that lights a micro-image's centre, mm."""
+        """Radius g = min(d, A b / (L |kappa|)) / 2 in the microlens plane of the cone that lights a
+        micro-image's centre, mm.
+        """
         with np.errstate(divide="ignore"):
             return np.minimum(self.aperture, self.lens_width / np.abs(self.kappa)) / 2
 
@@ -77,18 +82,21 @@ class Smms:
 
 
 def camera_smms(camera: Camera) -> Smms:
-    """The SMMS of every microlens of a camera, row by row, each field of shape (N,); a tilted array gives each its own L and b.
+    """The SMMS of every microlens of a camera, row by row, each field of shape (N,); a tilted array
+    gives each its own L and b.
 
     Raises:
-        InputError: the array is tilted so far that a microlens would lie behind the sensor or before the main lens.
+        InputError: the array is tilted so far that a microlens would lie behind the sensor or
+            before the main lens.
     """
     centres = microlens_centres(camera.array)
     rise = centres @ np.asarray(camera.array.tilt)
     if rise.max() >= camera.optical_gap or -rise.min() >= camera.optical_distance:
         worst = max(float(rise.max()), -float(rise.min()))
         raise InputError(
-            f"camera: microlens_array.tilt is {camera.array.tilt} and moves an outer microlens by {worst:g} mm along the axis; "
-            f"less than the {camera.optical_gap:g} mm to the sensor is allowed"
+            f"camera: microlens_array.tilt is {camera.array.tilt} and moves an outer microlens by"
+            f" {worst:g} mm along the axis; less than the {camera.optical_gap:g} mm to the sensor"
+            " is allowed"
         )
     ones = np.ones(len(centres))
     return Smms(
@@ -109,7 +117,8 @@ def sensor_crossing(smms: Smms, m: Array, q: Array, centre: Array) -> Array:
 
 
 def object_crossing(smms: Smms, m: Array, q: Array, vergence: Array) -> Array:
-    """Where the ray (m, q) meets the object plane, times the vergence: o V = m W - q/L (an angle for an object at infinity).
+    """Where the ray (m, q) meets the object plane, times the vergence: o V = m W - q/L (an angle
+    for an object at infinity).
 
     Args:
         smms: the systems.
@@ -126,13 +135,21 @@ def array_vergence(smms: Smms, vergence: Array | float) -> Array:
 
 
 def image_offset(smms: Smms, vergence: Array | float) -> Array:
-    """x = L W = -a/D': where the main lens's image lies against the array; negative Keplerian, from 0 to 1 Galilean."""
+    """x = L W = -a/D': where the main lens's image lies against the array; negative Keplerian, from
+    0 to 1 Galilean.
+    """
     return smms.distance * array_vergence(smms, vergence)
 
 
 def row_illumination(smms: Smms, offset: Array) -> Array:
-    """Relative illumination of slit apertures at ``offset`` mm from the micro-image's centre: 1 inside, linear to 0 outside."""
+    """Relative illumination of slit apertures at ``offset`` mm from the micro-image's centre: 1
+    inside, linear to 0 outside.
+    """
     limit = np.minimum(smms.lens_width, smms.microlens_width)
     with np.errstate(divide="ignore", invalid="ignore"):
         ramp = (smms.outside_radius - np.abs(offset)) / limit
-    return np.where(np.abs(offset) <= smms.inside_radius, 1.0, np.where(limit > 0, np.clip(np.nan_to_num(ramp), 0.0, 1.0), 0.0))
+    return np.where(
+        np.abs(offset) <= smms.inside_radius,
+        1.0,
+        np.where(limit > 0, np.clip(np.nan_to_num(ramp), 0.0, 1.0), 0.0),
+    )

@@ -1,4 +1,5 @@
-"""Everything the model says of a camera, gathered for people and programs: properties of the camera, and of each distance.
+"""Everything the model says of a camera, gathered for people and programs: properties of the
+camera, and of each distance.
 
 An answer that does not exist is None with a reason, never nan.
 """
@@ -19,7 +20,14 @@ from flflab.optics.focus import (
     vergence_of,
     virtual_depth,
 )
-from flflab.optics.per_type import TypeSolution, arrangement_of, as_distances, sharp_distance, solve_types, type_smms
+from flflab.optics.per_type import (
+    TypeSolution,
+    arrangement_of,
+    as_distances,
+    sharp_distance,
+    solve_types,
+    type_smms,
+)
 from flflab.optics.pixels import useful_pixels
 from flflab.optics.resolution import (
     Stereo,
@@ -59,7 +67,8 @@ class CameraSolution:
 class DistanceSolution:
     """What the model says of a target at one distance; the MTF curves are on the target, cycles/mm.
 
-    ``by_type`` holds (magnification, blur in mm) of every microlens type; the plain figures are those of the microlens nearest the axis.
+    ``by_type`` holds (magnification, blur in mm) of every microlens type; the plain figures are
+    those of the microlens nearest the axis.
     """
 
     distance: float
@@ -80,7 +89,9 @@ class DistanceSolution:
 
 
 def array_arrangement(camera: Camera) -> str:
-    """keplerian where b > f, galilean where b < f, afocal where b = f; mixed where the microlens types differ in it."""
+    """keplerian where b > f, galilean where b < f, afocal where b = f; mixed where the microlens
+    types differ in it.
+    """
     kinds = {arrangement_of(camera.optical_gap, focal) for focal in camera.array.focal_lengths}
     return kinds.pop() if len(kinds) == 1 else "mixed"
 
@@ -89,15 +100,27 @@ def reference_planes(camera: Camera) -> str:
     """From which plane every distance of an answer is measured, in sentences."""
     thick, plate = camera.main_lens.principal_separation, camera.array.substrate
     before = "the main lens" if thick == 0 else "the main lens's front principal plane"
-    behind = "the main lens" if thick == 0 else f"its rear principal plane, {thick:g} mm behind the front one"
+    behind = (
+        "the main lens"
+        if thick == 0
+        else f"its rear principal plane, {thick:g} mm behind the front one"
+    )
     text = (
-        f"Target distances are measured from {before}, positive in front; image, array and sensor distances from {behind}, positive "
-        "behind; virtual depth from the microlenses; positions on the sensor from the axis."
+        f"Target distances are measured from {before}, positive in front; image, array and sensor"
+        f" distances from {behind}, positive behind; virtual depth from the microlenses; positions"
+        " on the sensor from the axis."
     )
     if plate is not None and plate.thickness > 0:
         name = "array to sensor" if plate.side == "sensor" else "main lens to array"
-        air, optical = (camera.gap, camera.optical_gap) if plate.side == "sensor" else (camera.array.distance, camera.optical_distance)
-        text += f" The glass plate adds its thickness over its index: {name} is {air:g} mm of air, {optical:g} mm optically."
+        air, optical = (
+            (camera.gap, camera.optical_gap)
+            if plate.side == "sensor"
+            else (camera.array.distance, camera.optical_distance)
+        )
+        text += (
+            f" The glass plate adds its thickness over its index: {name} is {air:g} mm of air,"
+            f" {optical:g} mm optically."
+        )
     return text
 
 
@@ -120,14 +143,18 @@ def solve_camera(camera: Camera, fields: SensorFields | None = None) -> CameraSo
     central = central_smms(camera)
     row = row_fields(camera)
     pitch = camera.array.pitch[0] * float(central.image_scale)
-    intervals = merge_intervals([part for smms in type_smms(camera) for part in depth_of_field(smms, camera.sensor.pixel)])
+    intervals = merge_intervals(
+        [part for smms in type_smms(camera) for part in depth_of_field(smms, camera.sensor.pixel)]
+    )
     return CameraSolution(
         arrangement=array_arrangement(camera),
         sharp_distance=sharp_distance(central),
         image_pitch=pitch,
         overlap=2 * float(central.outside_radius) - pitch,
         in_exit_pupil=bool(np.abs(central.microlens_width) <= camera.sensor.pixel),
-        touching_f_number=camera.main_lens.focal_length * float(central.gap / central.distance) / pitch,
+        touching_f_number=camera.main_lens.focal_length
+        * float(central.gap / central.distance)
+        / pitch,
         useful_pixels=useful_pixels(camera, fields),
         depth_of_field=as_distances(intervals),
         stereo=stereo(camera),
@@ -138,7 +165,9 @@ def solve_camera(camera: Camera, fields: SensorFields | None = None) -> CameraSo
     )
 
 
-def solve_distance(camera: Camera, distance: float, useful: tuple[int, int], fields: SensorFields, row: RowFields) -> DistanceSolution:
+def solve_distance(
+    camera: Camera, distance: float, useful: tuple[int, int], fields: SensorFields, row: RowFields
+) -> DistanceSolution:
     """All properties of a target at one distance.
 
     Args:
@@ -174,12 +203,18 @@ def solve_distance(camera: Camera, distance: float, useful: tuple[int, int], fie
         contrast_paper=tuple(contrast_paper(cycles_per_px).tolist()),
         mtf_pixel=tuple(mtf_pixel(cycles_per_px).tolist()),
         mtf=tuple(np.abs(_mtf(central, vergence, camera.sensor.pixel, on_target)).tolist()),
-        by_type=tuple((float(magnification(smms, vergence)), float(blur(smms, vergence))) for smms in type_smms(camera)),
+        by_type=tuple(
+            (float(magnification(smms, vergence)), float(blur(smms, vergence)))
+            for smms in type_smms(camera)
+        ),
     )
 
 
 def _mtf(
-    central: Smms, vergence: float, pixel: float, on_target: np.ndarray[tuple[int], np.dtype[np.float64]]
+    central: Smms,
+    vergence: float,
+    pixel: float,
+    on_target: np.ndarray[tuple[int], np.dtype[np.float64]],
 ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     if not on_target[-1] > 0:
         return np.where(np.arange(on_target.size) == 0, 1.0, 0.0)

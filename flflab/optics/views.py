@@ -1,10 +1,12 @@
-"""In how many micro-images an object point is seen: total, bright and chief views, along the row and on the sensor.
+"""In how many micro-images an object point is seen: total, bright and chief views, along the row
+and on the sensor.
 
-``total``: some ray lands in the useful region. ``bright``: the full cone passes and lands in it whole. ``chief``: the ray through
-the centre of the limiting stop passes and lands in it; this is the number of views wherever one number is meant. Comparisons are
-inclusive: what misses an edge by less than the roundoff of its own terms lies on it.
-Written in the crossing m of the main lens: a ray of the object point o meets the microlens plane at q = x m - o V L and the
-sensor at s = (kappa x - b/L) m - kappa L V o + (b/f) y, finite for every x and V.
+``total``: some ray lands in the useful region. ``bright``: the full cone passes and lands in it
+whole. ``chief``: the ray through the centre of the limiting stop passes and lands in it; this is
+the number of views wherever one number is meant. Comparisons are inclusive: what misses an edge by
+less than the roundoff of its own terms lies on it. Written in the crossing m of the main lens: a
+ray of the object point o meets the microlens plane at q = x m - o V L and the sensor at s = (kappa
+x - b/L) m - kappa L V o + (b/f) y, finite for every x and V.
 """
 
 from dataclasses import dataclass
@@ -33,7 +35,9 @@ class Views:
 
 
 def _scalars(smms: Smms, vergence: Array | float) -> tuple[Array, Array, Array]:
-    """x, the slope of the sensor position over m, and the slope of m over the microlens's centre (1/x, safe at 0)."""
+    """x, the slope of the sensor position over m, and the slope of m over the microlens's centre
+    (1/x, safe at 0).
+    """
     x = image_offset(smms, vergence)
     with np.errstate(divide="ignore"):
         inverse = np.where(x == 0, 0.0, 1 / x)
@@ -41,14 +45,17 @@ def _scalars(smms: Smms, vergence: Array | float) -> tuple[Array, Array, Array]:
 
 
 def _extent(shift: Array, shape: ApertureShape) -> Array:
-    """How far out (x, y) lies: from the centre of a round aperture, or along the sides of a square one."""
+    """How far out (x, y) lies: from the centre of a round aperture, or along the sides of a square
+    one.
+    """
     return np.linalg.norm(shift, axis=-1) if shape == "round" else np.abs(shift).max(axis=-1)
 
 
 def chief_crossings(
     smms: Smms, vergence: Array | float, angle: Array, centre: Array, shape: ApertureShape = "round"
 ) -> tuple[Array, Flags, Array]:
-    """The ray of an object point through the centre of the limiting stop of each SMMS, in one coordinate or several.
+    """The ray of an object point through the centre of the limiting stop of each SMMS, in one
+    coordinate or several.
 
     Args:
         smms: systems, fields of shape (N,).
@@ -58,14 +65,18 @@ def chief_crossings(
         shape: shape of the apertures.
 
     Returns:
-        Main-lens crossings (N, k), whether the ray passes both apertures (N,), landing points on the sensor (N, k).
+        Main-lens crossings (N, k), whether the ray passes both apertures (N,), landing points on
+        the sensor (N, k).
     """
     x, slope, inverse = _scalars(smms, vergence)
     shift = centre + angle * smms.distance[:, None]
     by_microlens = microlens_limits(smms, vergence)[:, None]
     crossing = np.where(by_microlens, shift * inverse[:, None], 0.0)
     slack = _ROUNDOFF * (_extent(centre, shape) + _extent(angle, shape) * smms.distance)
-    passes = _extent(shift, shape) <= np.maximum(smms.lens_aperture * np.abs(x), smms.aperture) / 2 + slack
+    passes = (
+        _extent(shift, shape)
+        <= np.maximum(smms.lens_aperture * np.abs(x), smms.aperture) / 2 + slack
+    )
     base = (smms.gap / smms.focal)[:, None] * centre - (smms.kappa * smms.distance)[:, None] * angle
     return crossing, passes, slope[:, None] * crossing + base
 
@@ -81,10 +92,19 @@ def row_views(row: RowFields, vergence: float, angle: float) -> Views:
     base = smms.gap / smms.focal * smms.centre_x - smms.kappa * smms.distance * angle
     half_lens = smms.lens_aperture / 2
     centre = shift * inverse
-    half = np.where(x == 0, np.where(np.abs(shift) <= smms.aperture / 2, np.inf, -np.inf), smms.aperture / 2 * np.abs(inverse))
+    half = np.where(
+        x == 0,
+        np.where(np.abs(shift) <= smms.aperture / 2, np.inf, -np.inf),
+        smms.aperture / 2 * np.abs(inverse),
+    )
     low, high = np.maximum(-half_lens, centre - half), np.minimum(half_lens, centre + half)
     ends = np.sort(np.stack([slope * low + base, slope * high + base]), axis=0)
-    slack = _ROUNDOFF * (np.abs(base) + np.abs(smms.kappa * smms.distance * angle) + smms.lens_width + smms.microlens_width)
+    slack = _ROUNDOFF * (
+        np.abs(base)
+        + np.abs(smms.kappa * smms.distance * angle)
+        + smms.lens_width
+        + smms.microlens_width
+    )
     first, last = row.useful[:, 0] - slack, row.useful[:, 1] + slack
     with np.errstate(invalid="ignore"):
         total = (low <= high) & (ends[0] <= last) & (ends[1] >= first)
@@ -96,8 +116,12 @@ def row_views(row: RowFields, vergence: float, angle: float) -> Views:
     return Views(int(total.sum()), int(bright.sum()), int(chief.sum()))
 
 
-def chief_view_indices(fields: SensorFields, vergence: float, angle: Array) -> npt.NDArray[np.int64]:
-    """Positions in the camera's list of the microlenses that see the point with o V = ``angle`` (x, y) by a chief ray."""
+def chief_view_indices(
+    fields: SensorFields, vergence: float, angle: Array
+) -> npt.NDArray[np.int64]:
+    """Positions in the camera's list of the microlenses that see the point with o V = ``angle`` (x,
+    y) by a chief ray.
+    """
     centre = np.stack([fields.smms.centre_x, fields.smms.centre_y], axis=1)
     _, passes, landing = chief_crossings(fields.smms, vergence, angle, centre, fields.shape)
     members = np.flatnonzero(passes)
@@ -107,8 +131,9 @@ def chief_view_indices(fields: SensorFields, vergence: float, angle: Array) -> n
 def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
     """Views on the sensor of the point with o V = ``angle`` (x, y), round or square apertures.
 
-    Where neighbours' fields cut the useful regions, ``total`` is decided on a polar grid of rays over the light that passes
-    (exact otherwise to the grid's step of 1/6 of the footprint's radius at its rim).
+    Where neighbours' fields cut the useful regions, ``total`` is decided on a polar grid of rays
+    over the light that passes (exact otherwise to the grid's step of 1/6 of the footprint's radius
+    at its rim).
     """
     centre = np.stack([fields.smms.centre_x, fields.smms.centre_y], axis=1)
     shift = centre + angle * fields.smms.distance[:, None]
@@ -117,12 +142,17 @@ def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
     members = np.flatnonzero(_extent(shift, fields.shape) <= reach)
     if len(members) == 0:
         return Views(0, 0, 0)
-    total, bright, chief = seen_by(fields, members, vergence, np.broadcast_to(angle, (len(members), 2)))
+    total, bright, chief = seen_by(
+        fields, members, vergence, np.broadcast_to(angle, (len(members), 2))
+    )
     return Views(int(total.sum()), int(bright.sum()), int(chief.sum()))
 
 
-def seen_by(fields: SensorFields, members: npt.NDArray[np.int64], vergence: float, angle: Array) -> tuple[Flags, Flags, Flags]:
-    """Whether microlenses see object points, pair by pair: total, bright and chief; see ``sensor_views``.
+def seen_by(
+    fields: SensorFields, members: npt.NDArray[np.int64], vergence: float, angle: Array
+) -> tuple[Flags, Flags, Flags]:
+    """Whether microlenses see object points, pair by pair: total, bright and chief; see
+    ``sensor_views``.
 
     Args:
         fields: the camera's useful regions.
@@ -137,8 +167,12 @@ def seen_by(fields: SensorFields, members: npt.NDArray[np.int64], vergence: floa
     base = (smms.gap / smms.focal)[:, None] * centre - (smms.kappa * smms.distance)[:, None] * angle
     crossing, passes, landing = chief_crossings(smms, vergence, angle, centre, fields.shape)
     chief = passes & in_useful(fields, members, landing)
-    full = _extent(shift, fields.shape) <= np.abs(smms.lens_aperture * np.abs(x) - smms.aperture) / 2
-    bright = full & in_useful(fields, members, landing, np.abs(slope) * limiting_aperture(smms, vergence) / 2)
+    full = (
+        _extent(shift, fields.shape) <= np.abs(smms.lens_aperture * np.abs(x) - smms.aperture) / 2
+    )
+    bright = full & in_useful(
+        fields, members, landing, np.abs(slope) * limiting_aperture(smms, vergence) / 2
+    )
     rays = _rays(crossing, shift * inverse[:, None], smms, x, shift, fields.shape)
     landed = slope[:, None, None] * rays + base[:, None, :]
     lit = ~np.isnan(landed[..., 0])
@@ -148,7 +182,9 @@ def seen_by(fields: SensorFields, members: npt.NDArray[np.int64], vergence: floa
     return hit.any(axis=1) | chief, bright, chief
 
 
-def chief_seen_by(fields: SensorFields, members: npt.NDArray[np.int64], vergence: float, angle: Array) -> Flags:
+def chief_seen_by(
+    fields: SensorFields, members: npt.NDArray[np.int64], vergence: float, angle: Array
+) -> Flags:
     """The chief views of ``seen_by`` alone, without tracing rays."""
     smms = select(fields.smms, members)
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1)
@@ -158,8 +194,12 @@ def chief_seen_by(fields: SensorFields, members: npt.NDArray[np.int64], vergence
     return passes
 
 
-def _rays(crossing: Array, disc_centre: Array, smms: Smms, x: Array, shift: Array, shape: ApertureShape) -> Array:
-    """Main-lens crossings of rays that pass both apertures, shape (n, rays, 2); nan where a ray is stopped."""
+def _rays(
+    crossing: Array, disc_centre: Array, smms: Smms, x: Array, shift: Array, shape: ApertureShape
+) -> Array:
+    """Main-lens crossings of rays that pass both apertures, shape (n, rays, 2); nan where a ray is
+    stopped.
+    """
     angles = np.arange(_SPOKES) * (2 * np.pi / _SPOKES)
     rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     radii = np.arange(_RINGS + 1) / _RINGS
@@ -171,5 +211,8 @@ def _rays(crossing: Array, disc_centre: Array, smms: Smms, x: Array, shift: Arra
     rays = np.concatenate([crossing[:, None, :], lens_rays, microlens_rays], axis=1)
     tolerance = 1 + 1e-12
     passes = _extent(rays, shape) <= smms.lens_aperture[:, None] / 2 * tolerance
-    passes &= _extent(x[:, None, None] * rays - shift[:, None, :], shape) <= smms.aperture[:, None] / 2 * tolerance
+    passes &= (
+        _extent(x[:, None, None] * rays - shift[:, None, :], shape)
+        <= smms.aperture[:, None] / 2 * tolerance
+    )
     return np.where(passes[..., None], rays, np.nan)

@@ -1,4 +1,5 @@
-"""The measurement volume: the measurement area in three dimensions, counted on a low-discrepancy set of object points.
+"""The measurement volume: the measurement area in three dimensions, counted on a low-discrepancy
+set of object points.
 
 Source: paper, "Measurement area", taken from its row to the sensor. Lengths in mm.
 """
@@ -21,13 +22,15 @@ Array = npt.NDArray[np.float64]
 # Gauss-Legendre's six nodes and weights on (-1, 1); Abramowitz and Stegun, table 25.4.
 _NODES = np.array([0.2386191860831969, 0.6612093864662645, 0.9324695142031521])
 _WEIGHTS = np.array([0.4679139345726910, 0.3607615730481386, 0.1713244923791704])
-# Fractional steps of the additive sequence whose points fill a square most evenly: powers of the plastic number's inverse.
+# Fractional steps of the additive sequence whose points fill a square most evenly: powers of the
+# plastic number's inverse.
 _STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True)
 class MeasurementVolume:
-    """Volume in mm^3 that enough micro-images see sharply, and how far two halves of the points disagree about it.
+    """Volume in mm^3 that enough micro-images see sharply, and how far two halves of the points
+    disagree about it.
 
     ``volume`` is None where it is not bounded or not there, and ``reason`` says which.
     """
@@ -47,7 +50,8 @@ def measurement_volume(
 ) -> MeasurementVolume:
     """Volume of the points that at least ``views`` micro-images see inside their depths of field.
 
-    Depth by six Gauss-Legendre planes in each piece of the depth of field, height and width by ``points`` object points a plane.
+    Depth by six Gauss-Legendre planes in each piece of the depth of field, height and width by
+    ``points`` object points a plane.
 
     Args:
         camera: the camera.
@@ -60,9 +64,17 @@ def measurement_volume(
     fields = fields or sensor_fields(camera)
     kinds, kind = np.unique(fields.smms.focal, return_inverse=True)
     first = np.array([int(np.flatnonzero(kind == one)[0]) for one in range(len(kinds))])
-    ranges = sharp_ranges(select(fields.smms, first), circle or camera.sensor.pixel, NEAREST * camera.main_lens.focal_length)
+    ranges = sharp_ranges(
+        select(fields.smms, first),
+        circle or camera.sensor.pixel,
+        NEAREST * camera.main_lens.focal_length,
+    )
     cuts = sorted({end for one in ranges for part in one for end in part})
-    pieces = [(a, b) for a, b in itertools.pairwise(cuts) if any(lo <= a and b <= hi for one in ranges for lo, hi in one)]
+    pieces = [
+        (a, b)
+        for a, b in itertools.pairwise(cuts)
+        if any(lo <= a and b <= hi for one in ranges for lo, hi in one)
+    ]
     if not merge_intervals([part for one in ranges for part in one]):
         return MeasurementVolume(None, 0.0, "no micro-image is sharp at a real distance")
     node, weight = np.concatenate([-_NODES, _NODES]), np.concatenate([_WEIGHTS, _WEIGHTS])
@@ -74,7 +86,9 @@ def measurement_volume(
                 return MeasurementVolume(None, 0.0, "it reaches infinity")
             continue
         near, far = 1 / high, 1 / low
-        for distance, share in zip((near + far) / 2 + node * (far - near) / 2, weight * (far - near) / 2, strict=True):
+        for distance, share in zip(
+            (near + far) / 2 + node * (far - near) / 2, weight * (far - near) / 2, strict=True
+        ):
             seen, box = _counts(fields, sharp, 1 / float(distance), by, views, points)
             halves = np.array([seen[: points // 2].mean(), seen[points // 2 :].mean()])
             totals += share * box * distance**2 * halves
@@ -85,25 +99,41 @@ def measurement_volume(
 
 
 def _counts(
-    fields: SensorFields, sharp: npt.NDArray[np.bool_], vergence: float, by: Rule, views: int, points: int
+    fields: SensorFields,
+    sharp: npt.NDArray[np.bool_],
+    vergence: float,
+    by: Rule,
+    views: int,
+    points: int,
 ) -> tuple[npt.NDArray[np.bool_], float]:
-    """Whether each of ``points`` object points is seen often enough by sharp microlenses, and the area of their box in (o V)^2."""
+    """Whether each of ``points`` object points is seen often enough by sharp microlenses, and the
+    area of their box in (o V)^2.
+    """
     members = np.flatnonzero(sharp)
     smms = select(fields.smms, members)
     x = image_offset(smms, vergence)
     stops = smms.lens_aperture * np.abs(x), smms.aperture
     reach = (stops[0] + stops[1] if by == "total" else np.maximum(*stops)) / 2
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1)
-    lit = np.all((fields.centre[members] >= fields.low) & (fields.centre[members] <= fields.high), axis=1)
+    lit = np.all(
+        (fields.centre[members] >= fields.low) & (fields.centre[members] <= fields.high), axis=1
+    )
     if not np.any(lit):
         return np.zeros(points, dtype=np.bool_), 0.0
-    members, smms, centre, reach = members[lit], select(smms, np.flatnonzero(lit)), centre[lit], reach[lit]
+    members, smms, centre, reach = (
+        members[lit],
+        select(smms, np.flatnonzero(lit)),
+        centre[lit],
+        reach[lit],
+    )
     # In the coordinate -o V L a microlens sees what lies within its reach of its own centre.
     low, high = (centre - reach[:, None]).min(axis=0), (centre + reach[:, None]).max(axis=0)
     scale = float(smms.distance.mean())
     low, high = low - 0.01 * (high - low), high + 0.01 * (high - low)
     at = low + (high - low) * np.mod(0.5 + np.arange(1, points + 1)[:, None] * _STEPS, 1.0)
-    pairs = pairs_within(at, centre, float(reach.max() + np.abs(smms.distance / scale - 1).max() * np.abs(at).max()))
+    pairs = pairs_within(
+        at, centre, float(reach.max() + np.abs(smms.distance / scale - 1).max() * np.abs(at).max())
+    )
     angle = -at[pairs[:, 0]] / scale
     owner = members[pairs[:, 1]]
     hit = chief_seen_by(fields, owner, vergence, angle)

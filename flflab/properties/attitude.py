@@ -1,4 +1,6 @@
-"""How the array is turned against the sensor: roll, yaw and pitch, which the camera file describes and a mount may not keep."""
+"""How the array is turned against the sensor: roll, yaw and pitch, which the camera file describes
+and a mount may not keep.
+"""
 
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
@@ -14,7 +16,8 @@ def attitude(one: Measured, model: Predicted) -> list[Values]:
     angles = one.attitude.angles
     return [
         single(
-            one.configuration.index, f"array_{name}_mrad", "white", MRAD * angles[name][0], MRAD * angles[name][1],
+            one.configuration.index, f"array_{name}_mrad", "white", MRAD * angles[name][0],
+            MRAD * angles[name][1],
             MRAD * model.attitude_draws[:, k],
         )
         for k, name in enumerate(("roll", "yaw", "pitch"))

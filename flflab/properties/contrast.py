@@ -35,9 +35,11 @@ def mtf(index: int, curve: ContrastCurve, model: Predicted) -> Values:
 
 
 def paper_contrast(index: int, curve: ContrastCurve, model: Predicted) -> Values:
-    """Eq. (2) of the paper, which knows no blur and is claimed inside the depth of field only: nowhere else are there values.
+    """Eq. (2) of the paper, which knows no blur and is claimed inside the depth of field only:
+    nowhere else are there values.
 
-    What a blur of up to one pixel, and diffraction, take away there is the model's own slack: a rectangular distribution from none to all.
+    What a blur of up to one pixel, and diffraction, take away there is the model's own slack: a
+    rectangular distribution from none to all.
     """
     camera = model.camera
     count = len(curve.cycles_per_mm) if model.blur_px <= 1 else 0

@@ -1,4 +1,6 @@
-"""Depth: where the dots stand along the axis, from the parallax between their views, against where the stage put them."""
+"""Depth: where the dots stand along the axis, from the parallax between their views, against where
+the stage put them.
+"""
 
 import numpy as np
 import numpy.typing as npt
@@ -16,14 +18,20 @@ Array = npt.NDArray[np.float64]
 
 
 def offset_read(model: Predicted) -> Array:
-    """The x = L W that a triangulation with the nominal camera reads when the true camera is each draw's, shape (n,).
+    """The x = L W that a triangulation with the nominal camera reads when the true camera is each
+    draw's, shape (n,).
 
-    The parallax a micro-image's distance apart is -b/((L + b) x). With the nominal L, b that is read as
-    x' = x (L_d + b_d)/b_d b/(L + b) of the draw's L_d, b_d.
+    The parallax a micro-image's distance apart is -b/((L + b) x). With the nominal L, b that is
+    read as x' = x (L_d + b_d)/b_d b/(L + b) of the draw's L_d, b_d.
     """
     nominal, true = central_smms(model.camera), model.systems
     x = image_offset(true, model.vergences)
-    return x * (true.distance + true.gap) / true.gap * float(nominal.gap / (nominal.distance + nominal.gap))
+    return (
+        x
+        * (true.distance + true.gap)
+        / true.gap
+        * float(nominal.gap / (nominal.distance + nominal.gap))
+    )
 
 
 def distance_of(x: Array, camera: Camera) -> Array:
@@ -33,13 +41,21 @@ def distance_of(x: Array, camera: Camera) -> Array:
 
 
 def dot_distances(one: Measured, model: Predicted) -> Values:
-    """Distance of each dot from the main lens by triangulation over its views, mm; dots that it leaves open are left out."""
-    seen = [dot for dot in one.dots if np.isfinite(dot.uncertainty_mm[2]) and dot.uncertainty_mm[2] > 0]
+    """Distance of each dot from the main lens by triangulation over its views, mm; dots that it
+    leaves open are left out.
+    """
+    seen = [
+        dot for dot in one.dots if np.isfinite(dot.uncertainty_mm[2]) and dot.uncertainty_mm[2] > 0
+    ]
     if not bool(microlens_limits(central_smms(model.camera), 1 / model.distance)):
         seen = []
     read = distance_of(offset_read(model), model.camera) * model.stretches
-    common = np.array([dot.common_mm[2] for dot in seen], dtype=np.float64) if seen else np.zeros((0, 1))
-    alone = np.array([dot.uncertainty_mm[2] for dot in seen], dtype=np.float64) ** 2 - (common**2).sum(axis=1)
+    common = (
+        np.array([dot.common_mm[2] for dot in seen], dtype=np.float64) if seen else np.zeros((0, 1))
+    )
+    alone = np.array([dot.uncertainty_mm[2] for dot in seen], dtype=np.float64) ** 2 - (
+        common**2
+    ).sum(axis=1)
     return Values(
         one.configuration.index,
         "dot_distance_mm",
@@ -54,7 +70,8 @@ def dot_distances(one: Measured, model: Predicted) -> Values:
 
 
 def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
-    """Effective lateral resolution along the row, eq. (3): useful pixels over the virtual depth |x/(1 - x)| L/b that the dots show.
+    """Effective lateral resolution along the row, eq. (3): useful pixels over the virtual depth
+    |x/(1 - x)| L/b that the dots show.
 
     Returns:
         One number, or none where the dots show no depth or the micro-images have nothing useful.
@@ -74,7 +91,10 @@ def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
         return depth(np.array([float(image_offset(smms, 1 / away))]))
 
     lattice, pixel = one.lattice, camera.sensor.pixel
-    i, h, p = (np.array([value * pixel]) for value in (lattice.inside_radius_px, lattice.outside_radius_px, lattice.pitch_px))
+    i, h, p = (
+        np.array([value * pixel])
+        for value in (lattice.inside_radius_px, lattice.outside_radius_px, lattice.pitch_px)
+    )
     useful = float(useful_row(camera, i, h, p)[0]) / pixel
     virtual = float(read(distance)[0])
     if useful <= 0 or virtual <= 0:

@@ -1,4 +1,6 @@
-"""Depth of field by through-focus: from the blur in pictures of one camera at several distances to the distances of one pixel of blur."""
+"""Depth of field by through-focus: from the blur in pictures of one camera at several distances to
+the distances of one pixel of blur.
+"""
 
 import itertools
 
@@ -16,26 +18,40 @@ from flflab.properties.values import Values
 
 Array = npt.NDArray[np.float64]
 STEPS, TERMS = 12, 40
-LEAST_LEFT = 0.05  # of the contrast by diffraction; where it leaves less, nothing can be said of the blur
+LEAST_LEFT = (
+    0.05  # of the contrast by diffraction; where it leaves less, nothing can be said of the blur
+)
 FEWEST = 3  # distances: the blur's line has two unknowns, and one more says whether it is one
 
 
-def depth_of_field(measured: tuple[Measured, ...], predicted: tuple[Predicted, ...]) -> list[Values]:
-    """Nearest and farthest distance with a blur of at most one pixel, mm, for every camera that was shown at three distances.
+def depth_of_field(
+    measured: tuple[Measured, ...], predicted: tuple[Predicted, ...]
+) -> list[Values]:
+    """Nearest and farthest distance with a blur of at most one pixel, mm, for every camera that was
+    shown at three distances.
 
-    The square of the blur is fitted to each contrast curve, over what diffraction leaves of a sharp one; with w = 1/x it is
-    (d kappa - d b/L w)^2 where the microlens limits, a parabola whose two coefficients are fitted over the distances. What the model
-    says goes through the same fits, draw by draw.
+    The square of the blur is fitted to each contrast curve, over what diffraction leaves of a sharp
+    one; with w = 1/x it is (d kappa - d b/L w)^2 where the microlens limits, a parabola whose two
+    coefficients are fitted over the distances. What the model says goes through the same fits, draw
+    by draw.
     """
 
     def camera(k: int) -> tuple[float, ...]:
         one = predicted[k].camera
-        return (measured[k].configuration.f_number, round(one.array.distance, 6), round(one.sensor.distance, 6))
+        return (
+            measured[k].configuration.f_number,
+            round(one.array.distance, 6),
+            round(one.sensor.distance, 6),
+        )
 
     found: list[Values] = []
     for _, group in itertools.groupby(sorted(range(len(measured)), key=camera), camera):
         members = [k for k in group if _microlens_limits(predicted[k])]
-        seen = [(measured[k].configuration.index, curve, predicted[k]) for k in members if (curve := measured[k].curve)]
+        seen = [
+            (measured[k].configuration.index, curve, predicted[k])
+            for k in members
+            if (curve := measured[k].curve)
+        ]
         if len({round(model.distance, 3) for _, _, model in seen}) >= FEWEST:
             found += _of_one_camera(seen)
     return found
@@ -59,8 +75,15 @@ def _of_one_camera(seen: list[tuple[int, ContrastCurve, Predicted]]) -> list[Val
         value, doubt = blur_squared(curve.contrast[None, kept] / left, frequency, covariance, start)
         squares.append(float(value[0]))
         doubts.append(doubt)
-        drawn.append(blur_squared(model.contrast_draws[:, kept] / left, frequency, covariance, start)[0])
-    nominal = np.array([float(smms.aperture * smms.kappa), -float(smms.aperture * smms.gap / smms.distance)]) / pixel
+        drawn.append(
+            blur_squared(model.contrast_draws[:, kept] / left, frequency, covariance, start)[0]
+        )
+    nominal = (
+        np.array(
+            [float(smms.aperture * smms.kappa), -float(smms.aperture * smms.gap / smms.distance)]
+        )
+        / pixel
+    )
     weights = 1 / np.maximum(np.array(doubts), 1e-3)
     ends, slopes = line_ends(np.array([squares]), w, weights, nominal, camera)
     draws = line_ends(np.stack(drawn, axis=1), w, weights, nominal, camera)[0]
@@ -68,18 +91,21 @@ def _of_one_camera(seen: list[tuple[int, ContrastCurve, Predicted]]) -> list[Val
     sharpest = min(seen, key=lambda one: one[2].blur_px)[0]
     return [
         Values(
-            sharpest, f"depth_of_field_{end}_mm", "bars", ends[0, k : k + 1], noise[k : k + 1, k : k + 1],
+            sharpest, f"depth_of_field_{end}_mm", "bars", ends[0, k : k + 1],
+            noise[k : k + 1, k : k + 1],
             draws[:, k].mean(keepdims=True), draws[:, k : k + 1], (None,), (None,),
         )
         for k, end in enumerate(("near", "far"))
     ]  # fmt: skip
 
 
-def blur_squared(contrast: Array, cycles_per_px: Array, covariance: Array, start: Array) -> tuple[Array, float]:
+def blur_squared(
+    contrast: Array, cycles_per_px: Array, covariance: Array, start: Array
+) -> tuple[Array, float]:
     """Square of the blur's diameter in a contrast curve, px^2, and its standard uncertainty.
 
-    Least squares with the curve's covariance of sinc(u) 2 J1(z)/z, z^2 = (pi u)^2 s: entire in s, so that noise in focus may make it
-    negative and biases nothing.
+    Least squares with the curve's covariance of sinc(u) 2 J1(z)/z, z^2 = (pi u)^2 s: entire in s,
+    so that noise in focus may make it negative and biases nothing.
 
     Args:
         contrast: curves, shape (n, K).
@@ -110,8 +136,12 @@ def _jinc_of_square(y: Array) -> tuple[Array, Array]:
     return total, slope
 
 
-def line_ends(squares: Array, w: Array, weights: Array, nominal: Array, camera: Camera) -> tuple[Array, Array]:
-    """Distances of one pixel of blur on both sides, shape (n, 2), mm, and their derivatives by the squares, shape (n, 2, len(w))."""
+def line_ends(
+    squares: Array, w: Array, weights: Array, nominal: Array, camera: Camera
+) -> tuple[Array, Array]:
+    """Distances of one pixel of blur on both sides, shape (n, 2), mm, and their derivatives by the
+    squares, shape (n, 2, len(w)).
+    """
     line = np.repeat(nominal[None, :], len(squares), axis=0)
     design = np.stack([np.ones_like(w), w], axis=1)
     solution = np.zeros((len(squares), 2, len(w)))
@@ -127,7 +157,9 @@ def line_ends(squares: Array, w: Array, weights: Array, nominal: Array, camera: 
         at = (sign - line[:, 0]) / line[:, 1]
         vergence = (1 / at - 1 + length / focal) / length
         by_line = np.stack([-1 / line[:, 1], -at / line[:, 1]], axis=1)
-        by_end = (1 / (at**2 * length * vergence**2))[:, None] * by_line  # D = 1/V, V = (1/w - 1 + L/F)/L
+        by_end = (1 / (at**2 * length * vergence**2))[
+            :, None
+        ] * by_line  # D = 1/V, V = (1/w - 1 + L/F)/L
         ends[:, k] = 1 / vergence
         slopes[:, k] = np.einsum("ni,nij->nj", by_end, solution)
     order = np.argsort(ends.mean(axis=0))

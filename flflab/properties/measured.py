@@ -52,8 +52,11 @@ class Measured:
     failures: tuple[MeasurementError, ...] = ()
 
 
-def measure_configuration(run: Run, configuration: Configuration, study: Study, bench: Bench) -> Measured:
-    """Lattice, views and contrast of one configuration of a run, from the means of its frames; of the targets that its study shows.
+def measure_configuration(
+    run: Run, configuration: Configuration, study: Study, bench: Bench
+) -> Measured:
+    """Lattice, views and contrast of one configuration of a run, from the means of its frames; of
+    the targets that its study shows.
 
     Raises:
         MeasurementError: its frames are missing or do not show what they should.
@@ -63,10 +66,17 @@ def measure_configuration(run: Run, configuration: Configuration, study: Study, 
         pictures[target], frames[target] = _mean_picture(run, configuration, target)
     first = frames[study.shown[0]][0]
     # by this bench's zeros: it need not be the one that the run was recorded with
-    elements = [(name, axis) for name, axis in bench.description.axes.items() if axis.moves in first.worlds and name in first.readings]
+    elements = [
+        (name, axis)
+        for name, axis in bench.description.axes.items()
+        if axis.moves in first.worlds and name in first.readings
+    ]
     return measure_pictures(
         pictures,
-        {target: averaged(sensor_noise(run, taken[0].exposure_s), len(taken)) for target, taken in frames.items()},
+        {
+            target: averaged(sensor_noise(run, taken[0].exposure_s), len(taken))
+            for target, taken in frames.items()
+        },
         configuration,
         first.worlds | {axis.moves: axis.world(first.readings[name]) for name, axis in elements},
         study,
@@ -88,9 +98,11 @@ def measure_pictures(
     saturated: int = 0,
     wavelength: float | None = None,
 ) -> Measured:
-    """Lattice from the white picture, views from the dots, contrast from the bars, where there are such pictures.
+    """Lattice from the white picture, views from the dots, contrast from the bars, where there are
+    such pictures.
 
-    A camera far from its model may show no dots or bars that can be measured; the rest is measured all the same.
+    A camera far from its model may show no dots or bars that can be measured; the rest is measured
+    all the same.
 
     Args:
         pictures: DN, [row, col], by target: white, four-dot, bars.
@@ -110,19 +122,37 @@ def measure_pictures(
     white = pictures["white"]
     lattice = _lattice(white, camera, noises["white"])
     try:
-        attitude = measure_attitude(measure_micro_images(white, lattice, noises["white"]), lattice, camera)
+        attitude = measure_attitude(
+            measure_micro_images(white, lattice, noises["white"]), lattice, camera
+        )
     except MeasurementError:
         attitude = None  # a sensor of so few micro-images says nothing of it
     measured = Measured(configuration, worlds, lattice, attitude, (), None, exposure_s, saturated)
     if FourDot.kind in pictures:
         try:
-            dots = count_views(pictures[FourDot.kind], white, lattice, camera, study.dots, distance, noises[FourDot.kind])
+            dots = count_views(
+                pictures[FourDot.kind],
+                white,
+                lattice,
+                camera,
+                study.dots,
+                distance,
+                noises[FourDot.kind],
+            )
             measured = replace(measured, dots=dots)
         except MeasurementError as error:
             measured = replace(measured, failures=(*measured.failures, error))
     if Bars.kind in pictures:
         try:
-            curve = fit_contrast(pictures[Bars.kind], lattice, camera, study.bars, distance, noises[Bars.kind], wavelength=wavelength)
+            curve = fit_contrast(
+                pictures[Bars.kind],
+                lattice,
+                camera,
+                study.bars,
+                distance,
+                noises[Bars.kind],
+                wavelength=wavelength,
+            )
             measured = replace(measured, curve=curve)
         except MeasurementError as error:
             measured = replace(measured, failures=(*measured.failures, error))
@@ -130,7 +160,9 @@ def measure_pictures(
 
 
 def _lattice(white: Array, camera: Camera, noise: SensorNoise) -> Lattice:
-    """The lattice; where there is none as described, what the micro-images' distance says of the description."""
+    """The lattice; where there is none as described, what the micro-images' distance says of the
+    description.
+    """
     layout, rough = camera.array.layout, nominal_pitch_px(camera)
     try:
         return lattice_behind(camera, white, noise)
@@ -144,20 +176,29 @@ def _lattice(white: Array, camera: Camera, noise: SensorNoise) -> Lattice:
             raise
         units = mixed_up_units(found / rough)
         raise MeasurementError(
-            f"{error}; the micro-images lie about {found:.0f} px apart, {found / rough:.3g} times the {rough:.3g} px of the bench's "
-            f"description: check pitch, pixel and distances{f'; were {units} mixed up?' if units else ''}"
+            f"{error}; the micro-images lie about {found:.0f} px apart, {found / rough:.3g} times"
+            f" the {rough:.3g} px of the bench's description: check pitch, pixel and"
+            f" distances{f'; were {units} mixed up?' if units else ''}"
         ) from error
 
 
-def as_placed(configuration: Configuration, optics: Camera, worlds: dict[Element, float]) -> tuple[Camera, float]:
-    """The nominal camera with the elements where the stages said they stood, and the target's distance, mm."""
+def as_placed(
+    configuration: Configuration, optics: Camera, worlds: dict[Element, float]
+) -> tuple[Camera, float]:
+    """The nominal camera with the elements where the stages said they stood, and the target's
+    distance, mm.
+    """
     lens = worlds["main_lens.z"]
-    placed = replace(configuration, array=worlds["array.z"] - lens, sensor=worlds["sensor.z"] - lens)
+    placed = replace(
+        configuration, array=worlds["array.z"] - lens, sensor=worlds["sensor.z"] - lens
+    )
     return placed.camera(optics), lens - worlds["target.z"]
 
 
 def sensor_noise(run: Run, exposure_s: float) -> SensorNoise:
-    """What the camera says of its noise, with the black level of the dark frame where one was taken at that exposure."""
+    """What the camera says of its noise, with the black level of the dark frame where one was taken
+    at that exposure.
+    """
     noise = SensorNoise(**run.sensor_noise)
     dark = run.dark(exposure_s)
     return replace(noise, offset_dn=float(np.mean(run.picture(dark)))) if dark else noise
@@ -165,15 +206,31 @@ def sensor_noise(run: Run, exposure_s: float) -> SensorNoise:
 
 def averaged(noise: SensorNoise, frames: int) -> SensorNoise:
     """The noise of a mean of several frames."""
-    return replace(noise, dn_per_electron=noise.dn_per_electron / frames, read_noise_dn=noise.read_noise_dn / frames**0.5)
+    return replace(
+        noise,
+        dn_per_electron=noise.dn_per_electron / frames,
+        read_noise_dn=noise.read_noise_dn / frames**0.5,
+    )
 
 
-def _mean_picture(run: Run, configuration: Configuration, target: str) -> tuple[Array, tuple[FrameRecord, ...]]:
+def _mean_picture(
+    run: Run, configuration: Configuration, target: str
+) -> tuple[Array, tuple[FrameRecord, ...]]:
     """Mean of a configuration's frames of one target, DN, and the frames."""
-    frames = tuple(frame for frame in run.frames if frame.configuration == configuration.index and frame.target == target)
+    frames = tuple(
+        frame
+        for frame in run.frames
+        if frame.configuration == configuration.index and frame.target == target
+    )
     if not frames:
-        how = "its study was changed" if run.complete else f"the run stopped before it was taken: `flflab resume {run.folder}` goes on"
-        raise MeasurementError(f"run {run.folder}: configuration {configuration.index} has no {target} frame; {how}")
+        how = (
+            "its study was changed"
+            if run.complete
+            else f"the run stopped before it was taken: `flflab resume {run.folder}` goes on"
+        )
+        raise MeasurementError(
+            f"run {run.folder}: configuration {configuration.index} has no {target} frame; {how}"
+        )
     total = run.picture(frames[0]).astype(np.float64)
     for frame in frames[1:]:
         total += run.picture(frame)

@@ -1,4 +1,6 @@
-"""The numbers of a property, measured and predicted, in the one shape that rows and verdicts are made from."""
+"""The numbers of a property, measured and predicted, in the one shape that rows and verdicts are
+made from.
+"""
 
 import math
 from dataclasses import dataclass
@@ -21,7 +23,8 @@ class Shared:
 
     Attributes:
         of: what they come from; the same name is the same errors.
-        by: how K numbers move with a standard deviation of each of these errors, which are independent; shape (K, m).
+        by: how K numbers move with a standard deviation of each of these errors, which are
+            independent; shape (K, m).
     """
 
     of: str
@@ -70,16 +73,25 @@ class Values:
 
 
 def single(
-    configuration: int, quantity: str, target: str, measured: float, uncertainty: float, draws: Array, shared: Shared | None = None
+    configuration: int,
+    quantity: str,
+    target: str,
+    measured: float,
+    uncertainty: float,
+    draws: Array,
+    shared: Shared | None = None,
 ) -> Values:
     """One number of one configuration; the model's is the mean of its draws, shape (n,)."""
     return Values(
-        configuration, quantity, target, np.array([measured]), np.array([[uncertainty**2]]), np.array([draws.mean()]), draws[:, None],
+        configuration, quantity, target, np.array([measured]), np.array([[uncertainty**2]]),
+        np.array([draws.mean()]), draws[:, None],
         (None,), (None,), shared,
     )  # fmt: skip
 
 
-def rows(values: Values, one: Measured, model: Predicted, reference: int | None = None) -> list[Row]:
+def rows(
+    values: Values, one: Measured, model: Predicted, reference: int | None = None
+) -> list[Row]:
     """The lines of ``comparison.csv``.
 
     Args:
@@ -115,7 +127,9 @@ def _shared(one: Values, other: Values) -> tuple[npt.NDArray[np.int64], npt.NDAr
     pairs = [
         (k, j)
         for k, (dot, frequency) in enumerate(zip(one.dots, one.cycles_per_mm, strict=True))
-        for j, (its_dot, its_frequency) in enumerate(zip(other.dots, other.cycles_per_mm, strict=True))
+        for j, (its_dot, its_frequency) in enumerate(
+            zip(other.dots, other.cycles_per_mm, strict=True)
+        )
         if dot == its_dot and _same(frequency, its_frequency)
     ]
     mine, theirs = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
@@ -123,11 +137,15 @@ def _shared(one: Values, other: Values) -> tuple[npt.NDArray[np.int64], npt.NDAr
 
 
 def _same(one: float | None, other: float | None) -> bool:
-    return one == other or (one is not None and other is not None and math.isclose(one, other, rel_tol=1e-9))
+    return one == other or (
+        one is not None and other is not None and math.isclose(one, other, rel_tol=1e-9)
+    )
 
 
 def differences(one: Values, other: Values) -> Values:
-    """One configuration's numbers less another's; errors common to both cancel in the draws they share."""
+    """One configuration's numbers less another's; errors common to both cancel in the draws they
+    share.
+    """
     mine, theirs = _shared(one, other)
     return Values(
         one.configuration,
@@ -143,13 +161,19 @@ def differences(one: Values, other: Values) -> Values:
 
 
 def ratios(one: Values, other: Values) -> Values:
-    """One configuration's numbers over another's, where those are surely not 0: a ratio over nothing has no useful distribution."""
+    """One configuration's numbers over another's, where those are surely not 0: a ratio over
+    nothing has no useful distribution.
+    """
     mine, theirs = _shared(one, other)
     doubt = other.uncertainty[theirs]
-    sure = np.minimum(np.abs(other.measured[theirs]), np.abs(other.expected[theirs])) >= SURE * doubt
+    sure = (
+        np.minimum(np.abs(other.measured[theirs]), np.abs(other.expected[theirs])) >= SURE * doubt
+    )
     mine, theirs = mine[sure], theirs[sure]
     below, ratio = other.measured[theirs], one.measured[mine] / other.measured[theirs]
-    noise = one.noise[np.ix_(mine, mine)] + np.outer(ratio, ratio) * other.noise[np.ix_(theirs, theirs)]
+    noise = (
+        one.noise[np.ix_(mine, mine)] + np.outer(ratio, ratio) * other.noise[np.ix_(theirs, theirs)]
+    )
     draws = one.draws[:, mine] / other.draws[:, theirs]
     return Values(
         one.configuration,
@@ -181,15 +205,25 @@ def verdict(name: str, values: list[Values], threshold: float, rng: np.random.Ge
 
 
 def joined(values: list[Values]) -> tuple[Array, Array, Array]:
-    """Measured values (K,), covariance of their noise (K, K) and draws (n, K) of several lists of numbers as one."""
+    """Measured values (K,), covariance of their noise (K, K) and draws (n, K) of several lists of
+    numbers as one.
+    """
     if not values:
         raise InputError("there are no values to join")
     measured = np.concatenate([one.measured for one in values])
-    noise, ends = np.zeros((len(measured), len(measured))), np.cumsum([len(one.measured) for one in values])
+    noise, ends = (
+        np.zeros((len(measured), len(measured))),
+        np.cumsum([len(one.measured) for one in values]),
+    )
     places = [slice(end - len(one.measured), end) for one, end in zip(values, ends, strict=True)]
     for here, one in zip(places, values, strict=True):
         noise[here, here] = one.noise
         for there, other in zip(places, values, strict=True):
-            if other is not one and one.shared and other.shared and one.shared.of == other.shared.of:
+            if (
+                other is not one
+                and one.shared
+                and other.shared
+                and one.shared.of == other.shared.of
+            ):
                 noise[here, there] = one.shared.by @ other.shared.by.T
     return measured, noise, np.concatenate([one.draws.astype(np.float64) for one in values], axis=1)

@@ -9,7 +9,9 @@ from flflab.properties.values import Values
 
 
 def views(one: Measured, model: Predicted) -> Values:
-    """How many micro-images see each dot (the paper's number of views; the rule is physics' chief views)."""
+    """How many micro-images see each dot (the paper's number of views; the rule is physics' chief
+    views).
+    """
     return Values(
         one.configuration.index,
         "views",
@@ -24,5 +26,7 @@ def views(one: Measured, model: Predicted) -> Values:
 
 
 def count_doubt(dot: DotViews) -> float:
-    """Standard uncertainty of a measured count: each undecided view is one or none, and a sure count is sure to 1 in 400."""
+    """Standard uncertainty of a measured count: each undecided view is one or none, and a sure
+    count is sure to 1 in 400.
+    """
     return float(np.sqrt(dot.views_uncertain / 4 + 1 / 400))

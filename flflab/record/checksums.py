@@ -1,7 +1,9 @@
-"""CRC-32 of every frame, kept in its event, and SHA-256 of the folder's files, kept in ``SHA256SUMS`` as ``sha256sum -c`` reads it.
+"""CRC-32 of every frame, kept in its event, and SHA-256 of the folder's files, kept in
+``SHA256SUMS`` as ``sha256sum -c`` reads it.
 
-The descriptions have theirs from the beginning, the documents once the run has ended. A frame's sum is to name a disk or memory that
-failed, thousands of times a run: CRC-32 sees every burst of up to 32 bits and takes 3 ms for 10 megapixels, SHA-256 11.
+The descriptions have theirs from the beginning, the documents once the run has ended. A frame's sum
+is to name a disk or memory that failed, thousands of times a run: CRC-32 sees every burst of up to
+32 bits and takes 3 ms for 10 megapixels, SHA-256 11.
 """
 
 import hashlib
@@ -19,7 +21,9 @@ SUMS = "SHA256SUMS"
 
 
 def checksum(picture: npt.NDArray[np.uint16]) -> str:
-    """CRC-32 (as zlib's) of a picture's pixels, row by row, 16 bits little-endian, as 8 hexadecimal digits."""
+    """CRC-32 (as zlib's) of a picture's pixels, row by row, 16 bits little-endian, as 8 hexadecimal
+    digits.
+    """
     pixels: Any = np.ascontiguousarray(picture, dtype="<u2")
     return f"{zlib.crc32(pixels):08x}"
 
@@ -35,7 +39,8 @@ def write_sums(folder: Path, names: Iterable[str]) -> None:
         (folder / SUMS).write_text("".join(lines), encoding="utf-8", newline="\n")
     except OSError as error:
         raise RecordError(
-            f"{folder / SUMS}: cannot be written ({error.strerror or error}); the record is whole but for its sums, make room"
+            f"{folder / SUMS}: cannot be written ({error.strerror or error}); the record is whole"
+            " but for its sums, make room"
         ) from error
 
 
@@ -52,12 +57,13 @@ def verify_sums(folder: Path) -> None:
         digest, _, name = line.partition("  ")
         if not (folder / name).is_file():
             raise RecordError(
-                f"{folder / name}: is missing, and was there when recorded; take it from a copy, or delete {SUMS} where that is meant"
+                f"{folder / name}: is missing, and was there when recorded; take it from a copy, or"
+                f" delete {SUMS} where that is meant"
             )
         if _of_file(folder / name) != digest:
             raise RecordError(
-                f"{folder / name}: not as it was recorded (its SHA-256 is not the one in {SUMS}); take it from a copy, "
-                f"or delete {SUMS} where the change is meant"
+                f"{folder / name}: not as it was recorded (its SHA-256 is not the one in {SUMS});"
+                f" take it from a copy, or delete {SUMS} where the change is meant"
             )
 
 

@@ -23,7 +23,18 @@ DOCUMENTS, FRAMES, DATASET = "documents.jsonl", "frames.h5", "frames"
 VERSIONS = "versions.json"
 DESCRIPTIONS = ("bench.yaml", "camera.yaml", "study.yaml", VERSIONS)
 BEFORE = {*DESCRIPTIONS, SUMS}  # what a run writes before its first document
-PACKAGES = ("flflab", "bluesky", "event-model", "h5py", "numba", "numpy", "opencv-contrib-python-headless", "pydantic", "pyserial", "scipy")
+PACKAGES = (
+    "flflab",
+    "bluesky",
+    "event-model",
+    "h5py",
+    "numba",
+    "numpy",
+    "opencv-contrib-python-headless",
+    "pydantic",
+    "pyserial",
+    "scipy",
+)
 
 
 def new_folder(study: str, parent: Path = Path("runs")) -> Path:
@@ -40,14 +51,18 @@ def new_folder(study: str, parent: Path = Path("runs")) -> Path:
         except FileExistsError:
             continue
         except OSError as error:
-            raise RecordError(f"{folder}: cannot be made ({error.strerror or error}); give a folder you may write in") from error
+            raise RecordError(
+                f"{folder}: cannot be made ({error.strerror or error}); give a folder you may"
+                " write in"
+            ) from error
         return folder
     raise RecordError(f"{parent}: a hundred runs of {study} began in this second; wait a second")
 
 
 @contextlib.contextmanager
 def run_folder(folder: Path | None, study: str) -> Generator[Path]:
-    """A folder for one run: the one given, or a new one below ``runs``; made here and still empty at the end it goes again.
+    """A folder for one run: the one given, or a new one below ``runs``; made here and still empty
+    at the end it goes again.
 
     Raises:
         RecordError: as ``claim_folder`` and ``new_folder``.
@@ -63,28 +78,40 @@ def run_folder(folder: Path | None, study: str) -> Generator[Path]:
 
 
 def claim_folder(folder: Path) -> Path:
-    """Make a folder for one run, or take one that is empty or holds only the descriptions of a run that never began.
+    """Make a folder for one run, or take one that is empty or holds only the descriptions of a run
+    that never began.
 
     Raises:
         RecordError: it holds a run already or anything else, or cannot be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        held = {one.name for one in folder.iterdir() if not one.name.startswith(".")}  # those are a file browser's
+        held = {
+            one.name for one in folder.iterdir() if not one.name.startswith(".")
+        }  # those are a file browser's
     except OSError as error:
-        raise RecordError(f"{folder}: cannot be made ({error.strerror or error}); give a folder you may write in") from error
+        raise RecordError(
+            f"{folder}: cannot be made ({error.strerror or error}); give a folder you may write in"
+        ) from error
     run = [name for name in (DOCUMENTS, FRAMES) if name in held]
     if run:
-        raise RecordError(f"{folder}: holds a run already ({', '.join(run)}) and runs are never overwritten; give another folder")
+        raise RecordError(
+            f"{folder}: holds a run already ({', '.join(run)}) and runs are never overwritten; give"
+            " another folder"
+        )
     others = sorted(held - BEFORE if VERSIONS in held else held)
     if others:
         first = ", ".join(others[:3]) + (f" and {len(others) - 3} more" if len(others) > 3 else "")
-        raise RecordError(f"{folder}: holds other files ({first}), and a run has a folder to itself; give a new or an empty one")
+        raise RecordError(
+            f"{folder}: holds other files ({first}), and a run has a folder to itself; give a new"
+            " or an empty one"
+        )
     return folder
 
 
 def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> None:
-    """Write bench.yaml, camera.yaml and study.yaml as used, versions.json, and the sums of these: all of them, or none.
+    """Write bench.yaml, camera.yaml and study.yaml as used, versions.json, and the sums of these:
+    all of them, or none.
 
     Args:
         folder: the run's.
@@ -96,8 +123,12 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
     """
     text, fields = bench.file.read_text(encoding="utf-8"), fields_of(bench)
     copied, found = re.subn(r"(?m)^optics:.*$", "optics: camera.yaml", text)
-    if found != 1 or fields != read_yaml(bench.file)[0]:  # written in another style, or another seed: without the comments, but right
-        copied = yaml.safe_dump(fields | {"optics": "camera.yaml"}, sort_keys=False, allow_unicode=True)
+    if (
+        found != 1 or fields != read_yaml(bench.file)[0]
+    ):  # written in another style, or another seed: without the comments, but right
+        copied = yaml.safe_dump(
+            fields | {"optics": "camera.yaml"}, sort_keys=False, allow_unicode=True
+        )
     try:
         (folder / "bench.yaml").write_text(copied, encoding="utf-8")
         shutil.copyfile(bench.file.parent / bench.description.optics, folder / "camera.yaml")
@@ -112,7 +143,10 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
         raise
     except OSError as error:
         forget_descriptions(folder)
-        raise RecordError(f"{folder}: cannot be written ({error.strerror or error}); give a folder you may write in") from error
+        raise RecordError(
+            f"{folder}: cannot be written ({error.strerror or error}); give a folder you may"
+            " write in"
+        ) from error
 
 
 def forget_descriptions(folder: Path) -> None:
@@ -122,7 +156,9 @@ def forget_descriptions(folder: Path) -> None:
 
 
 def versions() -> dict[str, str]:
-    """What ran: Python, platform, the packages that matter, and of a checkout of flflab its commit; absent ones are left out."""
+    """What ran: Python, platform, the packages that matter, and of a checkout of flflab its commit;
+    absent ones are left out.
+    """
     found = {"python": sys.version.split()[0], "platform": platform.platform()}
     for name in PACKAGES:
         try:
@@ -133,12 +169,19 @@ def versions() -> dict[str, str]:
 
 
 def git_state(checkout: Path) -> dict[str, str]:
-    """``git``: the commit of a checkout, and whether its files are changed since; empty where it is none or there is no git."""
+    """``git``: the commit of a checkout, and whether its files are changed since; empty where it is
+    none or there is no git.
+    """
     program = shutil.which("git")
     if program is None or not (checkout / ".git").exists():
         return {}
     asked = ("rev-parse", "HEAD"), ("status", "--porcelain", "--untracked-files=no")
-    said = [subprocess.run([program, "-C", str(checkout), *words], capture_output=True, text=True, check=False) for words in asked]
+    said = [
+        subprocess.run(
+            [program, "-C", str(checkout), *words], capture_output=True, text=True, check=False
+        )
+        for words in asked
+    ]
     if any(one.returncode for one in said):
         return {}
     commit, changed = (one.stdout.strip() for one in said)

@@ -1,7 +1,8 @@
 """An HDF5 file that is there whole or not at all, on a full disk too.
 
-HDF5 does not survive a disk that takes no more: what it holds back it writes when it closes, with a page of complaints and now and then
-the end of the program. So it writes into a stream that swallows the fault and keeps it for who writes.
+HDF5 does not survive a disk that takes no more: what it holds back it writes when it closes, with a
+page of complaints and now and then the end of the program. So it writes into a stream that swallows
+the fault and keeps it for who writes.
 """
 
 import contextlib
@@ -47,7 +48,8 @@ class _Stream(io.FileIO):
 
 @contextlib.contextmanager
 def new_hdf5(file: Path) -> Generator[tuple[h5py.File, Callable[[], None]]]:
-    """A new HDF5 file, put in its place when it is on the disk, and what to call now and then: it raises what the disk did not take.
+    """A new HDF5 file, put in its place when it is on the disk, and what to call now and then: it
+    raises what the disk did not take.
 
     Raises:
         OSError: the disk does not take it; what was in the file's place is there still.

@@ -1,7 +1,9 @@
-"""A run as one NeXus file that any viewer opens: frames, readings and provenance, the frames as what is shown first.
+"""A run as one NeXus file that any viewer opens: frames, readings and provenance, the frames as
+what is shown first.
 
-The layout follows the base classes of the NeXus manual (NXroot, NXentry, NXinstrument, NXdetector, NXpositioner, NXdata, NXprocess) and its
-rules for what is plotted by default: ``default`` leads from the root to an NXdata, whose ``signal`` and ``axes`` name its fields.
+The layout follows the base classes of the NeXus manual (NXroot, NXentry, NXinstrument, NXdetector,
+NXpositioner, NXdata, NXprocess) and its rules for what is plotted by default: ``default`` leads
+from the root to an NXdata, whose ``signal`` and ``axes`` name its fields.
 """
 
 import csv
@@ -32,25 +34,32 @@ def export_nexus(run: Run, file: Path) -> None:
         file: the HDF5 file to write, one that does not exist.
 
     Raises:
-        RecordError: the run has no frame, a frame is not as it was recorded, or the file is there already or does not fit on the disk.
+        RecordError: the run has no frame, a frame is not as it was recorded, or the file is there
+            already or does not fit on the disk.
         InputError: the file's folder is missing or may not be written.
     """
     if not run.frames:
         raise RecordError(f"{run.folder}: no frame was recorded, there is nothing to export")
     if file.exists():
-        raise RecordError(f"{file}: exists already and is not overwritten; give another name, or remove it")
+        raise RecordError(
+            f"{file}: exists already and is not overwritten; give another name, or remove it"
+        )
     require_writable(file)
     largest = len(run.frames) * run.picture(run.frames[0]).nbytes
     try:
         with new_hdf5(file) as (into, raise_fault):
             into.attrs.update(
-                NX_class="NXroot", default="entry", file_name=file.name, creator="flflab", HDF5_Version=h5py.version.hdf5_version
+                NX_class="NXroot",
+                default="entry",
+                file_name=file.name,
+                creator="flflab",
+                HDF5_Version=h5py.version.hdf5_version,
             )
             _entry(into, run, raise_fault)
     except OSError as error:
         raise RecordError(
-            f"{file}: the disk does not take it ({error.strerror or error}), up to {largest / 1e6:.3g} MB are needed; make room, or give "
-            "a place on another disk"
+            f"{file}: the disk does not take it ({error.strerror or error}), up to"
+            f" {largest / 1e6:.3g} MB are needed; make room, or give a place on another disk"
         ) from error
 
 
@@ -65,7 +74,9 @@ def _entry(root: h5py.File, run: Run, after_each: Callable[[], None]) -> None:
     _frames(_group(instrument, "detector", "NXdetector"), run, after_each)
     for axis in run.frames[0].readings:
         _positioner(_group(instrument, axis, "NXpositioner"), axis, run)
-    data = _group(entry, "frames", "NXdata", signal="data", axes=["frame", ".", "."], frame_indices=0)
+    data = _group(
+        entry, "frames", "NXdata", signal="data", axes=["frame", ".", "."], frame_indices=0
+    )
     data["data"] = h5py.SoftLink("/entry/instrument/detector/data")
     data["frame"] = np.arange(len(run.frames))
     data["title"] = "frames in the order taken"
@@ -74,7 +85,11 @@ def _entry(root: h5py.File, run: Run, after_each: Callable[[], None]) -> None:
     process = _group(entry, "process", "NXprocess")
     process["program"] = "flflab"
     process["version"] = str(dict(run.start.get("software", {})).get("flflab", ""))
-    notes = {name: (run.folder / name).read_text(encoding="utf-8") for name in KEPT if (run.folder / name).is_file()}
+    notes = {
+        name: (run.folder / name).read_text(encoding="utf-8")
+        for name in KEPT
+        if (run.folder / name).is_file()
+    }
     notes["start_document.json"] = json.dumps(dict(run.start))
     for name, text in notes.items():
         note = _group(process, name.replace(".", "_"), "NXnote")
@@ -85,13 +100,21 @@ def _entry(root: h5py.File, run: Run, after_each: Callable[[], None]) -> None:
 def _frames(detector: h5py.Group, run: Run, after_each: Callable[[], None]) -> None:
     shape = run.picture(run.frames[0]).shape
     data = detector.create_dataset(
-        "data", (len(run.frames), *shape), "<u2", chunks=(1, *shape), shuffle=True, compression="gzip", compression_opts=LEVEL
+        "data",
+        (len(run.frames), *shape),
+        "<u2",
+        chunks=(1, *shape),
+        shuffle=True,
+        compression="gzip",
+        compression_opts=LEVEL,
     )
     data.attrs.update(units="DN", long_name="pixel value, DN", interpretation="image")
     for place, frame in enumerate(run.frames):
         data[place] = run.picture(frame)
         after_each()
-    exposures = detector.create_dataset("count_time", data=[frame.exposure_s for frame in run.frames])
+    exposures = detector.create_dataset(
+        "count_time", data=[frame.exposure_s for frame in run.frames]
+    )
     exposures.attrs["units"] = "s"
 
 
@@ -107,11 +130,17 @@ def _conditions(group: h5py.Group, frames: tuple[FrameRecord, ...]) -> None:
         "point": ([frame.key for frame in frames], ""),
         "target": ([frame.target for frame in frames], ""),
         "crc32": ([frame.crc32 for frame in frames], ""),
-        "configuration": ([-1 if frame.configuration is None else frame.configuration for frame in frames], ""),
+        "configuration": (
+            [-1 if frame.configuration is None else frame.configuration for frame in frames],
+            "",
+        ),
         "f_number": ([frame.f_number for frame in frames], ""),
         "time": ([frame.time for frame in frames], "s"),
     }
-    columns |= {f"world_{element.replace('.', '_')}": ([frame.worlds[element] for frame in frames], "mm") for element in ELEMENTS}
+    columns |= {
+        f"world_{element.replace('.', '_')}": ([frame.worlds[element] for frame in frames], "mm")
+        for element in ELEMENTS
+    }
     for name, (values, unit) in columns.items():
         dataset = group.create_dataset(name, data=values)
         if unit:
@@ -119,17 +148,36 @@ def _conditions(group: h5py.Group, frames: tuple[FrameRecord, ...]) -> None:
 
 
 def _comparison(entry: h5py.Group, file: Path) -> None:
-    """Each configuration's measured and predicted MTF as curves, where the run was compared with the model."""
+    """Each configuration's measured and predicted MTF as curves, where the run was compared with
+    the model.
+    """
     if not file.is_file():
         return
     with file.open(encoding="utf-8", newline="") as stream:
         rows = [row for row in csv.DictReader(stream) if row["quantity"] == "mtf"]
     for index in sorted({int(row["configuration"]) for row in rows}):
-        mine = sorted((row for row in rows if int(row["configuration"]) == index), key=lambda row: float(row["cycles_per_mm"]))
-        data = _group(entry, f"mtf_{index}", "NXdata", signal="measured", axes=["cycles_per_mm"], auxiliary_signals=["predicted"])
-        for name, column in (("cycles_per_mm",) * 2, ("measured",) * 2, ("measured_errors", "uncertainty"), ("predicted",) * 2):
+        mine = sorted(
+            (row for row in rows if int(row["configuration"]) == index),
+            key=lambda row: float(row["cycles_per_mm"]),
+        )
+        data = _group(
+            entry,
+            f"mtf_{index}",
+            "NXdata",
+            signal="measured",
+            axes=["cycles_per_mm"],
+            auxiliary_signals=["predicted"],
+        )
+        for name, column in (
+            ("cycles_per_mm",) * 2,
+            ("measured",) * 2,
+            ("measured_errors", "uncertainty"),
+            ("predicted",) * 2,
+        ):
             data.create_dataset(name, data=[float(row[column]) for row in mine])
-        data["cycles_per_mm"].attrs.update(units="1/mm", long_name="frequency on the target, cycles/mm")
+        data["cycles_per_mm"].attrs.update(
+            units="1/mm", long_name="frequency on the target, cycles/mm"
+        )
         data["title"] = f"MTF of configuration {index}"
 
 

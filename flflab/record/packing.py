@@ -1,7 +1,9 @@
-"""Packs the frames of a finished run on request: the room not needed goes, the rest is compressed so that plain h5py reads it.
+"""Packs the frames of a finished run on request: the room not needed goes, the rest is compressed
+so that plain h5py reads it.
 
-While a run is written its frames lie raw in their places, which survives every crash. Afterwards each is compressed by HDF5's own shuffle
-and deflate filters, in threads of its own; the packed file takes the place of the raw one only when it is whole and on the disk.
+While a run is written its frames lie raw in their places, which survives every crash. Afterwards
+each is compressed by HDF5's own shuffle and deflate filters, in threads of its own; the packed file
+takes the place of the raw one only when it is whole and on the disk.
 """
 
 import os
@@ -23,10 +25,12 @@ AHEAD = 4  # frames in memory
 
 
 def pack(run: Run) -> None:
-    """Compress the frames of a run that was taken to its end; nothing where it was not, or where they are packed.
+    """Compress the frames of a run that was taken to its end; nothing where it was not, or where
+    they are packed.
 
     Raises:
-        RecordError: a frame is missing or not as it was recorded, or the disk is full; the raw frames are left as they are then.
+        RecordError: a frame is missing or not as it was recorded, or the disk is full; the raw
+            frames are left as they are then.
     """
     file = run.folder / FRAMES
     if not run.complete or not run.frames or _is_packed(run.folder):
@@ -37,25 +41,36 @@ def pack(run: Run) -> None:
             shape = run.picture(frames[0]).shape
             whole = (frames[-1].index + 1, *shape)
             dataset = into.create_dataset(
-                DATASET, whole, "<u2", chunks=(1, *shape), shuffle=True, compression="gzip", compression_opts=LEVEL
+                DATASET,
+                whole,
+                "<u2",
+                chunks=(1, *shape),
+                shuffle=True,
+                compression="gzip",
+                compression_opts=LEVEL,
             )
             for frame, chunk in _compressed(run, frames):
                 dataset.id.write_direct_chunk((frame.index, 0, 0), chunk)
                 raise_fault()
     except OSError as error:
         raise RecordError(
-            f"{file}: cannot be packed, the disk does not take the packed file beside it ({error.strerror or error}); make room"
+            f"{file}: cannot be packed, the disk does not take the packed file beside it"
+            f" ({error.strerror or error}); make room"
         ) from error
 
 
 def _compressed(run: Run, frames: list[FrameRecord]) -> Iterator[tuple[FrameRecord, bytes]]:
     def compress(frame: FrameRecord) -> bytes:
         pixels = run.picture(frame).astype("<u2", copy=False)
-        return zlib.compress(np.ascontiguousarray(pixels.reshape(-1, 1).view(np.uint8).T).data, LEVEL)
+        return zlib.compress(
+            np.ascontiguousarray(pixels.reshape(-1, 1).view(np.uint8).T).data, LEVEL
+        )
 
     rest = iter(frames)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        under_way: list[tuple[FrameRecord, Future[bytes]]] = [(frame, pool.submit(compress, frame)) for frame in islice(rest, AHEAD)]
+        under_way: list[tuple[FrameRecord, Future[bytes]]] = [
+            (frame, pool.submit(compress, frame)) for frame in islice(rest, AHEAD)
+        ]
         while under_way:
             frame, chunk = under_way.pop(0)
             yield frame, chunk.result()

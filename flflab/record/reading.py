@@ -1,4 +1,6 @@
-"""Reads a run back, finished or not, with json and h5py alone; every frame is checked against the sum recorded with it."""
+"""Reads a run back, finished or not, with json and h5py alone; every frame is checked against the
+sum recorded with it.
+"""
 
 import contextlib
 import json
@@ -19,7 +21,9 @@ from flflab.record.checksums import checksum, verify_sums
 from flflab.record.folder import DATASET, DOCUMENTS, FRAMES
 
 ELEMENTS: tuple[Element, ...] = get_args(Element)
-ACCURACY = "mtf_standard_uncertainty"  # the column that tells an event of accuracy from one of a frame
+ACCURACY = (  # the column that tells an event of accuracy from one of a frame
+    "mtf_standard_uncertainty"
+)
 Picture = npt.NDArray[np.uint16]
 
 
@@ -28,7 +32,8 @@ class FrameRecord:
     """One recorded frame and the bench when it was taken.
 
     Attributes:
-        key: the point's, each once in a run: ``c3/bars/0`` is the first bars frame of configuration 3, ``dark/0.01s/0`` a dark one.
+        key: the point's, each once in a run: ``c3/bars/0`` is the first bars frame of configuration
+            3, ``dark/0.01s/0`` a dark one.
         configuration: index of the study's configuration; None for a dark frame.
         target: name of the target in place.
         repeat: counts the frames of one target in one configuration.
@@ -82,7 +87,8 @@ class AccuracyRecord:
     Attributes:
         configuration: index of the study's configuration.
         frames: how many frames of the bars there were.
-        mtf_standard_uncertainty: of the MTF measured in their mean, the largest over its frequencies.
+        mtf_standard_uncertainty: of the MTF measured in their mean, the largest over its
+            frequencies.
         enough: whether that is what the study asks for.
         time: s since 1970, this computer's clock.
     """
@@ -104,7 +110,8 @@ class Run:
         frames: in the order taken.
         stop: its last stop document; None where it never ended.
         resumed: the start documents of its later parts.
-        cut: what ended the part before each of these: its stop document; None where it was cut off without one.
+        cut: what ended the part before each of these: its stop document; None where it was cut off
+            without one.
         accuracy: how the uncertainty fell with the frames taken.
         turning: names of the axes whose readings are in rad; those of the others are in mm.
     """
@@ -125,27 +132,41 @@ class Run:
 
     @property
     def sensor_noise(self) -> dict[str, float]:
-        """What the camera said of its noise at gain 1: dn_per_electron, read_noise_dn, offset_dn, full_scale_dn."""
+        """What the camera said of its noise at gain 1: dn_per_electron, read_noise_dn, offset_dn,
+        full_scale_dn.
+        """
         return dict(self.start["sensor_noise"])
 
     def dark(self, exposure_s: float) -> FrameRecord | None:
         """The first dark frame of an exposure."""
-        return next((frame for frame in self.frames if frame.configuration is None and frame.exposure_s == exposure_s), None)
+        return next(
+            (
+                frame
+                for frame in self.frames
+                if frame.configuration is None and frame.exposure_s == exposure_s
+            ),
+            None,
+        )
 
     def picture(self, record: FrameRecord) -> Picture:
         """The picture of a frame, shape (rows, columns), DN.
 
         Raises:
-            RecordError: frames.h5 is missing, does not hold it, or holds other pixels than were recorded.
+            RecordError: frames.h5 is missing, does not hold it, or holds other pixels than were
+                recorded.
         """
         with opened_frames(self.folder) as frames:
             if record.index >= len(frames):
-                raise RecordError(f"{self.folder / FRAMES}: holds {len(frames)} frames and not {record.key}; take it from a copy")
+                raise RecordError(
+                    f"{self.folder / FRAMES}: holds {len(frames)} frames and not {record.key}; take"
+                    " it from a copy"
+                )
             picture = np.asarray(frames[record.index], dtype=np.uint16)
         if record.crc32 and checksum(picture) != record.crc32:
             raise RecordError(
-                f"{self.folder / FRAMES}: frame {record.key} (number {record.index} of the file) is not as it was recorded: its CRC-32 "
-                "is another; take the file from a copy, see to the disk"
+                f"{self.folder / FRAMES}: frame {record.key} (number {record.index} of the file) is"
+                " not as it was recorded: its CRC-32 is another; take the file from a copy, see to"
+                " the disk"
             )
         return picture
 
@@ -166,10 +187,17 @@ def opened_frames(folder: Path) -> Generator[h5py.Dataset]:
         if not file.exists():
             why = "is missing"
         elif whole is not None:
-            why = f"is cut short, {file.stat().st_size / 1e6:.3g} of {int(whole[1]) / 1e6:.3g} MB are there"
+            why = (
+                f"is cut short, {file.stat().st_size / 1e6:.3g} of {int(whole[1]) / 1e6:.3g} MB are"
+                " there"
+            )
         else:
             number = getattr(error, "errno", None)
-            why = f"cannot be read ({os.strerror(number)})" if number else "is damaged, or no file of frames"
+            why = (
+                f"cannot be read ({os.strerror(number)})"
+                if number
+                else "is damaged, or no file of frames"
+            )
         raise RecordError(f"{file}: {why}; take it from a copy") from error
 
 
@@ -184,16 +212,26 @@ def read_documents(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
         lines = file.read_text(encoding="utf-8", errors="replace").split("\n")
     except FileNotFoundError as error:
         if folder.is_dir():
-            raise RecordError(f"{folder}: nothing was recorded there yet; begin the run anew, or give the folder of another") from error
+            raise RecordError(
+                f"{folder}: nothing was recorded there yet; begin the run anew, or give the folder"
+                " of another"
+            ) from error
         raise RecordError(f"{folder}: there is no such folder; give the folder of a run") from error
     except OSError as error:
-        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give the folder of a run") from error
-    for number, line in enumerate(lines[:-1], start=1):  # what stands after the last line end is empty or cut short
+        raise RecordError(
+            f"{file}: cannot be read ({error.strerror or error}); give the folder of a run"
+        ) from error
+    for number, line in enumerate(
+        lines[:-1], start=1
+    ):  # what stands after the last line end is empty or cut short
         try:
             pair = json.loads(line)
             yield pair["name"], pair["doc"]
         except (ValueError, KeyError, TypeError) as error:
-            raise RecordError(f"{file}:{number}: not a document ({error}); the file was changed after it was written") from error
+            raise RecordError(
+                f"{file}:{number}: not a document ({error}); the file was changed after it was"
+                " written"
+            ) from error
 
 
 def read_run(folder: Path) -> Run:
@@ -223,15 +261,33 @@ def read_run(folder: Path) -> Run:
             elif name == "event" and ACCURACY in doc["data"]:
                 accuracy.append(_accuracy_of(doc["data"], doc["time"]))
             elif name == "event" and "point" in doc["data"]:
-                frame = _frame_of(doc["data"], doc["time"], place, starts[0].get("axes", ()) if starts else ())
+                frame = _frame_of(
+                    doc["data"], doc["time"], place, starts[0].get("axes", ()) if starts else ()
+                )
                 frames[frame.key] = frame
-                turning = frozenset(axis for axis in frame.readings if ANGLE.column(axis) in doc["data"])
+                turning = frozenset(
+                    axis for axis in frame.readings if ANGLE.column(axis) in doc["data"]
+                )
         except (KeyError, TypeError, ValueError) as error:
-            raise RecordError(f"{folder / DOCUMENTS}: a {name} document lacks {error}; it is not a run of flflab") from error
+            raise RecordError(
+                f"{folder / DOCUMENTS}: a {name} document lacks {error}; it is not a run of flflab"
+            ) from error
     if not starts:
-        raise RecordError(f"{folder / DOCUMENTS}: holds no start of a run: nothing was recorded; begin it again in another folder")
+        raise RecordError(
+            f"{folder / DOCUMENTS}: holds no start of a run: nothing was recorded; begin it again"
+            " in another folder"
+        )
     verify_sums(folder)
-    return Run(folder, starts[0], tuple(frames.values()), stop, tuple(starts[1:]), tuple(cut), tuple(accuracy), turning)
+    return Run(
+        folder,
+        starts[0],
+        tuple(frames.values()),
+        stop,
+        tuple(starts[1:]),
+        tuple(cut),
+        tuple(accuracy),
+        turning,
+    )
 
 
 def world_key(element: Element) -> str:
@@ -247,14 +303,19 @@ def _reading(data: Mapping[str, Any], axis: str) -> float:
 def _frame_of(data: Mapping[str, Any], time: float, place: int, axes: Iterable[str]) -> FrameRecord:
     configuration = int(data["configuration"])
     return FrameRecord(
-        key=data["point"], configuration=None if configuration < 0 else configuration, target=data["target"], repeat=int(data["repeat"]),
+        key=data["point"], configuration=None if configuration < 0 else configuration,
+        target=data["target"], repeat=int(data["repeat"]),
         f_number=float(data["iris"]), readings={axis: _reading(data, axis) for axis in axes},
-        worlds={element: float(data[world_key(element)]) for element in ELEMENTS}, exposure_s=float(data["exposure_s"]),
-        gain=float(data["gain"]), saturated=int(data["saturated"]), number=int(data["number"]), index=place, time=time,
+        worlds={element: float(data[world_key(element)]) for element in ELEMENTS},
+        exposure_s=float(data["exposure_s"]),
+        gain=float(data["gain"]), saturated=int(data["saturated"]), number=int(data["number"]),
+        index=place, time=time,
         crc32=data.get("crc32", ""),
     )  # fmt: skip
 
 
 def _accuracy_of(data: Mapping[str, Any], time: float) -> AccuracyRecord:
     enough = bool(data["enough"])
-    return AccuracyRecord(int(data["accuracy_of"]), int(data["frames"]), float(data[ACCURACY]), enough, time)
+    return AccuracyRecord(
+        int(data["accuracy_of"]), int(data["frames"]), float(data[ACCURACY]), enough, time
+    )

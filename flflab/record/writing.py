@@ -1,7 +1,9 @@
-"""Writes a run as it goes, in a thread of its own: every frame before the event that names it, documents forced to the disk one by one.
+"""Writes a run as it goes, in a thread of its own: every frame before the event that names it,
+documents forced to the disk one by one.
 
-The dataset of frames is allocated at its full size before the first frame: adding a frame changes nothing else in the file, so it can be
-read whenever the writer was killed, and gone on with. Pixels go into it past HDF5, whose lock would hold up everything else meanwhile.
+The dataset of frames is allocated at its full size before the first frame: adding a frame changes
+nothing else in the file, so it can be read whenever the writer was killed, and gone on with. Pixels
+go into it past HDF5, whose lock would hold up everything else meanwhile.
 """
 
 import contextlib
@@ -33,9 +35,10 @@ Picture = npt.NDArray[np.uint16]
 class Recording:
     """Writes the documents and frames of one run; usable as a callback of a bluesky engine.
 
-    What is handed over is written while the run goes on, in that order. ``frame`` returns when everything before it is on the disk, so no
-    more than one frame and its event is ever on the way. What could not be written is told by the next call, and nothing that was to
-    follow it is written.
+    What is handed over is written while the run goes on, in that order. ``frame`` returns when
+    everything before it is on the disk, so no more than one frame and its event is ever on the way.
+    What could not be written is told by the next call, and nothing that was to follow it is
+    written.
 
     Args:
         folder: the run's, made before.
@@ -47,11 +50,14 @@ class Recording:
     """
 
     def __init__(self, folder: Path, frames: int, shape: tuple[int, int]) -> None:
-        needed, free = frames * shape[0] * shape[1] * 2 + SPARE_BYTES, shutil.disk_usage(folder).free
+        needed, free = (
+            frames * shape[0] * shape[1] * 2 + SPARE_BYTES,
+            shutil.disk_usage(folder).free,
+        )
         if needed > free:
             raise RecordError(
-                f"{folder}: the run needs {needed / 1e9:.2f} GB for {frames} frames, {free / 1e9:.2f} GB are free; "
-                "make room or give a folder on another disk"
+                f"{folder}: the run needs {needed / 1e9:.2f} GB for {frames} frames,"
+                f" {free / 1e9:.2f} GB are free; make room or give a folder on another disk"
             )
         at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
@@ -68,19 +74,26 @@ class Recording:
         self.folder = folder
         self._documents = documents
         with opened_frames(folder) as dataset:
-            self._shape, self._start = cast(tuple[int, int, int], dataset.shape), cast(int, dataset.id.get_offset())
+            self._shape, self._start = (
+                cast(tuple[int, int, int], dataset.shape),
+                cast(int, dataset.id.get_offset()),
+            )
         self._pixels = (folder / FRAMES).open("r+b", buffering=0)
         self._ended = False
         self._fault: RecordError | None = None
         self._todo: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._writer = threading.Thread(target=self._write, name=f"record in {folder.name}", daemon=True)
+        self._writer = threading.Thread(
+            target=self._write, name=f"record in {folder.name}", daemon=True
+        )
         self._writer.start()
 
     def picture(self, place: int) -> Picture:
         """A frame written before, shape (rows, columns), DN."""
         self.settle()
         count = self._shape[1] * self._shape[2]
-        pixels = np.fromfile(self.folder / FRAMES, "<u2", count, offset=self._start + place * 2 * count)
+        pixels = np.fromfile(
+            self.folder / FRAMES, "<u2", count, offset=self._start + place * 2 * count
+        )
         return pixels.astype(np.uint16, copy=False).reshape(self._shape[1:])
 
     def frame(self, picture: Picture) -> int:
@@ -92,11 +105,15 @@ class Recording:
         count, rows, columns = self._shape
         if picture.shape != (rows, columns):
             raise RecordError(
-                f"{self.folder}: the camera gives pictures of {picture.shape[1]} x {picture.shape[0]} pixels, its camera file says "
-                f"{columns} x {rows}; correct sensor.resolution there"
+                f"{self.folder}: the camera gives pictures of {picture.shape[1]} x"
+                f" {picture.shape[0]} pixels, its camera file says {columns} x {rows}; correct"
+                " sensor.resolution there"
             )
         if self.recorded == count:
-            raise RecordError(f"{self.folder}: the record has room for {count} frames and they are taken; plan for more")
+            raise RecordError(
+                f"{self.folder}: the record has room for {count} frames and they are taken; plan"
+                " for more"
+            )
         self.settle()
         place, self.recorded = self.recorded, self.recorded + 1
         self._todo.put(lambda: self._attempt("a frame", lambda: self._write_frame(place, picture)))
@@ -111,7 +128,9 @@ class Recording:
         line = json.dumps({"name": name, "doc": doc}, default=_plain)
         self._raise_fault()
         self.empty = False
-        self._todo.put(lambda: self._attempt("a document", lambda: self._write_document(name, line)))
+        self._todo.put(
+            lambda: self._attempt("a document", lambda: self._write_document(name, line))
+        )
 
     def settle(self) -> None:
         """Wait until everything handed over is on the disk.
@@ -142,8 +161,12 @@ class Recording:
         if self._fault is None:
             try:
                 write()
-            except Exception as error:  # whatever it is, the thread goes on, or those who wait for it would for ever
-                self._fault = RecordError(f"{self.folder}: {what} could not be written ({_in_a_line(error)}); make room before you go on")
+            # whatever it is, the thread goes on, or those who wait for it would for ever
+            except Exception as error:
+                self._fault = RecordError(
+                    f"{self.folder}: {what} could not be written ({_in_a_line(error)}); make room"
+                    " before you go on"
+                )
 
     def _write_frame(self, place: int, picture: Picture) -> None:
         pixels: Any = np.ascontiguousarray(picture, dtype="<u2")
@@ -163,7 +186,8 @@ class Recording:
         """The document that says where frames lie; its path is relative to the run's folder."""
         parameters = {"dataset": f"/{DATASET}", "chunk_shape": (1, *self._shape[1:])}
         return {
-            "uid": uid, "data_key": data_key, "mimetype": "application/x-hdf5", "uri": FRAMES, "parameters": parameters, "run_start": "",
+            "uid": uid, "data_key": data_key, "mimetype": "application/x-hdf5", "uri": FRAMES,
+            "parameters": parameters, "run_start": "",
         }  # fmt: skip
 
     def discard(self) -> None:
@@ -173,7 +197,8 @@ class Recording:
             (self.folder / name).unlink()
 
     def close(self) -> None:
-        """Write what is left and end both files; where the run has ended write the sums of the folder's files. May be called again.
+        """Write what is left and end both files; where the run has ended write the sums of the
+        folder's files. May be called again.
 
         Raises:
             RecordError: the disk did not take it all.
@@ -192,7 +217,8 @@ class Recording:
             self._documents.close()
         except OSError as error:
             raise RecordError(
-                f"{self.folder}: its files could not be closed ({_in_a_line(error)}); make room, the record is whole"
+                f"{self.folder}: its files could not be closed ({_in_a_line(error)}); make room,"
+                " the record is whole"
             ) from error
 
 
@@ -201,13 +227,18 @@ def _beginning(folder: Path) -> Generator[None]:
     try:
         yield
     except FileExistsError as error:
-        raise RecordError(f"{folder}: another run is recorded there; give another folder") from error
+        raise RecordError(
+            f"{folder}: another run is recorded there; give another folder"
+        ) from error
     except OSError as error:
-        raise RecordError(f"{folder}: a record cannot be begun there ({error}); give another folder") from error
+        raise RecordError(
+            f"{folder}: a record cannot be begun there ({error}); give another folder"
+        ) from error
 
 
 def _keep_for_oneself(documents: Any, folder: Path) -> None:
-    """Let no other program write this record; the system lets it go when this one ends, however it ends.
+    """Let no other program write this record; the system lets it go when this one ends, however it
+    ends.
 
     Raises:
         RecordError: another one writes it.
@@ -224,7 +255,10 @@ def _keep_for_oneself(documents: Any, folder: Path) -> None:
 
             fcntl.flock(documents, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except (BlockingIOError, PermissionError) as error:
-        raise RecordError(f"{folder}: another program is writing this run; wait for its end, or interrupt it first") from error
+        raise RecordError(
+            f"{folder}: another program is writing this run; wait for its end, or interrupt it"
+            " first"
+        ) from error
     except OSError:
         pass  # a disk on the network that knows no locks
 
@@ -234,7 +268,8 @@ def _in_a_line(error: BaseException) -> str:
 
 
 class ContinuedRecording(Recording):
-    """Goes on with a record that was cut short: what was recorded stays, a last line without its end goes.
+    """Goes on with a record that was cut short: what was recorded stays, a last line without its
+    end goes.
 
     Args:
         folder: of a run that did not end well.
@@ -251,14 +286,18 @@ class ContinuedRecording(Recording):
             _keep_for_oneself(documents, folder)
             run = read_run(folder)
             with _beginning(folder):
-                write_sums(folder, DESCRIPTIONS)  # the documents grow: theirs are written anew at the end
+                write_sums(
+                    folder, DESCRIPTIONS
+                )  # the documents grow: theirs are written anew at the end
                 documents.truncate(file.read_bytes().rfind(b"\n") + 1)
                 self._begin(folder, documents)
         except RecordError:
             documents.close()
             raise
         self.empty = False
-        self.recorded = 1 + max((frame.index for frame in run.frames), default=-1)  # a frame without its event is written over
+        self.recorded = 1 + max(
+            (frame.index for frame in run.frames), default=-1
+        )  # a frame without its event is written over
 
     def discard(self) -> None:
         """Close it; nothing was added."""

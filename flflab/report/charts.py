@@ -1,4 +1,7 @@
-"""Curves of the report, each a small SVG picture as a data URI. Black is measured, orange predicted, grey the paper's reading."""
+# longer than 450 lines because each chart of the report is one function here
+"""Curves of the report, each a small SVG picture as a data URI. Black is measured, orange
+predicted, grey the paper's reading.
+"""
 
 import base64
 import io
@@ -26,12 +29,26 @@ Array = npt.NDArray[np.float64]
 MEASURED, PREDICTED, PAPER = "black", "#d55e00", "#888888"
 ABOVE = 29  # points from axes to title, over a second axis
 TELLABLE = 12  # configurations in a legend or along an axis
-PALETTE = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")  # told apart by colour-blind readers
+PALETTE = (
+    "#0072b2",
+    "#e69f00",
+    "#009e73",
+    "#cc79a7",
+    "#56b4e9",
+    "#d55e00",
+)  # told apart by colour-blind readers
 MARKERS = "os^Dv<>P*Xhp"  # so are these where colours come again
-DOTS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7")  # told apart by colour-blind readers, on white and on a dark frame
+DOTS = (
+    "#e69f00",
+    "#56b4e9",
+    "#009e73",
+    "#cc79a7",
+)  # told apart by colour-blind readers, on white and on a dark frame
 STYLE: dict[Any, Any] = {
-    "font.size": 8, "axes.titlesize": 9, "legend.fontsize": 7, "axes.spines.top": False, "axes.spines.right": False,
-    "axes.grid": True, "grid.alpha": 0.25, "grid.linewidth": 0.5, "legend.frameon": False, "lines.linewidth": 1.2,
+    "font.size": 8, "axes.titlesize": 9, "legend.fontsize": 7, "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True, "grid.alpha": 0.25, "grid.linewidth": 0.5, "legend.frameon": False,
+    "lines.linewidth": 1.2,
     "svg.hashsalt": "flflab", "svg.fonttype": "path", "font.sans-serif": ["DejaVu Sans"],
 }  # fmt: skip
 
@@ -59,7 +76,9 @@ def _as_svg(figure: "Figure") -> str:
         layout.execute(figure)  # here, for savefig draws all of a figure once more to lay it out
         figure.set_layout_engine(None)
     text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Creator": None, "Date": None, "Format": None, "Type": None})
+    figure.savefig(
+        text, format="svg", metadata={"Creator": None, "Date": None, "Format": None, "Type": None}
+    )
     return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue().encode()).decode("ascii")
 
 
@@ -69,7 +88,9 @@ def _legend_below(figure: "Figure") -> None:
 
 
 def look(place: int, count: int) -> dict[str, Any]:
-    """Colour and marker of one of so many configurations: shades from blue to red where there are too many to tell apart."""
+    """Colour and marker of one of so many configurations: shades from blue to red where there are
+    too many to tell apart.
+    """
     if count > TELLABLE:
         shade = 0.8 * place / (count - 1)
         return {"color": (shade, 0.35, 1 - shade), "marker": "."}
@@ -77,37 +98,68 @@ def look(place: int, count: int) -> dict[str, Any]:
 
 
 def _rows(rows: tuple[Row, ...], quantity: str, configuration: int | None = None) -> list[Row]:
-    return [row for row in rows if row.quantity == quantity and configuration in (None, row.configuration)]
+    return [
+        row
+        for row in rows
+        if row.quantity == quantity and configuration in (None, row.configuration)
+    ]
 
 
 def _columns(rows: list[Row], *names: str) -> Array:
     return np.array([[float(getattr(row, name)) for row in rows] for name in names])
 
 
-def mtf_chart(index: int, curve: ContrastCurve, model: Predicted, rows: tuple[Row, ...], title: str) -> str:
-    """Contrast measured with its own uncertainty, against mean and central 95 % of the predicted draws, over frequency."""
+def mtf_chart(
+    index: int, curve: ContrastCurve, model: Predicted, rows: tuple[Row, ...], title: str
+) -> str:
+    """Contrast measured with its own uncertainty, against mean and central 95 % of the predicted
+    draws, over frequency.
+    """
     frequency = curve.cycles_per_mm
     with _style():
         figure = _new(3.9, 3.3)
         axes = figure.add_subplot()
         low, high = np.percentile(model.contrast_draws, [2.5, 97.5], axis=0)
         axes.axhline(0, color="grey", linewidth=0.6)
-        axes.fill_between(frequency, low, high, color=PREDICTED, alpha=0.25, linewidth=0, label="predicted, 95 % of benches")
-        axes.plot(frequency, model.contrast_draws.mean(axis=0), color=PREDICTED, label="predicted, mean")
+        axes.fill_between(
+            frequency,
+            low,
+            high,
+            color=PREDICTED,
+            alpha=0.25,
+            linewidth=0,
+            label="predicted, 95 % of benches",
+        )
+        axes.plot(
+            frequency, model.contrast_draws.mean(axis=0), color=PREDICTED, label="predicted, mean"
+        )
         sigma = np.sqrt(np.diag(curve.covariance))
-        axes.errorbar(frequency, curve.contrast, 2 * sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5, label="measured, ± 2σ")
+        axes.errorbar(
+            frequency,
+            curve.contrast,
+            2 * sigma,
+            fmt="o",
+            color=MEASURED,
+            markersize=2.8,
+            capsize=1.5,
+            label="measured, ± 2σ",
+        )
         paper = _rows(rows, "contrast_paper", index)
         if paper:
             nu, claimed, read = _columns(paper, "cycles_per_mm", "predicted", "measured")
             axes.plot(nu, claimed, ":", color=PAPER, label="eq. (2) of the paper")
-            axes.plot(nu, read, "x", color=PAPER, markersize=3, label="(max - min)/(max + min) of pixels")
+            axes.plot(
+                nu, read, "x", color=PAPER, markersize=3, label="(max - min)/(max + min) of pixels"
+            )
         else:
             axes.plot([], [], " ", label="out of the depth of field: no eq. (2)")
         axes.set(xlabel="frequency on the target, cycles/mm", ylabel="contrast", xlim=(0, None))
         axes.set_title(title, y=1, pad=ABOVE)
         _legend_below(figure)
         per_px = float(curve.cycles_per_px[-1] / frequency[-1])
-        upper = axes.secondary_xaxis("top", functions=(lambda nu: np.asarray(nu) * per_px, lambda u: np.asarray(u) / per_px))
+        upper = axes.secondary_xaxis(
+            "top", functions=(lambda nu: np.asarray(nu) * per_px, lambda u: np.asarray(u) / per_px)
+        )
         upper.set_xlabel("cycles/pixel", fontsize=7)
         upper.tick_params(labelsize=7)
         return _as_svg(figure)
@@ -116,7 +168,8 @@ def mtf_chart(index: int, curve: ContrastCurve, model: Predicted, rows: tuple[Ro
 def properties_chart(evaluation: Evaluation) -> str:
     """Measured less predicted of every property beside views and contrast, a panel each.
 
-    Black dots with 2 uncertainties of the pictures, on the band of 95 % of the benches that the stated errors of stages and optics allow.
+    Black dots with 2 uncertainties of the pictures, on the band of 95 % of the benches that the
+    stated errors of stages and optics allow.
     """
     panels = {name: [one for one in evaluation.values if one.quantity == name] for name in PANELS}
     panels = {name: members for name, members in panels.items() if members}
@@ -127,12 +180,20 @@ def properties_chart(evaluation: Evaluation) -> str:
             title, unit, many = PANELS[name]
             axes = figure.add_subplot(-(-len(panels) // columns), columns, place + 1)
             axes.axhline(0, color=PREDICTED, linewidth=0.8)
-            at, width, low, high, difference, sigma = np.concatenate([_placed(one, many) for one in members], axis=1)
-            axes.bar(at, high - low, bottom=low, width=width, color=PREDICTED, alpha=0.3, linewidth=0)
-            axes.errorbar(at, difference, sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5)
+            at, width, low, high, difference, sigma = np.concatenate(
+                [_placed(one, many) for one in members], axis=1
+            )
+            axes.bar(
+                at, high - low, bottom=low, width=width, color=PREDICTED, alpha=0.3, linewidth=0
+            )
+            axes.errorbar(
+                at, difference, sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5
+            )
             axes.set_title(f"{title}, {unit}", fontsize=8, y=1)
             _count(axes, {one.configuration for one in members})
-            middle = sum({one.configuration for one in members}) / len({one.configuration for one in members})
+            middle = sum({one.configuration for one in members}) / len(
+                {one.configuration for one in members}
+            )
             half = max(1.5, 0.7 + max(abs(one.configuration - middle) for one in members))
             axes.set_xlim(middle - half, middle + half)
             axes.grid(visible=False, axis="x")
@@ -142,7 +203,9 @@ def properties_chart(evaluation: Evaluation) -> str:
 
 
 def _placed(one: Values, many: float) -> Array:
-    """Place and width of every value's band in a panel, the band's ends, measured less predicted, and its 2 uncertainties."""
+    """Place and width of every value's band in a panel, the band's ends, measured less predicted,
+    and its 2 uncertainties.
+    """
     low, high = np.percentile(one.draws - one.expected, [2.5, 97.5], axis=0) * many
     count = len(low)
     at = one.configuration + (np.linspace(-0.25, 0.25, count) if count > 1 else np.zeros(1))
@@ -151,7 +214,9 @@ def _placed(one: Values, many: float) -> Array:
 
 
 def views_chart(evaluation: Evaluation) -> str | None:
-    """Number of views of each dot in each configuration, measured and predicted; None where no dots were measured."""
+    """Number of views of each dot in each configuration, measured and predicted; None where no dots
+    were measured.
+    """
     rows = _rows(evaluation.comparison.rows, "views")
     if not rows:
         return None
@@ -164,7 +229,9 @@ def views_chart(evaluation: Evaluation) -> str | None:
 
 
 def difference_chart(evaluation: Evaluation) -> str | None:
-    """Differences of the number of views to the reference configuration, measured and predicted; None where there are none."""
+    """Differences of the number of views to the reference configuration, measured and predicted;
+    None where there are none.
+    """
     rows = _rows(evaluation.comparison.rows, "difference_views")
     if not rows:
         return None
@@ -178,7 +245,9 @@ def difference_chart(evaluation: Evaluation) -> str | None:
 
 
 def _count(axes: "Axes", configurations: set[int]) -> None:
-    """Ticks at every configuration, or at some whole numbers where they would run into one another."""
+    """Ticks at every configuration, or at some whole numbers where they would run into one
+    another.
+    """
     from matplotlib.ticker import MaxNLocator
 
     if len(configurations) <= TELLABLE:
@@ -195,12 +264,39 @@ def _by_dot(axes: "Axes", rows: list[Row]) -> None:
     """Squares predicted, filled circles measured with their uncertainty, one colour a dot."""
     for dot in sorted({row.dot for row in rows if row.dot is not None}):
         mine = [row for row in rows if row.dot == dot]
-        place, measured, sigma, predicted = _columns(mine, "configuration", "measured", "uncertainty", "predicted")
+        place, measured, sigma, predicted = _columns(
+            mine, "configuration", "measured", "uncertainty", "predicted"
+        )
         place = place + 0.17 * (dot - 1.5)
         colour = DOTS[dot % len(DOTS)]
-        axes.plot(place, predicted, "s", markersize=7.5, markerfacecolor="none", markeredgecolor="black", markeredgewidth=0.8)
-        axes.errorbar(place, measured, sigma, fmt="o", color=colour, markersize=4, capsize=2, label=f"dot {dot}")
-    axes.plot([], [], "s", markersize=7.5, markerfacecolor="none", markeredgecolor="black", label="predicted")
+        axes.plot(
+            place,
+            predicted,
+            "s",
+            markersize=7.5,
+            markerfacecolor="none",
+            markeredgecolor="black",
+            markeredgewidth=0.8,
+        )
+        axes.errorbar(
+            place,
+            measured,
+            sigma,
+            fmt="o",
+            color=colour,
+            markersize=4,
+            capsize=2,
+            label=f"dot {dot}",
+        )
+    axes.plot(
+        [],
+        [],
+        "s",
+        markersize=7.5,
+        markerfacecolor="none",
+        markeredgecolor="black",
+        label="predicted",
+    )
     _count(axes, {row.configuration for row in rows})
     axes.grid(visible=False, axis="x")
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -209,14 +305,27 @@ def _by_dot(axes: "Axes", rows: list[Row]) -> None:
 def ratio_chart(rows: tuple[Row, ...], configuration: int, title: str) -> str:
     """Ratio of the MTF to the reference configuration's, measured against predicted."""
     nu, measured, sigma, predicted = _columns(
-        _rows(rows, "ratio_mtf", configuration), "cycles_per_mm", "measured", "uncertainty", "predicted"
+        _rows(rows, "ratio_mtf", configuration),
+        "cycles_per_mm",
+        "measured",
+        "uncertainty",
+        "predicted",
     )
     with _style():
         figure = _new(3.9, 2.6)
         axes = figure.add_subplot()
         axes.axhline(1, color="grey", linewidth=0.6)
         axes.plot(nu, predicted, color=PREDICTED, label="predicted, mean")
-        axes.errorbar(nu, measured, 2 * sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5, label="measured, ± 2σ of both")
+        axes.errorbar(
+            nu,
+            measured,
+            2 * sigma,
+            fmt="o",
+            color=MEASURED,
+            markersize=2.8,
+            capsize=1.5,
+            label="measured, ± 2σ of both",
+        )
         axes.set(xlabel="frequency on the target, cycles/mm", ylabel="ratio", xlim=(0, None))
         axes.set_title(title, y=1)
         axes.ticklabel_format(axis="y", useOffset=False)
@@ -225,7 +334,9 @@ def ratio_chart(rows: tuple[Row, ...], configuration: int, title: str) -> str:
 
 
 def residual_chart(evaluation: Evaluation) -> str | None:
-    """Standardised differences of the MTF over frequency, and their histogram beside the normal law; None where there are none."""
+    """Standardised differences of the MTF over frequency, and their histogram beside the normal
+    law; None where there are none.
+    """
     rows = [row for row in _rows(evaluation.comparison.rows, "mtf") if np.isfinite(row.z)]
     if not rows:
         return None
@@ -235,25 +346,49 @@ def residual_chart(evaluation: Evaluation) -> str | None:
         by_frequency.axhspan(-2, 2, color="black", alpha=0.07, linewidth=0)
         configurations = sorted({row.configuration for row in rows})
         for place, configuration in enumerate(configurations):
-            nu, z = _columns([row for row in rows if row.configuration == configuration], "cycles_per_mm", "z")
-            by_frequency.plot(nu, z, **look(place, len(configurations)), linewidth=0.5, markersize=4, label=str(configuration))
-        by_frequency.set(xlabel="frequency on the target, cycles/mm", ylabel="z", title="MTF: (measured - predicted)/uncertainty")
+            nu, z = _columns(
+                [row for row in rows if row.configuration == configuration], "cycles_per_mm", "z"
+            )
+            by_frequency.plot(
+                nu,
+                z,
+                **look(place, len(configurations)),
+                linewidth=0.5,
+                markersize=4,
+                label=str(configuration),
+            )
+        by_frequency.set(
+            xlabel="frequency on the target, cycles/mm",
+            ylabel="z",
+            title="MTF: (measured - predicted)/uncertainty",
+        )
         if len(configurations) <= TELLABLE:
             by_frequency.legend(title="configuration", ncols=4, loc="best", columnspacing=1)
         else:
-            by_frequency.set_title(f"MTF: (measured - predicted)/uncertainty, {_shaded(configurations)}")
+            by_frequency.set_title(
+                f"MTF: (measured - predicted)/uncertainty, {_shaded(configurations)}"
+            )
         z = np.array([row.z for row in rows])
         edge = max(4.0, float(np.abs(z).max(initial=0.0)) * 1.05)
         grid = np.linspace(-edge, edge, 201)
-        histogram.hist(z, bins=np.linspace(-edge, edge, 25).tolist(), density=True, orientation="horizontal", color="#999999")
-        histogram.plot(np.exp(-(grid**2) / 2) / np.sqrt(2 * np.pi), grid, color=PREDICTED, label="normal law")
+        histogram.hist(
+            z,
+            bins=np.linspace(-edge, edge, 25).tolist(),
+            density=True,
+            orientation="horizontal",
+            color="#999999",
+        )
+        histogram.plot(
+            np.exp(-(grid**2) / 2) / np.sqrt(2 * np.pi), grid, color=PREDICTED, label="normal law"
+        )
         histogram.set(xlabel="density", title="all configurations")
         histogram.legend(loc="upper right")
         return _as_svg(figure)
 
 
 def accuracy_chart(run: Run, wanted: float) -> str:
-    """What accuracy costs: the MTF's standard uncertainty against the time its frames took on the bench, each configuration a line.
+    """What accuracy costs: the MTF's standard uncertainty against the time its frames took on the
+    bench, each configuration a line.
 
     Args:
         run: with its looks at the accuracy.
@@ -268,13 +403,32 @@ def accuracy_chart(run: Run, wanted: float) -> str:
             taken, sure = np.array([[one.frames, one.mtf_standard_uncertainty] for one in looks]).T
             seconds = _bench_seconds(run, configuration)
             style = look(place, len(configurations))
-            per_frame, lasting = split_up(tuple(Look(int(n), float(u)) for n, u in zip(taken, sure, strict=True)))
+            per_frame, lasting = split_up(
+                tuple(Look(int(n), float(u)) for n, u in zip(taken, sure, strict=True))
+            )
             count = np.geomspace(1, 2 * taken[-1], 60)
-            axes.plot(count * seconds, np.sqrt(per_frame / count + lasting), color=style["color"], linewidth=0.7)
-            axes.plot(taken * seconds, sure, **style, linestyle="none", markersize=4, label=f"{configuration}: {int(taken[-1])} frames")
+            axes.plot(
+                count * seconds,
+                np.sqrt(per_frame / count + lasting),
+                color=style["color"],
+                linewidth=0.7,
+            )
+            axes.plot(
+                taken * seconds,
+                sure,
+                **style,
+                linestyle="none",
+                markersize=4,
+                label=f"{configuration}: {int(taken[-1])} frames",
+            )
         asked = f"asked for: {wanted:g}"
         axes.axhline(wanted, color=PREDICTED, linewidth=0.8, label=asked)
-        axes.set(xscale="log", yscale="log", xlabel="time of the frames on the bench, s", ylabel="standard uncertainty of the MTF")
+        axes.set(
+            xscale="log",
+            yscale="log",
+            xlabel="time of the frames on the bench, s",
+            ylabel="standard uncertainty of the MTF",
+        )
         if len(configurations) <= TELLABLE:
             axes.legend(title="configuration", loc="center left", bbox_to_anchor=(1.0, 0.5))
         else:
@@ -283,6 +437,16 @@ def accuracy_chart(run: Run, wanted: float) -> str:
 
 
 def _bench_seconds(run: Run, configuration: int) -> float:
-    """Seconds a frame of a configuration's bars took: the median from one to the next, so that an interruption does not count."""
-    times = [frame.time for frame in run.frames if frame.configuration == configuration and frame.target == "bars"]
-    return float(np.median(np.diff(times))) if len(times) > 1 else max(frame.exposure_s for frame in run.frames)
+    """Seconds a frame of a configuration's bars took: the median from one to the next, so that an
+    interruption does not count.
+    """
+    times = [
+        frame.time
+        for frame in run.frames
+        if frame.configuration == configuration and frame.target == "bars"
+    ]
+    return (
+        float(np.median(np.diff(times)))
+        if len(times) > 1
+        else max(frame.exposure_s for frame in run.frames)
+    )

@@ -1,4 +1,6 @@
-"""Numbers that the report states beside the comparison: exact counts, pooled z, diffraction against the pixel, notes before signing."""
+"""Numbers that the report states beside the comparison: exact counts, pooled z, diffraction against
+the pixel, notes before signing.
+"""
 
 import math
 from dataclasses import dataclass
@@ -29,8 +31,8 @@ ON_THIS_MACHINE = ("simulated", "127.0.0.1", "localhost", "[::1]")
 class ZStatistics:
     """Standardised differences of one quantity, pooled over all configurations.
 
-    ``beyond_two`` is a share; ``largest`` the row with the largest absolute value; ``unlimited`` counts rows without any
-    uncertainty that differ, which the other figures leave out.
+    ``beyond_two`` is a share; ``largest`` the row with the largest absolute value; ``unlimited``
+    counts rows without any uncertainty that differ, which the other figures leave out.
     """
 
     quantity: str
@@ -77,7 +79,9 @@ def cone_width(camera: Camera, distance: float) -> float:
 
 
 def airy_diameter(camera: Camera, distance: float, wavelength: float = WAVELENGTH) -> float:
-    """Diameter of the first dark ring of a sharp point on the sensor, mm: 2.44 lambda b / w with w the cone's width."""
+    """Diameter of the first dark ring of a sharp point on the sensor, mm: 2.44 lambda b / w with w
+    the cone's width.
+    """
     width = cone_width(camera, distance)
     return 2.44 * wavelength * camera.optical_gap / width if width > 0 else math.inf
 
@@ -85,18 +89,33 @@ def airy_diameter(camera: Camera, distance: float, wavelength: float = WAVELENGT
 def diffraction_contrast(
     camera: Camera, distance: float, cycles_per_px: npt.ArrayLike, wavelength: float = WAVELENGTH
 ) -> npt.NDArray[np.float64]:
-    """Contrast that a perfect round lens leaves: 2/pi (acos s - s sqrt(1 - s^2)), s = frequency lambda b / w, 0 from s = 1 on."""
+    """Contrast that a perfect round lens leaves: 2/pi (acos s - s sqrt(1 - s^2)), s = frequency
+    lambda b / w, 0 from s = 1 on.
+    """
     width = cone_width(camera, distance)
     on_sensor = np.abs(np.asarray(cycles_per_px, dtype=np.float64)) / camera.sensor.pixel
-    s = np.minimum(on_sensor * wavelength * camera.optical_gap / width, 1.0) if width > 0 else np.ones_like(on_sensor)
+    s = (
+        np.minimum(on_sensor * wavelength * camera.optical_gap / width, 1.0)
+        if width > 0
+        else np.ones_like(on_sensor)
+    )
     return 2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s * s))
 
 
 def simulated_devices(bench: Bench) -> tuple[list[str], int]:
     """Names of the devices at a simulated or loopback address, and the number of all devices."""
     description = bench.description
-    devices = {**description.axes, "camera": description.camera, "iris": description.iris, "target": description.target}
-    local = [name for name, device in devices.items() if any(word in device.address for word in ON_THIS_MACHINE)]
+    devices = {
+        **description.axes,
+        "camera": description.camera,
+        "iris": description.iris,
+        "target": description.target,
+    }
+    local = [
+        name
+        for name, device in devices.items()
+        if any(word in device.address for word in ON_THIS_MACHINE)
+    ]
     return local, len(devices)
 
 
@@ -104,36 +123,57 @@ def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[
     """What a reader should know before signing; empty where nothing is amiss."""
     found: list[str] = [parts(run)] if run.resumed else []
     if run.stop is None:
-        found.append("The run has no stop document: it never ended properly, and is reported as far as it was recorded.")
+        found.append(
+            "The run has no stop document: it never ended properly, and is reported as far as it"
+            " was recorded."
+        )
     elif run.stop.get("exit_status", "success") != "success":
         reason = run.stop.get("reason") or "no reason given"
         found.append(f"The run ended with status {run.stop['exit_status']}: {reason}.")
-    found += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in unlike_the_wheel(study, bench)]
+    found += [
+        f"{sentence[0].upper()}{sentence[1:]}." for sentence in unlike_the_wheel(study, bench)
+    ]
     found += _saturation(evaluation.measured)
     where: dict[str, list[int]] = {}
     for one in evaluation.measured:
         for sentence in _notes_on(one):
             where.setdefault(sentence, []).append(one.configuration.index)
-    found += [f"Configuration{'s' if len(places) > 1 else ''} {listed(places)}: {sentence}" for sentence, places in where.items()]
+    found += [
+        f"Configuration{'s' if len(places) > 1 else ''} {listed(places)}: {sentence}"
+        for sentence, places in where.items()
+    ]
     missing = sum(row.uncertainty <= 0 for row in evaluation.comparison.rows)
     if missing:
         have = "has" if missing == 1 else "have"
-        found.append(f"{counted(missing, 'row')} of the comparison {have} no uncertainty: z is 0 or infinite there.")
+        found.append(
+            f"{counted(missing, 'row')} of the comparison {have} no uncertainty: z is 0 or infinite"
+            " there."
+        )
     return found
 
 
 def parts(run: Run) -> str:
-    """In how many parts a run was recorded, and when and why it was cut: ``Recorded in 2 parts: cut at ... (...), resumed at ...``."""
+    """In how many parts a run was recorded, and when and why it was cut: ``Recorded in 2 parts: cut
+    at ... (...), resumed at ...``.
+    """
     cuts: list[str] = []
     for stop, start in zip(run.cut, run.resumed, strict=True):
-        when = "cut off" if stop is None else f"cut at {moment(stop.get('time'))} ({stop.get('reason') or 'no reason given'})"
+        when = (
+            "cut off"
+            if stop is None
+            else f"cut at {moment(stop.get('time'))} ({stop.get('reason') or 'no reason given'})"
+        )
         cuts.append(f"{when}, resumed at {moment(start.get('time'))}")
     return f"Recorded in {len(cuts) + 1} parts: {'; '.join(cuts)}."
 
 
 def moment(seconds: float | None) -> str:
     """A time since 1970 in seconds as date and time, UTC."""
-    return "not recorded" if seconds is None else datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    return (
+        "not recorded"
+        if seconds is None
+        else datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    )
 
 
 def counted(many: int, what: str) -> str:
@@ -149,32 +189,54 @@ def listed(places: list[int]) -> str:
             runs[-1].append(place)
         else:
             runs.append([place])
-    words = [word for run in runs for word in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run))]
+    words = [
+        word
+        for run in runs
+        for word in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run))
+    ]
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def pictured(evaluation: Evaluation, reference: int, most: int = PICTURED) -> frozenset[int]:
-    """The configurations whose frames and curves a page shows: the reference, first and last, and those farthest from the model."""
+    """The configurations whose frames and curves a page shows: the reference, first and last, and
+    those farthest from the model.
+    """
     every = [one.configuration.index for one in evaluation.measured]
     off = dict.fromkeys(every, 0.0)
     for row in evaluation.comparison.rows:
         if row.reference_configuration is None and row.quantity != "contrast_paper":
             off[row.configuration] = max(off[row.configuration], abs(row.z))
     first = [index for index in (reference, every[0], every[-1]) if index in off]
-    return frozenset(list(dict.fromkeys([*first, *sorted(every, key=lambda index: -off[index])]))[:most])
+    return frozenset(
+        list(dict.fromkeys([*first, *sorted(every, key=lambda index: -off[index])]))[:most]
+    )
 
 
 def _saturation(measured: tuple[Measured, ...]) -> list[str]:
-    counts = ", ".join(f"{one.saturated} in configuration {one.configuration.index}" for one in measured if one.saturated)
-    return [f"Saturated pixels, left out of every fit, in the worst frame: {counts}."] if counts else []
+    counts = ", ".join(
+        f"{one.saturated} in configuration {one.configuration.index}"
+        for one in measured
+        if one.saturated
+    )
+    return (
+        [f"Saturated pixels, left out of every fit, in the worst frame: {counts}."]
+        if counts
+        else []
+    )
 
 
 def _notes_on(one: Measured) -> list[str]:
     found = [f"{failure}." for failure in one.failures]
-    fits = [("lattice", one.lattice.chi2_per_pixel), *([("contrast", one.curve.chi2_per_pixel)] if one.curve else [])]
+    fits = [
+        ("lattice", one.lattice.chi2_per_pixel),
+        *([("contrast", one.curve.chi2_per_pixel)] if one.curve else []),
+    ]
     for what, chi2 in fits:
         if chi2 > WORST_CHI2:
-            found.append(f"the {what} fit leaves {chi2:.2g} times the noise's variance; its uncertainties were enlarged to match.")
+            found.append(
+                f"the {what} fit leaves {chi2:.2g} times the noise's variance; its uncertainties"
+                " were enlarged to match."
+            )
     uncertain = sum(dot.views_uncertain for dot in one.dots)
     if uncertain:
         found.append(f"views so near an edge that the frame hardly decides them: {uncertain}.")

@@ -1,4 +1,6 @@
-"""Recorded frames for the report: cropped to what is lit, stretched, with the lattice and the views of every dot marked."""
+"""Recorded frames for the report: cropped to what is lit, stretched, with the lattice and the views
+of every dot marked.
+"""
 
 import base64
 from dataclasses import dataclass
@@ -29,7 +31,9 @@ DIRECTIONS = 96  # corners of the outline of a useful region
 
 @dataclass(frozen=True)
 class Mark:
-    """A view of a dot at (x, y) sensor pixels: seen and predicted, missed (predicted only) or extra (seen only)."""
+    """A view of a dot at (x, y) sensor pixels: seen and predicted, missed (predicted only) or extra
+    (seen only).
+    """
 
     dot: int
     x: float
@@ -68,7 +72,9 @@ class MarkedFrame:
     mark_radius: float
 
 
-def predicted_view_places(model: Predicted, lattice: Lattice, dot: int, point: Array) -> tuple[npt.NDArray[np.int64], Array]:
+def predicted_view_places(
+    model: Predicted, lattice: Lattice, dot: int, point: Array
+) -> tuple[npt.NDArray[np.int64], Array]:
     """Where the predicted views of a dot should lie in the measured lattice.
 
     Args:
@@ -78,8 +84,9 @@ def predicted_view_places(model: Predicted, lattice: Lattice, dot: int, point: A
         point: its place on the target, (x, y) mm.
 
     Returns:
-        Measured lattice indices (n, 2) and positions (n, 2) in pixels: the predicted offset from the micro-image's centre, laid
-        on the measured centre, so that the array's unknown place sideways does not matter.
+        Measured lattice indices (n, 2) and positions (n, 2) in pixels: the predicted offset from
+        the micro-image's centre, laid on the measured centre, so that the array's unknown place
+        sideways does not matter.
     """
     members = model.view_indices[dot]
     smms = select(camera_smms(model.camera), members)
@@ -87,14 +94,23 @@ def predicted_view_places(model: Predicted, lattice: Lattice, dot: int, point: A
     _, _, landing = chief_crossings(smms, 1 / model.distance, point / model.distance, centre)
     image_centre = centre * smms.image_scale[:, None]
     sensor = model.camera.sensor
-    nominal = (image_centre - np.asarray(sensor.offset)) / sensor.pixel + (np.asarray(sensor.resolution) - 1) / 2
-    nearest = np.array([int(np.argmin(np.hypot(*(lattice.centres_px - one).T))) for one in nominal], dtype=np.int64)
-    return lattice.indices[nearest], lattice.centres_px[nearest] + (landing - image_centre) / sensor.pixel
+    nominal = (image_centre - np.asarray(sensor.offset)) / sensor.pixel + (
+        np.asarray(sensor.resolution) - 1
+    ) / 2
+    nearest = np.array(
+        [int(np.argmin(np.hypot(*(lattice.centres_px - one).T))) for one in nominal], dtype=np.int64
+    )
+    return (
+        lattice.indices[nearest],
+        lattice.centres_px[nearest] + (landing - image_centre) / sensor.pixel,
+    )
 
 
 def view_marks(seen: DotViews, lattice_indices: npt.NDArray[np.int64], places: Array) -> list[Mark]:
     """Seen and predicted views of one dot, paired by micro-image."""
-    expected = {(int(i), int(j)): place for (i, j), place in zip(lattice_indices, places, strict=True)}
+    expected = {
+        (int(i), int(j)): place for (i, j), place in zip(lattice_indices, places, strict=True)
+    }
     marks: list[Mark] = []
     for (i, j), (x, y) in zip(seen.indices, seen.centres_px, strict=True):
         agreed = expected.pop((int(i), int(j)), None) is not None
@@ -103,26 +119,35 @@ def view_marks(seen: DotViews, lattice_indices: npt.NDArray[np.int64], places: A
 
 
 def useful_outline(lattice: Lattice, model: Predicted) -> list[Place]:
-    """Useful region round a micro-image's centre by the measured circles: lit enough, and free of the neighbours' light.
+    """Useful region round a micro-image's centre by the measured circles: lit enough, and free of
+    the neighbours' light.
 
-    The radius of the least illumination lies between the inside and the outside circle; its share of the way is the model's.
+    The radius of the least illumination lies between the inside and the outside circle; its share
+    of the way is the model's.
     """
     rules, smms = model.camera.useful, central_smms(model.camera)
     ramp = max(float(smms.outside_radius - smms.inside_radius), 1e-12)
 
     def radius(share: float) -> float:
         part = float((illumination_radius(smms, share) - smms.inside_radius) / ramp)
-        return lattice.inside_radius_px + part * (lattice.outside_radius_px - lattice.inside_radius_px)
+        return lattice.inside_radius_px + part * (
+            lattice.outside_radius_px - lattice.inside_radius_px
+        )
 
     angle = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
     rays = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    reach, blocked = np.full(DIRECTIONS, radius(rules.minimum_illumination)), radius(rules.maximum_crosstalk)
+    reach, blocked = (
+        np.full(DIRECTIONS, radius(rules.minimum_illumination)),
+        radius(rules.maximum_crosstalk),
+    )
     for i in (-2, -1, 0, 1, 2):
         for j in (-2, -1, 0, 1, 2):
             step = lattice.vectors_px @ np.array([i, j], dtype=np.float64)
             along, aside = rays @ step, np.abs(rays @ np.array([-step[1], step[0]]))
             met = (along > 0) & (aside < blocked)
-            reach[met] = np.minimum(reach[met], np.maximum(along[met] - np.sqrt(blocked**2 - aside[met] ** 2), 0))
+            reach[met] = np.minimum(
+                reach[met], np.maximum(along[met] - np.sqrt(blocked**2 - aside[met] ** 2), 0)
+            )
     return [(float(x), float(y)) for x, y in rays * reach[:, None]]
 
 
@@ -130,7 +155,9 @@ def dots_frame(picture: Picture, one: Measured, model: Predicted, target: FourDo
     """The dots' frame round all views, seen or predicted."""
     marks: list[Mark] = []
     for seen in one.dots:
-        indices, places = predicted_view_places(model, one.lattice, seen.dot, target.centres[seen.dot])
+        indices, places = predicted_view_places(
+            model, one.lattice, seen.dot, target.centres[seen.dot]
+        )
         marks += view_marks(seen, indices, places)
     height, width = picture.shape
     margin = one.lattice.outside_radius_px + 8
@@ -139,9 +166,15 @@ def dots_frame(picture: Picture, one: Measured, model: Predicted, target: FourDo
         low, high = np.array([x.min(), y.min()]) - margin, np.array([x.max(), y.max()]) + margin
     else:
         low, high = np.zeros(2), np.array([width, height], dtype=np.float64)
-    size = target.diameter * float(magnification(central_smms(model.camera), 1 / model.distance)) / model.camera.sensor.pixel
+    size = (
+        target.diameter
+        * float(magnification(central_smms(model.camera), 1 / model.distance))
+        / model.camera.sensor.pixel
+    )
     radius = max(size, model.blur_px) / 2 + 0.02 * one.lattice.pitch_px
-    return _frame(picture, one.lattice, low, high, useful_outline(one.lattice, model), tuple(marks), radius)
+    return _frame(
+        picture, one.lattice, low, high, useful_outline(one.lattice, model), tuple(marks), radius
+    )
 
 
 def bars_frame(picture: Picture, one: Measured, model: Predicted) -> MarkedFrame:
@@ -152,7 +185,13 @@ def bars_frame(picture: Picture, one: Measured, model: Predicted) -> MarkedFrame
 
 
 def _frame(
-    picture: Picture, lattice: Lattice, low: Array, high: Array, useful: list[Place], marks: tuple[Mark, ...], mark_radius: float
+    picture: Picture,
+    lattice: Lattice,
+    low: Array,
+    high: Array,
+    useful: list[Place],
+    marks: tuple[Mark, ...],
+    mark_radius: float,
 ) -> MarkedFrame:
     height, width = picture.shape
     left, top = (int(edge) for edge in np.maximum(np.floor(low), 0))
@@ -161,16 +200,22 @@ def _frame(
     away = lattice.centres_px - np.clip(lattice.centres_px, [left, top], [right, bottom])
     shown = lattice.centres_px[np.hypot(*away.T) < near]
     return MarkedFrame(
-        image=as_jpeg(picture[top:bottom, left:right]), left=left, top=top, width=right - left, height=bottom - top,
-        centres=[(float(x), float(y)) for x, y in shown], inside=lattice.inside_radius_px, outside=near, useful=useful,
+        image=as_jpeg(picture[top:bottom, left:right]), left=left, top=top, width=right - left,
+        height=bottom - top,
+        centres=[(float(x), float(y)) for x, y in shown], inside=lattice.inside_radius_px,
+        outside=near, useful=useful,
         marks=marks, mark_radius=mark_radius,
     )  # fmt: skip
 
 
 def as_jpeg(part: Picture) -> str:
-    """A part of a frame as a data URI, black to the brightest thousandth, square root of brightness, at most 1000 pixels wide."""
+    """A part of a frame as a data URI, black to the brightest thousandth, square root of
+    brightness, at most 1000 pixels wide.
+    """
     black, white = float(part.min()), float(np.percentile(part, 99.9))
-    shown = np.sqrt(np.clip((part.astype(np.float32) - black) / max(white - black, 1.0), 0, 1)) * 255
+    shown = (
+        np.sqrt(np.clip((part.astype(np.float32) - black) / max(white - black, 1.0), 0, 1)) * 255
+    )
     shrink = min(1.0, WIDEST / max(part.shape))
     if shrink < 1:
         size = (max(1, round(part.shape[1] * shrink)), max(1, round(part.shape[0] * shrink)))

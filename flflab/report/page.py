@@ -1,4 +1,6 @@
-"""Writes the report of a run: one HTML file that needs nothing else, readable on screen and on paper."""
+"""Writes the report of a run: one HTML file that needs nothing else, readable on screen and on
+paper.
+"""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +20,12 @@ from flflab.report import charts, facts, frames, tables
 from flflab.study import Study
 from flflab.whole_file import write_whole
 
-ELSEWHERE = ("time", "devices", "software", "configurations")  # what the start document holds that the page shows in its place
+ELSEWHERE = (
+    "time",
+    "devices",
+    "software",
+    "configurations",
+)  # what the start document holds that the page shows in its place
 
 
 @dataclass(frozen=True)
@@ -54,7 +61,11 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
     local, devices = facts.simulated_devices(bench)
     wanted = study.description.mtf_standard_uncertainty
     shown = facts.pictured(evaluation, study.description.reference)
-    pairs = [pair for pair in zip(evaluation.measured, evaluation.predicted, strict=True) if pair[0].configuration.index in shown]
+    pairs = [
+        pair
+        for pair in zip(evaluation.measured, evaluation.predicted, strict=True)
+        if pair[0].configuration.index in shown
+    ]
     text = _template().render(
         study=study.description.name,
         folder=run.folder.name,
@@ -74,23 +85,39 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         panels=[_panel(evaluation, one, model, run, study) for one, model in pairs],
         configuration_count=len(evaluation.measured),
         suspects=[suspect.sentence for suspect in not_told_apart(evaluation.suspects)],
-        next_suspects=[suspect.sentence for suspect in evaluation.suspects if suspect not in not_told_apart(evaluation.suspects)][:2],
+        next_suspects=[
+            suspect.sentence
+            for suspect in evaluation.suspects
+            if suspect not in not_told_apart(evaluation.suspects)
+        ][:2],
         budget=tables.budget_table(evaluation),
         properties_chart=charts.properties_chart(evaluation),
         views_chart=charts.views_chart(evaluation),
         difference_chart=charts.difference_chart(evaluation),
         residual_chart=charts.residual_chart(evaluation),
-        accuracy_chart=charts.accuracy_chart(run, wanted) if run.accuracy and wanted is not None else None,
+        accuracy_chart=(
+            charts.accuracy_chart(run, wanted) if run.accuracy and wanted is not None else None
+        ),
         reference=study.description.reference,
         colours=charts.DOTS,
         configurations=[
-            tables.settings_table(study, evaluation, bench.description.wavelength or facts.WAVELENGTH),
+            tables.settings_table(
+                study, evaluation, bench.description.wavelength or facts.WAVELENGTH
+            ),
             tables.micro_image_table(evaluation, run),
         ],
         rows=tables.comparison_tables(evaluation.comparison.rows),
-        bench=[tables.axes_table(bench, run), tables.parts_table(bench, study), tables.exposures_table(run)],
+        bench=[
+            tables.axes_table(bench, run),
+            tables.parts_table(bench, study),
+            tables.exposures_table(run),
+        ],
         devices=tables.devices_table(run),
-        truth=tables.simulated_table(bench) if "simulated" in bench.description.model_fields_set else None,
+        truth=(
+            tables.simulated_table(bench)
+            if "simulated" in bench.description.model_fields_set
+            else None
+        ),
         provenance=_provenance(run, study, bench),
         draws=study.description.draws,
         light=bench.description.light_uncertainty,
@@ -100,46 +127,80 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
 
 
 def _template() -> Template:
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    return environment.from_string(files("flflab.report").joinpath("page.html.jinja").read_text(encoding="utf-8"))
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(
+        files("flflab.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
+    )
 
 
 def headline(evaluation: Evaluation) -> str:
     """The verdict in one sentence."""
-    rejected = [PROPERTY_NAMES.get(one.quantity, one.quantity) for one in evaluation.comparison.verdicts if not one.accepted]
+    rejected = [
+        PROPERTY_NAMES.get(one.quantity, one.quantity)
+        for one in evaluation.comparison.verdicts
+        if not one.accepted
+    ]
     if not rejected:
         return "The camera does what its model says."
-    named = " and ".join([", ".join(rejected[:-1]), rejected[-1]] if len(rejected) > 1 else rejected)
-    return f"The camera does not do what its model says: {named} disagree{'s' if len(rejected) == 1 else ''}."
+    named = " and ".join(
+        [", ".join(rejected[:-1]), rejected[-1]] if len(rejected) > 1 else rejected
+    )
+    return (
+        f"The camera does not do what its model says: {named}"
+        f" disagree{'s' if len(rejected) == 1 else ''}."
+    )
 
 
 def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> str:
-    """Airy diameter against the pixel, what diffraction leaves of the contrast at the highest frequency compared, and whether it counts."""
+    """Airy diameter against the pixel, what diffraction leaves of the contrast at the highest
+    frequency compared, and whether it counts.
+    """
     light = wavelength or facts.WAVELENGTH
     diameters, left = list[float](), list[float]()
     for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
-        diameters.append(facts.airy_diameter(model.camera, model.distance, light) / model.camera.sensor.pixel)
+        diameters.append(
+            facts.airy_diameter(model.camera, model.distance, light) / model.camera.sensor.pixel
+        )
         if one.curve:
-            left.append(float(facts.diffraction_contrast(model.camera, model.distance, one.curve.cycles_per_px.max(), light)))
+            left.append(
+                float(
+                    facts.diffraction_contrast(
+                        model.camera, model.distance, one.curve.cycles_per_px.max(), light
+                    )
+                )
+            )
     low, high = min(diameters), max(diameters)
     span = f"{low:.2f}" if math.isclose(low, high, rel_tol=5e-3) else f"{low:.2f} to {high:.2f}"
     sentence = f"At {1e6 * light:g} nm the Airy diameter on the sensor is {span} pixels"
-    verb = "more than the one pixel of blur that the depth of field allows" if high > 1 else "within one pixel"
+    verb = (
+        "more than the one pixel of blur that the depth of field allows"
+        if high > 1
+        else "within one pixel"
+    )
     counted = (
         "The predicted contrast holds it, and dots whose edges show it are fitted by waves."
         if wavelength
-        else "Where the sensor sees that, the contrast measured at high frequencies must lie below the prediction: "
-        "a wavelength in the bench file counts it."
+        else (
+            "Where the sensor sees that, the contrast measured at high frequencies must lie below"
+            " the prediction: a wavelength in the bench file counts it."
+        )
     )
     return (
-        f"{sentence}, {verb}; at the highest frequency compared a lens limited by diffraction alone keeps "
-        f"{100 * min(left, default=0.0):.0f} % of the contrast. {counted}"
+        f"{sentence}, {verb}; at the highest frequency compared a lens limited by diffraction alone"
+        f" keeps {100 * min(left, default=0.0):.0f} % of the contrast. {counted}"
     )
 
 
-def _panel(evaluation: Evaluation, one: Measured, model: Predicted, run: Run, study: Study) -> Panel:
+def _panel(
+    evaluation: Evaluation, one: Measured, model: Predicted, run: Run, study: Study
+) -> Panel:
     index = one.configuration.index
-    title = f"{index}: F/{one.configuration.f_number:g}, D = {model.distance:.1f} mm, b = {model.camera.gap:.4f} mm"
+    title = (
+        f"{index}: F/{one.configuration.f_number:g}, D = {model.distance:.1f} mm, b ="
+        f" {model.camera.gap:.4f} mm"
+    )
     title += f", {one.configuration.besides}" if one.configuration.besides else ""
     first = {frame.target: frame for frame in reversed(run.frames) if frame.configuration == index}
     shown, ruled = first.get(study.dots.kind), first.get(study.bars.kind)
@@ -152,9 +213,19 @@ def _panel(evaluation: Evaluation, one: Measured, model: Predicted, run: Run, st
         title=title,
         dots=dots,
         bars=frames.bars_frame(run.picture(ruled), one, model) if ruled and one.curve else None,
-        mtf=charts.mtf_chart(one.configuration.index, one.curve, model, rows, title) if one.curve else None,
-        ratio=charts.ratio_chart(rows, index, f"{index} over {study.description.reference}") if ratio else None,
-        counts=", ".join(f"dot {dot.dot}: {dot.views} ({model.views[dot.dot]})" for dot in one.dots),
+        mtf=(
+            charts.mtf_chart(one.configuration.index, one.curve, model, rows, title)
+            if one.curve
+            else None
+        ),
+        ratio=(
+            charts.ratio_chart(rows, index, f"{index} over {study.description.reference}")
+            if ratio
+            else None
+        ),
+        counts=", ".join(
+            f"dot {dot.dot}: {dot.views} ({model.views[dot.dot]})" for dot in one.dots
+        ),
         missed=agreements.count("missed"),
         extra=agreements.count("extra"),
     )

@@ -6,7 +6,9 @@ from flflab.comparison import PROPERTY_NAMES
 
 
 class Quantity(NamedTuple):
-    """What a quantity is called, its unit ("" for none), and how many of it the unit of ``comparison.csv`` holds."""
+    """What a quantity is called, its unit ("" for none), and how many of it the unit of
+    ``comparison.csv`` holds.
+    """
 
     words: str
     unit: str = ""

@@ -37,11 +37,15 @@ def number(value: float, digits: int = 6) -> str:
     """A number for people; ``infinity`` where there is no end to it."""
     if math.isnan(value):
         return "-"
-    return f"{value:.{digits}g}" if math.isfinite(value) else "infinity" if value > 0 else "-infinity"
+    return (
+        f"{value:.{digits}g}" if math.isfinite(value) else "infinity" if value > 0 else "-infinity"
+    )
 
 
 def measured_number(value: float, uncertainty: float) -> str:
-    """Value with its standard uncertainty in the last two digits: ``245.5814(29)``; ``±`` where brackets would mislead."""
+    """Value with its standard uncertainty in the last two digits: ``245.5814(29)``; ``±`` where
+    brackets would mislead.
+    """
     if not (math.isfinite(uncertainty) and uncertainty > 0 and math.isfinite(value)):
         return number(value)
     places = 1 - math.floor(math.log10(float(f"{uncertainty:.1e}")))
@@ -74,22 +78,29 @@ def statistics_table(evaluation: Evaluation) -> Table:
     """Pooled z of every quantity."""
     rows = [
         (
-            quantity_of(one.quantity).words, str(one.rows), to_decimals(one.mean, 2), to_decimals(one.deviation, 2),
-            f"{100 * one.beyond_two:.1f} %", f"{to_decimals(one.largest.z, 2)} (configuration {one.largest.configuration})",
+            quantity_of(one.quantity).words, str(one.rows), to_decimals(one.mean, 2),
+            to_decimals(one.deviation, 2),
+            f"{100 * one.beyond_two:.1f} %",
+            f"{to_decimals(one.largest.z, 2)} (configuration {one.largest.configuration})",
             str(one.unlimited),
         )
         for one in z_statistics(evaluation.comparison.rows)
     ]  # fmt: skip
     headings = (
-        "quantity", "rows", "mean z", "standard deviation of z", "share with |z| > 2", "z farthest from 0", "rows without a finite z",
+        "quantity", "rows", "mean z", "standard deviation of z", "share with |z| > 2",
+        "z farthest from 0", "rows without a finite z",
     )  # fmt: skip
     return Table("Standardised differences, pooled over all configurations", headings, tuple(rows))
 
 
 def budget_table(evaluation: Evaluation) -> Table:
-    """Where the uncertainty of every quantity comes from: medians over the configurations, to the second digit of the whole."""
+    """Where the uncertainty of every quantity comes from: medians over the configurations, to the
+    second digit of the whole.
+    """
     found: dict[str, list[list[float]]] = {}
-    for whole, stages, optics in zip(evaluation.values, evaluation.of_the_stages, evaluation.of_stages_and_optics, strict=True):
+    for whole, stages, optics in zip(
+        evaluation.values, evaluation.of_the_stages, evaluation.of_stages_and_optics, strict=True
+    ):
         pixels = np.sqrt(np.diag(whole.noise))
         by_optics = np.sqrt(np.maximum(optics.spread**2 - stages.spread**2, 0.0))
         by_order = np.sqrt(np.maximum(whole.spread**2 - optics.spread**2, 0.0))
@@ -98,9 +109,28 @@ def budget_table(evaluation: Evaluation) -> Table:
     rows: list[tuple[str, ...]] = []
     for quantity, parts in found.items():
         whole, *others = quantity_of(quantity).many * np.median(np.array(parts), axis=0)
-        rows.append((in_words(quantity), *(to_decimals(float(one), decimals(whole)) if one else "0" for one in (whole, *others))))
-    headings = ("quantity", "standard uncertainty", "of the pictures", "of the stages", "of the optics' sizes", "of the model's order")
-    return Table("Where the uncertainties come from (medians; each part's own standard uncertainty)", headings, tuple(rows))
+        rows.append(
+            (
+                in_words(quantity),
+                *(
+                    to_decimals(float(one), decimals(whole)) if one else "0"
+                    for one in (whole, *others)
+                ),
+            )
+        )
+    headings = (
+        "quantity",
+        "standard uncertainty",
+        "of the pictures",
+        "of the stages",
+        "of the optics' sizes",
+        "of the model's order",
+    )
+    return Table(
+        "Where the uncertainties come from (medians; each part's own standard uncertainty)",
+        headings,
+        tuple(rows),
+    )
 
 
 def settings_table(study: Study, evaluation: Evaluation, wavelength: float) -> Table:
@@ -108,21 +138,31 @@ def settings_table(study: Study, evaluation: Evaluation, wavelength: float) -> T
     pairs = zip(evaluation.measured, evaluation.predicted, strict=True)
     rows = [_settings(one, model, study.description.reference, wavelength) for one, model in pairs]
     headings = (
-        "configuration", "f-number", "target D, mm", "array L, mm", "sensor, mm", "gap b, mm", "virtual depth", "magnification",
+        "configuration", "f-number", "target D, mm", "array L, mm", "sensor, mm", "gap b, mm",
+        "virtual depth", "magnification",
         "blur, px", "Airy diameter, px",
     )  # fmt: skip
-    return Table("Settings as the stages read them, and what the model makes of them", headings, tuple(rows))
+    return Table(
+        "Settings as the stages read them, and what the model makes of them", headings, tuple(rows)
+    )
 
 
-def _settings(one: Measured, model: Predicted, reference: int, wavelength: float) -> tuple[str, ...]:
+def _settings(
+    one: Measured, model: Predicted, reference: int, wavelength: float
+) -> tuple[str, ...]:
     smms, camera, vergence = central_smms(model.camera), model.camera, 1 / model.distance
     index = one.configuration.index
-    said = ", ".join(filter(None, ("reference" if index == reference else "", one.configuration.besides)))
+    said = ", ".join(
+        filter(None, ("reference" if index == reference else "", one.configuration.besides))
+    )
     return (
         f"{index} ({said})" if said else str(index), number(one.configuration.f_number, 4),
-        f"{model.distance:.4f}", f"{camera.array.distance:.4f}", f"{camera.sensor.distance:.4f}", f"{camera.gap:.4f}",
-        number(float(virtual_depth(smms, vergence)), 5), number(float(magnification(smms, vergence)), 5),
-        f"{model.blur_px:.2f}", number(airy_diameter(camera, model.distance, wavelength) / camera.sensor.pixel, 3),
+        f"{model.distance:.4f}", f"{camera.array.distance:.4f}", f"{camera.sensor.distance:.4f}",
+        f"{camera.gap:.4f}",
+        number(float(virtual_depth(smms, vergence)), 5),
+        number(float(magnification(smms, vergence)), 5),
+        f"{model.blur_px:.2f}",
+        number(airy_diameter(camera, model.distance, wavelength) / camera.sensor.pixel, 3),
     )  # fmt: skip
 
 
@@ -138,29 +178,40 @@ def micro_image_table(evaluation: Evaluation, run: Run) -> Table:
                 str(one.configuration.index),
                 f"{measured_number(lattice.pitch_px, lattice.pitch_uncertainty_px)} / {pitch:.3f}",
                 measured_number(1e3 * lattice.angle, 1e3 * lattice.angle_uncertainty),
-                f"{measured_number(lattice.inside_radius_px, lattice.inside_uncertainty_px)} / {float(smms.inside_radius) / pixel:.2f}",
-                f"{measured_number(lattice.outside_radius_px, lattice.outside_uncertainty_px)} / {float(smms.outside_radius) / pixel:.2f}",
+                f"{measured_number(lattice.inside_radius_px, lattice.inside_uncertainty_px)} / {float(smms.inside_radius) / pixel:.2f}",  # noqa: E501
+                f"{measured_number(lattice.outside_radius_px, lattice.outside_uncertainty_px)} / {float(smms.outside_radius) / pixel:.2f}",  # noqa: E501
                 ", ".join(f"{dot.views}/{model.views[dot.dot]}" for dot in one.dots),
-                str(len(one.curve.cycles_per_mm)) if one.curve else "none", number(1e3 * one.exposure_s, 4),
+                str(len(one.curve.cycles_per_mm)) if one.curve else "none",
+                number(1e3 * one.exposure_s, 4),
                 number(frames[0].gain, 3) if frames else "-", str(one.saturated),
             )
         )  # fmt: skip
     headings = (
-        "configuration", "pitch, px", "angle, mrad", "inside radius, px", "outside radius, px", "views of dots 0 to 3",
+        "configuration", "pitch, px", "angle, mrad", "inside radius, px", "outside radius, px",
+        "views of dots 0 to 3",
         "frequencies", "exposure, ms", "gain", "saturated pixels",
     )  # fmt: skip
-    caption = "Measured in the frames / predicted; in brackets the standard uncertainty of the last digits"
+    caption = (
+        "Measured in the frames / predicted; in brackets the standard uncertainty of the last"
+        " digits"
+    )
     return Table(caption, headings, tuple(rows))
 
 
 def comparison_tables(rows: tuple[Row, ...]) -> tuple[Table, ...]:
     """All rows, one table a quantity."""
     quantities = dict.fromkeys(row.quantity for row in rows)
-    return tuple(_comparison([row for row in rows if row.quantity == quantity], quantity) for quantity in quantities)
+    return tuple(
+        _comparison([row for row in rows if row.quantity == quantity], quantity)
+        for quantity in quantities
+    )
 
 
 def _comparison(rows: list[Row], quantity: str) -> Table:
-    referred, dots = any(row.reference_configuration is not None for row in rows), any(row.dot is not None for row in rows)
+    referred, dots = (
+        any(row.reference_configuration is not None for row in rows),
+        any(row.dot is not None for row in rows),
+    )
     bars = any(row.cycles_per_mm is not None for row in rows)
     place_heading = ["dot"] if dots else ["frequency, cycles/mm"] if bars else []
     headings = ["configuration", *(["against"] if referred else []), *place_heading]
@@ -175,11 +226,16 @@ def _comparison(rows: list[Row], quantity: str) -> Table:
 
 
 def _numbers(row: Row) -> tuple[str, ...]:
-    """What was measured and predicted in people's unit, to the uncertainty's second digit; counts are whole."""
+    """What was measured and predicted in people's unit, to the uncertainty's second digit; counts
+    are whole.
+    """
     many, counts = quantity_of(row.quantity).many, row.quantity.endswith("views")
     uncertainty = many * row.uncertainty
     places = decimals(uncertainty)
-    measured, predicted = (to_decimals(many * value, None if counts else places) for value in (row.measured, row.predicted))
+    measured, predicted = (
+        to_decimals(many * value, None if counts else places)
+        for value in (row.measured, row.predicted)
+    )
     difference = to_decimals(many * row.difference, 0 if counts else places, "+")
     return measured, to_decimals(uncertainty, places), predicted, difference, f"{row.z:+.2f}"
 
@@ -188,8 +244,10 @@ def axes_table(bench: Bench, run: Run) -> Table:
     """The axes: where they are reached, how their readings become places, and how far they went."""
     axes = bench.description.axes
     properties = (
-        "moves", "driver", "address", "driver's own keys", "world z, mm", f"uncertainty of the zero, {MICRO}",
-        "uncertainty of the scale, ppm", "limits of the reading, mm", "readings used, mm", "speed, mm/s", "homes towards",
+        "moves", "driver", "address", "driver's own keys", "world z, mm",
+        f"uncertainty of the zero, {MICRO}",
+        "uncertainty of the scale, ppm", "limits of the reading, mm", "readings used, mm",
+        "speed, mm/s", "homes towards",
     )  # fmt: skip
     columns = [properties, *(_axis(name, axis, run) for name, axis in axes.items())]
     return Table("Axes", ("property", *axes), tuple(zip(*columns, strict=True)))
@@ -211,17 +269,34 @@ def _axis(name: str, axis: AxisDescription, run: Run) -> tuple[str, ...]:
         number(unit * axis.speed, 4),
     )
     place, zero, limits, used, speed = (
-        f"{cell} ({said})" if turns else cell for cell, said in zip(cells, (*["deg"] * 4, "deg/s"), strict=True)
+        f"{cell} ({said})" if turns else cell
+        for cell, said in zip(cells, (*["deg"] * 4, "deg/s"), strict=True)
     )
     scale = number(1e6 * axis.scale_uncertainty, 3)
-    return (axis.moves, axis.driver, axis.address or "none", own or "none", place, zero, scale, limits, used, speed, axis.home_towards)
+    return (
+        axis.moves,
+        axis.driver,
+        axis.address or "none",
+        own or "none",
+        place,
+        zero,
+        scale,
+        limits,
+        used,
+        speed,
+        axis.home_towards,
+    )
 
 
 def parts_table(bench: Bench, study: Study) -> Table:
     """Camera, iris, target holder and the optics in words."""
     description, optics = bench.description, bench.optics
     rows: list[tuple[str, str]] = []
-    for name, device in (("camera", description.camera), ("iris", description.iris), ("target holder", description.target)):
+    for name, device in (
+        ("camera", description.camera),
+        ("iris", description.iris),
+        ("target holder", description.target),
+    ):
         own = "".join(f", {key} {value}" for key, value in (device.model_extra or {}).items())
         rows.append((name, f"driver {device.driver}, address {device.address or 'none'}{own}"))
     lens, array, sensor, useful = optics.main_lens, optics.array, optics.sensor, optics.useful
@@ -230,11 +305,26 @@ def parts_table(bench: Bench, study: Study) -> Table:
         ("main lens", f"focal length {lens.focal_length:g} mm"),
         (
             "microlens array",
-            f"{array.layout}, {array.count[0]} x {array.count[1]}, pitch {1e3 * array.pitch[0]:g} x {1e3 * array.pitch[1]:g} {MICRO}, "
-            f"aperture {1e3 * array.aperture:g} {MICRO}, focal length {focal} mm",
+            (
+                f"{array.layout}, {array.count[0]} x {array.count[1]}, pitch"
+                f" {1e3 * array.pitch[0]:g} x {1e3 * array.pitch[1]:g} {MICRO}, aperture"
+                f" {1e3 * array.aperture:g} {MICRO}, focal length {focal} mm"
+            ),
         ),
-        ("sensor", f"{sensor.resolution[0]} x {sensor.resolution[1]} pixels of {1e3 * sensor.pixel:g} {MICRO}"),
-        ("useful region", f"illumination from {useful.minimum_illumination:g} up, crosstalk up to {useful.maximum_crosstalk:g} (shares)"),
+        (
+            "sensor",
+            (
+                f"{sensor.resolution[0]} x {sensor.resolution[1]} pixels of {1e3 * sensor.pixel:g}"
+                f" {MICRO}"
+            ),
+        ),
+        (
+            "useful region",
+            (
+                f"illumination from {useful.minimum_illumination:g} up, crosstalk up to"
+                f" {useful.maximum_crosstalk:g} (shares)"
+            ),
+        ),
         ("dots", _target(study.dots)),
         ("bars", _target(study.bars)),
         ("smallest gap allowed", f"{description.minimum_gap:g} mm between array and sensor"),
@@ -249,8 +339,13 @@ def _target(target: Target) -> str:
         value: Any = getattr(target, field.name)
         if isinstance(value, np.ndarray):
             continue
-        shown = " to ".join(f"{one:g}" for one in value) if isinstance(value, tuple) else f"{value:g}"
-        values.append(f"{field.name.replace('cycles_per_mm', 'frequency')} {shown} {units.get(field.name, 'mm')}")
+        shown = (
+            " to ".join(f"{one:g}" for one in value) if isinstance(value, tuple) else f"{value:g}"
+        )
+        values.append(
+            f"{field.name.replace('cycles_per_mm', 'frequency')} {shown}"
+            f" {units.get(field.name, 'mm')}"
+        )
     return ", ".join([target.kind, *values])
 
 
@@ -258,32 +353,53 @@ def simulated_table(bench: Bench) -> Table:
     """The ``simulated`` block of the bench file."""
     block = bench.description.simulated
     truths = "; ".join(f"{name} = {value}" for name, value in block.truths.items())
-    faults = "; ".join(f"{one.device}: {one.fault} after {one.after} commands" for one in block.faults)
+    faults = "; ".join(
+        f"{one.device}: {one.fault} after {one.after} commands" for one in block.faults
+    )
     rows = (
-        ("seed", str(block.seed)), ("planted truths", truths or "none: errors are drawn from the stated uncertainties"),
+        ("seed", str(block.seed)),
+        ("planted truths", truths or "none: errors are drawn from the stated uncertainties"),
         ("planted faults", faults or "none"), ("clock", f"{block.clock:g} times real time"),
-        ("light", f"{block.electrons_per_second:g} electrons/s at white level"), ("full well", f"{block.full_well_electrons:g} electrons"),
-        ("read noise", f"{block.read_noise_electrons:g} electrons"), ("digits", f"{block.bits} bits, black level {block.black_level:g} DN"),
+        ("light", f"{block.electrons_per_second:g} electrons/s at white level"),
+        ("full well", f"{block.full_well_electrons:g} electrons"),
+        ("read noise", f"{block.read_noise_electrons:g} electrons"),
+        ("digits", f"{block.bits} bits, black level {block.black_level:g} DN"),
     )  # fmt: skip
     return Table("Simulated devices", ("property", "value"), rows)
 
 
 def exposures_table(run: Run) -> Table:
-    """One line for every kind of frame: what was shown, how often, how long, how many pixels saturated."""
+    """One line for every kind of frame: what was shown, how often, how long, how many pixels
+    saturated.
+    """
     kinds: dict[tuple[str, float, float], list[int]] = {}
     for frame in run.frames:
         target = frame.target if frame.configuration is not None else f"{frame.target} (dark)"
         kinds.setdefault((target, frame.exposure_s, frame.gain), []).append(frame.saturated)
     rows = tuple(
-        (target, number(1e3 * exposure, 4), number(gain, 3), str(len(saturated)), str(max(saturated)))
+        (
+            target,
+            number(1e3 * exposure, 4),
+            number(gain, 3),
+            str(len(saturated)),
+            str(max(saturated)),
+        )
         for (target, exposure, gain), saturated in sorted(kinds.items())
     )
-    return Table("Exposures", ("target", "exposure, ms", "gain", "frames", "most saturated pixels"), rows)
+    return Table(
+        "Exposures", ("target", "exposure, ms", "gain", "frames", "most saturated pixels"), rows
+    )
 
 
 def devices_table(run: Run) -> Table:
-    """What every device said of itself at the start of the run; empty where nothing was recorded."""
-    devices = [cast(Mapping[str, Any], one) for one in run.start.get("devices", ()) if isinstance(one, Mapping)]
+    """What every device said of itself at the start of the run; empty where nothing was
+    recorded.
+    """
+    devices = [
+        cast(Mapping[str, Any], one)
+        for one in run.start.get("devices", ())
+        if isinstance(one, Mapping)
+    ]
     headings = tuple(dict.fromkeys(str(name) for device in devices for name in device))
     rows = tuple(tuple(_text(one.get(name)) for name in headings) for one in devices)
     return Table("What the devices said of themselves", headings, rows)
@@ -292,7 +408,13 @@ def devices_table(run: Run) -> Table:
 def _text(value: object) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(_text(one) for one in cast(list[object], value)) or "none"
-    return value if isinstance(value, str) else "none" if value is None else json.dumps(value, default=str)
+    return (
+        value
+        if isinstance(value, str)
+        else "none"
+        if value is None
+        else json.dumps(value, default=str)
+    )
 
 
 def facts_table(caption: str, facts: Mapping[str, Any]) -> Table:

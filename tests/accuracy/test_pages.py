@@ -33,10 +33,13 @@ def rows() -> list[Row]:
     return [PLAIN, replace(PLAIN, requested=0.001, largest_error=0.0005), *rays]
 
 
-def test_the_image_page_says_how_many_tolerances_were_kept_and_what_random_rays_would_take() -> None:
+def test_the_image_page_says_how_many_tolerances_were_kept_and_what_random_rays_would_take() -> (
+    None
+):
     page = image_page(rows(), "made here")
     assert page.answers[0] == "render kept 2 of the 2 tolerances asked of it."
-    # 0.1 s for a million pixels; random rays: 1 s n for a million pixels, n = 1e6 for an error of 0.001
+    # 0.1 s for a million pixels; random rays: 1 s n for a million pixels, n = 1e6 for an error of
+    # 0.001
     assert "a million lit pixels take 0.1 s and are wrong by 0.001 (rms)" in page.answers[1]
     assert "10,000,000 times as long" in page.answers[1]
     assert "power -0.50" in page.sections[0].pictures[0].says
@@ -52,15 +55,30 @@ def test_the_image_page_names_the_scene_and_the_tolerance_that_was_exceeded() ->
 
 
 def sweeps() -> tuple[Sweep, ...]:
-    """Every quantity leaves first order in proportion to the field height and reaches its limit at 5 mm; along lines it never does."""
+    """Every quantity leaves first order in proportion to the field height and reaches its limit at
+    5 mm; along lines it never does.
+    """
 
     def compared(excess: np.ndarray) -> dict[str, Comparison]:
-        return {one.name: Comparison(0 * excess, 0.01 * excess, np.full_like(excess, 0.01)) for one in QUANTITIES}
+        return {
+            one.name: Comparison(0 * excess, 0.01 * excess, np.full_like(excess, 0.01))
+            for one in QUANTITIES
+        }
 
     over = Setting(DOUBLE_GAUSS, F_NUMBERS[:, None], FIELDS[None, :])
-    maps = Sweep("one", ("f_number", "field"), over, compared(np.broadcast_to(FIELDS / 5, (len(F_NUMBERS), len(FIELDS)))))
+    maps = Sweep(
+        "one",
+        ("f_number", "field"),
+        over,
+        compared(np.broadcast_to(FIELDS / 5, (len(F_NUMBERS), len(FIELDS)))),
+    )
     lines = [
-        Sweep("one", (varied,), replace(TYPICAL, **{varied: values}), compared(np.full(len(values), 0.5)))
+        Sweep(
+            "one",
+            (varied,),
+            replace(TYPICAL, **{varied: values}),
+            compared(np.full(len(values), 0.5)),
+        )
         for varied, values in LINES.items()
     ]
     return (maps, *lines)
@@ -70,8 +88,12 @@ def test_the_model_page_says_how_far_first_order_holds() -> None:
     for row in model_table(sweeps()).rows:
         assert row[2:6] == ("5.0",) * 4
     page = model_page(sweeps(), "made here")
-    assert "at F/4 first order holds up to this field height in mm: one 5.0. The largest difference on the maps is 2 %" in (
-        page.sections[0].pictures[0].says
+    assert (
+        "at F/4 first order holds up to this field height in mm: one 5.0. The largest difference on"
+        " the maps is 2 %" in (page.sections[0].pictures[0].says)
     )
-    assert "holds all along for micro-image centre, outside radius" in page.sections[1].pictures[0].says
+    assert (
+        "holds all along for micro-image centre, outside radius"
+        in page.sections[1].pictures[0].says
+    )
     assert f"{100 * np.mean(FIELDS <= 5):.0f} %" in page.answers[2]

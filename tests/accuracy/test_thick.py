@@ -1,4 +1,6 @@
-"""Exact rays through spherical surfaces, against closed forms, 50 digits and another program's rays."""
+"""Exact rays through spherical surfaces, against closed forms, 50 digits and another program's
+rays.
+"""
 
 from typing import Any
 
@@ -16,7 +18,9 @@ mp: Any = mpmath
 def test_every_ray_to_the_aplanatic_point_of_a_sphere_meets_the_axis_in_one_place() -> None:
     radius, index = 10.0, 1.5
     aim, image = radius * (1 + index), radius * (1 + 1 / index)  # behind the vertex
-    lens = Lens((1 / radius, 1 / (image - 5)), (5.0,), (index, 1.0))  # the second surface is concentric with the image: it bends nothing
+    lens = Lens(
+        (1 / radius, 1 / (image - 5)), (5.0,), (index, 1.0)
+    )  # the second surface is concentric with the image: it bends nothing
     heights = np.linspace(0.1, 0.7, 13) * radius
     start = np.stack([0.6 * heights, 0.8 * heights, np.zeros_like(heights)], axis=-1)
     direction = np.array([0.0, 0.0, aim]) - start
@@ -28,10 +32,16 @@ def test_every_ray_to_the_aplanatic_point_of_a_sphere_meets_the_axis_in_one_plac
 def test_a_thick_lens_has_the_lensmakers_focal_length_and_principal_planes() -> None:
     first, second, thickness, index = 40.0, -65.0, 8.0, 1.6
     known = first_order(Lens((1 / first, 1 / second), (thickness,), (index, 1.0)))
-    power = (index - 1) * (1 / first - 1 / second + (index - 1) * thickness / (index * first * second))
+    power = (index - 1) * (
+        1 / first - 1 / second + (index - 1) * thickness / (index * first * second)
+    )
     assert known.focal_length == pytest.approx(1 / power, rel=1e-14)
-    assert known.front == pytest.approx(-(index - 1) * thickness / (index * second * power), rel=1e-13)
-    assert known.rear == pytest.approx(thickness - (index - 1) * thickness / (index * first * power), rel=1e-13)
+    assert known.front == pytest.approx(
+        -(index - 1) * thickness / (index * second * power), rel=1e-13
+    )
+    assert known.rear == pytest.approx(
+        thickness - (index - 1) * thickness / (index * first * power), rel=1e-13
+    )
 
 
 @pytest.mark.parametrize(
@@ -42,21 +52,29 @@ def test_a_thick_lens_has_the_lensmakers_focal_length_and_principal_planes() -> 
         ("double Gauss", 50.0, None, 0.01),
     ],
 )
-def test_the_lenses_have_the_focal_lengths_their_makers_state(name: str, focal_length: float, back: float | None, tolerance: float) -> None:
+def test_the_lenses_have_the_focal_lengths_their_makers_state(
+    name: str, focal_length: float, back: float | None, tolerance: float
+) -> None:
     lens = MAIN_LENSES[name]
     known = first_order(lens)
     assert known.focal_length == pytest.approx(focal_length, rel=tolerance)
     if back is not None:
-        assert known.rear + known.focal_length - lens.vertex[-1] == pytest.approx(back, rel=tolerance)
+        assert known.rear + known.focal_length - lens.vertex[-1] == pytest.approx(
+            back, rel=tolerance
+        )
 
 
 @pytest.mark.parametrize("lens", MAIN_LENSES.values(), ids=MAIN_LENSES)
-def test_rays_near_the_axis_meet_first_order_with_an_error_that_falls_as_the_square_of_their_height(lens: Lens) -> None:
+def test_rays_near_the_axis_meet_first_order_with_an_error_that_falls_as_the_square_of_their_height(
+    lens: Lens,
+) -> None:
     known, heights = first_order(lens), np.geomspace(0.01, 1, 9)
     start = np.stack([heights, 0 * heights, 0 * heights - 1], axis=-1)
     met, leaving = trace(lens, start, np.broadcast_to([0.0, 0.0, 1.0], start.shape))
     crossing = met[-1][:, 2] - met[-1][:, 0] * leaving[:, 2] / leaving[:, 0]
-    slope = np.polyfit(np.log(heights), np.log(np.abs(crossing - known.rear - known.focal_length)), 1)[0]
+    slope = np.polyfit(
+        np.log(heights), np.log(np.abs(crossing - known.rear - known.focal_length)), 1
+    )[0]
     assert slope == pytest.approx(2.0, abs=0.05)
 
 
@@ -74,7 +92,9 @@ def test_skew_rays_through_the_double_gauss_are_those_of_batoid() -> None:
     # batoid 0.9.0, RefractiveInterface with ConstMedium at every surface; (x, y) at z = 70 mm
     start = np.array([[5.0, 3, -10], [-8, 2, -10], [1, -9, -10], [-4, -4, -10]])
     direction = np.array([[0.02, -0.05, 1], [0.1, 0.0, 1], [-0.03, 0.11, 1], [0.2, 0.1, 1]])
-    met, leaving = trace(DOUBLE_GAUSS, start, direction / np.linalg.norm(direction, axis=1, keepdims=True))
+    met, leaving = trace(
+        DOUBLE_GAUSS, start, direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    )
     expected = [
         [0.827902798154, -2.662218949287],
         [5.396118512489, -0.077137204678],

@@ -1,4 +1,6 @@
-"""Pictures that cannot be measured: each refused in one sentence that says what was found and what is due, never a number."""
+"""Pictures that cannot be measured: each refused in one sentence that says what was found and what
+is due, never a number.
+"""
 
 import re
 from collections.abc import Callable
@@ -31,10 +33,14 @@ def landscape() -> npt.NDArray[np.uint16]:
 
 
 def hills() -> npt.NDArray[np.uint16]:
-    """A photograph out of focus: in a micro-image it rises or falls evenly, as an edge blurred beyond all measure does."""
+    """A photograph out of focus: in a micro-image it rises or falls evenly, as an edge blurred
+    beyond all measure does.
+    """
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     smooth = 120 + 60 * np.sin(x / 90) + 50 * np.cos(y / 70 + x / 200)
-    return np.rint(10 * (smooth + np.random.default_rng(0).normal(0, 3, SHAPE)).clip(0, 255)).astype(np.uint16)
+    return np.rint(
+        10 * (smooth + np.random.default_rng(0).normal(0, 3, SHAPE)).clip(0, 255)
+    ).astype(np.uint16)
 
 
 PICTURES: dict[str, tuple[Any, str]] = {
@@ -48,7 +54,10 @@ PICTURES: dict[str, tuple[Any, str]] = {
     "of another size": (np.full((100, 100), 7, dtype=np.uint16), r"\(100, 100\)"),
     "turned on its side": (np.full(SHAPE[::-1], 7, dtype=np.uint16), r"\(760, 520\)"),
     "not numbers": (np.full(SHAPE, np.nan), "finite"),
-    "one of them not a number": (np.where(np.arange(SHAPE[0] * SHAPE[1]).reshape(SHAPE) == 9, np.inf, 0.5), "finite"),
+    "one of them not a number": (
+        np.where(np.arange(SHAPE[0] * SHAPE[1]).reshape(SHAPE) == 9, np.inf, 0.5),
+        "finite",
+    ),
     "below 0": (-1.0 - landscape(), "below 0"),
     "of something else": (landscape(), "."),
     "of something smooth": (hills(), "."),
@@ -57,7 +66,9 @@ PICTURES: dict[str, tuple[Any, str]] = {
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.kind)
 @pytest.mark.parametrize("name", PICTURES)
-def test_a_picture_that_shows_no_such_thing_gives_a_sentence_and_no_number(brute: Any, name: str, target: Target) -> None:
+def test_a_picture_that_shows_no_such_thing_gives_a_sentence_and_no_number(
+    brute: Any, name: str, target: Target
+) -> None:
     picture, says = PICTURES[name]
     with pytest.raises(FlflabError, match=says) as refused:
         measure(picture, brute.camera(4.0, SHAPE[::-1]), target, 506.7016)
@@ -107,7 +118,9 @@ def pages(file: Path) -> None:
 
 def printed(file: Path) -> None:
     """A TIFF whose PhotometricInterpretation is 5, separated inks."""
-    assert cv2.imwrite(str(file), np.zeros((20, 30, 4), dtype=np.uint8), [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+    assert cv2.imwrite(
+        str(file), np.zeros((20, 30, 4), dtype=np.uint8), [cv2.IMWRITE_TIFF_COMPRESSION, 1]
+    )
     content = bytearray(file.read_bytes())
     at = content.index(b"\x06\x01\x03\x00\x01\x00\x00\x00") + 8  # tag 262, a short
     content[at] = 5
@@ -150,7 +163,11 @@ def two_sets(file: Path) -> None:
     ],
 )
 def test_a_file_that_is_no_picture_of_a_sensor_is_refused_by_name(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], make: Callable[[Path], None], ending: str, says: str
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    make: Callable[[Path], None],
+    ending: str,
+    says: str,
 ) -> None:
     file = tmp_path / f"frame{ending}"
     make(file)
@@ -162,7 +179,9 @@ def test_a_file_that_is_no_picture_of_a_sensor_is_refused_by_name(
 
 
 @pytest.mark.parametrize(("make", "ending"), [(pages, ".tiff"), (frames, ".h5")])
-def test_one_of_several_pictures_is_read_by_its_number(tmp_path: Path, make: Callable[[Path], None], ending: str) -> None:
+def test_one_of_several_pictures_is_read_by_its_number(
+    tmp_path: Path, make: Callable[[Path], None], ending: str
+) -> None:
     file = tmp_path / f"frames{ending}"
     make(file)
     assert np.array_equal(read_picture(file, 0), landscape())
@@ -175,7 +194,11 @@ def test_one_of_several_pictures_is_read_by_its_number(tmp_path: Path, make: Cal
 def test_bits_shifted_up_are_shifted_back_and_it_is_said(brute: Any) -> None:
     camera = brute.camera(4.0, (760, 520))
     white = brute.white_picture((520, 760), "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777)
-    twelve = np.rint(white * 3000 + np.random.default_rng(1).normal(64, 3, white.shape)).clip(0, 4095).astype(np.uint16)
+    twelve = (
+        np.rint(white * 3000 + np.random.default_rng(1).normal(64, 3, white.shape))
+        .clip(0, 4095)
+        .astype(np.uint16)
+    )
     plain, up = measure(twelve, camera), measure(twelve * np.uint16(16), camera)
     assert up["lattice"] == plain["lattice"]
     assert any("multiple of 16" in remark for remark in up["remarks"])

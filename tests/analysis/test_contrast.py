@@ -1,4 +1,7 @@
-"""Contrast against frequency from pictures of bars made by strips and rays, against closed forms."""
+# longer than 450 lines because one subject's sentences of behaviour stand together
+"""Contrast against frequency from pictures of bars made by strips and rays, against closed
+forms.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -30,8 +33,15 @@ FOCUS = 506.7016
 
 
 def closed_form(camera: Camera, distance: float, frequency: Array) -> Array:
-    """sinc u times 2 J1(z)/z for the bright field of a microlens-limited view, written out for this camera."""
-    b, away, f, main = camera.gap, camera.array.distance, camera.array.focal_lengths[0], camera.main_lens.focal_length
+    """sinc u times 2 J1(z)/z for the bright field of a microlens-limited view, written out for this
+    camera.
+    """
+    b, away, f, main = (
+        camera.gap,
+        camera.array.distance,
+        camera.array.focal_lengths[0],
+        camera.main_lens.focal_length,
+    )
     image = 1 / (1 / main - 1 / distance)
     a = away - image  # behind the main lens's image
     spread = camera.array.aperture * abs(1 / f - 1 / b - 1 / a) * b
@@ -41,8 +51,15 @@ def closed_form(camera: Camera, distance: float, frequency: Array) -> Array:
 
 
 def closed_form_extremes(camera: Camera, distance: float, frequency: Array) -> Array:
-    """Largest excursion of ideal bars: a square wave averaged over the pixel, by its integral, and over strips of the microlens."""
-    b, away, f, main = camera.gap, camera.array.distance, camera.array.focal_lengths[0], camera.main_lens.focal_length
+    """Largest excursion of ideal bars: a square wave averaged over the pixel, by its integral, and
+    over strips of the microlens.
+    """
+    b, away, f, main = (
+        camera.gap,
+        camera.array.distance,
+        camera.array.focal_lengths[0],
+        camera.main_lens.focal_length,
+    )
     image = 1 / (1 / main - 1 / distance)
     a = away - image
     scale = b / a * image / distance
@@ -50,7 +67,10 @@ def closed_form_extremes(camera: Camera, distance: float, frequency: Array) -> A
     shares = (1 - strips**2) / np.sum(1 - strips**2)
     largest = np.zeros(len(frequency))
     for n, nu in enumerate(frequency):
-        wide, spread = nu * camera.sensor.pixel / scale, nu * camera.array.aperture * abs(1 / f - 1 / b - 1 / a) * b / scale
+        wide, spread = (
+            nu * camera.sensor.pixel / scale,
+            nu * camera.array.aperture * abs(1 / f - 1 / b - 1 / a) * b / scale,
+        )
         phase = np.linspace(0, 0.5, 51)[:, None] + spread / 2 * strips
         ends = [np.abs(np.mod(phase + side * wide / 2, 1.0) - 0.5) for side in (-1, 1)]
         largest[n] = np.abs((ends[0] - ends[1]) / wide @ shares).max()
@@ -78,7 +98,13 @@ def measured(
         (4.0, FOCUS, 0.0, 3000, 0.1),
         (4.0, 497.0, 0.37, 3000, 0.1),
         (2.8, 490.0, -0.2, 3000, 0.1),
-        (8.0, FOCUS, 0.0, 3000, 0.4),  # a dozen pixels across a view: few data for each knot of the curve
+        (
+            8.0,
+            FOCUS,
+            0.0,
+            3000,
+            0.4,
+        ),  # a dozen pixels across a view: few data for each knot of the curve
         (1.6, FOCUS, 0.1, 1000, 0.1),
     ],
 )
@@ -87,7 +113,15 @@ def test_bars_give_the_closed_form_contrast_within_their_uncertainty(
 ) -> None:
     camera = brute.camera(f_number, RESOLUTION)
     target = Bars()
-    curve = measured(brute, camera, distance, brute.bars_picture(camera, distance, (0.5, 10.0), 20.0, shift=shift), target, 3, level)
+    curve = measured(
+        brute,
+        camera,
+        distance,
+        brute.bars_picture(camera, distance, (0.5, 10.0), 20.0, shift=shift),
+        target,
+        3,
+        level,
+    )
     error = curve.contrast - closed_form(camera, distance, curve.cycles_per_mm)
     assert len(error) >= 4
     assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
@@ -111,7 +145,14 @@ def test_small_bright_fields_few_of_which_see_low_frequencies_are_measured_too(b
 def test_bright_fields_of_a_few_pixels_are_refused(brute: Any) -> None:
     camera = brute.camera(16.0, RESOLUTION)
     with pytest.raises(MeasurementError, match="bright fields are 11 px wide and 16 are due"):
-        fit_contrast(np.full(RESOLUTION[::-1], 1500.0), nominal_lattice(camera, 3000.0), camera, Bars(), FOCUS, NOISE)
+        fit_contrast(
+            np.full(RESOLUTION[::-1], 1500.0),
+            nominal_lattice(camera, 3000.0),
+            camera,
+            Bars(),
+            FOCUS,
+            NOISE,
+        )
 
 
 def test_without_noise_the_bias_is_below_two_in_a_hundred_thousand(brute: Any) -> None:
@@ -121,7 +162,8 @@ def test_without_noise_the_bias_is_below_two_in_a_hundred_thousand(brute: Any) -
     curve = fit_contrast(bars * 3000 + 64, lattice, camera, Bars(), FOCUS, NOISE)
     error = curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)
     assert np.abs(error).max() < 2e-5
-    # the extremes of ideal bars are 1 up to half a cycle a pixel (eq. 2), whatever the phases of the pixels
+    # the extremes of ideal bars are 1 up to half a cycle a pixel (eq. 2), whatever the phases of
+    # the pixels
     sharp = curve.cycles_per_px < 0.45
     assert np.abs(curve.extremes[sharp] - 1).max() < 3e-3
 
@@ -131,7 +173,9 @@ def test_a_sensor_half_a_micrometre_off_leaves_no_more_than_noise(brute: Any, of
     """Little blur hardly shows in the bars' fundamental, but their harmonics see it."""
     nominal = brute.camera(4.0, RESOLUTION)
     real = replace(nominal, sensor=replace(nominal.sensor, distance=nominal.sensor.distance + off))
-    curve = measured(brute, nominal, FOCUS, brute.bars_picture(real, FOCUS, (0.5, 10.0), 20.0), Bars(), 4)
+    curve = measured(
+        brute, nominal, FOCUS, brute.bars_picture(real, FOCUS, (0.5, 10.0), 20.0), Bars(), 4
+    )
     assert curve.chi2_per_pixel == pytest.approx(1.0, abs=0.15)
     error = curve.contrast - closed_form(real, FOCUS, curve.cycles_per_mm)
     assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
@@ -153,12 +197,17 @@ def test_a_sensor_half_a_micrometre_off_leaves_no_more_than_noise(brute: Any, of
 def test_views_through_a_turned_array_show_the_contrast_on_the_axis(
     brute: Any, distance: float, off: float, tilt: tuple[float, float], nearer: float
 ) -> None:
-    """On the one side blurred more, on the other less, larger and brighter; the target half a millimetre nearer than said is larger too."""
+    """On the one side blurred more, on the other less, larger and brighter; the target half a
+    millimetre nearer than said is larger too.
+    """
     there, chart = distance - nearer, Bars(width=12.0, height=8.0)
     nominal = brute.camera(4.0, (760, 560))
     away = replace(nominal.sensor, distance=nominal.sensor.distance + off)
     real = replace(nominal, array=replace(nominal.array, tilt=tilt), sensor=away)
-    white, bars = (64.0 + 3000.0 * render(one_plane(real, target, there), tolerance=3e-5) for target in (White(), chart))
+    white, bars = (
+        64.0 + 3000.0 * render(one_plane(real, target, there), tolerance=3e-5)
+        for target in (White(), chart)
+    )
     lattice = find_lattice(white, "square", 245.6, NOISE, cone_of(nominal))
     curve = fit_contrast(bars, lattice, nominal, chart, distance, NOISE)
     straight = replace(real, array=nominal.array)
@@ -168,9 +217,13 @@ def test_views_through_a_turned_array_show_the_contrast_on_the_axis(
 
 @pytest.mark.ci
 def test_natural_fall_off_within_the_bright_fields_leaves_the_contrast_as_it_is(brute: Any) -> None:
-    """By a per cent and more light falls off across a bright field; taken for even, contrast was wrong by up to 0.0006."""
+    """By a per cent and more light falls off across a bright field; taken for even, contrast was
+    wrong by up to 0.0006.
+    """
     camera = brute.camera(4.0, (1216, 912))
-    scenes = [replace(one_plane(camera, target, FOCUS), falloff=Falloff()) for target in (White(), Bars())]
+    scenes = [
+        replace(one_plane(camera, target, FOCUS), falloff=Falloff()) for target in (White(), Bars())
+    ]
     white, bars = (64.0 + 3000.0 * render(scene, tolerance=5e-5) for scene in scenes)
     lattice = find_lattice(white, "square", 245.6, NOISE, cone_of(camera))
     curve = fit_contrast(bars, lattice, camera, Bars(), FOCUS, NOISE)
@@ -179,16 +232,27 @@ def test_natural_fall_off_within_the_bright_fields_leaves_the_contrast_as_it_is(
 
 @pytest.mark.ci
 def test_out_of_focus_contrast_is_that_of_blur_which_fall_off_makes_smaller(brute: Any) -> None:
-    """The rim of the pupil sends 4 % less light than its middle: by an even pupil contrast was 0.0025 too high, 0.0002 stated.
+    """The rim of the pupil sends 4 % less light than its middle: by an even pupil contrast was
+    0.0025 too high, 0.0002 stated.
 
-    It draws bars aside besides, unlike on either side of a bright field: 0.0007 was left where one view ends and the next begins.
+    It draws bars aside besides, unlike on either side of a bright field: 0.0007 was left where one
+    view ends and the next begins.
     """
     camera, distance = brute.camera(4.0, (1216, 912)), 520.0
-    scenes = [replace(one_plane(camera, target, distance), falloff=Falloff()) for target in (White(), Bars())]
+    scenes = [
+        replace(one_plane(camera, target, distance), falloff=Falloff())
+        for target in (White(), Bars())
+    ]
     white, bars = (64.0 + 3000.0 * render(scene, tolerance=5e-5) for scene in scenes)
     lattice = find_lattice(white, "square", 245.6, NOISE, cone_of(camera))
     curve = fit_contrast(bars, lattice, camera, Bars(), distance, NOISE)
-    predicted = transfer(central_smms(camera), 1 / distance, camera.sensor.pixel, curve.cycles_per_mm, falloff=float(lattice.slants[0]))
+    predicted = transfer(
+        central_smms(camera),
+        1 / distance,
+        camera.sensor.pixel,
+        curve.cycles_per_mm,
+        falloff=float(lattice.slants[0]),
+    )
     assert np.abs(curve.contrast - predicted).max() < 2e-4
     assert np.abs(curve.contrast - closed_form(camera, distance, curve.cycles_per_mm)).max() > 2e-3
 
@@ -196,7 +260,14 @@ def test_out_of_focus_contrast_is_that_of_blur_which_fall_off_makes_smaller(brut
 def test_a_sine_chirp_gives_the_same_curve(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     target = Chirp()
-    curve = measured(brute, camera, 500.0, brute.bars_picture(camera, 500.0, (0.5, 10.0), 20.0, sine=True), target, 5)
+    curve = measured(
+        brute,
+        camera,
+        500.0,
+        brute.bars_picture(camera, 500.0, (0.5, 10.0), 20.0, sine=True),
+        target,
+        5,
+    )
     error = curve.contrast - closed_form(camera, 500.0, curve.cycles_per_mm)
     assert np.sqrt(np.mean((error / curve.uncertainty) ** 2)) < 2.0
 
@@ -204,21 +275,34 @@ def test_a_sine_chirp_gives_the_same_curve(brute: Any) -> None:
 def test_falling_frequencies_are_bars_too(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     target = Bars(cycles_per_mm=(8.0, 1.0))
-    curve = measured(brute, camera, FOCUS, brute.bars_picture(camera, FOCUS, (8.0, 1.0), 20.0), target, 6)
+    curve = measured(
+        brute, camera, FOCUS, brute.bars_picture(camera, FOCUS, (8.0, 1.0), 20.0), target, 6
+    )
     assert np.abs(curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)).max() < 5e-3
 
 
 def test_a_sensor_that_stands_off_by_a_hundredth_of_the_gap_is_still_measured(brute: Any) -> None:
     real = brute.camera(4.0, RESOLUTION)
     nominal = replace(real, sensor=replace(real.sensor, distance=real.sensor.distance + 0.0115))
-    curve = measured(brute, nominal, FOCUS, brute.bars_picture(real, FOCUS, (0.5, 10.0), 20.0), Bars(), 8)
+    curve = measured(
+        brute, nominal, FOCUS, brute.bars_picture(real, FOCUS, (0.5, 10.0), 20.0), Bars(), 8
+    )
     assert np.abs(curve.contrast - closed_form(real, FOCUS, curve.cycles_per_mm)).max() < 5e-3
 
 
-def fresnel_picture(camera: Camera, modulation: float, upright: float = 0.0, height: float = np.inf) -> Array:
-    """A sine chirp of small modulation in focus, integrated over every pixel in closed form by Fresnel's integrals; black beyond height."""
+def fresnel_picture(
+    camera: Camera, modulation: float, upright: float = 0.0, height: float = np.inf
+) -> Array:
+    """A sine chirp of small modulation in focus, integrated over every pixel in closed form by
+    Fresnel's integrals; black beyond height.
+    """
     columns, rows = camera.sensor.resolution
-    pixel, gap, away, main = camera.sensor.pixel, camera.gap, camera.array.distance, camera.main_lens.focal_length
+    pixel, gap, away, main = (
+        camera.sensor.pixel,
+        camera.gap,
+        camera.array.distance,
+        camera.main_lens.focal_length,
+    )
     image = 1 / (1 / main - 1 / FOCUS)
     scale = gap / (away - image) * image / FOCUS
     across, pitch = 1 / scale, 0.4 * (1 + gap / away)
@@ -236,7 +320,8 @@ def fresnel_picture(camera: Camera, modulation: float, upright: float = 0.0, hei
     for cx in pitch * np.arange(-2, 3):
         for cy in pitch * np.arange(-2, 3):
             u, v = np.meshgrid(x - cx, y - cy)
-            # the array stands at a - D' behind the image: one micro-image to the next the target moves by -D/(L + b)
+            # the array stands at a - D' behind the image: one micro-image to the next the target
+            # moves by -D/(L + b)
             place = across * u + upright * across * v - FOCUS / (away + gap) * cx
             half = across * pixel / 2
             wave = (integral(place + half) - integral(place - half)) / (2 * half)
@@ -262,7 +347,14 @@ def test_the_bias_is_a_two_thousandth_at_modulation_a_half_and_half_a_per_cent_a
     ratios, doubts = np.zeros(len(truth)), np.zeros(len(truth))
     for seed in range(repeats):
         rng = np.random.default_rng(seed)
-        curve = fit_contrast(clean * 3000 + 64 + rng.normal(0, 30, clean.shape), lattice, camera, Chirp(), FOCUS, noise)
+        curve = fit_contrast(
+            clean * 3000 + 64 + rng.normal(0, 30, clean.shape),
+            lattice,
+            camera,
+            Chirp(),
+            FOCUS,
+            noise,
+        )
         ratios += curve.contrast / truth / repeats
         doubts += (curve.uncertainty / truth / repeats) ** 2
     assert np.all(np.abs(ratios - 1)[below] < allowed + 3.5 * np.sqrt(doubts[below]))
@@ -273,7 +365,12 @@ def test_the_classic_reading_is_biased_and_says_so(brute: Any) -> None:
     picture = fresnel_picture(camera, 0.02) * 3000 + 64
     noise = SensorNoise(1e-9, 30.0, 64.0, 65535.0)
     curve = fit_contrast(
-        picture + np.random.default_rng(1).normal(0, 30, picture.shape), nominal_lattice(camera, 1500.0), camera, Chirp(), FOCUS, noise
+        picture + np.random.default_rng(1).normal(0, 30, picture.shape),
+        nominal_lattice(camera, 1500.0),
+        camera,
+        Chirp(),
+        FOCUS,
+        noise,
     )
     assert np.nanmin(curve.classic) > 0.04  # twice what is there
     truth = 0.02 * np.sinc(curve.cycles_per_px)  # the extremes of a sine are its modulation
@@ -284,7 +381,9 @@ def test_the_classic_reading_is_biased_and_says_so(brute: Any) -> None:
 def test_the_classic_reading_takes_no_pixel_beyond_the_targets_edge_for_a_bar(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     picture = fresnel_picture(camera, 0.5, height=5.0) * 3000 + 64
-    curve = fit_contrast(picture, nominal_lattice(camera, 1500.0), camera, Chirp(height=5.0), FOCUS, NOISE)
+    curve = fit_contrast(
+        picture, nominal_lattice(camera, 1500.0), camera, Chirp(height=5.0), FOCUS, NOISE
+    )
     assert np.nanmax(curve.classic) < 0.501
 
 
@@ -295,18 +394,30 @@ def test_bars_that_lean_are_no_less_contrasted(brute: Any, turn: float) -> None:
     noise = SensorNoise(1e-9, 10.0, 64.0, 65535.0)
     picture = fresnel_picture(camera, 0.5, turn) * 3000 + 64
     curve = fit_contrast(
-        picture + np.random.default_rng(3).normal(0, 10, picture.shape), nominal_lattice(camera, 1500.0), camera, Chirp(), FOCUS, noise
+        picture + np.random.default_rng(3).normal(0, 10, picture.shape),
+        nominal_lattice(camera, 1500.0),
+        camera,
+        Chirp(),
+        FOCUS,
+        noise,
     )
     assert curve.geometry[2] / curve.geometry[1] == pytest.approx(turn, abs=2e-4)
-    assert np.abs((curve.contrast - 0.5 * np.sinc(curve.cycles_per_px)) / curve.uncertainty).max() < 4
+    assert (
+        np.abs((curve.contrast - 0.5 * np.sinc(curve.cycles_per_px)) / curve.uncertainty).max() < 4
+    )
 
 
 def test_each_view_by_itself_scatters_about_the_truth_as_it_says(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
-    curve = measured(brute, camera, FOCUS, brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0), Bars(), 3)
+    curve = measured(
+        brute, camera, FOCUS, brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0), Bars(), 3
+    )
     seen = np.isfinite(curve.views_contrast)
     assert np.count_nonzero(seen) > 20
-    score = ((curve.views_contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)) / curve.views_uncertainty)[seen]
+    score = (
+        (curve.views_contrast - closed_form(camera, FOCUS, curve.cycles_per_mm))
+        / curve.views_uncertainty
+    )[seen]
     assert 0.7 < np.sqrt(np.mean(score**2)) < 1.3
 
 
@@ -316,7 +427,9 @@ def test_microlenses_of_several_kinds_give_a_curve_each(brute: Any) -> None:
     _, sharp = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
     other = replace(camera, array=replace(camera.array, focal_lengths=(0.94,)))
     _, soft = brute.bars_picture(other, FOCUS, (0.5, 10.0), 20.0)
-    both = replace(camera, array=replace(camera.array, focal_lengths=(0.917, 0.94), pattern=((0, 1),)))
+    both = replace(
+        camera, array=replace(camera.array, focal_lengths=(0.917, 0.94), pattern=((0, 1),))
+    )
     lattice = nominal_lattice(both, 3000.0)
     kinds = microlens_type_of(lattice, both)
     rows, columns = np.mgrid[: RESOLUTION[1], : RESOLUTION[0]]
@@ -332,19 +445,38 @@ def test_microlenses_of_several_kinds_give_a_curve_each(brute: Any) -> None:
 
 
 def covered(brute: Any, distance: float, repeats: int) -> tuple[Array, Array, Array]:
-    """Shares of 95 % intervals that hold the closed form in so many noisy small frames: pooled, extremes, (K,); of views, (cells,)."""
+    """Shares of 95 % intervals that hold the closed form in so many noisy small frames: pooled,
+    extremes, (K,); of views, (cells,).
+    """
     camera = brute.camera(4.0, (760, 280))  # one row of micro-images
     _, bars = brute.bars_picture(camera, distance, (0.5, 10.0), 20.0)
     lattice = nominal_lattice(camera, 3000.0)
-    pooled, extremes, views = list[npt.NDArray[np.bool_]](), list[npt.NDArray[np.bool_]](), list[Array]()
+    pooled, extremes, views = (
+        list[npt.NDArray[np.bool_]](),
+        list[npt.NDArray[np.bool_]](),
+        list[Array](),
+    )
     for seed in range(repeats):
-        curve = fit_contrast(brute.expose(bars, NOISE, 3000, np.random.default_rng(seed)), lattice, camera, Bars(), distance, NOISE)
+        curve = fit_contrast(
+            brute.expose(bars, NOISE, 3000, np.random.default_rng(seed)),
+            lattice,
+            camera,
+            Bars(),
+            distance,
+            NOISE,
+        )
         truth = closed_form(camera, distance, curve.cycles_per_mm)
         pooled.append(np.abs(curve.contrast - truth) < 1.959964 * curve.uncertainty)
         largest = closed_form_extremes(camera, distance, curve.cycles_per_mm)
         extremes.append(np.abs(curve.extremes - largest) < 1.959964 * curve.extremes_uncertainty)
         seen = np.isfinite(curve.views_contrast)
-        views.append(np.where(seen, np.abs(curve.views_contrast - truth) < 1.959964 * curve.views_uncertainty, np.nan))
+        views.append(
+            np.where(
+                seen,
+                np.abs(curve.views_contrast - truth) < 1.959964 * curve.views_uncertainty,
+                np.nan,
+            )
+        )
     every = np.array(views)
     often = np.isfinite(every).mean(axis=0) > 0.99  # what a view sees does not hang on the noise
     return np.mean(pooled, axis=0), np.mean(extremes, axis=0), np.nanmean(every[:, often], axis=0)
@@ -355,7 +487,9 @@ IN_FOCUS_AND_OFF = pytest.mark.parametrize("distance", [FOCUS, 500.0], ids="{:.0
 
 @pytest.mark.ci
 @IN_FOCUS_AND_OFF
-def test_95_per_cent_intervals_cover_as_much_in_two_hundred_repeats(brute: Any, distance: float) -> None:
+def test_95_per_cent_intervals_cover_as_much_in_two_hundred_repeats(
+    brute: Any, distance: float
+) -> None:
     pooled, extremes, views = covered(brute, distance, 200)
     assert 0.93 < pooled.mean() < 0.97
     assert 0.93 < extremes.mean() < 0.97
@@ -365,9 +499,14 @@ def test_95_per_cent_intervals_cover_as_much_in_two_hundred_repeats(brute: Any, 
 @pytest.mark.full
 @pytest.mark.timeout(3600)
 @IN_FOCUS_AND_OFF
-def test_95_per_cent_intervals_cover_94_to_96_in_ten_thousand_repeats_at_every_frequency_in_every_view(brute: Any, distance: float) -> None:
+def test_95_per_cent_intervals_cover_94_to_96_in_ten_thousand_repeats_at_every_frequency_in_every_view(  # noqa: E501
+    brute: Any, distance: float
+) -> None:
     pooled, extremes, views = covered(brute, distance, 10_000)
-    print(f"pooled {np.round(pooled, 4)}, extremes {np.round(extremes, 4)}, views {np.round(views, 4)}")
+    print(
+        f"pooled {np.round(pooled, 4)}, extremes {np.round(extremes, 4)}, views"
+        f" {np.round(views, 4)}"
+    )
     assert len(pooled) >= 8
     assert len(views) >= 4
     assert np.all((pooled > 0.94) & (pooled < 0.96))

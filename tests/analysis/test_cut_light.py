@@ -1,4 +1,6 @@
-"""The light of a cut spot in a pixel, against areas in closed form that its fit does not use, and its slopes against differences."""
+"""The light of a cut spot in a pixel, against areas in closed form that its fit does not use, and
+its slopes against differences.
+"""
 
 import math
 
@@ -20,8 +22,14 @@ def test_the_share_of_a_pixel_in_a_disc_is_the_closed_form_for_discs_of_every_si
         assert share == pytest.approx(_area(radius, left, bottom), abs=1e-7)
         # as the disc moves right, the pixel lies further left in it
         step = 1e-4
-        assert by_x == pytest.approx((_area(radius, left - step, bottom) - _area(radius, left + step, bottom)) / (2 * step), abs=0.02)
-        assert by_y == pytest.approx((_area(radius, left, bottom - step) - _area(radius, left, bottom + step)) / (2 * step), abs=0.02)
+        assert by_x == pytest.approx(
+            (_area(radius, left - step, bottom) - _area(radius, left + step, bottom)) / (2 * step),
+            abs=0.02,
+        )
+        assert by_y == pytest.approx(
+            (_area(radius, left, bottom - step) - _area(radius, left, bottom + step)) / (2 * step),
+            abs=0.02,
+        )
 
 
 def _area(radius: float, left: float, bottom: float) -> float:
@@ -31,7 +39,11 @@ def _area(radius: float, left: float, bottom: float) -> float:
 def test_the_area_common_to_three_discs_is_the_closed_form_however_they_lie() -> None:
     rng = np.random.default_rng(1)
     for n in range(REPEATS):
-        small, main, dot = rng.uniform(1, 20), rng.uniform(1, 40), math.exp(rng.uniform(0, math.log(300)))
+        small, main, dot = (
+            rng.uniform(1, 20),
+            rng.uniform(1, 40),
+            math.exp(rng.uniform(0, math.log(300))),
+        )
         main_x, main_y = rng.normal(0, (small + main) / 2, 2)
         if n % 7 == 0:  # as alike and as concentric as apertures may be
             main, main_x, main_y = small, 0.0, 0.0

@@ -1,4 +1,6 @@
-"""What noise leaves of the depth of dots on average: of a picture and of one with the same noise the other way round."""
+"""What noise leaves of the depth of dots on average: of a picture and of one with the same noise
+the other way round.
+"""
 
 from typing import Any
 
@@ -24,14 +26,22 @@ def depth(dots: tuple[DotViews, ...]) -> float:
 
 @pytest.mark.parametrize("distance", [pytest.param(502.0, marks=pytest.mark.ci), 515.0])
 def test_near_focus_noise_draws_depth_to_no_side(brute: Any, distance: float) -> None:
-    """Edges that noise sharpens drew the blur down to them, those that it softens did not draw it up: a fifth of what is stated."""
+    """Edges that noise sharpens drew the blur down to them, those that it softens did not draw it
+    up: a fifth of what is stated.
+    """
     camera = brute.camera(5.6, (640, 640))
-    white, exact = (render(one_plane(camera, target, distance), tolerance=1e-4) * 3000 + 64 for target in (White(), TARGET))
+    white, exact = (
+        render(one_plane(camera, target, distance), tolerance=1e-4) * 3000 + 64
+        for target in (White(), TARGET)
+    )
     lattice = find_lattice(white, "square", 245.0, NOISE)
     spread, rng = np.sqrt(NOISE.variance(exact)), np.random.default_rng(6)
     noises = [spread * rng.standard_normal(exact.shape) for _ in range(PAIRS)]
     noises += [-noise for noise in noises]
     noiseless = count_views(exact, None, lattice, camera, TARGET, distance, NOISE)
-    found = [depth(count_views(exact + noise, None, lattice, camera, TARGET, distance, NOISE)) for noise in noises]
+    found = [
+        depth(count_views(exact + noise, None, lattice, camera, TARGET, distance, NOISE))
+        for noise in noises
+    ]
     stated = float(np.mean([dot.uncertainty_mm[2] for dot in noiseless]))
     assert abs(np.mean(found) - depth(noiseless)) < 0.08 * stated

@@ -26,7 +26,9 @@ def distances(angle: float, offset: float, side: int = SIDE) -> Array:
 
 
 def over_pixel(profile: Callable[[Array], Array], angle: float, offset: float) -> Array:
-    """The mean of an edge's profile over each pixel: Gauss's rule along one side, and along the other."""
+    """The mean of an edge's profile over each pixel: Gauss's rule along one side, and along the
+    other.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(12)
     t = distances(angle, offset)
     total = np.zeros_like(t)
@@ -44,7 +46,10 @@ def sharp_edge(angle: float, offset: float, side: int = SIDE) -> Array:
     """Exact: the part of a unit square on one side of a line, by clipping its corners' polygon."""
     t = distances(angle, offset, side)
     c, s = abs(math.cos(angle)), abs(math.sin(angle))
-    lower = [np.maximum(t + sign, 0.0) ** 2 for sign in ((c + s) / 2, (c - s) / 2, (s - c) / 2, -(c + s) / 2)]
+    lower = [
+        np.maximum(t + sign, 0.0) ** 2
+        for sign in ((c + s) / 2, (c - s) / 2, (s - c) / 2, -(c + s) / 2)
+    ]
     return 0.2 + 0.6 * (lower[0] - lower[1] - lower[2] + lower[3]) / (2 * c * s)
 
 
@@ -65,7 +70,9 @@ def disc_transfer(f: Array, radius: float) -> Array:
 
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("blur", [0.35, 0.7, 1.5])
-def test_a_noiseless_edge_of_gaussian_blur_is_measured_to_two_ten_thousandths(degrees: float, blur: float) -> None:
+def test_a_noiseless_edge_of_gaussian_blur_is_measured_to_two_ten_thousandths(
+    degrees: float, blur: float
+) -> None:
     angle = math.radians(degrees)
     picture = gaussian_edge(angle, blur, 0.3)
     truth = transfer(angle) * np.exp(-2 * (math.pi * blur * F) ** 2)
@@ -75,7 +82,9 @@ def test_a_noiseless_edge_of_gaussian_blur_is_measured_to_two_ten_thousandths(de
 
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("offset", [-0.4, 0.0, 0.21])
-def test_a_noiseless_edge_without_blur_is_measured_to_two_ten_thousandths(degrees: float, offset: float) -> None:
+def test_a_noiseless_edge_without_blur_is_measured_to_two_ten_thousandths(
+    degrees: float, offset: float
+) -> None:
     angle = math.radians(degrees)
     picture = sharp_edge(angle, offset)
     assert np.abs(fit_edge(picture).mtf(F) - transfer(angle)).max() < 0.0002
@@ -87,46 +96,73 @@ def test_a_blur_of_another_kind_is_measured_by_the_free_form(radius: float) -> N
     angle = math.radians(5)
     picture = over_pixel(lambda t: disc(t / radius), angle, 0.2)
     truth = transfer(angle) * disc_transfer(F, radius)
-    assert np.abs(fit_edge(picture).mtf(F) - truth).max() > 0.04  # what assuming a Gaussian would cost
+    assert (
+        np.abs(fit_edge(picture).mtf(F) - truth).max() > 0.04
+    )  # what assuming a Gaussian would cost
     assert np.abs(fit_free_edge(picture).mtf(F) - truth).max() < 0.002
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("fit", "allowed", "places"), [(fit_edge, 1.18 * 0.0011, 40), (fit_free_edge, 0.0025, 10)])
+@pytest.mark.parametrize(
+    ("fit", "allowed", "places"), [(fit_edge, 1.18 * 0.0011, 40), (fit_free_edge, 0.0025, 10)]
+)
 def test_one_per_cent_of_noise_leaves_little_and_the_stated_uncertainty_says_how_much(
     fit: Callable[..., EdgeFit], allowed: float, places: int
 ) -> None:
-    """Four angles, four blurs, so many places each; the median root mean square error from 0 to half a cycle a pixel.
+    """Four angles, four blurs, so many places each; the median root mean square error from 0 to
+    half a cycle a pixel.
 
-    The median of 640 edges scatters by 9 % from one set of seeds to another, the bound is two of that above 0.0011.
+    The median of 640 edges scatters by 9 % from one set of seeds to another, the bound is two of
+    that above 0.0011.
     """
     blurs = (0.0, 0.35, 0.7, 1.5)
-    rms, z = np.zeros((len(blurs), len(ANGLES), places)), np.zeros((len(blurs), len(ANGLES), places))
+    rms, z = (
+        np.zeros((len(blurs), len(ANGLES), places)),
+        np.zeros((len(blurs), len(ANGLES), places)),
+    )
     for place in np.ndindex(rms.shape):
         rng = np.random.default_rng(place)
-        blur, angle, offset = blurs[place[0]], math.radians(ANGLES[place[1]]), rng.uniform(-0.5, 0.5)
+        blur, angle, offset = (
+            blurs[place[0]],
+            math.radians(ANGLES[place[1]]),
+            rng.uniform(-0.5, 0.5),
+        )
         clean = gaussian_edge_fast(angle, blur, offset) if blur else sharp_edge(angle, offset)
         found = fit(clean + 0.01 * rng.standard_normal(clean.shape))
         error = found.mtf(F) - transfer(angle) * np.exp(-2 * (math.pi * blur * F) ** 2)
         rms[place] = math.sqrt(float(np.mean(error**2)))
         z[place] = error[20] / found.mtf_uncertainty(F)[20]
-    print(f"{fit.__name__}: all {np.median(rms):.5f}, by blur {np.median(rms, axis=(1, 2)).round(5)}")
+    print(
+        f"{fit.__name__}: all {np.median(rms):.5f}, by blur {np.median(rms, axis=(1, 2)).round(5)}"
+    )
     assert np.median(rms) < allowed
-    assert 0.7 < math.sqrt(float(np.mean(np.square(z[1:])))) < 1.35  # without blur its variance, 0 or more, scatters on one side
+    assert (
+        0.7 < math.sqrt(float(np.mean(np.square(z[1:])))) < 1.35
+    )  # without blur its variance, 0 or more, scatters on one side
 
 
 @pytest.mark.ci
 def test_the_fit_of_a_known_blur_is_as_good_as_any_can_be() -> None:
-    """Root mean square over 60 noisy edges against the Cramer-Rao bound for angle, place, blur and both levels unknown."""
+    """Root mean square over 60 noisy edges against the Cramer-Rao bound for angle, place, blur and
+    both levels unknown.
+    """
     errors, bounds = list[float](), list[float]()
     steps = np.array([1e-5, 1e-4, 1e-3])
     for index in range(60):
         rng = np.random.default_rng(index)
-        known = np.array([math.radians(rng.uniform(2, 12)), rng.choice([0.35, 0.7, 1.5]), rng.uniform(-0.5, 0.5)])
+        known = np.array(
+            [math.radians(rng.uniform(2, 12)), rng.choice([0.35, 0.7, 1.5]), rng.uniform(-0.5, 0.5)]
+        )
         angle, blur, offset = known
         clean = gaussian_edge_fast(angle, blur, offset)
-        sides = [[gaussian_edge_fast(*(known + sign * one)) for sign in (1, -1)] for one in np.diag(steps[[0, 2, 1]])]
-        slopes = [(up - down).ravel() / (2 * step) for (up, down), step in zip(sides, steps[[0, 2, 1]], strict=True)]
+        sides = [
+            [gaussian_edge_fast(*(known + sign * one)) for sign in (1, -1)]
+            for one in np.diag(steps[[0, 2, 1]])
+        ]
+        slopes = [
+            (up - down).ravel() / (2 * step)
+            for (up, down), step in zip(sides, steps[[0, 2, 1]], strict=True)
+        ]
         jacobian = np.stack([*slopes, clean.ravel(), np.ones(clean.size)], axis=1)
         spread = 0.01 * math.sqrt(np.linalg.inv(jacobian.T @ jacobian)[1, 1])
         truth = transfer(angle) * np.exp(-2 * (math.pi * blur * F) ** 2)
@@ -137,12 +173,21 @@ def test_the_fit_of_a_known_blur_is_as_good_as_any_can_be() -> None:
 
 
 def gaussian_edge_fast(angle: float, blur: float, offset: float, side: int = SIDE) -> Array:
-    """The same picture from few nodes: a blur of a third of a pixel and more is smooth enough for six."""
-    return fast_edge(lambda t: 0.5 * (1 + erf(t / (math.sqrt(2) * blur))), 6, distances(angle, offset, side), angle)
+    """The same picture from few nodes: a blur of a third of a pixel and more is smooth enough for
+    six.
+    """
+    return fast_edge(
+        lambda t: 0.5 * (1 + erf(t / (math.sqrt(2) * blur))),
+        6,
+        distances(angle, offset, side),
+        angle,
+    )
 
 
 def fast_edge(profile: Callable[[Array], Array], order: int, t: Array, angle: float) -> Array:
-    """The mean of a profile over each pixel less than 10 px from the edge; farther away it is dark or bright."""
+    """The mean of a profile over each pixel less than 10 px from the edge; farther away it is dark
+    or bright.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(order)
     shifts = (nodes[:, None] * math.cos(angle) + nodes[None, :] * math.sin(angle)).ravel() / 2
     parts = (weights[:, None] * weights[None, :]).ravel() / 4
@@ -161,7 +206,9 @@ def test_an_edge_at_a_simple_fraction_is_told_apart() -> None:
 @pytest.mark.parametrize("degrees", [5.0, 85.0, 95.0, 175.0, -5.0, -95.0])
 def test_the_normal_points_to_the_bright_side_whatever_the_turn(degrees: float) -> None:
     found = fit_edge(gaussian_edge_fast(math.radians(degrees), 0.7, 0.3))
-    assert math.remainder(found.angle - math.radians(degrees), 2 * math.pi) == pytest.approx(0, abs=1e-6)
+    assert math.remainder(found.angle - math.radians(degrees), 2 * math.pi) == pytest.approx(
+        0, abs=1e-6
+    )
     assert found.offset_px == pytest.approx(0.3, abs=1e-5)
     assert (found.dark, found.height) == pytest.approx((0.2, 0.6), abs=1e-5)
 
@@ -192,21 +239,28 @@ def test_a_picture_without_an_edge_is_refused(picture: Array, says: str) -> None
 
 
 COVERED = np.array([0.04, 0.1, 0.2, 0.3, 0.4])  # cycles/px
-FEW = 40  # px, side of the edges that are measured again and again: as many pixels as a small bright field has
+# px, side of the edges that are measured again and again: as many pixels as a small bright field
+# has
+FEW = 40
 TOGETHER = 8  # edges that are pooled
 
 
 def edge_scores(kind: str, groups: int) -> tuple[Array, Array, Array]:
-    """Errors over stated uncertainties at 1 % of noise, the angles in turn, a blur of its own for every eight edges.
+    """Errors over stated uncertainties at 1 % of noise, the angles in turn, a blur of its own for
+    every eight edges.
 
     Returns:
-        Of the Gaussian fit angle, offset and transfer at ``COVERED``, of the free form the latter, shapes (8 groups, 7) and
-        (8 groups, 5); of eight edges pooled, shape (groups, 5).
+        Of the Gaussian fit angle, offset and transfer at ``COVERED``, of the free form the latter,
+        shapes (8 groups, 7) and (8 groups, 5); of eight edges pooled, shape (groups, 5).
     """
     known, free, together = list[Array](), list[Array](), list[Array]()
     for group in range(groups):
         rng = np.random.default_rng([ord(kind[0]), group])
-        angle, width, pictures = math.radians(ANGLES[group % len(ANGLES)]), rng.uniform(0.33, 1.5), list[Array]()
+        angle, width, pictures = (
+            math.radians(ANGLES[group % len(ANGLES)]),
+            rng.uniform(0.33, 1.5),
+            list[Array](),
+        )
         truth = transfer(angle, COVERED)
         if kind == "gaussian":
             truth = truth * np.exp(-2 * (math.pi * width * COVERED) ** 2)
@@ -217,16 +271,30 @@ def edge_scores(kind: str, groups: int) -> tuple[Array, Array, Array]:
             if kind == "gaussian":
                 clean = gaussian_edge_fast(angle, width, offset, FEW)
             elif kind == "disc":
-                clean = fast_edge(lambda t, radius=2 * width: disc(t / radius), 10, distances(angle, offset, FEW), angle)
+                clean = fast_edge(
+                    lambda t, radius=2 * width: disc(t / radius),
+                    10,
+                    distances(angle, offset, FEW),
+                    angle,
+                )
             else:
                 clean = sharp_edge(angle, offset, FEW)
             picture = clean + 0.01 * rng.standard_normal(clean.shape)
             pictures.append(picture)
             found, single = fit_edge(picture), fit_free_edge(picture)
-            placed = np.array([found.angle - angle, found.offset_px - offset]) / np.sqrt(np.diag(found.covariance)[:2])
-            known.append(np.concatenate([placed, (found.mtf(COVERED) - truth) / found.mtf_uncertainty(COVERED)]))
+            placed = np.array([found.angle - angle, found.offset_px - offset]) / np.sqrt(
+                np.diag(found.covariance)[:2]
+            )
+            known.append(
+                np.concatenate(
+                    [placed, (found.mtf(COVERED) - truth) / found.mtf_uncertainty(COVERED)]
+                )
+            )
             free.append((single.mtf(COVERED) - truth) / single.mtf_uncertainty(COVERED))
-        every = free_forms([fit_edge(picture) for picture in pictures], [edge_pixels(picture)[0] for picture in pictures])
+        every = free_forms(
+            [fit_edge(picture) for picture in pictures],
+            [edge_pixels(picture)[0] for picture in pictures],
+        )
         mean, doubt = pooled(every, COVERED)
         together.append((mean - truth) / doubt)
     return np.array(known), np.array(free), np.array(together)
@@ -259,16 +327,26 @@ def test_intervals_of_edges_cover() -> None:
 @pytest.mark.timeout(0)
 def test_intervals_of_edges_of_a_known_blur_cover_94_to_96_percent_of_ten_thousand() -> None:
     known, free, together = edge_scores("gaussian", 10_000 // TOGETHER)
-    by_angle = [covered(known[np.arange(len(known)) // TOGETHER % len(ANGLES) == index]) for index in range(len(ANGLES))]
-    print(f"known blur: {covered(known)}, by angle {np.array(by_angle)}; free form {covered(free)}, pooled {covered(together)}")
+    by_angle = [
+        covered(known[np.arange(len(known)) // TOGETHER % len(ANGLES) == index])
+        for index in range(len(ANGLES))
+    ]
+    print(
+        f"known blur: {covered(known)}, by angle {np.array(by_angle)}; free form {covered(free)},"
+        f" pooled {covered(together)}"
+    )
     assert np.all((covered(known) > 0.94) & (covered(known) < 0.96))
-    assert np.all(covered(free) > 0.94)  # of a deviation that is not there the free form is too unsure, never too sure
+    assert np.all(
+        covered(free) > 0.94
+    )  # of a deviation that is not there the free form is too unsure, never too sure
     assert np.all(covered(together) > 0.94)
 
 
 @pytest.mark.full
 @pytest.mark.timeout(0)
-def test_intervals_of_edges_blurred_by_a_disc_cover_94_to_96_percent_of_ten_thousand_in_the_mean_of_five_frequencies() -> None:
+def test_intervals_of_edges_blurred_by_a_disc_cover_94_to_96_percent_of_ten_thousand_in_the_mean_of_five_frequencies() -> (  # noqa: E501
+    None
+):
     _, free, together = ten_thousand("disc")
     assert 0.94 < free.mean() < 0.96
     assert np.all((free > 0.93) & (free < 0.98))

@@ -1,4 +1,6 @@
-"""The figure of focus against pictures whose differences are known, and its noise against drawn noise."""
+"""The figure of focus against pictures whose differences are known, and its noise against drawn
+noise.
+"""
 
 import numpy as np
 import pytest

@@ -26,9 +26,14 @@ def test_whole_numbers_come_back_to_the_bit(tmp_path: Path, ending: str) -> None
 
 def test_floating_point_survives_in_npy_and_is_scaled_for_sixteen_bits(tmp_path: Path) -> None:
     picture = np.random.default_rng(2).random((48, 64)) * 2
-    for ending, factor, error in ((".npy", 1.0, 0.0), *((ending, 16384.0, 0.5 / 16384) for ending in (".tiff", ".png", ".dng"))):
+    for ending, factor, error in (
+        (".npy", 1.0, 0.0),
+        *((ending, 16384.0, 0.5 / 16384) for ending in (".tiff", ".png", ".dng")),
+    ):
         write_picture(tmp_path / f"a{ending}", picture)
-        assert np.abs(read_picture(tmp_path / f"a{ending}") / factor - picture).max() <= error * 1.01
+        assert (
+            np.abs(read_picture(tmp_path / f"a{ending}") / factor - picture).max() <= error * 1.01
+        )
 
 
 def test_a_tiff_of_floating_point_is_read(tmp_path: Path) -> None:
@@ -39,7 +44,9 @@ def test_a_tiff_of_floating_point_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("bits", [10, 12, 14, 16])
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "grbg", "gbrg", None])
-def test_libraw_reads_numbers_mosaic_and_levels_of_a_dng(tmp_path: Path, pattern: str | None, bits: int) -> None:
+def test_libraw_reads_numbers_mosaic_and_levels_of_a_dng(
+    tmp_path: Path, pattern: str | None, bits: int
+) -> None:
     white = 2**bits - 1
     values = np.random.default_rng(bits).integers(0, white + 1, (49, 67)).astype(np.uint16)
     black = (64, 60, 61, 70) if pattern else (64, 64, 64, 64)
@@ -65,13 +72,18 @@ def test_libraw_reads_numbers_mosaic_and_levels_of_a_dng(tmp_path: Path, pattern
 
 
 @pytest.mark.parametrize("pattern", [None, "gbrg"])
-def test_exposure_and_speed_are_told_as_others_read_them(tmp_path: Path, pattern: str | None) -> None:
+def test_exposure_and_speed_are_told_as_others_read_them(
+    tmp_path: Path, pattern: str | None
+) -> None:
     values = np.arange(40 * 30, dtype=np.uint16).reshape(30, 40)
     write_raw(tmp_path / "a.dng", RawPicture(values, pattern, exposure_s=0.02, iso=400.0))
     with tifffile.TiffFile(tmp_path / "a.dng") as file:
         (page,) = file.series[0].pages
         assert isinstance(page, tifffile.TiffPage)
-        assert page.tags[34665].value == {"ExposureTime": (2_000_000, 100_000_000), "ISOSpeedRatings": 400}
+        assert page.tags[34665].value == {
+            "ExposureTime": (2_000_000, 100_000_000),
+            "ISOSpeedRatings": 400,
+        }
     back = read_raw(tmp_path / "a.dng")
     assert (back.exposure_s, back.iso) == (0.02, 400.0)
     assert np.array_equal(back.values, values)
@@ -88,7 +100,9 @@ def test_exposure_and_speed_are_told_as_others_read_them(tmp_path: Path, pattern
         ({"neutral": (0.0, 1.0, 1.0)}, "neutral"),
     ],
 )
-def test_facts_that_no_raw_file_can_hold_are_refused(tmp_path: Path, change: dict[str, Any], said: str) -> None:
+def test_facts_that_no_raw_file_can_hold_are_refused(
+    tmp_path: Path, change: dict[str, Any], said: str
+) -> None:
     with pytest.raises(InputError, match=said):
         write_raw(tmp_path / "frame.dng", replace(RawPicture(WHOLE), **change))
     assert not (tmp_path / "frame.dng").exists()
@@ -115,7 +129,12 @@ def test_what_cannot_be_read_or_written_is_refused_by_name(tmp_path: Path) -> No
     colour = np.zeros((4, 4, 3), dtype=np.uint8)
     colour[..., 1] = 9
     assert cv2.imwrite(str(tmp_path / "colour.png"), colour)
-    for name, content in (("broken.png", b"no"), ("broken.npy", b"no"), ("broken.dng", b"no"), ("frame.txt", b"1")):
+    for name, content in (
+        ("broken.png", b"no"),
+        ("broken.npy", b"no"),
+        ("broken.dng", b"no"),
+        ("frame.txt", b"1"),
+    ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(InputError, match=name):
             read_picture(tmp_path / name)

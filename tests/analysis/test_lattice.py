@@ -55,7 +55,8 @@ def test_every_micro_image_is_found_to_a_hundredth_of_a_pixel_at_one_percent_noi
     lattice = find_lattice(picture, layout, pitch * 1.04, NOISE)
     true = brute.lattice_points(SHAPE, brute.vectors_of(layout, pitch, angle), ORIGIN, a + b)
     apart = distances(true, lattice.centres_px).min(axis=1)
-    # the brute-force points lie within the reach of the sides, the lattice's within that of the corners too
+    # the brute-force points lie within the reach of the sides, the lattice's within that of the
+    # corners too
     corner = np.hypot(*(true - np.clip(true, -0.5, [SHAPE[1] - 0.5, SHAPE[0] - 0.5])).T)
     safe = corner < a + b - 0.01
     assert abs(len(lattice.centres_px) - (corner < a + b).sum()) <= 1
@@ -68,7 +69,9 @@ def test_every_micro_image_is_found_to_a_hundredth_of_a_pixel_at_one_percent_noi
     assert lattice.chi2_per_pixel == pytest.approx(1.0, abs=0.03)
 
 
-def test_without_noise_no_centre_is_off_by_a_thousandth_of_a_pixel_even_in_the_corners(brute: Any) -> None:
+def test_without_noise_no_centre_is_off_by_a_thousandth_of_a_pixel_even_in_the_corners(
+    brute: Any,
+) -> None:
     image = brute.white_picture(SHAPE, "square", 60.0, 0.02, ORIGIN, 19.0, 5.5)
     lattice = find_lattice(image * 3000 + NOISE.offset_dn, "square", 60.0, NOISE)
     true = brute.lattice_points(SHAPE, brute.vectors_of("square", 60.0, 0.02), ORIGIN, 24.5)
@@ -79,11 +82,17 @@ def test_without_noise_no_centre_is_off_by_a_thousandth_of_a_pixel_even_in_the_c
 
 
 @pytest.mark.ci
-def test_micro_images_of_300_pixels_are_found_though_the_description_is_off_by_4_percent(brute: Any) -> None:
+def test_micro_images_of_300_pixels_are_found_though_the_description_is_off_by_4_percent(
+    brute: Any,
+) -> None:
     shape = (1100, 1300)
     image = brute.white_picture(shape, "square", 300.0, 0.02, (520.3, 470.6), 110.0, 25.0)
-    lattice = find_lattice(brute.expose(image, NOISE, 3000, np.random.default_rng(7)), "square", 312.0, NOISE)
-    true = brute.lattice_points(shape, brute.vectors_of("square", 300.0, 0.02), (520.3, 470.6), 130.0)
+    lattice = find_lattice(
+        brute.expose(image, NOISE, 3000, np.random.default_rng(7)), "square", 312.0, NOISE
+    )
+    true = brute.lattice_points(
+        shape, brute.vectors_of("square", 300.0, 0.02), (520.3, 470.6), 130.0
+    )
     assert np.sqrt(np.mean(distances(true, lattice.centres_px).min(axis=1) ** 2)) < 0.005
     assert abs(lattice.pitch_px - 300.0) < 4.5 * lattice.pitch_uncertainty_px
     assert lattice.pitch_uncertainty_px < 0.003
@@ -92,22 +101,43 @@ def test_micro_images_of_300_pixels_are_found_though_the_description_is_off_by_4
 @pytest.mark.full
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("f_number", [1.6, 2.8, 4.0, 8.0, 16.0], ids="F/{:g}".format)
-def test_a_whole_frame_at_one_percent_noise_gives_the_lattice_to_a_thousandth_of_a_pixel(brute: Any, f_number: float) -> None:
-    """3664 x 2748 pixels, fall-off and tilt fitted; errors, of eight frames, against where rays through the microlenses' middles land."""
+def test_a_whole_frame_at_one_percent_noise_gives_the_lattice_to_a_thousandth_of_a_pixel(
+    brute: Any, f_number: float
+) -> None:
+    """3664 x 2748 pixels, fall-off and tilt fitted; errors, of eight frames, against where rays
+    through the microlenses' middles land.
+    """
     camera = brute.camera(f_number, (3664, 2748))
     image = np.maximum(render(one_plane(camera, White(), 506.7016), tolerance=3e-5), 0.0)
     deep = SensorNoise(0.3, 2.0, 64.0, 16383.0)  # overlapping neighbours add up to more than white
-    pitch, middle = 0.4 * (1 + camera.gap / camera.array.distance) / camera.sensor.pixel, np.array([1831.5, 1373.5])
+    pitch, middle = (
+        0.4 * (1 + camera.gap / camera.array.distance) / camera.sensor.pixel,
+        np.array([1831.5, 1373.5]),
+    )
     clean, *noisy = (
         find_lattice(picture, "square", 241.0, deep, cone_of(camera))
-        for picture in (image * 3000 + 64, *(brute.expose(image, deep, 3000, np.random.default_rng(seed)) for seed in range(8)))
+        for picture in (
+            image * 3000 + 64,
+            *(brute.expose(image, deep, 3000, np.random.default_rng(seed)) for seed in range(8)),
+        )
     )
     bias = np.abs(clean.centres_px - middle - clean.indices * pitch).max()
-    centres = np.sqrt(np.mean([np.mean((one.centres_px - middle - one.indices * pitch) ** 2, axis=0) for one in noisy], axis=0)).max()
+    centres = np.sqrt(
+        np.mean(
+            [
+                np.mean((one.centres_px - middle - one.indices * pitch) ** 2, axis=0)
+                for one in noisy
+            ],
+            axis=0,
+        )
+    ).max()
     origin = np.sqrt(np.mean([(one.origin_px - middle) ** 2 for one in noisy]))
     by_pitch = np.sqrt(np.mean([(one.pitch_px / pitch - 1) ** 2 for one in noisy]))
     stated = np.mean([np.max(one.origin_uncertainty_px) for one in noisy])
-    print(f"F/{f_number:g} bias {bias:.5f}, centres {centres:.5f}, origin {origin:.5f} (stated {stated:.5f}), pitch {by_pitch:.1e}")
+    print(
+        f"F/{f_number:g} bias {bias:.5f}, centres {centres:.5f}, origin {origin:.5f} (stated"
+        f" {stated:.5f}), pitch {by_pitch:.1e}"
+    )
     assert bias < 0.002
     assert centres < 0.005
     assert origin < 0.001
@@ -140,13 +170,19 @@ def test_the_stated_uncertainties_are_the_scatter_over_repeated_noise(brute: Any
 def test_an_array_smaller_than_the_sensor_gives_only_the_micro_images_it_has(brute: Any) -> None:
     image = brute.white_picture(SHAPE, "square", 40.0, 0.0, ORIGIN, 13.0, 4.0)
     image[:, 340:] = 0  # the columns of centres at 360.3 and beyond are missing
-    lattice = find_lattice(brute.expose(image, NOISE, 3000, np.random.default_rng(1)), "square", 40.0, NOISE)
-    on_picture = lattice.centres_px[(lattice.centres_px[:, 1] > 0) & (lattice.centres_px[:, 1] < SHAPE[0])]
+    lattice = find_lattice(
+        brute.expose(image, NOISE, 3000, np.random.default_rng(1)), "square", 40.0, NOISE
+    )
+    on_picture = lattice.centres_px[
+        (lattice.centres_px[:, 1] > 0) & (lattice.centres_px[:, 1] < SHAPE[0])
+    ]
     assert on_picture[:, 0].max() == pytest.approx(320.3, abs=0.01)
     assert lattice.pitch_px == pytest.approx(40.0, rel=2e-4)
 
 
-def test_the_origin_is_the_centre_nearest_the_sensors_and_angles_are_nearest_zero(brute: Any) -> None:
+def test_the_origin_is_the_centre_nearest_the_sensors_and_angles_are_nearest_zero(
+    brute: Any,
+) -> None:
     image = brute.white_picture(SHAPE, "square", 40.0, math.radians(88.0), ORIGIN, 13.0, 4.0)
     lattice = find_lattice(image * 3000 + NOISE.offset_dn, "square", 41.0, NOISE)
     assert math.degrees(lattice.angle) == pytest.approx(-2.0, abs=1e-3)
@@ -157,8 +193,15 @@ def test_the_origin_is_the_centre_nearest_the_sensors_and_angles_are_nearest_zer
 
 
 @pytest.mark.parametrize(("pitch", "a", "b"), [(40.0, 13.0, 4.0), (60.0, 19.0, 5.5)])
-def test_square_micro_images_described_as_hexagonal_are_refused(brute: Any, pitch: float, a: float, b: float) -> None:
-    white = brute.expose(brute.white_picture(SHAPE, "square", pitch, 0.03, ORIGIN, a, b), NOISE, 3000, np.random.default_rng(1))
+def test_square_micro_images_described_as_hexagonal_are_refused(
+    brute: Any, pitch: float, a: float, b: float
+) -> None:
+    white = brute.expose(
+        brute.white_picture(SHAPE, "square", pitch, 0.03, ORIGIN, a, b),
+        NOISE,
+        3000,
+        np.random.default_rng(1),
+    )
     with pytest.raises(MeasurementError, match="check layout"):
         find_lattice(white, "hexagonal", pitch, NOISE)
 

@@ -1,4 +1,6 @@
-"""Pictures through a mosaic of colour filters, measured as four sub-lattices without demosaicing."""
+"""Pictures through a mosaic of colour filters, measured as four sub-lattices without
+demosaicing.
+"""
 
 import math
 from pathlib import Path
@@ -29,7 +31,9 @@ BLACK = (64, 60, 61, 70)
 
 
 def through_filters(image: Array, bits: int, seed: int) -> tuple[RawPicture, SensorNoise]:
-    """A raw picture of an image in units of white, whose strongest filter fills three quarters of the range."""
+    """A raw picture of an image in units of white, whose strongest filter fills three quarters of
+    the range.
+    """
     full = 2**bits - 1
     noise = SensorNoise(0.3 * full / 4095, 2.0 * full / 4095, 0.0, float(full))
     rng = np.random.default_rng(seed)
@@ -59,16 +63,28 @@ def test_contrast_through_filters_is_the_closed_form_within_its_uncertainty(brut
     _, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
     raw, noise = through_filters(bars, 12, 2)
     mosaic = from_raw(raw, noise)
-    curve = fit_contrast(mosaic.values, nominal_lattice(camera, 3000.0), camera, Bars(), FOCUS, mosaic.noise, mosaic.gains)
+    curve = fit_contrast(
+        mosaic.values,
+        nominal_lattice(camera, 3000.0),
+        camera,
+        Bars(),
+        FOCUS,
+        mosaic.noise,
+        mosaic.gains,
+    )
     score = (curve.contrast - np.sinc(curve.cycles_per_px)) / curve.uncertainty
     assert np.sqrt(np.mean(score**2)) < 1.6
     assert curve.chi2_per_pixel == pytest.approx(1.0, abs=0.2)
     assert curve.uncertainty.max() < 1e-3
 
 
-def test_a_raw_white_picture_gives_the_same_lattice_as_a_grey_one(brute: Any, tmp_path: Path) -> None:
+def test_a_raw_white_picture_gives_the_same_lattice_as_a_grey_one(
+    brute: Any, tmp_path: Path
+) -> None:
     camera = brute.camera(4.0, RESOLUTION)
-    white = brute.white_picture(RESOLUTION[::-1], "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777)
+    white = brute.white_picture(
+        RESOLUTION[::-1], "square", 245.5825, 0.0, (379.5, 259.5), 72.168, 23.777
+    )
     raw, noise = through_filters(white, 14, 3)
     write_raw(tmp_path / "white.dng", raw)
     even, evened = from_raw(read_raw(tmp_path / "white.dng"), noise).even()
@@ -101,19 +117,39 @@ def test_lattice_contrast_dots_and_edges_come_out_of_raw_files_of_any_bits_withi
     assert np.abs((lattice.origin_px - [379.5, 259.5]) / lattice.origin_uncertainty_px).max() < 4
     assert abs(lattice.pitch_px - 245.5823) < 4 * lattice.pitch_uncertainty_px
     mosaic = read_back(bars, bits, file)
-    curve = fit_contrast(mosaic.values, nominal_lattice(camera, 3000.0), camera, Bars(), FOCUS, mosaic.noise, mosaic.gains)
-    assert np.sqrt(np.mean(((curve.contrast - np.sinc(curve.cycles_per_px)) / curve.uncertainty) ** 2)) < 2
+    curve = fit_contrast(
+        mosaic.values,
+        nominal_lattice(camera, 3000.0),
+        camera,
+        Bars(),
+        FOCUS,
+        mosaic.noise,
+        mosaic.gains,
+    )
+    assert (
+        np.sqrt(np.mean(((curve.contrast - np.sinc(curve.cycles_per_px)) / curve.uncertainty) ** 2))
+        < 2
+    )
     wide, target = brute.camera(4.0, (1240, 1240)), FourDot(spacing=4.0)
-    values, noise = read_back(np.maximum(render(one_plane(wide, target, FOCUS), tolerance=5e-5), 0.0), bits, file).even()
+    values, noise = read_back(
+        np.maximum(render(one_plane(wide, target, FOCUS), tolerance=5e-5), 0.0), bits, file
+    ).even()
     for dot in count_views(values, None, nominal_lattice(wide, 3000.0), wide, target, FOCUS, noise):
         landed = brute.landings(wide, FOCUS, target.centres[dot.dot])[1]
-        off = np.array([centre - landed[int(np.argmin(np.hypot(*(landed - centre).T)))] for centre in dot.centres_px])
+        off = np.array(
+            [
+                centre - landed[int(np.argmin(np.hypot(*(landed - centre).T)))]
+                for centre in dot.centres_px
+            ]
+        )
         assert dot.views >= 4
         assert np.sqrt(np.mean((off / dot.centre_uncertainty_px) ** 2)) < 2
     angle, square = math.radians(5), brute.camera(4.0, (740, 740))
     values, noise = read_back(brute.edges_picture(740, angle), bits, file).even()
     edges = measure_edges(values, nominal_lattice(square, 3000.0), square, noise)
-    truth = np.sinc(edges.cycles_per_px * math.cos(angle)) * np.sinc(edges.cycles_per_px * math.sin(angle))
+    truth = np.sinc(edges.cycles_per_px * math.cos(angle)) * np.sinc(
+        edges.cycles_per_px * math.sin(angle)
+    )
     assert len(edges.views) == 9
     assert np.abs(edges.mtf - truth).max() < 4 * edges.uncertainty.max() + 1e-4
 
@@ -131,4 +167,6 @@ def test_light_that_a_filter_does_not_pass_is_named() -> None:
     values = np.full((40, 40), 64, dtype=np.uint16)
     values[::2, 1::2] = values[1::2, ::2] = 3000
     with pytest.raises(MeasurementError, match="r 0, g 1, g 1, b 0"):
-        from_raw(RawPicture(values, "rggb", (64, 64, 64, 64), 4095), SensorNoise(0.3, 2.0, 0.0, 4095.0))
+        from_raw(
+            RawPicture(values, "rggb", (64, 64, 64, 64), 4095), SensorNoise(0.3, 2.0, 0.0, 4095.0)
+        )

@@ -14,7 +14,9 @@ GAIN, READ, OFFSET, FULL = 0.4, 1.2, 64.0, 4095.0
 
 
 def frames(light_e: Array, rng: np.random.Generator, count: int = 2) -> Pair:
-    electrons = rng.poisson(light_e, (count, *light_e.shape)) + READ / GAIN * rng.standard_normal((count, *light_e.shape))
+    electrons = rng.poisson(light_e, (count, *light_e.shape)) + READ / GAIN * rng.standard_normal(
+        (count, *light_e.shape)
+    )
     numbers = np.clip(np.rint(OFFSET + GAIN * electrons), 0, FULL)
     return numbers[0], numbers[1]
 
@@ -69,9 +71,21 @@ def test_saturated_pixels_are_left_out() -> None:
     ("pairs", "dark", "says"),
     [
         ([], (np.zeros((40, 40)), np.zeros((40, 40))), "no pair"),
-        ([(np.zeros((40, 41)), np.zeros((40, 41)))], (np.zeros((40, 40)), np.zeros((40, 40))), "all must be alike"),
-        ([(np.zeros((40, 40)), np.zeros((40, 40)))], (np.zeros((4, 4)), np.zeros((4, 4))), "1000 pixels"),
-        ([(np.full((40, 40), math.nan), np.zeros((40, 40)))], (np.zeros((40, 40)), np.zeros((40, 40))), "finite"),
+        (
+            [(np.zeros((40, 41)), np.zeros((40, 41)))],
+            (np.zeros((40, 40)), np.zeros((40, 40))),
+            "all must be alike",
+        ),
+        (
+            [(np.zeros((40, 40)), np.zeros((40, 40)))],
+            (np.zeros((4, 4)), np.zeros((4, 4))),
+            "1000 pixels",
+        ),
+        (
+            [(np.full((40, 40), math.nan), np.zeros((40, 40)))],
+            (np.zeros((40, 40)), np.zeros((40, 40))),
+            "finite",
+        ),
     ],
 )
 def test_frames_that_do_not_fit_are_refused(pairs: list[Pair], dark: Pair, says: str) -> None:

@@ -1,4 +1,6 @@
-"""Frames until an accuracy is reached: as many as it takes, no bias by stopping, an end in any case."""
+"""Frames until an accuracy is reached: as many as it takes, no bias by stopping, an end in any
+case.
+"""
 
 import math
 
@@ -23,7 +25,13 @@ def looked(per_frame: float, lasting: float, wanted: float, first: int, most: in
     return looks
 
 
-@given(st.floats(1e-6, 1.0), st.floats(0, 1e-2), st.floats(1e-3, 0.3), st.integers(1, 8), st.integers(8, 500))
+@given(
+    st.floats(1e-6, 1.0),
+    st.floats(0, 1e-2),
+    st.floats(1e-3, 0.3),
+    st.integers(1, 8),
+    st.integers(8, 500),
+)
 def test_it_takes_as_many_frames_as_are_needed_and_hardly_more_and_always_ends(
     per_frame: float, lasting: float, wanted: float, first: int, most: int
 ) -> None:
@@ -46,9 +54,16 @@ def test_where_no_number_of_frames_is_enough_it_takes_the_most_and_stops() -> No
     assert looks[-1].uncertainty > 0.01
 
 
-@pytest.mark.parametrize("electrons", [30.0, *(pytest.param(electrons, marks=pytest.mark.ci) for electrons in (3.0, 3000.0))])
-def test_stopping_by_the_uncertainty_biases_the_contrast_by_less_than_a_twentieth_of_it(electrons: float) -> None:
-    """Sine bars of contrast 0.6 in 400 pixels of photons, the noise computed from the very pixels as the fit does it: 4000 runs each."""
+@pytest.mark.parametrize(
+    "electrons",
+    [30.0, *(pytest.param(electrons, marks=pytest.mark.ci) for electrons in (3.0, 3000.0))],
+)
+def test_stopping_by_the_uncertainty_biases_the_contrast_by_less_than_a_twentieth_of_it(
+    electrons: float,
+) -> None:
+    """Sine bars of contrast 0.6 in 400 pixels of photons, the noise computed from the very pixels
+    as the fit does it: 4000 runs each.
+    """
     contrast, pixels, runs, most = 0.6, 400, 4000, 64
     wanted = 0.5 / math.sqrt(electrons * pixels)  # some eight frames
     rng = np.random.default_rng(5)
@@ -71,14 +86,18 @@ def test_stopping_by_the_uncertainty_biases_the_contrast_by_less_than_a_twentiet
         if not due.any() and taken >= 8:
             break
     errors = found[:, 0] - contrast
-    assert abs(errors.mean() - (fixed.mean() - contrast)) < 0.05 * wanted  # chance alone makes some 0.01
+    assert (
+        abs(errors.mean() - (fixed.mean() - contrast)) < 0.05 * wanted
+    )  # chance alone makes some 0.01
     assert 4 < np.mean([run[-1].frames for run in looks]) < 16
     assert np.quantile(found[:, 1], 0.99) <= wanted
     assert (errors / found[:, 1]).std() == pytest.approx(1, abs=0.06)
 
 
 def measured(mean: Array, frames: int, design: Array) -> tuple[float, float]:
-    """Contrast and its standard uncertainty by weighted least squares, weights from a first unweighted fit."""
+    """Contrast and its standard uncertainty by weighted least squares, weights from a first
+    unweighted fit.
+    """
     level, swing = np.linalg.lstsq(design, mean, rcond=None)[0]
     model = np.maximum(design @ [level, swing], 0.05 * level)
     weight = frames / model

@@ -45,7 +45,12 @@ def flflab(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -
 @pytest.fixture
 def small_camera(tmp_path: Path) -> Path:
     """The built-in camera behind a sensor of 760 x 560 pixels."""
-    text = (Path(__file__).parents[2] / "examples" / "cameras" / "osinski.yaml").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "examples" / "cameras" / "osinski.yaml").read_text(
+        encoding="utf-8"
+    )
     file = tmp_path / "small.yaml"
-    file.write_text(text.replace("[3664, 2748]", "[760, 560]").replace("count: [25, 25]", "count: [7, 7]"), encoding="utf-8")
+    file.write_text(
+        text.replace("[3664, 2748]", "[760, 560]").replace("count: [25, 25]", "count: [7, 7]"),
+        encoding="utf-8",
+    )
     return file

@@ -26,9 +26,32 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("what", "columns", "pictures", "says"),
     [
-        ("image", {"scene", "method", "requested", "largest_error", "rms_error", "processor_s", "first_s"}, 6, "tolerances asked of it"),
-        ("measure", {"quantity", "method", "frames", "pixels", "uncertainty", "rms_error", "processor_s"}, 4, "times what was stated"),
-        ("model", {"lens", "f_number", "field_mm", "quantity", "model", "exact", "limit", "holds"}, 10, "Virtual depth to 1 %"),
+        (
+            "image",
+            {
+                "scene",
+                "method",
+                "requested",
+                "largest_error",
+                "rms_error",
+                "processor_s",
+                "first_s",
+            },
+            6,
+            "tolerances asked of it",
+        ),
+        (
+            "measure",
+            {"quantity", "method", "frames", "pixels", "uncertainty", "rms_error", "processor_s"},
+            4,
+            "times what was stated",
+        ),
+        (
+            "model",
+            {"lens", "f_number", "field_mm", "quantity", "model", "exact", "limit", "holds"},
+            10,
+            "Virtual depth to 1 %",
+        ),
     ],
 )
 def test_accuracy_leaves_a_page_and_a_table_and_says_where(
@@ -36,13 +59,17 @@ def test_accuracy_leaves_a_page_and_a_table_and_says_where(
 ) -> None:
     ended = flflab("accuracy", what, "--out", tmp_path / "new" / "folder")
     assert ended.code == 0, ended.err
-    page, table = (tmp_path / "new" / "folder" / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
+    page, table = (
+        tmp_path / "new" / "folder" / f"accuracy-{what}.{kind}" for kind in ("html", "csv")
+    )
     assert f"Page: {page}" in ended.out
     assert f"Table: {table}" in ended.out
     assert "…" not in ended.out, "a cell of the table is cut"
     assert says in " ".join((ended.out + page.read_text(encoding="utf-8")).split())
     text = page.read_text(encoding="utf-8")
-    assert text.count('<img src="data:image/svg+xml;base64,') == pictures == text.count("<figcaption>")
+    assert (
+        text.count('<img src="data:image/svg+xml;base64,') == pictures == text.count("<figcaption>")
+    )
     assert "http" not in text.replace("data:image", "")
     with table.open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
@@ -51,38 +78,56 @@ def test_accuracy_leaves_a_page_and_a_table_and_says_where(
 
 
 @pytest.mark.ci
-def test_depth_of_a_camera_of_ones_own_is_shown_against_distance(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+def test_depth_of_a_camera_of_ones_own_is_shown_against_distance(
+    flflab: Run, small_camera: Path, tmp_path: Path
+) -> None:
     ended = flflab("accuracy", "depth", "--camera", small_camera, "--out", tmp_path)
     assert ended.code == 0, ended.err
     assert "a dot's depth is wrong by" in " ".join(ended.out.split())
-    assert (tmp_path / "accuracy-depth.html").read_text(encoding="utf-8").count('<img src="data:image/svg+xml;base64,') == 2
+    assert (tmp_path / "accuracy-depth.html").read_text(encoding="utf-8").count(
+        '<img src="data:image/svg+xml;base64,'
+    ) == 2
     with (tmp_path / "accuracy-depth.csv").open(encoding="utf-8") as stream:
-        rows = [{name: float(cell or "nan") for name, cell in row.items()} for row in csv.DictReader(stream)]
+        rows = [
+            {name: float(cell or "nan") for name, cell in row.items()}
+            for row in csv.DictReader(stream)
+        ]
     (focus,) = (row for row in rows if abs(row["distance_mm"] - 506.7016) < 1e-3)
     assert focus["views"] == pytest.approx(focus["model_views"], abs=0.3)
     assert focus["model_mm"] < focus["stated_mm"] < 5 * focus["model_mm"]
     assert focus["rms_error_mm"] < 2 * focus["stated_mm"]
-    # s - c = (b/L) c / ((1 + b/L) x): a gap 1 um longer reads as another x and with it another distance
+    # s - c = (b/L) c / ((1 + b/L) x): a gap 1 um longer reads as another x and with it another
+    # distance
     x = 60 / 506.7016 + 1 - 60 / 50
     longer = x * (1.151 / 61.151) / (1.15 / 61.15)
-    assert focus["gap_mm_per_um"] == pytest.approx(abs(60 / (longer - 1 + 60 / 50) - 506.7016), rel=0.01)
+    assert focus["gap_mm_per_um"] == pytest.approx(
+        abs(60 / (longer - 1 + 60 / 50) - 506.7016), rel=0.01
+    )
 
 
 @pytest.mark.ci
 @pytest.mark.timeout(300)
-def test_the_lattice_of_a_camera_of_ones_own_is_shown_against_the_f_number(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+def test_the_lattice_of_a_camera_of_ones_own_is_shown_against_the_f_number(
+    flflab: Run, small_camera: Path, tmp_path: Path
+) -> None:
     ended = flflab("accuracy", "lattice", "--camera", small_camera, "--out", tmp_path)
     assert ended.code == 0, ended.err
     assert "from one white frame the origin is known to" in " ".join(ended.out.split())
-    assert (tmp_path / "accuracy-lattice.html").read_text(encoding="utf-8").count('<img src="data:image/svg+xml;base64,') == 2
+    assert (tmp_path / "accuracy-lattice.html").read_text(encoding="utf-8").count(
+        '<img src="data:image/svg+xml;base64,'
+    ) == 2
     with (tmp_path / "accuracy-lattice.csv").open(encoding="utf-8") as stream:
         rows = [{name: float(cell) for name, cell in row.items()} for row in csv.DictReader(stream)]
     assert [row["f_number"] for row in rows] == [1.6, 2.8, 4.0, 8.0, 16.0]
     (row,) = (row for row in rows if row["f_number"] == 4.0)
     assert f"{row['origin_px']:.4f} ({row['origin_error_px']:.4f})" in ended.out
-    # centres lie 0.4 mm (1 + 1.15/60) apart about the sensor's middle, total fields reach (A b / L + d |kappa|) / 2 px
+    # centres lie 0.4 mm (1 + 1.15/60) apart about the sensor's middle, total fields reach (A b / L
+    # + d |kappa|) / 2 px
     gap, pixel = 1.15, 0.00166
-    apart, reach = 0.4 * (1 + gap / 60) / pixel, (12.5 * gap / 60 + 0.336 * abs(1 + gap / 60 - gap / 0.917)) / 2 / pixel
+    apart, reach = (
+        0.4 * (1 + gap / 60) / pixel,
+        (12.5 * gap / 60 + 0.336 * abs(1 + gap / 60 - gap / 0.917)) / 2 / pixel,
+    )
     x, y = np.meshgrid(apart * np.arange(-3, 4), apart * np.arange(-3, 4))
     seen = np.hypot(np.maximum(np.abs(x) - 380, 0), np.maximum(np.abs(y) - 280, 0)) < reach
     assert row["micro_images"] == np.count_nonzero(seen)
@@ -93,10 +138,16 @@ def test_the_lattice_of_a_camera_of_ones_own_is_shown_against_the_f_number(flfla
 
 
 @pytest.mark.parametrize("what", ["depth", "lattice"])
-def test_a_camera_of_several_kinds_of_microlenses_is_refused(flflab: Run, root: Path, tmp_path: Path, what: str) -> None:
-    ended = flflab("accuracy", what, "--camera", root / "examples" / "cameras" / "r12a.yaml", "--out", tmp_path)
+def test_a_camera_of_several_kinds_of_microlenses_is_refused(
+    flflab: Run, root: Path, tmp_path: Path, what: str
+) -> None:
+    ended = flflab(
+        "accuracy", what, "--camera", root / "examples" / "cameras" / "r12a.yaml", "--out", tmp_path
+    )
     assert ended.code == 1
-    assert "has microlenses of 3 focal lengths; give a camera whose array has one" in " ".join(ended.err.split())
+    assert "has microlenses of 3 focal lengths; give a camera whose array has one" in " ".join(
+        ended.err.split()
+    )
 
 
 def test_only_depth_and_lattice_take_a_camera(flflab: Run, small_camera: Path) -> None:
@@ -106,7 +157,11 @@ def test_only_depth_and_lattice_take_a_camera(flflab: Run, small_camera: Path) -
 
 
 @pytest.mark.parametrize("what", ["bench", "nonsense"])
-def test_accuracy_of_what_there_is_not_is_refused_with_a_list_of_what_there_is(flflab: Run, what: str) -> None:
+def test_accuracy_of_what_there_is_not_is_refused_with_a_list_of_what_there_is(
+    flflab: Run, what: str
+) -> None:
     ended = flflab("accuracy", what)
     assert ended.code == 2
-    assert f"'{what}' is not one of 'image', 'measure', 'model', 'depth', 'lattice'" in " ".join(ended.err.split())
+    assert f"'{what}' is not one of 'image', 'measure', 'model', 'depth', 'lattice'" in " ".join(
+        ended.err.split()
+    )

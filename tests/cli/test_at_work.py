@@ -13,14 +13,18 @@ from flflab.cli import at_work, image
 Run = Callable[..., Any]
 
 
-def test_where_no_terminal_is_nothing_is_said(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_where_no_terminal_is_nothing_is_said(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(at_work, "SILENCE_S", 0.01)
     with at_work.told_at_work():
         time.sleep(0.3)
     assert capfd.readouterr() == ("", "")
 
 
-def test_on_a_terminal_it_says_for_how_long(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_on_a_terminal_it_says_for_how_long(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(at_work, "SILENCE_S", 0.01)
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "80")
@@ -56,8 +60,20 @@ def test_a_picture_that_takes_long_says_so_beside_its_json(
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
     form = image.take_picture
-    monkeypatch.setattr(image, "take_picture", lambda *scene, **asked: (time.sleep(1.3), form(*scene, **asked))[1])
-    ended = flflab("image", small_camera, "--target", "bars", "--distance", "506.7 mm", "--json", "-o", tmp_path / "bars.npy")
+    monkeypatch.setattr(
+        image, "take_picture", lambda *scene, **asked: (time.sleep(1.3), form(*scene, **asked))[1]
+    )
+    ended = flflab(
+        "image",
+        small_camera,
+        "--target",
+        "bars",
+        "--distance",
+        "506.7 mm",
+        "--json",
+        "-o",
+        tmp_path / "bars.npy",
+    )
     assert ended.code == 0
     assert "error_estimate" in ended.json
     assert at_work.WORDS in ended.err

@@ -1,4 +1,6 @@
-"""``flflab bench`` on a served bench with every axis of the paper's Fig. 10: what an operator types and reads."""
+"""``flflab bench`` on a served bench with every axis of the paper's Fig. 10: what an operator types
+and reads.
+"""
 
 import re
 import socket
@@ -23,7 +25,9 @@ def bench_file(root: Path, tmp_path: Path) -> Iterator[Path]:
     source = root / "examples" / "benches" / "full.yaml"
     copy = tmp_path / "full.yaml"
     text = source.read_text(encoding="utf-8").replace("clock: 20 ", "clock: 100 ")
-    copy.write_text(text.replace("../cameras", str(root / "examples" / "cameras")), encoding="utf-8")
+    copy.write_text(
+        text.replace("../cameras", str(root / "examples" / "cameras")), encoding="utf-8"
+    )
     bench = read_bench(copy)
     with serve(bench) as served:
         write_bench(bench, served, tmp_path / "served.yaml")
@@ -33,11 +37,19 @@ def bench_file(root: Path, tmp_path: Path) -> Iterator[Path]:
 def test_an_operator_checks_homes_moves_and_stops_every_axis(flflab: Run, bench_file: Path) -> None:
     checked = flflab("bench", "check", "--bench", bench_file)
     assert checked.code == 0, checked.err
-    for words in ("Zaber device 50000", "Thorlabs KDC101", "Oriental Motor AZ drive, slave 2", "not homed"):
+    for words in (
+        "Zaber device 50000",
+        "Thorlabs KDC101",
+        "Oriental Motor AZ drive, slave 2",
+        "not homed",
+    ):
         assert words in " ".join(checked.out.split())
     refused = flflab("bench", "move", "goniometer", "2 deg", "--bench", bench_file)
     assert refused.code == 1
-    assert "goniometer: asked to go to 2.000000 deg, but it has no reference; home it first" in refused.err
+    assert (
+        "goniometer: asked to go to 2.000000 deg, but it has no reference; home it first"
+        in refused.err
+    )
     homed = flflab("bench", "home", "--bench", bench_file)
     assert homed.code == 0, homed.err
     assert "ring is at 0.0000 deg" in homed.out
@@ -58,7 +70,9 @@ def test_an_operator_checks_homes_moves_and_stops_every_axis(flflab: Run, bench_
     assert (stopped.code, stopped.out) == (0, "every axis took the stop\n")
 
 
-def test_every_axis_that_answers_is_stopped_whatever_else_of_the_bench_is_off_or_wrong(flflab: Run, bench_file: Path) -> None:
+def test_every_axis_that_answers_is_stopped_whatever_else_of_the_bench_is_off_or_wrong(
+    flflab: Run, bench_file: Path
+) -> None:
     described = yaml.safe_load(bench_file.read_text(encoding="utf-8"))
     host, port = described["axes"]["sensor_stage"]["address"].removeprefix("socket://").split(":")
     number = described["axes"]["sensor_stage"]["device"]
@@ -72,7 +86,9 @@ def test_every_axis_that_answers_is_stopped_whatever_else_of_the_bench_is_off_or
         bench_file.write_text(yaml.safe_dump(described), encoding="utf-8")
         stopped = flflab("bench", "stop", "--bench", bench_file)
         assert stopped.code == 1
-        told = [line for line in stopped.err.splitlines() if "it may still move, cut its power" in line]
+        told = [
+            line for line in stopped.err.splitlines() if "it may still move, cut its power" in line
+        ]
         assert len(told) == 2
         assert all(any(name in line for line in told) for name in ("ring", "goniometer")), told
         stage.write(f"/{number}\n".encode())
@@ -80,31 +96,46 @@ def test_every_axis_that_answers_is_stopped_whatever_else_of_the_bench_is_off_or
         assert b"IDLE" in stage.readline()
 
 
-@pytest.mark.parametrize("broken", ["axes: [", "axes: {}", None], ids=["no YAML", "other axes", "no file"])
-def test_who_drives_a_bench_is_stopped_whatever_became_of_its_file(flflab: Run, bench_file: Path, broken: str | None) -> None:
+@pytest.mark.parametrize(
+    "broken", ["axes: [", "axes: {}", None], ids=["no YAML", "other axes", "no file"]
+)
+def test_who_drives_a_bench_is_stopped_whatever_became_of_its_file(
+    flflab: Run, bench_file: Path, broken: str | None
+) -> None:
     with connect(bench_file) as bench:
         bench_file.unlink()
         if broken is not None:
             bench_file.write_text(broken, encoding="utf-8")
         stopped = flflab("bench", "stop", "--bench", bench_file)
         assert (stopped.code, stopped.out) == (0, "every axis took the stop\n")
-        with pytest.raises(DeviceError, match="ring: asked to move, nothing moved: another program had this bench stopped"):
+        with pytest.raises(
+            DeviceError,
+            match="ring: asked to move, nothing moved: another program had this bench stopped",
+        ):
             bench.ring.home()
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "none"), [("axes:", "axes: [", "no axis"), ("minimum_gap:", "minimal_gap:", "none of main_lens_stage, ")]
+    ("old", "new", "none"),
+    [
+        ("axes:", "axes: [", "no axis"),
+        ("minimum_gap:", "minimal_gap:", "none of main_lens_stage, "),
+    ],
 )
 def test_where_nobody_drives_a_bench_whose_file_is_broken_the_operator_is_sent_to_stop_it_by_hand(
     flflab: Run, bench_file: Path, old: str, new: str, none: str
 ) -> None:
-    bench_file.write_text(bench_file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    bench_file.write_text(
+        bench_file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8"
+    )
     stopped = flflab("bench", "stop", "--bench", bench_file)
     assert (stopped.code, stopped.out) == (1, "")
     said = stopped.err.splitlines()
     assert said[0].startswith(f"flflab: {bench_file}:")
     assert said[-1].startswith(none)
-    assert said[-1].endswith("stop them by hand, by the emergency stop or by their power, then correct the file")
+    assert said[-1].endswith(
+        "stop them by hand, by the emergency stop or by their power, then correct the file"
+    )
 
 
 def test_80_columns_show_serial_numbers_names_and_limits_whole_and_a_pipe_one_line_a_device(
@@ -114,27 +145,40 @@ def test_80_columns_show_serial_numbers_names_and_limits_whole_and_a_pipe_one_li
     assert flflab("bench", "move", "ring", "-169.98 deg", "--bench", bench_file).code == 0
     piped = flflab("bench", "check", "--bench", bench_file).out
     assert re.search(
-        r"^main_lens_stage +not homed +Zaber device \d+, serial 100001, firmware .*, at 1 +WR: no reference position$", piped, re.M
+        r"^main_lens_stage +not homed +Zaber device \d+, serial 100001, firmware .*, at 1 +WR: no"
+        r" reference position$",
+        piped,
+        re.M,
     )
     assert len(piped.splitlines()) == 2 + 7 + 3
     monkeypatch.setenv("FORCE_COLOR", "1")  # so rich takes the pipe for a terminal
     monkeypatch.setenv("COLUMNS", "80")
-    checked, stood = (re.sub(r"\x1b\[[\d;]*m", "", flflab("bench", what, "--bench", bench_file).out) for what in ("check", "where"))
+    checked, stood = (
+        re.sub(r"\x1b\[[\d;]*m", "", flflab("bench", what, "--bench", bench_file).out)
+        for what in ("check", "where")
+    )
     for line in (checked + stood).splitlines():
         assert len(line) <= 80
         assert "…" not in line
     for whole in ("main_lens_stage", "100001,", "100004,", "27000001,", "-169.9800 deg"):
         assert whole in checked
-    assert re.search(r"^ring +-169\.9800 deg +-170 deg to 170 deg +array\.roll +-169\.9800 deg$", stood, re.MULTILINE)
+    assert re.search(
+        r"^ring +-169\.9800 deg +-170 deg to 170 deg +array\.roll +-169\.9800 deg$",
+        stood,
+        re.MULTILINE,
+    )
 
 
-def test_a_bench_simulated_for_one_command_is_said_to_forget_and_a_served_one_is_not(flflab: Run, bench_file: Path, root: Path) -> None:
+def test_a_bench_simulated_for_one_command_is_said_to_forget_and_a_served_one_is_not(
+    flflab: Run, bench_file: Path, root: Path
+) -> None:
     alone = root / "examples" / "benches" / "simulated.yaml"
     homed = flflab("bench", "home", "target_stage", "--bench", alone)
     assert (homed.code, homed.out) == (0, "target_stage is at 0.0000 mm\n")
-    assert homed.err == (
-        f"this bench was simulated for this command alone and forgets it; `flflab sim {alone} --write-bench served.yaml` serves one that "
-        "stays, for --bench served.yaml\n"
+    assert (
+        homed.err
+        == f"this bench was simulated for this command alone and forgets it; `flflab sim {alone}"
+        " --write-bench served.yaml` serves one that stays, for --bench served.yaml\n"
     )
     assert flflab("bench", "home", "target_stage", "--bench", bench_file).err == ""
     moved = flflab("bench", "move", "target_stage", "12.5 mm", "--bench", bench_file)
@@ -147,14 +191,19 @@ def test_a_length_for_an_axis_that_turns_is_refused(flflab: Run, bench_file: Pat
     assert "'mm' is a unit of length; an angle is a number and a unit of rad" in refused.err
 
 
-def test_one_stage_for_two_axes_is_refused_by_check_and_by_move(flflab: Run, bench_file: Path) -> None:
+def test_one_stage_for_two_axes_is_refused_by_check_and_by_move(
+    flflab: Run, bench_file: Path
+) -> None:
     data = yaml.safe_load(bench_file.read_text(encoding="utf-8"))
     twice = bench_file.with_name("twice.yaml")
     for address, says in (
         ("127.0.0.1", "array_stage is the same stage as main_lens_stage"),
         ("127.1", "serial number 100001, answers for both"),
     ):
-        data["axes"]["array_stage"] |= {"device": 1, "address": data["axes"]["sensor_stage"]["address"].replace("127.0.0.1", address)}
+        data["axes"]["array_stage"] |= {
+            "device": 1,
+            "address": data["axes"]["sensor_stage"]["address"].replace("127.0.0.1", address),
+        }
         twice.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
         for command in (("check",), ("move", "array_stage", "5 mm")):
             refused = flflab("bench", *command, "--bench", twice)

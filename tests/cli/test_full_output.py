@@ -1,4 +1,6 @@
-"""A standard output that takes nothing: one sentence where its disk is full, none where its reader has gone."""
+"""A standard output that takes nothing: one sentence where its disk is full, none where its reader
+has gone.
+"""
 
 import os
 import subprocess
@@ -7,13 +9,25 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk that is always full")
+pytestmark = pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="there is no disk that is always full"
+)
 OSINSKI = str(Path(__file__).parents[2] / "examples" / "cameras" / "osinski.yaml")
 COMMANDS = [
     ("--help",),  # a short text
     ("model", OSINSKI),  # a table
     ("model", OSINSKI, "--json"),  # more than a buffer holds
-    ("image", OSINSKI, "--target", "black", "--distance", "500 mm", "-o", "black.npy", "--json"),  # less: it is written at the end
+    (
+        "image",
+        OSINSKI,
+        "--target",
+        "black",
+        "--distance",
+        "500 mm",
+        "-o",
+        "black.npy",
+        "--json",
+    ),  # less: it is written at the end
 ]
 CONCLUDED = """
 import sys
@@ -28,8 +42,10 @@ validate.judged = lambda *_: (SimpleNamespace(comparison=SimpleNamespace(accepte
 validate._tell = lambda *_: (print if printing == "plain" else Console().print)("a table")
 sys.argv = ["flflab", "report", "run"]
 cli.main()
-"""
-BUFFERED = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}  # as users run it
+"""  # noqa: E501
+BUFFERED = {
+    name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"
+}  # as users run it
 
 
 @pytest.fixture(autouse=True)
@@ -42,10 +58,23 @@ def command(*arguments: str) -> list[str]:
 
 
 @pytest.mark.parametrize("arguments", COMMANDS, ids=lambda arguments: " ".join(arguments)[-12:])
-def test_a_full_disk_behind_standard_output_is_one_sentence_and_exit_1(arguments: tuple[str, ...]) -> None:
+def test_a_full_disk_behind_standard_output_is_one_sentence_and_exit_1(
+    arguments: tuple[str, ...],
+) -> None:
     with Path("/dev/full").open("w") as full:
-        ended = subprocess.run(command(*arguments), stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=100, env=BUFFERED)
-    said = "flflab: standard output cannot be written (No space left on device); send it to a place with room\n"
+        ended = subprocess.run(
+            command(*arguments),
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=100,
+            env=BUFFERED,
+        )
+    said = (
+        "flflab: standard output cannot be written (No space left on device); send it to a place"
+        " with room\n"
+    )
     assert (ended.returncode, ended.stderr) == (1, said)
 
 
@@ -55,7 +84,13 @@ def test_a_reader_who_has_gone_is_told_nothing(arguments: tuple[str, ...]) -> No
     os.close(reader)
     try:
         ended = subprocess.run(
-            command(*arguments), stdout=writer, stderr=subprocess.PIPE, text=True, check=False, timeout=100, env=BUFFERED
+            command(*arguments),
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=100,
+            env=BUFFERED,
         )
     finally:
         os.close(writer)
@@ -64,12 +99,22 @@ def test_a_reader_who_has_gone_is_told_nothing(arguments: tuple[str, ...]) -> No
 
 @pytest.mark.parametrize("printing", ["rich", "plain"])
 @pytest.mark.parametrize(("accepted", "code"), [("yes", 0), ("no", 3)])
-def test_a_verdict_stays_what_it_is_where_its_reader_has_gone(printing: str, accepted: str, code: int) -> None:
+def test_a_verdict_stays_what_it_is_where_its_reader_has_gone(
+    printing: str, accepted: str, code: int
+) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     try:
         concluded = [sys.executable, "-P", "-c", CONCLUDED, accepted, printing]
-        ended = subprocess.run(concluded, stdout=writer, stderr=subprocess.PIPE, text=True, check=False, timeout=100, env=BUFFERED)
+        ended = subprocess.run(
+            concluded,
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=100,
+            env=BUFFERED,
+        )
     finally:
         os.close(writer)
     assert (ended.returncode, ended.stderr) == (code, "all recorded; measuring and comparing\n")
@@ -78,7 +123,13 @@ def test_a_verdict_stays_what_it_is_where_its_reader_has_gone(printing: str, acc
 def test_what_a_command_failed_with_is_told_though_standard_output_is_full() -> None:
     with Path("/dev/full").open("w") as full:
         ended = subprocess.run(
-            command("model", "nowhere.yaml"), stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=100, env=BUFFERED
+            command("model", "nowhere.yaml"),
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=100,
+            env=BUFFERED,
         )
     assert ended.returncode == 1
     assert ended.stderr.startswith("flflab: nowhere.yaml: cannot be read")
@@ -86,5 +137,7 @@ def test_what_a_command_failed_with_is_told_though_standard_output_is_full() -> 
 
 def test_a_standard_output_closed_beforehand_is_nothing_to_speak_of() -> None:
     closed = ["sh", "-c", 'exec "$@" >&-', "sh", *command("model", OSINSKI, "--json")]
-    ended = subprocess.run(closed, stderr=subprocess.PIPE, text=True, check=False, timeout=100, env=BUFFERED)
+    ended = subprocess.run(
+        closed, stderr=subprocess.PIPE, text=True, check=False, timeout=100, env=BUFFERED
+    )
     assert (ended.returncode, ended.stderr) == (0, "")

@@ -31,20 +31,32 @@ sys.setprofile(lambda frame, event, what: started.set() if frame.f_code.co_name 
 threading.Thread(target=lambda: (started.wait(), time.sleep(0.05), os.kill(os.getpid(), signal.SIGINT)), daemon=True).start()
 sys.argv = ["flflab", *{arguments}]
 main()
-"""
+"""  # noqa: E501
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there")
-@pytest.mark.parametrize("function", ["get_command", "expect_all"])  # while a command loads, and while it computes
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there"
+)
+@pytest.mark.parametrize(
+    "function", ["get_command", "expect_all"]
+)  # while a command loads, and while it computes
 def test_a_command_says_that_it_was_interrupted(function: str, root: Path) -> None:
     study = str(root / "examples" / "studies" / "first.yaml")
     source = REPORT.format(function=function, arguments=["plan", study])
-    ended = subprocess.run([sys.executable, "-P", "-c", source], capture_output=True, text=True, check=False, timeout=60)
+    ended = subprocess.run(
+        [sys.executable, "-P", "-c", source],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
     assert (ended.returncode, ended.stderr.splitlines()[-1]) == (130, "flflab: interrupted")
     assert "Traceback" not in ended.stderr
 
 
-def test_an_interrupt_where_python_drops_errors_comes_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_where_python_drops_errors_comes_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     class Dropped:
         def __del__(self) -> None:
             signal.raise_signal(signal.SIGINT)
@@ -61,7 +73,8 @@ def test_an_interrupt_in_the_middle_of_a_class_is_one() -> None:
         def __set_name__(self, owner: type, name: str) -> None:
             signal.raise_signal(signal.SIGINT)
 
-    with pytest.raises(BaseException) as raised:  # noqa: PT011 - Python 3.11 wraps it in a RuntimeError, 3.12 does not
+    # Python 3.11 wraps it in a RuntimeError, 3.12 does not
+    with pytest.raises(BaseException) as raised:  # noqa: PT011
         type("Loaded", (), {"field": Interrupts()})
     assert is_interruption(raised.value)
     assert not is_interruption(RuntimeError("of another reason"))

@@ -1,4 +1,6 @@
-"""``flflab measure``: one picture of several, a mosaic, and what is refused, as the operator sees it."""
+"""``flflab measure``: one picture of several, a mosaic, and what is refused, as the operator sees
+it.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,21 +20,57 @@ SHAPE = (560, 760)
 def frames(flflab: Run, small_camera: Path, tmp_path: Path) -> Path:
     """Two pictures in one file, as a run leaves them: darkness, then bars."""
     picture = tmp_path / "bars.png"
-    assert flflab("image", small_camera, "--target", "bars", "--distance", "506.7 mm", "--seed", 1, "-o", picture).code == 0
+    assert (
+        flflab(
+            "image",
+            small_camera,
+            "--target",
+            "bars",
+            "--distance",
+            "506.7 mm",
+            "--seed",
+            1,
+            "-o",
+            picture,
+        ).code
+        == 0
+    )
     with h5py.File(tmp_path / "frames.h5", "w") as content:
         content["frames"] = np.stack([np.zeros(SHAPE, dtype=np.uint16), read_picture(picture)])
     return tmp_path / "frames.h5"
 
 
 @pytest.mark.ci
-def test_a_picture_of_a_runs_frames_is_measured_by_its_number(flflab: Run, small_camera: Path, frames: Path) -> None:
-    command = ("measure", frames, "--camera", small_camera, "--target", "bars", "--distance", "506.7 mm")
+def test_a_picture_of_a_runs_frames_is_measured_by_its_number(
+    flflab: Run, small_camera: Path, frames: Path
+) -> None:
+    command = (
+        "measure",
+        frames,
+        "--camera",
+        small_camera,
+        "--target",
+        "bars",
+        "--distance",
+        "506.7 mm",
+    )
     said = flflab(*command, "--number", 1, "--json").json
     assert len(said["mtf"]) > 5
-    assert set(said["mtf"][0]) >= {"cycles_per_px", "contrast", "uncertainty", "classic", "classic_bias", "views"}
+    assert set(said["mtf"][0]) >= {
+        "cycles_per_px",
+        "contrast",
+        "uncertainty",
+        "classic",
+        "classic_bias",
+        "views",
+    }
     shown = flflab(*command, "--number", 1)
     assert "its bias" in shown.out
-    for more, says in (((), "2 pictures; say which"), (("--number", 0), "it is dark"), (("--number", 2), "it holds 2")):
+    for more, says in (
+        ((), "2 pictures; say which"),
+        (("--number", 0), "it is dark"),
+        (("--number", 2), "it holds 2"),
+    ):
         refused = flflab(*command, *more)
         assert refused.code == 1
         assert says in " ".join(refused.err.split())
@@ -43,7 +81,12 @@ def test_a_picture_of_a_runs_frames_is_measured_by_its_number(flflab: Run, small
 @pytest.mark.parametrize("noise", [(), ("--seed", 1)], ids=["without noise", "with noise"])
 @pytest.mark.parametrize("target", ["four-dot", "bars"])
 def test_a_picture_that_image_writes_is_measured_as_it_is(
-    flflab: Run, small_camera: Path, tmp_path: Path, target: str, noise: tuple[Any, ...], ending: str
+    flflab: Run,
+    small_camera: Path,
+    tmp_path: Path,
+    target: str,
+    noise: tuple[Any, ...],
+    ending: str,
 ) -> None:
     there = ("--target", target, "--distance", "507 mm")
     picture = tmp_path / f"picture{ending}"
@@ -57,20 +100,48 @@ def test_a_picture_that_image_writes_is_measured_as_it_is(
     assert any("next to no noise" in remark for remark in measured["remarks"]) == (not noise)
 
 
-def test_a_white_picture_beside_dots_or_bars_is_where_their_lattice_comes_from(flflab: Run, small_camera: Path, tmp_path: Path) -> None:
+def test_a_white_picture_beside_dots_or_bars_is_where_their_lattice_comes_from(
+    flflab: Run, small_camera: Path, tmp_path: Path
+) -> None:
     white, camera = tmp_path / "white.png", ("--camera", small_camera)
     for target in ("white", "four-dot", "bars"):
-        made = flflab("image", small_camera, "--target", target, "--distance", "507 mm", "--seed", 1, "-o", tmp_path / f"{target}.png")
+        made = flflab(
+            "image",
+            small_camera,
+            "--target",
+            target,
+            "--distance",
+            "507 mm",
+            "--seed",
+            1,
+            "-o",
+            tmp_path / f"{target}.png",
+        )
         assert made.code == 0
     lattice = flflab("measure", white, *camera, "--json").json["lattice"]
     for target in ("four-dot", "bars"):
-        there = (tmp_path / f"{target}.png", *camera, "--target", target, "--distance", "507 mm", "--white")
+        there = (
+            tmp_path / f"{target}.png",
+            *camera,
+            "--target",
+            target,
+            "--distance",
+            "507 mm",
+            "--white",
+        )
         said = flflab("measure", *there, white, "--json").json
         assert said["lattice"]["pitch_px"] == lattice["pitch_px"]
         assert not any("no white picture" in remark for remark in said["remarks"])
         if target == "four-dot":
-            for dot, place in zip(said["dots"], [(-4, -4, -507), (4, -4, -507), (-4, 4, -507), (4, 4, -507)], strict=True):
-                assert np.all(np.abs(np.array(dot["position_mm"]) - place) < 4 * np.array(dot["uncertainty_mm"]))
+            for dot, place in zip(
+                said["dots"],
+                [(-4, -4, -507), (4, -4, -507), (-4, 4, -507), (4, 4, -507)],
+                strict=True,
+            ):
+                assert np.all(
+                    np.abs(np.array(dot["position_mm"]) - place)
+                    < 4 * np.array(dot["uncertainty_mm"])
+                )
                 assert dot["uncertainty_mm"][2] < 0.02
     beside_white = flflab("measure", white, *camera, "--white", white)
     assert beside_white.code == 1

@@ -1,4 +1,6 @@
-"""The command ``flflab model``: every answer is a number or null with a reason; figures with captions; a fast start."""
+"""The command ``flflab model``: every answer is a number or null with a reason; figures with
+captions; a fast start.
+"""
 
 import json
 import re
@@ -29,9 +31,15 @@ def nulls(part: Any, path: str) -> list[str]:
     if part is None:
         return [path]
     if isinstance(part, dict):
-        return [found for key, value in part.items() for found in nulls(value, f"{path}.{key}".lstrip("."))]  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+        return [
+            found
+            for key, value in part.items()
+            for found in nulls(value, f"{path}.{key}".lstrip("."))
+        ]  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
     if isinstance(part, list):
-        return [found for index, value in enumerate(part) for found in nulls(value, f"{path}[{index}]")]  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+        return [
+            found for index, value in enumerate(part) for found in nulls(value, f"{path}[{index}]")
+        ]  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
     return []
 
 
@@ -51,12 +59,20 @@ def camera_file(tmp_path: Path) -> Any:
     return write
 
 
-@pytest.mark.parametrize("name", ["osinski", "osinski-galilean", pytest.param("r12a", marks=pytest.mark.ci)])
+@pytest.mark.parametrize(
+    "name", ["osinski", "osinski-galilean", pytest.param("r12a", marks=pytest.mark.ci)]
+)
 def test_every_null_has_its_reason(name: str) -> None:
     distances = ("infinity", "50 mm", "300 mm", "506.7016 mm")
-    answer = run(str(CAMERAS / f"{name}.yaml"), *(word for one in distances for word in ("--distance", one)))
+    answer = run(
+        str(CAMERAS / f"{name}.yaml"), *(word for one in distances for word in ("--distance", one))
+    )
     reasons = answer.pop("reasons")
-    unexplained = [path for path in nulls(answer, "") if not any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in reasons)]
+    unexplained = [
+        path
+        for path in nulls(answer, "")
+        if not any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in reasons)
+    ]
     assert unexplained == []
 
 
@@ -70,13 +86,20 @@ def test_every_null_has_its_reason(name: str) -> None:
         {"sensor__distance": f"{60 + 60 * 0.917 / (60 - 0.917)!r} mm"},
         {"microlens_array__layout": "hexagonal"},
         {"microlens_array__tilt": ["1 deg", "0 deg"], "microlens_array__roll": "5 deg"},
-        {"microlens_array__focal_length": ["0.917 mm", "0.95 mm"], "microlens_array__pattern": [[0, 1]]},
+        {
+            "microlens_array__focal_length": ["0.917 mm", "0.95 mm"],
+            "microlens_array__pattern": [[0, 1]],
+        },
     ],
 )
 def test_unusual_cameras_are_answered_in_full(changes: dict[str, Any], camera_file: Any) -> None:
     answer = run(camera_file(**changes), "--distance", "506.7 mm", "--distance", "infinity")
     reasons = answer.pop("reasons")
-    unexplained = [path for path in nulls(answer, "") if not any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in reasons)]
+    unexplained = [
+        path
+        for path in nulls(answer, "")
+        if not any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in reasons)
+    ]
     assert unexplained == []
 
 
@@ -87,7 +110,11 @@ def test_square_apertures_are_answered_as_well() -> None:
 
 def test_square_micro_images_hold_more_useful_pixels_than_round_ones(tmp_path: Path) -> None:
     file = tmp_path / "square.yaml"
-    file.write_text((CAMERAS / "osinski.yaml").read_text().replace("aperture_shape: round", "aperture_shape: square"))
+    file.write_text(
+        (CAMERAS / "osinski.yaml")
+        .read_text()
+        .replace("aperture_shape: round", "aperture_shape: square")
+    )
     answer = run(str(file), "--distance", "506.7016 mm")
     assert answer["useful_pixels"]["row"] == 2164
     assert answer["useful_pixels"]["sensor"] > 2601548
@@ -95,7 +122,10 @@ def test_square_micro_images_hold_more_useful_pixels_than_round_ones(tmp_path: P
 
 
 def test_every_answer_says_from_which_plane_it_is_measured(camera_file: Any) -> None:
-    assert "measured from the main lens, positive in front" in run(str(CAMERAS / "osinski.yaml"))["reference_planes"]
+    assert (
+        "measured from the main lens, positive in front"
+        in run(str(CAMERAS / "osinski.yaml"))["reference_planes"]
+    )
     thick = camera_file(
         main_lens__principal_separation="-3 mm",
         microlens_array__substrate={"thickness": "0.6 mm", "refractive_index": 1.5},
@@ -111,7 +141,11 @@ def test_every_answer_says_from_which_plane_it_is_measured(camera_file: Any) -> 
 
 
 def test_each_microlens_type_has_its_own_sharp_distance(camera_file: Any) -> None:
-    answer = run(camera_file(microlens_array__focal_length=["0.917 mm", "0.95 mm"], microlens_array__pattern=[[0, 1]]))
+    answer = run(
+        camera_file(
+            microlens_array__focal_length=["0.917 mm", "0.95 mm"], microlens_array__pattern=[[0, 1]]
+        )
+    )
     first, second = answer["types"]
     for one, focal in ((first, 0.917), (second, 0.95)):
         a = 1 / (1 / focal - 1 / 1.15)
@@ -126,7 +160,9 @@ def test_the_area_s_corners_stand_in_the_json() -> None:
     answer = run(str(CAMERAS / "osinski.yaml"))
     corners = answer["measurement_area"]["total"]["polygons"][0]
     assert min(z for z, _ in corners) == pytest.approx(-514.314, abs=1e-3)
-    for (z, y), (_, w, v) in zip(corners, answer["measurement_area"]["total"]["homogeneous"][0], strict=True):
+    for (z, y), (_, w, v) in zip(
+        corners, answer["measurement_area"]["total"]["homogeneous"][0], strict=True
+    ):
         assert (z, y) == pytest.approx((-1 / v, w / v))
     lens = answer["microlenses"][12]
     parallel = lens["boundary_rays"]["parallel upper"]
@@ -137,9 +173,15 @@ def test_the_area_s_corners_stand_in_the_json() -> None:
     }
 
 
-@pytest.mark.parametrize("name", ["osinski", pytest.param("osinski-galilean", marks=pytest.mark.ci)])
+@pytest.mark.parametrize(
+    "name", ["osinski", pytest.param("osinski-galilean", marks=pytest.mark.ci)]
+)
 def test_nine_figures_each_say_what_to_see(name: str, tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["model", str(CAMERAS / f"{name}.yaml"), "--figures", str(tmp_path)], catch_exceptions=False)
+    result = CliRunner().invoke(
+        app,
+        ["model", str(CAMERAS / f"{name}.yaml"), "--figures", str(tmp_path)],
+        catch_exceptions=False,
+    )
     assert result.exit_code == 0
     captions = (tmp_path / "captions.md").read_text()
     for number in range(1, 10):
@@ -153,26 +195,65 @@ def test_nine_figures_each_say_what_to_see(name: str, tmp_path: Path) -> None:
 
 def test_the_model_loads_nothing_but_numbers_descriptions_and_the_command_line() -> None:
     """What else is installed would make its start slower; benchmarks/bench_model.py measures it."""
-    command = [sys.executable, "-v", "-m", "flflab", "model", str(CAMERAS / "osinski.yaml"), "--json"]
+    command = [
+        sys.executable,
+        "-v",
+        "-m",
+        "flflab",
+        "model",
+        str(CAMERAS / "osinski.yaml"),
+        "--json",
+    ]
     told = subprocess.run(command, check=True, capture_output=True, text=True).stderr
     loaded = {name.split(".")[0] for name in re.findall(r"^import '([^']+)'", told, re.MULTILINE)}
     packages = {name for name in loaded - sys.stdlib_module_names if not name.startswith("_")}
-    descriptions = {"pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection", "yaml"}
-    assert packages <= {"flflab", "numpy", *descriptions, "typer", "annotated_doc", "click", "shellingham", "rich"}
+    descriptions = {
+        "pydantic",
+        "pydantic_core",
+        "annotated_types",
+        "typing_extensions",
+        "typing_inspection",
+        "yaml",
+    }
+    assert packages <= {
+        "flflab",
+        "numpy",
+        *descriptions,
+        "typer",
+        "annotated_doc",
+        "click",
+        "shellingham",
+        "rich",
+    }
     assert packages >= {"flflab", "numpy", "pydantic", "yaml"}
 
 
 def test_the_table_explains_its_headings_within_80_columns() -> None:
-    told = CliRunner().invoke(app, ["model", str(CAMERAS / "osinski.yaml")], env={"COLUMNS": "80"}).output
+    told = (
+        CliRunner()
+        .invoke(app, ["model", str(CAMERAS / "osinski.yaml")], env={"COLUMNS": "80"})
+        .output
+    )
     assert max(map(len, told.splitlines())) <= 80
-    for word in ("virtual depth: ", "magnification: ", "ELR: effective lateral resolution", "(eq. (3) of the paper)"):
+    for word in (
+        "virtual depth: ",
+        "magnification: ",
+        "ELR: effective lateral resolution",
+        "(eq. (3) of the paper)",
+    ):
         assert word in told
 
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_footnotes_are_wrapped_once_and_no_cell_is_cut(width: int) -> None:
     distances = [word for one in ("40 mm", "507 mm", "1e300 m") for word in ("--distance", one)]
-    told = CliRunner().invoke(app, ["model", str(CAMERAS / "osinski.yaml"), *distances], env={"COLUMNS": str(width)}).output
+    told = (
+        CliRunner()
+        .invoke(
+            app, ["model", str(CAMERAS / "osinski.yaml"), *distances], env={"COLUMNS": str(width)}
+        )
+        .output
+    )
     table, notes = told.split("virtual depth: ")
     lines = [line.rstrip() for line in f"virtual depth: {notes}".splitlines()]
     sentences = re.sub(r" (magnification|views|ELR): ", r"\n\1: ", " ".join(lines)).splitlines()
@@ -182,7 +263,9 @@ def test_footnotes_are_wrapped_once_and_no_cell_is_cut(width: int) -> None:
 
 
 @pytest.mark.parametrize("words", [[], ["bench"]])
-def test_the_help_says_of_every_command_what_it_does_in_a_whole_line_of_80_columns(words: list[str]) -> None:
+def test_the_help_says_of_every_command_what_it_does_in_a_whole_line_of_80_columns(
+    words: list[str],
+) -> None:
     told = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "80"}).output
     commands = told.split("Commands:\n")[1].splitlines()
     assert len(commands) > 5

@@ -15,14 +15,31 @@ FULL = Path(__file__).parents[2] / "examples" / "benches" / "full.yaml"
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        ("yaw: 12 deg", "rotation_stage would have to go to 12.0000 deg, outside its limits, -10 deg to 10 deg; nothing moved"),
-        ("main_lens: 20 mm", "main_lens_stage would have to go to 30.0000 mm, outside its limits, 0 mm to 25 mm; nothing moved"),
+        (
+            "yaw: 12 deg",
+            (
+                "rotation_stage would have to go to 12.0000 deg, outside its limits, -10 deg to 10"
+                " deg; nothing moved"
+            ),
+        ),
+        (
+            "main_lens: 20 mm",
+            (
+                "main_lens_stage would have to go to 30.0000 mm, outside its limits, 0 mm to 25 mm;"
+                " nothing moved"
+            ),
+        ),
         ("sensor: 60.2 mm", "at least 0.3 mm"),
     ],
 )
-def test_a_plan_out_of_reach_ends_in_one_sentence(asked: str, says: str, flflab: Run, tmp_path: Path) -> None:
+def test_a_plan_out_of_reach_ends_in_one_sentence(
+    asked: str, says: str, flflab: Run, tmp_path: Path
+) -> None:
     study = tmp_path / "study.yaml"
-    study.write_text(f"name: far\nconfigurations: [{{f_number: 4, distance: 507 mm, {asked}}}]\n", encoding="utf-8")
+    study.write_text(
+        f"name: far\nconfigurations: [{{f_number: 4, distance: 507 mm, {asked}}}]\n",
+        encoding="utf-8",
+    )
     ended = flflab("plan", study, "--bench", FULL)
     assert (ended.code, ended.out) == (1, "")
     assert ended.err.startswith("flflab: configuration 0: ")
@@ -33,18 +50,49 @@ def test_a_plan_out_of_reach_ends_in_one_sentence(asked: str, says: str, flflab:
 @pytest.mark.parametrize(
     ("here", "instead", "says"),
     [
-        ("driver: zaber", "driver: zabber", "axes.main_lens_stage.driver: there is no driver 'zabber' here; there are zaber"),
-        ("device: 2", "devise: 2", "axes.array_stage.devise: there is no such field; allowed here: device"),
-        ("address: simulated", "address: 192.168.0.1", "axes.main_lens_stage.address: '192.168.0.1' is not an address; give a serial port"),
+        (
+            "driver: zaber",
+            "driver: zabber",
+            "axes.main_lens_stage.driver: there is no driver 'zabber' here; there are zaber",
+        ),
+        (
+            "device: 2",
+            "devise: 2",
+            "axes.array_stage.devise: there is no such field; allowed here: device",
+        ),
+        (
+            "address: simulated",
+            "address: 192.168.0.1",
+            "axes.main_lens_stage.address: '192.168.0.1' is not an address; give a serial port",
+        ),
         (
             "device: 2",
             "device: 1",
-            "axes.array_stage.device: axes main_lens_stage, array_stage, sensor_stage, target_stage share an address",
+            (
+                "axes.array_stage.device: axes main_lens_stage, array_stage, sensor_stage,"
+                " target_stage share an address"
+            ),
         ),
-        ("truths: {}", "truths: {array.focal_lenght: 1 mm}", "simulated.truths.array.focal_lenght: there is no such truth; allowed here: "),
-        ("truths: {}", "truths: {iris.scale: 1 mm}", "simulated.truths.iris.scale: '1 mm': 'mm' is a unit of length"),
-        ("faults: []", "faults: [{device: iris, fault: flip}]", "simulated.faults.0: 'flip' is no fault of iris; allowed: silence"),
-        ("targets: {}", "targets: {dots: {}}", "simulated.targets.dots: there is no 'dots' on the wheel; allowed: four-dot"),
+        (
+            "truths: {}",
+            "truths: {array.focal_lenght: 1 mm}",
+            "simulated.truths.array.focal_lenght: there is no such truth; allowed here: ",
+        ),
+        (
+            "truths: {}",
+            "truths: {iris.scale: 1 mm}",
+            "simulated.truths.iris.scale: '1 mm': 'mm' is a unit of length",
+        ),
+        (
+            "faults: []",
+            "faults: [{device: iris, fault: flip}]",
+            "simulated.faults.0: 'flip' is no fault of iris; allowed: silence",
+        ),
+        (
+            "targets: {}",
+            "targets: {dots: {}}",
+            "simulated.targets.dots: there is no 'dots' on the wheel; allowed: four-dot",
+        ),
         (
             "home_towards: +z",
             "home_towards: -z",
@@ -55,7 +103,11 @@ def test_a_plan_out_of_reach_ends_in_one_sentence(asked: str, says: str, flflab:
 def test_a_bench_file_that_cannot_work_is_refused_with_its_line_before_anything_is_planned(
     here: str, instead: str, says: str, flflab: Run, tmp_path: Path
 ) -> None:
-    text = (FULL.parent / "simulated.yaml").read_text(encoding="utf-8").replace("../cameras", str(FULL.parents[1] / "cameras"))
+    text = (
+        (FULL.parent / "simulated.yaml")
+        .read_text(encoding="utf-8")
+        .replace("../cameras", str(FULL.parents[1] / "cameras"))
+    )
     file = tmp_path / "bench.yaml"
     file.write_text(text.replace(here, instead, 1), encoding="utf-8")
     study = FULL.parents[1] / "studies" / "first.yaml"
@@ -69,21 +121,44 @@ def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_i
     flflab: Run, small_camera: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And on a terminal meanwhile how many configurations are done, and for how long."""
-    text = (FULL.parent / "simulated.yaml").read_text(encoding="utf-8").replace("../cameras/osinski.yaml", small_camera.name)
-    exact = re.sub(r"zero_uncertainty: .*", "zero_uncertainty: 0 mm", re.sub(r"scale_uncertainty: .*", "scale_uncertainty: 0", text))
+    text = (
+        (FULL.parent / "simulated.yaml")
+        .read_text(encoding="utf-8")
+        .replace("../cameras/osinski.yaml", small_camera.name)
+    )
+    exact = re.sub(
+        r"zero_uncertainty: .*",
+        "zero_uncertainty: 0 mm",
+        re.sub(r"scale_uncertainty: .*", "scale_uncertainty: 0", text),
+    )
     study = tmp_path / "study.yaml"
     target = "bars: {kind: bars, cycles_per_mm: [0.5, 10], width: 12 mm, height: 8 mm}\n"
-    study.write_text(f"name: near\nconfigurations: [{{f_number: 4, distance: 507 mm}}]\n{target}", encoding="utf-8")
+    study.write_text(
+        f"name: near\nconfigurations: [{{f_number: 4, distance: 507 mm}}]\n{target}",
+        encoding="utf-8",
+    )
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "200")
     told: dict[str, dict[str, str]] = {}
     for name, bench in (("as stated", text), ("exact", exact)):
         (tmp_path / "bench.yaml").write_text(bench, encoding="utf-8")
-        ended = flflab("plan", study, "--bench", tmp_path / "bench.yaml", "--out", tmp_path / "plan.csv")
+        ended = flflab(
+            "plan", study, "--bench", tmp_path / "bench.yaml", "--out", tmp_path / "plan.csv"
+        )
         assert ended.code == 0, ended.err
-        shown, progress = (re.sub(r"\x1b\[[\d;?]*\w", "", written) for written in (ended.out, ended.err))
+        shown, progress = (
+            re.sub(r"\x1b\[[\d;?]*\w", "", written) for written in (ended.out, ended.err)
+        )
         assert re.search(r"1/1\D+0:00:\d\d.*configurations drawn and measured", progress)
-        assert "by the frames' noise alone; what the stages may be off comes on top" in " ".join(shown.split())
-        [told[name]] = csv.DictReader((tmp_path / "plan.csv").read_text(encoding="utf-8").splitlines())
-    assert float(told["as stated"]["mtf_uncertainty_by_stages"]) > 20 * float(told["as stated"]["mtf_standard_uncertainty"]) > 0
+        assert "by the frames' noise alone; what the stages may be off comes on top" in " ".join(
+            shown.split()
+        )
+        [told[name]] = csv.DictReader(
+            (tmp_path / "plan.csv").read_text(encoding="utf-8").splitlines()
+        )
+    assert (
+        float(told["as stated"]["mtf_uncertainty_by_stages"])
+        > 20 * float(told["as stated"]["mtf_standard_uncertainty"])
+        > 0
+    )
     assert float(told["exact"]["mtf_uncertainty_by_stages"]) < 1e-12

@@ -1,4 +1,6 @@
-"""The main job from end to end on a small simulated bench: an honest one is accepted, a wrong one is found out."""
+"""The main job from end to end on a small simulated bench: an honest one is accepted, a wrong one
+is found out.
+"""
 
 import csv
 import re
@@ -28,8 +30,10 @@ def small_bench(small_camera: Path, tmp_path: Path) -> Callable[..., Path]:
     def write(truths: str = "{}", seed: int = 1) -> Path:
         text = (EXAMPLES / "benches" / "simulated.yaml").read_text(encoding="utf-8")
         for old, new in (
-            ("optics: ../cameras/osinski.yaml", f"optics: {small_camera.name}"), ("truths: {} ", f"truths: {truths} "),
-            ("targets: {} ", f"targets: {TARGETS} "), ("seed: 1", f"seed: {seed}"), ("clock: 20 ", "clock: 100 "),
+            ("optics: ../cameras/osinski.yaml", f"optics: {small_camera.name}"),
+            ("truths: {} ", f"truths: {truths} "),
+            ("targets: {} ", f"targets: {TARGETS} "), ("seed: 1", f"seed: {seed}"),
+            ("clock: 20 ", "clock: 100 "),
         ):  # fmt: skip
             assert old in text
             text = text.replace(old, new)
@@ -50,7 +54,11 @@ def study(tmp_path: Path) -> Path:
 @pytest.mark.ci
 @pytest.mark.timeout(300)
 def test_an_honest_bench_is_accepted_and_leaves_its_files(
-    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    flflab: Run,
+    small_bench: Callable[..., Path],
+    study: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("COLUMNS", "120")
     out = tmp_path / "run"
@@ -58,16 +66,45 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     assert ended.code == 0, ended.err
     assert "The camera does what its model says." in ended.out
     assert "benches as far off" in ended.out
-    assert re.search(r"^\d+/\d+, about \d+ s of recording left: configuration 0, white, frame 0: exposure [\d.]+ ms$", ended.err, re.M)
+    assert re.search(
+        r"^\d+/\d+, about \d+ s of recording left: configuration 0, white, frame 0: exposure"
+        r" [\d.]+ ms$",
+        ended.err,
+        re.M,
+    )
     assert ended.err.endswith("all recorded; measuring and comparing\n")
-    assert {"report.html", "comparison.csv", "documents.jsonl", "frames.h5"} <= {file.name for file in out.iterdir()}
+    assert {"report.html", "comparison.csv", "documents.jsonl", "frames.h5"} <= {
+        file.name for file in out.iterdir()
+    }
     with (out / "comparison.csv").open(encoding="utf-8") as handle:
         rows = list(csv.DictReader(handle))
-    columns = "configuration reference_configuration distance_mm array_mm sensor_mm f_number target dot cycles_per_mm quantity"
-    assert list(rows[0]) == [*columns.split(), "measured", "uncertainty", "predicted", "difference", "z"]
-    properties = {"views", "bright_field_mm", "total_field_mm", "image_pitch_mm", "overlap_mm", "elr_row_px", "dot_distance_mm"}
+    columns = (
+        "configuration reference_configuration distance_mm array_mm sensor_mm f_number target dot"
+        " cycles_per_mm quantity"
+    )
+    assert list(rows[0]) == [
+        *columns.split(),
+        "measured",
+        "uncertainty",
+        "predicted",
+        "difference",
+        "z",
+    ]
+    properties = {
+        "views",
+        "bright_field_mm",
+        "total_field_mm",
+        "image_pitch_mm",
+        "overlap_mm",
+        "elr_row_px",
+        "dot_distance_mm",
+    }
     properties |= {f"array_{turn}_mrad" for turn in ("roll", "yaw", "pitch")}
-    due = {"mtf", "ratio_mtf", "contrast_paper", "light"} | properties | {f"difference_{name}" for name in properties}
+    due = (
+        {"mtf", "ratio_mtf", "contrast_paper", "light"}
+        | properties
+        | {f"difference_{name}" for name in properties}
+    )
     assert {row["quantity"] for row in rows} == due
     views = [row for row in rows if row["quantity"] == "views"]
     assert [row["measured"] for row in views] == [row["predicted"] for row in views]
@@ -81,15 +118,22 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     assert re.search(r"2/2.*compare with the model", shown.err)  # configurations
     assert (out / "comparison.csv").read_bytes() == before
     other = small_bench()
-    other.write_text(other.read_text(encoding="utf-8").replace("zero: 40 mm", "zero: 40.02 mm"), encoding="utf-8")
+    other.write_text(
+        other.read_text(encoding="utf-8").replace("zero: 40 mm", "zero: 40.02 mm"), encoding="utf-8"
+    )
     against = flflab("report", out, "--bench", other)
     assert against.code == 3
     # 20 um of the file's and what this seed's stages are off by themselves
-    assert re.search(r"zero of array_stage 0\.02[0-3]\d* mm less far along z than described", " ".join(against.out.split()))
+    assert re.search(
+        r"zero of array_stage 0\.02[0-3]\d* mm less far along z than described",
+        " ".join(against.out.split()),
+    )
     assert (out / "report-bench.html").exists()
     assert (out / "comparison.csv").read_bytes() == before
     script = [sys.executable, str(EXAMPLES / "scripts" / "look_at_a_run.py"), str(out)]
-    looked = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
+    looked = subprocess.run(
+        script, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120
+    )
     assert looked.returncode == 0, looked.stderr
     assert "run: small" in looked.stdout
     assert "complete" in looked.stdout
@@ -107,7 +151,12 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     ],
 )
 def test_a_wrong_microlens_or_iris_is_found_out_and_named(
-    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path, truths: str, named: str
+    flflab: Run,
+    small_bench: Callable[..., Path],
+    study: Path,
+    tmp_path: Path,
+    truths: str,
+    named: str,
 ) -> None:
     ended = flflab("validate", study, "--bench", small_bench(truths), "--out", tmp_path / "run")
     assert ended.code == 3, ended.err
@@ -117,9 +166,17 @@ def test_a_wrong_microlens_or_iris_is_found_out_and_named(
 
 @pytest.mark.ci
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize(("shown", "judged", "left_out"), [("bars", "contrast", "views"), ("dots", "views", "contrast")])
+@pytest.mark.parametrize(
+    ("shown", "judged", "left_out"), [("bars", "contrast", "views"), ("dots", "views", "contrast")]
+)
 def test_a_study_of_one_target_is_judged_by_what_it_shows(
-    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path, shown: str, judged: str, left_out: str
+    flflab: Run,
+    small_bench: Callable[..., Path],
+    study: Path,
+    tmp_path: Path,
+    shown: str,
+    judged: str,
+    left_out: str,
 ) -> None:
     study.write_text(STUDY + f"targets: [{shown}]\n", encoding="utf-8")
     ended = flflab("validate", study, "--bench", small_bench(), "--out", tmp_path / "run")

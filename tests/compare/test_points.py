@@ -25,7 +25,9 @@ def predicted(traced: Path, seen: SeenPoints) -> PredictedPoints:
     return predict_points(read_camera(traced / "camera.yaml"), seen)
 
 
-def test_every_point_is_predicted_in_as_many_micro_images_as_rays_reach(seen: SeenPoints, predicted: PredictedPoints) -> None:
+def test_every_point_is_predicted_in_as_many_micro_images_as_rays_reach(
+    seen: SeenPoints, predicted: PredictedPoints
+) -> None:
     assert seen.views.min() >= 2
     assert seen.views.max() >= 3 * seen.views.min()
     assert np.array_equal(predicted.views, seen.views)
@@ -34,7 +36,8 @@ def test_every_point_is_predicted_in_as_many_micro_images_as_rays_reach(seen: Se
 def test_the_lateral_origin_of_each_frame_is_found_and_nothing_is_left_over(
     truth: dict[str, Any], seen: SeenPoints, predicted: PredictedPoints
 ) -> None:
-    # the pose says R (X - t) = true place + origin with both lateral axes reversed, so the offset found is + origin
+    # the pose says R (X - t) = true place + origin with both lateral axes reversed, so the offset
+    # found is + origin
     planted = np.array([truth["origin"][str(frame)] for frame in seen.frame])
     assert predicted.offset == pytest.approx(planted, abs=1e-6)
     assert np.abs(predicted.residual).max() < 1e-8
@@ -43,9 +46,16 @@ def test_the_lateral_origin_of_each_frame_is_found_and_nothing_is_left_over(
 def test_virtual_depth_from_parallax_is_that_of_the_image_behind_the_array(
     truth: dict[str, Any], seen: SeenPoints, predicted: PredictedPoints
 ) -> None:
-    true = np.array([truth["virtual_depth"][f"{frame} {point}"] for frame, point in zip(seen.frame, seen.point, strict=True)])
+    true = np.array(
+        [
+            truth["virtual_depth"][f"{frame} {point}"]
+            for frame, point in zip(seen.frame, seen.point, strict=True)
+        ]
+    )
     assert predicted.virtual_depth == pytest.approx(true, rel=1e-12)
-    assert seen.virtual_depth == pytest.approx(true, rel=2e-3)  # the array's tilt bends the line by so much
+    assert seen.virtual_depth == pytest.approx(
+        true, rel=2e-3
+    )  # the array's tilt bends the line by so much
 
 
 def test_a_keplerian_slope_above_one_gives_a_positive_virtual_depth(seen: SeenPoints) -> None:
@@ -56,10 +66,14 @@ def test_a_keplerian_slope_above_one_gives_a_positive_virtual_depth(seen: SeenPo
 def test_the_uncertainty_of_a_slope_covers_its_error(noisy: Path, seen: SeenPoints) -> None:
     measured = measure_points(read_observations(noisy), read_camera(noisy / "camera.yaml"))
     pull = (measured.slope - seen.slope) / measured.slope_uncertainty
-    assert np.std(pull) == pytest.approx(1.0, abs=0.25)  # 80 points: the standard deviation is known to 8 %
+    assert np.std(pull) == pytest.approx(
+        1.0, abs=0.25
+    )  # 80 points: the standard deviation is known to 8 %
 
 
-def test_a_point_with_one_view_has_no_parallax_and_still_counts(noisy: Path, tmp_path: Path) -> None:
+def test_a_point_with_one_view_has_no_parallax_and_still_counts(
+    noisy: Path, tmp_path: Path
+) -> None:
     lines = (noisy / "observations.csv").read_text().splitlines()
     first = next(line for line in lines if line.endswith(",0,0"))
     kept = [lines[0], first, *(line for line in lines[1:] if not line.endswith(",0,0"))]

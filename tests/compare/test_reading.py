@@ -49,7 +49,9 @@ def test_a_folder_is_read_whole(traced: Path) -> None:
         ("3,3,10", "cluster: 'nothing'", "whole number from 0"),
     ],
 )
-def test_a_bad_cell_is_refused_with_file_line_and_field(copy: Path, row: str, field: str, allowed: str) -> None:
+def test_a_bad_cell_is_refused_with_file_line_and_field(
+    copy: Path, row: str, field: str, allowed: str
+) -> None:
     line = with_row(copy / "observations.csv", row)
     with pytest.raises(InputError, match=rf"observations\.csv:{line}: {field}.*{allowed}"):
         read_observations(copy)
@@ -58,7 +60,9 @@ def test_a_bad_cell_is_refused_with_file_line_and_field(copy: Path, row: str, fi
 def test_a_view_given_twice_is_refused_with_both_lines(copy: Path) -> None:
     table = copy / "observations.csv"
     line = with_row(table, table.read_text().splitlines()[1])
-    with pytest.raises(InputError, match=rf"observations\.csv:{line}: this view stands in line 2 already"):
+    with pytest.raises(
+        InputError, match=rf"observations\.csv:{line}: this view stands in line 2 already"
+    ):
         read_observations(copy)
 
 
@@ -77,7 +81,13 @@ def test_a_table_without_views_is_refused(copy: Path) -> None:
 @pytest.mark.parametrize("name", ["observations.csv", "poses.json", "camera.json"])
 def test_a_missing_file_is_named(copy: Path, name: str) -> None:
     (copy / name).unlink()
-    with pytest.raises(InputError, match=rf"{copy}: lacks {name}; give a folder that holds observations\.csv, poses\.json and camera"):
+    with pytest.raises(
+        InputError,
+        match=(
+            rf"{copy}: lacks {name}; give a folder that holds observations\.csv, poses\.json and"
+            r" camera"
+        ),
+    ):
         read_observations(copy)
 
 
@@ -89,13 +99,24 @@ def test_a_missing_folder_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda text: text.replace('"rotation"', '"rotated"', 1), r"poses\.json:3: 0\.rotated: there is no such field"),
-        (lambda text: text.replace('"0"', '"first"', 1), r"poses\.json:2: first: a frame is a whole number"),
+        (
+            lambda text: text.replace('"rotation"', '"rotated"', 1),
+            r"poses\.json:3: 0\.rotated: there is no such field",
+        ),
+        (
+            lambda text: text.replace('"0"', '"first"', 1),
+            r"poses\.json:2: first: a frame is a whole number",
+        ),
         (lambda text: text[: len(text) // 2], r"poses\.json:\d+: not YAML"),
-        (lambda text: text.replace('"translation_mm"', '"translation"', 1), r"0\.translation_mm: this field is missing"),
+        (
+            lambda text: text.replace('"translation_mm"', '"translation"', 1),
+            r"0\.translation_mm: this field is missing",
+        ),
     ],
 )
-def test_a_bad_field_of_the_poses_is_refused(copy: Path, change: Callable[[str], str], said: str) -> None:
+def test_a_bad_field_of_the_poses_is_refused(
+    copy: Path, change: Callable[[str], str], said: str
+) -> None:
     edit(copy / "poses.json", change)
     with pytest.raises(InputError, match=said):
         read_observations(copy)
@@ -113,7 +134,14 @@ def test_a_matrix_that_does_not_rotate_is_refused(copy: Path, factor: float) -> 
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('"5 x 4"', '"5 by 4"', r"camera\.json:3: target\.checkerboard_corners: two numbers are due, such as '8 x 5', not '5 by 4'"),
+        (
+            '"5 x 4"',
+            '"5 by 4"',
+            (
+                r"camera\.json:3: target\.checkerboard_corners: two numbers are due, such as '8 x"
+                r" 5', not '5 by 4'"
+            ),
+        ),
         ("4.0", "-4.0", r"camera\.json:4: target\.spacing_mm: .*greater than 0, not -4\.0"),
         ('"spacing_mm"', '"spacing"', r"target\.spacing_mm: this field is missing"),
     ],
@@ -127,8 +155,14 @@ def test_a_bad_board_is_refused(copy: Path, old: str, new: str, said: str) -> No
 @pytest.mark.parametrize(
     ("row", "said"),
     [
-        ("44,3,10,10,0,0,0", "k: 44 lies outside this camera, which has 44 columns of microlenses, 0 to 43"),
-        ("3,36,10,10,0,0,0", "l: 36 lies outside this camera, which has 36 rows of microlenses, 0 to 35"),
+        (
+            "44,3,10,10,0,0,0",
+            "k: 44 lies outside this camera, which has 44 columns of microlenses, 0 to 43",
+        ),
+        (
+            "3,36,10,10,0,0,0",
+            "l: 36 lies outside this camera, which has 36 rows of microlenses, 0 to 35",
+        ),
         ("3,3,1600,10,0,0,0", "u: 1600 lies outside this camera, which has 1600 columns of pixels"),
         ("3,3,10,-2,0,0,0", "v: -2 lies outside this camera, which has 1150 rows of pixels"),
     ],
@@ -143,5 +177,7 @@ def test_a_board_behind_the_lens_is_refused(copy: Path) -> None:
     poses = json.loads((copy / "poses.json").read_text())
     poses["3"]["translation_mm"][2] = 300.0
     (copy / "poses.json").write_text(json.dumps(poses))
-    with pytest.raises(InputError, match=r"poses\.json: 3: point 0 of the board lies -.* mm in front of the lens"):
+    with pytest.raises(
+        InputError, match=r"poses\.json: 3: point 0 of the board lies -.* mm in front of the lens"
+    ):
         measure_points(read_observations(copy), read_camera(copy / "camera.yaml"))

@@ -1,4 +1,6 @@
-"""A verdict rejects honest benches as often as it says and no more, and dishonest ones nearly always."""
+"""A verdict rejects honest benches as often as it says and no more, and dishonest ones nearly
+always.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ def generator(key: int) -> np.random.Generator:
 
 
 def one_sided_draws(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Contrast near focus: it falls whichever way the stage is off, so its distribution is skewed."""
+    """Contrast near focus: it falls whichever way the stage is off, so its distribution is
+    skewed.
+    """
     off = rng.normal(size=(count, 1))
     return 0.8 - np.array([[0.01, 0.03, 0.06]]) * off**2
 
@@ -43,7 +47,9 @@ def test_counts_without_doubt_accept_equal_counts_and_reject_others() -> None:
     draws = np.full((400, 4), 6.0)
     doubt = np.diag(np.full(4, 1 / 400))
     assert judge("views", np.full(4, 6.0), doubt, draws, THRESHOLD, generator(1)).accepted
-    assert not judge("views", np.array([6, 6, 6, 5.0]), doubt, draws, THRESHOLD, generator(1)).accepted
+    assert not judge(
+        "views", np.array([6, 6, 6, 5.0]), doubt, draws, THRESHOLD, generator(1)
+    ).accepted
 
 
 def test_a_count_that_no_draw_ever_missed_still_has_a_finite_uncertainty() -> None:

@@ -1,4 +1,6 @@
-"""Draws of the errors of stages and optics change the predicted camera as one would build them, one camera at a time."""
+"""Draws of the errors of stages and optics change the predicted camera as one would build them, one
+camera at a time.
+"""
 
 import math
 from dataclasses import replace
@@ -22,21 +24,39 @@ from flflab.prediction import (
 )
 
 UNCERTAIN = OpticsUncertaintyDescription(
-    main_lens_focal_length=1e-3, f_number=0.02, microlens_focal_length=0.01, microlens_aperture=0.02, pitch=2e-3
+    main_lens_focal_length=1e-3,
+    f_number=0.02,
+    microlens_focal_length=0.01,
+    microlens_aperture=0.02,
+    pitch=2e-3,
 )
 UNTURNED = np.zeros((1, 3))
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "simulated.yaml"
 POINTS = 4.0 * np.array([[-1, -1], [1, -1], [-1, 1], [1, 1.0]])
 
 
-@pytest.mark.parametrize("substrate", [None, Substrate(0.3, 1.5, "sensor"), Substrate(0.3, 1.5, "main lens")], ids=str)
+@pytest.mark.parametrize(
+    "substrate", [None, Substrate(0.3, 1.5, "sensor"), Substrate(0.3, 1.5, "main lens")], ids=str
+)
 @pytest.mark.parametrize("f_number", [1.6, 2.8, 4.0, 5.6])
-def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: float, substrate: Substrate | None) -> None:
+def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(
+    f_number: float, substrate: Substrate | None
+) -> None:
     bench = read_bench(BENCH)
     rng = np.random.Generator(np.random.Philox(key=5))
-    drawn = drawn_errors(replace(bench, description=bench.description.model_copy(update={"optics_uncertainty": UNCERTAIN})), 12, rng)
+    drawn = drawn_errors(
+        replace(
+            bench,
+            description=bench.description.model_copy(update={"optics_uncertainty": UNCERTAIN}),
+        ),
+        12,
+        rng,
+    )
     # Many times the real errors, so that counts do change between draws.
-    errors = replace(drawn, stages={element: (20 * zero, scale) for element, (zero, scale) in drawn.stages.items()})
+    errors = replace(
+        drawn,
+        stages={element: (20 * zero, scale) for element, (zero, scale) in drawn.stages.items()},
+    )
     worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
     where = placements(bench, worlds, errors)  # pyright: ignore[reportArgumentType]
     camera = replace(bench.optics, main_lens=replace(bench.optics.main_lens, f_number=f_number))
@@ -44,7 +64,10 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: f
     attitude = 4 * drawn.attitude
     counted = view_draws(camera, where, attitude, POINTS)
     for draw in range(12):
-        focal, aperture, pitch = (float(factor[draw]) for factor in (drawn.optics.focal, drawn.optics.aperture, drawn.optics.pitch))
+        focal, aperture, pitch = (
+            float(factor[draw])
+            for factor in (drawn.optics.focal, drawn.optics.aperture, drawn.optics.pitch)
+        )
         lens, wide = float(drawn.optics.lens_focal[draw]), float(drawn.optics.lens_aperture[draw])
         moved = replace(
             camera,
@@ -60,7 +83,9 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(f_number: f
             ),
             sensor=replace(camera.sensor, distance=float(where.array[draw] + where.gap[draw])),
         )
-        alone = [len(seen) for seen in predicted_view_indices(moved, float(where.distance[draw]), POINTS)]
+        alone = [
+            len(seen) for seen in predicted_view_indices(moved, float(where.distance[draw]), POINTS)
+        ]
         assert counted[draw].tolist() == alone
 
 

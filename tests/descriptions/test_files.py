@@ -1,4 +1,7 @@
-"""Camera, bench and study files: what is wrong is refused with file, line, field, what was given and what is allowed."""
+# longer than 450 lines because one subject's sentences of behaviour stand together
+"""Camera, bench and study files: what is wrong is refused with file, line, field, what was given
+and what is allowed.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -29,43 +32,126 @@ def changed(source: Path, folder: Path, old: str, new: str) -> tuple[Path, int]:
     assert text.count(old) >= 1
     place = text.index(old)
     file = folder / source.name
-    file.write_text((text[:place] + new + text[place + len(old) :]).replace("../cameras/", f"{EXAMPLES / 'cameras'}/"), encoding="utf-8")
+    file.write_text(
+        (text[:place] + new + text[place + len(old) :]).replace(
+            "../cameras/", f"{EXAMPLES / 'cameras'}/"
+        ),
+        encoding="utf-8",
+    )
     return file, text[:place].count("\n") + 1
 
 
 CAMERA_FAULTS = [
-    ("focal_length: 0.917 mm", "focal_length: [1 mm, 0 mm]", "microlens_array.focal_length.1", "0 mm is no focal length"),
+    (
+        "focal_length: 0.917 mm",
+        "focal_length: [1 mm, 0 mm]",
+        "microlens_array.focal_length.1",
+        "0 mm is no focal length",
+    ),
     ("pitch: 400 um", "pitch: 400", "microlens_array.pitch", "has no unit"),
-    ("pitch: 400 um", "pitsch: 400 um", "microlens_array.pitsch", "there is no such field; allowed here: layout, count, pitch"),
+    (
+        "pitch: 400 um",
+        "pitsch: 400 um",
+        "microlens_array.pitsch",
+        "there is no such field; allowed here: layout, count, pitch",
+    ),
     ("pitch: 400 um", "pitch: 400 deg", "microlens_array.pitch", "unit of angle"),
     ("pitch: 400 um", "pitch: -400 um", "microlens_array.pitch", "greater than 0"),
     ("f_number: 4", "f_number: four", "main_lens.f_number", "a number is due here, not 'four'"),
-    ("f_number: 4", "f_number: yes", "main_lens.f_number", "yes, no, true and false are no number; give a number"),
+    (
+        "f_number: 4",
+        "f_number: yes",
+        "main_lens.f_number",
+        "yes, no, true and false are no number; give a number",
+    ),
     ("count: [25, 25]", "count: [25, on]", "microlens_array.count.1", "are no number"),
     ("layout: square", "layout: round", "microlens_array.layout", "'square' or 'hexagonal'"),
-    ("minimum_illumination: 0.5", "minimum_illumination: 1.5", "useful.minimum_illumination", "less than or equal to 1"),
-    ("count: [25, 25]", "count: [25]", "microlens_array.count", "fewer values than are due here: [25]"),
-    ("count: [25, 25]", "count: [25, 25, 1]", "microlens_array.count", "more values than are allowed here: [25, 25, 1]"),
-    ("count: [25, 25]", "count: 25", "microlens_array.count", "values in brackets are due here, [..., ...], not 25"),
-    ("count: [25, 25]", "count: [1000000, 25]", "microlens_array.count", "less than or equal to 1000, not 1000000"),
+    (
+        "minimum_illumination: 0.5",
+        "minimum_illumination: 1.5",
+        "useful.minimum_illumination",
+        "less than or equal to 1",
+    ),
+    (
+        "count: [25, 25]",
+        "count: [25]",
+        "microlens_array.count",
+        "fewer values than are due here: [25]",
+    ),
+    (
+        "count: [25, 25]",
+        "count: [25, 25, 1]",
+        "microlens_array.count",
+        "more values than are allowed here: [25, 25, 1]",
+    ),
+    (
+        "count: [25, 25]",
+        "count: 25",
+        "microlens_array.count",
+        "values in brackets are due here, [..., ...], not 25",
+    ),
+    (
+        "count: [25, 25]",
+        "count: [1000000, 25]",
+        "microlens_array.count",
+        "less than or equal to 1000, not 1000000",
+    ),
     ("pixel: 1.66 um", "pixel: nan um", "sensor.pixel", "not a quantity"),
-    ("pitch: 400 um", "pitch: 400 mm", "microlens_array.pitch", "is 400 mm, more than the whole sensor of 6.08224 mm x 4.56168 mm"),
-    ("pitch: 400 um", "pitch: [0.4 mm, 400 mm]", "microlens_array.pitch", "is 400 mm, more than the whole sensor"),
-    ("pixel: 1.66 um", "pixel: 1.66 mm", "sensor.pixel", "is 1.66 mm, more than the 0.4 mm from microlens to microlens"),
-    ("f_number: 4", "f_number: 1e308", "main_lens.f_number", "1e+308 is no size that a thing has; 0 and 1e-15 to 1e+12 are allowed"),
-    ("distance: 61.15 mm", "distance: 1e308 mm", "sensor.distance", "1e+308 is no size that a thing has"),
-    ("aperture: 336 um", "aperture: 1e-300 um", "microlens_array.aperture", "1e-303 is no size that a thing has"),
+    (
+        "pitch: 400 um",
+        "pitch: 400 mm",
+        "microlens_array.pitch",
+        "is 400 mm, more than the whole sensor of 6.08224 mm x 4.56168 mm",
+    ),
+    (
+        "pitch: 400 um",
+        "pitch: [0.4 mm, 400 mm]",
+        "microlens_array.pitch",
+        "is 400 mm, more than the whole sensor",
+    ),
+    (
+        "pixel: 1.66 um",
+        "pixel: 1.66 mm",
+        "sensor.pixel",
+        "is 1.66 mm, more than the 0.4 mm from microlens to microlens",
+    ),
+    (
+        "f_number: 4",
+        "f_number: 1e308",
+        "main_lens.f_number",
+        "1e+308 is no size that a thing has; 0 and 1e-15 to 1e+12 are allowed",
+    ),
+    (
+        "distance: 61.15 mm",
+        "distance: 1e308 mm",
+        "sensor.distance",
+        "1e+308 is no size that a thing has",
+    ),
+    (
+        "aperture: 336 um",
+        "aperture: 1e-300 um",
+        "microlens_array.aperture",
+        "1e-303 is no size that a thing has",
+    ),
 ]
 
 
-@pytest.mark.parametrize("sensor", ["[1, 250]\n  pixel: 1.6 um", "[2, 3]\n  pixel: 400 um"], ids=["one microlens", "a pixel each"])
+@pytest.mark.parametrize(
+    "sensor",
+    ["[1, 250]\n  pixel: 1.6 um", "[2, 3]\n  pixel: 400 um"],
+    ids=["one microlens", "a pixel each"],
+)
 def test_the_smallest_cameras_are_cameras(sensor: str, tmp_path: Path) -> None:
     file, _ = changed(CAMERA, tmp_path, "[3664, 2748]  # columns, rows\n  pixel: 1.66 um", sensor)
     assert read_camera(file).array.pitch == (0.4, 0.4)
 
 
-@pytest.mark.parametrize(("old", "new", "field", "says"), CAMERA_FAULTS, ids=[fault[1] for fault in CAMERA_FAULTS])
-def test_a_wrong_camera_field_is_refused_by_line_and_name(old: str, new: str, field: str, says: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "field", "says"), CAMERA_FAULTS, ids=[fault[1] for fault in CAMERA_FAULTS]
+)
+def test_a_wrong_camera_field_is_refused_by_line_and_name(
+    old: str, new: str, field: str, says: str, tmp_path: Path
+) -> None:
     file, line = changed(CAMERA, tmp_path, old, new)
     with pytest.raises(InputError) as refusal:
         read_camera(file)
@@ -82,16 +168,22 @@ def test_a_missing_field_is_named_with_the_line_of_its_section(tmp_path: Path) -
 
 def test_a_sensor_before_the_array_is_refused_on_the_line_of_its_distance(tmp_path: Path) -> None:
     file, line = changed(CAMERA, tmp_path, "distance: 61.15 mm", "distance: 59 mm")
-    with pytest.raises(InputError, match=rf":{line}: sensor\.distance: .*the sensor lies behind the array"):
+    with pytest.raises(
+        InputError, match=rf":{line}: sensor\.distance: .*the sensor lies behind the array"
+    ):
         read_camera(file)
 
 
-def test_a_rule_between_fields_is_told_on_the_line_of_the_one_it_begins_with(tmp_path: Path) -> None:
+def test_a_rule_between_fields_is_told_on_the_line_of_the_one_it_begins_with(
+    tmp_path: Path,
+) -> None:
     file, line = changed(STUDY, tmp_path, "draws: 1000", "draws: 200")
     with pytest.raises(InputError, match=rf"first\.yaml:{line}: draws: draws is 200, but"):
         read_study(file, read_camera(CAMERA))
     file, line = changed(BENCH, tmp_path, "limits: [0 mm, 25 mm]", "limits: [25 mm, 0 mm]")
-    with pytest.raises(InputError, match=rf":{line}: axes\.main_lens_stage\.limits: limits are 25 mm to 0 mm"):
+    with pytest.raises(
+        InputError, match=rf":{line}: axes\.main_lens_stage\.limits: limits are 25 mm to 0 mm"
+    ):
         read_bench(file)
 
 
@@ -103,7 +195,9 @@ def test_a_field_given_twice_is_refused(tmp_path: Path) -> None:
 
 def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
     file, _ = changed(CAMERA, tmp_path, "f_number: 4", "f_number: 0")
-    file.write_text(file.read_text(encoding="utf-8").replace("pitch: 400 um", "pitch: 400"), encoding="utf-8")
+    file.write_text(
+        file.read_text(encoding="utf-8").replace("pitch: 400 um", "pitch: 400"), encoding="utf-8"
+    )
     with pytest.raises(InputError) as refusal:
         read_camera(file)
     assert len(str(refusal.value).splitlines()) == 2
@@ -120,58 +214,114 @@ def test_a_missing_or_broken_file_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a mapping of fields is due"):
         read_camera(broken)
     broken.write_text("# nothing yet\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"broken\.yaml:1: the file is empty; fields are due, `flflab new` writes a file to begin from$"):
+    with pytest.raises(
+        InputError,
+        match=(
+            r"broken\.yaml:1: the file is empty; fields are due, `flflab new` writes a file to"
+            r" begin from$"
+        ),
+    ):
         read_camera(broken)
 
 
 def test_what_cannot_be_read_is_told_without_repeating_its_path(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     for place in (tmp_path / "absent.yaml", tmp_path / "file" / "camera.yaml", tmp_path):
-        with pytest.raises(InputError, match=r"cannot be read \(\w[\w ]*\); give the path of a YAML file$") as refusal:
+        with pytest.raises(
+            InputError, match=r"cannot be read \(\w[\w ]*\); give the path of a YAML file$"
+        ) as refusal:
             read_camera(place)
         assert str(refusal.value).count(str(place)) == 1
 
 
 @pytest.mark.parametrize(("encoding", "line"), [("utf-16", 1), ("latin-1", 3)])
-def test_a_file_in_another_encoding_is_told_to_be_saved_as_utf_8(tmp_path: Path, encoding: str, line: int) -> None:
+def test_a_file_in_another_encoding_is_told_to_be_saved_as_utf_8(
+    tmp_path: Path, encoding: str, line: int
+) -> None:
     file = tmp_path / "camera.yaml"
     file.write_text("# camera\nmain_lens:\n  pitch: 400 µm\n", encoding=encoding)
-    with pytest.raises(InputError, match=rf"camera\.yaml:{line}: not text in UTF-8; save the file as UTF-8$"):
+    with pytest.raises(
+        InputError, match=rf"camera\.yaml:{line}: not text in UTF-8; save the file as UTF-8$"
+    ):
         read_camera(file)
 
 
 def test_an_array_may_be_given_by_radius_and_index_or_by_numerical_aperture(tmp_path: Path) -> None:
-    file, _ = changed(CAMERA, tmp_path, "focal_length: 0.917 mm", "radius_of_curvature: 422 um\n  refractive_index: 1.46")
+    file, _ = changed(
+        CAMERA,
+        tmp_path,
+        "focal_length: 0.917 mm",
+        "radius_of_curvature: 422 um\n  refractive_index: 1.46",
+    )
     assert read_camera(file).array.focal_lengths[0] == pytest.approx(0.422 / 0.46)
     file, _ = changed(CAMERA, tmp_path, "focal_length: 0.917 mm", "numerical_aperture: 0.18")
-    assert read_camera(file).array.focal_lengths[0] == pytest.approx(0.168 / 0.18 * (1 - 0.18**2) ** 0.5)
+    assert read_camera(file).array.focal_lengths[0] == pytest.approx(
+        0.168 / 0.18 * (1 - 0.18**2) ** 0.5
+    )
 
 
 def test_figures_that_disagree_are_said_in_one_sentence(tmp_path: Path) -> None:
-    file, _ = changed(CAMERA, tmp_path, "focal_length: 0.917 mm", "focal_length: 0.917 mm\n  numerical_aperture: 0.25")
+    file, _ = changed(
+        CAMERA,
+        tmp_path,
+        "focal_length: 0.917 mm",
+        "focal_length: 0.917 mm\n  numerical_aperture: 0.25",
+    )
     (remark,) = load(file, CameraDescription).remarks()
-    assert "by numerical_aperture and aperture is 0.6507 mm; 0.917 mm by focal_length was used" in remark
+    assert (
+        "by numerical_aperture and aperture is 0.6507 mm; 0.917 mm by focal_length was used"
+        in remark
+    )
 
 
 BENCH_FAULTS = [
-    ("zero_uncertainty: 1 um", "zero_uncertainty: 1", "axes.main_lens_stage.zero_uncertainty", "has no unit"),
-    ("limits: [0 mm, 25 mm]", "limits: [25 mm, 0 mm]", "axes.main_lens_stage", "the first must be below the second"),
+    (
+        "zero_uncertainty: 1 um",
+        "zero_uncertainty: 1",
+        "axes.main_lens_stage.zero_uncertainty",
+        "has no unit",
+    ),
+    (
+        "limits: [0 mm, 25 mm]",
+        "limits: [25 mm, 0 mm]",
+        "axes.main_lens_stage",
+        "the first must be below the second",
+    ),
     ("moves: array.z", "moves: array.y", "axes.array_stage.moves", "'array.z'"),
     ("moves: array.z", "moves: main_lens.z", "(file)", "two axes move main_lens.z"),
     ("minimum_gap: 0.3 mm", "minimal_gap: 0.3 mm", "minimal_gap", "there is no such field"),
     ("clock: 20", "clock: -1", "simulated.clock", "greater than 0"),
-    ("faults: []", "faults: [boom]", "simulated.faults.0", "fields are due here (device, fault, after), not 'boom'"),
+    (
+        "faults: []",
+        "faults: [boom]",
+        "simulated.faults.0",
+        "fields are due here (device, fault, after), not 'boom'",
+    ),
     ("truths: {}", "truths: none", "simulated.truths", "fields are due here, not 'none'"),
-    ("camera:\n  driver: scpi\n  address: simulated", "camera: scpi", "camera", "fields are due here (driver, address), not 'scpi'"),
+    (
+        "camera:\n  driver: scpi\n  address: simulated",
+        "camera: scpi",
+        "camera",
+        "fields are due here (driver, address), not 'scpi'",
+    ),
     ("clock: 20", "clock: true", "simulated.clock", "are no number"),
     ("sign: 1", "sign: yes", "axes.main_lens_stage.sign", "are no number"),
     ("truths: {}", "truths: {iris.scale: no}", "simulated.truths.iris.scale", "are no number"),
-    ("limits: [0 mm, 25 mm]", "limits: [-1e308 mm, 25 mm]", "axes.main_lens_stage.limits.0", "-1e+308 is no size that a thing has"),
+    (
+        "limits: [0 mm, 25 mm]",
+        "limits: [-1e308 mm, 25 mm]",
+        "axes.main_lens_stage.limits.0",
+        "-1e+308 is no size that a thing has",
+    ),
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "field", "says"), BENCH_FAULTS, ids=[fault[1] for fault in BENCH_FAULTS])
-def test_a_wrong_bench_field_is_refused_by_name(old: str, new: str, field: str, says: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "field", "says"), BENCH_FAULTS, ids=[fault[1] for fault in BENCH_FAULTS]
+)
+def test_a_wrong_bench_field_is_refused_by_name(
+    old: str, new: str, field: str, says: str, tmp_path: Path
+) -> None:
     file, _ = changed(BENCH, tmp_path, old, new)
     with pytest.raises(InputError) as refusal:
         read_bench(file)
@@ -181,9 +331,15 @@ def test_a_wrong_bench_field_is_refused_by_name(old: str, new: str, field: str, 
 
 def test_axes_that_home_towards_each_other_are_refused(tmp_path: Path) -> None:
     file, _ = changed(BENCH, tmp_path, "home_towards: +z", "home_towards: -z")
-    file.write_text(file.read_text(encoding="utf-8").replace("zero: 40 mm", "zero: 40 mm").replace(
-        "    limits: [0 mm, 50 mm]\n    speed: 10 mm/s\n    home_towards: -z\n  sensor_stage",
-        "    limits: [0 mm, 50 mm]\n    speed: 10 mm/s\n    home_towards: +z\n  sensor_stage"), encoding="utf-8")  # fmt: skip
+    file.write_text(
+        file.read_text(encoding="utf-8")
+        .replace("zero: 40 mm", "zero: 40 mm")
+        .replace(
+            "    limits: [0 mm, 50 mm]\n    speed: 10 mm/s\n    home_towards: -z\n  sensor_stage",
+            "    limits: [0 mm, 50 mm]\n    speed: 10 mm/s\n    home_towards: +z\n  sensor_stage",
+        ),
+        encoding="utf-8",
+    )
     with pytest.raises(InputError, match="home towards each other"):
         read_bench(file)
 
@@ -196,23 +352,37 @@ def test_a_bench_without_its_camera_file_says_which(tmp_path: Path) -> None:
 
 def test_a_scene_takes_yes_and_no_where_they_answer_a_question_only(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
-    text = f"camera: {CAMERA}\nplanes: [{{target: white, distance: 500 mm}}]\nfalloff: no\nsensor: {{bits: %s}}\n"
+    text = (
+        f"camera: {CAMERA}\nplanes: [{{target: white, distance: 500 mm}}]\nfalloff: no\nsensor:"
+        " {bits: %s}\n"
+    )
     scene.write_text(text % "12", encoding="utf-8")
     assert read_scene(scene).scene.falloff is None
     scene.write_text(text % "yes", encoding="utf-8")
-    with pytest.raises(InputError, match=r"scene\.yaml:4: sensor\.bits: yes, no, true and false are no number; give a number"):
+    with pytest.raises(
+        InputError,
+        match=r"scene\.yaml:4: sensor\.bits: yes, no, true and false are no number; give a number",
+    ):
         read_scene(scene)
 
 
 STUDY_FAULTS = [
-    ("{kind: four-dot, diam", "{kind: [four-dot], diam", "['four-dot'] is not a target; allowed: four-dot"),
+    (
+        "{kind: four-dot, diam",
+        "{kind: [four-dot], diam",
+        "['four-dot'] is not a target; allowed: four-dot",
+    ),
     ("distance: 507 mm", "distance: 507", "has no unit"),
     ("reference: 1", "reference: 12", "allowed: 0 to 6"),
     ("diameter: 1 mm", "diameter: 1", "has no unit"),
     ("kind: bars", "kind: stripes", "stripes"),
     ("f_number: [2.8, 4, 5.6]", "f_number: []", "the list is empty; give at least one entry"),
     ("distance: 507 mm", "distance: 301 mm, array: 55 mm, sensor: 50 mm", "behind the array"),
-    ("name: first", "name: first study", "a name of letters, digits, - and _ is due, for it names folders, not 'first study'"),
+    (
+        "name: first",
+        "name: first study",
+        "a name of letters, digits, - and _ is due, for it names folders, not 'first study'",
+    ),
     ("distance: 507 mm", "distance: 0 mm", "greater than 0"),
     ("distance: 507 mm", "distance: 507 mm, array: -60 mm", "greater than 0"),
     ("f_number: [2.8, 4, 5.6]", "f_number: yes", "a number is due here, not True"),
@@ -221,11 +391,17 @@ STUDY_FAULTS = [
     ("reference: 1", "reference: yes", "reference: yes, no, true and false are no number"),
     ("significance: 0.05", "significance: 0.01", "at least 1800"),
     ("significance: 0.05", "significance: 1e-308", "greater than or equal to 0.0001"),
-    ("f_number: [2.8, 4, 5.6]", "f_number: [2.8, 4e300, 5.6]", "configurations.0.f_number.1: 4e+300 is no size that a thing has"),
+    (
+        "f_number: [2.8, 4, 5.6]",
+        "f_number: [2.8, 4e300, 5.6]",
+        "configurations.0.f_number.1: 4e+300 is no size that a thing has",
+    ),
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "says"), STUDY_FAULTS, ids=[fault[1] for fault in STUDY_FAULTS])
+@pytest.mark.parametrize(
+    ("old", "new", "says"), STUDY_FAULTS, ids=[fault[1] for fault in STUDY_FAULTS]
+)
 def test_a_wrong_study_field_is_refused(old: str, new: str, says: str, tmp_path: Path) -> None:
     file, line = changed(STUDY, tmp_path, old, new)
     with pytest.raises(InputError, match=r"first\.yaml:\d+: ") as refusal:
@@ -234,23 +410,38 @@ def test_a_wrong_study_field_is_refused(old: str, new: str, says: str, tmp_path:
     del line
 
 
-def test_a_study_of_more_configurations_than_anybody_takes_is_refused_before_they_are_made(tmp_path: Path) -> None:
+def test_a_study_of_more_configurations_than_anybody_takes_is_refused_before_they_are_made(
+    tmp_path: Path,
+) -> None:
     many = [2 + k / 100 for k in range(101)]
     file, _ = changed(
         STUDY,
         tmp_path,
         "f_number: [2.8, 4, 5.6], distance: 507 mm",
-        f"f_number: {many}, distance: {[f'{500 + k} mm' for k in many]}, yaw: 0 deg, pitch: {[f'{k / 100} deg' for k in range(10)]}",
+        f"f_number: {many}, distance: {[f'{500 + k} mm' for k in many]}, yaw: 0 deg, pitch:"
+        f" {[f'{k / 100} deg' for k in range(10)]}",
     )
-    with pytest.raises(InputError, match=r"first\.yaml:3: configurations: .* makes 102014 configurations; at most 100000 are allowed"):
+    with pytest.raises(
+        InputError,
+        match=(
+            r"first\.yaml:3: configurations: .* makes 102014 configurations; at most 100000 are"
+            r" allowed"
+        ),
+    ):
         read_study(file, read_camera(CAMERA))
 
 
 def test_a_grid_is_every_f_number_with_every_distance() -> None:
     study = read_study(STUDY, read_camera(CAMERA))
     assert [(c.f_number, c.distance) for c in study.configurations] == [
-        (2.8, 507.0), (4.0, 507.0), (5.6, 507.0), (4.0, 490.0), (4.0, 530.0), (4.0, 500.0), (4.0, 515.0),
-    ]  # fmt: skip
+        (2.8, 507.0),
+        (4.0, 507.0),
+        (5.6, 507.0),
+        (4.0, 490.0),
+        (4.0, 530.0),
+        (4.0, 500.0),
+        (4.0, 515.0),
+    ]
     assert len({c.sensor for c in study.configurations[:3]}) == 1
 
 
@@ -286,6 +477,14 @@ def test_a_study_of_other_targets_than_the_simulated_wheel_holds_is_told(tmp_pat
     assert unlike_the_wheel(same, bench) == []
     [sentence] = unlike_the_wheel(other, bench)
     assert "four-dot target with spacing 8.0 instead of 4.0 (mm)" in sentence
-    assert unlike_the_wheel(replace(other, description=other.description.model_copy(update={"targets": ["bars"]})), bench) == []
-    moved = bench.description.model_copy(update={"target": bench.description.target.model_copy(update={"address": "/dev/ttyUSB0"})})
+    assert (
+        unlike_the_wheel(
+            replace(other, description=other.description.model_copy(update={"targets": ["bars"]})),
+            bench,
+        )
+        == []
+    )
+    moved = bench.description.model_copy(
+        update={"target": bench.description.target.model_copy(update={"address": "/dev/ttyUSB0"})}
+    )
     assert unlike_the_wheel(other, replace(bench, description=moved)) == []

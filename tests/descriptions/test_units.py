@@ -15,26 +15,35 @@ from flflab.units import parse_quantity, show_quantity
         ("6 cm", "length", 60.0), ("1 in", "length", 25.4),
         ("infinity", "length", math.inf), ("-10 mm", "length", -10.0),
         ("1e-3 m", "length", 1.0), (0, "length", 0.0),
-        ("180 deg", "angle", math.pi), ("20 ms", "time", 0.02), ("10 cycles/mm", "frequency", 10.0), ("10 mm/s", "speed", 10.0),
-        ("5 %", "ratio", 0.05), (0.05, "ratio", 0.05), ("0.05", "ratio", 0.05), ("10 ppm", "ratio", 1e-5),
+        ("180 deg", "angle", math.pi), ("20 ms", "time", 0.02), ("10 cycles/mm", "frequency", 10.0),
+        ("10 mm/s", "speed", 10.0),
+        ("5 %", "ratio", 0.05), (0.05, "ratio", 0.05), ("0.05", "ratio", 0.05),
+        ("10 ppm", "ratio", 1e-5),
     ],
 )  # fmt: skip
-def test_a_quantity_is_read_in_the_unit_used_inside(text: object, dimension: object, value: float) -> None:
+def test_a_quantity_is_read_in_the_unit_used_inside(
+    text: object, dimension: object, value: float
+) -> None:
     assert parse_quantity(text, dimension) == pytest.approx(value)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize(
     ("text", "dimension", "says"),
     [
-        (400, "length", "has no unit"), ("400", "length", "has no unit"), ("4 px", "length", "not a unit known here"),
+        (400, "length", "has no unit"), ("400", "length", "has no unit"),
+        ("4 px", "length", "not a unit known here"),
         ("1 deg", "length", "unit of angle"),
-        ("50 Mm", "length", "not a unit known here"), ("1 cycle/mm", "frequency", "not a unit known here"),
-        ("five mm", "length", "not a quantity"), ("nan mm", "length", "not a quantity"), (None, "length", "not a quantity"),
+        ("50 Mm", "length", "not a unit known here"),
+        ("1 cycle/mm", "frequency", "not a unit known here"),
+        ("five mm", "length", "not a quantity"), ("nan mm", "length", "not a quantity"),
+        (None, "length", "not a quantity"),
         (True, "length", "not a quantity"), ("1e400 mm", "length", "too large"),
         ([1], "time", "not a quantity"), ("", "length", "not a quantity"),
     ],
 )  # fmt: skip
-def test_what_is_no_quantity_is_refused_and_says_what_is_allowed(text: object, dimension: object, says: str) -> None:
+def test_what_is_no_quantity_is_refused_and_says_what_is_allowed(
+    text: object, dimension: object, says: str
+) -> None:
     with pytest.raises(InputError, match=says) as refusal:
         parse_quantity(text, dimension)  # pyright: ignore[reportArgumentType]
     assert f"a {dimension} is a number and a unit of" in str(refusal.value)

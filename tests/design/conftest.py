@@ -23,7 +23,10 @@ def wanted(tmp_path: Path, described: Callable[..., dict[str, Any]]) -> Wanted:
 
     def make(**sections: Any) -> Requirements:
         file = tmp_path / "requirements.yaml"
-        given: dict[str, Any] = {"search": {"configurations": 20000, "focus_steps": 9, "epsilon": 0}, **sections}
+        given: dict[str, Any] = {
+            "search": {"configurations": 20000, "focus_steps": 9, "epsilon": 0},
+            **sections,
+        }
         file.write_text(yaml.safe_dump(described(**given)), encoding="utf-8")
         return read_requirements(file)
 

@@ -1,4 +1,6 @@
-"""Peers made of bytes: a scripted dialogue, and a chain of toy stages that knows just enough to move."""
+"""Peers made of bytes: a scripted dialogue, and a chain of toy stages that knows just enough to
+move.
+"""
 
 import contextlib
 import importlib
@@ -18,7 +20,9 @@ LAST_WORDS_S = 1.0  # what a driver sent last, asking for no answer, may still b
 
 
 class Dialogue:
-    """Plays (expected bytes, reply) pairs to one client after another; anything else it hears, and anything left over, is a fault."""
+    """Plays (expected bytes, reply) pairs to one client after another; anything else it hears, and
+    anything left over, is a fault.
+    """
 
     def __init__(self, pairs: list[tuple[bytes, Reply]]) -> None:
         self.left = list(pairs)
@@ -72,7 +76,9 @@ class Dialogue:
 
 @pytest.fixture
 def dialogue() -> Iterator[Callable[[list[tuple[bytes, Reply]]], str]]:
-    """Start a scripted peer; the test fails where the dialogue went otherwise or was not finished."""
+    """Start a scripted peer; the test fails where the dialogue went otherwise or was not
+    finished.
+    """
     peers: list[Dialogue] = []
 
     def start(pairs: list[tuple[bytes, Reply]]) -> str:
@@ -91,12 +97,20 @@ SERIALS = itertools.count(70001)
 
 
 class ToyStage:
-    """A stage in microsteps that moves at a constant speed in real time, and shows one fault when told to."""
+    """A stage in microsteps that moves at a constant speed in real time, and shows one fault when
+    told to.
+    """
 
     def __init__(self, speed: float = 100000.0, homed: bool = True, resolution: int = 64) -> None:
         self.speed, self.homed = speed, homed
         self.limit = 100000
-        self.settings = {"resolution": resolution, "limit.min": 0, "limit.max": self.limit, "maxspeed": 0, "system.serial": next(SERIALS)}
+        self.settings = {
+            "resolution": resolution,
+            "limit.min": 0,
+            "limit.max": self.limit,
+            "maxspeed": 0,
+            "system.serial": next(SERIALS),
+        }
         self.start = self.end = 0.0
         self.since = 0.0
         self.flags: set[str] = set()
@@ -108,7 +122,11 @@ class ToyStage:
     @property
     def position(self) -> float:
         way = (time.monotonic() - self.since) * self.speed
-        position = self.end if way >= abs(self.end - self.start) else self.start + (way if self.end > self.start else -way)
+        position = (
+            self.end
+            if way >= abs(self.end - self.start)
+            else self.start + (way if self.end > self.start else -way)
+        )
         return position if self.stuck_at is None else min(position, self.stuck_at)
 
     @property
@@ -143,7 +161,11 @@ class ToyStage:
         elif text == "get pos":
             return "OK", str(round(self.position))
         elif text.startswith("get "):
-            return ("OK", str(self.settings[text[4:]])) if text[4:] in self.settings else ("RJ", "BADCOMMAND")
+            return (
+                ("OK", str(self.settings[text[4:]]))
+                if text[4:] in self.settings
+                else ("RJ", "BADCOMMAND")
+            )
         elif text:
             return "RJ", "BADCOMMAND"
         return "OK", "0"
@@ -180,7 +202,10 @@ class ToyChain:
                     return
                 flag, data = stage.answer(" ".join(words))
                 worst = min(stage.flags | (set() if stage.homed else {"WR"}), default="--")
-                answer = f"{int(device):02d} {axis} {message} {flag} {'BUSY' if stage.busy else 'IDLE'} {worst} {data}".encode()
+                answer = (
+                    f"{int(device):02d} {axis} {message} {flag} {'BUSY' if stage.busy else 'IDLE'}"
+                    f" {worst} {data}".encode()
+                )
                 reply = b"@%s:%02X\r\n" % (answer, -sum(answer) % 256)
                 if stage.fault is not None:
                     reply = stage.fault(" ".join(words), reply)
@@ -216,7 +241,9 @@ def toy_chain() -> Iterator[Callable[..., str]]:
 
 @pytest.fixture(scope="session")
 def card(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What is on the card of libgphoto2's virtual camera, which looks for the folder once, when it is first imported."""
+    """What is on the card of libgphoto2's virtual camera, which looks for the folder once, when it
+    is first imported.
+    """
     folder = tmp_path_factory.mktemp("card")
     os.environ["VCAMERADIR"] = str(folder)
     return folder
@@ -224,7 +251,9 @@ def card(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def emulated_basler() -> None:
-    """One camera of pylon's own emulation, which is asked for when pypylon is first imported; as an error its warning would end Python."""
+    """One camera of pylon's own emulation, which is asked for when pypylon is first imported; as an
+    error its warning would end Python.
+    """
     os.environ["PYLON_CAMEMU"] = "1"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)

@@ -1,4 +1,6 @@
-"""An axis on the wire of a toy stage: what it refuses, how its motions end, and that a stop always works."""
+"""An axis on the wire of a toy stage: what it refuses, how its motions end, and that a stop always
+works.
+"""
 
 import threading
 import time
@@ -13,7 +15,14 @@ from drivers.axis import Axis
 from drivers.base import wait_all
 from drivers.transport import open_serial
 from drivers.zaber import ZaberAxis, ZaberChain, ZaberKeys
-from flflab.errors import CommunicationError, DeviceError, InterlockError, LimitError, MotionError, NotHomedError
+from flflab.errors import (
+    CommunicationError,
+    DeviceError,
+    InterlockError,
+    LimitError,
+    MotionError,
+    NotHomedError,
+)
 
 MICROSTEP_MM = 0.5e-3
 Build = Callable[..., tuple[Axis, Any]]
@@ -24,12 +33,24 @@ def axis(toy_chain: Callable[..., str], toy_stage: type[Any]) -> Iterator[Build]
     """Build an axis of 0 to 40 mm on a toy stage of 0 to 50 mm that runs at 50 mm/s."""
     built: list[tuple[Axis, ZaberChain]] = []
 
-    def build(*, patience: float = 0.3, guard: Any = None, driver: type[ZaberAxis] = ZaberAxis, **stage_is: Any) -> tuple[Axis, Any]:
+    def build(
+        *,
+        patience: float = 0.3,
+        guard: Any = None,
+        driver: type[ZaberAxis] = ZaberAxis,
+        **stage_is: Any,
+    ) -> tuple[Axis, Any]:
         stage = toy_stage(**stage_is)
         address = toy_chain(stage)
         chain = ZaberChain(lambda: open_serial(address, 115200), timeout=0.15)
         keys = ZaberKeys.model_validate({"device": 1, "microstep": "0.5 um"})
-        axis = Axis("array_stage", driver("array_stage", chain, keys, 10.0, homes_up=False), (0.0, 40.0), 10.0, patience=patience)
+        axis = Axis(
+            "array_stage",
+            driver("array_stage", chain, keys, 10.0, homes_up=False),
+            (0.0, 40.0),
+            10.0,
+            patience=patience,
+        )
         if guard:
             axis.guard = guard
         built.append((axis, chain))
@@ -60,7 +81,15 @@ def test_the_step_follows_the_devices_own_resolution(axis: Build) -> None:
 
 def test_it_is_what_bluesky_calls_a_motor(axis: Build) -> None:
     device, _ = axis()
-    for promise in ("Movable", "Readable", "Locatable", "Stoppable", "Checkable", "Configurable", "HasHints"):
+    for promise in (
+        "Movable",
+        "Readable",
+        "Locatable",
+        "Stoppable",
+        "Checkable",
+        "Configurable",
+        "HasHints",
+    ):
         assert isinstance(device, getattr(protocols, promise)), promise
     status = device.move_to(0.1)
     assert isinstance(status, protocols.Status)
@@ -77,11 +106,23 @@ def test_a_move_ends_on_the_microstep_nearest_to_the_position_asked_for(axis: Bu
     assert stage.position == 22691
 
 
-NO_POSITIONS = [-1e-9, 40.000001, 1e300, float("nan"), float("inf"), -float("inf"), "12", None, np.float32("nan")]
+NO_POSITIONS = [
+    -1e-9,
+    40.000001,
+    1e300,
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    "12",
+    None,
+    np.float32("nan"),
+]
 
 
 @pytest.mark.parametrize("position", NO_POSITIONS)
-def test_a_position_outside_the_limits_is_refused_and_nothing_is_sent(position: Any, axis: Build) -> None:
+def test_a_position_outside_the_limits_is_refused_and_nothing_is_sent(
+    position: Any, axis: Build
+) -> None:
     device, stage = axis()
     with pytest.raises(LimitError, match="array_stage"):
         device.move_to(position)
@@ -96,10 +137,15 @@ def test_the_devices_own_limits_count_beside_the_soft_ones(axis: Build) -> None:
     assert motions(stage) == []
 
 
-def test_a_position_just_outside_is_told_the_limit_to_the_digit_that_refuses_it(axis: Build) -> None:
+def test_a_position_just_outside_is_told_the_limit_to_the_digit_that_refuses_it(
+    axis: Build,
+) -> None:
     device, _ = axis(resolution=63)
     device.limits = (0.0, 60.0)
-    with pytest.raises(LimitError, match=r"go to 50\.793660 mm, outside the device's own limits, 0 mm to 50\.7936508 mm"):
+    with pytest.raises(
+        LimitError,
+        match=r"go to 50\.793660 mm, outside the device's own limits, 0 mm to 50\.7936508 mm",
+    ):
         device.move_to(50.79366)
 
 
@@ -252,7 +298,9 @@ def test_a_move_whose_reply_is_lost_is_stopped_and_not_repeated(axis: Build) -> 
 
 
 class CarelessOnTheWay(ZaberAxis):
-    """A driver that fails as nobody foresaw when it is asked where it is, and when it has told a stop."""
+    """A driver that fails as nobody foresaw when it is asked where it is, and when it has told a
+    stop.
+    """
 
     def position(self) -> float:
         raise ZeroDivisionError("on the way")
@@ -270,7 +318,9 @@ class CarelessAtStart(CarelessOnTheWay):
         raise ZeroDivisionError("as it started")
 
 
-@pytest.mark.parametrize(("driver", "says"), [(CarelessAtStart, "as it started"), (CarelessOnTheWay, "on the way")])
+@pytest.mark.parametrize(
+    ("driver", "says"), [(CarelessAtStart, "as it started"), (CarelessOnTheWay, "on the way")]
+)
 def test_a_driver_that_fails_as_nobody_foresaw_is_told_to_stop_and_who_waits_is_told_why(
     driver: type[ZaberAxis], says: str, axis: Build
 ) -> None:

@@ -1,6 +1,8 @@
-"""What every axis promises, asked of each axis of a simulated bench served by another process, over TCP and over a pseudo terminal.
+"""What every axis promises, asked of each axis of a simulated bench served by another process, over
+TCP and over a pseudo terminal.
 
-What goes wrong on the way is planted in benches served by this process: the bytes are the same, and no Python starts for each.
+What goes wrong on the way is planted in benches served by this process: the bytes are the same, and
+no Python starts for each.
 """
 
 import contextlib
@@ -25,7 +27,14 @@ import drivers
 from drivers.base import Axis, wait_all
 from drivers.bench import ConnectedBench
 from flflab.bench import read_bench
-from flflab.errors import CommunicationError, DeviceError, InterlockError, LimitError, MotionError, NotHomedError
+from flflab.errors import (
+    CommunicationError,
+    DeviceError,
+    InterlockError,
+    LimitError,
+    MotionError,
+    NotHomedError,
+)
 from sim.serve import serve, write_bench
 from sim.zaber_settings import SETTINGS
 
@@ -38,7 +47,8 @@ STEPS = dict.fromkeys(LINEAR, 0.00049609375) | {
     "goniometer": 1 / 500,
     "ring": 1 / 50,
 }  # mm, deg
-PATIENCE_S = 240.0  # a child that draws ahead ends once its kernels are compiled, a minute or more where none were
+# a child that draws ahead ends once its kernels are compiled, a minute or more where none were
+PATIENCE_S = 240.0
 STARTS = {"rotation_stage.start": "4 deg", "goniometer.start": "-3 deg", "ring.start": "60 deg"}
 
 
@@ -58,16 +68,24 @@ def end(child: "subprocess.Popen[bytes]") -> None:
         child.communicate(timeout=PATIENCE_S)
     except subprocess.TimeoutExpired:
         child.kill()
-        pytest.fail(f"{child.args}: should end within {PATIENCE_S:g} s of the end of its input and did not; it was killed")
+        pytest.fail(
+            f"{child.args}: should end within {PATIENCE_S:g} s of the end of its input and did not;"
+            " it was killed"
+        )
 
 
 @contextlib.contextmanager
 def served(root: Path, folder: Path, clock: float, *options: str) -> Generator[Path]:
-    """Serve the bench of every axis in another process; yields a bench file with the addresses served."""
+    """Serve the bench of every axis in another process; yields a bench file with the addresses
+    served.
+    """
     given = write_bench_of_all(root, folder / "as_given.yaml", clock)
     bench = yaml.safe_load(given.read_text(encoding="utf-8"))
     command = [sys.executable, "-P", "-m", "flflab", "sim", str(given), "--json", *options]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child, contextlib.ExitStack() as at_last:
+    with (
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child,
+        contextlib.ExitStack() as at_last,
+    ):
         at_last.callback(end, child)
         assert child.stdout is not None
         addresses = json.loads(child.stdout.readline())
@@ -87,20 +105,33 @@ def with_a_standa_stage(file: Path) -> Path:
     bench = yaml.safe_load(file.read_text(encoding="utf-8"))
     stage = bench["axes"]["main_lens_stage"]
     del stage["device"], stage["microstep"]
-    stage |= {"driver": "standa", "address": f"xi-emu://{file.with_name('standa.bin')}", "step": "2.5 um", "speed": "200 mm/s"}
+    stage |= {
+        "driver": "standa",
+        "address": f"xi-emu://{file.with_name('standa.bin')}",
+        "step": "2.5 um",
+        "speed": "200 mm/s",
+    }
     file.write_text(yaml.safe_dump(bench, sort_keys=False), encoding="utf-8")
     return file
 
 
 def options() -> list[Any]:
     no_pty = pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals here")
-    return [pytest.param((), id="tcp"), pytest.param(("--pty",), id="pty", marks=[no_pty, pytest.mark.ci])]
+    return [
+        pytest.param((), id="tcp"),
+        pytest.param(("--pty",), id="pty", marks=[no_pty, pytest.mark.ci]),
+    ]
 
 
 @pytest.fixture(scope="module", params=options())
-def bench(request: pytest.FixtureRequest, root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedBench]:
+def bench(
+    request: pytest.FixtureRequest, root: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ConnectedBench]:
     folder = tmp_path_factory.mktemp("bench")
-    with served(root, folder, 50.0, *request.param) as file, drivers.connect(with_a_standa_stage(file)) as connected:
+    with (
+        served(root, folder, 50.0, *request.param) as file,
+        drivers.connect(with_a_standa_stage(file)) as connected,
+    ):
         counters = [axis._commands.position() for axis in connected.axes.values()]  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
         for axis in connected.axes.values():
             assert not axis.is_moving()
@@ -138,7 +169,15 @@ def step(axis: Axis) -> float:
 
 
 def test_it_satisfies_blueskys_promises(axis: Axis) -> None:
-    for promise in ("Movable", "Readable", "Locatable", "Stoppable", "Checkable", "Configurable", "HasHints"):
+    for promise in (
+        "Movable",
+        "Readable",
+        "Locatable",
+        "Stoppable",
+        "Checkable",
+        "Configurable",
+        "HasHints",
+    ):
         assert isinstance(axis, getattr(protocols, promise)), promise
 
 
@@ -152,7 +191,9 @@ def test_a_move_reads_back_to_the_devices_step(axis: Axis) -> None:
     target = reading(axis, 0.456789123)
     axis.move_to(target).wait(10)
     assert axis.position() == pytest.approx(target, abs=step(axis) / 2 * (1 + 1e-9))
-    assert axis.position() / step(axis) == pytest.approx(round(axis.position() / step(axis)), abs=1e-6)
+    assert axis.position() / step(axis) == pytest.approx(
+        round(axis.position() / step(axis)), abs=1e-6
+    )
     axis.move_by(-0.3 * target).wait(10)
     assert axis.position() == pytest.approx(0.7 * target, abs=step(axis))
 
@@ -175,7 +216,8 @@ def test_a_stop_from_another_thread_ends_the_motion_short(axis: Axis) -> None:
     with contextlib.suppress(MotionError):
         status.wait(5)
     assert not axis.is_moving()
-    # The stop may come when the motion has just ended; what ended short must never pass for arrived.
+    # The stop may come when the motion has just ended; what ended short must never pass for
+    # arrived.
     if abs(axis.position() - target) > 2.5 * step(axis):
         assert not status.success
         assert "stopped on the way" in str(status.exception())
@@ -208,12 +250,18 @@ def test_array_and_sensor_keep_their_distance(bench: ConnectedBench) -> None:
     gap = bench.least_gap()
     assert gap is not None
     assert 1.1 < gap < 1.15
-    for too_near in (lambda: bench.array_stage.move_to(20.9), lambda: bench.sensor_stage.move_to(19.7)):
+    for too_near in (
+        lambda: bench.array_stage.move_to(20.9),
+        lambda: bench.sensor_stage.move_to(19.7),
+    ):
         with pytest.raises(InterlockError, match=r"at least 0\.3 mm are kept, nothing moved"):
             too_near()
     with pytest.raises(InterlockError):
         bench.order_moves({"array_stage": 30.0, "sensor_stage": 20.0})
-    assert bench.order_moves({"array_stage": 21.0, "sensor_stage": 17.0}) == ("sensor_stage", "array_stage")
+    assert bench.order_moves({"array_stage": 21.0, "sensor_stage": 17.0}) == (
+        "sensor_stage",
+        "array_stage",
+    )
     bench.sensor_stage.move_to(0.0).wait(10)
     approach = bench.array_stage.move_to(30.0)
     with pytest.raises(InterlockError):
@@ -253,14 +301,22 @@ def go_back_and_forth(axis: Axis) -> None:
 
 
 @pytest.mark.parametrize("name", LINEAR)
-def test_a_homing_that_is_stopped_tells_no_position_that_is_counted_from_nowhere(name: str, root: Path, tmp_path: Path) -> None:
+def test_a_homing_that_is_stopped_tells_no_position_that_is_counted_from_nowhere(
+    name: str, root: Path, tmp_path: Path
+) -> None:
     described = read_bench(write_bench_of_all(root, tmp_path / "bench.yaml", 1.0))
     with serve(described) as served:
         write_bench(described, served, tmp_path / "served.yaml")
         with drivers.connect(tmp_path / "served.yaml") as bench:
             status = bench.axes[name].home()
             bench.axes[name].stop()
-            with pytest.raises(MotionError, match=f"{name}: look for its reference: stopped on the way where nobody knows, for it has no"):
+            with pytest.raises(
+                MotionError,
+                match=(
+                    f"{name}: look for its reference: stopped on the way where nobody knows, for it"
+                    " has no"
+                ),
+            ):
                 status.wait(10)
 
 
@@ -276,13 +332,24 @@ def described_wrongly(wrong: dict[str, Any], root: Path, folder: Path) -> Genera
         yield folder / "served.yaml"
 
 
-WRONG = pytest.mark.parametrize("wrong", [{"home_towards": "+z"}, {"sign": -1}], ids=["home_towards", "sign"])
+WRONG = pytest.mark.parametrize(
+    "wrong", [{"home_towards": "+z"}, {"sign": -1}], ids=["home_towards", "sign"]
+)
 
 
 @WRONG
-def test_a_stage_that_says_where_its_reference_lies_is_not_sent_to_the_other_end(wrong: dict[str, Any], root: Path, tmp_path: Path) -> None:
-    counted = r"main_lens_stage: the device counts its reference as 0 mm, at the low end of its travel, where .* have the high one; correct"
-    with described_wrongly(wrong, root, tmp_path) as file, pytest.raises(DeviceError, match=counted), drivers.connect(file):
+def test_a_stage_that_says_where_its_reference_lies_is_not_sent_to_the_other_end(
+    wrong: dict[str, Any], root: Path, tmp_path: Path
+) -> None:
+    counted = (
+        r"main_lens_stage: the device counts its reference as 0 mm, at the low end of its travel,"
+        r" where .* have the high one; correct"
+    )
+    with (
+        described_wrongly(wrong, root, tmp_path) as file,
+        pytest.raises(DeviceError, match=counted),
+        drivers.connect(file),
+    ):
         pass
 
 
@@ -293,13 +360,18 @@ def test_a_reference_that_is_found_at_the_other_end_is_told(
     """By a stage whose firmware does not know where it will count its reference."""
     monkeypatch.delitem(SETTINGS, "limit.home.preset")
     with described_wrongly(wrong, root, tmp_path) as file, drivers.connect(file) as bench:
-        found = r"main_lens_stage: .* found it at 0\.0+ mm, at the low end of its travel, where .* have the high one; correct"
+        found = (
+            r"main_lens_stage: .* found it at 0\.0+ mm, at the low end of its travel, where .* have"
+            r" the high one; correct"
+        )
         with pytest.raises(MotionError, match=found):
             bench.main_lens_stage.home().wait(20)
         bench.target_stage.home().wait(20)
 
 
-def test_where_no_line_can_be_opened_any_more_every_axis_is_named(root: Path, tmp_path: Path) -> None:
+def test_where_no_line_can_be_opened_any_more_every_axis_is_named(
+    root: Path, tmp_path: Path
+) -> None:
     described = read_bench(write_bench_of_all(root, tmp_path / "bench.yaml", 5.0))
     with serve(described) as served, contextlib.ExitStack() as connected:
         write_bench(described, served, tmp_path / "served.yaml")
@@ -312,26 +384,45 @@ def test_where_no_line_can_be_opened_any_more_every_axis_is_named(root: Path, tm
         with pytest.raises(DeviceError) as caught:
             bench.stop()
         sentences = str(caught.value).splitlines()
-        assert [sentence.split()[0].rstrip(":") for sentence in sorted(sentences)] == sorted(bench.axes)
-        assert all("cannot be reached" in sentence and sentence.endswith("; it may still move, cut its power") for sentence in sentences)
+        assert [sentence.split()[0].rstrip(":") for sentence in sorted(sentences)] == sorted(
+            bench.axes
+        )
+        assert all(
+            "cannot be reached" in sentence
+            and sentence.endswith("; it may still move, cut its power")
+            for sentence in sentences
+        )
 
 
 COMMON = ("silence", "garbage", "cut", "hang-up", "stall", "reset")
 FAULTS = [
-    *((name, fault) for name in ("array_stage", "rotation_stage", "goniometer") for fault in COMMON),
+    *(
+        (name, fault)
+        for name in ("array_stage", "rotation_stage", "goniometer")
+        for fault in COMMON
+    ),
     *(("array_stage", "wrong-checksum"), ("goniometer", "wrong-checksum"), ("ring", "deaf")),
 ]
 
 
 @pytest.mark.ci
 @pytest.mark.parametrize(("name", "fault"), FAULTS)
-def test_a_fault_on_the_way_ends_in_one_sentence(name: str, fault: str, root: Path, tmp_path: Path) -> None:
-    described = read_bench(write_bench_of_all(root, tmp_path / "bench.yaml", 5.0, {"device": name, "fault": fault, "after": 40}))
+def test_a_fault_on_the_way_ends_in_one_sentence(
+    name: str, fault: str, root: Path, tmp_path: Path
+) -> None:
+    described = read_bench(
+        write_bench_of_all(
+            root, tmp_path / "bench.yaml", 5.0, {"device": name, "fault": fault, "after": 40}
+        )
+    )
     told: list[str] = []
     begin = time.monotonic()
     with serve(described) as addresses:
         write_bench(described, addresses, tmp_path / "served.yaml")
-        with contextlib.suppress(DeviceError), drivers.connect(tmp_path / "served.yaml") as bench:  # who is silent takes no stop, either
+        with (
+            contextlib.suppress(DeviceError),
+            drivers.connect(tmp_path / "served.yaml") as bench,
+        ):  # who is silent takes no stop, either
             try:
                 go_back_and_forth(bench.axes[name])
             except DeviceError as error:

@@ -1,4 +1,6 @@
-"""Connecting to a whole bench: every fault at once, nothing left open, one stop for all, a simulated bench that dies with its parent."""
+"""Connecting to a whole bench: every fault at once, nothing left open, one stop for all, a
+simulated bench that dies with its parent.
+"""
 
 import os
 import re
@@ -27,7 +29,9 @@ Write = Callable[..., Path]
 
 @pytest.fixture
 def write(root: Path, tmp_path: Path) -> Write:
-    """Write a copy of the built-in bench with changes, each a path such as ``axes.array_stage.device`` and a value (None: without it)."""
+    """Write a copy of the built-in bench with changes, each a path such as
+    ``axes.array_stage.device`` and a value (None: without it).
+    """
 
     def write(changes: dict[str, Any]) -> Path:
         source = root / "examples" / "benches" / "simulated.yaml"
@@ -47,7 +51,10 @@ def write(root: Path, tmp_path: Path) -> Write:
 
 
 def nowhere() -> dict[str, Any]:
-    axes = {f"axes.{name}_stage.address": "127.0.0.1:9" for name in ("main_lens", "array", "sensor", "target")}
+    axes = {
+        f"axes.{name}_stage.address": "127.0.0.1:9"
+        for name in ("main_lens", "array", "sensor", "target")
+    }
     return axes | {f"{name}.address": "127.0.0.1:10" for name in ("camera", "iris", "target")}
 
 
@@ -56,24 +63,44 @@ def nowhere() -> dict[str, Any]:
     [
         (
             {"axes.array_stage.driver": "zabre"},
-            r"axes\.array_stage\.driver: there is no driver 'zabre' here; there are zaber, thorlabs, oriental, standa, manual",
+            (
+                r"axes\.array_stage\.driver: there is no driver 'zabre' here; there are zaber,"
+                r" thorlabs, oriental, standa, manual"
+            ),
         ),
-        ({"camera.driver": "kodak"}, r"camera\.driver: there is no driver 'kodak' here; there are scpi"),
+        (
+            {"camera.driver": "kodak"},
+            r"camera\.driver: there is no driver 'kodak' here; there are scpi",
+        ),
         ({"axes.array_stage.device": None}, r"axes\.array_stage\.device: this field is missing"),
         ({"axes.array_stage.device": 100}, r"axes\.array_stage\.device: .*not 100"),
         ({"axes.array_stage.microstep": 0.5}, r"axes\.array_stage\.microstep: 0\.5 has no unit"),
-        ({"axes.array_stage.microstpe": "1 um"}, r"axes\.array_stage\.microstpe: there is no such field; allowed here: device, axis"),
-        ({"axes.sensor_stage.limits": ["0 mm", "fifty"]}, r"axes\.sensor_stage\.limits\.1: 'fifty' is not a quantity"),
+        (
+            {"axes.array_stage.microstpe": "1 um"},
+            r"axes\.array_stage\.microstpe: there is no such field; allowed here: device, axis",
+        ),
+        (
+            {"axes.sensor_stage.limits": ["0 mm", "fifty"]},
+            r"axes\.sensor_stage\.limits\.1: 'fifty' is not a quantity",
+        ),
     ],
 )
-def test_a_wrong_key_is_refused_with_file_line_and_field(changes: dict[str, Any], says: str, write: Write) -> None:
+def test_a_wrong_key_is_refused_with_file_line_and_field(
+    changes: dict[str, Any], says: str, write: Write
+) -> None:
     file = write({**nowhere(), **changes})
     with pytest.raises(InputError, match=rf"bench\.yaml:\d+: {says}"):
         drivers.connect(file)
 
 
-def test_all_faults_of_the_file_come_at_once_and_nothing_is_opened(write: Write, dialogue: Callable[..., str]) -> None:
-    wrong = {"axes.array_stage.driver": "zabre", "axes.sensor_stage.address": "nonsense:port", "iris.address": "192.168.0.1"}
+def test_all_faults_of_the_file_come_at_once_and_nothing_is_opened(
+    write: Write, dialogue: Callable[..., str]
+) -> None:
+    wrong = {
+        "axes.array_stage.driver": "zabre",
+        "axes.sensor_stage.address": "nonsense:port",
+        "iris.address": "192.168.0.1",
+    }
     with pytest.raises(InputError) as caught:
         drivers.connect(write({**nowhere(), "axes.main_lens_stage.address": dialogue([]), **wrong}))
     faults = str(caught.value).split("\n")
@@ -92,7 +119,15 @@ def test_all_who_do_not_answer_are_told_at_once_and_nothing_stays_open(
 ) -> None:
     good = toy_chain(toy_stage())
     with pytest.raises(CommunicationError) as caught:
-        drivers.connect(write({**nowhere(), "axes.main_lens_stage.address": good, "axes.main_lens_stage.device": 1}))
+        drivers.connect(
+            write(
+                {
+                    **nowhere(),
+                    "axes.main_lens_stage.address": good,
+                    "axes.main_lens_stage.device": 1,
+                }
+            )
+        )
     faults = str(caught.value).split("\n")
     assert len(faults) == 6
     assert all("cannot be reached" in fault for fault in faults)
@@ -101,7 +136,9 @@ def test_all_who_do_not_answer_are_told_at_once_and_nothing_stays_open(
 
 
 def manual_but_axes(chain: str) -> dict[str, Any]:
-    axes = {f"axes.{name}_stage.address": chain for name in ("main_lens", "array", "sensor", "target")}
+    axes = {
+        f"axes.{name}_stage.address": chain for name in ("main_lens", "array", "sensor", "target")
+    }
     others = {name: {"driver": "manual"} for name in ("iris", "target")}
     return {**axes, **others}
 
@@ -112,7 +149,10 @@ class Silent:
     LINES = (
         (b"*CLS;ABOR;*RST;SYST:ERR?\n", b'0,"No error"\n'),
         (
-            b"*CLS;SENS:FULL?;SENS:OFFS?;SENS:READ?;EXP? MIN;EXP? MAX;GAIN? MIN;GAIN? MAX;SYST:ERR?\n",
+            (
+                b"*CLS;SENS:FULL?;SENS:OFFS?;SENS:READ?;EXP? MIN;EXP? MAX;GAIN? MIN;GAIN?"
+                b" MAX;SYST:ERR?\n"
+            ),
             b'4095;64;0.05;1e-05;10;1;16;0,"No error"\n',
         ),
         (b"*CLS;SENS:SIZE?;FORM?;SYST:ERR?\n", b'3,2;"MONO12";0,"No error"\n'),
@@ -127,10 +167,16 @@ def resources() -> Iterator[ExitStack]:
 
 
 def test_one_axis_that_does_not_answer_keeps_no_other_from_stopping(
-    write: Write, toy_chain: Callable[..., str], toy_stage: type[Any], dialogue: Callable[..., str], resources: ExitStack
+    write: Write,
+    toy_chain: Callable[..., str],
+    toy_stage: type[Any],
+    dialogue: Callable[..., str],
+    resources: ExitStack,
 ) -> None:
     stages = [toy_stage() for _ in range(4)]
-    file = write({**manual_but_axes(toy_chain(*stages)), "camera.address": dialogue(list(Silent.LINES))})
+    file = write(
+        {**manual_but_axes(toy_chain(*stages)), "camera.address": dialogue(list(Silent.LINES))}
+    )
     bench = resources.enter_context(drivers.connect(file))
     statuses = [axis.move_to(axis.limits[1] * 0.25) for axis in bench.axes.values()]
     stages[0].fault = lambda _text, _reply: b""
@@ -141,7 +187,9 @@ def test_one_axis_that_does_not_answer_keeps_no_other_from_stopping(
     assert "array_stage" not in str(caught.value)
     for name, stage, status in zip(bench.axes, stages, statuses, strict=True):
         assert not stage.busy, name
-        assert isinstance(status.exception(5), MotionError if stage is not stages[0] else DeviceError)
+        assert isinstance(
+            status.exception(5), MotionError if stage is not stages[0] else DeviceError
+        )
     stages[0].fault = None
 
 
@@ -154,13 +202,17 @@ def test_leaving_a_bench_after_an_error_stops_every_axis(
     write: Write, toy_chain: Callable[..., str], toy_stage: type[Any], dialogue: Callable[..., str]
 ) -> None:
     stages = [toy_stage(speed=10000.0) for _ in range(4)]
-    file = write({**manual_but_axes(toy_chain(*stages)), "camera.address": dialogue(list(Silent.LINES))})
+    file = write(
+        {**manual_but_axes(toy_chain(*stages)), "camera.address": dialogue(list(Silent.LINES))}
+    )
     bench = drivers.connect(file)
     with pytest.raises(RuntimeError, match="the plan failed"), bench:
         fail_while_moving(bench)
     assert not stages[3].busy
     assert "stop" in stages[0].heard
-    with pytest.raises(AttributeError, match="the bench has no mirror; its axes are main_lens_stage"):
+    with pytest.raises(
+        AttributeError, match="the bench has no mirror; its axes are main_lens_stage"
+    ):
         _ = bench.mirror
 
 
@@ -171,7 +223,9 @@ def test_address_simulated_starts_a_bench_and_ends_it(root: Path) -> None:
         assert bench.world("array.z") == pytest.approx(52.5, abs=0.001)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there")
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there"
+)
 def test_a_simulated_bench_whose_start_is_interrupted_ends(root: Path) -> None:
     """No process is left behind, which conftest sees to, and no thread."""
     threads = set(threading.enumerate())
@@ -182,11 +236,18 @@ def test_a_simulated_bench_whose_start_is_interrupted_ends(root: Path) -> None:
             SimulatedBench(root / "examples" / "benches" / "simulated.yaml", seed=1)
     finally:
         signal.signal(signal.SIGINT, before)
-    assert not {thread.name for thread in set(threading.enumerate()) - threads if not isinstance(thread, threading.Timer)}
+    assert not {
+        thread.name
+        for thread in set(threading.enumerate()) - threads
+        if not isinstance(thread, threading.Timer)
+    }
 
 
 def test_a_simulated_bench_that_does_not_start_says_its_last_words(tmp_path: Path) -> None:
-    with pytest.raises(CommunicationError, match=r"the simulated bench did not start, it ended .*its last words: .*no-such"):
+    with pytest.raises(
+        CommunicationError,
+        match=r"the simulated bench did not start, it ended .*its last words: .*no-such",
+    ):
         SimulatedBench(tmp_path / "no-such.yaml", seed=0)
 
 
@@ -198,7 +259,10 @@ def test_what_simulates_a_bench_is_told_its_file_and_the_seed_that_it_has_now(
     shell.write_text('#!/bin/sh\necho "$@" >&2\n')
     shell.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(shell))
-    with pytest.raises(CommunicationError, match=rf"last words: -P -m flflab sim {re.escape(str(file))} --json --seed 4711"):
+    with pytest.raises(
+        CommunicationError,
+        match=rf"last words: -P -m flflab sim {re.escape(str(file))} --json --seed 4711",
+    ):
         connect_described(with_seed(read_bench(file), 4711))
 
 
@@ -207,16 +271,27 @@ def test_a_simulated_bench_is_asked_for_its_first_frame_when_what_draws_it_is_co
 ) -> None:
     bench = SimulatedBench(root / "examples" / "benches" / "simulated.yaml", seed=1)
     try:
-        with pytest.raises(CommunicationError, match=r"simulated\.yaml: the simulated bench still compiles .* after 0 s; see what else"):
+        with pytest.raises(
+            CommunicationError,
+            match=(
+                r"simulated\.yaml: the simulated bench still compiles .* after 0 s; see what else"
+            ),
+        ):
             bench.wait_until_ready(timeout=0.0)
-        assert capfd.readouterr().err == "the simulated bench compiles what draws its pictures, the first time one or two minutes\n"
+        assert (
+            capfd.readouterr().err
+            == "the simulated bench compiles what draws its pictures, the first time one or two"
+            " minutes\n"
+        )
         bench.wait_until_ready()
         bench.wait_until_ready(timeout=0.0)
     finally:
         bench.close()
 
 
-def test_a_camera_of_the_simulated_bench_takes_no_picture_before_it_is_ready(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_of_the_simulated_bench_takes_no_picture_before_it_is_ready(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def not_yet(bench: SimulatedBench) -> None:
         raise CommunicationError("the bench still compiles")
 
@@ -228,9 +303,13 @@ def test_a_camera_of_the_simulated_bench_takes_no_picture_before_it_is_ready(roo
         bench.camera.grab()
 
 
-def test_what_is_wrong_with_the_whole_simulated_bench_is_told_once(root: Path, tmp_path: Path) -> None:
+def test_what_is_wrong_with_the_whole_simulated_bench_is_told_once(
+    root: Path, tmp_path: Path
+) -> None:
     text = (root / "examples" / "benches" / "simulated.yaml").read_text(encoding="utf-8")
-    text = text.replace("faults: []", "faults: [{device: sensor_stage, fault: silent}]").replace("../cameras", f"{root}/examples/cameras")
+    text = text.replace("faults: []", "faults: [{device: sensor_stage, fault: silent}]").replace(
+        "../cameras", f"{root}/examples/cameras"
+    )
     file = tmp_path / "bench.yaml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(CommunicationError) as refused, drivers.connect(file):
@@ -241,7 +320,9 @@ def test_what_is_wrong_with_the_whole_simulated_bench_is_told_once(root: Path, t
 
 def lives(process: str) -> bool:
     try:
-        return Path(f"/proc/{process}/cmdline").read_bytes() != b""  # empty: it has ended and waits to be reaped
+        return (
+            Path(f"/proc/{process}/cmdline").read_bytes() != b""
+        )  # empty: it has ended and waits to be reaped
     except OSError:
         return False
 
@@ -249,7 +330,10 @@ def lives(process: str) -> bool:
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
 def test_a_simulated_bench_dies_with_its_parent(root: Path) -> None:
     bench = root / "examples" / "benches" / "simulated.yaml"
-    program = f"import time, drivers.simulated as s; s.SimulatedBench({str(bench)!r}, seed=1); print('up', flush=True); time.sleep(60)"
+    program = (
+        f"import time, drivers.simulated as s; s.SimulatedBench({str(bench)!r}, seed=1);"
+        " print('up', flush=True); time.sleep(60)"
+    )
     with subprocess.Popen([sys.executable, "-P", "-c", program], stdout=subprocess.PIPE) as parent:
         assert parent.stdout is not None
         assert parent.stdout.readline() == b"up\n"

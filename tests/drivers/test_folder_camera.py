@@ -1,4 +1,6 @@
-"""A watched folder by docs/folder-camera.md: files written by somebody else's writers, in every way they can come."""
+"""A watched folder by docs/folder-camera.md: files written by somebody else's writers, in every way
+they can come.
+"""
 
 import json
 import shutil
@@ -47,13 +49,24 @@ def camera_on(folder: Path, **keys: Any) -> Camera:
         "black_level": 64, "electrons_per_dn": 2, "read_noise_electrons": 3, "full_scale": 4095,
         "exposures": ["1 ms", "1 s"], "gains": [1, 8], "settle": "60 ms", "timeout": "0.8 s",
     }  # fmt: skip
-    camera = Camera("camera", open_camera(str(folder), FolderKeys.model_validate(settled | keys), None))
+    camera = Camera(
+        "camera", open_camera(str(folder), FolderKeys.model_validate(settled | keys), None)
+    )
     camera.prepare(0.02, 2.0)
     return camera
 
 
-def dng(file: Path, picture: Any = PICTURE, exposure: float = 0.02, iso: float = 200.0, white: int = 4095, pattern: Any = None) -> None:
-    write_raw(file, RawPicture(picture, pattern, (64, 64, 64, 64), white, exposure_s=exposure, iso=iso))
+def dng(
+    file: Path,
+    picture: Any = PICTURE,
+    exposure: float = 0.02,
+    iso: float = 200.0,
+    white: int = 4095,
+    pattern: Any = None,
+) -> None:
+    write_raw(
+        file, RawPicture(picture, pattern, (64, 64, 64, 64), white, exposure_s=exposure, iso=iso)
+    )
 
 
 def in_pieces(source: Path, file: Path, pieces: int = 6, pause: float = 0.04) -> None:
@@ -70,7 +83,9 @@ def in_pieces(source: Path, file: Path, pieces: int = 6, pause: float = 0.04) ->
         stream.write(content[:2])
 
 
-def test_a_person_is_asked_and_the_next_file_is_the_frame(folder: Path, aside: Any, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_person_is_asked_and_the_next_file_is_the_frame(
+    folder: Path, aside: Any, capfd: pytest.CaptureFixture[str]
+) -> None:
     dng(folder / "IMG_0001.dng")  # there before
     camera = camera_on(folder)
     camera.arm()
@@ -80,15 +95,24 @@ def test_a_person_is_asked_and_the_next_file_is_the_frame(folder: Path, aside: A
     dng(folder / "IMG_0002.dng", pattern="grbg")
     frame = camera.fetch()
     assert np.array_equal(frame.picture, PICTURE)
-    assert (frame.exposure_s, frame.gain, frame.pixel_format, frame.number) == (0.02, 2.0, "BayerGR12", 1)
+    assert (frame.exposure_s, frame.gain, frame.pixel_format, frame.number) == (
+        0.02,
+        2.0,
+        "BayerGR12",
+        1,
+    )
     assert frame.timestamp == pytest.approx(time.time(), abs=5)
 
 
 @pytest.mark.parametrize("ending", [".dng", ".tiff", ".png"])
-def test_a_file_still_being_written_is_never_read_half(folder: Path, tmp_path: Path, aside: Any, ending: str) -> None:
+def test_a_file_still_being_written_is_never_read_half(
+    folder: Path, tmp_path: Path, aside: Any, ending: str
+) -> None:
     source = tmp_path / f"whole{ending}"
     if ending == ".tiff":
-        tifffile.imwrite(source, PICTURE, rowsperstrip=4)  # its directory comes first, its numbers after
+        tifffile.imwrite(
+            source, PICTURE, rowsperstrip=4
+        )  # its directory comes first, its numbers after
     elif ending == ".png":
         assert cv2.imwrite(str(source), PICTURE)
     else:
@@ -100,7 +124,9 @@ def test_a_file_still_being_written_is_never_read_half(folder: Path, tmp_path: P
     assert np.array_equal(camera.fetch().picture, PICTURE)
 
 
-def test_a_file_that_has_its_length_before_its_content_is_awaited(folder: Path, tmp_path: Path, aside: Any) -> None:
+def test_a_file_that_has_its_length_before_its_content_is_awaited(
+    folder: Path, tmp_path: Path, aside: Any
+) -> None:
     dng(tmp_path / "whole.dng")
     content = (tmp_path / "whole.dng").read_bytes()
 
@@ -121,17 +147,44 @@ def test_a_file_that_has_its_length_before_its_content_is_awaited(folder: Path, 
 
 
 FAULTS: dict[str, tuple[Bring, str]] = {
-    "nothing": (lambda folder: None, r"no file came within 0\.82 s; see that the shutter is released"),
-    "half a file": (
-        lambda folder: (dng(folder / "a.dng"), (folder / "a.dng").write_bytes((folder / "a.dng").read_bytes()[:4000]))[0],
-        r"a\.dng is no whole picture after 0\.82 s; .*cannot be read as a raw picture .*take the picture again",
+    "nothing": (
+        lambda folder: None,
+        r"no file came within 0\.82 s; see that the shutter is released",
     ),
-    "two files": (lambda folder: (dng(folder / "a.dng"), dng(folder / "b.dng"))[0], r"a\.dng, b\.dng came for one exposure"),
-    "another exposure": (lambda folder: dng(folder / "a.dng", exposure=0.04), r"a\.dng was taken with exposure 0\.04 instead of 0\.02"),
-    "another speed": (lambda folder: dng(folder / "a.dng", iso=800), r"taken with gain 8 instead of 2"),
-    "another white level": (lambda folder: dng(folder / "a.dng", white=16383), r"white level 16383 instead of 4095"),
-    "floating point": (lambda folder: tifffile.imwrite(folder / "a.tif", PICTURE.astype(np.float32)) and None, r"holds float32 numbers"),
-    "a folder that is gone": (lambda folder: shutil.rmtree(folder), r"the folder cannot be read .*check path, network and card reader"),
+    "half a file": (
+        lambda folder: (
+            dng(folder / "a.dng"),
+            (folder / "a.dng").write_bytes((folder / "a.dng").read_bytes()[:4000]),
+        )[0],
+        (
+            r"a\.dng is no whole picture after 0\.82 s; .*cannot be read as a raw picture .*take"
+            r" the picture again"
+        ),
+    ),
+    "two files": (
+        lambda folder: (dng(folder / "a.dng"), dng(folder / "b.dng"))[0],
+        r"a\.dng, b\.dng came for one exposure",
+    ),
+    "another exposure": (
+        lambda folder: dng(folder / "a.dng", exposure=0.04),
+        r"a\.dng was taken with exposure 0\.04 instead of 0\.02",
+    ),
+    "another speed": (
+        lambda folder: dng(folder / "a.dng", iso=800),
+        r"taken with gain 8 instead of 2",
+    ),
+    "another white level": (
+        lambda folder: dng(folder / "a.dng", white=16383),
+        r"white level 16383 instead of 4095",
+    ),
+    "floating point": (
+        lambda folder: tifffile.imwrite(folder / "a.tif", PICTURE.astype(np.float32)) and None,
+        r"holds float32 numbers",
+    ),
+    "a folder that is gone": (
+        lambda folder: shutil.rmtree(folder),
+        r"the folder cannot be read .*check path, network and card reader",
+    ),
 }
 
 
@@ -171,7 +224,11 @@ def test_a_late_file_is_no_later_frame(folder: Path) -> None:
         camera = camera_on(folder, released_by=released_by, timeout="0.1 s", settle="20 ms")
         camera.arm()
         camera.trigger()
-        number = json.loads((folder / "request.json").read_text())["number"] if released_by == "program" else 20
+        number = (
+            json.loads((folder / "request.json").read_text())["number"]
+            if released_by == "program"
+            else 20
+        )
         with pytest.raises(CommunicationError, match="no file came"):
             camera.fetch()
         assert not (folder / "request.json").exists()  # taken back: nobody exposes for it any more
@@ -187,7 +244,11 @@ def test_a_program_is_asked_by_a_number_above_all_that_lie_there(folder: Path) -
     camera = camera_on(folder, released_by="program")
     camera.arm()
     camera.trigger()
-    assert json.loads((folder / "request.json").read_text()) == {"number": 42, "exposure_s": 0.02, "gain": 2.0}
+    assert json.loads((folder / "request.json").read_text()) == {
+        "number": 42,
+        "exposure_s": 0.02,
+        "gain": 2.0,
+    }
     (folder / "request.json").unlink()
     dng(folder / "IMG_0042.dng", exposure=0.0, iso=0.0)  # it does not say how it was taken
     assert camera.fetch().exposure_s == 0.02

@@ -1,6 +1,7 @@
 """A tethered camera against libgphoto2's own virtual PTP camera, which serves our raw files.
 
-Its card has room for 26 pictures as long as its library stays loaded: few are taken here, and the test that fills it has its own process.
+Its card has room for 26 pictures as long as its library stays loaded: few are taken here, and the
+test that fills it has its own process.
 """
 
 import importlib.util
@@ -21,14 +22,17 @@ from flflab.errors import CommunicationError, DeviceError, LimitError
 from flflab.raw_file import RawPicture, write_raw
 
 pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("gphoto2") is None, reason="the virtual camera comes with the wheel for Linux (extra gphoto2)"
+    importlib.util.find_spec("gphoto2") is None,
+    reason="the virtual camera comes with the wheel for Linux (extra gphoto2)",
 )
 RAMP = (np.arange(48 * 64).reshape(48, 64) % 4000).astype(np.uint16)
 PORT = "usb:001,001"
 
 
 def put(card: Path, picture: Any = RAMP, white: int = 4095, cut: int | None = None) -> None:
-    """Lay a raw file on the card under the name that the virtual camera takes pictures by, and nothing else."""
+    """Lay a raw file on the card under the name that the virtual camera takes pictures by, and
+    nothing else.
+    """
     for file in card.iterdir():
         file.unlink()
     write_raw(card / "frame.dng", RawPicture(picture, "rggb", (64, 64, 64, 64), white))
@@ -46,8 +50,18 @@ def link(card: Path) -> Iterator[GphotoLink]:
 
 
 def camera_on(link: GphotoLink, **keys: Any) -> Camera:
-    known: dict[str, Any] = {"black_level": 64, "electrons_per_dn": 2, "read_noise_electrons": 3, "full_scale": 4095}
-    return Camera("camera", GphotoCamera(link, GphotoKeys.model_validate({"timeout": "1 s", "quiet": "20 ms"} | known | keys)))
+    known: dict[str, Any] = {
+        "black_level": 64,
+        "electrons_per_dn": 2,
+        "read_noise_electrons": 3,
+        "full_scale": 4095,
+    }
+    return Camera(
+        "camera",
+        GphotoCamera(
+            link, GphotoKeys.model_validate({"timeout": "1 s", "quiet": "20 ms"} | known | keys)
+        ),
+    )
 
 
 def test_a_raw_file_is_released_downloaded_and_read_to_the_bit(link: GphotoLink) -> None:
@@ -56,7 +70,12 @@ def test_a_raw_file_is_released_downloaded_and_read_to_the_bit(link: GphotoLink)
     for number in (1, 2):
         frame = camera.grab()
         assert np.array_equal(frame.picture, RAMP)
-        assert (frame.exposure_s, frame.pixel_format, frame.number, frame.dropped) == (0.02, "BayerRG12", number, 0)
+        assert (frame.exposure_s, frame.pixel_format, frame.number, frame.dropped) == (
+            0.02,
+            "BayerRG12",
+            number,
+            0,
+        )
     assert camera.identity() == "Nikon DSC D750"
 
 
@@ -64,7 +83,10 @@ def test_shutter_speeds_are_those_the_camera_offers_and_no_other(link: GphotoLin
     camera = camera_on(link)
     assert camera.exposure_limits == (0.0001, 1.0)
     camera.prepare(0.05)
-    with pytest.raises(LimitError, match=r"asked for exposure 0\.03 s; the camera offers 0\.02 s and 0\.05 s beside it"):
+    with pytest.raises(
+        LimitError,
+        match=r"asked for exposure 0\.03 s; the camera offers 0\.02 s and 0\.05 s beside it",
+    ):
         camera.prepare(0.03)
     assert link.value("shutterspeed") == "0.0500s"
     with pytest.raises(LimitError, match="allowed is 1 only"):
@@ -91,14 +113,32 @@ def test_a_setting_that_the_camera_takes_and_ignores_is_noticed(link: GphotoLink
 
 
 @pytest.mark.ci
-def test_every_fault_is_one_error_and_the_next_frame_is_good_and_set_as_before(link: GphotoLink, card: Path) -> None:
+def test_every_fault_is_one_error_and_the_next_frame_is_good_and_set_as_before(
+    link: GphotoLink, card: Path
+) -> None:
     camera = camera_on(link)
     camera.prepare(0.02)
     faults = (
-        (lambda: put(card, cut=3000), r"asked for an event|no whole raw file|no file came", 1),  # torn: the length is known from before
-        (lambda: (card / "frame.jpg").unlink(), r"asked for a picture|asked for an event|no file came", 1),  # nothing is exposed
-        (lambda: put(card, white=16383), r"white level 16383 instead of 4095; correct the camera", 2),
-        (lambda: jpeg(card), r"delivered GPH_\d+\.JPG and no raw file; set its picture quality to raw", 3),
+        (
+            lambda: put(card, cut=3000),
+            r"asked for an event|no whole raw file|no file came",
+            1,
+        ),  # torn: the length is known from before
+        (
+            lambda: (card / "frame.jpg").unlink(),
+            r"asked for a picture|asked for an event|no file came",
+            1,
+        ),  # nothing is exposed
+        (
+            lambda: put(card, white=16383),
+            r"white level 16383 instead of 4095; correct the camera",
+            2,
+        ),
+        (
+            lambda: jpeg(card),
+            r"delivered GPH_\d+\.JPG and no raw file; set its picture quality to raw",
+            3,
+        ),
     )
     for spoil, says, dropped in faults:
         spoil()
@@ -106,7 +146,9 @@ def test_every_fault_is_one_error_and_the_next_frame_is_good_and_set_as_before(l
         with pytest.raises(CommunicationError, match=says) as told:
             camera.grab()
         assert str(told.value).startswith("camera")
-        del told  # and with it the body as it was: the virtual camera forgets its card only when nobody holds it
+        # and with it the body as it was: the virtual camera forgets its card only when nobody holds
+        # it
+        del told
         put(card)
         link.close()
         frame = camera.grab()
@@ -123,8 +165,12 @@ def jpeg(card: Path) -> None:
 def test_pictures_somebody_takes_at_the_body_are_no_frames(link: GphotoLink) -> None:
     camera = camera_on(link, quiet="200 ms")
     camera.grab()
-    link.ask("a picture", lambda body: body.trigger_capture())  # it is told 0.1 s later, when ours was asked for already
-    with pytest.raises(CommunicationError, match=r"took GPH_\d+\.JPG and GPH_\d+\.JPG for one exposure"):
+    link.ask(
+        "a picture", lambda body: body.trigger_capture()
+    )  # it is told 0.1 s later, when ours was asked for already
+    with pytest.raises(
+        CommunicationError, match=r"took GPH_\d+\.JPG and GPH_\d+\.JPG for one exposure"
+    ):
         camera.grab()
     assert camera.grab().dropped == 1
     link.ask("a picture", lambda body: body.trigger_capture())
@@ -136,7 +182,10 @@ def test_pictures_somebody_takes_at_the_body_are_no_frames(link: GphotoLink) -> 
 
 def test_a_camera_that_is_not_there_is_told_with_what_to_do(card: Path) -> None:
     put(card)
-    with pytest.raises(CommunicationError, match=r"camera at usb:009,009: asked for the model, got libgphoto2's error .*check cable"):
+    with pytest.raises(
+        CommunicationError,
+        match=r"camera at usb:009,009: asked for the model, got libgphoto2's error .*check cable",
+    ):
         GphotoLink("usb:009,009")
 
 
@@ -154,14 +203,19 @@ try:
 except CommunicationError as error:
     print(whole, camera.dropped, error)
 print(camera.grab().number)  # opened anew, the virtual camera has an empty card again
-"""
+"""  # noqa: E501
 
 
 @pytest.mark.ci
 def test_a_full_card_is_an_error_and_no_frame_before_it_is_lost(card: Path) -> None:
     put(card)
-    done = subprocess.run([sys.executable, "-c", FILL], capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", FILL], capture_output=True, text=True, check=False, timeout=60
+    )
     assert done.returncode == 0, done.stderr
     said = done.stdout.splitlines()
-    assert said[0].startswith("26 1 camera at usb:001,001: no file came within 1.01 s; see that it focuses by hand and has room"), said
+    assert said[0].startswith(
+        "26 1 camera at usb:001,001: no file came within 1.01 s; see that it focuses by hand and"
+        " has room"
+    ), said
     assert said[1] == "28"

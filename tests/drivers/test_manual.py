@@ -1,4 +1,6 @@
-"""Devices a person moves: asked for on a terminal (a pseudo terminal here), confirmed by Enter, refused without a terminal."""
+"""Devices a person moves: asked for on a terminal (a pseudo terminal here), confirmed by Enter,
+refused without a terminal.
+"""
 
 import math
 import os
@@ -14,7 +16,9 @@ from drivers.setting import Setting
 from flflab.bench import LENGTH, AxisDescription
 from flflab.errors import DeviceError, LimitError, MotionError, NotHomedError
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="a pseudo terminal stands for the person")
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32", reason="a pseudo terminal stands for the person"
+)
 FOR_EVER = float("inf")
 
 
@@ -35,25 +39,43 @@ def person(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], None]]:
 
 
 def manual_axis(terminal: Terminal) -> Axis:
-    return Axis("target_stage", ManualAxis("target_stage", (0.0, 100.0), terminal, LENGTH, home=0.0), (0.0, 100.0), 5.0, patience=FOR_EVER)
+    return Axis(
+        "target_stage",
+        ManualAxis("target_stage", (0.0, 100.0), terminal, LENGTH, home=0.0),
+        (0.0, 100.0),
+        5.0,
+        patience=FOR_EVER,
+    )
 
 
 def described(moves: str, home_towards: str, *limits: str) -> AxisDescription:
     return AxisDescription.model_validate(
-        {"driver": "manual", "moves": moves, "home_towards": home_towards, "limits": limits, "speed": f"1 {limits[0].split()[1]}/s"}
+        {
+            "driver": "manual",
+            "moves": moves,
+            "home_towards": home_towards,
+            "limits": limits,
+            "speed": f"1 {limits[0].split()[1]}/s",
+        }
     )
 
 
 def opened(axis: AxisDescription) -> Axis:
     commands = open_axis("stage", axis, ManualAxisKeys(), lambda _, opener: opener())
-    return Axis("stage", commands, axis.limits, axis.speed, coordinate=axis.coordinate, patience=FOR_EVER)
+    return Axis(
+        "stage", commands, axis.limits, axis.speed, coordinate=axis.coordinate, patience=FOR_EVER
+    )
 
 
 def manual_iris(terminal: Terminal) -> Setting[float]:
-    return Setting("iris", ManualSetting("set the iris to f/{}", (1.4, 22.0), terminal), timeout=FOR_EVER)
+    return Setting(
+        "iris", ManualSetting("set the iris to f/{}", (1.4, 22.0), terminal), timeout=FOR_EVER
+    )
 
 
-def test_a_stage_moved_by_hand_is_where_the_person_confirmed(person: Callable[[str], None], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stage_moved_by_hand_is_where_the_person_confirmed(
+    person: Callable[[str], None], capsys: pytest.CaptureFixture[str]
+) -> None:
     axis = manual_axis(Terminal())
     with pytest.raises(NotHomedError):
         axis.move_to(12.5)
@@ -71,7 +93,9 @@ def test_a_stage_moved_by_hand_is_where_the_person_confirmed(person: Callable[[s
     axis.close()
 
 
-def test_what_turns_is_asked_for_in_degrees(person: Callable[[str], None], capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_turns_is_asked_for_in_degrees(
+    person: Callable[[str], None], capsys: pytest.CaptureFixture[str]
+) -> None:
     axis = opened(described("array.pitch", "-pitch", "-10 deg", "10 deg"))
     home = axis.home()
     person("\n")
@@ -108,7 +132,11 @@ def test_an_enter_from_before_the_question_confirms_nothing(person: Callable[[st
 def test_two_steps_are_asked_for_one_after_the_other(person: Callable[[str], None]) -> None:
     terminal = Terminal()
     iris = manual_iris(terminal)
-    target = Setting("target", ManualSetting("put the target {} in place", ("bars", "white"), terminal), timeout=FOR_EVER)
+    target = Setting(
+        "target",
+        ManualSetting("put the target {} in place", ("bars", "white"), terminal),
+        timeout=FOR_EVER,
+    )
     first, second = iris.set(4.0), target.set("bars")
     person("\n")
     first.wait(2)

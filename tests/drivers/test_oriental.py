@@ -1,4 +1,6 @@
-"""The Oriental Motor driver on an independent Modbus server whose registers are written here, from the manual's numbers."""
+"""The Oriental Motor driver on an independent Modbus server whose registers are written here, from
+the manual's numbers.
+"""
 
 import asyncio
 import math
@@ -25,7 +27,9 @@ STEPS = 100  # a degree
 
 
 class Motor:
-    """One slave: a motor that turns at constant speed in real time, and can be deaf, alarmed or not ready."""
+    """One slave: a motor that turns at constant speed in real time, and can be deaf, alarmed or not
+    ready.
+    """
 
     def __init__(self) -> None:
         self.start = self.end = 700
@@ -38,7 +42,11 @@ class Motor:
     @property
     def position(self) -> int:
         way = round((time.monotonic() - self.since) * self.speed)
-        return self.end if way >= abs(self.end - self.start) else self.start + (way if self.end > self.start else -way)
+        return (
+            self.end
+            if way >= abs(self.end - self.start)
+            else self.start + (way if self.end > self.start else -way)
+        )
 
     @property
     def moving(self) -> bool:
@@ -52,7 +60,13 @@ class Motor:
         return ready << 5 | bool(self.alarm) << 7 | self.moving << 13
 
     async def access(
-        self, function: int, start: int, address: int, count: int, registers: list[int], values: list[int] | list[bool] | None
+        self,
+        function: int,
+        start: int,
+        address: int,
+        count: int,
+        registers: list[int],
+        values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
         if address >= 0x0300 and address not in (0x0386, 0x0388, 0x038A):
             return ExcCodes.ILLEGAL_ADDRESS
@@ -73,7 +87,8 @@ class Motor:
                     self.homed = 1
             return None
         known = {
-            0x007E: self.outputs(), 0x0080: self.alarm, 0x00C6: self.position, 0x00CC: self.position, 0x0178: self.homed << 17,
+            0x007E: self.outputs(), 0x0080: self.alarm, 0x00C6: self.position,
+            0x00CC: self.position, 0x0178: self.homed << 17,
             0x0386: 1, 0x0388: 20 * STEPS, 0x038A: -20 * STEPS,
         }  # fmt: skip
         value = known[address]
@@ -95,7 +110,10 @@ def motors() -> Iterator[Motors]:
     loop = asyncio.new_event_loop()
 
     async def serve() -> None:
-        devices = [SimDevice(id=number, simdata=block, action=motor.access) for number, motor in slaves.items()]
+        devices = [
+            SimDevice(id=number, simdata=block, action=motor.access)
+            for number, motor in slaves.items()
+        ]
         server = ModbusTcpServer(devices, framer=FramerType.RTU, address=("127.0.0.1", 0))
         await server.serve_forever(background=True)
         assert isinstance(server.transport, asyncio.Server)
@@ -124,7 +142,11 @@ def line() -> Iterator[Open]:
 
     def open_line(address: str) -> ModbusLine:
         keys = OrientalKeys(device=1, steps_per_degree=STEPS, timeout=0.3)
-        lines.append(ModbusLine(lambda: make_client(address, keys.baud, keys.parity, keys.timeout), address, 0.1))
+        lines.append(
+            ModbusLine(
+                lambda: make_client(address, keys.baud, keys.parity, keys.timeout), address, 0.1
+            )
+        )
         return lines[-1]
 
     yield open_line
@@ -136,7 +158,15 @@ def line() -> Iterator[Open]:
 def axes(motors: Motors, line: Open) -> Axes:
     address, slaves = motors
     shared = line(address)
-    made = [OrientalAxis(f"axis {n}", shared, OrientalKeys(device=n, steps_per_degree=STEPS, timeout=0.3), 90 * DEGREE) for n in slaves]
+    made = [
+        OrientalAxis(
+            f"axis {n}",
+            shared,
+            OrientalKeys(device=n, steps_per_degree=STEPS, timeout=0.3),
+            90 * DEGREE,
+        )
+        for n in slaves
+    ]
     return made[0], made[1], slaves
 
 
@@ -183,7 +213,12 @@ def test_two_drives_of_one_line_home_and_move_each_for_itself(axes: Axes) -> Non
 
 def test_wrap_mode_asks_for_a_place_within_the_wrap_range(motors: Motors, line: Open) -> None:
     address, slaves = motors
-    ring = OrientalAxis("ring", line(address), OrientalKeys(device=2, steps_per_degree=STEPS, wrap=True, timeout=0.3), DEGREE * 90)
+    ring = OrientalAxis(
+        "ring",
+        line(address),
+        OrientalKeys(device=2, steps_per_degree=STEPS, wrap=True, timeout=0.3),
+        DEGREE * 90,
+    )
     ring.start_move(DEGREE)
     assert slaves[2].operations[0][:3] == (0, 8, 100)
 
@@ -191,11 +226,16 @@ def test_wrap_mode_asks_for_a_place_within_the_wrap_range(motors: Motors, line: 
 def test_a_command_that_is_acknowledged_and_then_ignored_is_noticed(axes: Axes) -> None:
     axis, _, slaves = axes
     slaves[1].deaf = True
-    with pytest.raises(DeviceError, match=r"axis 1: asked to move to 5\.000000 deg, the drive acknowledged and did nothing") as caught:
+    with pytest.raises(
+        DeviceError,
+        match=r"axis 1: asked to move to 5\.000000 deg, the drive acknowledged and did nothing",
+    ) as caught:
         axis.start_move(5 * DEGREE)
     assert "\n" not in str(caught.value)
     assert slaves[1].inputs == [1 << 5, 0], "it was not told to stop"
-    with pytest.raises(DeviceError, match="look for its reference, the drive acknowledged and did nothing"):
+    with pytest.raises(
+        DeviceError, match="look for its reference, the drive acknowledged and did nothing"
+    ):
         axis.start_home()
 
 
@@ -207,7 +247,10 @@ def test_a_drive_that_is_not_ready_is_told_nothing(axes: Axes) -> None:
     assert slaves[1].operations == []
 
 
-@pytest.mark.parametrize(("code", "words"), [(0x4A, "before it has a reference; home it"), (0x30, "overload"), (0x99, "alarm 99")])
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(0x4A, "before it has a reference; home it"), (0x30, "overload"), (0x99, "alarm 99")],
+)
 def test_an_alarm_is_a_sentence(code: int, words: str, axes: Axes) -> None:
     axis, _, slaves = axes
     slaves[1].alarm = code
@@ -247,9 +290,23 @@ def test_more_steps_than_the_drive_can_count_are_refused(axes: Axes) -> None:
 @pytest.mark.parametrize(
     ("speed", "ramp", "sentence"),
     [
-        (1e-3, "0.2 s", r"tilt: asked for 0\.001 deg/s, 0 steps/s of a drive that takes 1 to 2147483647; correct `speed` or"),
+        (
+            1e-3,
+            "0.2 s",
+            (
+                r"tilt: asked for 0\.001 deg/s, 0 steps/s of a drive that takes 1 to 2147483647;"
+                r" correct `speed` or"
+            ),
+        ),
         (1e9, "0.2 s", r"tilt: asked for 1e\+09 deg/s, 100000000000 steps/s of a drive"),
-        (10.0, "100 ns", r"tilt: asked to reach its speed in 1e-07 s, 10000000000 steps/s\^2 of a drive .*; correct `ramp`"),
+        (
+            10.0,
+            "100 ns",
+            (
+                r"tilt: asked to reach its speed in 1e-07 s, 10000000000 steps/s\^2 of a drive .*;"
+                r" correct `ramp`"
+            ),
+        ),
     ],
 )
 def test_a_speed_or_ramp_that_a_drive_cannot_be_told_is_refused(
@@ -260,22 +317,37 @@ def test_a_speed_or_ramp_that_a_drive_cannot_be_told_is_refused(
         OrientalAxis("tilt", line(dialogue([])), keys, speed * DEGREE)
 
 
-@pytest.mark.parametrize("bits", [{"stop_input": 4}, {"home_input": 5}, {"ready_output": 7}, {"moving_output": 5}])
+@pytest.mark.parametrize(
+    "bits", [{"stop_input": 4}, {"home_input": 5}, {"ready_output": 7}, {"moving_output": 5}]
+)
 def test_two_signals_on_one_bit_are_refused(bits: dict[str, int]) -> None:
     """A stop that is the start of a homing would be none."""
     with pytest.raises(ValidationError, match="a bit of its own"):
         OrientalKeys.model_validate({"device": 1, "steps_per_degree": STEPS, **bits})
 
 
-def test_an_absent_slave_is_named_with_what_to_look_at(dialogue: Callable[..., str], line: Open) -> None:
+def test_an_absent_slave_is_named_with_what_to_look_at(
+    dialogue: Callable[..., str], line: Open
+) -> None:
     asked = request(0x0386, slave=9)
     address = dialogue([(asked, b""), (asked, b"")])
-    with pytest.raises(CommunicationError, match=r"lost \(slave 9\): .* check cable, parity, slave number and power"):
-        OrientalAxis("lost", line(address), OrientalKeys(device=9, steps_per_degree=STEPS, timeout=0.3), DEGREE)
+    with pytest.raises(
+        CommunicationError,
+        match=r"lost \(slave 9\): .* check cable, parity, slave number and power",
+    ):
+        OrientalAxis(
+            "lost",
+            line(address),
+            OrientalKeys(device=9, steps_per_degree=STEPS, timeout=0.3),
+            DEGREE,
+        )
 
 
 def test_nobody_listening_is_said(line: Open) -> None:
-    with pytest.raises(CommunicationError, match=r"127\.0\.0\.1:9: cannot be reached; check power, network and address"):
+    with pytest.raises(
+        CommunicationError,
+        match=r"127\.0\.0\.1:9: cannot be reached; check power, network and address",
+    ):
         line("127.0.0.1:9")
 
 
@@ -284,20 +356,32 @@ def test_nobody_listening_is_said(line: Open) -> None:
     ["010304000002bcfa", "020304000002bc", "010302000078", "0103040000", "7f4b233f"],
     ids=["wrong crc", "other slave", "too few registers", "half", "noise"],
 )
-def test_an_answer_that_is_not_right_is_never_a_position(answer: str, dialogue: Callable[..., str], line: Open) -> None:
-    """Each of two tries is answered wrongly; frames that need one get a right CRC, so only what is wrong is wrong."""
+def test_an_answer_that_is_not_right_is_never_a_position(
+    answer: str, dialogue: Callable[..., str], line: Open
+) -> None:
+    """Each of two tries is answered wrongly; frames that need one get a right CRC, so only what is
+    wrong is wrong.
+    """
     body = bytes.fromhex(answer)
     framed = body + crc(body) if answer in ("020304000002bc", "010302000078") else body
     asked = request(0x00CC)
-    address = dialogue([(request(0x0386), read_reply(0xFFFFFFFF)), (asked, framed), (asked, framed)])
-    axis = OrientalAxis("tilt", line(address), OrientalKeys(device=1, steps_per_degree=STEPS, timeout=0.3), DEGREE)
+    address = dialogue(
+        [(request(0x0386), read_reply(0xFFFFFFFF)), (asked, framed), (asked, framed)]
+    )
+    axis = OrientalAxis(
+        "tilt", line(address), OrientalKeys(device=1, steps_per_degree=STEPS, timeout=0.3), DEGREE
+    )
     with pytest.raises(CommunicationError, match=r"tilt \(slave 1\)"):
         axis.position()
 
 
 @pytest.mark.parametrize("delay", [0.05, 0.4], ids=["twice", "late"])
-def test_an_answer_that_comes_again_or_late_is_not_taken_for_the_next(delay: float, line: Open) -> None:
-    """The second answer to the limits' question comes when the position is asked for; late: the first one comes too late."""
+def test_an_answer_that_comes_again_or_late_is_not_taken_for_the_next(
+    delay: float, line: Open
+) -> None:
+    """The second answer to the limits' question comes when the position is asked for; late: the
+    first one comes too late.
+    """
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer() -> None:
@@ -319,7 +403,12 @@ def test_an_answer_that_comes_again_or_late_is_not_taken_for_the_next(delay: flo
 
         peer = threading.Thread(target=answer)
         peer.start()
-        axis = OrientalAxis("tilt", line("{}:{}".format(*server.getsockname())), OrientalKeys(device=1, steps_per_degree=STEPS), DEGREE)
+        axis = OrientalAxis(
+            "tilt",
+            line("{}:{}".format(*server.getsockname())),
+            OrientalKeys(device=1, steps_per_degree=STEPS),
+            DEGREE,
+        )
         time.sleep(0.1)
         assert axis.position() == pytest.approx(12.34 * DEGREE)
         peer.join()

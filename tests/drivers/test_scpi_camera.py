@@ -1,4 +1,6 @@
-"""The SCPI camera, iris and wheel against lines written down by hand from docs/scpi-camera.md, and every way a frame can go wrong."""
+"""The SCPI camera, iris and wheel against lines written down by hand from docs/scpi-camera.md, and
+every way a frame can go wrong.
+"""
 
 import re
 from collections.abc import Callable
@@ -32,12 +34,22 @@ ALIVE: list[tuple[bytes, object]] = [(b"SYST:BUSY?\n", b"0\n")]
 INIT: list[tuple[bytes, object]] = [*ALIVE, (b"*CLS;INIT;SYST:ERR?\n", NONE)]
 
 
-def frame(number: int = 1, dropped: int = 0, exposure: str = "0.01", size: str = "3,2", head: str = "#212", end: bytes = b"\n") -> bytes:
+def frame(
+    number: int = 1,
+    dropped: int = 0,
+    exposure: str = "0.01",
+    size: str = "3,2",
+    head: str = "#212",
+    end: bytes = b"\n",
+) -> bytes:
     return f"{number},1700000000.25,{exposure},1,{size},{dropped},{head}".encode() + BLOCK + end
 
 
 def camera_at(address: str) -> Camera:
-    return Camera("camera", on_link(ScpiLink("camera", address, timeout=0.3), lambda link: ScpiCamera(link, slack=0.3)))
+    return Camera(
+        "camera",
+        on_link(ScpiLink("camera", address, timeout=0.3), lambda link: ScpiCamera(link, slack=0.3)),
+    )
 
 
 def test_a_frame_arrives_bit_by_bit_with_what_it_was_taken_with(dialogue: Play) -> None:
@@ -45,13 +57,26 @@ def test_a_frame_arrives_bit_by_bit_with_what_it_was_taken_with(dialogue: Play) 
     taken = camera.grab()
     assert taken.picture.dtype == np.uint16
     assert np.array_equal(taken.picture, PIXELS)
-    assert (taken.number, taken.dropped, taken.exposure_s, taken.gain, taken.timestamp) == (1, 0, 0.01, 1.0, 1700000000.25)
+    assert (taken.number, taken.dropped, taken.exposure_s, taken.gain, taken.timestamp) == (
+        1,
+        0,
+        0.01,
+        1.0,
+        1700000000.25,
+    )
     assert taken.pixel_format == camera.pixel_format == "Mono12"
-    assert (camera.full_scale, camera.offset_dn, camera.dn_per_electron, camera.read_noise_dn) == (4095, 64.0, 0.25, 0.75)
+    assert (camera.full_scale, camera.offset_dn, camera.dn_per_electron, camera.read_noise_dn) == (
+        4095,
+        64.0,
+        0.25,
+        0.75,
+    )
     camera.close()
 
 
-def test_preparing_sets_exposure_and_gain_and_reads_back_what_became_of_them(dialogue: Play) -> None:
+def test_preparing_sets_exposure_and_gain_and_reads_back_what_became_of_them(
+    dialogue: Play,
+) -> None:
     camera = camera_at(
         dialogue(
             [
@@ -74,14 +99,18 @@ def test_a_camera_that_cannot_take_a_picture_yet_is_not_asked_for_one(dialogue: 
     def not_yet() -> None:
         raise CommunicationError("the bench still compiles")
 
-    camera = Camera("camera", on_link(ScpiLink("camera", dialogue(BEGIN), timeout=0.3), ScpiCamera), not_yet)
+    camera = Camera(
+        "camera", on_link(ScpiLink("camera", dialogue(BEGIN), timeout=0.3), ScpiCamera), not_yet
+    )
     with pytest.raises(CommunicationError, match="still compiles"):
         camera.grab()
     assert camera.dropped == 0
     camera.close()
 
 
-def test_who_waits_for_the_light_is_told_when_it_is_in_before_the_frame_is_asked_for(dialogue: Play) -> None:
+def test_who_waits_for_the_light_is_told_when_it_is_in_before_the_frame_is_asked_for(
+    dialogue: Play,
+) -> None:
     busy: list[tuple[bytes, object]] = [(b"EXP:BUSY?\n", b"1\n"), (b"EXP:BUSY?\n", b"0\n")]
     camera = camera_at(dialogue([*BEGIN, *INIT, *busy, (b"FETC?\n", frame())]))
     told: list[bool] = []
@@ -91,19 +120,32 @@ def test_who_waits_for_the_light_is_told_when_it_is_in_before_the_frame_is_asked
     camera.close()
 
 
-def test_a_late_frame_is_told_with_one_advice_and_without_a_cable_where_this_machine_serves_it(dialogue: Play) -> None:
+def test_a_late_frame_is_told_with_one_advice_and_without_a_cable_where_this_machine_serves_it(
+    dialogue: Play,
+) -> None:
     camera = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", b"")]))
     with pytest.raises(CommunicationError) as told:
         camera.grab()
     said = re.sub(r"[\d.]+ s", "_ s", str(told.value))
-    assert said.endswith("no answer within _ s; check that what serves it on this machine still runs, and what else keeps the machine busy")
+    assert said.endswith(
+        "no answer within _ s; check that what serves it on this machine still runs, and what else"
+        " keeps the machine busy"
+    )
     assert said.count(";") == 1
-    assert what_to_check("10.0.0.7:5025") == what_to_check("/dev/ttyUSB0") == "check cable, power and address"
+    assert (
+        what_to_check("10.0.0.7:5025")
+        == what_to_check("/dev/ttyUSB0")
+        == "check cable, power and address"
+    )
     camera.close()
 
 
-@pytest.mark.parametrize(("exposure", "gain"), [(0.0, 1.0), (11.0, 1.0), (float("nan"), 1.0), (0.01, 0.5), (0.01, 17.0)])
-def test_an_exposure_outside_the_limits_is_refused_and_not_sent(exposure: float, gain: float, dialogue: Play) -> None:
+@pytest.mark.parametrize(
+    ("exposure", "gain"), [(0.0, 1.0), (11.0, 1.0), (float("nan"), 1.0), (0.01, 0.5), (0.01, 17.0)]
+)
+def test_an_exposure_outside_the_limits_is_refused_and_not_sent(
+    exposure: float, gain: float, dialogue: Play
+) -> None:
     camera = camera_at(dialogue(BEGIN))
     with pytest.raises(LimitError, match=r"camera: asked for .* allowed is"):
         camera.prepare(exposure, gain)
@@ -121,7 +163,10 @@ FAULTS: dict[str, tuple[object, str]] = {
     "a length that is not a number": (frame(head="#2x2"), "not one of at most 12 bytes"),
     "a field too few": (frame().replace(b"1,1700000000.25,", b"1,"), "where 7 fields are due"),
     "a field that is no number": (frame().replace(b"0.01", b"oops"), "seven numbers are due"),
-    "a frame lost before it": (frame(number=2, dropped=1), "frame number 2 instead of 1, dropped frames 1 instead of 0"),
+    "a frame lost before it": (
+        frame(number=2, dropped=1),
+        "frame number 2 instead of 1, dropped frames 1 instead of 0",
+    ),
     "the frame before once more": (frame(number=0), "frame number 0 instead of 1"),
     "another exposure": (frame(exposure="0.02"), "exposure 0.02 instead of 0.01"),
     "another size": (frame(size="2,3"), "columns 2 instead of 3"),
@@ -129,7 +174,9 @@ FAULTS: dict[str, tuple[object, str]] = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_frame_that_is_not_the_one_asked_for_is_an_error_and_the_next_one_is_good(fault: str, dialogue: Play) -> None:
+def test_a_frame_that_is_not_the_one_asked_for_is_an_error_and_the_next_one_is_good(
+    fault: str, dialogue: Play
+) -> None:
     came, says = FAULTS[fault]
     anew = [*ALIVE, *BEGIN, (b"*CLS;INIT;SYST:ERR?\n", NONE), (b"FETC?\n", frame())]
     camera = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", came), *anew]))
@@ -143,7 +190,16 @@ def test_a_frame_that_is_not_the_one_asked_for_is_an_error_and_the_next_one_is_g
 
 def test_a_frame_the_camera_lost_is_an_error_with_the_cameras_reason(dialogue: Play) -> None:
     empty = b"0,0,0,0,0,0,1,#10\n"
-    camera = camera_at(dialogue([*BEGIN, *INIT, (b"FETC?\n", empty), (b"SYST:ERR?\n", b'-230,"Data corrupt or stale;frame 1 lost"\n')]))
+    camera = camera_at(
+        dialogue(
+            [
+                *BEGIN,
+                *INIT,
+                (b"FETC?\n", empty),
+                (b"SYST:ERR?\n", b'-230,"Data corrupt or stale;frame 1 lost"\n'),
+            ]
+        )
+    )
     with pytest.raises(CommunicationError, match="-230 Data corrupt or stale;frame 1 lost"):
         camera.grab()
     camera.close()
@@ -151,7 +207,10 @@ def test_a_frame_the_camera_lost_is_an_error_with_the_cameras_reason(dialogue: P
 
 def test_a_large_frame_that_comes_in_pieces_is_whole(dialogue: Play) -> None:
     block = (np.arange(1200 * 900) % 4096).astype("<u2").tobytes()
-    size = [(question, answer.replace(b"3,2;", b"1200,900;") if isinstance(answer, bytes) else answer) for question, answer in BEGIN]
+    size = [
+        (question, answer.replace(b"3,2;", b"1200,900;") if isinstance(answer, bytes) else answer)
+        for question, answer in BEGIN
+    ]
     answer = b"1,1700000000.25,0.01,1,1200,900,0,#72160000" + block + b"\n"
     camera = camera_at(dialogue([*size, *INIT, (b"FETC?\n", answer)]))
     assert camera.grab().picture.tobytes() == block
@@ -173,8 +232,12 @@ def test_answers_are_split_outside_quotes_only() -> None:
     assert split('1;"a;b";-222,"x;EXP ""1"";y"') == ["1", '"a;b"', '-222,"x;EXP ""1"";y"']
 
 
-LIMITS: list[tuple[bytes, object]] = [(b"*CLS;LENS:FNUM? MIN;LENS:FNUM? MAX;SYST:ERR?\n", b"2;16;" + NONE)]
-CATALOGUE: list[tuple[bytes, object]] = [(b"*CLS;TARG:CAT?;SYST:ERR?\n", b'"four-dot","bars","white","black";' + NONE)]
+LIMITS: list[tuple[bytes, object]] = [
+    (b"*CLS;LENS:FNUM? MIN;LENS:FNUM? MAX;SYST:ERR?\n", b"2;16;" + NONE)
+]
+CATALOGUE: list[tuple[bytes, object]] = [
+    (b"*CLS;TARG:CAT?;SYST:ERR?\n", b'"four-dot","bars","white","black";' + NONE)
+]
 
 
 def iris_at(address: str) -> Setting[float]:
@@ -186,7 +249,11 @@ def target_at(address: str) -> Setting[str]:
 
 
 def test_the_iris_moves_and_is_read_back(dialogue: Play) -> None:
-    moving = [(b"LENS:BUSY?\n", b"1\n"), (b"LENS:BUSY?\n", b"0\n"), (b"*CLS;LENS:FNUM?;SYST:ERR?\n", b"4;" + NONE)]
+    moving = [
+        (b"LENS:BUSY?\n", b"1\n"),
+        (b"LENS:BUSY?\n", b"0\n"),
+        (b"*CLS;LENS:FNUM?;SYST:ERR?\n", b"4;" + NONE),
+    ]
     iris = iris_at(dialogue([*LIMITS, (b"*CLS;LENS:FNUM 4.0;SYST:ERR?\n", NONE), *moving]))
     iris.set(4.0).wait(2)
     iris.close()
@@ -213,7 +280,9 @@ def test_a_stalled_iris_fails_with_the_instruments_words(dialogue: Play) -> None
 
 
 def test_an_iris_that_falls_silent_fails_with_a_sentence(dialogue: Play) -> None:
-    iris = iris_at(dialogue([*LIMITS, (b"*CLS;LENS:FNUM 4.0;SYST:ERR?\n", NONE), (b"LENS:BUSY?\n", b"")]))
+    iris = iris_at(
+        dialogue([*LIMITS, (b"*CLS;LENS:FNUM 4.0;SYST:ERR?\n", NONE), (b"LENS:BUSY?\n", b"")])
+    )
     with pytest.raises(CommunicationError, match=r"iris at .*no answer within 0.3 s"):
         iris.set(4.0).wait(2)
     iris.close()
@@ -221,7 +290,9 @@ def test_an_iris_that_falls_silent_fails_with_a_sentence(dialogue: Play) -> None
 
 def test_the_wheel_turns_to_a_name_in_its_catalogue_only(dialogue: Play) -> None:
     turning = [(b"TARG:BUSY?\n", b"0\n"), (b"*CLS;TARG:KIND?;SYST:ERR?\n", b'"bars";' + NONE)]
-    target = target_at(dialogue([*CATALOGUE, (b'*CLS;TARG:KIND "bars";SYST:ERR?\n', NONE), *turning]))
+    target = target_at(
+        dialogue([*CATALOGUE, (b'*CLS;TARG:KIND "bars";SYST:ERR?\n', NONE), *turning])
+    )
     with pytest.raises(LimitError, match="allowed are four-dot, bars, white, black"):
         target.set("siemens star")
     target.set("bars").wait(2)

@@ -37,7 +37,13 @@ def stage() -> Iterator[Callable[..., StandaAxis]]:
 
     def connect(address: str, speed: float = 100.0, *, homes_up: bool = False) -> StandaAxis:
         controllers.append(StandaController(address))
-        return StandaAxis("stage", controllers[-1], StandaKeys.model_validate({"step": "2.5 um"}), speed, homes_up=homes_up)
+        return StandaAxis(
+            "stage",
+            controllers[-1],
+            StandaKeys.model_validate({"step": "2.5 um"}),
+            speed,
+            homes_up=homes_up,
+        )
 
     yield connect
     for controller in controllers:
@@ -83,19 +89,25 @@ def test_it_has_no_reference_until_it_was_homed_and_forgets_it_with_the_connecti
 
 
 @pytest.mark.parametrize("position", [12.3456789, -0.7654321, 0.0025 / 256, 0.0])
-def test_a_move_reads_back_to_the_microstep(position: float, emulated: Callable[..., str], stage: Callable[..., StandaAxis]) -> None:
+def test_a_move_reads_back_to_the_microstep(
+    position: float, emulated: Callable[..., str], stage: Callable[..., StandaAxis]
+) -> None:
     axis = Axis("stage", stage(emulated()), (-1.0, 25.0), 100.0)
     axis.home().wait(5)
     axis.move_to(position).wait(5)
     assert axis.position() == pytest.approx(position, abs=STEP / PARTS / 2 * (1 + 1e-9))
-    assert axis.position() / STEP * PARTS == pytest.approx(round(axis.position() / STEP * PARTS), abs=1e-6)
+    assert axis.position() / STEP * PARTS == pytest.approx(
+        round(axis.position() / STEP * PARTS), abs=1e-6
+    )
 
 
 def test_a_controller_that_was_switched_off_since_its_way_was_found_free_does_not_move(
     emulated: Callable[..., str], tmp_path: Path
 ) -> None:
     controller = StandaController(emulated())
-    device = StandaAxis("stage", controller, StandaKeys.model_validate({"step": "2.5 um"}), 100.0, homes_up=False)
+    device = StandaAxis(
+        "stage", controller, StandaKeys.model_validate({"step": "2.5 um"}), 100.0, homes_up=False
+    )
     axis = Axis("stage", device, (0.0, 25.0), 100.0)
 
     def switch_off(*_: object) -> None:
@@ -113,7 +125,9 @@ def test_a_controller_that_was_switched_off_since_its_way_was_found_free_does_no
         controller.close()
 
 
-def test_a_stop_ends_a_motion_on_the_way(emulated: Callable[..., str], stage: Callable[..., StandaAxis]) -> None:
+def test_a_stop_ends_a_motion_on_the_way(
+    emulated: Callable[..., str], stage: Callable[..., StandaAxis]
+) -> None:
     axis = Axis("stage", stage(emulated(), 5.0), (0.0, 25.0), 5.0)
     axis.home().wait(5)
     status = axis.move_to(20.0)
@@ -124,28 +138,49 @@ def test_a_stop_ends_a_motion_on_the_way(emulated: Callable[..., str], stage: Ca
     assert 0 <= axis.position() < 20
 
 
-def test_the_controllers_own_ends_are_its_travel(emulated: Callable[..., str], stage: Callable[..., StandaAxis]) -> None:
+def test_the_controllers_own_ends_are_its_travel(
+    emulated: Callable[..., str], stage: Callable[..., StandaAxis]
+) -> None:
     assert stage(emulated(set_ends)).travel == pytest.approx((-1.0, 25.00125))
 
 
 def test_connecting_switches_play_compensation_off(emulated: Callable[..., str]) -> None:
     seen: list[int] = []
-    controller = StandaController(emulated(compensate_play, lambda axis: seen.append(int(axis.get_engine_settings().EngineFlags))))
-    StandaAxis("stage", controller, StandaKeys.model_validate({"step": "2.5 um"}), 100.0, homes_up=False)
+    controller = StandaController(
+        emulated(
+            compensate_play, lambda axis: seen.append(int(axis.get_engine_settings().EngineFlags))
+        )
+    )
+    StandaAxis(
+        "stage", controller, StandaKeys.model_validate({"step": "2.5 um"}), 100.0, homes_up=False
+    )
     controller.close()  # the emulated controller's memory is written then
     emulated(lambda axis: seen.append(int(axis.get_engine_settings().EngineFlags)))
     assert [flags & 8 for flags in seen] == [8, 0]
 
 
-def test_a_controller_that_was_off_is_told_again_before_it_homes(emulated: Callable[..., str], tmp_path: Path) -> None:
+def test_a_controller_that_was_off_is_told_again_before_it_homes(
+    emulated: Callable[..., str], tmp_path: Path
+) -> None:
     seen: list[tuple[int, int]] = []
 
     def look(axis: Any) -> None:
-        seen.append((int(axis.get_engine_settings().EngineFlags) & 8, axis.get_move_settings().Speed))
+        seen.append(
+            (int(axis.get_engine_settings().EngineFlags) & 8, axis.get_move_settings().Speed)
+        )
 
     controller = StandaController(emulated())
     axis = Axis(
-        "stage", StandaAxis("stage", controller, StandaKeys.model_validate({"step": "2.5 um"}), 100.0, homes_up=False), (0, 25), 100
+        "stage",
+        StandaAxis(
+            "stage",
+            controller,
+            StandaKeys.model_validate({"step": "2.5 um"}),
+            100.0,
+            homes_up=False,
+        ),
+        (0, 25),
+        100,
     )
     axis.home().wait(5)
     controller.close()
@@ -158,15 +193,22 @@ def test_a_controller_that_was_off_is_told_again_before_it_homes(emulated: Calla
     assert seen == [(8, 1000), (0, 40_000)]
 
 
-def test_a_controller_that_homes_the_other_way_is_refused(emulated: Callable[..., str], stage: Callable[..., StandaAxis]) -> None:
+def test_a_controller_that_homes_the_other_way_is_refused(
+    emulated: Callable[..., str], stage: Callable[..., StandaAxis]
+) -> None:
     """The rule of the gap relies on ``home_towards``."""
     address = emulated(turn_home_round)
-    with pytest.raises(DeviceError, match="stage: its controller homes towards higher readings; correct `home_towards`"):
+    with pytest.raises(
+        DeviceError,
+        match="stage: its controller homes towards higher readings; correct `home_towards`",
+    ):
         stage(address)
     assert stage(address, homes_up=True).position() == 0
 
 
-def test_a_controller_that_counts_an_encoder_is_refused(emulated: Callable[..., str], stage: Callable[..., StandaAxis]) -> None:
+def test_a_controller_that_counts_an_encoder_is_refused(
+    emulated: Callable[..., str], stage: Callable[..., StandaAxis]
+) -> None:
     with pytest.raises(DeviceError, match="this driver counts motor steps"):
         stage(emulated(count_an_encoder))
 
@@ -176,5 +218,7 @@ def test_it_says_who_it_is(emulated: Callable[..., str], stage: Callable[..., St
 
 
 def test_nobody_at_the_address_is_said() -> None:
-    with pytest.raises(CommunicationError, match="xi-com:/dev/no-such-port: cannot be opened; check the address"):
+    with pytest.raises(
+        CommunicationError, match="xi-com:/dev/no-such-port: cannot be opened; check the address"
+    ):
         StandaController("/dev/no-such-port")

@@ -1,4 +1,6 @@
-"""The Thorlabs driver byte by byte: against an independent encoder, the manual's numbers, and peers that answer wrongly."""
+"""The Thorlabs driver byte by byte: against an independent encoder, the manual's numbers, and peers
+that answer wrongly.
+"""
 
 import math
 import struct
@@ -34,7 +36,9 @@ def bare_state(counts: int, bits: int, channel: int = 1) -> bytes:
     return bytes.fromhex("91040e008150") + struct.pack("<HlHHL", channel, counts, 0, 0, bits)
 
 
-INFO = bytes.fromhex("060054008150") + struct.pack("<L8sH4B60sHHH", 27123456, b"KDC101", 44, 9, 1, 2, 0, bytes(60), 1, 0, 1)
+INFO = bytes.fromhex("060054008150") + struct.pack(
+    "<L8sH4B60sHHH", 27123456, b"KDC101", 44, 9, 1, 2, 0, bytes(60), 1, 0, 1
+)
 VELOCITY = bytes.fromhex("15040e008150") + struct.pack("<Hlll", 1, 0, 147, 429417)
 BACKLASH = bytes.fromhex("3c0406008150") + struct.pack("<Hl", 1, 1920)
 WAKING: Pairs = [
@@ -64,14 +68,18 @@ def linked() -> Iterator[Callable[[str], AptLink]]:
 @pytest.fixture
 def stage(dialogue: Start, linked: Callable[[str], AptLink]) -> Callable[..., ThorlabsAxis]:
     def connect(*pairs: tuple[bytes, bytes | Callable[[], bytes] | None]) -> ThorlabsAxis:
-        return ThorlabsAxis("tilt", linked(dialogue([*WAKING, *pairs])), ThorlabsKeys(timeout=0.3), math.radians(10))
+        return ThorlabsAxis(
+            "tilt", linked(dialogue([*WAKING, *pairs])), ThorlabsKeys(timeout=0.3), math.radians(10)
+        )
 
     return connect
 
 
 @given(st.integers(1, 4), st.integers(-(2**31), 2**31 - 1))
 def test_messages_are_those_of_an_independent_encoder(channel: int, counts: int) -> None:
-    assert encode(0x0453, data=struct.pack("<Hl", channel, counts)) == apt.mot_move_absolute(**TO, chan_ident=channel, position=counts)
+    assert encode(0x0453, data=struct.pack("<Hl", channel, counts)) == apt.mot_move_absolute(
+        **TO, chan_ident=channel, position=counts
+    )
     assert encode(0x0443, channel) == apt.mot_move_home(**TO, chan_ident=channel)
     assert encode(0x0465, channel, 2) == apt.mot_move_stop(**TO, chan_ident=channel, stop_mode=2)
     assert encode(0x0490, channel) == apt.mot_req_dcstatusupdate(**TO, chan_ident=channel)
@@ -81,19 +89,30 @@ def test_an_absolute_move_is_the_manuals_example() -> None:
     assert encode(0x0453, data=struct.pack("<Hl", 1, 200000)).hex() == "53040600d0010100400d0300"
 
 
-@pytest.mark.parametrize("junk", ["ffffffffffff", "910420008450", "9104ff0f8150"], ids=["noise", "for another host", "endless"])
+@pytest.mark.parametrize(
+    "junk",
+    ["ffffffffffff", "910420008450", "9104ff0f8150"],
+    ids=["noise", "for another host", "endless"],
+)
 def test_what_is_no_message_is_refused(junk: str) -> None:
     with pytest.raises(CommunicationError, match="got"):
         read_message(lambda count: bytes.fromhex(junk)[:count])
 
 
-def test_connecting_sets_the_speed_that_was_asked_for(dialogue: Start, linked: Callable[[str], AptLink]) -> None:
+def test_connecting_sets_the_speed_that_was_asked_for(
+    dialogue: Start, linked: Callable[[str], AptLink]
+) -> None:
     half = round(429417 / 2)
     set_to = VELOCITY[:-4] + struct.pack("<l", half)
     address = dialogue(
         [
             *WAKING[:2],
-            (apt.mot_set_velparams(**TO, chan_ident=1, min_velocity=0, acceleration=147, max_velocity=half), b""),
+            (
+                apt.mot_set_velparams(
+                    **TO, chan_ident=1, min_velocity=0, acceleration=147, max_velocity=half
+                ),
+                b"",
+            ),
             (apt.mot_req_velparams(**TO, chan_ident=1) + MARK, set_to + MARKED),
             *WAKING[2:],
             (apt.hw_req_info(**TO) + MARK, INFO + MARKED),
@@ -103,10 +122,20 @@ def test_connecting_sets_the_speed_that_was_asked_for(dialogue: Start, linked: C
     assert axis.identity() == "Thorlabs KDC101, serial 27123456, firmware 2.1.9"
 
 
-def test_a_controller_that_keeps_its_backlash_correction_is_refused(dialogue: Start, linked: Callable[[str], AptLink]) -> None:
+def test_a_controller_that_keeps_its_backlash_correction_is_refused(
+    dialogue: Start, linked: Callable[[str], AptLink]
+) -> None:
     """It would overshoot beyond the way that was found free."""
-    address = dialogue([*WAKING[:4], (apt.mot_req_genmoveparams(**TO, chan_ident=1) + MARK, BACKLASH + MARKED)])
-    with pytest.raises(DeviceError, match="tilt: asked to switch its backlash correction off, it keeps 1920 counts; switch it off in"):
+    address = dialogue(
+        [*WAKING[:4], (apt.mot_req_genmoveparams(**TO, chan_ident=1) + MARK, BACKLASH + MARKED)]
+    )
+    with pytest.raises(
+        DeviceError,
+        match=(
+            "tilt: asked to switch its backlash correction off, it keeps 1920 counts; switch it"
+            " off in"
+        ),
+    ):
         ThorlabsAxis("tilt", linked(address), ThorlabsKeys(timeout=0.3), math.radians(10))
 
 
@@ -125,13 +154,26 @@ def test_a_move_is_whole_counts_and_reads_back(stage: Callable[..., ThorlabsAxis
 def test_more_counts_than_a_controller_takes_are_refused_before_it_is_told(
     stage: Callable[..., ThorlabsAxis], dialogue: Start, linked: Callable[[str], AptLink]
 ) -> None:
-    with pytest.raises(LimitError, match=r"tilt: 2e\+06 deg are 3839283716 counts, more than the controller can count; nothing moved"):
+    with pytest.raises(
+        LimitError,
+        match=(
+            r"tilt: 2e\+06 deg are 3839283716 counts, more than the controller can count; nothing"
+            r" moved"
+        ),
+    ):
         stage().start_move(math.radians(2e6))
-    with pytest.raises(DeviceError, match=r"tilt: asked for 1e\+06 deg/s, more than the controller can be told; correct `speed`"):
+    with pytest.raises(
+        DeviceError,
+        match=(
+            r"tilt: asked for 1e\+06 deg/s, more than the controller can be told; correct `speed`"
+        ),
+    ):
         ThorlabsAxis("tilt", linked(dialogue([])), ThorlabsKeys(timeout=0.3), math.radians(1e6))
 
 
-def test_a_move_that_never_shows_is_an_error_that_says_so(stage: Callable[..., ThorlabsAxis], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_move_that_never_shows_is_an_error_that_says_so(
+    stage: Callable[..., ThorlabsAxis], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("drivers.thorlabs.START_S", 0.0)
     axis = stage(
         (STATUS, state(0, ENABLED | HOMED)),
@@ -154,16 +196,23 @@ def test_ends_told_unasked_do_not_pass_for_answers(stage: Callable[..., Thorlabs
     assert axis.faults() == ("position error too large",)
 
 
-def test_after_a_lost_answer_a_late_one_is_not_taken_for_the_next(stage: Callable[..., ThorlabsAxis]) -> None:
+def test_after_a_lost_answer_a_late_one_is_not_taken_for_the_next(
+    stage: Callable[..., ThorlabsAxis],
+) -> None:
     axis = stage(
-        (STATUS, b""),  # its answer comes late: before that to the question that tells answers apart
+        (
+            STATUS,
+            b"",
+        ),  # its answer comes late: before that to the question that tells answers apart
         (apt.hw_req_info(**TO), state(111, ENABLED) + INFO),
         (STATUS, state(222, ENABLED)),
     )
     assert axis.position() == pytest.approx(math.radians(222 / PER_DEGREE))
 
 
-def test_an_answer_given_twice_is_not_taken_for_the_next(stage: Callable[..., ThorlabsAxis]) -> None:
+def test_an_answer_given_twice_is_not_taken_for_the_next(
+    stage: Callable[..., ThorlabsAxis],
+) -> None:
     stray = bare_state(111, ENABLED)
     axis = stage((STATUS, state(111, ENABLED)), (STATUS, stray + state(222, ENABLED)))
     assert axis.position() == pytest.approx(math.radians(111 / PER_DEGREE))
@@ -171,6 +220,10 @@ def test_an_answer_given_twice_is_not_taken_for_the_next(stage: Callable[..., Th
 
 
 def test_an_axis_in_degrees_says_degrees(stage: Callable[..., ThorlabsAxis]) -> None:
-    axis = Axis("tilt", stage(*[(STATUS, state(0, ENABLED))] * 2), (-0.1, 0.1), 0.1, coordinate=ANGLE)
-    with pytest.raises(NotHomedError, match=r"asked to go to 5\.000000 deg, but it has no reference"):
+    axis = Axis(
+        "tilt", stage(*[(STATUS, state(0, ENABLED))] * 2), (-0.1, 0.1), 0.1, coordinate=ANGLE
+    )
+    with pytest.raises(
+        NotHomedError, match=r"asked to go to 5\.000000 deg, but it has no reference"
+    ):
         axis.move_to(math.radians(5))

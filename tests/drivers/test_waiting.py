@@ -22,7 +22,9 @@ class Watched(threading.Event):
 
 
 @pytest.mark.parametrize("timeout", [None, 10.0])
-def test_no_wait_is_longer_than_a_stretch_for_on_windows_none_can_be_interrupted(timeout: float | None) -> None:
+def test_no_wait_is_longer_than_a_stretch_for_on_windows_none_can_be_interrupted(
+    timeout: float | None,
+) -> None:
     event = Watched()
     threading.Timer(3 * STRETCH_S, event.set).start()
     assert wait_for(event, timeout)
@@ -37,7 +39,9 @@ def test_a_wait_ends_at_its_timeout() -> None:
     assert not wait_for(threading.Event(), 0.0)
 
 
-def test_a_stage_that_is_waited_for_is_waited_for_in_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stage_that_is_waited_for_is_waited_for_in_stretches(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     events: list[Watched] = []
     monkeypatch.setattr(threading, "Event", lambda: events.append(Watched()) or events[-1])
     status = Status("array_stage to 12.5 mm")

@@ -1,4 +1,6 @@
-"""The grammar of the Zaber driver against lines written down by hand, and every fault of a line against a scripted peer."""
+"""The grammar of the Zaber driver against lines written down by hand, and every fault of a line
+against a scripted peer.
+"""
 
 import time
 from collections.abc import Callable
@@ -14,11 +16,15 @@ Play = Callable[[list[tuple[bytes, object]]], str]
 
 
 def line(body: str) -> bytes:
-    """A line with the checksum as its definition has it: everything after the first character sums to 0 modulo 256."""
+    """A line with the checksum as its definition has it: everything after the first character sums
+    to 0 modulo 256.
+    """
     return f"{body}:{(256 - sum(map(ord, body[1:])) % 256) % 256:02X}\r\n".encode()
 
 
-@pytest.mark.parametrize(("body", "due"), [(b"1 0 00 get pos", "2D"), (b"0 0 01", "FF"), (b"1 1 42", "F8")])
+@pytest.mark.parametrize(
+    ("body", "due"), [(b"1 0 00 get pos", "2D"), (b"0 0 01", "FF"), (b"1 1 42", "F8")]
+)
 def test_the_checksum_is_the_one_the_vendors_client_sends(body: bytes, due: str) -> None:
     assert checksum(body) == due
 
@@ -31,7 +37,15 @@ def test_a_command_carries_address_id_and_checksum() -> None:
 def test_a_reply_is_read_field_by_field() -> None:
     reply = parse(b"@01 1 42 OK IDLE -- 0:06")
     assert reply is not None
-    assert (reply.device, reply.axis, reply.id, reply.accepted, reply.busy, reply.flag, reply.data) == (1, 1, 42, True, False, "--", "0")
+    assert (
+        reply.device,
+        reply.axis,
+        reply.id,
+        reply.accepted,
+        reply.busy,
+        reply.flag,
+        reply.data,
+    ) == (1, 1, 42, True, False, "--", "0")
 
 
 @pytest.mark.parametrize("unasked", [b"#01 0 hello: world", b"!01 1 IDLE --", b"!01 1 IDLE FS"])
@@ -41,7 +55,15 @@ def test_information_and_alerts_are_not_replies(unasked: bytes) -> None:
 
 @pytest.mark.parametrize(
     "garbage",
-    [b"", b"@", b"@01 1 42 OK IDLE -- 0:07", b"@01 1 42 OK IDLE -- 0", b"@1 1 42 OK IDLE", b"\xff\x00\x80", b"HTTP/1.1 400 Bad Request"],
+    [
+        b"",
+        b"@",
+        b"@01 1 42 OK IDLE -- 0:07",
+        b"@01 1 42 OK IDLE -- 0",
+        b"@1 1 42 OK IDLE",
+        b"\xff\x00\x80",
+        b"HTTP/1.1 400 Bad Request",
+    ],
 )
 def test_what_is_not_this_protocol_is_refused(garbage: bytes) -> None:
     with pytest.raises(CommunicationError, match="got"):
@@ -68,7 +90,9 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_move_is_never_sent_twice_and_its_fault_names_device_question_answer(fault: str, dialogue: Play) -> None:
+def test_a_move_is_never_sent_twice_and_its_fault_names_device_question_answer(
+    fault: str, dialogue: Play
+) -> None:
     came, says = FAULTS[fault]
     chain = chain_at(dialogue([(line("/2 1 00 move abs 5"), came)]))
     with pytest.raises(CommunicationError, match=says) as caught:
@@ -79,7 +103,9 @@ def test_a_move_is_never_sent_twice_and_its_fault_names_device_question_answer(f
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_question_is_repeated_once_after_what_was_left_on_the_line(fault: str, dialogue: Play) -> None:
+def test_a_question_is_repeated_once_after_what_was_left_on_the_line(
+    fault: str, dialogue: Play
+) -> None:
     chain = chain_at(dialogue([(FIRST, FAULTS[fault][0]), (AGAIN, GOOD_AGAIN)]))
     assert chain.ask("array_stage", 2, 1, "get pos", repeatable=True).data == "5"
     chain.close()
@@ -106,19 +132,28 @@ def test_a_late_reply_is_not_taken_for_the_next_ones(dialogue: Play) -> None:
 
 
 def test_a_reply_may_be_late_by_any_number_of_commands(dialogue: Play) -> None:
-    """Ids go round after 99 commands, in a tenth of a second on a network; the reply of the round before tells an old position."""
-    prompt = [(line(f"/2 1 {one:02d} get pos"), line(f"@02 1 {one:02d} OK IDLE -- 7")) for one in [*range(1, 99), 1]]
+    """Ids go round after 99 commands, in a tenth of a second on a network; the reply of the round
+    before tells an old position.
+    """
+    prompt = [
+        (line(f"/2 1 {one:02d} get pos"), line(f"@02 1 {one:02d} OK IDLE -- 7"))
+        for one in [*range(1, 99), 1]
+    ]
     prompt[98] = (prompt[98][0], GOOD + prompt[98][1])
     chain = chain_at(dialogue([(FIRST, b""), *prompt]))
     with pytest.raises(CommunicationError, match="no answer"):
         chain.ask("array_stage", 2, 1, "get pos", repeatable=False)
-    assert {chain.ask("array_stage", 2, 1, "get pos", repeatable=False).data for _ in range(99)} == {"7"}
+    assert {
+        chain.ask("array_stage", 2, 1, "get pos", repeatable=False).data for _ in range(99)
+    } == {"7"}
     chain.close()
 
 
 @pytest.mark.ci
 def test_a_line_on_which_nothing_is_understood_is_asked_on_and_on(dialogue: Play) -> None:
-    chain = chain_at(dialogue([(line(f"/2 1 {number % 99:02d} get pos"), b"?\r\n") for number in range(120)]))
+    chain = chain_at(
+        dialogue([(line(f"/2 1 {number % 99:02d} get pos"), b"?\r\n") for number in range(120)])
+    )
     for _ in range(120):
         with pytest.raises(CommunicationError, match="not a reply"):
             chain.ask("array_stage", 2, 1, "get pos", repeatable=False)
@@ -147,7 +182,9 @@ def test_what_comes_unasked_is_kept_aside(dialogue: Play) -> None:
     chain.close()
 
 
-def test_a_stop_does_not_wait_for_another_exchange_and_its_reply_disturbs_none(dialogue: Play) -> None:
+def test_a_stop_does_not_wait_for_another_exchange_and_its_reply_disturbs_none(
+    dialogue: Play,
+) -> None:
     stop = line("/1 1 99 stop")
     chain = chain_at(dialogue([(stop, line("@01 1 99 OK IDLE -- 0")), (FIRST, GOOD)]))
     with chain._turn:  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]

@@ -1,7 +1,9 @@
-"""What a bench must do before a run is trusted to it: of the simulated bench every day, of a real one with ``--hardware BENCH``.
+"""What a bench must do before a run is trusted to it: of the simulated bench every day, of a real
+one with ``--hardware BENCH``.
 
-On a real bench this moves things: every axis is homed in the order that the procedures keep, and each moves over a twentieth of its
-travel. Iris and target holder that a person moves are left alone.
+On a real bench this moves things: every axis is homed in the order that the procedures keep, and
+each moves over a twentieth of its travel. Iris and target holder that a person moves are left
+alone.
 """
 
 from collections.abc import Iterator
@@ -37,12 +39,17 @@ def small_simulated_bench(root: Path, folder: Path) -> Path:
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "axis" in metafunc.fixturenames:
-        given = metafunc.config.getoption("--hardware") or metafunc.config.rootpath / "examples/benches/simulated.yaml"
+        given = (
+            metafunc.config.getoption("--hardware")
+            or metafunc.config.rootpath / "examples/benches/simulated.yaml"
+        )
         metafunc.parametrize("axis", list(read_bench(Path(given)).description.axes), indirect=True)
 
 
 @pytest.fixture(scope="module")
-def bench(request: pytest.FixtureRequest, root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedBench]:
+def bench(
+    request: pytest.FixtureRequest, root: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ConnectedBench]:
     """The bench, homed."""
     given = request.config.getoption("--hardware")
     file = Path(given) if given else small_simulated_bench(root, tmp_path_factory.mktemp("bench"))

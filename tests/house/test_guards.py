@@ -44,13 +44,25 @@ def run_pytest(root: Path, folder: Path, **environment: str) -> subprocess.Compl
     (folder / "tests" / "test_leavers.py").write_text(LEAVERS, encoding="utf-8")
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(folder)]
     variables = {**os.environ, "COLUMNS": "250", **environment}
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=variables)
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, env=variables
+    )
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="children are listed by the Linux kernel only")
+@pytest.mark.skipif(
+    not Path("/proc/self/task").exists(), reason="children are listed by the Linux kernel only"
+)
 def test_a_test_that_leaves_a_thread_or_a_child_fails(root: Path, tmp_path: Path) -> None:
     done = run_pytest(root, tmp_path, FLFLAB_R12A=str(tmp_path / "nowhere"))
     assert "3 passed, 1 deselected, 2 errors" in done.stdout
-    assert "ERROR tests/test_leavers.py::test_leaves_a_thread - Failed: left running: threads" in done.stdout
-    assert "ERROR tests/test_leavers.py::test_leaves_a_child - Failed: left running: threads [], processes" in done.stdout
-    assert "deselected" in next(line for line in done.stdout.splitlines() if line.startswith("r12a: not here"))
+    assert (
+        "ERROR tests/test_leavers.py::test_leaves_a_thread - Failed: left running: threads"
+        in done.stdout
+    )
+    assert (
+        "ERROR tests/test_leavers.py::test_leaves_a_child - Failed: left running: threads [],"
+        " processes" in done.stdout
+    )
+    assert "deselected" in next(
+        line for line in done.stdout.splitlines() if line.startswith("r12a: not here")
+    )

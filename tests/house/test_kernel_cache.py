@@ -1,4 +1,6 @@
-"""Compiled kernels go with the sources they were compiled from, and need no folder that can be written."""
+"""Compiled kernels go with the sources they were compiled from, and need no folder that can be
+written.
+"""
 
 import os
 import shutil
@@ -11,7 +13,10 @@ import pytest
 
 import flflab
 
-SAY = "from flflab.image.geometry.clipping import clip; clip(9.0, 0.0, 1.0, 0.0, 0.5, 1.0); import os; print(os.environ['NUMBA_CACHE_DIR'])"
+SAY = (
+    "from flflab.image.geometry.clipping import clip; clip(9.0, 0.0, 1.0, 0.0, 0.5, 1.0); import"
+    " os; print(os.environ['NUMBA_CACHE_DIR'])"
+)
 SHARE = f"""
 import subprocess, sys
 from pathlib import Path
@@ -19,20 +24,26 @@ from pathlib import Path
 sys.stdout.flush()
 subprocess.run([sys.executable, "-c", "import os, flflab; print(os.environ['NUMBA_CACHE_DIR'])"], check=True)
 print(len(list(Path(os.environ["NUMBA_CACHE_DIR"]).rglob("*.nbi"))))
-"""
+"""  # noqa: E501
 INTERRUPTED = """
 import os, signal
 from flflab import cli
 cli.stranger_among_packages = lambda: (print(os.environ["NUMBA_CACHE_DIR"], flush=True), signal.raise_signal(signal.SIGINT))
 cli.main()
-"""
-WITHOUT_PRIVILEGES = ["setpriv", "--inh-caps=-all", "--bounding-set=-all"]  # root itself writes everywhere
+"""  # noqa: E501
+WITHOUT_PRIVILEGES = [
+    "setpriv",
+    "--inh-caps=-all",
+    "--bounding-set=-all",
+]  # root itself writes everywhere
 
 
 def run(home: Path, cache: Path) -> Path:
     environment = os.environ | {"PYTHONPATH": str(home), "NUMBA_CACHE_DIR": str(cache)}
     command = [sys.executable, "-c", SAY]
-    done = subprocess.run(command, cwd=home, env=environment, check=True, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        command, cwd=home, env=environment, check=True, capture_output=True, text=True, timeout=120
+    )
     return Path(done.stdout.strip())
 
 
@@ -40,19 +51,25 @@ def run(home: Path, cache: Path) -> Path:
 def home(tmp_path: Path) -> Path:
     """A folder with an installation of flflab."""
     home = tmp_path / "home"
-    shutil.copytree(Path(flflab.__file__).parent, home / "flflab", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        Path(flflab.__file__).parent, home / "flflab", ignore=shutil.ignore_patterns("__pycache__")
+    )
     return home
 
 
 @pytest.mark.ci
-def test_a_change_in_what_a_kernel_calls_makes_it_compiled_anew_and_old_ones_go(home: Path, tmp_path: Path) -> None:
+def test_a_change_in_what_a_kernel_calls_makes_it_compiled_anew_and_old_ones_go(
+    home: Path, tmp_path: Path
+) -> None:
     cache = tmp_path / "cache"
     (cache / "another's").mkdir(parents=True)
     first = run(home, cache)
     assert first.parent == cache
     assert list(first.rglob("*.nbi"))
     assert run(home, cache) == first == run(home, first)
-    (home / "flflab" / "cli" / "__init__.py").write_text('"""Nothing that a kernel calls."""\n', encoding="utf-8")
+    (home / "flflab" / "cli" / "__init__.py").write_text(
+        '"""Nothing that a kernel calls."""\n', encoding="utf-8"
+    )
     assert run(home, cache) == first
     folders = {first}
     for number in range(4):
@@ -66,13 +83,20 @@ def test_a_change_in_what_a_kernel_calls_makes_it_compiled_anew_and_old_ones_go(
 
 
 def variables_that_name(place: str, folder: Path, home: Path) -> dict[str, str]:
-    """Variables that have kernels kept in a place where nobody can write, or in a folder that somebody else made before."""
+    """Variables that have kernels kept in a place where nobody can write, or in a folder that
+    somebody else made before.
+    """
     file, read_only = folder / "file", folder / "read only"
     file.touch()
     if place == "given":
         return {"NUMBA_CACHE_DIR": str(file / "kernels")}
     if place == "user's":
-        return {"NUMBA_CACHE_DIR": "", "XDG_CACHE_HOME": "", "LOCALAPPDATA": str(file), "HOME": str(file)}
+        return {
+            "NUMBA_CACHE_DIR": "",
+            "XDG_CACHE_HOME": "",
+            "LOCALAPPDATA": str(file),
+            "HOME": str(file),
+        }
     run(home, read_only).chmod(0o555)
     return {"NUMBA_CACHE_DIR": str(read_only)}
 
@@ -88,16 +112,29 @@ def run_without_a_place(
             pytest.skip("Windows writes into folders marked read-only")
         if os.geteuid() == 0:
             if shutil.which(WITHOUT_PRIVILEGES[0]) is None:
-                pytest.skip(f"root writes everywhere, and {WITHOUT_PRIVILEGES[0]} (util-linux), which takes that away, is not here")
+                pytest.skip(
+                    f"root writes everywhere, and {WITHOUT_PRIVILEGES[0]} (util-linux), which takes"
+                    " that away, is not here"
+                )
             prefix = WITHOUT_PRIVILEGES
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    variables = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(temporary)) | variables_that_name(request.param, tmp_path, home)
+    variables = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(temporary)) | variables_that_name(
+        request.param, tmp_path, home
+    )
     environment = os.environ | {"PYTHONPATH": str(home)} | variables
 
     def run(program: str) -> "subprocess.CompletedProcess[str]":
         command = [*prefix, sys.executable, "-c", program]
-        return subprocess.run(command, cwd=home, env=environment, check=False, capture_output=True, text=True, timeout=120)
+        return subprocess.run(
+            command,
+            cwd=home,
+            env=environment,
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
 
     yield run
     for folder in (tmp_path / "read only").glob("flflab-*"):

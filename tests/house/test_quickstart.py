@@ -50,7 +50,9 @@ def run_outside(script: Path, version: str) -> "subprocess.CompletedProcess[str]
 
 
 def test_quickstart_without_a_command_says_how_it_is_used(root: Path) -> None:
-    done = subprocess.run([sys.executable, str(root / "quickstart.py")], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, str(root / "quickstart.py")], capture_output=True, text=True, check=False
+    )
     assert done.returncode != 0
     assert done.stderr.startswith("usage: python quickstart.py validate")
 
@@ -69,12 +71,16 @@ def test_an_older_python_is_told_which_one_is_needed_and_touches_nothing(script:
 def test_an_older_python_can_read_what_it_is_told(root: Path) -> None:
     text = (root / "quickstart.py").read_text(encoding="utf-8")
     ast.parse(text, feature_version=(3, 8))
-    assert text.count("from __future__ import annotations") == 1  # annotations with | are read by no Python before 3.10
+    assert (
+        text.count("from __future__ import annotations") == 1
+    )  # annotations with | are read by no Python before 3.10
     project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert f"OLDEST = ({project['requires-python'].removeprefix('>=').replace('.', ', ')})" in text
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="the programs of the environment are shell scripts")
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="the programs of the environment are shell scripts"
+)
 def test_an_environment_that_works_is_left_as_it_is(script: Path) -> None:
     before = sorted(script.parent.rglob("*"))
     done = run_outside(script, "3.11")
@@ -88,14 +94,24 @@ def test_an_environment_that_works_is_left_as_it_is(script: Path) -> None:
 def test_of_a_command_that_a_signal_ends_it_says_what_a_shell_would(root: Path) -> None:
     killed = "import os, signal; os.kill(os.getpid(), signal.SIGTERM)"
     command = [sys.executable, "-c", RUN, str(root / "quickstart.py"), killed]
-    assert subprocess.run(command, capture_output=True, check=False, timeout=60).returncode == 128 + signal.SIGTERM
+    assert (
+        subprocess.run(command, capture_output=True, check=False, timeout=60).returncode
+        == 128 + signal.SIGTERM
+    )
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="an interrupt cannot be sent to one group of processes alone there")
+@pytest.mark.skipif(
+    sys.platform == "win32",
+    reason="an interrupt cannot be sent to one group of processes alone there",
+)
 def test_who_presses_ctrl_c_hears_how_the_command_ends(root: Path) -> None:
     command = [sys.executable, "-c", RUN, str(root / "quickstart.py"), CHILD]
-    heard = signal.signal(signal.SIGINT, signal.default_int_handler)  # though a shell tells jobs in the background to ignore it
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as quickstart:
+    heard = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # though a shell tells jobs in the background to ignore it
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as quickstart:
         signal.signal(signal.SIGINT, heard)
         assert quickstart.stdout is not None
         while quickstart.stdout.readline() != "stages move\n":

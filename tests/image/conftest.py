@@ -17,7 +17,14 @@ Difference = Callable[..., float]
 @pytest.fixture(scope="session")
 def camera() -> Camera:
     """The laboratory's camera with a sensor of a few micro-images."""
-    array = MicrolensArray(layout="square", count=(25, 25), pitch=(0.4, 0.4), aperture=0.336, focal_lengths=(0.917,), distance=60.0)
+    array = MicrolensArray(
+        layout="square",
+        count=(25, 25),
+        pitch=(0.4, 0.4),
+        aperture=0.336,
+        focal_lengths=(0.917,),
+        distance=60.0,
+    )
     return Camera(MainLens(50.0, 4.0), array, Sensor((270, 230), 0.00166, 61.15))
 
 
@@ -35,19 +42,28 @@ def with_gap() -> Callable[[float], Camera]:
 
 @pytest.fixture(scope="session")
 def largest_difference() -> Difference:
-    """Largest difference between the picture and traced rays over some lit pixels, half of them where the picture is steepest.
+    """Largest difference between the picture and traced rays over some lit pixels, half of them
+    where the picture is steepest.
 
     What the reference cannot vouch for is taken off: four of its own uncertainties.
     """
 
-    def compare(scene: Scene, count: int = 6, tolerance: float = 0.002, wanted: float = 3e-4) -> float:
+    def compare(
+        scene: Scene, count: int = 6, tolerance: float = 0.002, wanted: float = 3e-4
+    ) -> float:
         image = render(scene, tolerance=tolerance)
         assert image.any(), "nothing of the scene is lit"
         rng = np.random.default_rng(7)
         steepness = np.abs(np.gradient(image)).sum(axis=0)
         places = [np.argwhere(image > 0), np.argwhere(steepness > 0.5 * steepness.max())]
-        chosen = np.concatenate([place[rng.integers(0, len(place), count // 2)] for place in places])
-        mean = None if scene.stray_light is None else float(render(replace(scene, stray_light=None, colour_filter=None)).mean())
+        chosen = np.concatenate(
+            [place[rng.integers(0, len(place), count // 2)] for place in places]
+        )
+        mean = (
+            None
+            if scene.stray_light is None
+            else float(render(replace(scene, stray_light=None, colour_filter=None)).mean())
+        )
         traced, uncertainty = trace_pixels(scene, chosen[:, ::-1], wanted=wanted, mean_light=mean)
         return float((np.abs(image[chosen[:, 0], chosen[:, 1]] - traced) - 4 * uncertainty).max())
 

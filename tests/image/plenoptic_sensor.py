@@ -1,7 +1,9 @@
-"""A focused light field camera as a sensor plugin of Mitsuba 3, and its pictures; imported only where mitsuba is.
+"""A focused light field camera as a sensor plugin of Mitsuba 3, and its pictures; imported only
+where mitsuba is.
 
-Every sample picks a place on the pixel, the nearest microlens (one of nine where micro-images overlap) and a place on it, refracts the
-ray there and at the main lens and drops it where a stop does; what it then meets, Mitsuba traces. World units are mm.
+Every sample picks a place on the pixel, the nearest microlens (one of nine where micro-images
+overlap) and a place on it, refracts the ray there and at the main lens and drops it where a stop
+does; what it then meets, Mitsuba traces. World units are mm.
 """
 
 import importlib
@@ -28,7 +30,9 @@ def mitsuba() -> Any:
 
 
 def register(mi: Any, camera: Camera) -> None:
-    """Make the camera known to Mitsuba as the sensor "plenoptic"; its film is as large as the sensor."""
+    """Make the camera known to Mitsuba as the sensor "plenoptic"; its film is as large as the
+    sensor.
+    """
     dr = importlib.import_module("drjit")
 
     pitch, radius = camera.array.pitch, camera.array.aperture / 2
@@ -47,11 +51,19 @@ def register(mi: Any, camera: Camera) -> None:
         def __init__(self, properties: Any) -> None:
             super().__init__(properties)
 
-        def sample_ray(self, time: Any, wavelength_sample: Any, position_sample: Any, aperture_sample: Any, active: Any = True) -> Any:
+        def sample_ray(
+            self,
+            time: Any,
+            wavelength_sample: Any,
+            position_sample: Any,
+            aperture_sample: Any,
+            active: Any = True,
+        ) -> Any:
             # the film counts pixels by their corners, we by their centres
             x = (position_sample.x * columns - columns / 2) * pixel + offset[0]
             y = (position_sample.y * rows - rows / 2) * pixel + offset[1]
-            # one more random number, for the neighbour, out of the first of two for the place on the microlens
+            # one more random number, for the neighbour, out of the first of two for the place on
+            # the microlens
             chosen = aperture_sample.x * around**2
             pick = dr.minimum(dr.floor(chosen), around**2 - 1)
             row = dr.floor(pick / around)
@@ -65,17 +77,23 @@ def register(mi: Any, camera: Camera) -> None:
                 & (cy > first[1] - pitch[1] / 2)
                 & (cy < last[1] + pitch[1] / 2)
             )
-            disc = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(chosen - pick, aperture_sample.y))
+            disc = mi.warp.square_to_uniform_disk_concentric(
+                mi.Point2f(chosen - pick, aperture_sample.y)
+            )
             tx, ty = radius * disc.x, radius * disc.y
             slope_x, slope_y = (x - cx - tx) / gap + tx / focal, (y - cy - ty) / gap + ty / focal
             main_x, main_y = cx + tx - depth * slope_x, cy + ty - depth * slope_y
             through = there & (main_x**2 + main_y**2 <= stop**2)
-            direction = dr.normalize(mi.Vector3f(-(slope_x + main_x / main_focal), -(slope_y + main_y / main_focal), -1))
+            direction = dr.normalize(
+                mi.Vector3f(-(slope_x + main_x / main_focal), -(slope_y + main_y / main_focal), -1)
+            )
             ray = mi.RayDifferential3f(mi.Ray3f(mi.Point3f(main_x, main_y, 0), direction, time))
             weight = dr.select(through, around**2 * np.pi * radius**2 / concentration, 0)
             return ray, mi.Color1f(weight)
 
-        def sample_ray_differential(self, time: Any, wavelength: Any, position: Any, aperture: Any, active: Any = True) -> Any:
+        def sample_ray_differential(
+            self, time: Any, wavelength: Any, position: Any, aperture: Any, active: Any = True
+        ) -> Any:
             return self.sample_ray(time, wavelength, position, aperture, active)
 
         def needs_aperture_sample(self) -> bool:
@@ -84,12 +102,24 @@ def register(mi: Any, camera: Camera) -> None:
     mi.register_sensor("plenoptic", Plenoptic)
 
 
-def picture_scene(mi: Any, camera: Camera, values: Array, width: float, distance: float, sampler: str, samples: int) -> Any:
+def picture_scene(
+    mi: Any,
+    camera: Camera,
+    values: Array,
+    width: float,
+    distance: float,
+    sampler: str,
+    samples: int,
+) -> Any:
     """Mitsuba's scene of a picture that shines by itself, black around."""
     rows, columns = values.shape
     height = width * rows / columns
-    bitmap = mi.Bitmap(np.ascontiguousarray(values[..., None], dtype=np.float32))  # columns rise with x and rows with y, as ours do
-    to_world = mi.ScalarTransform4f().translate([0, 0, -distance]) @ mi.ScalarTransform4f().scale([width / 2, height / 2, 1])
+    bitmap = mi.Bitmap(
+        np.ascontiguousarray(values[..., None], dtype=np.float32)
+    )  # columns rise with x and rows with y, as ours do
+    to_world = mi.ScalarTransform4f().translate([0, 0, -distance]) @ mi.ScalarTransform4f().scale(
+        [width / 2, height / 2, 1]
+    )
     return mi.load_dict(
         {
             "type": "scene",

@@ -1,4 +1,6 @@
-"""What crooked rays make of a picture when no card stops them, against rays refracted one by one."""
+"""What crooked rays make of a picture when no card stops them, against rays refracted one by
+one.
+"""
 
 from dataclasses import replace
 
@@ -34,11 +36,17 @@ def leaning(camera: Camera, target: Target, motion: Motion | None) -> Scene:
         (Edge(0.4), None),
         pytest.param(FourDot(0.9, 1.6), None, marks=pytest.mark.ci),
         pytest.param(SQUARES, None, marks=pytest.mark.ci),
-        pytest.param(Bars((0.8, 0.8), 30.0, 30.0), Motion(drift=(0.05, 0.02), vibration=(-0.01, 0.03)), marks=pytest.mark.ci),
+        pytest.param(
+            Bars((0.8, 0.8), 30.0, 30.0),
+            Motion(drift=(0.05, 0.02), vibration=(-0.01, 0.03)),
+            marks=pytest.mark.ci,
+        ),
     ],
     ids=["bars", "edge", "dots", "picture", "moving bars"],
 )
-def test_rays_that_end_where_no_map_says_are_those_traced(camera: Camera, target: Target, motion: Motion | None) -> None:
+def test_rays_that_end_where_no_map_says_are_those_traced(
+    camera: Camera, target: Target, motion: Motion | None
+) -> None:
     scene = leaning(camera, target, motion)
     setup = make_setup(scene, scene.planes[0], TOLERANCE, ALL)
     straight = np.zeros((32, 40))
@@ -48,4 +56,6 @@ def test_rays_that_end_where_no_map_says_are_those_traced(camera: Camera, target
     traced, uncertainty = trace_pixels(scene, pixels[:, ::-1], wanted=TOLERANCE / 5)
     rows, columns = pixels.T
     assert np.all(np.abs(told[rows, columns] - traced) < TOLERANCE + 3 * uncertainty)
-    assert np.all(np.abs(straight[rows, columns] - traced) > TOLERANCE + 3 * uncertainty)  # the map alone would not pass
+    assert np.all(
+        np.abs(straight[rows, columns] - traced) > TOLERANCE + 3 * uncertainty
+    )  # the map alone would not pass

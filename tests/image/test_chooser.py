@@ -52,7 +52,9 @@ def test_what_is_left_out_and_the_quadrature_share_the_tolerance(scene: Scene) -
         assert 0.7 * tolerance - 1e-12 <= left_out + choice.tolerance <= tolerance
 
 
-def test_what_saves_next_to_no_time_is_left_out_only_where_it_changes_next_to_nothing(scene: Scene) -> None:
+def test_what_saves_next_to_no_time_is_left_out_only_where_it_changes_next_to_nothing(
+    scene: Scene,
+) -> None:
     for share, on in ((0.003, True), (1e-6, False)):
         choice = choose(replace(scene, stray_light=StrayLight(share)), 0.01)
         (stray,) = (one for one in choice.decisions if one.name == "stray-light")
@@ -64,19 +66,29 @@ def test_levels_keep_less_or_more(scene: Scene) -> None:
     fast, auto, reference = (choose(scene, 0.05, level) for level in ("fast", "auto", "reference"))
     assert fast.effects <= auto.effects <= reference.effects
     assert fast.tolerance > auto.tolerance > reference.tolerance == LEAST_TOLERANCE
-    assert reference.effects == {"defocus", "vignetting", "pixel", "diffraction", "falloff"}  # nothing overlaps
+    assert reference.effects == {
+        "defocus",
+        "vignetting",
+        "pixel",
+        "diffraction",
+        "falloff",
+    }  # nothing overlaps
 
 
 def test_a_list_is_taken_as_it_is(scene: Scene) -> None:
     report = take_picture(scene, effects="pixel, falloff")
     assert on(report) == {"pixel", "falloff"}
-    assert {effect.why for effect in report.effects if effect.name == "scatter"} == {"the scene has none"}
+    assert {effect.why for effect in report.effects if effect.name == "scatter"} == {
+        "the scene has none"
+    }
 
 
 def test_what_is_too_little_to_matter_and_on_says_that_it_was_asked_for(scene: Scene) -> None:
     image = 60 - 1 / (1 / 0.917 - 1 / 1.15)
     sharp = replace(scene, planes=(replace(scene.planes[0], distance=1 / (1 / 50 - 1 / image)),))
-    (defocus,) = (one for one in choose(sharp, 0.002, "reference").decisions if one.name == "defocus")
+    (defocus,) = (
+        one for one in choose(sharp, 0.002, "reference").decisions if one.name == "defocus"
+    )
     assert defocus.on
     assert defocus.why.endswith("softens edges: too little to matter, but asked for")
 
@@ -84,7 +96,11 @@ def test_what_is_too_little_to_matter_and_on_says_that_it_was_asked_for(scene: S
 def test_scattered_microlenses_cost_time_and_next_to_no_scatter_is_left_out(scene: Scene) -> None:
     costs = {}
     for scattered in (0.003, 1e-9):
-        (scatter,) = (one for one in choose(replace(scene, scatter=Scatter(scattered)), 0.002).decisions if one.name == "scatter")
+        (scatter,) = (
+            one
+            for one in choose(replace(scene, scatter=Scatter(scattered)), 0.002).decisions
+            if one.name == "scatter"
+        )
         costs[scatter.on] = scatter.cost
     assert set(costs) == {True, False}
     assert costs[True] > 0
@@ -96,7 +112,9 @@ def test_electrons_are_told_in_whole_numbers(scene: Scene) -> None:
 
 
 def test_noise_comes_with_a_seed_and_repeats_with_it(camera: Camera) -> None:
-    scene = one_plane(replace(camera, sensor=replace(camera.sensor, resolution=(96, 64))), Bars(), 506.7)
+    scene = one_plane(
+        replace(camera, sensor=replace(camera.sensor, resolution=(96, 64))), Bars(), 506.7
+    )
     one, again, other = (take_picture(scene, seed=seed).image for seed in (1, 1, 2))
     quiet = take_picture(scene).image
     assert np.array_equal(one, again)
@@ -106,11 +124,17 @@ def test_noise_comes_with_a_seed_and_repeats_with_it(camera: Camera) -> None:
 
 
 def test_any_subset_of_the_noise_can_be_asked_for(camera: Camera) -> None:
-    scene = one_plane(replace(camera, sensor=replace(camera.sensor, resolution=(96, 64))), Black(), 506.7)
+    scene = one_plane(
+        replace(camera, sensor=replace(camera.sensor, resolution=(96, 64))), Black(), 506.7
+    )
     response = SensorResponse(dead_pixels=DeadPixels(0.1))
-    read = take_picture(scene, effects="pixel,read-noise", seed=1, response=response, electrons_at_white=1000.0).image
+    read = take_picture(
+        scene, effects="pixel,read-noise", seed=1, response=response, electrons_at_white=1000.0
+    ).image
     assert read.std() == pytest.approx(3 / 1000, rel=0.05)
-    stuck = take_picture(scene, effects="pixel,dead-pixels", seed=1, response=response, electrons_at_white=1000.0)
+    stuck = take_picture(
+        scene, effects="pixel,dead-pixels", seed=1, response=response, electrons_at_white=1000.0
+    )
     assert 0.05 < float((stuck.image != 0).mean()) < 0.15
     assert on(stuck) == {"pixel", "dead-pixels"}
 
@@ -118,9 +142,18 @@ def test_any_subset_of_the_noise_can_be_asked_for(camera: Camera) -> None:
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ("sparkle", "there is no 'sparkle'; allowed: one of auto, fast, reference, or a list of defocus, vignetting"),
+        (
+            "sparkle",
+            (
+                "there is no 'sparkle'; allowed: one of auto, fast, reference, or a list of"
+                " defocus, vignetting"
+            ),
+        ),
         ("auto,fast", "'auto,fast' is a list; auto, fast, reference stand alone; give one of"),
-        ("pixel, reference", "'pixel, reference' is a list; auto, fast, reference stand alone; give one of"),
+        (
+            "pixel, reference",
+            "'pixel, reference' is a list; auto, fast, reference stand alone; give one of",
+        ),
         ("pixel,shot-noise", "shot-noise need a seed"),
         ("", "the list is empty"),
     ],
@@ -147,8 +180,12 @@ def test_a_time_budget_gives_the_best_that_fits_or_says_what_would(scene: Scene)
 
 @pytest.mark.parametrize("seconds", [0.5, 3.0, 20.0])
 @pytest.mark.parametrize("power", [0.5, 1.0])
-def test_choosing_and_the_picture_chosen_together_take_no_longer_than_the_budget(seconds: float, power: float) -> None:
-    """By a clock of their own: a picture takes longer the finer it is, and so does every try; they had taken 2.3 s of 1 s."""
+def test_choosing_and_the_picture_chosen_together_take_no_longer_than_the_budget(
+    seconds: float, power: float
+) -> None:
+    """By a clock of their own: a picture takes longer the finer it is, and so does every try; they
+    had taken 2.3 s of 1 s.
+    """
     now, tiles = [0.0], np.arange(10000).reshape(100, 100) % 7 == 0
 
     def spend(time: float, tolerance: float) -> None:
@@ -159,7 +196,12 @@ def test_choosing_and_the_picture_chosen_together_take_no_longer_than_the_budget
         return np.zeros(wanted.shape)
 
     def tried(tolerance: float) -> float:
-        return expected_seconds(lambda wanted: form(tolerance, wanted), lambda _: spend(0.005, tolerance), tiles, lambda: now[0])
+        return expected_seconds(
+            lambda wanted: form(tolerance, wanted),
+            lambda _: spend(0.005, tolerance),
+            tiles,
+            lambda: now[0],
+        )
 
     chosen = finest_within(seconds, tried, lambda: now[0])
     picture = 0.015 * chosen**-power
@@ -167,8 +209,12 @@ def test_choosing_and_the_picture_chosen_together_take_no_longer_than_the_budget
     assert picture > 0.1 * seconds
 
 
-@pytest.mark.parametrize(("seconds", "counts"), [(0.01, (4, 3)), (0.2, (1, 1))], ids=["brief", "long"])
-def test_only_what_is_brief_is_tried_again_so_that_a_budget_is_not_spent_on_trying(seconds: float, counts: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("seconds", "counts"), [(0.01, (4, 3)), (0.2, (1, 1))], ids=["brief", "long"]
+)
+def test_only_what_is_brief_is_tried_again_so_that_a_budget_is_not_spent_on_trying(
+    seconds: float, counts: tuple[int, int]
+) -> None:
     now, formed = [0.0], list[int]()
     tiles = np.arange(100).reshape(10, 10) % 7 == 0
 
@@ -181,7 +227,9 @@ def test_only_what_is_brief_is_tried_again_so_that_a_budget_is_not_spent_on_tryi
     assert (formed.count(int(tiles.sum())), formed.count(0)) == counts
 
 
-def test_the_tiles_that_a_budget_is_judged_by_hold_their_share_of_light_though_dots_lie_far_between(camera: Camera) -> None:
+def test_the_tiles_that_a_budget_is_judged_by_hold_their_share_of_light_though_dots_lie_far_between(
+    camera: Camera,
+) -> None:
     whole_sensor = replace(camera, sensor=replace(camera.sensor, resolution=(3664, 2748)))
     scene = short_scene(whole_sensor, Plane(FourDot(), 507.0))
     lit, tried = render(scene, tolerance=0.01) > 1e-3, tiles_tried(scene)
@@ -198,12 +246,24 @@ def test_the_tiles_that_a_budget_is_judged_by_hold_their_share_of_light_though_d
         pytest.param(range(920, 921), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
         (range(143, 144), RESOLUTION, 0.001, True),
         pytest.param(range(801, 802), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
-        pytest.param(range(4, 10), (32, 24), 0.02, False, marks=[pytest.mark.ci, pytest.mark.timeout(400)]),
+        pytest.param(
+            range(4, 10), (32, 24), 0.02, False, marks=[pytest.mark.ci, pytest.mark.timeout(400)]
+        ),
         pytest.param(range(40, 41), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
         pytest.param(range(10004, 10005), RESOLUTION, 0.001, True, marks=pytest.mark.ci),
-        pytest.param(range(719, 720), RESOLUTION, 0.001, True, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
-        pytest.param(range(10, 50), (32, 24), 0.02, False, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
-        pytest.param(range(1000), RESOLUTION, 0.001, True, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
+        pytest.param(
+            range(719, 720),
+            RESOLUTION,
+            0.001,
+            True,
+            marks=[pytest.mark.full, pytest.mark.timeout(0)],
+        ),
+        pytest.param(
+            range(10, 50), (32, 24), 0.02, False, marks=[pytest.mark.full, pytest.mark.timeout(0)]
+        ),
+        pytest.param(
+            range(1000), RESOLUTION, 0.001, True, marks=[pytest.mark.full, pytest.mark.timeout(0)]
+        ),
     ],
     ids=[
         "few scenes of rays",
@@ -224,7 +284,10 @@ def test_auto_differs_from_the_reference_by_less_than_asked_for_and_knows_by_how
 ) -> None:
     trials = [try_scene(seed, resolution, finest, waves) for seed in seeds]
     assert [trial for trial in trials if not trial.kept] == []
-    assert np.mean([trial.estimated <= 5 * trial.achieved for trial in trials if trial.telling]) >= 0.95
+    assert (
+        np.mean([trial.estimated <= 5 * trial.achieved for trial in trials if trial.telling])
+        >= 0.95
+    )
 
 
 @pytest.mark.ci

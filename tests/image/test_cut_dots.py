@@ -39,7 +39,9 @@ def test_a_cut_dot_has_the_spectrum_of_its_points() -> None:
 def test_the_parts_on_both_sides_of_a_cut_add_up_to_the_dot() -> None:
     (low, high), middle = EVERYWHERE, 17.3
     parts = [(low, np.array([middle, high[1]])), (np.array([middle, low[1]]), high)]
-    both = sum(cut_dots_spectrum(CENTRES, RADII, *part, 0.5, FREQUENCIES, FREQUENCIES) for part in parts)
+    both = sum(
+        cut_dots_spectrum(CENTRES, RADII, *part, 0.5, FREQUENCIES, FREQUENCIES) for part in parts
+    )
     whole = cut_dots_spectrum(CENTRES, RADII, low, high, 0.5, FREQUENCIES, FREQUENCIES)
     assert np.abs(both - whole).max() < 1e-9 * np.abs(whole).max()
 
@@ -55,7 +57,9 @@ def test_the_parts_on_both_sides_of_a_cut_add_up_to_the_dot() -> None:
     ],
     ids=["its lower part", "past a side", "outside", "around", "inside"],
 )
-def test_a_clipped_square_is_what_both_have_in_common(low: tuple[float, float], high: tuple[float, float], area: float) -> None:
+def test_a_clipped_square_is_what_both_have_in_common(
+    low: tuple[float, float], high: tuple[float, float], area: float
+) -> None:
     square = np.array([[-0.5, 0.0], [0.5, 0.0], [0.5, 1.0], [-0.5, 1.0]])
     x, y = clipped(square, np.array(low), np.array(high)).reshape(-1, 2).T
     assert 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) == pytest.approx(area)
@@ -63,9 +67,13 @@ def test_a_clipped_square_is_what_both_have_in_common(low: tuple[float, float], 
 
 @pytest.mark.ci
 @pytest.mark.parametrize("distance", [506.7016, 480.0], ids=["in focus", "blurred"])
-def test_the_rim_of_a_dot_far_larger_than_the_view_is_an_edge(camera: Camera, distance: float) -> None:
+def test_the_rim_of_a_dot_far_larger_than_the_view_is_an_edge(
+    camera: Camera, distance: float
+) -> None:
     """Across it; along it the rim bends away."""
-    lone = replace(camera, array=replace(camera.array, count=(1, 1)), sensor=Sensor((120, 120), 0.00166, 61.15))
+    lone = replace(
+        camera, array=replace(camera.array, count=(1, 1)), sensor=Sensor((120, 120), 0.00166, 61.15)
+    )
     tolerance, dots = 1e-3, FourDot(diameter=300.0, spacing=800.0)
     to_rim = -(dots.spacing / 2 - dots.diameter / 2 / math.sqrt(2))
 
@@ -74,7 +82,13 @@ def test_the_rim_of_a_dot_far_larger_than_the_view_is_an_edge(camera: Camera, di
         plane = replace(scene.planes[0], offset=(place, place))
         image = np.zeros((120, 120))
         wanted = np.eye(120, dtype=np.bool_)
-        add_plane_with_diffraction(image, make_setup(replace(scene, planes=(plane,)), plane, tolerance), target, 550e-6, wanted)
+        add_plane_with_diffraction(
+            image,
+            make_setup(replace(scene, planes=(plane,)), plane, tolerance),
+            target,
+            550e-6,
+            wanted,
+        )
         return np.diag(image)
 
     of_dot, of_edge = seen(dots, to_rim), seen(Edge(math.pi / 4), 0.0)

@@ -1,7 +1,8 @@
-"""What a thread of a device works out of a pixel is what the processor's kernels make of it, for all sorts of targets and cameras.
+"""What a thread of a device works out of a pixel is what the processor's kernels make of it, for
+all sorts of targets and cameras.
 
-Without a device the threads' functions run one after the other, compiled to round products and sums as a device does; the test of a
-device itself is skipped.
+Without a device the threads' functions run one after the other, compiled to round products and sums
+as a device does; the test of a device itself is skipped.
 """
 
 from collections.abc import Callable
@@ -35,22 +36,39 @@ from flflab.targets import Bars, Chirp, Edge, FourDot, Picture, Target, White
 Array = npt.NDArray[np.float64]
 
 PICTURE = Picture(np.random.default_rng(1).random((30, 40)), 40.0)
-TARGETS = (White(), Bars(), Chirp((0.1, 2.0), width=30.0, height=20.0), Edge(0.3), FourDot(), PICTURE)
+TARGETS = (
+    White(),
+    Bars(),
+    Chirp((0.1, 2.0), width=30.0, height=20.0),
+    Edge(0.3),
+    FourDot(),
+    PICTURE,
+)
 EQUAL = 1e-12
 
 
 @cache
 def rounded_once(kernel: Any) -> Any:
-    """A kernel, and all that it calls, whose products and sums have one rounding together, as numba-cuda has them."""
+    """A kernel, and all that it calls, whose products and sums have one rounding together, as
+    numba-cuda has them.
+    """
     known = dict(kernel.py_func.__globals__)
-    called = [name for name in kernel.py_func.__code__.co_names if isinstance(known.get(name), CPUDispatcher)]
+    called = [
+        name
+        for name in kernel.py_func.__code__.co_names
+        if isinstance(known.get(name), CPUDispatcher)
+    ]
     known.update({name: rounded_once(known[name]) for name in called})
     function = FunctionType(kernel.py_func.__code__, known, kernel.py_func.__name__)
-    return numba.njit(error_model="numpy", fastmath={"contract"} | set(kernel.targetoptions.get("fastmath", ())))(function)
+    return numba.njit(
+        error_model="numpy", fastmath={"contract"} | set(kernel.targetoptions.get("fastmath", ()))
+    )(function)
 
 
 @numba.njit(error_model="numpy")
-def by_pixels(image: Array, pixel: Any, across: int, room: Array, begins: Array, listed: Array, arguments: Any) -> None:
+def by_pixels(
+    image: Array, pixel: Any, across: int, room: Array, begins: Array, listed: Array, arguments: Any
+) -> None:
     """What the threads of all blocks do, one after the other."""
     for row in range(image.shape[0]):
         for column in range(image.shape[1]):
@@ -60,11 +78,21 @@ def by_pixels(image: Array, pixel: Any, across: int, room: Array, begins: Array,
 
 
 def instead(pixel: Any, make: Callable[..., Any], room: tuple[int, ...]) -> Callable[..., None]:
-    """A kernel that forms a picture pixel by pixel and takes the arguments of one that goes entry by entry."""
+    """A kernel that forms a picture pixel by pixel and takes the arguments of one that goes entry
+    by entry.
+    """
 
     def add(image: Array, rows: tuple[int, int], windows: Any, seen: Any) -> None:
         _, begins, listed, given = make(image.shape, windows, seen)
-        by_pixels(image, rounded_once(pixel), -(-image.shape[1] // WIDE), np.empty(room), begins, listed, given)
+        by_pixels(
+            image,
+            rounded_once(pixel),
+            -(-image.shape[1] // WIDE),
+            np.empty(room),
+            begins,
+            listed,
+            given,
+        )
 
     return add
 
@@ -80,9 +108,18 @@ def pixel_by_pixel(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     return change
 
 
-def camera(f_number: float = 4.0, count: tuple[int, int] = (9, 7), resolution: tuple[int, int] = (150, 110)) -> Camera:
+def camera(
+    f_number: float = 4.0, count: tuple[int, int] = (9, 7), resolution: tuple[int, int] = (150, 110)
+) -> Camera:
     distance = 1 / (1 / 50.0 - 1 / 1000.0) - 3.6
-    array = MicrolensArray(layout="square", count=count, pitch=(0.4, 0.4), aperture=0.4, focal_lengths=(0.9,), distance=distance)
+    array = MicrolensArray(
+        layout="square",
+        count=count,
+        pitch=(0.4, 0.4),
+        aperture=0.4,
+        focal_lengths=(0.9,),
+        distance=distance,
+    )
     return Camera(MainLens(50.0, f_number), array, Sensor(resolution, 0.01, distance + 0.72))
 
 
@@ -105,7 +142,9 @@ def pictures(scene: Scene) -> list[Array]:
     rows, columns = scene.camera.sensor.resolution[::-1]
     wanted = np.random.default_rng(2).random((rows, columns)) < 0.5
     coarse = isinstance(scene.planes[0].target, Picture)
-    return [render(scene, tolerance=0.02 if coarse else 0.003, wanted=given) for given in (None, wanted)]
+    return [
+        render(scene, tolerance=0.02 if coarse else 0.003, wanted=given) for given in (None, wanted)
+    ]
 
 
 @pytest.mark.ci
@@ -118,7 +157,10 @@ def test_a_pixel_by_itself_is_what_it_is_among_its_neighbours_however_it_is_roun
     together = pictures(scene)
     pixel_by_pixel()
     assert together[0].max() > 0.1
-    assert max(np.abs(one - other).max() for one, other in zip(together, pictures(scene), strict=True)) < EQUAL
+    assert (
+        max(np.abs(one - other).max() for one, other in zip(together, pictures(scene), strict=True))
+        < EQUAL
+    )
 
 
 @pytest.mark.ci
@@ -128,14 +170,18 @@ def test_a_pixel_by_itself_has_the_fall_off_of_its_parts(
     target: Target, distance: float, roll: float, pixel_by_pixel: Callable[[], None]
 ) -> None:
     """A tolerance so fine that the fall-off of a pixel's middle does not do."""
-    scene = Scene(camera(2.8, resolution=(60, 50)), (Plane(target, distance, roll=roll),), falloff=Falloff())
+    scene = Scene(
+        camera(2.8, resolution=(60, 50)), (Plane(target, distance, roll=roll),), falloff=Falloff()
+    )
     together = render(scene, tolerance=4e-4)
     pixel_by_pixel()
     assert np.abs(together - render(scene, tolerance=4e-4)).max() < EQUAL
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("target", "make"), [(Bars(), ruled_work), (PICTURE, texels_work)], ids=["bars", "picture"])
+@pytest.mark.parametrize(
+    ("target", "make"), [(Bars(), ruled_work), (PICTURE, texels_work)], ids=["bars", "picture"]
+)
 def test_more_tables_than_memory_should_hold_are_left_to_the_processor(
     target: Target, make: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -157,11 +203,16 @@ def test_more_tables_than_memory_should_hold_are_left_to_the_processor(
 @pytest.mark.skipif(found.device_kernels() is None, reason="needs a CUDA device and the extra cuda")
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
 @pytest.mark.parametrize("index", range(7))
-def test_a_device_forms_the_picture_that_the_processor_forms(target: Target, index: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_forms_the_picture_that_the_processor_forms(
+    target: Target, index: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scene = scenes(target)[index]
     monkeypatch.setattr(found, "WORTH", 0.0)
     on_device = pictures(scene)
     monkeypatch.setattr(form, "device_kernels", lambda: None)
     on_cores = pictures(scene)
     assert on_cores[0].max() > 0.1
-    assert max(np.abs(one - other).max() for one, other in zip(on_device, on_cores, strict=True)) < EQUAL
+    assert (
+        max(np.abs(one - other).max() for one, other in zip(on_device, on_cores, strict=True))
+        < EQUAL
+    )

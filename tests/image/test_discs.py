@@ -23,12 +23,19 @@ UNIT = 2.0**-53
 
 
 def exact(radius1: float, radius2: float, distance: float) -> mpf:
-    r, R, d = sorted((mpf(radius1), mpf(radius2)))[0], max(mpf(radius1), mpf(radius2)), mpf(distance)
+    r, R, d = (
+        sorted((mpf(radius1), mpf(radius2)))[0],
+        max(mpf(radius1), mpf(radius2)),
+        mpf(distance),
+    )
     if d >= r + R:
         return mpf(0)
     if d <= R - r:
         return mp.pi * r**2
-    a, b = mp.acos((d * d + r * r - R * R) / (2 * d * r)), mp.acos((d * d + R * R - r * r) / (2 * d * R))
+    a, b = (
+        mp.acos((d * d + r * r - R * R) / (2 * d * r)),
+        mp.acos((d * d + R * R - r * r) / (2 * d * R)),
+    )
     return r * r * (a - mp.sin(a) * mp.cos(a)) + R * R * (b - mp.sin(b) * mp.cos(b))
 
 
@@ -36,11 +43,23 @@ def hard_inputs(count: int, seed: int) -> tuple[npt.NDArray[np.float64], ...]:
     """Radii up to 1 : 1e9, a third each near outer tangency, near nesting, and anywhere between."""
     rng = np.random.default_rng(seed)
     r = 10 ** rng.uniform(-3, 3, count)
-    R = r * np.where(rng.random(count) < 0.3, 1 + 10 ** rng.uniform(-15, 0, count), 10 ** rng.uniform(0, 9, count))
+    R = r * np.where(
+        rng.random(count) < 0.3,
+        1 + 10 ** rng.uniform(-15, 0, count),
+        10 ** rng.uniform(0, 9, count),
+    )
     gap = 10 ** rng.uniform(-15, 0, count)
     between = np.abs(R - r) + (r + R - np.abs(R - r)) * rng.random(count)
     kind = rng.integers(0, 3, count)
-    return r, R, np.where(kind == 0, (r + R) * (1 - gap * r / R), np.where(kind == 1, np.abs(R - r) + r * gap, between))
+    return (
+        r,
+        R,
+        np.where(
+            kind == 0,
+            (r + R) * (1 - gap * r / R),
+            np.where(kind == 1, np.abs(R - r) + r * gap, between),
+        ),
+    )
 
 
 def worst_error(count: int, seed: int) -> float:
@@ -51,7 +70,12 @@ def worst_error(count: int, seed: int) -> float:
     with mp.workdps(60):
         for area, *given in zip(areas, *inputs, strict=True):
             truth = exact(*given)
-            worst = max(worst, float(abs(mpf(area) - truth) / truth) / UNIT if truth else (0.0 if area == 0 else math.inf))
+            worst = max(
+                worst,
+                float(abs(mpf(area) - truth) / truth) / UNIT
+                if truth
+                else (0.0 if area == 0 else math.inf),
+            )
     return worst
 
 
@@ -78,7 +102,9 @@ def test_two_discs_to_8_units_of_roundoff_over_a_million() -> None:
         (1.0, 1e9, 1e9 + 1, 0.0),
     ],
 )
-def test_tangent_nested_coinciding_and_empty_discs(radius1: float, radius2: float, distance: float, area: float) -> None:
+def test_tangent_nested_coinciding_and_empty_discs(
+    radius1: float, radius2: float, distance: float, area: float
+) -> None:
     assert two_disc_area(radius1, radius2, distance) == pytest.approx(area, rel=1e-15)
     assert two_disc_area(radius2, radius1, distance) == two_disc_area(radius1, radius2, distance)
 
@@ -101,18 +127,30 @@ def test_three_discs_and_a_disc_in_a_rectangle_agree_with_counting() -> None:
     for _ in range(40):
         x2, y2, x3, y3 = rng.uniform(-1.5, 1.5, 4)
         r2, r3 = rng.uniform(0.1, 2.0, 2)
-        three = unit & ((x - x2) ** 2 + (y - y2) ** 2 <= r2**2) & ((x - x3) ** 2 + (y - y3) ** 2 <= r3**2)
-        assert three_disc_area(0.0, 0.0, 1.0, x2, y2, r2, x3, y3, r3) == pytest.approx(counted(three), abs=6e-4)
+        three = (
+            unit
+            & ((x - x2) ** 2 + (y - y2) ** 2 <= r2**2)
+            & ((x - x3) ** 2 + (y - y3) ** 2 <= r3**2)
+        )
+        assert three_disc_area(0.0, 0.0, 1.0, x2, y2, r2, x3, y3, r3) == pytest.approx(
+            counted(three), abs=6e-4
+        )
         left, right = np.sort(np.round(rng.uniform(-1.5, 1.5, 2) * 400) / 400)
         bottom, top = np.sort(np.round(rng.uniform(-1.5, 1.5, 2) * 400) / 400)
         cut = unit & (x > left) & (x < right) & (y > bottom) & (y < top)
-        assert disc_rectangle_area(1.0, left, right, bottom, top) == pytest.approx(counted(cut), abs=6e-4)
+        assert disc_rectangle_area(1.0, left, right, bottom, top) == pytest.approx(
+            counted(cut), abs=6e-4
+        )
 
 
 def test_a_third_disc_that_cuts_nothing_off_leaves_two() -> None:
     lens = two_disc_area(1.0, 1.2, 0.8)
-    assert three_disc_area(0.0, 0.0, 1.0, 0.8, 0.0, 1.2, 0.3, 0.1, 50.0) == pytest.approx(lens, rel=1e-14)
-    assert three_disc_area(0.0, 0.0, 1.0, 0.8, 0.0, 1.2, 0.0, 0.0, 1.0) == pytest.approx(lens, rel=1e-14)
+    assert three_disc_area(0.0, 0.0, 1.0, 0.8, 0.0, 1.2, 0.3, 0.1, 50.0) == pytest.approx(
+        lens, rel=1e-14
+    )
+    assert three_disc_area(0.0, 0.0, 1.0, 0.8, 0.0, 1.2, 0.0, 0.0, 1.0) == pytest.approx(
+        lens, rel=1e-14
+    )
     assert three_disc_area(0.0, 0.0, 1.0, 0.8, 0.0, 1.2, 9.0, 0.0, 1.0) == 0.0
     assert three_disc_area(0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0) == pytest.approx(math.pi)
 
@@ -120,7 +158,9 @@ def test_a_third_disc_that_cuts_nothing_off_leaves_two() -> None:
 def test_a_third_disc_of_huge_radius_cuts_like_a_line() -> None:
     for radius in (1e3, 1e6):
         area = three_disc_area(0.0, 0.0, 1.0, 0.0, 0.0, 1.5, radius, 0.0, radius)
-        assert area == pytest.approx(math.pi / 2 - 1 / (3 * radius), rel=1e-5)  # the half disc less the sagitta's sliver
+        assert area == pytest.approx(
+            math.pi / 2 - 1 / (3 * radius), rel=1e-5
+        )  # the half disc less the sagitta's sliver
 
 
 def test_the_strips_of_a_lens_add_up_to_its_area() -> None:
@@ -132,11 +172,19 @@ def test_the_strips_of_a_lens_add_up_to_its_area() -> None:
         x, y = distance * math.cos(angle), distance * math.sin(angle)
         low, high = lens_rows(x, y, radius)
         heights = low + (high - low) * (np.arange(4000) + 0.5) / 4000
-        chords = [max(0.0, right - left) for left, right in (lens_chord(x, y, radius, float(at)) for at in heights)]
-        assert (high - low) * float(np.mean(chords)) == pytest.approx(two_disc_area(1.0, radius, distance), abs=2e-4)
+        chords = [
+            max(0.0, right - left)
+            for left, right in (lens_chord(x, y, radius, float(at)) for at in heights)
+        ]
+        assert (high - low) * float(np.mean(chords)) == pytest.approx(
+            two_disc_area(1.0, radius, distance), abs=2e-4
+        )
 
 
-@pytest.mark.parametrize(("x", "y", "radius"), [(0.0, 0.0, 2.0), (1.7, -1.4, 3.0), (-0.6, 0.8, 0.9), (0.2, 2.2, 3.0), (0.1, 0.3, 0.4)])
+@pytest.mark.parametrize(
+    ("x", "y", "radius"),
+    [(0.0, 0.0, 2.0), (1.7, -1.4, 3.0), (-0.6, 0.8, 0.9), (0.2, 2.2, 3.0), (0.1, 0.3, 0.4)],
+)
 def test_a_strip_stands_for_all_points_of_the_lens_in_it(x: float, y: float, radius: float) -> None:
     step = 0.002
     across, up = np.meshgrid(np.arange(-1, 1, step) + step / 2, np.arange(-1, 1, step) + step / 2)
@@ -145,10 +193,17 @@ def test_a_strip_stands_for_all_points_of_the_lens_in_it(x: float, y: float, rad
     for strips in (4, 8):
         ends = np.pi * np.arange(strips + 1) / strips
         for start, end in itertools.pairwise(ends):
-            middle, at, width, height = lens_strip(x, y, radius, low, high, float(start), float(end))
-            top, bottom = ((low + high - (high - low) * math.cos(angle)) / 2 for angle in (end, start))
+            middle, at, width, height = lens_strip(
+                x, y, radius, low, high, float(start), float(end)
+            )
+            top, bottom = (
+                (low + high - (high - low) * math.cos(angle)) / 2 for angle in (end, start)
+            )
             points = within & (up > bottom) & (up < top)
             assert height == pytest.approx(top - bottom)
             moments = width * height * np.array([1.0, middle, at])
-            counted = np.array([np.count_nonzero(points), across[points].sum(), up[points].sum()]) * step**2
+            counted = (
+                np.array([np.count_nonzero(points), across[points].sum(), up[points].sum()])
+                * step**2
+            )
             assert moments == pytest.approx(counted, abs=0.2 / strips**2)

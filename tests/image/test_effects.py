@@ -1,4 +1,6 @@
-"""What the effects say of themselves, against closed forms and against pictures formed without them."""
+"""What the effects say of themselves, against closed forms and against pictures formed without
+them.
+"""
 
 import math
 from dataclasses import replace
@@ -43,14 +45,25 @@ def test_blur_rim_overlap_and_airy_disc_are_those_of_the_worked_example(camera: 
 
 
 def test_shifts_are_told_in_pixels_of_the_sensor(camera: Camera) -> None:
-    scene = replace(one_plane(camera, Bars(), 506.7016), motion=Motion(drift=(0.3, 0.4)), distortion=Distortion(0.5))
+    scene = replace(
+        one_plane(camera, Bars(), 506.7016),
+        motion=Motion(drift=(0.3, 0.4)),
+        distortion=Distortion(0.5),
+    )
     assert size(scene, "motion") == pytest.approx(0.5 * 0.0278179 / 1.66e-3, rel=1e-3)
     field = survey(scene).field
-    assert size(scene, "distortion") == pytest.approx(0.5 * field**3 * 506.7016 * 0.0278179 / 1.66e-3, rel=1e-3)
+    assert size(scene, "distortion") == pytest.approx(
+        0.5 * field**3 * 506.7016 * 0.0278179 / 1.66e-3, rel=1e-3
+    )
 
 
 def test_what_an_ideal_scene_has_not_is_not_among_its_effects(camera: Camera) -> None:
-    assert [one.name for one in effects_of(one_plane(camera, White(), 500.0))] == ["defocus", "vignetting", "overlap", "pixel"]
+    assert [one.name for one in effects_of(one_plane(camera, White(), 500.0))] == [
+        "defocus",
+        "vignetting",
+        "overlap",
+        "pixel",
+    ]
     rolled = replace(camera, array=replace(camera.array, roll=0.01))
     assert "misalignment" in {one.name for one in effects_of(one_plane(rolled, White(), 500.0))}
 
@@ -72,7 +85,10 @@ def test_a_picture_without_an_effect_differs_by_no_more_than_its_bound(
 ) -> None:
     small = replace(camera, sensor=replace(camera.sensor, resolution=(96, 64)))
     pictured = replace(one_plane(small, Edge(math.radians(30)), distance), **scene)  # pyright: ignore[reportArgumentType]
-    change = np.abs(render(pictured, tolerance=TOLERANCE) - render(pictured, tolerance=TOLERANCE, effects=ALL - {name})).max()
+    change = np.abs(
+        render(pictured, tolerance=TOLERANCE)
+        - render(pictured, tolerance=TOLERANCE, effects=ALL - {name})
+    ).max()
     bound = effect(pictured, name).bound(survey(pictured))
     assert change <= bound + 2 * TOLERANCE
     assert 0 < bound < 1
@@ -80,8 +96,13 @@ def test_a_picture_without_an_effect_differs_by_no_more_than_its_bound(
 
 def test_a_turned_target_differs_by_no_more_than_its_bound(camera: Camera) -> None:
     small = replace(camera, sensor=replace(camera.sensor, resolution=(96, 64)))
-    scene = Scene(small, (Plane(Edge(0.3), 480.0, offset=(0.1, 0.0), roll=0.001, tilt=(0.01, 0.0)),))
-    change = np.abs(render(scene, tolerance=TOLERANCE) - render(scene, tolerance=TOLERANCE, effects=ALL - {"misalignment"})).max()
+    scene = Scene(
+        small, (Plane(Edge(0.3), 480.0, offset=(0.1, 0.0), roll=0.001, tilt=(0.01, 0.0)),)
+    )
+    change = np.abs(
+        render(scene, tolerance=TOLERANCE)
+        - render(scene, tolerance=TOLERANCE, effects=ALL - {"misalignment"})
+    ).max()
     bound = effect(scene, "misalignment").bound(survey(scene))
     assert change <= bound + 2 * TOLERANCE
     assert bound < 0.1
@@ -98,7 +119,9 @@ BY_HAND = [pytest.mark.full, pytest.mark.timeout(0)]
         *(pytest.param(seed, LARGE, marks=BY_HAND) for seed in range(40)),
     ],
 )
-def test_no_effect_of_a_random_scene_changes_more_than_its_bound(seed: int, size_and_tolerance: tuple[tuple[int, int], float]) -> None:
+def test_no_effect_of_a_random_scene_changes_more_than_its_bound(
+    seed: int, size_and_tolerance: tuple[tuple[int, int], float]
+) -> None:
     resolution, tolerance = size_and_tolerance
     scene = random_scene(np.random.default_rng([seed, 4]), resolution)
     regime = survey(scene)
@@ -106,5 +129,7 @@ def test_no_effect_of_a_random_scene_changes_more_than_its_bound(seed: int, size
     for one in effects_of(scene):
         bound = one.bound(regime)
         if one.name in ALL and bound < 0.5:
-            change = np.abs(whole - render(scene, tolerance=tolerance, effects=ALL - {one.name})).max()
+            change = np.abs(
+                whole - render(scene, tolerance=tolerance, effects=ALL - {one.name})
+            ).max()
             assert change <= bound + 2 * tolerance, one.name

@@ -26,7 +26,9 @@ FOCUS = 506.7016
 
 @pytest.fixture(scope="module")
 def wide() -> Camera:
-    """The laboratory's camera with a sensor of about three by three micro-images, so that every dot is seen a few times."""
+    """The laboratory's camera with a sensor of about three by three micro-images, so that every dot
+    is seen a few times.
+    """
     array = MicrolensArray("square", (25, 25), (0.4, 0.4), 0.336, (0.917,), 60.0)
     return Camera(MainLens(50.0, 4.0), array, Sensor((700, 700), 0.00166, 61.15))
 
@@ -66,19 +68,25 @@ def images_of(truth: dict[str, Any]) -> list[dict[str, Any]]:
 )
 def test_dots_lie_where_the_truth_says(wide: Camera, plane: Plane, change: dict[str, Any]) -> None:
     camera = change.get("camera", lambda camera: camera)(wide)
-    scene = replace(Scene(camera, (plane,)), **{name: part for name, part in change.items() if name != "camera"})
+    scene = replace(
+        Scene(camera, (plane,)), **{name: part for name, part in change.items() if name != "camera"}
+    )
     truth = ground_truth(scene)
     image = render(scene)
     lattice = truth["lattice"]
     inside = {
         tuple(lens): (centre, radius)
-        for lens, centre, radius in zip(lattice["microlenses"], lattice["centres_px"], lattice["inside_radii_px"], strict=True)
+        for lens, centre, radius in zip(
+            lattice["microlenses"], lattice["centres_px"], lattice["inside_radii_px"], strict=True
+        )
     }
     compared = 0
     for found in images_of(truth):
         centre, radius = inside[tuple(found["microlens"])]
         if math.dist(centre, found["place_px"]) + 8 < radius:  # the dot's whole image is fully lit
-            assert centroid(image, found["place_px"], 9) == pytest.approx(found["place_px"], abs=0.02)
+            assert centroid(image, found["place_px"], 9) == pytest.approx(
+                found["place_px"], abs=0.02
+            )
             compared += 1
     assert compared >= 4
 
@@ -88,19 +96,27 @@ def test_a_tilted_and_rolled_target_keeps_its_shape_and_lies_in_its_plane() -> N
     corners = np.array([dot_position(plane, place) for place in SMALL.centres])
     for one in range(4):
         for other in range(4):
-            assert math.dist(corners[one], corners[other]) == pytest.approx(math.dist(SMALL.centres[one], SMALL.centres[other]))
+            assert math.dist(corners[one], corners[other]) == pytest.approx(
+                math.dist(SMALL.centres[one], SMALL.centres[other])
+            )
     assert corners.mean(axis=0) == pytest.approx([0.4, 0.9, 400.0])
     for x, y, away in corners:
         assert away == pytest.approx(400 + 0.3 * (x - 0.4) - 0.2 * (y - 0.9))
-    flat = np.array([dot_position(replace(plane, tilt=(0.0, 0.0)), place) for place in SMALL.centres])[:, :2] - [0.4, 0.9]
-    assert np.arctan2(*(flat[1] - flat[0])[::-1]) == pytest.approx(-0.3)  # its x axis turns from the world's towards y
+    flat = np.array(
+        [dot_position(replace(plane, tilt=(0.0, 0.0)), place) for place in SMALL.centres]
+    )[:, :2] - [0.4, 0.9]
+    assert np.arctan2(*(flat[1] - flat[0])[::-1]) == pytest.approx(
+        -0.3
+    )  # its x axis turns from the world's towards y
 
 
 @pytest.mark.parametrize("coefficient", [-5.0, 0.0, 5.0])
 def test_a_distorted_direction_leads_back_to_where_it_came_from(coefficient: float) -> None:
     angle = np.array([0.06, -0.1])
     paraxial = paraxial_angle(angle, Distortion(coefficient))
-    assert paraxial * (1 + coefficient * float(paraxial @ paraxial)) == pytest.approx(angle, rel=1e-12)
+    assert paraxial * (1 + coefficient * float(paraxial @ paraxial)) == pytest.approx(
+        angle, rel=1e-12
+    )
 
 
 def test_light_is_at_the_places_of_the_total_views_and_nowhere_else(wide: Camera) -> None:
@@ -124,10 +140,16 @@ def test_light_is_at_the_places_of_the_total_views_and_nowhere_else(wide: Camera
 def test_the_lattice_is_that_of_the_white_picture(wide: Camera) -> None:
     scene = Scene(hexagonal(wide), (Plane(White(), FOCUS),))
     lattice, image = ground_truth(scene)["lattice"], render(scene)
-    whole = [centre for centre in lattice["centres_px"] if 100 < centre[0] < 600 and 100 < centre[1] < 600]
+    whole = [
+        centre
+        for centre in lattice["centres_px"]
+        if 100 < centre[0] < 600 and 100 < centre[1] < 600
+    ]
     assert len(whole) >= 3
     for centre in whole:
-        assert centroid(image, centre, math.ceil(lattice["outside_radius_px"])) == pytest.approx(centre, abs=0.01)
+        assert centroid(image, centre, math.ceil(lattice["outside_radius_px"])) == pytest.approx(
+            centre, abs=0.01
+        )
     assert lattice["angle_deg"] == pytest.approx(math.degrees(0.03))
     apart = np.hypot(*(np.array(whole) - lattice["origin_px"]).T)
     assert lattice["pitch_px"] == pytest.approx(apart[apart > 1].min(), rel=1e-9)
@@ -151,5 +173,9 @@ def test_what_the_model_does_not_say_is_null_with_a_reason_and_all_is_json(wide:
         assert key in truth["reasons"]
         assert truth["planes"][-1]["dots"] is None
     assert truth["camera"]["sharp_distance_mm"] == pytest.approx(FOCUS, abs=1e-3)
-    assert truth["planes"][0]["target"] == {"kind": "four-dot", "diameter_mm": 0.3, "spacing_mm": 3.0}
+    assert truth["planes"][0]["target"] == {
+        "kind": "four-dot",
+        "diameter_mm": 0.3,
+        "spacing_mm": 3.0,
+    }
     assert truth["planes"][0]["magnification"] == pytest.approx(0.0278179, rel=1e-5)

@@ -1,4 +1,6 @@
-"""How much light changes with the size of the pattern it is spread by, which tells how unlike microlenses may share a table."""
+"""How much light changes with the size of the pattern it is spread by, which tells how unlike
+microlenses may share a table.
+"""
 
 import math
 
@@ -13,7 +15,9 @@ Array = npt.NDArray[np.float64]
 
 
 def light_of_a_dot(radius: float, away: Array, blur: float) -> Array:
-    """Share of a blur's disc that lies on a dot so far away, by the two segments that they have in common."""
+    """Share of a blur's disc that lies on a dot so far away, by the two segments that they have in
+    common.
+    """
 
     def segment(round_by: float, to_chord: Array) -> Array:
         inside = np.clip(to_chord / round_by, -1, 1)
@@ -26,14 +30,18 @@ def light_of_a_dot(radius: float, away: Array, blur: float) -> Array:
 @pytest.mark.parametrize("times", [2.0, 3.0, 5.0, 20.0])
 def test_a_large_dot_changes_a_little_more_than_an_edge(times: float) -> None:
     away, step = np.linspace(times - 1.001, times + 1.001, 4001), 1e-4
-    change = np.abs(light_of_a_dot(times, away, math.exp(step)) - light_of_a_dot(times, away, math.exp(-step))) / (2 * step)
+    change = np.abs(
+        light_of_a_dot(times, away, math.exp(step)) - light_of_a_dot(times, away, math.exp(-step))
+    ) / (2 * step)
     said = largest_change(FourDot(2 * times, 10 * times), 1.0)
     assert 0.95 * said < change.max() < said
 
 
 @pytest.mark.parametrize("times", [2.0, 2.5, 4.0, 6.0])
 def test_large_texels_change_most_at_a_corner(times: float) -> None:
-    """Whatever is black and white: all texels are white on which the circle has a larger share than the disc."""
+    """Whatever is black and white: all texels are white on which the circle has a larger share than
+    the disc.
+    """
     turns = (np.arange(3000) + 0.5) / 3000 * 2 * np.pi
     x, y = np.meshgrid(*2 * ((np.arange(200) + 0.5) / 100 - 1,))
     inside = np.hypot(x, y) < 1
@@ -45,14 +53,21 @@ def test_large_texels_change_most_at_a_corner(times: float) -> None:
                 return np.floor((x + right) / times) * 100 + np.floor((y + up) / times)
 
             on_circle, in_disc = texel(np.cos(turns), np.sin(turns)), texel(x[inside], y[inside])
-            shares = [float(np.mean(on_circle == one) - np.mean(in_disc == one)) for one in np.unique(in_disc)]
+            shares = [
+                float(np.mean(on_circle == one) - np.mean(in_disc == one))
+                for one in np.unique(in_disc)
+            ]
             most = max(most, 2 * sum(max(share, 0.0) for share in shares))
     said = largest_change(Picture(np.ones((4, 4)), 4 * times), 1.0)
     assert 0.85 * said < most < 1.02 * said
 
 
 def test_small_dots_and_texels_may_change_by_all_they_have() -> None:
-    assert largest_change(FourDot(2.0, 20.0), 1.0) == largest_change(Picture(np.ones((4, 4)), 4.0), 1.0) == 2.0
+    assert (
+        largest_change(FourDot(2.0, 20.0), 1.0)
+        == largest_change(Picture(np.ones((4, 4)), 4.0), 1.0)
+        == 2.0
+    )
 
 
 def test_two_dots_within_one_pattern_are_not_large() -> None:

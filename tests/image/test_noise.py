@@ -9,7 +9,15 @@ import pytest
 from scipy import special, stats
 
 from flflab.image.sensor.draws import Draws, draw
-from flflab.image.sensor.random_numbers import EDGES, FAR, HEIGHTS, LARGE_MEAN, TAIL, noise_key, philox
+from flflab.image.sensor.random_numbers import (
+    EDGES,
+    FAR,
+    HEIGHTS,
+    LARGE_MEAN,
+    TAIL,
+    noise_key,
+    philox,
+)
 
 Array = npt.NDArray[np.float64]
 SHAPE = (4, 50_000)
@@ -37,14 +45,33 @@ def uniform(bits: npt.NDArray[np.uint64]) -> Array:
         ),
     ],
 )
-def test_philox_gives_the_known_answers_of_random123(counter: tuple[int, ...], key: tuple[int, ...], answer: tuple[int, ...]) -> None:
+def test_philox_gives_the_known_answers_of_random123(
+    counter: tuple[int, ...], key: tuple[int, ...], answer: tuple[int, ...]
+) -> None:
     words = [np.uint64(word) for word in (*key, *counter[2:])]
-    low, high = (int(pair) for pair in philox(np.uint64(counter[0]), np.uint64(counter[1]), (words[0], words[1], words[2], words[3])))
+    low, high = (
+        int(pair)
+        for pair in philox(
+            np.uint64(counter[0]), np.uint64(counter[1]), (words[0], words[1], words[2], words[3])
+        )
+    )
     assert (low & 0xFFFFFFFF, low >> 32, high & 0xFFFFFFFF, high >> 32) == answer
 
 
 def test_a_key_depends_on_every_part_and_its_kind() -> None:
-    keys = [noise_key(*parts) for parts in [(1, "a"), (1, "b"), (2, "a"), (1, "a", 0), ("1", "a"), (11, ""), (1, "1"), (1.0, "a")]]
+    keys = [
+        noise_key(*parts)
+        for parts in [
+            (1, "a"),
+            (1, "b"),
+            (2, "a"),
+            (1, "a", 0),
+            ("1", "a"),
+            (11, ""),
+            (1, "1"),
+            (1.0, "a"),
+        ]
+    ]
     assert len(set(keys)) == len(keys)
     assert noise_key(1, "a") == keys[0]
 
@@ -57,7 +84,9 @@ def test_normal_numbers_are_normal_to_the_tail() -> None:
         assert stats.chisquare(np.histogram(numbers, edges)[0]).pvalue > SEEN
         assert numbers.var() == pytest.approx(1.0, abs=4 * math.sqrt(2 / PIXELS))
         assert np.mean(numbers**4) == pytest.approx(3.0, abs=4 * math.sqrt(96 / PIXELS))
-        expected = PIXELS * math.erfc(TAIL / math.sqrt(2))  # beyond here the ziggurat has its own rule
+        expected = PIXELS * math.erfc(
+            TAIL / math.sqrt(2)
+        )  # beyond here the ziggurat has its own rule
         assert abs(np.sum(np.abs(numbers) > TAIL) - expected) < 4 * math.sqrt(expected)
 
 
@@ -76,7 +105,10 @@ def test_between_two_layers_the_normal_density_decides(layer: int) -> None:
     offered = uniform(bits) * EDGES[layer]
     kept = np.sum((offered >= EDGES[layer + 1]) & (numbers == offered))
     low, high = EDGES[layer + 1], EDGES[layer]
-    density = math.sqrt(math.pi / 2) * (math.erf(high / math.sqrt(2)) - math.erf(low / math.sqrt(2))) - (high - low) * HEIGHTS[layer]
+    density = (
+        math.sqrt(math.pi / 2) * (math.erf(high / math.sqrt(2)) - math.erf(low / math.sqrt(2)))
+        - (high - low) * HEIGHTS[layer]
+    )
     share = density / (HEIGHTS[layer + 1] - HEIGHTS[layer]) / high
     assert kept == pytest.approx(PIXELS * share, abs=4 * math.sqrt(PIXELS * share))
 
@@ -87,11 +119,16 @@ def test_poisson_numbers_have_the_poisson_distribution(mean: float) -> None:
     wanted = np.unique(stats.poisson.ppf(np.linspace(0, 1, 200)[1:-1], mean))
     edges = np.concatenate([[-np.inf], wanted + 0.5, [np.inf]])
     expected = PIXELS * np.diff(np.concatenate([[0.0], stats.poisson.cdf(wanted, mean), [1.0]]))
-    assert stats.chisquare(np.histogram(numbers, edges)[0], expected * PIXELS / expected.sum()).pvalue > SEEN
+    assert (
+        stats.chisquare(np.histogram(numbers, edges)[0], expected * PIXELS / expected.sum()).pvalue
+        > SEEN
+    )
     assert numbers.mean() == pytest.approx(mean, abs=4 * math.sqrt(mean / PIXELS))
     assert numbers.var() == pytest.approx(mean, abs=4 * math.sqrt((mean + 2 * mean**2) / PIXELS))
     third = np.mean((numbers - mean) ** 3)
-    assert third == pytest.approx(mean, abs=4 * math.sqrt((15 * mean**3 + 25 * mean**2 + mean) / PIXELS))
+    assert third == pytest.approx(
+        mean, abs=4 * math.sqrt((15 * mean**3 + 25 * mean**2 + mean) / PIXELS)
+    )
 
 
 def test_every_poisson_number_is_the_quantile_of_its_uniform_number() -> None:
@@ -107,8 +144,12 @@ def test_the_bound_of_the_expansion_holds_wherever_it_is_trusted() -> None:
         place = mean + math.sqrt(mean) * w + (2 + w**2) / 6 - (w + w**3 / 2) / 36 / math.sqrt(mean)
         place += (-8 / 405 + 7 * w**2 / 810 + w**4 / 270) / mean
         doubt = (0.025 + np.abs(w) ** 5 / 150) / mean**1.5
-        low, high = (special.gammaincc(np.maximum(place + step, 1e-12), mean) for step in (-doubt, doubt))
-        upper_low, upper_high = (special.gammainc(np.maximum(place + step, 1e-12), mean) for step in (-doubt, doubt))
+        low, high = (
+            special.gammaincc(np.maximum(place + step, 1e-12), mean) for step in (-doubt, doubt)
+        )
+        upper_low, upper_high = (
+            special.gammainc(np.maximum(place + step, 1e-12), mean) for step in (-doubt, doubt)
+        )
         assert np.all(np.where(w < 0, low < special.ndtr(w), upper_low > special.ndtr(-w)))
         assert np.all(np.where(w < 0, high > special.ndtr(w), upper_high < special.ndtr(-w)))
 

@@ -22,7 +22,9 @@ from flflab.targets import White
 
 
 @pytest.mark.parametrize("pattern", ["rggb", "gbrg"])
-def test_the_white_balance_of_a_raw_file_makes_a_white_target_grey(camera: Camera, tmp_path: Path, pattern: str) -> None:
+def test_the_white_balance_of_a_raw_file_makes_a_white_target_grey(
+    camera: Camera, tmp_path: Path, pattern: str
+) -> None:
     mosaic = ColourFilter(pattern, red=0.6, green=0.9, blue=0.5)
     scene = replace(one_plane(camera, White(), 506.7), colour_filter=mosaic)
     response = SensorResponse(Quantisation(12, 0.4, 64.0), Saturation(9000.0))
@@ -32,9 +34,14 @@ def test_the_white_balance_of_a_raw_file_makes_a_white_target_grey(camera: Camer
         assert np.array_equal(raw.raw_image, numbers)
         assert raw.white_level == round(64 + 0.4 * 9000)
         light = np.array(raw.raw_image, dtype=float) - raw.black_level_per_channel[0]
-        balance = np.array([*raw.camera_whitebalance[:3], raw.camera_whitebalance[1]])[raw.raw_colors]
+        balance = np.array([*raw.camera_whitebalance[:3], raw.camera_whitebalance[1]])[
+            raw.raw_colors
+        ]
         bright = np.s_[90:140, 90:180]  # inside one micro-image
-        means = [float((light * balance)[bright][raw.raw_colors[bright] == colour].mean()) for colour in range(4)]
+        means = [
+            float((light * balance)[bright][raw.raw_colors[bright] == colour].mean())
+            for colour in range(4)
+        ]
         lit = light[bright].mean() > 1000
         assert lit
         assert means == pytest.approx([means[1]] * 4, rel=0.01)
@@ -42,7 +49,12 @@ def test_the_white_balance_of_a_raw_file_makes_a_white_target_grey(camera: Camer
 
 def test_light_without_noise_keeps_its_mosaic_in_a_raw_file(tmp_path: Path) -> None:
     mosaic = ColourFilter("grbg")
-    write_picture(tmp_path / "light.dng", np.full((30, 40), 0.5), pattern=mosaic.pattern, neutral=neutral(mosaic))
+    write_picture(
+        tmp_path / "light.dng",
+        np.full((30, 40), 0.5),
+        pattern=mosaic.pattern,
+        neutral=neutral(mosaic),
+    )
     back = read_raw(tmp_path / "light.dng")
     assert (back.pattern, back.white_level, back.black_level) == ("grbg", 65535, (0, 0, 0, 0))
     assert back.neutral == pytest.approx((0.6, 1.0, 0.5))

@@ -1,4 +1,6 @@
-"""Scenes with tilted, rolled, distorted and hidden targets against rays refracted and cut with planes one by one, here."""
+"""Scenes with tilted, rolled, distorted and hidden targets against rays refracted and cut with
+planes one by one, here.
+"""
 
 import math
 from dataclasses import replace
@@ -26,7 +28,9 @@ PICTURE = Picture(np.random.default_rng(0).random((60, 80)), 20.0)
 
 
 def met(plane: Plane, coefficient: float, on_lens: Array, slope: Array) -> Array:
-    """Where straight rays cut a plane in space, in coordinates turned back from it by Rodrigues' formula."""
+    """Where straight rays cut a plane in space, in coordinates turned back from it by Rodrigues'
+    formula.
+    """
     if math.isinf(plane.distance):
         return -slope * (1 + coefficient * np.sum(slope**2, axis=1))[:, None]
     flat = on_lens - plane.distance * slope
@@ -42,7 +46,11 @@ def met(plane: Plane, coefficient: float, on_lens: Array, slope: Array) -> Array
     axis = axis / sin if sin else axis
 
     def leant(flat_axis: Array) -> Array:
-        return flat_axis * cos + np.cross(axis, flat_axis) * sin + axis * (axis @ flat_axis) * (1 - cos)
+        return (
+            flat_axis * cos
+            + np.cross(axis, flat_axis) * sin
+            + axis * (axis @ flat_axis) * (1 - cos)
+        )
 
     x = np.array([math.cos(plane.roll), math.sin(plane.roll), 0.0])
     y = np.array([-math.sin(plane.roll), math.cos(plane.roll), 0.0])
@@ -58,12 +66,27 @@ def by_rays(scene: Scene, pixels: npt.NDArray[np.int64]) -> Array:
     lengths, gaps = camera.optical_distance + rise, camera.optical_gap - rise
     errors = np.zeros((len(centres), 3))
     if scene.scatter:
-        errors = np.random.Generator(np.random.Philox(key=scene.scatter.seed)).standard_normal((len(centres), 3))
-        errors = errors * [scene.scatter.focal_length, scene.scatter.position, scene.scatter.position]
-    disc = np.sqrt(SAMPLES[:, 2:3]) * np.stack([np.cos(2 * np.pi * SAMPLES[:, 3]), np.sin(2 * np.pi * SAMPLES[:, 3])], axis=1)
+        errors = np.random.Generator(np.random.Philox(key=scene.scatter.seed)).standard_normal(
+            (len(centres), 3)
+        )
+        errors = errors * [
+            scene.scatter.focal_length,
+            scene.scatter.position,
+            scene.scatter.position,
+        ]
+    disc = np.sqrt(SAMPLES[:, 2:3]) * np.stack(
+        [np.cos(2 * np.pi * SAMPLES[:, 3]), np.sin(2 * np.pi * SAMPLES[:, 3])], axis=1
+    )
     coefficient = scene.distortion.coefficient if scene.distortion else 0.0
 
-    def light(lens: int, focal_length: float, centre: Array, sensor: Array, planes: tuple[Plane, ...], falloff: bool) -> float:
+    def light(
+        lens: int,
+        focal_length: float,
+        centre: Array,
+        sensor: Array,
+        planes: tuple[Plane, ...],
+        falloff: bool,
+    ) -> float:
         on_array = centre + radius * disc
         behind = (sensor - on_array) / gaps[lens]
         between = behind + (on_array - centre) / focal_length
@@ -76,11 +99,21 @@ def by_rays(scene: Scene, pixels: npt.NDArray[np.int64]) -> Array:
             on = np.all(np.abs(place) <= np.array(plane.size or (math.inf, math.inf)) / 2, axis=1)
             total += left * on * plane.target.radiance(place[:, 0], place[:, 1])
             left = left * ~on
-        return float(np.mean(total / (1 + np.sum(behind**2, axis=1)) ** 2 if falloff else total)) / gaps[lens] ** 2
+        return (
+            float(np.mean(total / (1 + np.sum(behind**2, axis=1)) ** 2 if falloff else total))
+            / gaps[lens] ** 2
+        )
 
     scale = 1 + gaps / lengths
     middle = int(np.argmin(np.hypot(*centres.T).round(9)))
-    white = light(middle, focal, centres[middle], centres[middle] * scale[middle], (Plane(White(), 500.0),), False)
+    white = light(
+        middle,
+        focal,
+        centres[middle],
+        centres[middle] * scale[middle],
+        (Plane(White(), 500.0),),
+        False,
+    )
     moved = centres + errors[:, 1:]
     xs, ys = pixel_positions(camera.sensor)
     image = np.zeros(len(pixels))
@@ -89,36 +122,74 @@ def by_rays(scene: Scene, pixels: npt.NDArray[np.int64]) -> Array:
         sensor = place + (SAMPLES[:, :2] - 0.5) * camera.sensor.pixel
         for lens in np.flatnonzero(np.hypot(*(moved * scale[:, None] - place).T) < 0.35):
             image[index] += (
-                light(int(lens), focal * (1 + errors[lens, 0]), moved[lens], sensor, scene.planes, scene.falloff is not None) / white
+                light(
+                    int(lens),
+                    focal * (1 + errors[lens, 0]),
+                    moved[lens],
+                    sensor,
+                    scene.planes,
+                    scene.falloff is not None,
+                )
+                / white
             )
     return image
 
 
 @pytest.fixture(scope="module")
 def small(camera: Camera) -> Camera:
-    return replace(camera, array=replace(camera.array, count=(5, 5)), sensor=Sensor((130, 100), 0.00166, 61.15, (0.1, 0.05)))
+    return replace(
+        camera,
+        array=replace(camera.array, count=(5, 5)),
+        sensor=Sensor((130, 100), 0.00166, 61.15, (0.1, 0.05)),
+    )
 
 
 def scene_named(name: str, camera: Camera) -> Scene:
     far = replace(camera, sensor=replace(camera.sensor, distance=60.6))
     on_array = 1 / (1 / 50 - 1 / 60)  # the target's image lies on the array: W = 0
-    turned = replace(camera, array=replace(camera.array, roll=0.2, tilt=(0.01, -0.02), offset=(0.05, 0.02)))
-    plate = replace(camera, array=replace(camera.array, substrate=Substrate(0.4, 1.5)), sensor=replace(camera.sensor, distance=60.9))
+    turned = replace(
+        camera, array=replace(camera.array, roll=0.2, tilt=(0.01, -0.02), offset=(0.05, 0.02))
+    )
+    plate = replace(
+        camera,
+        array=replace(camera.array, substrate=Substrate(0.4, 1.5)),
+        sensor=replace(camera.sensor, distance=60.9),
+    )
     return {
         "roll": Scene(camera, (Plane(Bars(), 500.0, (0.3, 0.2), roll=0.3),)),
-        "roll of dots": Scene(camera, (Plane(FourDot(1.0, 2.0), 500.0, roll=0.3),), falloff=Falloff()),
+        "roll of dots": Scene(
+            camera, (Plane(FourDot(1.0, 2.0), 500.0, roll=0.3),), falloff=Falloff()
+        ),
         "distortion": Scene(camera, (Plane(Bars(), 500.0),), distortion=Distortion(2.0)),
-        "distortion at infinity": Scene(far, (Plane(Edge(0.1), math.inf),), distortion=Distortion(-2.0)),
-        "distortion on the array": Scene(camera, (Plane(FourDot(3.0, 3.5), on_array, (1.75, 1.75)),), distortion=Distortion(1.0)),
+        "distortion at infinity": Scene(
+            far, (Plane(Edge(0.1), math.inf),), distortion=Distortion(-2.0)
+        ),
+        "distortion on the array": Scene(
+            camera, (Plane(FourDot(3.0, 3.5), on_array, (1.75, 1.75)),), distortion=Distortion(1.0)
+        ),
         "tilt": Scene(camera, (Plane(PICTURE, 506.7, (1.0, 2.0), 0.4, (0.3, -0.2)),)),
-        "tilt and distortion": Scene(camera, (Plane(FourDot(1.0, 2.0), 500.0, roll=0.4, tilt=(-0.4, 0.2)),), distortion=Distortion(-1.5)),
-        "turned array": Scene(turned, (Plane(Bars(), 500.0, tilt=(0.0, 0.3)),), distortion=Distortion(0.5)),
+        "tilt and distortion": Scene(
+            camera,
+            (Plane(FourDot(1.0, 2.0), 500.0, roll=0.4, tilt=(-0.4, 0.2)),),
+            distortion=Distortion(-1.5),
+        ),
+        "turned array": Scene(
+            turned, (Plane(Bars(), 500.0, tilt=(0.0, 0.3)),), distortion=Distortion(0.5)
+        ),
         "substrate": Scene(plate, (Plane(Bars(), 500.0),)),
         "scatter": Scene(camera, (Plane(Bars(), 500.0),), scatter=Scatter(0.02, 0.005, seed=4)),
-        "card": Scene(camera, (Plane(White(), 480.0, (1.5, 0.3), size=(3.0, 4.0)), Plane(Bars(), 506.7))),
-        "card through the axis": Scene(camera, (Plane(White(), 460.0, (4.0, 0.0), size=(8.0, 8.0)), Plane(PICTURE, 500.0))),
-        "card just in front": Scene(camera, (Plane(White(), 499.99, (0.5, 1.0), size=(2.0, 1.5)), Plane(Bars(), 500.0))),
-        "card before infinity": Scene(far, (Plane(Black(), 480.0, (1.5, 0.3), size=(3.0, 4.0)), Plane(Edge(0.1), math.inf))),
+        "card": Scene(
+            camera, (Plane(White(), 480.0, (1.5, 0.3), size=(3.0, 4.0)), Plane(Bars(), 506.7))
+        ),
+        "card through the axis": Scene(
+            camera, (Plane(White(), 460.0, (4.0, 0.0), size=(8.0, 8.0)), Plane(PICTURE, 500.0))
+        ),
+        "card just in front": Scene(
+            camera, (Plane(White(), 499.99, (0.5, 1.0), size=(2.0, 1.5)), Plane(Bars(), 500.0))
+        ),
+        "card before infinity": Scene(
+            far, (Plane(Black(), 480.0, (1.5, 0.3), size=(3.0, 4.0)), Plane(Edge(0.1), math.inf))
+        ),
         "tilted card": Scene(
             camera,
             (Plane(PICTURE, 506.0, (1.5, 0.3), 0.2, (0.2, 0.1), (3.0, 4.0)), Plane(Edge(), 506.7)),
@@ -165,4 +236,6 @@ def test_a_scene_is_pictured_as_rays_draw_it(small: Camera, name: str) -> None:
     places = [np.argwhere(image > 0), np.argwhere(steepness > 0.5 * steepness.max())]
     chosen = np.concatenate([place[rng.integers(0, len(place), 6)] for place in places])
     assert image.max() > 0.2
-    assert np.abs(image[chosen[:, 0], chosen[:, 1]] - by_rays(scene, chosen[:, ::-1])).max() < ALLOWED
+    assert (
+        np.abs(image[chosen[:, 0], chosen[:, 1]] - by_rays(scene, chosen[:, ::-1])).max() < ALLOWED
+    )

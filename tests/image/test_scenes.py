@@ -24,17 +24,31 @@ Array = npt.NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def small(camera: Camera) -> Camera:
-    return replace(camera, array=replace(camera.array, count=(5, 5)), sensor=Sensor((110, 90), 0.00166, 61.15, (0.1, 0.05)))
+    return replace(
+        camera,
+        array=replace(camera.array, count=(5, 5)),
+        sensor=Sensor((110, 90), 0.00166, 61.15, (0.1, 0.05)),
+    )
 
 
 def test_an_effect_that_the_scene_lacks_changes_nothing(small: Camera) -> None:
     scene = one_plane(small, Bars(), 500.0)
-    for name in ("distortion", "scatter", "motion", "stray-light", "colour-filter", "falloff", "diffraction"):
+    for name in (
+        "distortion",
+        "scatter",
+        "motion",
+        "stray-light",
+        "colour-filter",
+        "falloff",
+        "diffraction",
+    ):
         assert np.array_equal(render(scene), render(scene, effects=ALL - {name}))
 
 
 def test_an_effect_that_is_off_is_as_if_the_scene_lacked_it(small: Camera) -> None:
-    plain = one_plane(replace(small, sensor=replace(small.sensor, offset=(0.0, 0.0))), Bars(), 500.0)
+    plain = one_plane(
+        replace(small, sensor=replace(small.sensor, offset=(0.0, 0.0))), Bars(), 500.0
+    )
     array = replace(small.array, offset=(0.1, 0.0), roll=0.1, tilt=(0.01, 0.0))
     full = Scene(
         replace(small, array=array, sensor=replace(small.sensor, offset=(0.03, 0.0))),
@@ -46,7 +60,15 @@ def test_an_effect_that_is_off_is_as_if_the_scene_lacked_it(small: Camera) -> No
         colour_filter=ColourFilter(),
         motion=Motion((1.0, 0.0)),
     )
-    off = {"falloff", "distortion", "scatter", "stray-light", "colour-filter", "motion", "misalignment"}
+    off = {
+        "falloff",
+        "distortion",
+        "scatter",
+        "stray-light",
+        "colour-filter",
+        "motion",
+        "misalignment",
+    }
     assert np.array_equal(render(full, effects=ALL - off), render(plain))
 
 
@@ -80,7 +102,11 @@ def test_without_overlap_white_is_nowhere_brighter_than_one(small: Camera) -> No
 
 
 def test_wanted_pixels_are_those_of_the_whole_picture(small: Camera) -> None:
-    scene = Scene(small, (Plane(White(), 480.0, (1.5, 0.3), size=(3.0, 4.0)), Plane(Bars(), 506.7)), distortion=Distortion(1.0))
+    scene = Scene(
+        small,
+        (Plane(White(), 480.0, (1.5, 0.3), size=(3.0, 4.0)), Plane(Bars(), 506.7)),
+        distortion=Distortion(1.0),
+    )
     wanted = np.random.default_rng(1).random((90, 110)) < 0.2
     # In closed form a sum's last bit hangs on where in a block of vectors its pixel is.
     assert np.abs(render(scene, wanted=wanted) - render(scene))[wanted].max() < 1e-15
@@ -88,7 +114,12 @@ def test_wanted_pixels_are_those_of_the_whole_picture(small: Camera) -> None:
 
 def test_the_slightest_tilt_distortion_or_scatter_is_none(small: Camera) -> None:
     plain = render(one_plane(small, Bars(), 500.0))
-    slight = Scene(small, (Plane(Bars(), 500.0, roll=1e-9, tilt=(1e-9, 0.0)),), distortion=Distortion(1e-9), scatter=Scatter(1e-9, 1e-9))
+    slight = Scene(
+        small,
+        (Plane(Bars(), 500.0, roll=1e-9, tilt=(1e-9, 0.0)),),
+        distortion=Distortion(1e-9),
+        scatter=Scatter(1e-9, 1e-9),
+    )
     assert np.abs(render(slight) - plain).max() < 1e-5
 
 
@@ -100,13 +131,18 @@ def test_a_quarter_turn_leaves_four_dots_as_they_are(small: Camera) -> None:
 
 def test_a_white_target_is_white_however_it_stands(small: Camera) -> None:
     plain = render(one_plane(small, White(), 500.0))
-    leaning = Scene(small, (Plane(White(), 500.0, roll=0.3, tilt=(0.3, 0.2)),), distortion=Distortion(2.0))
+    leaning = Scene(
+        small, (Plane(White(), 500.0, roll=0.3, tilt=(0.3, 0.2)),), distortion=Distortion(2.0)
+    )
     assert np.abs(render(leaning) - plain).max() < 1e-6
 
 
 def test_a_white_card_before_white_cannot_be_seen(small: Camera) -> None:
     plain = render(one_plane(small, White(), 500.0))
-    hidden = Scene(small, (Plane(White(), 470.0, (1.0, 0.5), 0.1, (0.2, 0.0), (3.0, 2.0)), Plane(White(), 500.0)))
+    hidden = Scene(
+        small,
+        (Plane(White(), 470.0, (1.0, 0.5), 0.1, (0.2, 0.0), (3.0, 2.0)), Plane(White(), 500.0)),
+    )
     assert np.abs(render(hidden) - plain).max() < 0.002
 
 
@@ -126,7 +162,10 @@ def test_a_white_card_is_a_white_picture_of_its_size(small: Camera) -> None:
 @pytest.mark.parametrize("motion", [Motion(drift=(0.25, -0.1)), Motion(vibration=(0.1, 0.05))])
 def test_a_moving_target_is_the_mean_of_standing_ones(small: Camera, motion: Motion) -> None:
     phase = (np.arange(300) + 0.5) / 300
-    places = [(phase - 0.5)[:, None] * motion.drift + np.sin(2 * np.pi * phase)[:, None] * motion.vibration][0]
+    places = [
+        (phase - 0.5)[:, None] * motion.drift
+        + np.sin(2 * np.pi * phase)[:, None] * motion.vibration
+    ][0]
     few = replace(small, sensor=Sensor((60, 40), 0.00166, 61.15))
     standing = [render(one_plane(few, Edge(0.3), 505.0, (float(x), float(y)))) for x, y in places]
     moving = render(replace(one_plane(few, Edge(0.3), 505.0), motion=motion))
@@ -143,14 +182,20 @@ def test_stray_light_spreads_its_share_evenly(small: Camera) -> None:
 
 def test_a_colour_filter_dims_each_pixel_by_its_place(small: Camera) -> None:
     scene = one_plane(small, White(), 500.0)
-    plain, filtered = render(scene), render(replace(scene, colour_filter=ColourFilter("grbg", 0.5, 0.9, 0.25)))
+    plain, filtered = (
+        render(scene),
+        render(replace(scene, colour_filter=ColourFilter("grbg", 0.5, 0.9, 0.25))),
+    )
     for (row, column), share in {(0, 0): 0.9, (0, 1): 0.5, (1, 0): 0.25, (1, 1): 0.9}.items():
         assert np.allclose(filtered[row::2, column::2], share * plain[row::2, column::2])
 
 
 def test_half_the_radiance_is_half_the_light(small: Camera) -> None:
     values = np.random.default_rng(2).random((8, 8))
-    full, half = (Scene(small, (Plane(Picture(v, 4.0), 495.0, size=(3.0, 3.0), tilt=(0.1, 0.2)),)) for v in (values, values / 2))
+    full, half = (
+        Scene(small, (Plane(Picture(v, 4.0), 495.0, size=(3.0, 3.0), tilt=(0.1, 0.2)),))
+        for v in (values, values / 2)
+    )
     assert np.allclose(render(full), 2 * render(half), atol=1e-12)
 
 
@@ -167,13 +212,19 @@ def test_distances_count_from_principal_planes_and_a_plate_is_thinner_in_air(sma
     thick = replace(small, main_lens=replace(small.main_lens, principal_separation=7.0))
     assert np.array_equal(render(one_plane(thick, Bars(), 500.0)), plain)
     plate = replace(
-        small, array=replace(small.array, substrate=Substrate(0.6, 1.5)), sensor=replace(small.sensor, distance=small.sensor.distance - 0.4)
+        small,
+        array=replace(small.array, substrate=Substrate(0.6, 1.5)),
+        sensor=replace(small.sensor, distance=small.sensor.distance - 0.4),
     )
     assert np.abs(render(one_plane(plate, Bars(), 500.0)) - plain).max() < 1e-6
 
 
 def test_what_cannot_be_pictured_is_refused_with_the_reason(small: Camera) -> None:
-    far_off = replace(small, sensor=replace(small.sensor, offset=(4.0, 0.0)), array=replace(small.array, count=(25, 5)))
+    far_off = replace(
+        small,
+        sensor=replace(small.sensor, offset=(4.0, 0.0)),
+        array=replace(small.array, count=(25, 5)),
+    )
     with pytest.raises(InputError, match="folds the picture over"):
         render(Scene(far_off, (Plane(Bars(), 500.0),), distortion=Distortion(-100.0)))
     with pytest.raises(InputError, match="reaches the main lens"):

@@ -15,7 +15,9 @@ from flflab.image.effects.saturation import Saturation
 from flflab.image.sensor.random_numbers import noise_key
 from flflab.image.sensor.response import SensorResponse, digitise, read_out
 
-RESPONSE = SensorResponse(Quantisation(12, 0.4, 64.0), Saturation(9000.0), read_noise=ReadNoise(4.0))
+RESPONSE = SensorResponse(
+    Quantisation(12, 0.4, 64.0), Saturation(9000.0), read_noise=ReadNoise(4.0)
+)
 QUIET = SensorResponse(Quantisation(16, 1.0, 0.0), None, None, None)
 KEY = noise_key(1)
 
@@ -25,13 +27,17 @@ def test_photon_transfer_mean_and_variance_follow_the_electrons(level: float) ->
     electrons = 8000.0 * level
     numbers = digitise(np.full((400, 500), level), 8000.0, RESPONSE, KEY).astype(float)
     variance = 0.4**2 * (electrons + 4.0**2) + 1 / 12
-    assert numbers.mean() == pytest.approx(64.0 + 0.4 * electrons, abs=4 * math.sqrt(variance / numbers.size))
+    assert numbers.mean() == pytest.approx(
+        64.0 + 0.4 * electrons, abs=4 * math.sqrt(variance / numbers.size)
+    )
     assert numbers.var() == pytest.approx(variance, rel=4 * math.sqrt(2 / numbers.size))
 
 
 def test_neighbouring_pixels_and_frames_are_independent() -> None:
     frames = (noise_key("frame", number) for number in range(2))
-    first, second = (digitise(np.full((300, 300), 0.4), 8000.0, RESPONSE, key).astype(float) for key in frames)
+    first, second = (
+        digitise(np.full((300, 300), 0.4), 8000.0, RESPONSE, key).astype(float) for key in frames
+    )
     for one, other in ((first[:, 1:], first[:, :-1]), (first[1:], first[:-1]), (first, second)):
         assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 4 / math.sqrt(one.size)
 
@@ -45,12 +51,18 @@ def test_shot_and_read_noise_are_independent() -> None:
     assert abs(np.corrcoef(shot.ravel(), read.ravel())[0, 1]) < 4 / math.sqrt(image.size)
 
 
-def test_a_picture_depends_on_its_key_alone_and_not_on_how_the_work_is_shared_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_depends_on_its_key_alone_and_not_on_how_the_work_is_shared_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     image = np.linspace(0, 1, 1300 * 200).reshape(200, 1300)
-    response = replace(RESPONSE, fixed_pattern=FixedPattern(0.01, 2.0, 3), dead_pixels=DeadPixels(0.01, 4))
+    response = replace(
+        RESPONSE, fixed_pattern=FixedPattern(0.01, 2.0, 3), dead_pixels=DeadPixels(0.01, 4)
+    )
     whole = digitise(image, 5000.0, response, KEY)
     assert not np.array_equal(whole, digitise(image, 5000.0, response, noise_key(2)))
-    part = digitise(np.ascontiguousarray(image[37:90, 701:1222]), 5000.0, response, KEY, corner=(37, 701))
+    part = digitise(
+        np.ascontiguousarray(image[37:90, 701:1222]), 5000.0, response, KEY, corner=(37, 701)
+    )
     assert np.array_equal(part, whole[37:90, 701:1222])
     monkeypatch.setattr("flflab.image.sensor.response.BAND_ROWS", 7)
     monkeypatch.setattr("os.cpu_count", lambda: 1)
@@ -85,7 +97,9 @@ def test_dark_current_gathers_with_shot_noise_of_its_own() -> None:
     dark = read_out(
         np.zeros((300, 300)),
         1000.0,
-        SensorResponse(Quantisation(16, 1.0, 0.0), None, read_noise=None, dark_current=DarkCurrent(50.0, 0.5)),
+        SensorResponse(
+            Quantisation(16, 1.0, 0.0), None, read_noise=None, dark_current=DarkCurrent(50.0, 0.5)
+        ),
         KEY,
     )
     assert dark.mean() == pytest.approx(25.0, abs=4 * math.sqrt(25 / dark.size))
@@ -95,19 +109,32 @@ def test_dark_current_gathers_with_shot_noise_of_its_own() -> None:
 
 def test_the_fixed_pattern_stays_from_frame_to_frame_and_has_the_spreads_it_says() -> None:
     response = replace(QUIET, fixed_pattern=FixedPattern(gain=0.02, offset=3.0, seed=5))
-    dark, bright = (read_out(np.full((300, 300), level), 10000.0, response, noise_key("any", level)) for level in (0.0, 1.0))
+    dark, bright = (
+        read_out(np.full((300, 300), level), 10000.0, response, noise_key("any", level))
+        for level in (0.0, 1.0)
+    )
     gain, offset = (bright - dark) / 10000 - 1, dark
     for errors, spread in ((gain, 0.02), (offset, 3.0)):
         assert errors.mean() == pytest.approx(0.0, abs=4 * spread / 300)
         assert errors.std() == pytest.approx(spread, rel=4 / math.sqrt(2 * errors.size))
     assert abs(np.corrcoef(gain.ravel(), offset.ravel())[0, 1]) < 4 / 300
     another = replace(response, fixed_pattern=FixedPattern(gain=0.02, offset=3.0, seed=6))
-    assert abs(np.corrcoef(read_out(np.zeros((300, 300)), 1.0, another, KEY).ravel(), offset.ravel())[0, 1]) < 4 / 300
+    assert (
+        abs(
+            np.corrcoef(read_out(np.zeros((300, 300)), 1.0, another, KEY).ravel(), offset.ravel())[
+                0, 1
+            ]
+        )
+        < 4 / 300
+    )
 
 
 def test_dead_pixels_are_stuck_at_nothing_or_full_scale_in_every_frame() -> None:
     response = replace(RESPONSE, dead_pixels=DeadPixels(0.02, 7))
-    first, second = (digitise(np.full((300, 300), level), 8000.0, response, noise_key(level)) for level in (0.3, 0.5))
+    first, second = (
+        digitise(np.full((300, 300), level), 8000.0, response, noise_key(level))
+        for level in (0.3, 0.5)
+    )
     for stuck in (0, 4095):
         assert np.array_equal(first == stuck, second == stuck)
         assert (first == stuck).sum() == pytest.approx(900, abs=4 * math.sqrt(900))

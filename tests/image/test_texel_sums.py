@@ -1,4 +1,6 @@
-"""Sums of texels along chords of the pupil against the same integrals in fractions, however short the chord."""
+"""Sums of texels along chords of the pupil against the same integrals in fractions, however short
+the chord.
+"""
 
 from fractions import Fraction
 
@@ -17,18 +19,36 @@ def overlap(low: Fraction, high: Fraction, cell: int) -> Fraction:
 
 
 def twice_summed(columns: list[Fraction], x: Fraction) -> Fraction:
-    """Second antiderivative at x of what is so much in each column, both 0 at the first one's left side."""
+    """Second antiderivative at x of what is so much in each column, both 0 at the first one's left
+    side.
+    """
     return sum(
-        (light * ((max(x - i, Fraction(0))) ** 2 - (max(x - i - 1, Fraction(0))) ** 2) / 2 for i, light in enumerate(columns)), Fraction(0)
+        (
+            light * ((max(x - i, Fraction(0))) ** 2 - (max(x - i - 1, Fraction(0))) ** 2) / 2
+            for i, light in enumerate(columns)
+        ),
+        Fraction(0),
     )
 
 
-def exact(at: tuple[float, float], chord: tuple[float, float], boxes: tuple[float, float], height: float) -> Fraction:
+def exact(
+    at: tuple[float, float], chord: tuple[float, float], boxes: tuple[float, float], height: float
+) -> Fraction:
     x, y, half = Fraction(at[0]), Fraction(at[1]), Fraction(height) / 2
-    columns = [sum((Fraction(float(v)) * overlap(y - half, y + half, j) for j, v in enumerate(column)), Fraction(0)) for column in TEXELS.T]
+    columns = [
+        sum(
+            (Fraction(float(v)) * overlap(y - half, y + half, j) for j, v in enumerate(column)),
+            Fraction(0),
+        )
+        for column in TEXELS.T
+    ]
     ends = [x + Fraction(end) for end in chord]
     before, after = (
-        (twice_summed(columns, end + Fraction(box) / 2) - twice_summed(columns, end - Fraction(box) / 2)) / Fraction(box)
+        (
+            twice_summed(columns, end + Fraction(box) / 2)
+            - twice_summed(columns, end - Fraction(box) / 2)
+        )
+        / Fraction(box)
         for end, box in zip(ends, boxes, strict=True)
     )
     return after - before
@@ -43,5 +63,9 @@ def test_light_along_a_chord_has_the_digits_of_the_chord_not_of_the_picture(
     sums, height = fill_sums(TEXELS, 0, 0, 60, 30), 0.7
     chord = (-0.4, -0.4 + length)
     rows = rows_between(sums, at[1], height)
-    off = abs(float(Fraction(chord_sum(sums, at[0], *chord, *boxes, rows)) - exact(at, chord, boxes, height)))
+    off = abs(
+        float(
+            Fraction(chord_sum(sums, at[0], *chord, *boxes, rows)) - exact(at, chord, boxes, height)
+        )
+    )
     assert off < (1e-15 if length < 0.01 else 3e-14 if length < 1.5 else 4e-12)

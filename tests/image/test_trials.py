@@ -1,4 +1,6 @@
-"""The trials of the promise that lie beside their benchmark: the file that docs/pictures-trials.md cites says what is said of it there."""
+"""The trials of the promise that lie beside their benchmark: the file that docs/pictures-trials.md
+cites says what is said of it there.
+"""
 
 import csv
 from dataclasses import fields
@@ -17,7 +19,11 @@ def trials_in(name: str) -> list[Trial]:
     with (TRIALS / name).open(newline="", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     assert all(list(row) == NAMES for row in rows)
-    return [Trial(int(row["seed"]), *(float(row[key]) for key in NAMES[1:])) for row in rows if row["asked"] != "nan"]
+    return [
+        Trial(int(row["seed"]), *(float(row[key]) for key in NAMES[1:]))
+        for row in rows
+        if row["asked"] != "nan"
+    ]
 
 
 @pytest.mark.parametrize("name", ["promise_trials.csv", "promise_trials_before.csv"])

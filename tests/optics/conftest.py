@@ -16,7 +16,13 @@ TracedRays = tuple[Array, Array, npt.NDArray[np.bool_]]
 def laboratory() -> Callable[..., Camera]:
     """The camera of the worked example at any f-number, distance of the array and gap."""
 
-    def build(f_number: float = 4.0, array: float = 60.0, gap: float = 1.15, aperture: float = 0.336, minimum: float = 0.5) -> Camera:
+    def build(
+        f_number: float = 4.0,
+        array: float = 60.0,
+        gap: float = 1.15,
+        aperture: float = 0.336,
+        minimum: float = 0.5,
+    ) -> Camera:
         return Camera(
             MainLens(50.0, f_number),
             MicrolensArray("square", (25, 25), (0.4, 0.4), aperture, (0.917,), array),
@@ -29,9 +35,13 @@ def laboratory() -> Callable[..., Camera]:
 
 @pytest.fixture
 def trace() -> Callable[[Camera, float, float, float, Array], TracedRays]:
-    """Rays in one coordinate from an object point through main lens and one microlens, by refraction at each thin lens."""
+    """Rays in one coordinate from an object point through main lens and one microlens, by
+    refraction at each thin lens.
+    """
 
-    def run(camera: Camera, distance: float, height: float, centre: float, crossings: Array) -> TracedRays:
+    def run(
+        camera: Camera, distance: float, height: float, centre: float, crossings: Array
+    ) -> TracedRays:
         slope = (crossings - height) / distance
         slope = slope - crossings / camera.main_lens.focal_length
         at_array = crossings + slope * camera.array.distance

@@ -1,4 +1,6 @@
-"""The model against rays traced by refraction at each thin lens, one after another, without the model's algebra."""
+"""The model against rays traced by refraction at each thin lens, one after another, without the
+model's algebra.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,7 +28,9 @@ def crossings(camera: Camera) -> Array:
 
 
 @pytest.mark.parametrize("f_number", [1.6, 2.8, 4.0, 8.0, 16.0])
-@pytest.mark.parametrize(("array", "gap"), [(60.0, 1.15), (55.0, 0.775), (60.0, 0.917), (60.0, 0.9312)])
+@pytest.mark.parametrize(
+    ("array", "gap"), [(60.0, 1.15), (55.0, 0.775), (60.0, 0.917), (60.0, 0.9312)]
+)
 def test_inside_and_outside_rays_bound_the_light_on_the_sensor(
     f_number: float, array: float, gap: float, laboratory: Callable[..., Camera]
 ) -> None:
@@ -34,7 +38,10 @@ def test_inside_and_outside_rays_bound_the_light_on_the_sensor(
     smms = central_smms(camera)
     half_lens, half_microlens = camera.main_lens.aperture / 2, camera.array.aperture / 2
     landed = {}
-    for name, m, q in (("parallel", half_lens, half_microlens), ("diagonal", half_lens, -half_microlens)):
+    for name, m, q in (
+        ("parallel", half_lens, half_microlens),
+        ("diagonal", half_lens, -half_microlens),
+    ):
         slope = (q - m) / array - q / camera.array.focal_lengths[0]
         landed[name] = abs(q + slope * gap)
     assert float(smms.outside_radius) == pytest.approx(max(landed.values()), rel=1e-12)
@@ -49,18 +56,28 @@ def test_blur_and_magnification_are_those_of_traced_points(
     camera = laboratory(f_number)
     smms = central_smms(camera)
     _, on_axis, through = trace(camera, distance, 0.0, 0.0, crossings(camera))
-    assert float(blur(smms, 1 / distance)) == pytest.approx(np.ptp(on_axis[through]), rel=2e-3, abs=1e-7)
+    assert float(blur(smms, 1 / distance)) == pytest.approx(
+        np.ptp(on_axis[through]), rel=2e-3, abs=1e-7
+    )
     step = 0.01
     at_array, at_sensor, passed = trace(camera, distance, step, 0.0, crossings(camera))
     through_lens = np.flatnonzero(passed)[np.argmin(np.abs(crossings(camera)[passed]))]
     through_microlens = np.flatnonzero(passed)[np.argmin(np.abs(at_array[passed]))]
     smallest = min(abs(at_sensor[through_lens]), abs(at_sensor[through_microlens]))
     largest = max(abs(at_sensor[through_lens]), abs(at_sensor[through_microlens]))
-    assert smallest * 0.99 - 1e-6 <= float(magnification(smms, 1 / distance)) * step <= largest * 1.01 + 1e-6
+    assert (
+        smallest * 0.99 - 1e-6
+        <= float(magnification(smms, 1 / distance)) * step
+        <= largest * 1.01 + 1e-6
+    )
 
 
-def count_by_rays(camera: Camera, distance: float, height: float, trace: Trace) -> tuple[int, int, int]:
-    """Views of a point in the row by tracing: some ray useful, the full cone useful, the limiting stop's central ray useful."""
+def count_by_rays(
+    camera: Camera, distance: float, height: float, trace: Trace
+) -> tuple[int, int, int]:
+    """Views of a point in the row by tracing: some ray useful, the full cone useful, the limiting
+    stop's central ray useful.
+    """
     row = row_fields(camera)
     m = crossings(camera)
     totals = brights = chiefs = 0
@@ -86,7 +103,9 @@ def count_by_rays(camera: Camera, distance: float, height: float, trace: Trace) 
     height=st.floats(-6.0, 6.0),
     galilean=st.booleans(),
 )
-def test_views_along_the_row_agree_with_counted_rays(f_number: float, distance: float, height: float, galilean: bool) -> None:
+def test_views_along_the_row_agree_with_counted_rays(
+    f_number: float, distance: float, height: float, galilean: bool
+) -> None:
     length, gap = (55.0, 0.775) if galilean else (60.0, 1.15)
     camera = Camera(
         MainLens(50.0, f_number),
@@ -95,21 +114,33 @@ def test_views_along_the_row_agree_with_counted_rays(f_number: float, distance: 
         useful=Useful(0.5, 0.0),
     )
 
-    def trace(cam: Camera, away: float, up: float, centre: float, m: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    def trace(
+        cam: Camera, away: float, up: float, centre: float, m: Array
+    ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
         slope = (m - up) / away - m / cam.main_lens.focal_length
         at_array = m + slope * cam.array.distance
         slope = slope - (at_array - centre) / cam.array.focal_lengths[0]
-        return at_array, at_array + slope * cam.gap, np.abs(at_array - centre) <= cam.array.aperture / 2
+        return (
+            at_array,
+            at_array + slope * cam.gap,
+            np.abs(at_array - centre) <= cam.array.aperture / 2,
+        )
 
-    # A count may change within a ray's width of its threshold: the rays must agree with a point nearby, and there almost always here.
+    # A count may change within a ray's width of its threshold: the rays must agree with a point
+    # nearby, and there almost always here.
     found = row_views(row_fields(camera), 1 / distance, height / distance)
     traced = count_by_rays(camera, distance, height, trace)
-    nearby = [row_views(row_fields(camera), 1 / distance, (height + shift) / distance) for shift in (-2e-3, -5e-4, 0.0, 5e-4, 2e-3)]
+    nearby = [
+        row_views(row_fields(camera), 1 / distance, (height + shift) / distance)
+        for shift in (-2e-3, -5e-4, 0.0, 5e-4, 2e-3)
+    ]
     for index, kind in enumerate(("total", "bright", "chief")):
         assert traced[index] in {getattr(views, kind) for views in nearby}, (kind, traced, found)
 
 
-def test_two_microlenses_share_points_at_f16_only_from_833_mm_on(laboratory: Callable[..., Camera], trace: Trace) -> None:
+def test_two_microlenses_share_points_at_f16_only_from_833_mm_on(
+    laboratory: Callable[..., Camera], trace: Trace
+) -> None:
     camera = laboratory(16.0)
 
     def most_views(distance: float) -> int:
@@ -121,7 +152,9 @@ def test_two_microlenses_share_points_at_f16_only_from_833_mm_on(laboratory: Cal
     assert most_views(870.0) == 2
 
 
-def test_a_tilted_array_gives_each_microlens_its_own_distances(laboratory: Callable[..., Camera]) -> None:
+def test_a_tilted_array_gives_each_microlens_its_own_distances(
+    laboratory: Callable[..., Camera],
+) -> None:
     camera = laboratory()
     tilted = replace(camera, array=replace(camera.array, tilt=(0.01, 0.0)))
     smms = camera_smms(tilted)

@@ -1,4 +1,6 @@
-"""Boundary and useful chief rays, measurement area and volume, against rays traced by refraction and counted."""
+"""Boundary and useful chief rays, measurement area and volume, against rays traced by refraction
+and counted.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,7 +32,10 @@ def lens_crossings(camera: Camera, number: int = 20_001) -> Array:
 
 
 @pytest.mark.parametrize("f_number", [1.6, 4.0])
-@pytest.mark.parametrize(("array", "gap"), [(60.0, 1.15), (55.0, 0.775), (60.0, 0.917 * 60 / (60 - 0.917)), (60.0, 0.917)])
+@pytest.mark.parametrize(
+    ("array", "gap"),
+    [(60.0, 1.15), (55.0, 0.775), (60.0, 0.917 * 60 / (60 - 0.917)), (60.0, 0.917)],
+)
 def test_boundary_rays_refract_at_every_lens_and_the_inside_ones_are_named_right(
     f_number: float, array: float, gap: float, laboratory: Build
 ) -> None:
@@ -51,7 +56,9 @@ def test_boundary_rays_refract_at_every_lens_and_the_inside_ones_are_named_right
 
 
 @pytest.mark.parametrize(("distance", "inside"), [(299.0, True), (301.0, False)])
-def test_parallel_rays_are_inside_nearer_than_the_array_s_conjugate(distance: float, inside: bool, laboratory: Build) -> None:
+def test_parallel_rays_are_inside_nearer_than_the_array_s_conjugate(
+    distance: float, inside: bool, laboratory: Build
+) -> None:
     smms = central_smms(laboratory())
     assert bool(parallel_are_inside(smms, 1 / distance)) is inside
     rays = boundary_rays(smms)
@@ -59,10 +66,19 @@ def test_parallel_rays_are_inside_nearer_than_the_array_s_conjugate(distance: fl
     assert bool(height[0] < height[2]) is inside
 
 
-def intervals_by_rays(camera: Camera, distance: float, centre: float, useful: Array, heights: Array, trace: Trace) -> dict[str, Array]:
+def intervals_by_rays(
+    camera: Camera, distance: float, centre: float, useful: Array, heights: Array, trace: Trace
+) -> dict[str, Array]:
     m = lens_crossings(camera)
-    full = np.count_nonzero(trace(camera, distance, -centre * distance / camera.array.distance, centre, m)[2])
-    held: dict[str, list[float]] = {"bright": [], "total": [], "useful_bright": [], "useful_total": []}
+    full = np.count_nonzero(
+        trace(camera, distance, -centre * distance / camera.array.distance, centre, m)[2]
+    )
+    held: dict[str, list[float]] = {
+        "bright": [],
+        "total": [],
+        "useful_bright": [],
+        "useful_total": [],
+    }
     for height in heights:
         _, landed, through = trace(camera, distance, float(height), centre, m)
         good = through & (landed >= useful[0]) & (landed <= useful[1])
@@ -73,10 +89,16 @@ def intervals_by_rays(camera: Camera, distance: float, centre: float, useful: Ar
         ):  # fmt: skip
             if holds:
                 held[name].append(float(height))
-    return {name: np.array([min(values), max(values)]) if values else np.full(2, np.nan) for name, values in held.items()}
+    return {
+        name: np.array([min(values), max(values)]) if values else np.full(2, np.nan)
+        for name, values in held.items()
+    }
 
 
-@pytest.mark.parametrize(("f_number", "array", "gap"), [(2.0, 60.0, 1.15), (4.0, 60.0, 1.15), (8.0, 60.0, 1.15), (2.8, 55.0, 0.775)])
+@pytest.mark.parametrize(
+    ("f_number", "array", "gap"),
+    [(2.0, 60.0, 1.15), (4.0, 60.0, 1.15), (8.0, 60.0, 1.15), (2.8, 55.0, 0.775)],
+)
 @pytest.mark.parametrize("distance", [250.0, 350.0, 506.7, 1500.0])
 def test_fields_in_the_object_plane_are_those_of_traced_rays(
     f_number: float, array: float, gap: float, distance: float, laboratory: Build, trace: Trace
@@ -89,21 +111,35 @@ def test_fields_in_the_object_plane_are_those_of_traced_rays(
         reach = float(np.ptp(found.total[index])) * distance
         middle = float(found.total[index].mean()) * distance
         heights = middle + np.linspace(-0.55, 0.55, 301) * reach
-        traced = intervals_by_rays(camera, distance, float(smms.centre_x[index]), row.useful[index], heights, trace)
+        traced = intervals_by_rays(
+            camera, distance, float(smms.centre_x[index]), row.useful[index], heights, trace
+        )
         for name, interval in traced.items():
-            assert getattr(found, name)[index] * distance == pytest.approx(interval, abs=0.005 * reach, nan_ok=True), name
+            assert getattr(found, name)[index] * distance == pytest.approx(
+                interval, abs=0.005 * reach, nan_ok=True
+            ), name
 
 
 @pytest.mark.parametrize("f_number", [1.6, 2.0, 4.0, 16.0])
-def test_useful_rays_pass_an_edge_of_a_stop_and_an_edge_of_the_useful_interval(f_number: float, laboratory: Build) -> None:
+def test_useful_rays_pass_an_edge_of_a_stop_and_an_edge_of_the_useful_interval(
+    f_number: float, laboratory: Build
+) -> None:
     camera = laboratory(f_number)
     row = row_fields(camera)
     rays = useful_rays(row.smms, row.useful)
     for index in np.flatnonzero(~np.isnan(row.useful[:, 0])):
         for ray in np.flatnonzero(rays.exists[index, 4:]) + 4:
-            assert rays.sensor[index, ray] == pytest.approx(row.useful[index, 0 if ray < 8 else 1], abs=1e-12)
+            assert rays.sensor[index, ray] == pytest.approx(
+                row.useful[index, 0 if ray < 8 else 1], abs=1e-12
+            )
             on_lens = abs(abs(rays.main_lens[index, ray]) - camera.main_lens.aperture / 2) < 1e-12
-            on_microlens = abs(abs(rays.microlens[index, ray] - row.smms.centre_x[index]) - camera.array.aperture / 2) < 1e-12
+            on_microlens = (
+                abs(
+                    abs(rays.microlens[index, ray] - row.smms.centre_x[index])
+                    - camera.array.aperture / 2
+                )
+                < 1e-12
+            )
             assert on_lens or on_microlens
     assert not rays.exists[np.isnan(row.useful[:, 0])].any()
 
@@ -122,7 +158,13 @@ def inside(area: MeasurementArea, vergence: Array, angle: Array) -> npt.NDArray[
     [(1.6, 60.0, 1.15, (480, 530)), (4.0, 60.0, 1.15, (480, 530)), (4.0, 55.0, 0.775, (270, 330))],
 )
 def test_points_of_the_measurement_area_are_seen_twice_and_sharply_by_rays(
-    by: str, f_number: float, array: float, gap: float, span: tuple[float, float], laboratory: Build, trace: Trace
+    by: str,
+    f_number: float,
+    array: float,
+    gap: float,
+    span: tuple[float, float],
+    laboratory: Build,
+    trace: Trace,
 ) -> None:
     camera = laboratory(f_number, array, gap)
     row = row_fields(camera)
@@ -145,8 +187,13 @@ def test_points_of_the_measurement_area_are_seen_twice_and_sharply_by_rays(
                 seen += bool(good[len(m) // 2])
             else:
                 nearest = int(np.argmin(np.abs(at_array - centre)))
-                seen += bool(good[nearest] and abs(at_array[nearest] - centre) <= abs(at_array[1] - at_array[0]))
-        wrong += (sharp and seen >= 2) != bool(inside(area, np.array([1 / distance]), np.array([height / distance]))[0])
+                seen += bool(
+                    good[nearest]
+                    and abs(at_array[nearest] - centre) <= abs(at_array[1] - at_array[0])
+                )
+        wrong += (sharp and seen >= 2) != bool(
+            inside(area, np.array([1 / distance]), np.array([height / distance]))[0]
+        )
     assert wrong <= 2  # points within a ray's width of an edge
 
 
@@ -160,7 +207,9 @@ def test_an_area_that_reaches_infinity_ends_there_and_has_no_size(laboratory: Bu
 
 def test_a_camera_without_a_measurement_area_says_why(laboratory: Build) -> None:
     assert "no sharp point is seen by 2" in measurement_area(laboratory(16.0)).reason
-    assert "no micro-image is sharp" in measurement_area(laboratory(4.0, array=55.0, gap=1.0)).reason
+    assert (
+        "no micro-image is sharp" in measurement_area(laboratory(4.0, array=55.0, gap=1.0)).reason
+    )
     assert measurement_volume(laboratory(16.0)).volume is None
 
 
@@ -171,21 +220,31 @@ def test_the_area_between_two_distances_has_the_size_of_its_strips(laboratory: B
     steps = (distance[1:] + distance[:-1]) / 2
     z, y = -area.corners()[0][:, 0], area.corners()[0][:, 1]
     upper = np.interp(steps, np.sort(z[y > 0]), y[y > 0][np.argsort(z[y > 0])])
-    assert area.size() == pytest.approx(float(np.sum(2 * upper) * (distance[1] - distance[0])), rel=1e-6)
+    assert area.size() == pytest.approx(
+        float(np.sum(2 * upper) * (distance[1] - distance[0])), rel=1e-6
+    )
 
 
-def test_the_volume_is_that_of_random_points_counted_by_traced_chief_rays(laboratory: Build) -> None:
+def test_the_volume_is_that_of_random_points_counted_by_traced_chief_rays(
+    laboratory: Build,
+) -> None:
     camera = laboratory(4.0)
     found = measurement_volume(camera, points=4096)
     r1, r2 = 0.5 * 12.5 * 1.15 / 60, 0.5 * 0.336 * abs(1 + 1.15 / 60 - 1.15 / 0.917)
-    lit = optimize.brentq(lambda s: two_disc_area(r1, r2, s) / (np.pi * r2**2) - 0.5, abs(r1 - r2), r1 + r2, xtol=1e-14)
+    lit = optimize.brentq(
+        lambda s: two_disc_area(r1, r2, s) / (np.pi * r2**2) - 0.5,
+        abs(r1 - r2),
+        r1 + r2,
+        xtol=1e-14,
+    )
     rng = np.random.Generator(np.random.Philox(key=11))
     near, far, number = 499.61133317, 514.31402103, 6000
     points = rng.uniform([-40, -35], [40, 35], (number, 2))
     depth = rng.uniform(near, far, number)
     places = 0.4 * (np.arange(25) - 12)
     centre = np.stack(np.meshgrid(places, places), axis=-1).reshape(1, -1, 2)
-    # The microlens limits here: the ray through its centre, straight to the sensor; backwards it meets the main lens at m.
+    # The microlens limits here: the ray through its centre, straight to the sensor; backwards it
+    # meets the main lens at m.
     image = points / depth[:, None] / (1 / depth - 1 / 50)[:, None]
     behind = 1 / (1 / 50 - 1 / depth)
     slope = (image[:, None] - centre) / (behind - 60)[:, None, None]
@@ -193,7 +252,9 @@ def test_the_volume_is_that_of_random_points_counted_by_traced_chief_rays(labora
     landed = centre + 1.15 * slope
     edge = np.array([3664, 2748]) * 1.66e-3 / 2
     home = centre * (1 + 1.15 / 60)
-    seen = (np.hypot(*np.moveaxis(m, -1, 0)) <= 6.25) & (np.hypot(*np.moveaxis(landed - home, -1, 0)) <= lit)
+    seen = (np.hypot(*np.moveaxis(m, -1, 0)) <= 6.25) & (
+        np.hypot(*np.moveaxis(landed - home, -1, 0)) <= lit
+    )
     seen &= np.all(np.abs(landed) <= edge, axis=-1) & np.all(np.abs(home) <= edge, axis=-1)
     share = float(np.mean(seen.sum(axis=1) >= 2))
     assert share > 0.1
@@ -205,34 +266,51 @@ def test_the_volume_is_that_of_random_points_counted_by_traced_chief_rays(labora
 
 
 @pytest.mark.parametrize("side", ["sensor", "main lens"])
-def test_a_glass_plate_counts_with_its_thickness_over_its_index(side: str, laboratory: Build) -> None:
+def test_a_glass_plate_counts_with_its_thickness_over_its_index(
+    side: str, laboratory: Build
+) -> None:
     camera = laboratory()
     plate = Substrate(0.6, 1.5, "sensor" if side == "sensor" else "main lens")
-    bare = laboratory(array=60.4 if side == "main lens" else 60.0, gap=1.15 + (0.4 if side == "sensor" else 0.0))
+    bare = laboratory(
+        array=60.4 if side == "main lens" else 60.0, gap=1.15 + (0.4 if side == "sensor" else 0.0)
+    )
     if side == "main lens":
         bare = replace(bare, sensor=replace(bare.sensor, distance=60.4 + 1.15))
-    found, expected = camera_smms(replace(camera, array=replace(camera.array, substrate=plate))), camera_smms(bare)
+    found, expected = (
+        camera_smms(replace(camera, array=replace(camera.array, substrate=plate))),
+        camera_smms(bare),
+    )
     assert found.distance == pytest.approx(expected.distance, rel=1e-15)
     assert found.gap == pytest.approx(expected.gap, rel=1e-12)
-    # Snell's law for a paraxial ray: refraction at both faces of the plate shifts it as t/n of air would.
+    # Snell's law for a paraxial ray: refraction at both faces of the plate shifts it as t/n of air
+    # would.
     slope = 1e-4
     through = 1.15 * slope + 0.6 * np.tan(np.arcsin(np.sin(np.arctan(slope)) / 1.5))
     assert through == pytest.approx((1.15 + 0.6 / 1.5) * slope, rel=1e-8)
 
 
 @pytest.mark.parametrize(
-    ("f_number", "layout", "roll"), [(1.6, "square", 0.1), (2.0, "hexagonal", 0.0), (2.8, "square", 0.0), (8.0, "square", 0.02)]
+    ("f_number", "layout", "roll"),
+    [(1.6, "square", 0.1), (2.0, "hexagonal", 0.0), (2.8, "square", 0.0), (8.0, "square", 0.02)],
 )
-def test_pixels_counted_by_intervals_are_those_looked_at_one_by_one(f_number: float, layout: str, roll: float, laboratory: Build) -> None:
+def test_pixels_counted_by_intervals_are_those_looked_at_one_by_one(
+    f_number: float, layout: str, roll: float, laboratory: Build
+) -> None:
     camera = laboratory(f_number, minimum=0.25)
     camera = replace(
         camera,
-        array=replace(camera.array, layout="hexagonal" if layout == "hexagonal" else "square", roll=roll),
+        array=replace(
+            camera.array, layout="hexagonal" if layout == "hexagonal" else "square", roll=roll
+        ),
         sensor=replace(camera.sensor, resolution=(1500, 1000), pixel=2.5e-3),
     )
     fields = sensor_fields(camera)
     low = fields.low
-    x, y = (low[axis] + (np.arange(camera.sensor.resolution[axis]) + 0.5) * 2.5e-3 for axis in (0, 1))
+    x, y = (
+        low[axis] + (np.arange(camera.sensor.resolution[axis]) + 0.5) * 2.5e-3 for axis in (0, 1)
+    )
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    nearest: npt.NDArray[np.int64] = np.asarray(KDTree(fields.centre).query(points)[1], dtype=np.int64)
+    nearest: npt.NDArray[np.int64] = np.asarray(
+        KDTree(fields.centre).query(points)[1], dtype=np.int64
+    )
     assert useful_pixels(camera)[1] == int(np.count_nonzero(in_useful(fields, nearest, points)))

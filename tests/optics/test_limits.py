@@ -1,4 +1,6 @@
-"""The hard cases by name, against 50-digit arithmetic on the same doubles, with floating-point errors raised; and properties of all."""
+"""The hard cases by name, against 50-digit arithmetic on the same doubles, with floating-point
+errors raised; and properties of all.
+"""
 
 import itertools
 import math
@@ -17,11 +19,24 @@ from flflab.errors import InputError
 from flflab.optics.boundary import object_fields
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Substrate, Useful
 from flflab.optics.contrast import contrast_paper, mtf_pixel, transfer
-from flflab.optics.focus import blur, depth_of_field, image_distance, magnification, marginal_angle, vergence_of, virtual_depth
+from flflab.optics.focus import (
+    blur,
+    depth_of_field,
+    image_distance,
+    magnification,
+    marginal_angle,
+    vergence_of,
+    virtual_depth,
+)
 from flflab.optics.overlap import common_area
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms, camera_smms, row_illumination
-from flflab.optics.solution import array_arrangement, distance_arrangement, solve_camera, solve_distance
+from flflab.optics.solution import (
+    array_arrangement,
+    distance_arrangement,
+    solve_camera,
+    solve_distance,
+)
 from flflab.optics.useful import in_useful, row_fields, sensor_fields
 from flflab.optics.views import Views, row_views, sensor_views
 
@@ -37,7 +52,15 @@ def floating_point_errors_raise() -> Iterator[None]:
         yield
 
 
-def smms_of(F: float = 50.0, A: float = 12.5, L: float = 60.0, b: float = 1.15, f: float = 0.917, d: float = 0.336, y: float = 0.0) -> Smms:
+def smms_of(
+    F: float = 50.0,
+    A: float = 12.5,
+    L: float = 60.0,
+    b: float = 1.15,
+    f: float = 0.917,
+    d: float = 0.336,
+    y: float = 0.0,
+) -> Smms:
     return Smms(*(np.asarray(value, dtype=np.float64) for value in (F, A, L, b, f, d, y, 0.0)))
 
 
@@ -45,7 +68,15 @@ def exact(smms: Smms, vergence: float) -> dict[str, Any]:
     """The model in 50 digits, and with each result the sum of |terms| that its doubles round."""
     F, A, L, b, f, d, y = (
         mp.mpf(float(part))
-        for part in (smms.lens_focal, smms.lens_aperture, smms.distance, smms.gap, smms.focal, smms.aperture, smms.centre_x)
+        for part in (
+            smms.lens_focal,
+            smms.lens_aperture,
+            smms.distance,
+            smms.gap,
+            smms.focal,
+            smms.aperture,
+            smms.centre_x,
+        )
     )
     V = mp.mpf(vergence)
     kappa, x = 1 + b / L - b / f, L * (V - 1 / F + 1 / L)
@@ -60,7 +91,10 @@ def exact(smms: Smms, vergence: float) -> dict[str, Any]:
             abs(x / (1 - x)) * L / b if x != 1 else mp.inf,
             (terms_x / abs(1 - x) + abs(x) * terms_x / (1 - x) ** 2) * L / b if x != 1 else 1,
         ),
-        "blur": (abs(kappa * x - b / L) * limiting, spread * limiting + abs(kappa * x - b / L) * limiting * (terms_x / abs(x) if x else 1)),
+        "blur": (
+            abs(kappa * x - b / L) * limiting,
+            spread * limiting + abs(kappa * x - b / L) * limiting * (terms_x / abs(x) if x else 1),
+        ),
         "centre": (y * (1 + b / L), abs(y) * (1 + b / L)),
     }
 
@@ -68,8 +102,10 @@ def exact(smms: Smms, vergence: float) -> dict[str, Any]:
 def check(smms: Smms, vergence: float, *, near: float = 16) -> None:
     """Every value within ``near`` units of roundoff of the sum of its terms."""
     found = {
-        "kappa": smms.kappa, "outside_radius": smms.outside_radius, "inside_radius": smms.inside_radius,
-        "virtual_depth": virtual_depth(smms, vergence), "blur": blur(smms, vergence), "centre": smms.centre_x * smms.image_scale,
+        "kappa": smms.kappa, "outside_radius": smms.outside_radius,
+        "inside_radius": smms.inside_radius,
+        "virtual_depth": virtual_depth(smms, vergence), "blur": blur(smms, vergence),
+        "centre": smms.centre_x * smms.image_scale,
     }  # fmt: skip
     with mpmath.workdps(50):
         for name, (expected, terms) in exact(smms, vergence).items():
@@ -78,7 +114,11 @@ def check(smms: Smms, vergence: float, *, near: float = 16) -> None:
             if mp.isinf(expected):
                 assert value > 1e14, name
             else:
-                assert abs(mp.mpf(value) - expected) <= near * UNIT * terms, (name, value, float(expected))
+                assert abs(mp.mpf(value) - expected) <= near * UNIT * terms, (
+                    name,
+                    value,
+                    float(expected),
+                )
 
 
 IN_PUPIL = 60 * 0.917 / (60 - 0.917)
@@ -132,8 +172,13 @@ def test_a_gap_towards_zero(gap: float) -> None:
     assert float(blur(smms, 1 / 506.7)) == pytest.approx(0.336, rel=0.01)
 
 
-@pytest.mark.parametrize(("lens", "microlens"), [(1e-12, 0.336), (12.5, 1e-12), (1e-200, 0.336), (12.5, 1e-200), (1e-9, 1e-9)])
-def test_pinholes_blur_nothing_and_are_counted_by_their_limits(lens: float, microlens: float) -> None:
+@pytest.mark.parametrize(
+    ("lens", "microlens"),
+    [(1e-12, 0.336), (12.5, 1e-12), (1e-200, 0.336), (12.5, 1e-200), (1e-9, 1e-9)],
+)
+def test_pinholes_blur_nothing_and_are_counted_by_their_limits(
+    lens: float, microlens: float
+) -> None:
     smms = smms_of(A=lens, d=microlens)
     check(smms, 1 / 450)
     assert float(blur(smms, 1 / 450)) <= 2e-9
@@ -143,7 +188,8 @@ def test_pinholes_blur_nothing_and_are_counted_by_their_limits(lens: float, micr
     # A pinhole microlens blurs nothing but a target imaged onto the array itself.
     assert sum(after[0] - before[1] for before, after in itertools.pairwise(pieces)) < 1e-11
     camera = Camera(
-        MainLens(50.0, 50.0 / lens), MicrolensArray("square", (25, 25), (0.4, 0.4), microlens, (0.917,), 60.0),
+        MainLens(50.0, 50.0 / lens),
+        MicrolensArray("square", (25, 25), (0.4, 0.4), microlens, (0.917,), 60.0),
         Sensor((3664, 2748), 1.66e-3, 61.15), useful=Useful(0.5, 0.0),
     )  # fmt: skip
     seen = row_views(row_fields(camera), 1 / 506.7, 0.0)
@@ -173,11 +219,14 @@ def test_a_microlens_a_million_pitches_off_the_axis(pitches: float) -> None:
 @pytest.mark.parametrize(
     ("radius1", "radius2", "distance", "area"),
     [
-        (1.0, 2.0, 3.0, 0.0), (1.0, 2.0, 1.0, math.pi), (1.0, 2.0, 0.0, math.pi), (1.0, 1.0, 0.0, math.pi), (0.0, 1.0, 0.5, 0.0),
+        (1.0, 2.0, 3.0, 0.0), (1.0, 2.0, 1.0, math.pi), (1.0, 2.0, 0.0, math.pi),
+        (1.0, 1.0, 0.0, math.pi), (0.0, 1.0, 0.5, 0.0),
         (1.0, 1e9, 1e9 - 1, math.pi), (1.0, 1e9, 1e9 + 1, 0.0), (1.0, 1e9, 1e9, math.pi / 2),
     ],
 )  # fmt: skip
-def test_tangent_nested_and_unlike_discs(radius1: float, radius2: float, distance: float, area: float) -> None:
+def test_tangent_nested_and_unlike_discs(
+    radius1: float, radius2: float, distance: float, area: float
+) -> None:
     assert float(common_area(radius1, radius2, distance)) == pytest.approx(area, rel=1e-9)
 
 
@@ -188,7 +237,8 @@ def test_a_dot_on_a_view_s_edge_counts_as_inside(laboratory: Build) -> None:
     owner = np.array([312, 312])
     inside = in_useful(fields, owner, np.stack([edge, edge * (1 + 4e-16) + 1e-15]))
     assert inside.tolist() == [True, False]
-    # The point whose chief ray lands on the edge of the useful interval of the microlens on the axis.
+    # The point whose chief ray lands on the edge of the useful interval of the microlens on the
+    # axis.
     smms = central_smms(camera)
     vergence = 1 / 506.7
     m = -float(row.useful[12, 1]) * 60 / 1.15
@@ -212,11 +262,14 @@ def test_bars_at_and_beyond_nyquist() -> None:
 @pytest.mark.parametrize(
     ("part", "field"),
     [
-        ("main_lens", "focal_length"), ("main_lens", "f_number"), ("array", "aperture"), ("array", "distance"), ("sensor", "pixel"),
+        ("main_lens", "focal_length"), ("main_lens", "f_number"), ("array", "aperture"),
+        ("array", "distance"), ("sensor", "pixel"),
         ("sensor", "distance"),
     ],
 )  # fmt: skip
-def test_every_impossible_number_is_refused_with_its_field_and_value(part: str, field: str, value: float, laboratory: Build) -> None:
+def test_every_impossible_number_is_refused_with_its_field_and_value(
+    part: str, field: str, value: float, laboratory: Build
+) -> None:
     camera = laboratory()
     name = {"array": "microlens_array"}.get(part, part)
     with pytest.raises(InputError) as error:
@@ -231,7 +284,10 @@ def test_every_impossible_number_is_refused_with_its_field_and_value(part: str, 
     [
         ({"pitch": (0.4, -0.4)}, "pitch y is -0.4"),
         ({"aperture": 0.5}, "aperture is 0.5 mm, wider than the 0.4 mm between neighbours"),
-        ({"layout": "hexagonal", "pitch": (0.4, 0.3)}, "aperture is 0.336 mm, wider than the 0.327872"),
+        (
+            {"layout": "hexagonal", "pitch": (0.4, 0.3)},
+            "aperture is 0.336 mm, wider than the 0.327872",
+        ),
         ({"focal_lengths": (0.917, 0.0)}, "none of them 0"),
         ({"focal_lengths": (0.917, math.nan)}, "focal_lengths"),
         ({"count": (0, 25)}, "count is 0"),
@@ -242,7 +298,9 @@ def test_every_impossible_number_is_refused_with_its_field_and_value(part: str, 
         ({"offset": (math.inf, 0.0)}, "offset"),
     ],
 )
-def test_a_contradictory_array_is_refused(changes: dict[str, Any], says: str, laboratory: Build) -> None:
+def test_a_contradictory_array_is_refused(
+    changes: dict[str, Any], says: str, laboratory: Build
+) -> None:
     camera = laboratory()
     with pytest.raises(InputError, match=says.replace(".", r"\.")):
         replace(camera, array=replace(camera.array, **changes))
@@ -256,7 +314,11 @@ def test_an_array_tilted_into_the_sensor_is_refused(laboratory: Build) -> None:
 
 def test_a_camera_of_one_pixel_and_one_microlens_is_answered(laboratory: Build) -> None:
     camera = laboratory()
-    tiny = replace(camera, array=replace(camera.array, count=(1, 1)), sensor=replace(camera.sensor, resolution=(1, 1)))
+    tiny = replace(
+        camera,
+        array=replace(camera.array, count=(1, 1)),
+        sensor=replace(camera.sensor, resolution=(1, 1)),
+    )
     solution = solve_camera(tiny)
     assert solution.useful_pixels == (1, 1)
     target = solve_distance(tiny, 506.7, solution.useful_pixels, sensor_fields(tiny), solution.row)
@@ -272,20 +334,25 @@ CAMERAS = st.builds(
         Sensor((3664, 2748), 1.66e-3, length + gap),
         useful=Useful(minimum, 0.0),
     ),
-    st.floats(1.0, 32.0), st.floats(53.0, 70.0), st.floats(0.5, 1.6), st.floats(0.05, 0.4), st.floats(0.0, 0.9),
+    st.floats(1.0, 32.0), st.floats(53.0, 70.0), st.floats(0.5, 1.6), st.floats(0.05, 0.4),
+    st.floats(0.0, 0.9),
 )  # fmt: skip
 
 
 @settings(max_examples=40, deadline=None)
 @given(CAMERAS, st.floats(200.0, 2000.0), st.floats(0.0, 8.0))
-def test_mirrored_points_have_mirrored_views(camera: Camera, distance: float, height: float) -> None:
+def test_mirrored_points_have_mirrored_views(
+    camera: Camera, distance: float, height: float
+) -> None:
     row, angle = row_fields(camera), height / distance
     assert row_views(row, 1 / distance, angle) == row_views(row, 1 / distance, -angle)
 
 
 @settings(max_examples=25, deadline=None)
 @given(CAMERAS, st.floats(250.0, 1500.0), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
-def test_the_lattice_s_symmetries_are_the_views_(camera: Camera, distance: float, x: float, y: float) -> None:
+def test_the_lattice_s_symmetries_are_the_views_(
+    camera: Camera, distance: float, x: float, y: float
+) -> None:
     fields = sensor_fields(camera)
     point = np.array([x, y]) / distance
     turned = [sensor_views(fields, 1 / distance, np.array(one)) for one in (point[::-1], -point)]
@@ -296,9 +363,15 @@ def test_the_lattice_s_symmetries_are_the_views_(camera: Camera, distance: float
 
 @settings(max_examples=40, deadline=None)
 @given(CAMERAS, st.floats(250.0, 1500.0), st.floats(-1.0, 1.0))
-def test_a_shift_by_one_pitch_s_angle_shifts_the_views(camera: Camera, distance: float, height: float) -> None:
+def test_a_shift_by_one_pitch_s_angle_shifts_the_views(
+    camera: Camera, distance: float, height: float
+) -> None:
     # A boundless array and sensor: the point p D/L further along is seen as often.
-    wide = replace(camera, array=replace(camera.array, count=(201, 1)), sensor=replace(camera.sensor, resolution=(60000, 100)))
+    wide = replace(
+        camera,
+        array=replace(camera.array, count=(201, 1)),
+        sensor=replace(camera.sensor, resolution=(60000, 100)),
+    )
     row, length = row_fields(wide), camera.array.distance
     angle = height / distance
     nearby = {row_views(row, 1 / distance, angle + step).chief for step in (0.0, 1e-12, -1e-12)}
@@ -307,8 +380,12 @@ def test_a_shift_by_one_pitch_s_angle_shifts_the_views(camera: Camera, distance:
 
 @settings(max_examples=40, deadline=None)
 @given(CAMERAS, st.floats(1.01, 4.0), st.floats(200.0, 2000.0))
-def test_stopping_down_never_widens_fields_or_blur_nor_shortens_depth_of_field(camera: Camera, stop: float, distance: float) -> None:
-    closed = replace(camera, main_lens=replace(camera.main_lens, f_number=camera.main_lens.f_number * stop))
+def test_stopping_down_never_widens_fields_or_blur_nor_shortens_depth_of_field(
+    camera: Camera, stop: float, distance: float
+) -> None:
+    closed = replace(
+        camera, main_lens=replace(camera.main_lens, f_number=camera.main_lens.f_number * stop)
+    )
     before, after = central_smms(camera), central_smms(closed)
     assert float(after.outside_radius) <= float(before.outside_radius)
     assert float(blur(after, 1 / distance)) <= float(blur(before, 1 / distance)) * (1 + 1e-15)
@@ -316,14 +393,20 @@ def test_stopping_down_never_widens_fields_or_blur_nor_shortens_depth_of_field(c
     lens_limits = float(before.lens_width) <= float(before.microlens_width)
     if not lens_limits and float(after.lens_width) >= float(after.microlens_width):
         assert np.all(row_illumination(after, offset) <= row_illumination(before, offset) + 1e-12)
-    sharp = [vergence for vergence in np.linspace(0, 0.01, 200) if float(blur(before, vergence)) <= 1.66e-3]
+    sharp = [
+        vergence
+        for vergence in np.linspace(0, 0.01, 200)
+        if float(blur(before, vergence)) <= 1.66e-3
+    ]
     pieces = depth_of_field(after, 1.66e-3 * (1 + 1e-9))
     assert all(any(low <= vergence <= high for low, high in pieces) for vergence in sharp)
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(1e-15, 1e-6), st.floats(0.0, 0.004))
-def test_everything_is_continuous_through_kappa_w_and_v_of_zero(step: float, vergence: float) -> None:
+def test_everything_is_continuous_through_kappa_w_and_v_of_zero(
+    step: float, vergence: float
+) -> None:
     steepest = 1e5 * step + 1e-11
     for low, high, at in (
         (smms_of(b=IN_PUPIL * (1 - step)), smms_of(b=IN_PUPIL * (1 + step)), (vergence, vergence)),
@@ -331,9 +414,14 @@ def test_everything_is_continuous_through_kappa_w_and_v_of_zero(step: float, ver
         (smms_of(), smms_of(), (-step * 1e-3, step * 1e-3)),
     ):
         for property_of in (blur, virtual_depth):
-            assert float(property_of(low, at[0])) == pytest.approx(float(property_of(high, at[1])), abs=steepest)
+            assert float(property_of(low, at[0])) == pytest.approx(
+                float(property_of(high, at[1])), abs=steepest
+            )
         assert float(low.outside_radius) == pytest.approx(float(high.outside_radius), abs=steepest)
         none = np.array([-0.1, 0.1])
         for name in ("bright", "total"):
-            one, other = (getattr(object_fields(smms, none, v), name) for smms, v in ((low, at[0]), (high, at[1])))
+            one, other = (
+                getattr(object_fields(smms, none, v), name)
+                for smms, v in ((low, at[0]), (high, at[1]))
+            )
             assert one == pytest.approx(other, abs=steepest)

@@ -1,4 +1,6 @@
-"""A second path for what is left: useful pixels, mean views, stereo limits, virtual depth, marginal angle, contrast, by rays alone."""
+"""A second path for what is left: useful pixels, mean views, stereo limits, virtual depth, marginal
+angle, contrast, by rays alone.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,20 +23,29 @@ CENTRES = 0.4 * (np.arange(25) - 12)
 
 
 def light_by_rays(camera: Camera, places: Array, rays: int = 1201) -> Array:
-    """Share of each microlens's slit through which rays traced back from sensor points pass the main lens, shape (25, points)."""
+    """Share of each microlens's slit through which rays traced back from sensor points pass the
+    main lens, shape (25, points).
+    """
     length, gap, focal = camera.array.distance, camera.gap, camera.array.focal_lengths[0]
     steps = (np.arange(rays) + 0.5) / rays - 0.5
 
     def share(centre: float, some: Array) -> Array:
         q = centre + steps[:, None] * camera.array.aperture
         slope = (some - q) / gap + (q - centre) / focal
-        return np.asarray(np.mean(np.abs(q - slope * length) <= camera.main_lens.aperture / 2, axis=0))
+        return np.asarray(
+            np.mean(np.abs(q - slope * length) <= camera.main_lens.aperture / 2, axis=0)
+        )
 
     blocks = np.array_split(places, 1 + len(places) // 64)  # the processor's cache holds one
-    return np.array([np.concatenate([share(centre, some) for some in blocks]) for centre in CENTRES.tolist()])
+    return np.array(
+        [np.concatenate([share(centre, some) for some in blocks]) for centre in CENTRES.tolist()]
+    )
 
 
-@pytest.mark.parametrize(("f_number", "array", "gap"), [(2.0, 60.0, 1.15), (4.0, 60.0, 1.15), (16.0, 60.0, 1.15), (4.0, 55.0, 0.775)])
+@pytest.mark.parametrize(
+    ("f_number", "array", "gap"),
+    [(2.0, 60.0, 1.15), (4.0, 60.0, 1.15), (16.0, 60.0, 1.15), (4.0, 55.0, 0.775)],
+)
 def test_useful_pixels_of_the_row_are_those_that_one_microlens_lights_well_enough(
     f_number: float, array: float, gap: float, laboratory: Build
 ) -> None:
@@ -48,11 +59,15 @@ def test_useful_pixels_of_the_row_are_those_that_one_microlens_lights_well_enoug
     alone = lit.sum(axis=0) == 1
     useful = alone & np.any((shares >= 0.5 * brightest) & lit & on_sensor[:, None], axis=0)
     # Two pixels at each end of a micro-image lie within a ray of the threshold.
-    assert solve_camera(camera).useful_pixels[0] == pytest.approx(int(useful.sum()), abs=2 * int(on_sensor.sum()))
+    assert solve_camera(camera).useful_pixels[0] == pytest.approx(
+        int(useful.sum()), abs=2 * int(on_sensor.sum())
+    )
 
 
 def chief_views_by_rays(camera: Camera, distance: float, height: float, trace: Trace) -> int:
-    """Microlenses whose limiting stop's central ray passes and lands in the useful interval; two traced rays give all others."""
+    """Microlenses whose limiting stop's central ray passes and lands in the useful interval; two
+    traced rays give all others.
+    """
     row, half = row_fields(camera), camera.main_lens.aperture / 2
     seen = 0
     for centre, useful in zip(CENTRES.tolist(), row.useful, strict=True):
@@ -67,7 +82,8 @@ def chief_views_by_rays(camera: Camera, distance: float, height: float, trace: T
 
 
 @pytest.mark.parametrize(
-    ("f_number", "array", "gap", "distance"), [(2.0, 60.0, 1.15, 506.7), (4.0, 60.0, 1.15, 480.0), (2.8, 55.0, 0.775, 300.0)]
+    ("f_number", "array", "gap", "distance"),
+    [(2.0, 60.0, 1.15, 506.7), (4.0, 60.0, 1.15, 480.0), (2.8, 55.0, 0.775, 300.0)],
 )
 def test_the_mean_number_of_views_is_that_of_a_period_of_traced_points(
     f_number: float, array: float, gap: float, distance: float, laboratory: Build, trace: Trace
@@ -75,11 +91,18 @@ def test_the_mean_number_of_views_is_that_of_a_period_of_traced_points(
     camera = laboratory(f_number, array, gap)
     period = 0.4 * distance / array
     heights = period * (np.arange(400) + 0.5) / 400
-    traced = np.mean([chief_views_by_rays(camera, distance, float(height), trace) for height in heights])
-    assert mean_row_views(row_fields(camera), 0.4, 1 / distance) == pytest.approx(float(traced), abs=0.01)
+    traced = np.mean(
+        [chief_views_by_rays(camera, distance, float(height), trace) for height in heights]
+    )
+    assert mean_row_views(row_fields(camera), 0.4, 1 / distance) == pytest.approx(
+        float(traced), abs=0.01
+    )
 
 
-@pytest.mark.parametrize(("f_number", "array", "gap"), [(2.0, 60.0, 1.15), (4.0, 60.0, 1.15), (8.0, 60.0, 1.15), (4.0, 55.0, 0.775)])
+@pytest.mark.parametrize(
+    ("f_number", "array", "gap"),
+    [(2.0, 60.0, 1.15), (4.0, 60.0, 1.15), (8.0, 60.0, 1.15), (4.0, 55.0, 0.775)],
+)
 def test_the_stereo_limits_are_where_traced_points_lose_their_second_view(
     f_number: float, array: float, gap: float, laboratory: Build, trace: Trace
 ) -> None:
@@ -91,23 +114,33 @@ def test_the_stereo_limits_are_where_traced_points_lose_their_second_view(
 
     def most(distance: float) -> int:
         heights = 0.4 * distance / array * np.linspace(0, 1, 41)
-        return max(chief_views_by_rays(camera, distance, float(height), trace) for height in heights)
+        return max(
+            chief_views_by_rays(camera, distance, float(height), trace) for height in heights
+        )
 
     assert most(limit - step) < 2 <= most(limit + step)
 
 
 @pytest.mark.parametrize("distance", [250.0, 320.0, 506.7, 2000.0])
-def test_image_distance_and_virtual_depth_are_where_traced_rays_cross(distance: float, laboratory: Build, trace: Trace) -> None:
+def test_image_distance_and_virtual_depth_are_where_traced_rays_cross(
+    distance: float, laboratory: Build, trace: Trace
+) -> None:
     camera = laboratory(4.0)
     at_array, _, _ = trace(camera, distance, 0.3, 0.0, np.array([-2.0, 3.0]))
     slope = (at_array - np.array([-2.0, 3.0])) / 60.0
     crossing = 60 - float((at_array[1] - at_array[0]) / (slope[1] - slope[0]))
-    assert float(image_distance(central_smms(camera), 1 / distance)) == pytest.approx(crossing, rel=1e-10)
-    assert float(virtual_depth(central_smms(camera), 1 / distance)) == pytest.approx(abs(60 - crossing) / 1.15, rel=1e-9)
+    assert float(image_distance(central_smms(camera), 1 / distance)) == pytest.approx(
+        crossing, rel=1e-10
+    )
+    assert float(virtual_depth(central_smms(camera), 1 / distance)) == pytest.approx(
+        abs(60 - crossing) / 1.15, rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("f_number", [2.0, 4.0, 16.0])
-def test_the_marginal_angle_is_that_of_rays_traced_back_from_the_sensor(f_number: float, laboratory: Build) -> None:
+def test_the_marginal_angle_is_that_of_rays_traced_back_from_the_sensor(
+    f_number: float, laboratory: Build
+) -> None:
     camera = laboratory(f_number)
     row = row_fields(camera)
     for index in (12, 20):
@@ -115,11 +148,17 @@ def test_the_marginal_angle_is_that_of_rays_traced_back_from_the_sensor(f_number
         slope = (row.centre[index] - q) / 1.15
         m = q - (slope + (q - CENTRES[index]) / 0.917) * 60
         angles = np.arctan(slope[np.abs(m) <= camera.main_lens.aperture / 2 + 1e-9])
-        assert float(marginal_angle(row.smms)[index]) == pytest.approx(float(np.ptp(angles)), abs=2e-5)
+        assert float(marginal_angle(row.smms)[index]) == pytest.approx(
+            float(np.ptp(angles)), abs=2e-5
+        )
 
 
-@pytest.mark.parametrize(("f_number", "distance"), [(4.0, 506.7016), (4.0, 525.0), (8.0, 470.0), (4.0, 299.0)])
-def test_contrast_is_the_mean_phase_of_traced_rays_over_pixels(f_number: float, distance: float, laboratory: Build, trace: Trace) -> None:
+@pytest.mark.parametrize(
+    ("f_number", "distance"), [(4.0, 506.7016), (4.0, 525.0), (8.0, 470.0), (4.0, 299.0)]
+)
+def test_contrast_is_the_mean_phase_of_traced_rays_over_pixels(
+    f_number: float, distance: float, laboratory: Build, trace: Trace
+) -> None:
     camera = laboratory(f_number)
     steps = np.linspace(-0.5, 0.5, 1501) * camera.main_lens.aperture
     at_array, landed, _ = trace(camera, distance, 0.0, 0.0, steps)
@@ -140,31 +179,50 @@ def test_contrast_is_the_mean_phase_of_traced_rays_over_pixels(f_number: float, 
         assert found == pytest.approx(expected, abs=2e-5)
 
 
-@pytest.mark.parametrize(("f_number", "distance", "frequency"), [(4.0, 520.0, 9.0), (4.0, 470.0, 3.0), (16.0, 480.0, 6.0)])
+@pytest.mark.parametrize(
+    ("f_number", "distance", "frequency"),
+    [(4.0, 520.0, 9.0), (4.0, 470.0, 3.0), (16.0, 480.0, 6.0)],
+)
 def test_contrast_with_fall_off_is_the_mean_phase_of_rays_that_count_by_their_slope(
     f_number: float, distance: float, frequency: float, laboratory: Build, trace: Trace
 ) -> None:
     camera = laboratory(f_number)
     at_array, landed, _ = trace(camera, distance, 0.0, 0.0, np.array([1.0]))
-    at_array, landed = float(at_array[0]), float(landed[0])  # per mm from the middle of the main lens
+    at_array, landed = (
+        float(at_array[0]),
+        float(landed[0]),
+    )  # per mm from the middle of the main lens
     rim = min(camera.main_lens.aperture / 2, 0.168 / abs(at_array))
     # the cone of a pixel, not that of a point of the target: s = 0 sees m by q = m b / (L kappa)
     b, away = camera.gap, camera.array.distance
-    steepest = min(0.168 / b, camera.main_lens.aperture / 2 / (away * abs(1 + b / away - b / camera.array.focal_lengths[0])))
+    steepest = min(
+        0.168 / b,
+        camera.main_lens.aperture
+        / 2
+        / (away * abs(1 + b / away - b / camera.array.focal_lengths[0])),
+    )
     x, y = np.meshgrid(np.linspace(-1, 1, 2001), np.linspace(-1, 1, 2001))
     light = (np.hypot(x, y) <= 1) / (1 + (np.hypot(x, y) * steepest) ** 2) ** 2
     smms, at = central_smms(camera), (1 / distance, 1.66e-3, np.asarray(frequency))
     u = frequency / float(magnification(smms, 1 / distance))
-    expected = float((light * np.cos(2 * np.pi * u * landed * rim * x)).sum() / light.sum() * np.sinc(u * 1.66e-3))
+    expected = float(
+        (light * np.cos(2 * np.pi * u * landed * rim * x)).sum()
+        / light.sum()
+        * np.sinc(u * 1.66e-3)
+    )
     assert float(transfer(smms, *at, falloff=1.0)) == pytest.approx(expected, abs=4e-5)
     assert abs(float(transfer(smms, *at)) - expected) > 1e-3
 
 
-def test_the_useful_width_shrinks_with_crosstalk_forbidden_and_grows_with_it_allowed(laboratory: Build) -> None:
+def test_the_useful_width_shrinks_with_crosstalk_forbidden_and_grows_with_it_allowed(
+    laboratory: Build,
+) -> None:
     camera = laboratory(2.0, minimum=0.0)
     allowed = replace(camera, useful=replace(camera.useful, maximum_crosstalk=0.3))
     before, after = (float(np.ptp(row_fields(one).useful[12])) for one in (camera, allowed))
     shares = light_by_rays(camera, np.linspace(0, 0.2, 4001))
     others = np.delete(shares, 12, axis=0).max(axis=0) / shares.max()
     for width, crosstalk in ((before, 0.0), (after, 0.3)):
-        assert width / 2 == pytest.approx(float(np.linspace(0, 0.2, 4001)[np.argmax(others > crosstalk)]), abs=2e-4)
+        assert width / 2 == pytest.approx(
+            float(np.linspace(0, 0.2, 4001)[np.argmax(others > crosstalk)]), abs=2e-4
+        )

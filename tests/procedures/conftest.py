@@ -1,4 +1,6 @@
-"""A bench with a small sensor, in memory (its devices do at once what they are told) or served by the simulation."""
+"""A bench with a small sensor, in memory (its devices do at once what they are told) or served by
+the simulation.
+"""
 
 import threading
 import time
@@ -104,7 +106,9 @@ class MemorySetting:
 
 
 class MemoryCamera:
-    """A camera under a lamp: a third of its pixels get ``rate`` DN a second on top of the offset; satisfies ``CameraDevice``."""
+    """A camera under a lamp: a third of its pixels get ``rate`` DN a second on top of the offset;
+    satisfies ``CameraDevice``.
+    """
 
     name = "camera"
     full_scale = 4095
@@ -123,7 +127,9 @@ class MemoryCamera:
 
     def prepare(self, exposure_s: float, gain: float = 1.0) -> None:
         low, high = self.exposure_limits
-        if not low <= exposure_s <= high or (self.offered_exposures and exposure_s not in self.offered_exposures):
+        if not low <= exposure_s <= high or (
+            self.offered_exposures and exposure_s not in self.offered_exposures
+        ):
             raise LimitError(f"camera: {exposure_s} s")
         self.exposures.append(exposure_s)
 
@@ -131,7 +137,9 @@ class MemoryCamera:
         self.number += 1
         exposed()
         level = np.where(np.arange(self.shape[1]) % 3 == 0, self.rate * self.exposures[-1], 0.0)
-        noisy = self._rng.normal(self.offset_dn + level, np.sqrt(1 + self.dn_per_electron * level), self.shape)
+        noisy = self._rng.normal(
+            self.offset_dn + level, np.sqrt(1 + self.dn_per_electron * level), self.shape
+        )
         picture = np.clip(np.rint(noisy), 0, self.full_scale).astype(np.uint16)
         return Frame(picture, self.exposures[-1], 1.0, time.time(), self.number, 0)
 
@@ -144,9 +152,13 @@ class MemoryCamera:
 
 @pytest.fixture
 def write(root: Path, tmp_path: Path) -> Write:
-    """Write a study of two configurations and the built-in bench with a sensor of 120 x 90 pixels; both may be changed."""
+    """Write a study of two configurations and the built-in bench with a sensor of 120 x 90 pixels;
+    both may be changed.
+    """
 
-    def write_files(study: dict[str, Any] | None = None, axes: dict[str, Any] | None = None, **simulated: object) -> tuple[Path, Path]:
+    def write_files(
+        study: dict[str, Any] | None = None, axes: dict[str, Any] | None = None, **simulated: object
+    ) -> tuple[Path, Path]:
         camera = yaml.safe_load((root / "examples/cameras/osinski.yaml").read_text())
         camera["sensor"] |= {"resolution": [120, 90], "pixel": "10 um"}
         (tmp_path / "camera.yaml").write_text(yaml.safe_dump(camera))
@@ -156,7 +168,10 @@ def write(root: Path, tmp_path: Path) -> Write:
             bench["axes"][name] |= changed
         bench["simulated"] |= {"clock": 100} | simulated
         (tmp_path / "bench.yaml").write_text(yaml.safe_dump(bench, sort_keys=False))
-        small = {"name": "small", "configurations": [{"f_number": 4, "distance": ["500 mm", "515 mm"]}]}
+        small = {
+            "name": "small",
+            "configurations": [{"f_number": 4, "distance": ["500 mm", "515 mm"]}],
+        }
         (tmp_path / "study.yaml").write_text(yaml.safe_dump(small | (study or {})))
         return tmp_path / "study.yaml", tmp_path / "bench.yaml"
 
@@ -186,9 +201,18 @@ def in_memory() -> Callable[[Bench, MemoryCamera], ConnectedBench]:
             for name, axis in bench.description.axes.items()
         }
         iris = Setting[float]("iris", MemorySetting((1.0, 32.0), 8.0))
-        target = Setting[str]("target", MemorySetting(("four-dot", "bars", "white", "black"), "white"))
+        target = Setting[str](
+            "target", MemorySetting(("four-dot", "bars", "white", "black"), "white")
+        )
         return ConnectedBench(
-            bench, axes, device, iris, target, dict.fromkeys((*axes, "camera", "iris", "target"), ""), ExitStack(), ExitStack()
+            bench,
+            axes,
+            device,
+            iris,
+            target,
+            dict.fromkeys((*axes, "camera", "iris", "target"), ""),
+            ExitStack(),
+            ExitStack(),
         )
 
     return connect
@@ -196,7 +220,9 @@ def in_memory() -> Callable[[Bench, MemoryCamera], ConnectedBench]:
 
 @pytest.fixture
 def served(write: Write) -> Callable[..., Any]:
-    """Serve the bench of ``write`` and write a bench file that leads there: a context manager of (world and lines, study, bench)."""
+    """Serve the bench of ``write`` and write a bench file that leads there: a context manager of
+    (world and lines, study, bench).
+    """
 
     @contextmanager
     def start(**changes: Any) -> Generator[tuple[Served, Path, Path], None, None]:

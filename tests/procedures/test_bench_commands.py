@@ -36,7 +36,15 @@ def told(bench: tuple[Served, Path]) -> Told:
 
 def test_check_names_every_device(told: Told) -> None:
     said = told("check")
-    for name in ("main_lens_stage", "array_stage", "sensor_stage", "target_stage", "camera", "iris", "target"):
+    for name in (
+        "main_lens_stage",
+        "array_stage",
+        "sensor_stage",
+        "target_stage",
+        "camera",
+        "iris",
+        "target",
+    ):
         assert name in said
     assert said.count("not homed") == 4
 

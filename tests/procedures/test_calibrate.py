@@ -1,4 +1,6 @@
-"""``flflab calibrate`` on the simulated bench: the run, the table, and the files one goes on with."""
+"""``flflab calibrate`` on the simulated bench: the run, the table, and the files one goes on
+with.
+"""
 
 import json
 import re
@@ -22,13 +24,19 @@ from procedures.study import tell_nobody
 
 @pytest.fixture
 def files(root: Path, tmp_path: Path) -> tuple[Path, Path]:
-    """The built-in calibration, and the bench with a small sensor, a main lens 0.4 mm longer and an iris 2 % wider than described."""
+    """The built-in calibration, and the bench with a small sensor, a main lens 0.4 mm longer and an
+    iris 2 % wider than described.
+    """
     camera = yaml.safe_load((root / "examples/cameras/osinski.yaml").read_text())
     camera["sensor"] |= {"resolution": [488, 366], "pixel": "8.3 um"}
     (tmp_path / "camera.yaml").write_text(yaml.safe_dump(camera))
     bench = yaml.safe_load((root / "examples/benches/simulated.yaml").read_text())
     bench["optics"] = "camera.yaml"
-    truths = {"main_lens.focal_length": "50.4 mm", "microlens_array.focal_length": "0.925 mm", "iris.scale": 0.02}
+    truths = {
+        "main_lens.focal_length": "50.4 mm",
+        "microlens_array.focal_length": "0.925 mm",
+        "iris.scale": 0.02,
+    }
     bench["simulated"] |= {"clock": 1000, "truths": truths}
     (tmp_path / "bench.yaml").write_text(yaml.safe_dump(bench, sort_keys=False))
     return root / "examples/studies/calibration.yaml", tmp_path / "bench.yaml"
@@ -37,19 +45,29 @@ def files(root: Path, tmp_path: Path) -> tuple[Path, Path]:
 def test_a_calibration_shows_white_and_dots_only(files: tuple[Path, Path]) -> None:
     study, bench = files
     described = read_bench(bench)
-    targets = [step.kind for step in steps(read_study(study, described.optics), described) if isinstance(step, ShowTarget)]
+    targets = [
+        step.kind
+        for step in steps(read_study(study, described.optics), described)
+        if isinstance(step, ShowTarget)
+    ]
     assert targets == ["white", "four-dot", "black"]
 
 
 @pytest.mark.ci
 @pytest.mark.timeout(400)
-def test_planted_errors_are_found_and_written_down(files: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_planted_errors_are_found_and_written_down(
+    files: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for target in (White(), FourDot()):  # compiled here: the camera's patience is not for that
         render(one_plane(read_bench(files[1]).optics, target, 507.0))
     run = run_study(*files, tmp_path / "run", None, tell_nobody, "calibrate")
     concluded = conclude(run)
     found = json.loads((tmp_path / "run/calibration.json").read_text())
-    for name, truth in (("main_lens.focal_length", 50.4), ("microlens_array.focal_length", 0.925), ("iris.scale", 0.02)):
+    for name, truth in (
+        ("main_lens.focal_length", 50.4),
+        ("microlens_array.focal_length", 0.925),
+        ("iris.scale", 0.02),
+    ):
         place = found["parameters"].index(name)
         assert abs(found["values"][place] - truth) < 4 * found["uncertainties"][place], name
     calibrated = read_bench(tmp_path / "run/calibrated-bench.yaml")
@@ -61,7 +79,9 @@ def test_planted_errors_are_found_and_written_down(files: tuple[Path, Path], tmp
     with Console(width=80, record=True) as narrow, narrow.capture() as shown:
         narrow.print(table_of(concluded))
     assert "…" not in shown.get()
-    assert re.search(r"main_lens\.focal_length +50\.00000 mm +50\.[34]\d{4} ± 0\.\d{5} mm", shown.get())
+    assert re.search(
+        r"main_lens\.focal_length +50\.00000 mm +50\.[34]\d{4} ± 0\.\d{5} mm", shown.get()
+    )
     assert "cannot tell where on the axis the bench as a whole stands" in said
     with pytest.raises(RecordError, match="not overwritten"):
         conclude(run)

@@ -1,4 +1,6 @@
-"""What a plan says of its duration, against what the run takes on the simulated bench's own clock."""
+"""What a plan says of its duration, against what the run takes on the simulated bench's own
+clock.
+"""
 
 import itertools
 import threading
@@ -25,7 +27,9 @@ FASTER = 2.0
 
 
 class TickingClock:
-    """A clock that counts ticks, so that load does not look like time, and that stands while pictures are drawn: a camera draws nothing."""
+    """A clock that counts ticks, so that load does not look like time, and that stands while
+    pictures are drawn: a camera draws nothing.
+    """
 
     def __init__(self) -> None:
         self._now = 0.0
@@ -73,8 +77,12 @@ class TickingClock:
 
 @pytest.mark.ci
 @pytest.mark.timeout(300)
-def test_a_run_takes_as_long_as_its_plan_says_within_a_tenth(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    study_file, file = write(study={"configurations": [{"f_number": [4, 2.8], "distance": ["490 mm", "530 mm"]}]})
+def test_a_run_takes_as_long_as_its_plan_says_within_a_tenth(
+    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study_file, file = write(
+        study={"configurations": [{"f_number": [4, 2.8], "distance": ["490 mm", "530 mm"]}]}
+    )
     bench = read_bench(file)
     study = read_study(study_file, bench.optics)
     clock, began = TickingClock(), list[float]()
@@ -87,8 +95,12 @@ def test_a_run_takes_as_long_as_its_plan_says_within_a_tenth(write: Write, tmp_p
             began.append(clock.now())
 
         run_study(study_file, tmp_path / "served.yaml", tmp_path / "run", None, tell, "sweep")
-    took, said = [after - before for before, after in itertools.pairwise(began)], durations(steps(study, bench), bench)
-    # The first step waits for the process that watches over the axes, which starts in this machine's time.
+    took, said = (
+        [after - before for before, after in itertools.pairwise(began)],
+        durations(steps(study, bench), bench),
+    )
+    # The first step waits for the process that watches over the axes, which starts in this
+    # machine's time.
     assert sum(took[1:]) == pytest.approx(sum(said[1:]), rel=0.1), [
         f"{one:.2f} s, {other:.2f} s" for one, other in zip(took, said, strict=True)
     ]
@@ -104,17 +116,27 @@ def read(write: Write) -> Callable[..., tuple[Study, Bench]]:
     return read_both
 
 
-def test_homing_begins_where_the_camera_file_has_everything(read: Callable[..., tuple[Study, Bench]]) -> None:
+def test_homing_begins_where_the_camera_file_has_everything(
+    read: Callable[..., tuple[Study, Bench]],
+) -> None:
     study, bench = read()
     start = left_at(bench)
     assert start["array_stage"] == pytest.approx(20)  # 60 mm behind the lens, zero at 40 mm
     assert start["main_lens_stage"] == pytest.approx(10)
     to_do = steps(study, bench)
-    homes = [seconds for step, seconds in zip(to_do, durations(to_do, bench), strict=True) if isinstance(step, Home)]
-    assert homes == pytest.approx([2.0 + START_S, 3.0], abs=0.1)  # 20 mm at 10 mm/s; the target from the middle of 150 mm at 25 mm/s
+    homes = [
+        seconds
+        for step, seconds in zip(to_do, durations(to_do, bench), strict=True)
+        if isinstance(step, Home)
+    ]
+    assert homes == pytest.approx(
+        [2.0 + START_S, 3.0], abs=0.1
+    )  # 20 mm at 10 mm/s; the target from the middle of 150 mm at 25 mm/s
 
 
-def test_what_moves_after_a_frame_takes_no_longer_for_its_read_out(read: Callable[..., tuple[Study, Bench]]) -> None:
+def test_what_moves_after_a_frame_takes_no_longer_for_its_read_out(
+    read: Callable[..., tuple[Study, Bench]],
+) -> None:
     study, bench = read()
     to_do = steps(study, bench)
     lasting = dict(zip(map(str, to_do), durations(to_do, bench), strict=True))
@@ -123,24 +145,39 @@ def test_what_moves_after_a_frame_takes_no_longer_for_its_read_out(read: Callabl
     assert second is not first
 
 
-def test_a_manual_target_takes_a_person_and_a_faster_clock_makes_nobody_faster(read: Callable[..., tuple[Study, Bench]]) -> None:
+def test_a_manual_target_takes_a_person_and_a_faster_clock_makes_nobody_faster(
+    read: Callable[..., tuple[Study, Bench]],
+) -> None:
     study, bench = read()
-    by_hand = bench.description.model_copy(update={"target": bench.description.target.model_copy(update={"driver": "manual"})})
+    by_hand = bench.description.model_copy(
+        update={"target": bench.description.target.model_copy(update={"driver": "manual"})}
+    )
     manual = Bench(by_hand, bench.file, bench.lines, bench.optics)
     to_do = steps(study, manual)
     for rate in (1.0, 20.0):
-        shown = [s for step, s in zip(to_do, durations(to_do, manual, rate=rate), strict=True) if isinstance(step, ShowTarget)]
+        shown = [
+            s
+            for step, s in zip(to_do, durations(to_do, manual, rate=rate), strict=True)
+            if isinstance(step, ShowTarget)
+        ]
         assert min(shown) >= 30
     assert isinstance(to_do[-1], CaptureDark)
     assert sum(isinstance(step, Expose) for step in to_do) == 2
 
 
-def test_what_is_left_learns_from_motions_and_frames_apart_how_long_they_take(read: Callable[..., tuple[Study, Bench]]) -> None:
-    """Frames that are drawn for four seconds more and motions that take as long as they should, after a third of the steps."""
+def test_what_is_left_learns_from_motions_and_frames_apart_how_long_they_take(
+    read: Callable[..., tuple[Study, Bench]],
+) -> None:
+    """Frames that are drawn for four seconds more and motions that take as long as they should,
+    after a third of the steps.
+    """
     study, bench = read()
     to_do = steps(study, bench)
     said = durations(to_do, bench)
-    took = [seconds + 4.0 * isinstance(step, Expose | Capture | CaptureDark) for step, seconds in zip(to_do, said, strict=True)]
+    took = [
+        seconds + 4.0 * isinstance(step, Expose | Capture | CaptureDark)
+        for step, seconds in zip(to_do, said, strict=True)
+    ]
     assert sum(took) > 1.5 * sum(said)
     done = len(to_do) // 3
     assert seconds_left(to_do, said, took[:done]) == pytest.approx(sum(took[done:]), rel=0.05)

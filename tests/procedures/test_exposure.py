@@ -59,34 +59,52 @@ def test_the_brightest_view_reaches_its_share_of_full_scale(
 
 
 @pytest.mark.parametrize("rate", [0.0, 10.0, 1e12])
-def test_light_that_no_exposure_suits_is_refused_in_a_sentence(rate: float, memory_camera: Callable[..., Any], tmp_path: Path) -> None:
-    with closing(Recording(tmp_path, 1, (30, 40))) as recording, pytest.raises(MeasurementError, match=r"c0/white/0: .*full scale"):
+def test_light_that_no_exposure_suits_is_refused_in_a_sentence(
+    rate: float, memory_camera: Callable[..., Any], tmp_path: Path
+) -> None:
+    with (
+        closing(Recording(tmp_path, 1, (30, 40))) as recording,
+        pytest.raises(MeasurementError, match=r"c0/white/0: .*full scale"),
+    ):
         played(Frames(memory_camera(rate), recording), 0.7)
 
 
-SHUTTER = tuple(sorted({1 / n for n in (8000, 4000, 2000, 1000, 500, 250, 125, 60, 30, 15, 8, 4, 2)} | {1.0}))  # s, as a body offers them
+SHUTTER = tuple(
+    sorted({1 / n for n in (8000, 4000, 2000, 1000, 500, 250, 125, 60, 30, 15, 8, 4, 2)} | {1.0})
+)  # s, as a body offers them
 
 
 @pytest.mark.parametrize("rate", [9e3, 6e4, 4e5, 3.7e6])
-def test_a_camera_that_offers_certain_exposures_gets_one_of_them(rate: float, memory_camera: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_camera_that_offers_certain_exposures_gets_one_of_them(
+    rate: float, memory_camera: Callable[..., Any], tmp_path: Path
+) -> None:
     camera = memory_camera(rate)
     camera.exposure_limits, camera.offered_exposures = (SHUTTER[0], SHUTTER[-1]), SHUTTER
     with closing(Recording(tmp_path, 1, (30, 40))) as recording:
         exposure = played(Frames(camera, recording), 0.7)
     assert exposure in SHUTTER
     true_share = rate * exposure / (camera.full_scale - camera.offset_dn)
-    assert 0.7 / 4.3 < true_share <= 0.7 * 1.01  # rounded down to a step of an octave, and one that noise decides
+    assert (
+        0.7 / 4.3 < true_share <= 0.7 * 1.01
+    )  # rounded down to a step of an octave, and one that noise decides
 
 
 @pytest.mark.parametrize("rate", [300.0, 1e12])
-def test_light_beyond_the_exposures_offered_is_refused(rate: float, memory_camera: Callable[..., Any], tmp_path: Path) -> None:
+def test_light_beyond_the_exposures_offered_is_refused(
+    rate: float, memory_camera: Callable[..., Any], tmp_path: Path
+) -> None:
     camera = memory_camera(rate)
     camera.exposure_limits, camera.offered_exposures = (SHUTTER[0], SHUTTER[-1]), SHUTTER
-    with closing(Recording(tmp_path, 1, (30, 40))) as recording, pytest.raises(MeasurementError, match="the camera can do"):
+    with (
+        closing(Recording(tmp_path, 1, (30, 40))) as recording,
+        pytest.raises(MeasurementError, match="the camera can do"),
+    ):
         played(Frames(camera, recording), 0.7)
 
 
-def test_hot_pixels_and_the_dark_between_micro_images_do_not_count(memory_camera: Callable[..., Any]) -> None:
+def test_hot_pixels_and_the_dark_between_micro_images_do_not_count(
+    memory_camera: Callable[..., Any],
+) -> None:
     camera = memory_camera()
     picture = np.full((300, 400), 64, np.uint16)
     picture[:, :40] = 2064

@@ -1,4 +1,6 @@
-"""bluesky's own plans on our devices, served by the simulation, and our plans on ophyd's simulated ones."""
+"""bluesky's own plans on our devices, served by the simulation, and our plans on ophyd's simulated
+ones.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +23,9 @@ from procedures.steps import Move, SetIris, ShowTarget, steps
 from procedures.sweep import Course, Instruments, Progress, sweep
 
 
-def test_blueskys_own_plans_run_on_our_axes_iris_and_target(served: Callable[..., Any], engine: RunEngine) -> None:
+def test_blueskys_own_plans_run_on_our_axes_iris_and_target(
+    served: Callable[..., Any], engine: RunEngine
+) -> None:
     events: list[dict[str, Any]] = []
 
     def keep(name: str, document: Any) -> None:
@@ -39,13 +43,23 @@ def test_blueskys_own_plans_run_on_our_axes_iris_and_target(served: Callable[...
         stops: list[Any] = [bench.iris, [4.0, 8.0]]
         engine(bp.list_scan([], *stops), keep)
         places = (array.position(), sensor.position(), lens.position())
-    assert [event.get("target") is not None for event in events] == [True] * 2 + [False] * (3 + 6 + 2 + 2)
-    assert [event["main_lens_stage_mm"] for event in events[2:5]] == pytest.approx([1.0, 2.0, 3.0], abs=5e-4)
+    assert [event.get("target") is not None for event in events] == [True] * 2 + [False] * (
+        3 + 6 + 2 + 2
+    )
+    assert [event["main_lens_stage_mm"] for event in events[2:5]] == pytest.approx(
+        [1.0, 2.0, 3.0], abs=5e-4
+    )
     grid = [(event["array_stage_mm"], event["sensor_stage_mm"]) for event in events[5:11]]
-    assert grid == [pytest.approx(point, abs=5e-4) for point in ((5, 5), (5, 6), (5, 7), (6, 7), (6, 6), (6, 5))]
-    assert [event["main_lens_stage_mm"] for event in events[11:13]] == pytest.approx([2.5, 3.5], abs=5e-4)
+    assert grid == [
+        pytest.approx(point, abs=5e-4) for point in ((5, 5), (5, 6), (5, 7), (6, 7), (6, 6), (6, 5))
+    ]
+    assert [event["main_lens_stage_mm"] for event in events[11:13]] == pytest.approx(
+        [2.5, 3.5], abs=5e-4
+    )
     assert [event["iris"] for event in events[13:]] == pytest.approx([4.0, 8.0], rel=0.005)
-    assert places == pytest.approx((6.0, 5.0, 3.0), abs=5e-4), "a relative scan goes back to where it began"
+    assert places == pytest.approx((6.0, 5.0, 3.0), abs=5e-4), (
+        "a relative scan goes back to where it began"
+    )
 
 
 def test_the_moves_of_a_sweep_run_on_ophyds_simulated_devices(
@@ -53,7 +67,9 @@ def test_the_moves_of_a_sweep_run_on_ophyds_simulated_devices(
 ) -> None:
     """Nothing of ours is below the plan: axes, iris and target are ophyd's."""
     study, bench = described()
-    moves = tuple(step for step in steps(study, bench) if isinstance(step, Move | SetIris | ShowTarget))
+    moves = tuple(
+        step for step in steps(study, bench) if isinstance(step, Move | SetIris | ShowTarget)
+    )
     axes = {name: SynAxis(name=name) for name in bench.description.axes}
     iris, target = SynAxis(name="iris"), SynSignal(name="target")
     went: dict[str, list[float]] = {name: [] for name in axes}
@@ -63,7 +79,14 @@ def test_the_moves_of_a_sweep_run_on_ophyds_simulated_devices(
     nothing: Any = SimpleNamespace(latest=None, shot=None, arrived=None)
     told: list[Progress] = []
     idle = Glance(study, bench, nothing)
-    engine(sweep(Instruments(peers, nothing, Stages({}, bench), nothing, idle, 0.7), moves, Course(), told.append))
+    engine(
+        sweep(
+            Instruments(peers, nothing, Stages({}, bench), nothing, idle, 0.7),
+            moves,
+            Course(),
+            told.append,
+        )
+    )
     due: dict[str, list[float]] = {name: [] for name in axes}
     for step in moves:
         for group in step.groups if isinstance(step, Move) else ():

@@ -26,14 +26,22 @@ from procedures.steps import (
 )  # fmt: skip
 
 Described = Callable[..., tuple[Study, Bench]]
-GRID = {"configurations": [{"f_number": [5.6, 2.8], "distance": ["500 mm", "515 mm"]}, {"f_number": 2.8, "distance": "507 mm"}]}
+GRID = {
+    "configurations": [
+        {"f_number": [5.6, 2.8], "distance": ["500 mm", "515 mm"]},
+        {"f_number": 2.8, "distance": "507 mm"},
+    ]
+}
 
 
 def test_a_person_acts_as_seldom_as_the_irises_allow(described: Described) -> None:
     study, bench = described(study=GRID)
     to_do = steps(study, bench)
     assert [step.f_number for step in to_do if isinstance(step, SetIris)] == [2.8, 5.6]
-    assert [step.kind for step in to_do if isinstance(step, ShowTarget)] == [*("white", "four-dot", "bars") * 2, "black"]
+    assert [step.kind for step in to_do if isinstance(step, ShowTarget)] == [
+        *("white", "four-dot", "bars") * 2,
+        "black",
+    ]
     assert isinstance(to_do[-1], CaptureDark)
 
 
@@ -47,13 +55,19 @@ def test_every_point_is_taken_once_and_its_exposure_is_found_before(described: D
     assert most_frames(steps(study, bench)) == 5 * 3 * 2 + 5 * 2
 
 
-def test_array_and_sensor_home_first_and_together_where_they_home_away_from_each_other(described: Described) -> None:
+def test_array_and_sensor_home_first_and_together_where_they_home_away_from_each_other(
+    described: Described,
+) -> None:
     homes = [step.axes for step in steps(*described()) if isinstance(step, Home)]
     assert homes == [("array_stage", "sensor_stage"), ("main_lens_stage", "target_stage")]
 
 
 def test_what_homes_towards_its_neighbour_homes_after_it(described: Described) -> None:
-    homes = [step.axes for step in steps(*described(axes={"sensor_stage": {"home_towards": "-z"}})) if isinstance(step, Home)]
+    homes = [
+        step.axes
+        for step in steps(*described(axes={"sensor_stage": {"home_towards": "-z"}}))
+        if isinstance(step, Home)
+    ]
     assert homes == [("array_stage",), ("sensor_stage",), ("main_lens_stage", "target_stage")]
 
 
@@ -70,20 +84,29 @@ def test_axes_stand_where_the_configuration_asks(described: Described) -> None:
             lens, array = now["main_lens_stage"] - 10, now["array_stage"] + 40
             sensor, target = 80 - now["sensor_stage"], now["target_stage"] - 600
             wanted = step.configuration
-            assert (array - lens, sensor - lens, lens - target) == pytest.approx((wanted.array, wanted.sensor, wanted.distance), abs=1e-9)
+            assert (array - lens, sensor - lens, lens - target) == pytest.approx(
+                (wanted.array, wanted.sensor, wanted.distance), abs=1e-9
+            )
             checked += 1
     assert checked == 15
 
 
-def test_array_and_sensor_never_come_nearer_than_the_minimum_gap_on_the_way(described: Described) -> None:
-    places = [{"f_number": 4, "distance": f"{d} mm", "array": f"{a} mm"} for d, a in itertools.product((500, 520), (58, 63, 60.2, 66))]
+def test_array_and_sensor_never_come_nearer_than_the_minimum_gap_on_the_way(
+    described: Described,
+) -> None:
+    places = [
+        {"f_number": 4, "distance": f"{d} mm", "array": f"{a} mm"}
+        for d, a in itertools.product((500, 520), (58, 63, 60.2, 66))
+    ]
     study, bench = described(study={"configurations": places})
     now = homed_readings(bench)
     moved_both = 0
     for step in sweep_steps(study, bench, now):
         if not isinstance(step, Move):
             continue
-        moved_both += {"array_stage", "sensor_stage"} <= {name for group in step.groups for name in group}
+        moved_both += {"array_stage", "sensor_stage"} <= {
+            name for group in step.groups for name in group
+        }
         for group in step.groups:
             assert len(group.keys() & {"array_stage", "sensor_stage"}) <= 1
             now |= group
@@ -92,26 +115,47 @@ def test_array_and_sensor_never_come_nearer_than_the_minimum_gap_on_the_way(desc
 
 
 def test_a_configuration_out_of_reach_is_refused(described: Described) -> None:
-    study, bench = described(study={"configurations": [{"f_number": 4, "distance": ["507 mm", "700 mm"]}]})
+    study, bench = described(
+        study={"configurations": [{"f_number": 4, "distance": ["507 mm", "700 mm"]}]}
+    )
     with pytest.raises(
-        LimitError, match=r"configuration 1: target_stage .* -100\.0000 mm, outside its limits, 0 mm to 150 mm; nothing moved"
+        LimitError,
+        match=(
+            r"configuration 1: target_stage .* -100\.0000 mm, outside its limits, 0 mm to 150 mm;"
+            r" nothing moved"
+        ),
     ):
         steps(study, bench)
 
 
 def test_a_gap_that_is_too_small_is_refused(described: Described) -> None:
-    study, bench = described(study={"configurations": [{"f_number": 4, "distance": "507 mm", "sensor": "60.2 mm"}]})
+    study, bench = described(
+        study={"configurations": [{"f_number": 4, "distance": "507 mm", "sensor": "60.2 mm"}]}
+    )
     with pytest.raises(InterlockError, match=r"configuration 0: .*at least 0\.3 mm"):
         steps(study, bench)
 
 
-def test_an_element_that_nothing_moves_must_stand_where_the_study_wants_it(described: Described) -> None:
+def test_an_element_that_nothing_moves_must_stand_where_the_study_wants_it(
+    described: Described,
+) -> None:
     study, bench = described(study=GRID)
-    axes = {name: axis for name, axis in bench.description.axes.items() if axis.moves not in ("array.z", "main_lens.z")}
-    fixed = Bench(bench.description.model_copy(update={"axes": axes}), bench.file, bench.lines, bench.optics)
+    axes = {
+        name: axis
+        for name, axis in bench.description.axes.items()
+        if axis.moves not in ("array.z", "main_lens.z")
+    }
+    fixed = Bench(
+        bench.description.model_copy(update={"axes": axes}), bench.file, bench.lines, bench.optics
+    )
     assert any(isinstance(step, Move) for step in steps(study, fixed))
-    elsewhere, _ = described(study={"configurations": [{"f_number": 4, "distance": "507 mm", "array": "59 mm"}]})
-    with pytest.raises(InputError, match=re.escape("configuration 0 needs array.z at 59 mm, but it stands at 60 mm")):
+    elsewhere, _ = described(
+        study={"configurations": [{"f_number": 4, "distance": "507 mm", "array": "59 mm"}]}
+    )
+    with pytest.raises(
+        InputError,
+        match=re.escape("configuration 0 needs array.z at 59 mm, but it stands at 60 mm"),
+    ):
         steps(elsewhere, fixed)
 
 
@@ -119,8 +163,13 @@ def test_a_step_lasts_as_long_as_its_longest_axis(described: Described) -> None:
     study, bench = described()
     to_do = steps(study, bench)
     lasting = durations(to_do, bench)
-    moves: list[tuple[Any, float]] = [(step, seconds) for step, seconds in zip(to_do, lasting, strict=True) if isinstance(step, Move)]
+    moves: list[tuple[Any, float]] = [
+        (step, seconds)
+        for step, seconds in zip(to_do, lasting, strict=True)
+        if isinstance(step, Move)
+    ]
     first, seconds = moves[0]
-    # target 100 mm at 25 mm/s beside the main lens, 10 mm at 10 mm/s; then array and sensor at 10 mm/s, one after the other
+    # target 100 mm at 25 mm/s beside the main lens, 10 mm at 10 mm/s; then array and sensor at 10
+    # mm/s, one after the other
     sensor = first.groups[2]["sensor_stage"]
     assert seconds == pytest.approx(100 / 25 + 20 / 10 + sensor / 10 + 3 * SETTLE_S)

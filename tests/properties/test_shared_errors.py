@@ -19,9 +19,22 @@ def test_errors_of_one_name_are_one_error() -> None:
 
 
 def test_readings_over_their_own_mean_scatter_as_stated() -> None:
-    """One reading too bright is a mean too bright: taken as independent, p-values of marginal light lay at 0.66 in the middle."""
-    rng, true, unsure = np.random.default_rng(1), np.array([1.0, 0.5, 2.0]), np.array([0.01, 0.02, 0.01])
-    ratios = np.array([over_their_mean(true * (1 + unsure * rng.normal(size=3)), unsure)[0] for _ in range(20_000)])
+    """One reading too bright is a mean too bright: taken as independent, p-values of marginal light
+    lay at 0.66 in the middle.
+    """
+    rng, true, unsure = (
+        np.random.default_rng(1),
+        np.array([1.0, 0.5, 2.0]),
+        np.array([0.01, 0.02, 0.01]),
+    )
+    ratios = np.array(
+        [
+            over_their_mean(true * (1 + unsure * rng.normal(size=3)), unsure)[0]
+            for _ in range(20_000)
+        ]
+    )
     _, by = over_their_mean(true, unsure)
-    np.testing.assert_allclose(np.cov(ratios.T), by @ by.T, rtol=0.03, atol=0.01 * (by @ by.T).max())
+    np.testing.assert_allclose(
+        np.cov(ratios.T), by @ by.T, rtol=0.03, atol=0.01 * (by @ by.T).max()
+    )
     assert ratios.sum(axis=1) == pytest.approx(3.0)

@@ -1,4 +1,6 @@
-"""Numbers of a property: differences and ratios between configurations, what they share, and the diagnosis."""
+"""Numbers of a property: differences and ratios between configurations, what they share, and the
+diagnosis.
+"""
 
 from pathlib import Path
 
@@ -14,11 +16,23 @@ from flflab.properties.values import Values, differences, joined, ratios, single
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "simulated.yaml"
 
 
-def curve(measured: list[float], frequencies: list[float], shared: float, noise: float = 0.01) -> Values:
+def curve(
+    measured: list[float], frequencies: list[float], shared: float, noise: float = 0.01
+) -> Values:
     """A curve whose draws share one error."""
     middle = np.array(measured)
     draws = middle + shared * np.random.default_rng(0).normal(size=(4000, 1))
-    return Values(1, "mtf", "bars", middle, noise**2 * np.eye(len(middle)), middle, draws, (None,) * len(middle), tuple(frequencies))
+    return Values(
+        1,
+        "mtf",
+        "bars",
+        middle,
+        noise**2 * np.eye(len(middle)),
+        middle,
+        draws,
+        (None,) * len(middle),
+        tuple(frequencies),
+    )
 
 
 def test_an_error_common_to_two_configurations_leaves_their_difference() -> None:
@@ -29,7 +43,9 @@ def test_an_error_common_to_two_configurations_leaves_their_difference() -> None
 
 
 def test_only_what_both_configurations_have_is_set_against_each_other() -> None:
-    between = differences(curve([0.5, 0.4, 0.3], [1.0, 2.0, 3.0], 0.0), curve([0.6, 0.1], [2.0, 4.0], 0.0))
+    between = differences(
+        curve([0.5, 0.4, 0.3], [1.0, 2.0, 3.0], 0.0), curve([0.6, 0.1], [2.0, 4.0], 0.0)
+    )
     assert between.cycles_per_mm == (2.0,)
     assert between.measured.tolist() == pytest.approx([-0.2])
 
@@ -43,7 +59,17 @@ def test_a_ratio_over_what_may_be_nothing_is_not_formed() -> None:
 
 def test_a_count_s_spread_is_about_the_nominal_count() -> None:
     draws = np.array([[3], [3], [4], [3]], dtype=np.int64)
-    counted = Values(0, "views", "four-dot", np.array([3.0]), np.zeros((1, 1)), np.array([3.0]), draws, (0,), (None,))
+    counted = Values(
+        0,
+        "views",
+        "four-dot",
+        np.array([3.0]),
+        np.zeros((1, 1)),
+        np.array([3.0]),
+        draws,
+        (0,),
+        (None,),
+    )
     assert counted.spread[0] == pytest.approx(((1 + 1) / 5) ** 0.5)
 
 
@@ -53,22 +79,36 @@ def test_nothing_is_no_property() -> None:
 
 
 def numbers_of(errors: Errors) -> list[Values]:
-    """Two numbers a configuration that a longer microlens, a wider one and a shifted sensor change in different ways."""
+    """Two numbers a configuration that a longer microlens, a wider one and a shifted sensor change
+    in different ways.
+    """
     shift = errors.stages["sensor.z"][0]
     first = 1 + 3 * (errors.optics.focal - 1) + (errors.optics.aperture - 1) + 0.5 * shift
     second = 2 - 2 * (errors.optics.focal - 1) + (errors.optics.aperture - 1) + 0.4 * shift
-    return [single(0, "bright_field_mm", "white", 0.0, 1e-4, first), single(0, "total_field_mm", "white", 0.0, 1e-4, second)]
+    return [
+        single(0, "bright_field_mm", "white", 0.0, 1e-4, first),
+        single(0, "total_field_mm", "white", 0.0, 1e-4, second),
+    ]
 
 
-@pytest.mark.parametrize(("focal", "aperture", "named"), [(1.02, 1.0, "focal length of the microlenses 2 % larger"),
-                                                          (1.0, 0.97, "aperture of the microlenses 3 % smaller")])  # fmt: skip
-def test_the_one_change_that_explains_everything_is_named(focal: float, aperture: float, named: str) -> None:
+@pytest.mark.parametrize(
+    ("focal", "aperture", "named"),
+    [
+        (1.02, 1.0, "focal length of the microlenses 2 % larger"),
+        (1.0, 0.97, "aperture of the microlenses 3 % smaller"),
+    ],
+)
+def test_the_one_change_that_explains_everything_is_named(
+    focal: float, aperture: float, named: str
+) -> None:
     expected = (1.0, 2.0)
     measured = (1 + 3 * (focal - 1) + (aperture - 1), 2 - 2 * (focal - 1) + (aperture - 1))
     rng = np.random.default_rng(2)
     found = [
         single(0, quantity, "white", value, 1e-4, due + 1e-5 * rng.normal(size=500))
-        for quantity, value, due in zip(("bright_field_mm", "total_field_mm"), measured, expected, strict=True)
+        for quantity, value, due in zip(
+            ("bright_field_mm", "total_field_mm"), measured, expected, strict=True
+        )
     ]
     suspects = diagnose(found, numbers_of, read_bench(BENCH))
     assert suspects[0].sentence.startswith(named)
@@ -80,7 +120,11 @@ def test_what_no_single_change_explains_is_blamed_on_none() -> None:
     rng = np.random.default_rng(2)
     found = [
         single(0, quantity, "white", due + 0.1, 1e-4, due + 1e-5 * rng.normal(size=500))
-        for quantity, due in (("bright_field_mm", 1.0), ("total_field_mm", 2.0), ("image_pitch_mm", 3.0))
+        for quantity, due in (
+            ("bright_field_mm", 1.0),
+            ("total_field_mm", 2.0),
+            ("image_pitch_mm", 3.0),
+        )
     ]
 
     def numbers(errors: Errors) -> list[Values]:
@@ -95,5 +139,11 @@ def test_what_no_single_change_explains_is_blamed_on_none() -> None:
 def test_changes_that_explain_equally_well_are_all_named() -> None:
     rng = np.random.default_rng(2)
     found = [single(0, "bright_field_mm", "white", 1.03, 1e-3, 1 + 1e-5 * rng.normal(size=500))]
-    alike = not_told_apart(diagnose(found, lambda errors: numbers_of(errors)[:1], read_bench(BENCH)))
-    assert {"focal length of the microlenses", "aperture of the microlenses", "zero of sensor_stage"} <= {one.what for one in alike}
+    alike = not_told_apart(
+        diagnose(found, lambda errors: numbers_of(errors)[:1], read_bench(BENCH))
+    )
+    assert {
+        "focal length of the microlenses",
+        "aperture of the microlenses",
+        "zero of sensor_stage",
+    } <= {one.what for one in alike}

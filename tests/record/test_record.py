@@ -15,7 +15,15 @@ import pytest
 
 from flflab.bench import read_bench, with_seed
 from flflab.errors import RecordError
-from flflab.record import ContinuedRecording, Recording, claim_folder, keep_descriptions, new_folder, read_documents, read_run
+from flflab.record import (
+    ContinuedRecording,
+    Recording,
+    claim_folder,
+    keep_descriptions,
+    new_folder,
+    read_documents,
+    read_run,
+)
 
 SHAPE = (6, 8)
 BUILT_IN = Path(__file__).parents[2] / "flflab" / "builtin"
@@ -36,7 +44,7 @@ for number in range(100000):
              "gain": 1.0, "saturated": 0, "number": number, **worlds}
     recording.document("event", {"time": 0.0, "data": event})
     print(number, flush=True)
-"""
+"""  # noqa: E501
 
 
 def picture(number: int) -> npt.NDArray[np.uint16]:
@@ -44,9 +52,15 @@ def picture(number: int) -> npt.NDArray[np.uint16]:
 
 
 def event(key: str, **changes: Any) -> dict[str, Any]:
-    worlds = {"world_main_lens_z_mm": 0.5, "world_array_z_mm": 60.5, "world_sensor_z_mm": 61.75, "world_target_z_mm": -506.5}
+    worlds = {
+        "world_main_lens_z_mm": 0.5,
+        "world_array_z_mm": 60.5,
+        "world_sensor_z_mm": 61.75,
+        "world_target_z_mm": -506.5,
+    }
     data = {
-        "point": key, "configuration": 3, "target": "bars", "repeat": 0, "iris": 4.0, "a_mm": 1.25, "exposure_s": 0.01, "gain": 1.0,
+        "point": key, "configuration": 3, "target": "bars", "repeat": 0, "iris": 4.0, "a_mm": 1.25,
+        "exposure_s": 0.01, "gain": 1.0,
         "saturated": 2, "number": 7, **worlds,
     }  # fmt: skip
     return {"time": 12.5, "data": data | changes}
@@ -69,8 +83,20 @@ def test_what_was_recorded_is_read_back(tmp_path: Path) -> None:
     recording.close()
     run = read_run(tmp_path)
     bars, dark = run.frames
-    assert (bars.key, bars.configuration, bars.distance, bars.array, bars.sensor) == ("c3/bars/0", 3, 507.0, 60.0, 61.25)
-    assert (bars.readings, bars.exposure_s, bars.saturated, bars.number, bars.time) == ({"a": 1.25}, 0.01, 2, 7, 12.5)
+    assert (bars.key, bars.configuration, bars.distance, bars.array, bars.sensor) == (
+        "c3/bars/0",
+        3,
+        507.0,
+        60.0,
+        61.25,
+    )
+    assert (bars.readings, bars.exposure_s, bars.saturated, bars.number, bars.time) == (
+        {"a": 1.25},
+        0.01,
+        2,
+        7,
+        12.5,
+    )
     assert dark.configuration is None
     assert run.dark(0.01) == dark
     assert run.stop == {"exit_status": "success"}
@@ -80,7 +106,10 @@ def test_what_was_recorded_is_read_back(tmp_path: Path) -> None:
 
 def test_a_run_being_written_can_be_read(tmp_path: Path) -> None:
     recording = write_two(tmp_path)
-    program = "import sys; from pathlib import Path; from flflab.record import read_run; print(len(read_run(Path(sys.argv[1])).frames))"
+    program = (
+        "import sys; from pathlib import Path; from flflab.record import read_run;"
+        " print(len(read_run(Path(sys.argv[1])).frames))"
+    )
     finished = subprocess.run(
         [sys.executable, "-c", program, str(tmp_path)],
         capture_output=True, text=True, check=True,
@@ -109,11 +138,15 @@ def test_a_line_changed_later_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no kill -9")
-def test_after_kill_9_every_finished_point_is_readable_but_for_the_one_just_handed_over(tmp_path: Path) -> None:
+def test_after_kill_9_every_finished_point_is_readable_but_for_the_one_just_handed_over(
+    tmp_path: Path,
+) -> None:
     for attempt, points in enumerate((2, 40)):
         folder = tmp_path / str(attempt)
         folder.mkdir()
-        with subprocess.Popen([sys.executable, "-c", WRITER, str(folder)], stdout=subprocess.PIPE, text=True) as writer:
+        with subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(folder)], stdout=subprocess.PIPE, text=True
+        ) as writer:
             assert writer.stdout is not None
             said = [int(writer.stdout.readline()) for _ in range(points)]
             writer.send_signal(signal.SIGKILL)
@@ -157,9 +190,20 @@ def test_handing_over_a_frame_waits_for_the_one_before_and_for_nothing_else(tmp_
 
 def test_documents_hold_what_numpy_counts(tmp_path: Path) -> None:
     recording = Recording(tmp_path, 1, SHAPE)
-    recording.document("start", {"a": np.float32(0.5), "b": np.int64(3), "c": np.arange(3), "d": np.bool_(True), "e": (1, None)})
+    recording.document(
+        "start",
+        {
+            "a": np.float32(0.5),
+            "b": np.int64(3),
+            "c": np.arange(3),
+            "d": np.bool_(True),
+            "e": (1, None),
+        },
+    )
     recording.close()
-    assert list(read_documents(tmp_path)) == [("start", {"a": 0.5, "b": 3, "c": [0, 1, 2], "d": True, "e": [1, None]})]
+    assert list(read_documents(tmp_path)) == [
+        ("start", {"a": 0.5, "b": 3, "c": [0, 1, 2], "d": True, "e": [1, None]})
+    ]
 
 
 def test_a_run_is_never_overwritten(tmp_path: Path) -> None:
@@ -173,34 +217,58 @@ def test_a_run_is_never_overwritten(tmp_path: Path) -> None:
     assert all(folder.name.split("Z-", 1)[1].startswith("first") for folder in folders)
 
 
-@pytest.mark.parametrize("others", [("notes.txt",), ("bench.yaml", "study.yaml"), ("versions.json", "a", "b", "c", "d")])
+@pytest.mark.parametrize(
+    "others", [("notes.txt",), ("bench.yaml", "study.yaml"), ("versions.json", "a", "b", "c", "d")]
+)
 def test_a_run_has_a_folder_to_itself(tmp_path: Path, others: tuple[str, ...]) -> None:
     for name in others:
         (tmp_path / name).write_text(name)
-    with pytest.raises(RecordError, match=r"holds other files \((notes|bench|a, b, c and 1 more).*; give a new or an empty one$"):
+    with pytest.raises(
+        RecordError,
+        match=(
+            r"holds other files \((notes|bench|a, b, c and 1 more).*; give a new or an empty one$"
+        ),
+    ):
         claim_folder(tmp_path)
-    assert {one.name: one.read_text() for one in tmp_path.iterdir()} == {name: name for name in others}
+    assert {one.name: one.read_text() for one in tmp_path.iterdir()} == {
+        name: name for name in others
+    }
 
 
 def test_the_folder_of_a_run_that_never_began_is_taken_again(tmp_path: Path) -> None:
     bench = read_bench(BUILT_IN / "benches" / "simulated.yaml")
     for _ in range(2):  # new, then with the descriptions of the first time
-        keep_descriptions(claim_folder(tmp_path / "run"), bench, BUILT_IN / "studies" / "first.yaml")
+        keep_descriptions(
+            claim_folder(tmp_path / "run"), bench, BUILT_IN / "studies" / "first.yaml"
+        )
     assert claim_folder(tmp_path / "run") == tmp_path / "run"
     keep_descriptions(tmp_path / "run", bench, None)
-    assert {one.name for one in (tmp_path / "run").iterdir()} == {"bench.yaml", "camera.yaml", "versions.json", "SHA256SUMS"}
+    assert {one.name for one in (tmp_path / "run").iterdir()} == {
+        "bench.yaml",
+        "camera.yaml",
+        "versions.json",
+        "SHA256SUMS",
+    }
 
 
 @pytest.mark.parametrize("resumed", [False, True], ids=["killed", "resumed and killed"])
 @pytest.mark.parametrize("name", ["bench.yaml", "camera.yaml", "study.yaml"])
-def test_a_description_that_was_edited_is_told_of_a_run_that_never_ended(name: str, resumed: bool, tmp_path: Path) -> None:
-    keep_descriptions(tmp_path, read_bench(BUILT_IN / "benches" / "simulated.yaml"), BUILT_IN / "studies" / "first.yaml")
+def test_a_description_that_was_edited_is_told_of_a_run_that_never_ended(
+    name: str, resumed: bool, tmp_path: Path
+) -> None:
+    keep_descriptions(
+        tmp_path,
+        read_bench(BUILT_IN / "benches" / "simulated.yaml"),
+        BUILT_IN / "studies" / "first.yaml",
+    )
     write_two(tmp_path).close()
     if resumed:
         ContinuedRecording(tmp_path).close()
     assert len(read_run(tmp_path).frames) == 2
     (tmp_path / name).write_text((tmp_path / name).read_text().replace(" mm", " cm", 1))
-    with pytest.raises(RecordError, match=rf"{name}: not as it was recorded .*; take it from a copy"):
+    with pytest.raises(
+        RecordError, match=rf"{name}: not as it was recorded .*; take it from a copy"
+    ):
         read_run(tmp_path)
 
 
@@ -211,7 +279,10 @@ def test_what_a_file_browser_hides_in_an_empty_folder_is_in_nobodys_way(tmp_path
 
 def test_where_nothing_was_recorded_is_told_from_where_no_folder_is(tmp_path: Path) -> None:
     (tmp_path / "bench.yaml").write_text("")
-    for folder, says in ((tmp_path, "nothing was recorded there yet; begin the run anew"), (tmp_path / "no", "there is no such folder")):
+    for folder, says in (
+        (tmp_path, "nothing was recorded there yet; begin the run anew"),
+        (tmp_path / "no", "there is no such folder"),
+    ):
         with pytest.raises(RecordError) as refusal:
             read_run(folder)
         assert str(refusal.value).startswith(f"{folder}: {says}")
@@ -232,7 +303,9 @@ def test_a_run_that_does_not_fit_on_the_disk_is_refused_before_it_begins(tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_frames_are_allocated_before_the_first_one_so_that_adding_one_changes_nothing_else(tmp_path: Path) -> None:
+def test_frames_are_allocated_before_the_first_one_so_that_adding_one_changes_nothing_else(
+    tmp_path: Path,
+) -> None:
     recording = Recording(tmp_path, 3, SHAPE)
     before = (tmp_path / "frames.h5").read_bytes()
     recording.frame(picture(0))
@@ -254,7 +327,9 @@ def test_the_descriptions_kept_read_back_as_the_ones_used(tmp_path: Path, style:
     if style == "in one line":
         import yaml
 
-        data = yaml.safe_load(bench.file.read_text()) | {"optics": str(BUILT_IN / "cameras" / "osinski.yaml")}
+        data = yaml.safe_load(bench.file.read_text()) | {
+            "optics": str(BUILT_IN / "cameras" / "osinski.yaml")
+        }
         (tmp_path / "one.yaml").write_text(json.dumps(data))
         bench = read_bench(tmp_path / "one.yaml")
     folder = tmp_path / "run"
@@ -262,14 +337,21 @@ def test_the_descriptions_kept_read_back_as_the_ones_used(tmp_path: Path, style:
     keep_descriptions(folder, bench, BUILT_IN / "studies" / "first.yaml")
     kept = read_bench(folder / "bench.yaml")
     assert kept.optics == bench.optics
-    assert kept.description.model_copy(update={"optics": ""}) == bench.description.model_copy(update={"optics": ""})
-    assert (folder / "study.yaml").read_bytes() == (BUILT_IN / "studies" / "first.yaml").read_bytes()
+    assert kept.description.model_copy(update={"optics": ""}) == bench.description.model_copy(
+        update={"optics": ""}
+    )
+    assert (folder / "study.yaml").read_bytes() == (
+        BUILT_IN / "studies" / "first.yaml"
+    ).read_bytes()
     assert "python" in json.loads((folder / "versions.json").read_text())
 
 
 def test_a_camera_of_another_size_than_described_is_named(tmp_path: Path) -> None:
     recording = Recording(tmp_path, 1, SHAPE)
-    with pytest.raises(RecordError, match=r"pictures of 4 x 3 pixels, its camera file says 8 x 6; correct sensor\.resolution"):
+    with pytest.raises(
+        RecordError,
+        match=r"pictures of 4 x 3 pixels, its camera file says 8 x 6; correct sensor\.resolution",
+    ):
         recording.frame(np.zeros((3, 4), np.uint16))
     recording.discard()
     assert list(tmp_path.iterdir()) == []
@@ -280,4 +362,7 @@ def test_the_seed_that_a_run_was_given_is_kept_with_its_descriptions(tmp_path: P
     assert bench.description.simulated.seed != 4711
     keep_descriptions(tmp_path, with_seed(bench, 4711), None)
     kept = read_bench(tmp_path / "bench.yaml")
-    assert kept.description.model_copy(update={"optics": bench.description.optics}) == with_seed(bench, 4711).description
+    assert (
+        kept.description.model_copy(update={"optics": bench.description.optics})
+        == with_seed(bench, 4711).description
+    )

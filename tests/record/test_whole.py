@@ -1,4 +1,6 @@
-"""A record that is gone on with after a cut, whose every byte is watched, and that is packed when it is done."""
+"""A record that is gone on with after a cut, whose every byte is watched, and that is packed when
+it is done.
+"""
 
 import hashlib
 import json
@@ -17,7 +19,15 @@ import flflab
 from flflab.cli.export import export
 from flflab.cli.validate import judged
 from flflab.errors import InputError, RecordError
-from flflab.record import ContinuedRecording, Recording, checksum, pack, read_documents, read_run, versions
+from flflab.record import (
+    ContinuedRecording,
+    Recording,
+    checksum,
+    pack,
+    read_documents,
+    read_run,
+    versions,
+)
 from flflab.record.folder import git_state
 
 SHAPE = (40, 60)
@@ -31,9 +41,12 @@ def picture(number: int) -> npt.NDArray[np.uint16]:
 def add(recording: Recording, number: int) -> None:
     place = recording.frame(picture(number))
     recording.document("stream_datum", {"indices": {"start": place, "stop": place + 1}})
-    worlds = {f"world_{element}_z_mm": 0.0 for element in ("main_lens", "array", "sensor", "target")}
+    worlds = {
+        f"world_{element}_z_mm": 0.0 for element in ("main_lens", "array", "sensor", "target")
+    }
     data = {
-        "point": f"c0/bars/{number}", "configuration": 0, "target": "bars", "repeat": number, "iris": 4.0, "exposure_s": 0.01, "gain": 1.0,
+        "point": f"c0/bars/{number}", "configuration": 0, "target": "bars", "repeat": number,
+        "iris": 4.0, "exposure_s": 0.01, "gain": 1.0,
         "saturated": 0, "number": number, "crc32": checksum(picture(number)), **worlds,
     }  # fmt: skip
     recording.document("event", {"time": float(number), "data": data})
@@ -67,8 +80,17 @@ def whole(cut: Path) -> Path:
 def test_a_record_that_was_cut_is_gone_on_with_and_has_each_point_once(whole: Path) -> None:
     run = read_run(whole)
     assert [frame.key for frame in run.frames] == [f"c0/bars/{number}" for number in range(4)]
-    assert (run.start["uid"], [start["resumes"] for start in run.resumed], run.complete) == ("first", ["first"], True)
-    assert [frame.index for frame in run.frames] == [0, 1, 2, 3]  # the frame without an event was written over
+    assert (run.start["uid"], [start["resumes"] for start in run.resumed], run.complete) == (
+        "first",
+        ["first"],
+        True,
+    )
+    assert [frame.index for frame in run.frames] == [
+        0,
+        1,
+        2,
+        3,
+    ]  # the frame without an event was written over
     for number, frame in enumerate(run.frames):
         np.testing.assert_array_equal(run.picture(frame), picture(number))
     assert all(json.loads(line) for line in (whole / "documents.jsonl").read_text().splitlines())
@@ -102,7 +124,10 @@ def test_a_flipped_byte_in_a_frame_is_named_when_the_frame_is_read(whole: Path) 
     run = read_run(whole)
     for frame in run.frames[:2]:
         run.picture(frame)
-    with pytest.raises(RecordError, match=r"frames\.h5: frame c0/bars/2 \(number 2 of the file\) is not as it was recorded"):
+    with pytest.raises(
+        RecordError,
+        match=r"frames\.h5: frame c0/bars/2 \(number 2 of the file\) is not as it was recorded",
+    ):
         run.picture(run.frames[2])
 
 
@@ -123,13 +148,17 @@ def test_a_missing_description_is_said_to_be_missing(cut: Path, name: str) -> No
     recording.document("stop", {"exit_status": "success"})
     recording.close()
     (cut / name).unlink()
-    with pytest.raises(RecordError, match=rf"{name}: is missing, and was there when recorded; take it from a copy"):
+    with pytest.raises(
+        RecordError, match=rf"{name}: is missing, and was there when recorded; take it from a copy"
+    ):
         read_run(cut)
 
 
 def test_the_sums_are_those_that_other_programs_compute(whole: Path) -> None:
     lines = (whole / "SHA256SUMS").read_text().splitlines()
-    assert lines == [f"{hashlib.sha256((whole / 'documents.jsonl').read_bytes()).hexdigest()}  documents.jsonl"]
+    assert lines == [
+        f"{hashlib.sha256((whole / 'documents.jsonl').read_bytes()).hexdigest()}  documents.jsonl"
+    ]
     events = [doc["data"] for name, doc in read_documents(whole) if name == "event"]
     with h5py.File(whole / "frames.h5") as file:
         dataset = cast(Any, file["frames"])
@@ -143,7 +172,12 @@ def test_a_packed_run_is_smaller_and_the_same_to_plain_h5py(whole: Path) -> None
     assert (whole / "frames.h5").stat().st_size < 0.5 * before * 4 / ROOM + 5000
     with h5py.File(whole / "frames.h5") as file:
         dataset = cast(Any, file["frames"])
-        assert (dataset.shape, dataset.dtype, dataset.compression, dataset.shuffle) == ((4, *SHAPE), np.dtype("<u2"), "gzip", True)
+        assert (dataset.shape, dataset.dtype, dataset.compression, dataset.shuffle) == (
+            (4, *SHAPE),
+            np.dtype("<u2"),
+            "gzip",
+            True,
+        )
         for number in range(4):
             np.testing.assert_array_equal(dataset[number], picture(number))
     content = (whole / "frames.h5").read_bytes()
@@ -161,7 +195,9 @@ def test_a_run_that_has_not_ended_is_not_packed_since_it_may_be_gone_on_with(cut
 def test_the_commands_say_what_cannot_be_packed_and_what_has_nothing_to_compare(cut: Path) -> None:
     with pytest.raises(InputError, match="its frames are not packed yet; `flflab resume"):
         export(cut, pack=True)
-    with pytest.raises(InputError, match="a run of something else without a study has nothing to compare"):
+    with pytest.raises(
+        InputError, match="a run of something else without a study has nothing to compare"
+    ):
         judged(read_run(cut))
 
 
@@ -184,7 +220,12 @@ def test_where_the_disk_takes_no_packed_file_the_raw_frames_are_left(whole: Path
     limit, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))
     try:
-        with pytest.raises(RecordError, match=r"the disk does not take the packed file beside it \(File too large\); make room$"):
+        with pytest.raises(
+            RecordError,
+            match=(
+                r"the disk does not take the packed file beside it \(File too large\); make room$"
+            ),
+        ):
             pack(read_run(whole))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
@@ -193,7 +234,12 @@ def test_where_the_disk_takes_no_packed_file_the_raw_frames_are_left(whole: Path
 
 
 @pytest.mark.parametrize(
-    ("left", "says"), [(None, "is missing"), (20_000, "is cut short, 0.02 of 0.0452 MB are there"), (0, "is damaged, or no file of frames")]
+    ("left", "says"),
+    [
+        (None, "is missing"),
+        (20_000, "is cut short, 0.02 of 0.0452 MB are there"),
+        (0, "is damaged, or no file of frames"),
+    ],
 )
 def test_frames_that_are_missing_or_cut_short_are_told_alike_to_who_reads_packs_exports_or_goes_on(
     whole: Path, left: int | None, says: str
@@ -203,7 +249,11 @@ def test_frames_that_are_missing_or_cut_short_are_told_alike_to_who_reads_packs_
         file.unlink()
     else:
         file.write_bytes(file.read_bytes()[:left])
-    for use in (lambda: run.picture(run.frames[0]), lambda: pack(run), lambda: ContinuedRecording(whole)):
+    for use in (
+        lambda: run.picture(run.frames[0]),
+        lambda: pack(run),
+        lambda: ContinuedRecording(whole),
+    ):
         with pytest.raises(RecordError) as refusal:
             use()
         assert str(refusal.value) == f"{file}: {says}; take it from a copy"
@@ -211,7 +261,13 @@ def test_frames_that_are_missing_or_cut_short_are_told_alike_to_who_reads_packs_
 
 def test_the_commit_that_ran_is_recorded_and_whether_files_were_changed(tmp_path: Path) -> None:
     assert git_state(tmp_path) == {}
-    commands = ("init -q", "config user.name a", "config user.email a@b.c", "add x", "commit -q -m one")
+    commands = (
+        "init -q",
+        "config user.name a",
+        "config user.email a@b.c",
+        "add x",
+        "commit -q -m one",
+    )
     (tmp_path / "x").write_text("1")
     for words in commands:
         subprocess.run(["git", "-C", str(tmp_path), *words.split()], check=True)

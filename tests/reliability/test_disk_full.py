@@ -1,4 +1,6 @@
-"""A disk that takes no more, at any byte: one sentence, and every frame handed over before the one on the way is in the record, once."""
+"""A disk that takes no more, at any byte: one sentence, and every frame handed over before the one
+on the way is in the record, once.
+"""
 
 import json
 import subprocess
@@ -47,14 +49,17 @@ for trial in range(int(sys.argv[2])):
         os.write(1, (json.dumps(said) + "\\n").encode())
         os._exit(0)
     os.wait()
-"""
+"""  # noqa: E501
 
 
 @pytest.mark.ci
 @pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files the POSIX way")
 def test_a_full_disk_is_one_sentence_and_loses_nothing_recorded_before(tmp_path: Path) -> None:
     command = [sys.executable, "-c", WRITER, str(tmp_path), str(LIMITS)]
-    trials = [json.loads(line) for line in subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout.splitlines()]
+    trials = [
+        json.loads(line)
+        for line in subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout.splitlines()
+    ]
     assert len(trials) == LIMITS
     refused = 0
     for trial, said in enumerate(trials):
@@ -62,10 +67,13 @@ def test_a_full_disk_is_one_sentence_and_loses_nothing_recorded_before(tmp_path:
             refused += 1
             assert said["error"].count("\n") == 0
             assert str(tmp_path / str(trial)) in said["error"], said
-            assert said["error"].endswith("could not be written (File too large); make room before you go on")
+            assert said["error"].endswith(
+                "could not be written (File too large); make room before you go on"
+            )
         documents = read_documents(tmp_path / str(trial))
         events = [document for name, document in documents if name == "event"]
-        # One may be on its way when the disk is full; the last one may be whole though its writer was told otherwise.
+        # One may be on its way when the disk is full; the last one may be whole though its writer
+        # was told otherwise.
         assert len(events) - said["recorded"] in (-1, 0, 1)
         if events:
             run = read_run(tmp_path / str(trial))

@@ -1,7 +1,9 @@
-"""Faults one after the other on every wire, by chance but seeded: after each a recovery or one sentence, a bench that is whole, and no lie.
+"""Faults one after the other on every wire, by chance but seeded: after each a recovery or one
+sentence, a bench that is whole, and no lie.
 
-Judged by the world, which shares nothing with the drivers: where each carriage truly is, and the true gap. The drivers' time limits are
-shorter than by default and the simulated time runs faster than real time, so that ten thousand take minutes.
+Judged by the world, which shares nothing with the drivers: where each carriage truly is, and the
+true gap. The drivers' time limits are shorter than by default and the simulated time runs faster
+than real time, so that ten thousand take minutes.
 """
 
 import collections
@@ -32,7 +34,8 @@ from sim.serve import Served, serve, write_bench
 RATE, TIMEOUT_S, LATE_S, AWAY_S = 10, 0.3, 0.4, 0.1
 ROUNDS_A_CONNECTION = 200
 RANGES = {
-    "main_lens_stage": (1.0, 9.0), "array_stage": (16.0, 21.5), "sensor_stage": (16.0, 21.5), "target_stage": (1.0, 20.0),
+    "main_lens_stage": (1.0, 9.0), "array_stage": (16.0, 21.5), "sensor_stage": (16.0, 21.5),
+    "target_stage": (1.0, 20.0),
     "rotation_stage": (-0.08, 0.08), "goniometer": (-0.08, 0.08), "ring": (-0.5, 0.5),
 }  # fmt: skip
 STEPS = {
@@ -44,7 +47,9 @@ STEPS_OF = {"ring": 7e-4}
 ON_THE_MOVE = ("stall", "limit-switch", "deaf")  # shown by a motion only
 GAP_AXES = ("array_stage", "sensor_stage")
 WHAT_TO_DO = re.compile(
-    r"check|look|home it|cut its|see that|try again|correct|enable|give|free|wait|stop|end what|close|cut", re.IGNORECASE
+    r"check|look|home it|cut its|see that|try again|correct|enable|give|free|wait|stop|end"
+    r" what|close|cut",
+    re.IGNORECASE,
 )
 WHAT_WAS_ASKED = re.compile(r"asked|told|wrote|move to|look for its reference")
 
@@ -72,7 +77,9 @@ class Soak:
         self._served: Served = serve(self._described, pty=pty)
         self._pty = pty
         write_bench(self._described, self._served, self.file)
-        self._drivers = {name: axis.driver for name, axis in self._described.description.axes.items()}
+        self._drivers = {
+            name: axis.driver for name, axis in self._described.description.axes.items()
+        }
         self._looked = self._now()
         self.bench: ConnectedBench = connect(self.file)
         self._make_whole()
@@ -104,24 +111,32 @@ class Soak:
             planted[name] = self._chance.choice(AXES[self._drivers[name]].faults)
             self._served.faults[name].plant(planted[name], after=self._chance.randrange(16))
         self.last = planted
-        told = self._act([*planted, *self._chance.sample([name for name in RANGES if name not in planted], 2)])
+        told = self._act(
+            [*planted, *self._chance.sample([name for name in RANGES if name not in planted], 2)]
+        )
         for name, kind in planted.items():
             for _ in range(20):
                 if self._served.faults[name].shown or kind in ON_THE_MOVE:
                     break
                 with self._noting(name, told):
                     self.bench.axes[name].warnings()
-            if self._served.faults[name].shown:  # a motion may have been refused, or too short to be stuck on
+            if self._served.faults[
+                name
+            ].shown:  # a motion may have been refused, or too short to be stuck on
                 self._tally(name, kind, told.get(name, []))
         for fault in self._served.faults.values():
             fault.clear()
             fault.shown.clear()
-        time.sleep(LATE_S if "late" in planted.values() else AWAY_S if "unplug" in planted.values() else 0)
+        time.sleep(
+            LATE_S if "late" in planted.values() else AWAY_S if "unplug" in planted.values() else 0
+        )
         self._make_whole()
         self._look_at_the_gap()
 
     def _act(self, names: list[str]) -> dict[str, list[str]]:
-        """Have axes do something all at once, and read them on the way; the sentences told by each."""
+        """Have axes do something all at once, and read them on the way; the sentences told by
+        each.
+        """
         told: dict[str, list[str]] = {}
         readings: dict[str, list[str]] = {}
         under_way: dict[str, Status] = {}
@@ -129,7 +144,11 @@ class Soak:
         for name in names:
             with self._noting(name, told):
                 axis = self.bench.axes[name]
-                under_way[name] = axis.home() if self._chance.random() < 0.1 else axis.move_to(self._chance.uniform(*RANGES[name]))
+                under_way[name] = (
+                    axis.home()
+                    if self._chance.random() < 0.1
+                    else axis.move_to(self._chance.uniform(*RANGES[name]))
+                )
         for name in stopping:
             with self._noting(name, told):
                 self.bench.axes[name].stop()
@@ -177,16 +196,22 @@ class Soak:
         carriage = self._served.world.carriages[axis.name]
         places = [carriage.at(float(instant)) for instant in np.linspace(before, after, 33)]
         slack = STEPS_OF.get(axis.name, STEPS[self._drivers[axis.name]])
-        travelled = max(abs(one - other) for one, other in itertools.pairwise(places))  # between two instants it is anywhere
+        travelled = max(
+            abs(one - other) for one, other in itertools.pairwise(places)
+        )  # between two instants it is anywhere
         self.readings += 1
         assert min(places) - slack - travelled <= told <= max(places) + slack + travelled, (
             f"{axis.name} told {told}, was {places[0]} to {places[-1]}"
         )
 
     def _make_whole(self) -> None:
-        """Every axis, with nothing wrong any more: at rest, and either true or refusing until homed; then all can be used again."""
+        """Every axis, with nothing wrong any more: at rest, and either true or refusing until
+        homed; then all can be used again.
+        """
         deadline = time.monotonic() + 15
-        while any(carriage.moving(self._now()) for carriage in self._served.world.carriages.values()):
+        while any(
+            carriage.moving(self._now()) for carriage in self._served.world.carriages.values()
+        ):
             assert time.monotonic() < deadline
             time.sleep(0.002)
         lost: list[str] = []
@@ -207,7 +232,9 @@ class Soak:
         self._home(lost)
 
     def _answer(self, ask: Callable[[], Answer]) -> Answer:
-        """What a device says when nothing is wrong; on a busy machine an answer may take longer than this soak's short limit: counted."""
+        """What a device says when nothing is wrong; on a busy machine an answer may take longer
+        than this soak's short limit: counted.
+        """
         for _ in range(3):
             try:
                 return ask()
@@ -230,7 +257,9 @@ class Soak:
 
     def _look_at_the_gap(self) -> None:
         now = self._now()
-        gaps = [self._served.world.gap(float(instant)) for instant in np.linspace(self._looked, now, 60)]
+        gaps = [
+            self._served.world.gap(float(instant)) for instant in np.linspace(self._looked, now, 60)
+        ]
         self._looked = now
         self.least_gap = min(self.least_gap, *gaps)
         assert min(gaps) >= self._described.description.minimum_gap
@@ -274,11 +303,16 @@ def soak(bench_file: Path, count: int, *, pty: bool, seed: int) -> None:
             running.run(count)
         finally:
             for (driver, kind, outcome), times in sorted(running.outcomes.items()):
-                sys.stdout.write(f"{driver:9} {kind:14} {outcome:9} {times:5}  {running.sentences.get((driver, kind), '')}\n")
+                sys.stdout.write(
+                    f"{driver:9} {kind:14} {outcome:9} {times:5} "
+                    f" {running.sentences.get((driver, kind), '')}\n"
+                )
             wall, spent = time.perf_counter() - begin[0], time.process_time() - begin[1]
             sys.stdout.write(
-                f"{running.outcomes.total()} faults, {running.readings} readings, {running.refusals} refused by the rule of the gap, "
-                f"least gap {running.least_gap:.4f} mm, {running.slow_answers} slow answers, {wall:.0f} s, processor {spent:.0f} s\n"
+                f"{running.outcomes.total()} faults, {running.readings} readings,"
+                f" {running.refusals} refused by the rule of the gap, least gap"
+                f" {running.least_gap:.4f} mm, {running.slow_answers} slow answers, {wall:.0f} s,"
+                f" processor {spent:.0f} s\n"
             )
 
 
@@ -295,5 +329,7 @@ def test_after_some_faults_the_bench_is_whole(bench_file: Path, pty: bool) -> No
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("seed", range(11, 17))
 @pytest.mark.parametrize("pty", [False, pytest.param(True, marks=no_pty)], ids=["tcp", "pty"])
-def test_after_each_of_ten_thousand_faults_the_bench_is_whole(bench_file: Path, pty: bool, seed: int) -> None:
+def test_after_each_of_ten_thousand_faults_the_bench_is_whole(
+    bench_file: Path, pty: bool, seed: int
+) -> None:
     soak(bench_file, 1000, pty=pty, seed=seed + 10 * pty)

@@ -1,4 +1,6 @@
-"""Pictures and tables on a disk that takes no more: one sentence, nothing half written, and what was there stays."""
+"""Pictures and tables on a disk that takes no more: one sentence, nothing half written, and what
+was there stays.
+"""
 
 import errno
 import os
@@ -15,7 +17,9 @@ from flflab.errors import InputError
 from flflab.image_file import write_picture
 from flflab.whole_file import part_of, require_writable, write_csv, write_whole
 
-POSIX = pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files, and names devices, the POSIX way")
+POSIX = pytest.mark.skipif(
+    sys.platform == "win32", reason="limits the size of files, and names devices, the POSIX way"
+)
 WRITER = """
 import resource, signal, sys
 from pathlib import Path
@@ -31,7 +35,7 @@ try:
     write_csv(file, picture.tolist()) if file.suffix == ".csv" else write_picture(file, picture)
 except InputError as error:
     print(error)
-"""
+"""  # noqa: E501
 KILLED = """
 import os, signal, sys
 from pathlib import Path
@@ -45,8 +49,12 @@ with new_hdf5(file) if file.suffix == ".nxs" else part_of(file) as part:
 
 
 @POSIX
-@pytest.mark.parametrize("name", ["a.csv", "a.nxs", f"{'a' * 250}.csv"], ids=["table", "hdf5", "the longest name"])
-def test_what_a_killed_program_began_goes_when_the_file_is_written_next(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    "name", ["a.csv", "a.nxs", f"{'a' * 250}.csv"], ids=["table", "hdf5", "the longest name"]
+)
+def test_what_a_killed_program_began_goes_when_the_file_is_written_next(
+    tmp_path: Path, name: str
+) -> None:
     file, other = tmp_path / name, tmp_path / "b.csv"
     for killed in (file, other):
         ended = subprocess.run([sys.executable, "-c", KILLED, str(killed)], check=False)
@@ -56,7 +64,10 @@ def test_what_a_killed_program_began_goes_when_the_file_is_written_next(tmp_path
     (left,) = set(tmp_path.iterdir()) - {file}  # of the other file
     write_whole(other, "whole too")
     assert not left.exists()
-    assert {one.name: one.read_text() for one in tmp_path.iterdir()} == {name: "whole", "b.csv": "whole too"}
+    assert {one.name: one.read_text() for one in tmp_path.iterdir()} == {
+        name: "whole",
+        "b.csv": "whole too",
+    }
 
 
 def test_two_who_write_one_file_at_once_leave_each_other_alone(tmp_path: Path) -> None:
@@ -71,17 +82,25 @@ def test_two_who_write_one_file_at_once_leave_each_other_alone(tmp_path: Path) -
 @POSIX
 @pytest.mark.parametrize("ending", [".npy", ".png", ".tiff", ".dng", ".csv"])
 @pytest.mark.parametrize("before", [None, b"an older one"], ids=["new", "there already"])
-def test_a_file_that_does_not_fit_leaves_what_was_there(tmp_path: Path, ending: str, before: bytes | None) -> None:
+def test_a_file_that_does_not_fit_leaves_what_was_there(
+    tmp_path: Path, ending: str, before: bytes | None
+) -> None:
     file = tmp_path / f"a{ending}"
     if before is not None:
         file.write_bytes(before)
-    said = subprocess.run([sys.executable, "-c", WRITER, str(file)], stdout=subprocess.PIPE, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", WRITER, str(file)], stdout=subprocess.PIPE, text=True, check=True
+    ).stdout
     assert said.startswith(f"{file}: cannot be written (File too large)")
     assert said.count("\n") == 1
-    assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == ({} if before is None else {file.name: before})
+    assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == (
+        {} if before is None else {file.name: before}
+    )
 
 
-def test_a_full_disk_is_told_with_what_is_needed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_told_with_what_is_needed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = tmp_path / "a.npy"
     file.write_bytes(b"an older one")
 
@@ -89,7 +108,9 @@ def test_a_full_disk_is_told_with_what_is_needed(tmp_path: Path, monkeypatch: py
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(InputError, match=r"a\.npy: the disk is full, 0\.0801 MB are needed; make room"):
+    with pytest.raises(
+        InputError, match=r"a\.npy: the disk is full, 0\.0801 MB are needed; make room"
+    ):
         write_picture(file, np.zeros((100, 100)))
     assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == {"a.npy": b"an older one"}
 
@@ -118,7 +139,10 @@ def test_what_is_overwritten_keeps_its_link_and_who_may_read_it(tmp_path: Path) 
 
 
 @POSIX
-@pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() == 0, reason="nothing is write-protected from the administrator")
+@pytest.mark.skipif(
+    hasattr(os, "geteuid") and os.geteuid() == 0,
+    reason="nothing is write-protected from the administrator",
+)
 def test_what_is_write_protected_is_not_replaced(tmp_path: Path) -> None:
     file = tmp_path / "a.csv"
     file.write_bytes(b"older")
@@ -132,7 +156,10 @@ def test_what_is_write_protected_is_not_replaced(tmp_path: Path) -> None:
 def test_where_nothing_can_be_written_is_refused_beforehand(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     nowhere = tmp_path / "no" / "a.csv", tmp_path / "file" / "a.csv"
-    for place, says in ((tmp_path, "it is a folder"), *((place, "there is no folder") for place in nowhere)):
+    for place, says in (
+        (tmp_path, "it is a folder"),
+        *((place, "there is no folder") for place in nowhere),
+    ):
         with pytest.raises(InputError, match=says):
             require_writable(place)
     require_writable(tmp_path / "a.csv")
@@ -141,6 +168,8 @@ def test_where_nothing_can_be_written_is_refused_beforehand(tmp_path: Path) -> N
 
 def test_a_name_that_is_not_utf_8_does_not_get_into_a_file(tmp_path: Path) -> None:
     file = tmp_path / "bench.yaml"
-    with pytest.raises(InputError, match=r"bench\.yaml: would hold a file's name that is not UTF-8"):
+    with pytest.raises(
+        InputError, match=r"bench\.yaml: would hold a file's name that is not UTF-8"
+    ):
         write_whole(file, f"optics: {os.fsdecode(bytes([0x63, 0xE9]))}.yaml")
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,6 @@
-"""A small run in numbers made by hand: three configurations of a small camera, drawn frames, no device and no fit behind them."""
+"""A small run in numbers made by hand: three configurations of a small camera, drawn frames, no
+device and no fit behind them.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -40,7 +42,9 @@ def study(root: Path, bench: Bench) -> Study:
 
 
 def lattice_of(configuration: Configuration, bench: Bench) -> Lattice:
-    """The lattice where the model puts it, moved sideways by (1.5, -2) px: where the array stands sideways is not known before."""
+    """The lattice where the model puts it, moved sideways by (1.5, -2) px: where the array stands
+    sideways is not known before.
+    """
     camera = configuration.camera(bench.optics)
     smms = central_smms(camera)
     pitch = float(camera.array.pitch[0] * smms.image_scale / PIXEL)
@@ -48,17 +52,27 @@ def lattice_of(configuration: Configuration, bench: Bench) -> Lattice:
     origin = np.array([(COLUMNS - 1) / 2 + 1.5, (ROWS - 1) / 2 - 2], dtype=np.float64)
     indices = np.stack([i, j], axis=1).astype(np.int64)
     return Lattice(
-        layout="square", pitch_px=pitch, angle=0.0, origin_px=origin, vectors_px=pitch * np.eye(2), indices=indices,
-        centres_px=origin + pitch * indices.astype(np.float64), inside_radius_px=float(smms.inside_radius) / PIXEL,
-        outside_radius_px=float(smms.outside_radius) / PIXEL, pitch_uncertainty_px=2e-4, angle_uncertainty=1e-6,
-        origin_uncertainty_px=np.full(2, 1e-3), inside_uncertainty_px=2e-3, outside_uncertainty_px=1e-3,
-        covariance_px=np.eye(6) * 1e-6, sizes_covariance_px=np.diag([2e-3, 1e-3, 2e-4]) ** 2, chi2_per_pixel=1.0, background_dn=64.0,
+        layout="square", pitch_px=pitch, angle=0.0, origin_px=origin, vectors_px=pitch * np.eye(2),
+        indices=indices,
+        centres_px=origin + pitch * indices.astype(np.float64),
+        inside_radius_px=float(smms.inside_radius) / PIXEL,
+        outside_radius_px=float(smms.outside_radius) / PIXEL, pitch_uncertainty_px=2e-4,
+        angle_uncertainty=1e-6,
+        origin_uncertainty_px=np.full(2, 1e-3), inside_uncertainty_px=2e-3,
+        outside_uncertainty_px=1e-3,
+        covariance_px=np.eye(6) * 1e-6, sizes_covariance_px=np.diag([2e-3, 1e-3, 2e-4]) ** 2,
+        chi2_per_pixel=1.0, background_dn=64.0,
         light=np.eye(6)[0] * 2000,
     )  # fmt: skip
 
 
 def worlds_of(configuration: Configuration) -> dict[Element, float]:
-    return {"main_lens.z": 0.0, "array.z": configuration.array, "sensor.z": configuration.sensor, "target.z": -configuration.distance}
+    return {
+        "main_lens.z": 0.0,
+        "array.z": configuration.array,
+        "sensor.z": configuration.sensor,
+        "target.z": -configuration.distance,
+    }
 
 
 def predict(configuration: Configuration, bench: Bench, study: Study) -> Predicted:
@@ -72,37 +86,63 @@ def predict(configuration: Configuration, bench: Bench, study: Study) -> Predict
     systems = drawn_systems(central_smms(camera), camera, placement)
     pitches = camera.array.pitch[0] * systems.image_scale
     return Predicted(
-        camera, configuration.distance, views, np.tile(views, (101, 1)), indices, draws, np.ones(draws.shape[1]), 0.3,
-        systems, 1 / placement.distance, systems.inside_radius, systems.outside_radius, pitches, np.ones(101), np.zeros((101, 3)),
+        camera, configuration.distance, views, np.tile(views, (101, 1)), indices, draws,
+        np.ones(draws.shape[1]), 0.3,
+        systems, 1 / placement.distance, systems.inside_radius, systems.outside_radius, pitches,
+        np.ones(101), np.zeros((101, 3)),
     )  # fmt: skip
 
 
-def measure(configuration: Configuration, model: Predicted, lattice: Lattice, study: Study) -> Measured:
+def measure(
+    configuration: Configuration, model: Predicted, lattice: Lattice, study: Study
+) -> Measured:
     dots: list[DotViews] = []
     for dot, centre in enumerate(study.dots.centres):
         indices, places = predicted_view_places(model, lattice, dot, centre)
         count = len(indices)
         position = np.array([*centre, -configuration.distance])
-        dots.append(DotViews(dot, count, 0, indices, places, np.full((count, 2), 0.05), position, np.full(3, 0.1), np.zeros((3, 9))))
+        dots.append(
+            DotViews(
+                dot,
+                count,
+                0,
+                indices,
+                places,
+                np.full((count, 2), 0.05),
+                position,
+                np.full(3, 0.1),
+                np.zeros((3, 9)),
+            )
+        )
     zeros = np.zeros(len(FREQUENCIES))
     curve = ContrastCurve(
-        focal_length=0.917, views=np.zeros(0, dtype=np.int64), views_contrast=np.zeros((0, len(FREQUENCIES))),
+        focal_length=0.917, views=np.zeros(0, dtype=np.int64),
+        views_contrast=np.zeros((0, len(FREQUENCIES))),
         views_uncertainty=np.zeros((0, len(FREQUENCIES))),
         cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
         covariance=1e-6 * np.eye(len(FREQUENCIES)), extremes=zeros, extremes_uncertainty=zeros,
         classic=zeros + 0.9, classic_uncertainty=zeros + 0.01, geometry=np.zeros(5),
         geometry_uncertainty=np.zeros(5), chi2_per_pixel=1.0, pixels=1000,
     )  # fmt: skip
-    return Measured(configuration, worlds_of(configuration), lattice, None, tuple(dots), curve, 0.0125, 0)
+    return Measured(
+        configuration, worlds_of(configuration), lattice, None, tuple(dots), curve, 0.0125, 0
+    )
 
 
 def rows_of(one: Measured, reference: int) -> list[Row]:
     index, rows = one.configuration.index, list[Row]()
 
-    def row(quantity: str, value: float, dot: int | None, frequency: float | None, against: int | None = None) -> Row:
+    def row(
+        quantity: str,
+        value: float,
+        dot: int | None,
+        frequency: float | None,
+        against: int | None = None,
+    ) -> Row:
         setting = one.configuration
         return Row(
-            index, against, setting.distance, setting.array, setting.sensor, setting.f_number, "four-dot" if frequency is None else "bars",
+            index, against, setting.distance, setting.array, setting.sensor, setting.f_number,
+            "four-dot" if frequency is None else "bars",
             dot, frequency, quantity, value, 0.05, value, 0.0, 0.0,
         )  # fmt: skip
 
@@ -111,7 +151,10 @@ def rows_of(one: Measured, reference: int) -> list[Row]:
         if index != reference:
             rows.append(row("difference_views", 0, dot.dot, None, reference))
     for frequency in FREQUENCIES:
-        rows += [row("mtf", 1 - frequency / 10, None, frequency), row("contrast_paper", 1, None, frequency)]
+        rows += [
+            row("mtf", 1 - frequency / 10, None, frequency),
+            row("contrast_paper", 1, None, frequency),
+        ]
         if index != reference:
             rows.append(row("ratio_mtf", 1, None, frequency, reference))
     return rows
@@ -120,7 +163,9 @@ def rows_of(one: Measured, reference: int) -> list[Row]:
 @pytest.fixture(scope="session")
 def evaluation(bench: Bench, study: Study) -> Evaluation:
     """Measured exactly as predicted."""
-    predicted = tuple(predict(configuration, bench, study) for configuration in study.configurations)
+    predicted = tuple(
+        predict(configuration, bench, study) for configuration in study.configurations
+    )
     measured = tuple(
         measure(configuration, model, lattice_of(configuration, bench), study)
         for configuration, model in zip(study.configurations, predicted, strict=True)
@@ -137,34 +182,56 @@ def evaluation(bench: Bench, study: Study) -> Evaluation:
 @pytest.fixture(scope="session")
 def single(evaluation: Evaluation) -> Evaluation:
     """The first configuration alone."""
-    rows = tuple(row for row in evaluation.comparison.rows if row.configuration == 0 and row.reference_configuration is None)
+    rows = tuple(
+        row
+        for row in evaluation.comparison.rows
+        if row.configuration == 0 and row.reference_configuration is None
+    )
     values = tuple(one for one in evaluation.values if one.configuration == 0)
     comparison = Comparison(rows, evaluation.comparison.verdicts)
-    return Evaluation(evaluation.measured[:1], evaluation.predicted[:1], comparison, values, values, values, ())
+    return Evaluation(
+        evaluation.measured[:1], evaluation.predicted[:1], comparison, values, values, values, ()
+    )
 
 
 @pytest.fixture(scope="session")
 def run(bench: Bench, study: Study, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The record of that run: a white, a dots' and a bars' frame of each configuration, and a dark one."""
+    """The record of that run: a white, a dots' and a bars' frame of each configuration, and a dark
+    one.
+    """
     folder = tmp_path_factory.mktemp("20261121T040000Z-first")
     recording = Recording(folder, 10, (ROWS, COLUMNS))
     column = np.arange(COLUMNS)[None, :] + np.zeros((ROWS, 1))
-    pictures = {"white": np.full_like(column, 2000.0), "four-dot": 64.0 + 10 * (column % 60), "bars": 1000 * (1 + np.sin(column))}
+    pictures = {
+        "white": np.full_like(column, 2000.0),
+        "four-dot": 64.0 + 10 * (column % 60),
+        "bars": 1000 * (1 + np.sin(column)),
+    }
     frames: list[FrameRecord] = []
     for setting in study.configurations:
-        worlds = {"main_lens.z": 0.0, "array.z": setting.array, "sensor.z": setting.sensor, "target.z": -setting.distance}
-        readings = {name: axis.reading(worlds[axis.moves]) for name, axis in bench.description.axes.items()}
+        worlds = {
+            "main_lens.z": 0.0,
+            "array.z": setting.array,
+            "sensor.z": setting.sensor,
+            "target.z": -setting.distance,
+        }
+        readings = {
+            name: axis.reading(worlds[axis.moves]) for name, axis in bench.description.axes.items()
+        }
         for target, picture in pictures.items():
             place = recording.frame(picture.astype(np.uint16))
             frames.append(
                 FrameRecord(
-                    f"c{setting.index}/{target}/0", setting.index, target, 0, setting.f_number, readings, worlds, 0.0125, 1.0, 0, place,  # pyright: ignore[reportArgumentType]
+                    f"c{setting.index}/{target}/0", setting.index, target, 0, setting.f_number,
+                    readings, worlds, 0.0125, 1.0, 0, place,  # pyright: ignore[reportArgumentType]
                     place, 1.8e9 + place,
                 )
             )  # fmt: skip
     recording.close()
     start = {
-        "uid": "a-uid", "time": 1.8e9, "seed": 7, "software": {"python": "3.11.7", "numpy": "2.4.6"},
-        "devices": [{"name": "camera", "identity": "<script>alert('x')</script>", "position": None}],
+        "uid": "a-uid", "time": 1.8e9, "seed": 7,
+        "software": {"python": "3.11.7", "numpy": "2.4.6"},
+        "devices": [{"name": "camera", "identity": "<script>alert('x')</script>",
+        "position": None}],
     }  # fmt: skip
     return Run(folder, start, tuple(frames), {"time": 1.8e9 + 60, "exit_status": "success"})

@@ -36,7 +36,11 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.add(tag)
-        self.references += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href", "action", "data", "poster")]
+        self.references += [
+            value or ""
+            for name, value in attrs
+            if name in ("src", "href", "xlink:href", "action", "data", "poster")
+        ]
         self.ids += [value or "" for name, value in attrs if name == "id"]
         if tag not in VOID or (tag in ("circle", "path") and self._last_is_open(tag)):
             self._open.append(tag)
@@ -61,7 +65,13 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def source(evaluation: Evaluation, run: Run, study: Study, bench: Bench, tmp_path_factory: pytest.TempPathFactory) -> str:
+def source(
+    evaluation: Evaluation,
+    run: Run,
+    study: Study,
+    bench: Bench,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> str:
     file = tmp_path_factory.mktemp("page") / "report.html"
     write_report(evaluation, run, study, bench, file)
     return file.read_text(encoding="utf-8")
@@ -114,9 +124,14 @@ def test_in_light_of_a_wavelength_diffraction_is_in_the_model(
     assert "dots whose edges show it are fitted by waves" in text
 
 
-def test_every_configuration_is_shown_with_its_frames_and_curves(page: Page, study: Study, source: str) -> None:
+def test_every_configuration_is_shown_with_its_frames_and_curves(
+    page: Page, study: Study, source: str
+) -> None:
     for setting in study.configurations:
-        assert f"Configuration {setting.index}: F/{setting.f_number:g}, D = {setting.distance:.1f} mm" in page.text
+        assert (
+            f"Configuration {setting.index}: F/{setting.f_number:g}, D = {setting.distance:.1f} mm"
+            in page.text
+        )
         assert f'alt="MTF measured and predicted, configuration {setting.index}"' in source
     assert source.count("data:image/jpeg") == 2 * len(study.configurations)
 
@@ -124,11 +139,19 @@ def test_every_configuration_is_shown_with_its_frames_and_curves(page: Page, stu
 def test_every_quantity_has_its_table_with_units(page: Page) -> None:
     for caption in (
         "number of views: 12 rows (views in comparison.csv)", "contrast (MTF): 12 rows (mtf in",
-        "contrast read off pixels, eq. (2): 12 rows (contrast_paper in", "number of views: difference: 8 rows (difference_views in",
+        "contrast read off pixels, eq. (2): 12 rows (contrast_paper in",
+        "number of views: difference: 8 rows (difference_views in",
         "ratio of contrasts (MTF): 8 rows (ratio_mtf in",
     ):  # fmt: skip
         assert caption in page.text
-    for heading in ("frequency, cycles/mm", "target D, mm", "blur, px", "exposure, ms", "angle, mrad", "uncertainty of the zero, \u00b5m"):
+    for heading in (
+        "frequency, cycles/mm",
+        "target D, mm",
+        "blur, px",
+        "exposure, ms",
+        "angle, mrad",
+        "uncertainty of the zero, \u00b5m",
+    ):
         assert heading in page.text
 
 
@@ -138,7 +161,13 @@ def test_a_column_of_signed_values_is_not_headed_by_their_size(page: Page) -> No
 
 
 def test_the_bench_and_the_provenance_are_there(page: Page, run: Run, bench: Bench) -> None:
-    for name in (*bench.description.axes, run.folder.name, "2027-01-15 08:00:00 UTC", "numpy 2.4.6", "seed 7"):
+    for name in (
+        *bench.description.axes,
+        run.folder.name,
+        "2027-01-15 08:00:00 UTC",
+        "numpy 2.4.6",
+        "seed 7",
+    ):
         assert name in page.text
     assert "Simulated bench: 7 of 7 devices" in page.text
 
@@ -148,7 +177,9 @@ def test_what_devices_say_is_text_and_never_markup(page: Page, source: str) -> N
     assert "<script>alert('x')</script>" in page.text
 
 
-def test_axis_and_driver_names_are_text_and_never_markup(single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path) -> None:
+def test_axis_and_driver_names_are_text_and_never_markup(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
     axes = dict(bench.description.axes)
     first = next(iter(axes))
     axes["<img src=x>"] = axes.pop(first).model_copy(update={"driver": "<b>&amp;"})
@@ -160,9 +191,16 @@ def test_axis_and_driver_names_are_text_and_never_markup(single: Evaluation, run
     assert "<b>&amp;" in page.text
 
 
-def test_a_rejected_comparison_says_so_and_which_quantity(single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path) -> None:
+def test_a_rejected_comparison_says_so_and_which_quantity(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
     mtf, views = single.comparison.verdicts
-    rejected = replace(views, accepted=False, p_value=0.001, sentence="number of views: 12 values do not agree with the model")
+    rejected = replace(
+        views,
+        accepted=False,
+        p_value=0.001,
+        sentence="number of views: 12 values do not agree with the model",
+    )
     worse = replace(single, comparison=Comparison(single.comparison.rows, (mtf, rejected)))
     write_report(worse, run, study, bench, tmp_path / "report.html")
     source = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -179,7 +217,9 @@ def test_views_missed_and_views_too_many_are_counted_and_drawn(
     one = single.measured[0]
     dot = one.dots[0]
     taken = {tuple(index) for index in dot.indices.tolist()}
-    other = next(k for k, index in enumerate(one.lattice.indices.tolist()) if tuple(index) not in taken)
+    other = next(
+        k for k, index in enumerate(one.lattice.indices.tolist()) if tuple(index) not in taken
+    )
     indices, places = dot.indices.copy(), dot.centres_px.copy()
     indices[0], places[0] = one.lattice.indices[other], one.lattice.centres_px[other]
     moved = replace(one, dots=(replace(dot, indices=indices, centres_px=places), *one.dots[1:]))
@@ -203,12 +243,18 @@ def test_an_unfinished_run_of_one_configuration_is_reported_as_such(
 def test_a_run_in_several_parts_says_when_and_why_it_was_cut(
     single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
 ) -> None:
-    interrupted = {"time": 1.8e9 + 20, "exit_status": "abort", "reason": "interrupted by the operator"}
-    several = replace(run, cut=(interrupted, None), resumed=({"time": 1.8e9 + 30}, {"time": 1.8e9 + 40}))
+    interrupted = {
+        "time": 1.8e9 + 20,
+        "exit_status": "abort",
+        "reason": "interrupted by the operator",
+    }
+    several = replace(
+        run, cut=(interrupted, None), resumed=({"time": 1.8e9 + 30}, {"time": 1.8e9 + 40})
+    )
     write_report(single, several, study, bench, tmp_path / "report.html")
     said = (
-        "Recorded in 3 parts: cut at 2027-01-15 08:00:20 UTC (interrupted by the operator), resumed at 2027-01-15 08:00:30 UTC; "
-        "cut off, resumed at 2027-01-15 08:00:40 UTC."
+        "Recorded in 3 parts: cut at 2027-01-15 08:00:20 UTC (interrupted by the operator), resumed"
+        " at 2027-01-15 08:00:30 UTC; cut off, resumed at 2027-01-15 08:00:40 UTC."
     )
     assert said in Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
     write_report(single, run, study, bench, tmp_path / "report.html")
@@ -223,7 +269,12 @@ def test_a_report_that_cannot_be_written_is_refused_in_one_sentence(
 
 
 def test_a_report_that_finds_the_disk_full_leaves_the_older_one(
-    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    single: Evaluation,
+    run: Run,
+    study: Study,
+    bench: Bench,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (tmp_path / "report.html").write_text("an older one", encoding="utf-8")
 
@@ -233,4 +284,6 @@ def test_a_report_that_finds_the_disk_full_leaves_the_older_one(
     monkeypatch.setattr(os, "replace", full)
     with pytest.raises(InputError, match=r"report\.html: the disk is full"):
         write_report(single, run, study, bench, tmp_path / "report.html")
-    assert {one.name: one.read_text(encoding="utf-8") for one in tmp_path.iterdir()} == {"report.html": "an older one"}
+    assert {one.name: one.read_text(encoding="utf-8") for one in tmp_path.iterdir()} == {
+        "report.html": "an older one"
+    }

@@ -21,7 +21,9 @@ WriteBench = Callable[..., Bench]
 
 @pytest.fixture
 def write_bench_file(root: Path, tmp_path: Path) -> WriteBench:
-    """Write an example bench with a sensor of 240 x 180 pixels and other simulated values, and read it."""
+    """Write an example bench with a sensor of 240 x 180 pixels and other simulated values, and read
+    it.
+    """
 
     def write(example: str = "simulated", **simulated: object) -> Bench:
         camera = yaml.safe_load((root / "examples/cameras/osinski.yaml").read_text())
@@ -36,13 +38,23 @@ def write_bench_file(root: Path, tmp_path: Path) -> WriteBench:
     return write
 
 
-def chain_of(clock: Clock, devices: int = 2, faults: dict[int, Fault] | None = None, start: float = 20.0) -> Chain:
+def chain_of(
+    clock: Clock, devices: int = 2, faults: dict[int, Fault] | None = None, start: float = 20.0
+) -> Chain:
     """Devices 1, 2 ... with 150 mm of travel, 10 mm/s and 400 mm/s^2, each left at ``start`` mm."""
-    stages = [Stage(Carriage(clock, start), (0.0, 150.0), MICROSTEP, 10 / MICROSTEP, 400 / MICROSTEP) for _ in range(devices)]
+    stages = [
+        Stage(Carriage(clock, start), (0.0, 150.0), MICROSTEP, 10 / MICROSTEP, 400 / MICROSTEP)
+        for _ in range(devices)
+    ]
     planted = faults or {}
     return Chain(
         [
-            Device(number, stage, Faults([planted[number]] if number in planted else []), 100_000 + number)
+            Device(
+                number,
+                stage,
+                Faults([planted[number]] if number in planted else []),
+                100_000 + number,
+            )
             for number, stage in enumerate(stages, start=1)
         ],
         threading.RLock(),

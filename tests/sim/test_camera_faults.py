@@ -1,4 +1,6 @@
-"""Every fault that a simulated camera can show, by name, under the driver: recovery or one error; no frame lost silently or taken twice."""
+"""Every fault that a simulated camera can show, by name, under the driver: recovery or one error;
+no frame lost silently or taken twice.
+"""
 
 import re
 import time
@@ -30,7 +32,8 @@ def scpi_camera(served: Served) -> Camera:
 def folder_camera(served: Served) -> Camera:
     keys = FolderKeys.model_validate(
         {
-            "black_level": 64, "electrons_per_dn": 3, "read_noise_electrons": 3, "full_scale": 4095, "released_by": "program",
+            "black_level": 64, "electrons_per_dn": 3, "read_noise_electrons": 3, "full_scale": 4095,
+            "released_by": "program",
             "exposures": ["1 ms", "1 s"], "timeout": "0.6 s", "settle": "60 ms",
         }
     )  # fmt: skip
@@ -43,9 +46,15 @@ CASES = [(driver, fault) for driver, faults in CAMERA_FAULTS.items() for fault i
 
 @pytest.mark.ci
 @pytest.mark.parametrize(("driver", "fault"), CASES)
-def test_a_fault_ends_in_recovery_or_one_error_and_no_frame_comes_twice(write_bench_file: WriteBench, driver: str, fault: str) -> None:
-    file = write_bench_file(faults=[{"device": "camera", "fault": fault, "after": {"scpi": 14, "folder": 2}[driver]}]).file
-    file.write_text(re.sub(r"camera:\n  driver: scpi", f"camera:\n  driver: {driver}", file.read_text()))
+def test_a_fault_ends_in_recovery_or_one_error_and_no_frame_comes_twice(
+    write_bench_file: WriteBench, driver: str, fault: str
+) -> None:
+    file = write_bench_file(
+        faults=[{"device": "camera", "fault": fault, "after": {"scpi": 14, "folder": 2}[driver]}]
+    ).file
+    file.write_text(
+        re.sub(r"camera:\n  driver: scpi", f"camera:\n  driver: {driver}", file.read_text())
+    )
     with serve(read_bench(file)) as served:
         assert served.addresses["camera"]["driver"] == driver
         warm_up(served).join()
@@ -65,7 +74,9 @@ def test_a_fault_ends_in_recovery_or_one_error_and_no_frame_comes_twice(write_be
     assert len(frames) + len(errors) == GRABS
     for said in errors:
         assert re.search(r"^camera (at|in) \S+", said), said
-        assert re.search(r"; (check|see|take|correct|set|let)", said), f"it does not say what to do: {said}"
+        assert re.search(r"; (check|see|take|correct|set|let)", said), (
+            f"it does not say what to do: {said}"
+        )
     if fault in LASTING:
         assert errors
         assert len(frames) >= 1
@@ -83,5 +94,11 @@ def test_a_fault_ends_in_recovery_or_one_error_and_no_frame_comes_twice(write_be
 
 def test_the_ways_a_camera_can_fail_are_all_here() -> None:
     every: set[str] = {fault for faults in CAMERA_FAULTS.values() for fault in faults}
-    said: dict[str, Any] = {"time-out": "silence", "dropped": "lost-frame", "torn": "cut", "late": "late", "unplugged": "hang-up"}
+    said: dict[str, Any] = {
+        "time-out": "silence",
+        "dropped": "lost-frame",
+        "torn": "cut",
+        "late": "late",
+        "unplugged": "hang-up",
+    }
     assert set(said.values()) <= every

@@ -1,4 +1,6 @@
-"""Lost, doubled, late and flipped answers of each maker's instruments: a recovery or one sentence, and never a wrong position."""
+"""Lost, doubled, late and flipped answers of each maker's instruments: a recovery or one sentence,
+and never a wrong position.
+"""
 
 import contextlib
 import socket
@@ -18,16 +20,28 @@ WriteBench = Callable[..., Bench]
 STEPS = {"array_stage": 0.0005, "rotation_stage": 1e-5, "goniometer": 4e-5}  # mm or rad
 EARLY = ("drop", "double", "late", "flip", "wrong-checksum", "garbage", "cut")
 LATER = ("double", "late", "hang-up", "stall", "reset")
-UNKNOWN = {("rotation_stage", "flip"), ("rotation_stage", "wrong-checksum")}  # its protocol has no checksum: nothing could tell
-CASES = [(name, fault, after) for after, faults in ((25, EARLY), (60, LATER)) for name in STEPS for fault in faults]
+UNKNOWN = {
+    ("rotation_stage", "flip"),
+    ("rotation_stage", "wrong-checksum"),
+}  # its protocol has no checksum: nothing could tell
+CASES = [
+    (name, fault, after)
+    for after, faults in ((25, EARLY), (60, LATER))
+    for name in STEPS
+    for fault in faults
+]
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("name", "fault", "after"), [case for case in CASES if case[:2] not in UNKNOWN])
+@pytest.mark.parametrize(
+    ("name", "fault", "after"), [case for case in CASES if case[:2] not in UNKNOWN]
+)
 def test_no_position_is_told_that_the_axis_is_not_at(
     name: str, fault: str, after: int, write_bench_file: WriteBench, tmp_path: Path
 ) -> None:
-    bench = write_bench_file("full", faults=[{"device": name, "fault": fault, "after": after}], clock=200)
+    bench = write_bench_file(
+        "full", faults=[{"device": name, "fault": fault, "after": after}], clock=200
+    )
     with serve(bench) as served:
         write_bench(bench, served, tmp_path / "served.yaml")
         told: list[str] = []
@@ -52,13 +66,17 @@ def go_to_and_fro(axis: Axis, world: World) -> None:
 def test_whichever_message_is_lost_no_thorlabs_controller_that_is_connected_overshoots(
     after: int, write_bench_file: WriteBench, tmp_path: Path
 ) -> None:
-    bench = write_bench_file("full", faults=[{"device": "rotation_stage", "fault": "unheard", "after": after}], clock=200)
+    bench = write_bench_file(
+        "full", faults=[{"device": "rotation_stage", "fault": "unheard", "after": after}], clock=200
+    )
     with serve(bench) as served:
         write_bench(bench, served, tmp_path / "served.yaml")
         with contextlib.suppress(DeviceError), connect(tmp_path / "served.yaml"):
             host, port = served.addresses["axes"]["rotation_stage"]["address"].split(":")
             with socket.create_connection((host, int(port))) as client:
                 client.settimeout(5)
-                client.sendall(bytes.fromhex("3b0401005001"))  # asks for the backlash distance, after 6 bytes and the channel
+                client.sendall(
+                    bytes.fromhex("3b0401005001")
+                )  # asks for the backlash distance, after 6 bytes and the channel
                 answer = client.recv(12, socket.MSG_WAITALL)
             assert answer[8:] == bytes(4)

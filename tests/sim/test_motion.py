@@ -66,11 +66,15 @@ def _never_breaks_its_limits(motion: Motion, start: float, top: float, accelerat
     # Speed changes no faster than the acceleration allows, and position is the integral of speed.
     assert np.all(np.abs(np.diff(states[:, 1])) <= acceleration * step * (1 + 1e-6) + 1e-9)
     travelled = np.sum((states[1:, 1] + states[:-1, 1]) / 2 * step)
-    assert travelled == pytest.approx(motion.target - states[0, 0], abs=acceleration * step**2 * 4 + 1e-9)
+    assert travelled == pytest.approx(
+        motion.target - states[0, 0], abs=acceleration * step**2 * 4 + 1e-9
+    )
 
 
 @given(POSITIONS, POSITIONS, POSITIONS, SPEEDS, SPEEDS, ACCELERATIONS, st.floats(0, 1))
-def test_any_pre_empted_move_keeps_its_limits(a: float, b: float, c: float, first: float, second: float, ramp: float, share: float) -> None:
+def test_any_pre_empted_move_keeps_its_limits(
+    a: float, b: float, c: float, first: float, second: float, ramp: float, share: float
+) -> None:
     outward = move(rest(a), 0.0, b, first, ramp)
     now = share * max(outward.end, 0.0)
     motion = move(outward, now, c, second, ramp)
@@ -81,7 +85,9 @@ def test_any_pre_empted_move_keeps_its_limits(a: float, b: float, c: float, firs
 
 
 @given(POSITIONS, POSITIONS, SPEEDS, ACCELERATIONS, st.floats(0, 1))
-def test_any_stop_keeps_its_limits(a: float, b: float, speed: float, ramp: float, share: float) -> None:
+def test_any_stop_keeps_its_limits(
+    a: float, b: float, speed: float, ramp: float, share: float
+) -> None:
     outward = move(rest(a), 0.0, b, speed, ramp)
     now = share * max(outward.end, 0.0)
     motion = stop(outward, now, ramp)

@@ -1,4 +1,6 @@
-"""An independent Modbus client drives the simulated drives over a pseudo terminal; published messages byte for byte."""
+"""An independent Modbus client drives the simulated drives over a pseudo terminal; published
+messages byte for byte.
+"""
 
 import sys
 import threading
@@ -35,14 +37,19 @@ def line_of(clock: Clock, *faults: Fault) -> Line:
 
 def lines() -> list[Any]:
     no_pty = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo terminals")
-    return [pytest.param(PtyLine, id="pty", marks=no_pty), pytest.param(TcpLine, id="tcp", marks=pytest.mark.ci)]
+    return [
+        pytest.param(PtyLine, id="pty", marks=no_pty),
+        pytest.param(TcpLine, id="tcp", marks=pytest.mark.ci),
+    ]
 
 
 @pytest.fixture(params=lines())
 def slaves(request: pytest.FixtureRequest) -> Iterator[list[Any]]:
     line = line_of(RunningClock(50))
     server: PtyLine | TcpLine = request.param(lambda: LineSession(line))
-    port = serial.serial_for_url(server.address if isinstance(server, PtyLine) else f"socket://{server.address}", timeout=0.3)
+    port = serial.serial_for_url(
+        server.address if isinstance(server, PtyLine) else f"socket://{server.address}", timeout=0.3
+    )
     clients: list[Any] = [minimalmodbus.Instrument(port, number) for number in (1, 2)]
     yield clients
     port.close()
@@ -58,7 +65,9 @@ def home(slave: Any) -> None:
 
 def operate(slave: Any, kind: int, position: int, speed: int = 5000) -> None:
     values = (0, kind, position, speed, 25_000, 25_000, 1000, 1)
-    slave.write_registers(0x0058, [word for value in values for word in ((value >> 16) & 0xFFFF, value & 0xFFFF)])
+    slave.write_registers(
+        0x0058, [word for value in values for word in ((value >> 16) & 0xFFFF, value & 0xFFFF)]
+    )
 
 
 def arrive(slave: Any) -> int:
@@ -80,7 +89,9 @@ def test_two_slaves_of_one_line_home_and_move(slaves: list[Any]) -> None:
     assert slaves[0].read_long(0x00C6, signed=True) == -8333
 
 
-def test_wrapped_positions_stay_within_half_a_turn_and_the_shortest_way_is_taken(slaves: list[Any]) -> None:
+def test_wrapped_positions_stay_within_half_a_turn_and_the_shortest_way_is_taken(
+    slaves: list[Any],
+) -> None:
     table = slaves[1]
     home(table)
     operate(table, 8, 85_000, speed=100_000)
@@ -105,7 +116,12 @@ def test_a_stop_ends_a_move_on_the_way(slaves: list[Any]) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "position", "speed", "homed", "alarm"),
-    [(1, 100, 5000, False, 0x4A), (1, 100, 0, True, 0x70), (8, 100, 5000, True, 0x70), (1, 25_000, 5000, True, 0x67)],
+    [
+        (1, 100, 5000, False, 0x4A),
+        (1, 100, 0, True, 0x70),
+        (8, 100, 5000, True, 0x70),
+        (1, 25_000, 5000, True, 0x67),
+    ],
     ids=["without reference", "speed zero", "wrap type without wrap", "beyond its limit"],
 )
 def test_what_a_drive_cannot_carry_out_raises_the_manuals_alarm(
@@ -123,7 +139,9 @@ def test_what_a_drive_cannot_carry_out_raises_the_manuals_alarm(
     assert slave.read_long(0x0080) == 0
 
 
-def test_an_unknown_register_is_an_exception_and_an_absent_slave_is_silent(slaves: list[Any]) -> None:
+def test_an_unknown_register_is_an_exception_and_an_absent_slave_is_silent(
+    slaves: list[Any],
+) -> None:
     with pytest.raises(minimalmodbus.IllegalRequestError, match="address"):
         slaves[0].read_register(0x7000)
     with pytest.raises(minimalmodbus.NoResponseError):
@@ -132,7 +150,10 @@ def test_an_unknown_register_is_an_exception_and_an_absent_slave_is_silent(slave
 
 def test_published_messages_get_the_published_answers() -> None:
     """An absolute move and a read as public drivers of these drives send them."""
-    move = bytes.fromhex("01100058001020 00000000 00000001 FFFEBA7B 0000B64B 000F4240 000F4240 000003E8 00000001 4803")
+    move = bytes.fromhex(
+        "01100058001020 00000000 00000001 FFFEBA7B 0000B64B 000F4240 000F4240 000003E8 00000001"
+        " 4803"
+    )
     session = LineSession(line_of(SteppedClock()))
     assert session.receive(move[:9]) == b""
     assert session.receive(move[9:]).hex() == "0110005800104016"
@@ -170,5 +191,8 @@ def test_an_absolute_encoder_knows_its_position_after_a_loss_of_power() -> None:
     for body in ("0106007D0010", "0106007D0000"):
         session.receive(bytes.fromhex(body) + crc(bytes.fromhex(body)))
     clock.step(10)
-    answers = [session.receive(bytes.fromhex("010301780002") + crc(bytes.fromhex("010301780002"))) for _ in range(2)]
+    answers = [
+        session.receive(bytes.fromhex("010301780002") + crc(bytes.fromhex("010301780002")))
+        for _ in range(2)
+    ]
     assert [answer[4] & 2 for answer in answers] == [2, 2]

@@ -1,4 +1,6 @@
-"""Who drives a bench: one program at a time, stopped by others through it, and by its sentinel when it dies."""
+"""Who drives a bench: one program at a time, stopped by others through it, and by its sentinel when
+it dies.
+"""
 
 import contextlib
 import math
@@ -47,16 +49,27 @@ sys.setprofile(lambda frame, event, what: started.set() if frame.f_code.co_name 
 threading.Thread(target=lambda: (started.wait(), time.sleep(0.05), os.kill(os.getpid(), signal.SIGINT)), daemon=True).start()
 sys.argv = ["flflab", "bench", "home", "ring", "--bench", sys.argv[1]]
 main()
-"""
+"""  # noqa: E501
 
 
 @pytest.fixture
 def slow(write_bench_file: WriteBench, tmp_path: Path) -> Iterator[tuple[Served, Path]]:
-    """A bench in real time that stands near its references, served; and a bench file that leads to it."""
-    starts = {"array_stage.start": "0.2 mm", "sensor_stage.start": "2 mm", "rotation_stage.start": "0.1 deg", "ring.start": "1 deg"}
+    """A bench in real time that stands near its references, served; and a bench file that leads to
+    it.
+    """
+    starts = {
+        "array_stage.start": "0.2 mm",
+        "sensor_stage.start": "2 mm",
+        "rotation_stage.start": "0.1 deg",
+        "ring.start": "1 deg",
+    }
     bench = write_bench_file("full", truths=starts, clock=1)
     data = yaml.safe_load(bench.file.read_text())
-    for name, speed in (("array_stage", "4 mm/s"), ("rotation_stage", "1 deg/s"), ("ring", "12 deg/s")):
+    for name, speed in (
+        ("array_stage", "4 mm/s"),
+        ("rotation_stage", "1 deg/s"),
+        ("ring", "12 deg/s"),
+    ):
         data["axes"][name]["speed"] = speed
     bench.file.write_text(yaml.safe_dump(data, sort_keys=False))
     with serve(bench) as served:
@@ -67,7 +80,9 @@ def slow(write_bench_file: WriteBench, tmp_path: Path) -> Iterator[tuple[Served,
 @contextlib.contextmanager
 def another_program(file: Path, program: str = DRIVER) -> Generator[subprocess.Popen[bytes]]:
     """A program that moves three axes of three makers, killed in the end."""
-    with subprocess.Popen([sys.executable, "-P", "-c", program, str(file)], stdout=subprocess.PIPE) as child:
+    with subprocess.Popen(
+        [sys.executable, "-P", "-c", program, str(file)], stdout=subprocess.PIPE
+    ) as child:
         try:
             assert child.stdout is not None
             assert child.stdout.readline() == b"moving\n"
@@ -81,8 +96,14 @@ def at_rest(served: Served) -> bool:
     return not any(served.world.carriages[name].moving(now) for name in MOVING)
 
 
-@pytest.mark.parametrize("program", [DRIVER, EDITED], ids=["as it is", "whose bench file was edited before the first motion"])
-def test_when_the_owner_is_killed_its_sentinel_stops_every_axis_on_the_way(slow: tuple[Served, Path], program: str) -> None:
+@pytest.mark.parametrize(
+    "program",
+    [DRIVER, EDITED],
+    ids=["as it is", "whose bench file was edited before the first motion"],
+)
+def test_when_the_owner_is_killed_its_sentinel_stops_every_axis_on_the_way(
+    slow: tuple[Served, Path], program: str
+) -> None:
     served, file = slow
     described = file.read_text(encoding="utf-8")
     with another_program(file, program) as child:
@@ -108,8 +129,12 @@ def sentinels() -> list[int]:
     return [pid for pid in pids if b"drivers.sentinel" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there")
-def test_an_interrupt_while_the_sentinel_starts_is_told_in_one_sentence(slow: tuple[Served, Path]) -> None:
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="an interrupt cannot be sent to one process alone there"
+)
+def test_an_interrupt_while_the_sentinel_starts_is_told_in_one_sentence(
+    slow: tuple[Served, Path],
+) -> None:
     _, file = slow
     program = [sys.executable, "-P", "-c", INTERRUPTED, str(file)]
     ended = subprocess.run(program, capture_output=True, text=True, check=False, timeout=60)
@@ -117,7 +142,9 @@ def test_an_interrupt_while_the_sentinel_starts_is_told_in_one_sentence(slow: tu
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
-def test_a_sentinel_that_has_died_is_followed_by_another_before_the_next_motion(slow: tuple[Served, Path]) -> None:
+def test_a_sentinel_that_has_died_is_followed_by_another_before_the_next_motion(
+    slow: tuple[Served, Path],
+) -> None:
     _, file = slow
     with connect(file) as bench:
         bench.ring.home().wait(20)
@@ -125,7 +152,10 @@ def test_a_sentinel_that_has_died_is_followed_by_another_before_the_next_motion(
         os.kill(first, signal.SIGKILL)
         deadline = time.monotonic() + 5
         # Its last thread must have ended too: until then it is not over for who waits for it.
-        while Path(f"/proc/{first}/stat").read_text().rpartition(") ")[2][0] != "Z" or len(list(Path(f"/proc/{first}/task").iterdir())) > 1:
+        while (
+            Path(f"/proc/{first}/stat").read_text().rpartition(") ")[2][0] != "Z"
+            or len(list(Path(f"/proc/{first}/task").iterdir())) > 1
+        ):
             assert time.monotonic() < deadline
             time.sleep(0.01)
         bench.ring.move_to(math.radians(2)).wait(20)
@@ -133,7 +163,9 @@ def test_a_sentinel_that_has_died_is_followed_by_another_before_the_next_motion(
         assert second != first
 
 
-def test_a_sentinel_watches_until_every_axis_stands(slow: tuple[Served, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sentinel_watches_until_every_axis_stands(
+    slow: tuple[Served, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     served, file = slow
     stood, let_go = list[bool](), Sentinel.close
 
@@ -152,7 +184,10 @@ def test_a_sentinel_watches_until_every_axis_stands(slow: tuple[Served, Path], m
 def test_another_program_is_refused_and_can_have_the_owner_stop(slow: tuple[Served, Path]) -> None:
     served, file = slow
     with another_program(file) as child:
-        with pytest.raises(DeviceError, match=rf"\(process {child.pid}\).*wait for its end: .* would stop its axes and with"):
+        with pytest.raises(
+            DeviceError,
+            match=rf"\(process {child.pid}\).*wait for its end: .* would stop its axes and with",
+        ):
             connect(file)
         assert set(ask_owners_to_stop(file).values()) == {""}
         deadline = time.monotonic() + 5
@@ -161,7 +196,9 @@ def test_another_program_is_refused_and_can_have_the_owner_stop(slow: tuple[Serv
             time.sleep(0.01)
 
 
-def test_a_stop_reaches_the_motions_of_a_script_through_its_own_connection(slow: tuple[Served, Path]) -> None:
+def test_a_stop_reaches_the_motions_of_a_script_through_its_own_connection(
+    slow: tuple[Served, Path],
+) -> None:
     _, file = slow
     with connect(file) as bench:
         bench.ring.home().wait(20)
@@ -171,25 +208,39 @@ def test_a_stop_reaches_the_motions_of_a_script_through_its_own_connection(slow:
         with pytest.raises(MotionError, match=r"stopped on the way at \d+\.\d+ deg"):
             status.wait(10)
         asker.join()
-    assert set(ask_owners_to_stop(file).values()) == {None}, "a bench that was let go still has an owner"
+    assert set(ask_owners_to_stop(file).values()) == {None}, (
+        "a bench that was let go still has an owner"
+    )
 
 
-def test_a_stop_that_comes_while_every_axis_stands_keeps_the_owner_from_moving_any(slow: tuple[Served, Path]) -> None:
+def test_a_stop_that_comes_while_every_axis_stands_keeps_the_owner_from_moving_any(
+    slow: tuple[Served, Path],
+) -> None:
     _, file = slow
     with connect(file) as bench:
         bench.ring.home().wait(20)
         assert set(ask_owners_to_stop(file).values()) == {""}
-        with pytest.raises(DeviceError, match="ring: asked to move, nothing moved: another program had this bench stopped; connect again"):
+        with pytest.raises(
+            DeviceError,
+            match=(
+                "ring: asked to move, nothing moved: another program had this bench stopped;"
+                " connect again"
+            ),
+        ):
             bench.ring.move_to(math.radians(160))
         assert bench.ring.position() == pytest.approx(0, abs=1e-4)
     with connect(file) as bench:
         bench.ring.move_to(math.radians(2)).wait(20)
 
 
-def test_a_copy_of_the_bench_file_is_the_same_bench_even_where_it_is_half_edited(slow: tuple[Served, Path], tmp_path: Path) -> None:
+def test_a_copy_of_the_bench_file_is_the_same_bench_even_where_it_is_half_edited(
+    slow: tuple[Served, Path], tmp_path: Path
+) -> None:
     _, file = slow
     copy = tmp_path / "copy.yaml"
-    copy.write_text(file.read_text(encoding="utf-8").replace("minimum_gap", "minimal_gap"), encoding="utf-8")
+    copy.write_text(
+        file.read_text(encoding="utf-8").replace("minimum_gap", "minimal_gap"), encoding="utf-8"
+    )
     with connect(file):
         with pytest.raises(DeviceError, match="another program drives this bench"):
             Owner(copy)
@@ -208,7 +259,9 @@ def test_an_owner_that_does_not_answer_is_named(slow: tuple[Served, Path]) -> No
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no program can be held there")
-def test_axes_of_an_owner_that_hangs_are_stopped_past_it_and_it_goes_on_with_none(slow: tuple[Served, Path]) -> None:
+def test_axes_of_an_owner_that_hangs_are_stopped_past_it_and_it_goes_on_with_none(
+    slow: tuple[Served, Path],
+) -> None:
     served, file = slow
     command = [sys.executable, "-P", "-m", "flflab", "bench", "stop", "--bench", str(file)]
     with another_program(file) as child:
@@ -225,7 +278,9 @@ def test_axes_of_an_owner_that_hangs_are_stopped_past_it_and_it_goes_on_with_non
         assert 0 < math.degrees(places[2]) < 100
         os.kill(child.pid, signal.SIGCONT)
         time.sleep(0.5)
-        assert [served.world.carriages[name].at(served.world.clock.now()) for name in MOVING] == places
+        assert [
+            served.world.carriages[name].at(served.world.clock.now()) for name in MOVING
+        ] == places
     assert ended.returncode == 1
     assert f"process {child.pid} drives this bench and does not answer" in ended.stderr
     assert f"`kill -9 {child.pid}`" in ended.stderr
@@ -237,15 +292,22 @@ def test_only_who_may_read_the_lock_file_can_stop_a_bench(slow: tuple[Served, Pa
     with connect(file):
         lock = lock_files(file)["array_stage"][0]
         lock.write_text(lock.read_text().replace('"token": "', '"token": "x'))
-        assert "did not say that the axes stopped" in (ask_owners_to_stop(file)["array_stage"] or "")
+        assert "did not say that the axes stopped" in (
+            ask_owners_to_stop(file)["array_stage"] or ""
+        )
         if sys.platform != "win32":
             assert lock.stat().st_mode & 0o077 == 0
 
 
-def test_a_bench_is_the_same_one_however_its_addresses_are_spelt(slow: tuple[Served, Path], tmp_path: Path) -> None:
+def test_a_bench_is_the_same_one_however_its_addresses_are_spelt(
+    slow: tuple[Served, Path], tmp_path: Path
+) -> None:
     _, file = slow
     other = tmp_path / "other.yaml"
-    other.write_text(file.read_text(encoding="utf-8").replace("socket://127.0.0.1", "localhost"), encoding="utf-8")
+    other.write_text(
+        file.read_text(encoding="utf-8").replace("socket://127.0.0.1", "localhost"),
+        encoding="utf-8",
+    )
     assert "localhost" in other.read_text(encoding="utf-8")
     with connect(file):
         with pytest.raises(DeviceError, match="another program drives this bench"):
@@ -270,14 +332,22 @@ def test_a_bench_that_shares_one_line_with_another_is_not_driven_beside_it_and_s
         with pytest.raises(DeviceError, match="another program drives this bench"):
             connect(file)
         owner.stops_with(lambda: None)
-        others = {name for name, axis in whole["axes"].items() if axis["address"] != whole["axes"]["ring"]["address"]}
-        assert {name for name, answer in ask_owners_to_stop(file).items() if answer is None} == others
+        others = {
+            name
+            for name, axis in whole["axes"].items()
+            if axis["address"] != whole["axes"]["ring"]["address"]
+        }
+        assert {
+            name for name, answer in ask_owners_to_stop(file).items() if answer is None
+        } == others
     finally:
         owner.close()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="every account has a folder there")
-def test_an_account_without_a_folder_of_its_own_owns_a_bench_too(slow: tuple[Served, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_account_without_a_folder_of_its_own_owns_a_bench_too(
+    slow: tuple[Served, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     import pwd
 
     def nobody(number: int) -> None:
@@ -290,13 +360,18 @@ def test_an_account_without_a_folder_of_its_own_owns_a_bench_too(slow: tuple[Ser
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there ports are no files")
-def test_the_owner_of_a_port_is_found_by_the_link_to_it_also_after_the_link_has_gone(tmp_path: Path) -> None:
+def test_the_owner_of_a_port_is_found_by_the_link_to_it_also_after_the_link_has_gone(
+    tmp_path: Path,
+) -> None:
     port, link = tmp_path / "ttyUSB0", tmp_path / "by-id"
     port.touch()
     link.symlink_to(port)
     files = [tmp_path / f"{address.name}.yaml" for address in (port, link)]
     for file, address in zip(files, (port, link), strict=True):
-        file.write_text(yaml.safe_dump({"axes": {"stage": {"driver": "zaber", "address": str(address)}}}), encoding="utf-8")
+        file.write_text(
+            yaml.safe_dump({"axes": {"stage": {"driver": "zaber", "address": str(address)}}}),
+            encoding="utf-8",
+        )
     owner = Owner(files[1])
     try:
         with pytest.raises(DeviceError, match="another program drives this bench"):

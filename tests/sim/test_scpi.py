@@ -1,4 +1,6 @@
-"""The camera, iris and wheel by docs/scpi-camera.md, over bare sockets with a reader of blocks of the test's own."""
+"""The camera, iris and wheel by docs/scpi-camera.md, over bare sockets with a reader of blocks of
+the test's own.
+"""
 
 import socket
 import struct
@@ -71,8 +73,14 @@ def take(client: Client, exposure: float = 0.005, kind: str = "white") -> np.nda
 
 def test_tells_what_it_is(client: Client) -> None:
     assert client.ask("*IDN?").count(",") == 3
-    assert client.ask("SENS:SIZE?;SENS:PITC?;SENS:BITS?;SENS:FULL?;SENS:OFFS?;SENS:NOIS?") == "240,180;0.006;12;4095;64;3"
-    assert client.ask("FORM?;FORM:CAT?;EXP?;GAIN?;EXP? MIN;EXP? MAXIMUM") == '"MONO12";"MONO12";0.01;1;1e-05;10'
+    assert (
+        client.ask("SENS:SIZE?;SENS:PITC?;SENS:BITS?;SENS:FULL?;SENS:OFFS?;SENS:NOIS?")
+        == "240,180;0.006;12;4095;64;3"
+    )
+    assert (
+        client.ask("FORM?;FORM:CAT?;EXP?;GAIN?;EXP? MIN;EXP? MAXIMUM")
+        == '"MONO12";"MONO12";0.01;1;1e-05;10'
+    )
     assert client.ask("sensor:size?;:SENSOR:WELL?") == "240,180;12000"
 
 
@@ -104,7 +112,8 @@ def test_what_moves_after_the_exposure_is_not_in_the_picture(client: Client) -> 
 
 def test_the_white_picture_shows_round_micro_images(client: Client) -> None:
     picture = take(client)
-    # Pitch 0.407667 mm at 6 um: 68 px; on the axis bright, a half pitch away in both directions dark.
+    # Pitch 0.407667 mm at 6 um: 68 px; on the axis bright, a half pitch away in both directions
+    # dark.
     row, column = 90, 120
     assert picture[row - 3 : row + 3, column - 3 : column + 3].mean() > 1500
     assert picture[row + 34, column + 34] == pytest.approx(64, abs=8)
@@ -130,7 +139,9 @@ def test_shot_noise_is_that_of_counted_electrons(client: Client) -> None:
     assert variance.mean() == pytest.approx((electrons + 9 + conversion**2 / 12).mean(), rel=0.05)
 
 
-def test_frames_differ_in_noise_but_a_point_measured_again_gives_the_same_frames(client: Client, write_bench_file: WriteBench) -> None:
+def test_frames_differ_in_noise_but_a_point_measured_again_gives_the_same_frames(
+    client: Client, write_bench_file: WriteBench
+) -> None:
     first, second = take(client), take(client)
     assert np.any(first != second)
     take(client, kind="black")
@@ -146,7 +157,8 @@ def test_a_smaller_stop_gives_the_light_of_a_narrower_cone(client: Client) -> No
         assert client.ask("*OPC?") == "1"
         return float(np.mean([take(client, 0.01)[89:91, 119:121].mean() for _ in range(8)])) - 64
 
-    # At F/4 the microlens limits the cone (0.168 mm half width), at F/16 the main lens (3.125 * 1.15 / 60 / 0.234923 / 2 mm).
+    # At F/4 the microlens limits the cone (0.168 mm half width), at F/16 the main lens (3.125 *
+    # 1.15 / 60 / 0.234923 / 2 mm).
     half = 3.125 * 1.15 / 60 / 0.234923 / 2
     assert brightness(16) / brightness(4) == pytest.approx((half / 0.168) ** 2, rel=0.02)
 
@@ -154,7 +166,10 @@ def test_a_smaller_stop_gives_the_light_of_a_narrower_cone(client: Client) -> No
 def test_the_iris_and_the_wheel_take_their_time_and_report(client: Client) -> None:
     assert client.ask("LENS:FNUM?;TARG:KIND?") == '4;"white"'
     client.tell('LENS:FNUM 8;TARG:KIND "four-dot"')
-    assert client.ask("*OPC?;LENS:FNUM?;TARG:KIND?;LENS:BUSY?;TARG:BUSY?;SYST:BUSY?") == '1;8;"four-dot";0;0;0'
+    assert (
+        client.ask("*OPC?;LENS:FNUM?;TARG:KIND?;LENS:BUSY?;TARG:BUSY?;SYST:BUSY?")
+        == '1;8;"four-dot";0;0;0'
+    )
     assert client.ask("LENS:FNUM? MIN;LENS:FNUM? MAX") == "1;32"
     assert client.ask("TARG:CAT?").split(",")[:4] == ['"four-dot"', '"bars"', '"white"', '"black"']
 
@@ -162,19 +177,26 @@ def test_the_iris_and_the_wheel_take_their_time_and_report(client: Client) -> No
 @pytest.mark.parametrize(
     ("line", "number"),
     [
-        ("DANCE", -113), ("EXP 100", -222), ("EXP long", -104), ("EXP nan", -104), ("EXP", -109), ("EXP 1,2", -108),
-        ("LENS:FNUM 0.5", -222), ('TARG:KIND "sphere"', -224), ("FORM MONO8", -224), ("*RST 1", -108), ("EXP? MIDDLE", -224),
-        ("INIT;INIT", -213), ("INIT;EXP 1", -221), ("*CLS;FETC?", -221), ("x" * 1025, -223), ("EXP\t1", -101),
+        ("DANCE", -113), ("EXP 100", -222), ("EXP long", -104), ("EXP nan", -104), ("EXP", -109),
+        ("EXP 1,2", -108),
+        ("LENS:FNUM 0.5", -222), ('TARG:KIND "sphere"', -224), ("FORM MONO8", -224),
+        ("*RST 1", -108), ("EXP? MIDDLE", -224),
+        ("INIT;INIT", -213), ("INIT;EXP 1", -221), ("*CLS;FETC?", -221), ("x" * 1025, -223),
+        ("EXP\t1", -101),
     ],
 )  # fmt: skip
-def test_a_wrong_command_changes_nothing_and_is_queued(client: Client, line: str, number: int) -> None:
+def test_a_wrong_command_changes_nothing_and_is_queued(
+    client: Client, line: str, number: int
+) -> None:
     client.tell(line)
     assert client.ask("SYST:ERR?").startswith(f'{number},"')
     assert client.ask("SYST:ERR?") == '0,"No error"'
     assert client.ask("EXP?;LENS:FNUM?;TARG:KIND?") == '0.01;4;"white"'
 
 
-def test_errors_of_one_client_are_not_those_of_another_and_too_many_overflow(client: Client, served: Served) -> None:
+def test_errors_of_one_client_are_not_those_of_another_and_too_many_overflow(
+    client: Client, served: Served
+) -> None:
     with Client(served.addresses["camera"]["address"]) as other:
         for _ in range(20):
             client.tell("DANCE")
@@ -205,9 +227,14 @@ def test_a_full_buffer_drops_the_oldest_frame(client: Client) -> None:
         ("iris", "garbage", "LENS:FNUM?", "\x7fK#?"),
     ],
 )
-def test_a_fault_of_an_instrument_shows(write_bench_file: WriteBench, device: str, fault: str, line: str, answer: str) -> None:
+def test_a_fault_of_an_instrument_shows(
+    write_bench_file: WriteBench, device: str, fault: str, line: str, answer: str
+) -> None:
     faults = [{"device": device, "fault": fault, "after": 1}]
-    with serve(write_bench_file(faults=faults)) as running, Client(running.addresses["camera"]["address"]) as client:
+    with (
+        serve(write_bench_file(faults=faults)) as running,
+        Client(running.addresses["camera"]["address"]) as client,
+    ):
         assert client.ask(line).isprintable()
         client.tell(line)
         assert client.file.readline().decode("latin-1")[:4] == answer
@@ -215,7 +242,10 @@ def test_a_fault_of_an_instrument_shows(write_bench_file: WriteBench, device: st
 
 def test_a_lost_frame_and_a_stalled_iris_are_reported(write_bench_file: WriteBench) -> None:
     faults = [{"device": "camera", "fault": "lost-frame"}, {"device": "iris", "fault": "stall"}]
-    with serve(write_bench_file(faults=faults)) as running, Client(running.addresses["camera"]["address"]) as client:
+    with (
+        serve(write_bench_file(faults=faults)) as running,
+        Client(running.addresses["camera"]["address"]) as client,
+    ):
         client.tell("INIT")
         assert client.ask("FETC?") == "0,0,0,0,0,0,1,#10"
         assert client.ask("SYST:ERR?").startswith("-230,")

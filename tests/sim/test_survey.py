@@ -14,9 +14,13 @@ from sim.serve import serve, write_bench
 WriteBench = Callable[..., Bench]
 
 
-def test_one_look_tells_of_every_device_and_of_every_one_that_is_silent(write_bench_file: WriteBench, tmp_path: Path) -> None:
+def test_one_look_tells_of_every_device_and_of_every_one_that_is_silent(
+    write_bench_file: WriteBench, tmp_path: Path
+) -> None:
     silent = ("goniometer", "iris")
-    bench = write_bench_file("full", faults=[{"device": name, "fault": "silence"} for name in silent])
+    bench = write_bench_file(
+        "full", faults=[{"device": name, "fault": "silence"} for name in silent]
+    )
     with serve(bench) as served:
         write_bench(bench, served, tmp_path / "served.yaml")
         data = yaml.safe_load((tmp_path / "served.yaml").read_text())
@@ -24,7 +28,10 @@ def test_one_look_tells_of_every_device_and_of_every_one_that_is_silent(write_be
         (tmp_path / "served.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
         rows = {row.name: row for row in survey(read_bench(tmp_path / "served.yaml"))}
     assert list(rows) == [*bench.description.axes, "camera", "iris", "target"]
-    assert {name for name, row in rows.items() if row.identity == SILENT} == {*silent, "rotation_stage"}
+    assert {name for name, row in rows.items() if row.identity == SILENT} == {
+        *silent,
+        "rotation_stage",
+    }
     for name in (*silent, "rotation_stage"):
         assert rows[name].state.startswith(name)
         assert "check" in rows[name].state
@@ -41,4 +48,9 @@ def test_whoever_takes_too_long_is_said_to(write_bench_file: WriteBench, tmp_pat
         while any(thread.name.startswith("look at") for thread in threading.enumerate()):
             assert time.monotonic() < deadline
             time.sleep(0.01)
-    assert any(row.state.startswith(f"{row.name}: no answer within 0 s; check that what serves it on this machine") for row in rows)
+    assert any(
+        row.state.startswith(
+            f"{row.name}: no answer within 0 s; check that what serves it on this machine"
+        )
+        for row in rows
+    )

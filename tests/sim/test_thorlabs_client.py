@@ -1,4 +1,6 @@
-"""Other people's clients of the APT protocol drive the simulated controller: one unmodified over a pseudo terminal, one by bytes."""
+"""Other people's clients of the APT protocol drive the simulated controller: one unmodified over a
+pseudo terminal, one by bytes.
+"""
 
 import sys
 import threading
@@ -22,7 +24,14 @@ DEGREE = COUNTS_PER_DEGREE
 
 def controller(clock: RunningClock | SteppedClock, *faults: Fault) -> Controller:
     """A stage left at 20 degrees, 10 degrees/s."""
-    stage = Stage(Carriage(clock, 20 * DEGREE * COUNT), (-250.0, 250.0), COUNT, 10 * DEGREE, 50 * DEGREE, home=0.0)
+    stage = Stage(
+        Carriage(clock, 20 * DEGREE * COUNT),
+        (-250.0, 250.0),
+        COUNT,
+        10 * DEGREE,
+        50 * DEGREE,
+        home=0.0,
+    )
     return Controller(stage, Faults(faults), 27_000_001, threading.RLock())
 
 
@@ -33,7 +42,10 @@ def until(true: Callable[[], bool], patience: float = 10.0) -> None:
         time.sleep(0.01)
 
 
-no_pty = pytest.mark.skipif(sys.platform == "win32", reason="this client opens serial ports only, and Windows has no pseudo terminals")
+no_pty = pytest.mark.skipif(
+    sys.platform == "win32",
+    reason="this client opens serial ports only, and Windows has no pseudo terminals",
+)
 
 
 @pytest.fixture
@@ -64,7 +76,9 @@ def test_the_makers_friends_client_homes_moves_and_reads(client: Any) -> None:
 @no_pty
 def test_the_client_sets_a_speed_and_stops_a_motion(client: Any) -> None:
     until(lambda: client.velparams["max_velocity"] > 0)
-    client.set_velocity_params(acceleration=732, max_velocity=42942)  # 50 degrees/s^2 and 1 degree/s
+    client.set_velocity_params(
+        acceleration=732, max_velocity=42942
+    )  # 50 degrees/s^2 and 1 degree/s
     client.home()
     until(lambda: client.status["homed"], 30)
     client.move_absolute(round(300 * DEGREE))
@@ -77,8 +91,14 @@ def test_the_client_sets_a_speed_and_stops_a_motion(client: Any) -> None:
 
 @no_pty
 def test_the_start_up_values_are_those_of_a_prm1_z8(client: Any) -> None:
-    until(lambda: client.homeparams["home_velocity"] > 0 and client.genmoveparams["backlash_distance"] > 0)
-    assert client.homeparams["home_velocity"] == pytest.approx(0x068D5F, rel=1e-4)  # 10 degrees/s as the maker's software sends it
+    until(
+        lambda: (
+            client.homeparams["home_velocity"] > 0 and client.genmoveparams["backlash_distance"] > 0
+        )
+    )
+    assert client.homeparams["home_velocity"] == pytest.approx(
+        0x068D5F, rel=1e-4
+    )  # 10 degrees/s as the maker's software sends it
     assert client.homeparams["offset_distance"] == pytest.approx(7679, abs=1)
     assert client.genmoveparams["backlash_distance"] == 1920
     assert client.velparams["max_velocity"] == pytest.approx(0x068D5F, rel=1e-4)
@@ -94,9 +114,16 @@ def test_every_answer_is_what_the_independent_decoder_expects() -> None:
     clock = SteppedClock()
     session = ControllerSession(controller(clock))
     (info,) = read(session.receive(apt.hw_req_info(dest=0x50, source=1)))
-    assert (info.serial_number, info.model_number.rstrip(b"\0"), info.nchs) == (27_000_001, b"KDC101", 1)
+    assert (info.serial_number, info.model_number.rstrip(b"\0"), info.nchs) == (
+        27_000_001,
+        b"KDC101",
+        1,
+    )
     (speed,) = read(session.receive(apt.mot_req_velparams(dest=0x50, source=1, chan_ident=1)))
-    assert (speed.max_velocity, speed.acceleration) == (pytest.approx(10 * 42941.66, abs=1), pytest.approx(50 * 14.6574, abs=1))
+    assert (speed.max_velocity, speed.acceleration) == (
+        pytest.approx(10 * 42941.66, abs=1),
+        pytest.approx(50 * 14.6574, abs=1),
+    )
     assert session.receive(apt.mot_move_home(dest=0x50, source=1, chan_ident=1)) == b""
     (state,) = read(session.receive(apt.mot_req_dcstatusupdate(dest=0x50, source=1, chan_ident=1)))
     assert state.homing
@@ -110,7 +137,12 @@ def test_every_answer_is_what_the_independent_decoder_expects() -> None:
     assert state.velocity < 0
     clock.step(60)
     (ended,) = read(session.unasked())
-    assert (ended.msg, ended.position, ended.settled, ended.channel_enabled) == ("mot_move_completed", -38393, True, True)
+    assert (ended.msg, ended.position, ended.settled, ended.channel_enabled) == (
+        "mot_move_completed",
+        -38393,
+        True,
+        True,
+    )
     (counter,) = read(session.receive(apt.mot_req_poscounter(dest=0x50, source=1, chan_ident=1)))
     assert counter.position == -38393
 
@@ -119,7 +151,9 @@ def test_a_motor_that_is_off_does_not_move() -> None:
     clock = SteppedClock()
     session = ControllerSession(controller(clock))
     session.receive(apt.mod_set_chanenablestate(dest=0x50, source=1, chan_ident=1, enable_state=2))
-    (enabled,) = read(session.receive(apt.mod_req_chanenablestate(dest=0x50, source=1, chan_ident=1)))
+    (enabled,) = read(
+        session.receive(apt.mod_req_chanenablestate(dest=0x50, source=1, chan_ident=1))
+    )
     assert not enabled.enabled
     session.receive(apt.mot_move_absolute(dest=0x50, source=1, chan_ident=1, position=5000))
     clock.step(10)
@@ -140,7 +174,9 @@ def test_a_jammed_stage_says_so_and_loses_its_reference() -> None:
     session = ControllerSession(controller(clock, Fault("stall", after=1)))
     session.receive(apt.mot_move_home(dest=0x50, source=1, chan_ident=1))
     clock.step(60)
-    session.receive(apt.mot_move_absolute(dest=0x50, source=1, chan_ident=1, position=round(20 * DEGREE)))
+    session.receive(
+        apt.mot_move_absolute(dest=0x50, source=1, chan_ident=1, position=round(20 * DEGREE))
+    )
     clock.step(60)
     (state,) = read(session.receive(apt.mot_req_dcstatusupdate(dest=0x50, source=1, chan_ident=1)))
     assert state.motion_error

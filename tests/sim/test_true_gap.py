@@ -1,4 +1,6 @@
-"""The real drivers on the simulated benches: whatever is asked, array and sensor never meet in truth, tilted or not."""
+"""The real drivers on the simulated benches: whatever is asked, array and sensor never meet in
+truth, tilted or not.
+"""
 
 import contextlib
 import re
@@ -21,8 +23,13 @@ WriteBench = Callable[..., Bench]
 
 
 @pytest.mark.parametrize("error", ["3 um", "-3 um"])
-def test_the_true_gap_is_kept_through_homing_and_any_moves(write_bench_file: WriteBench, tmp_path: Path, error: str) -> None:
-    truths = {"array_stage.zero": error, "sensor_stage.zero": "-3 um" if error == "3 um" else "3 um"}
+def test_the_true_gap_is_kept_through_homing_and_any_moves(
+    write_bench_file: WriteBench, tmp_path: Path, error: str
+) -> None:
+    truths = {
+        "array_stage.zero": error,
+        "sensor_stage.zero": "-3 um" if error == "3 um" else "3 um",
+    }
     bench = write_bench_file(truths=truths, clock=100)
     with serve(bench) as served:
         write_bench(bench, served, tmp_path / "served.yaml")
@@ -48,9 +55,18 @@ def test_the_true_gap_is_kept_through_homing_and_any_moves(write_bench_file: Wri
     assert min(gaps) >= bench.description.minimum_gap
 
 
-def test_the_true_gap_is_kept_by_a_tilting_array_whose_axes_move_together(write_bench_file: WriteBench, tmp_path: Path) -> None:
-    """Four axes by three makers; each is told to go on while the others are still under way, and is stopped now and then."""
-    truths = {"array_stage.zero": "3 um", "sensor_stage.zero": "-3 um", "goniometer.zero": "0.03 deg", "rotation_stage.zero": "-0.03 deg"}
+def test_the_true_gap_is_kept_by_a_tilting_array_whose_axes_move_together(
+    write_bench_file: WriteBench, tmp_path: Path
+) -> None:
+    """Four axes by three makers; each is told to go on while the others are still under way, and is
+    stopped now and then.
+    """
+    truths = {
+        "array_stage.zero": "3 um",
+        "sensor_stage.zero": "-3 um",
+        "goniometer.zero": "0.03 deg",
+        "rotation_stage.zero": "-0.03 deg",
+    }
     bench = write_bench_file("full", truths=truths | {"rotation_stage.start": "5 deg"}, clock=20)
     with serve(bench) as served:
         write_bench(bench, served, tmp_path / "served.yaml")
@@ -58,9 +74,13 @@ def test_the_true_gap_is_kept_by_a_tilting_array_whose_axes_move_together(write_
         begun = world.clock.now()
         refused, tilted = 0, 0
         with connect(tmp_path / "served.yaml") as connected:
-            under_way = {name: connected.axes[name].home() for name in ("array_stage", "sensor_stage")}
+            under_way = {
+                name: connected.axes[name].home() for name in ("array_stage", "sensor_stage")
+            }
             wait_all(*under_way.values(), timeout=20)
-            under_way |= {name: connected.axes[name].home() for name in ("goniometer", "rotation_stage")}
+            under_way |= {
+                name: connected.axes[name].home() for name in ("goniometer", "rotation_stage")
+            }
             generator = np.random.default_rng(11)
             for _ in range(60):
                 name = list(under_way)[generator.integers(4)]
@@ -85,7 +105,9 @@ def test_the_true_gap_is_kept_by_a_tilting_array_whose_axes_move_together(write_
 
 
 def edited(bench: Bench, array: dict[str, Any], **fields: Any) -> Bench:
-    """The bench with another array in its camera file, far from the sensor, and other fields in its own."""
+    """The bench with another array in its camera file, far from the sensor, and other fields in its
+    own.
+    """
     optics = bench.file.parent / bench.description.optics
     camera, own = (yaml.safe_load(file.read_text()) for file in (optics, bench.file))
     camera["microlens_array"] |= array
@@ -99,16 +121,36 @@ def edited(bench: Bench, array: dict[str, Any], **fields: Any) -> Bench:
     ("array", "doubt", "truths"),
     [
         ({"offset": ["3 mm", "-4 mm"], "tilt": ["6 deg", "-8 deg"]}, {}, {}),
-        ({}, {"array_tilt": "20 mrad"}, {"microlens_array.yaw": "-50 mrad", "microlens_array.pitch": "55 mrad"}),
+        (
+            {},
+            {"array_tilt": "20 mrad"},
+            {"microlens_array.yaw": "-50 mrad", "microlens_array.pitch": "55 mrad"},
+        ),
         ({"tilt": ["8 deg", "8 deg"]}, {"pitch": 0.1, "microlens_aperture": 0.01}, {}),
     ],
-    ids=["decentred and tilted", "tilted by as much as the file doubts", "larger by as much as the file doubts"],
+    ids=[
+        "decentred and tilted",
+        "tilted by as much as the file doubts",
+        "larger by as much as the file doubts",
+    ],
 )
 def test_a_sensor_that_goes_as_far_as_it_may_keeps_the_gap_to_every_microlens_that_the_camera_sees(
-    write_bench_file: WriteBench, tmp_path: Path, array: dict[str, Any], doubt: dict[str, Any], truths: dict[str, str]
+    write_bench_file: WriteBench,
+    tmp_path: Path,
+    array: dict[str, Any],
+    doubt: dict[str, Any],
+    truths: dict[str, str],
 ) -> None:
-    write_bench_file(clock=1000, truths={f"{axis}_stage.zero": "0 mm" for axis in ("array", "sensor")} | truths, seed=203)
-    bench = edited(read_bench(tmp_path / "bench.yaml"), array, optics_uncertainty={"array_tilt": "0 rad"} | doubt)
+    write_bench_file(
+        clock=1000,
+        truths={f"{axis}_stage.zero": "0 mm" for axis in ("array", "sensor")} | truths,
+        seed=203,
+    )
+    bench = edited(
+        read_bench(tmp_path / "bench.yaml"),
+        array,
+        optics_uncertainty={"array_tilt": "0 rad"} | doubt,
+    )
     with serve(bench) as served:
         write_bench(bench, served, tmp_path / "served.yaml")
         with connect(tmp_path / "served.yaml") as connected:

@@ -1,4 +1,6 @@
-"""The hidden truth: drawn from the bench file's uncertainties, once and for all, and what follows from where the stages stand."""
+"""The hidden truth: drawn from the bench file's uncertainties, once and for all, and what follows
+from where the stages stand.
+"""
 
 import math
 from collections.abc import Callable
@@ -18,8 +20,12 @@ from sim.world import WHEEL, Carriage, World, keyed, true_axis, true_optics, whe
 WriteBench = Callable[..., Bench]
 
 
-def test_the_same_seed_gives_the_same_truth_and_another_seed_another(write_bench_file: WriteBench) -> None:
-    first, again, other = (World(write_bench_file(seed=seed), SteppedClock()).axes for seed in (5, 5, 6))
+def test_the_same_seed_gives_the_same_truth_and_another_seed_another(
+    write_bench_file: WriteBench,
+) -> None:
+    first, again, other = (
+        World(write_bench_file(seed=seed), SteppedClock()).axes for seed in (5, 5, 6)
+    )
     assert first == again
     assert all(first[name].zero != other[name].zero for name in first)
 
@@ -41,17 +47,29 @@ def test_hidden_errors_have_the_stated_spread(write_bench_file: WriteBench) -> N
     assert abs(np.corrcoef(zeros, scales)[0, 1]) < 0.07
 
 
-def test_an_array_is_turned_by_as_much_as_it_is_said_to_be_unsure(write_bench_file: WriteBench) -> None:
+def test_an_array_is_turned_by_as_much_as_it_is_said_to_be_unsure(
+    write_bench_file: WriteBench,
+) -> None:
     bench = write_bench_file()
     drawn = [true_optics(with_seed(bench, seed), {}).array for seed in range(1000)]
-    for angles in ([one.roll for one in drawn], [math.atan(one.tilt[0]) for one in drawn], [math.atan(one.tilt[1]) for one in drawn]):
+    for angles in (
+        [one.roll for one in drawn],
+        [math.atan(one.tilt[0]) for one in drawn],
+        [math.atan(one.tilt[1]) for one in drawn],
+    ):
         assert stats.kstest(np.array(angles) / 0.5e-3, "norm").pvalue > 0.01
     turning = write_bench_file("full").description.axes["rotation_stage"]
-    zeros = [true_axis("rotation_stage", turning, 0.0, seed, {}, 0.5e-3).zero for seed in range(1000)]
-    assert stats.kstest(np.array(zeros) / math.hypot(0.5e-3, math.radians(0.01)), "norm").pvalue > 0.01
+    zeros = [
+        true_axis("rotation_stage", turning, 0.0, seed, {}, 0.5e-3).zero for seed in range(1000)
+    ]
+    assert (
+        stats.kstest(np.array(zeros) / math.hypot(0.5e-3, math.radians(0.01)), "norm").pvalue > 0.01
+    )
 
 
-def test_the_lamp_is_another_in_every_setting_and_the_same_for_all_targets_shown_in_it(write_bench_file: WriteBench) -> None:
+def test_the_lamp_is_another_in_every_setting_and_the_same_for_all_targets_shown_in_it(
+    write_bench_file: WriteBench,
+) -> None:
     world = World(write_bench_file(), SteppedClock())
     lamps = list[float]()
     for place in np.linspace(0.0, 100.0, 1000):
@@ -63,26 +81,44 @@ def test_the_lamp_is_another_in_every_setting_and_the_same_for_all_targets_shown
 
 
 def test_a_keyed_generator_depends_on_every_part_of_its_key() -> None:
-    draws = {keyed(*key).integers(2**63) for key in [(1, "a"), (1, "b"), (2, "a"), (1, "a", 0), ("1", "a"), (11, ""), (1, "1")]}
+    draws = {
+        keyed(*key).integers(2**63)
+        for key in [(1, "a"), (1, "b"), (2, "a"), (1, "a", 0), ("1", "a"), (11, ""), (1, "1")]
+    }
     assert len(draws) == 7
 
 
-def test_microlenses_that_touch_are_drawn_no_wider_than_there_is_room(write_bench_file: WriteBench) -> None:
+def test_microlenses_that_touch_are_drawn_no_wider_than_there_is_room(
+    write_bench_file: WriteBench,
+) -> None:
     bench = write_bench_file()
     touching = replace(bench.optics, array=replace(bench.optics.array, aperture=0.4))
-    doubt = bench.description.optics_uncertainty.model_copy(update={"microlens_aperture": 0.005, "pitch": 0.001})
+    doubt = bench.description.optics_uncertainty.model_copy(
+        update={"microlens_aperture": 0.005, "pitch": 0.001}
+    )
     drawn: list[float] = []
     for seed in range(40):
         simulated = bench.description.simulated.model_copy(update={"seed": seed})
-        description = bench.description.model_copy(update={"optics_uncertainty": doubt, "simulated": simulated})
-        array = World(replace(bench, optics=touching, description=description), SteppedClock()).optics.array
+        description = bench.description.model_copy(
+            update={"optics_uncertainty": doubt, "simulated": simulated}
+        )
+        array = World(
+            replace(bench, optics=touching, description=description), SteppedClock()
+        ).optics.array
         drawn.append(array.aperture / min(array.pitch))
     assert max(drawn) == 1.0
     assert min(drawn) < 0.995
 
 
-def test_an_array_that_no_stage_turns_can_be_tilted_on_purpose(write_bench_file: WriteBench) -> None:
-    world = World(write_bench_file(truths={"microlens_array.yaw": "0.3 deg", "microlens_array.pitch": "-2 mrad"}), SteppedClock())
+def test_an_array_that_no_stage_turns_can_be_tilted_on_purpose(
+    write_bench_file: WriteBench,
+) -> None:
+    world = World(
+        write_bench_file(
+            truths={"microlens_array.yaw": "0.3 deg", "microlens_array.pitch": "-2 mrad"}
+        ),
+        SteppedClock(),
+    )
     scene = world.scene(world.clock.now())
     assert scene.camera is not None
     assert scene.camera.array.tilt == pytest.approx((math.tan(math.radians(0.3)), math.tan(-2e-3)))
@@ -90,17 +126,26 @@ def test_an_array_that_no_stage_turns_can_be_tilted_on_purpose(write_bench_file:
 
 def test_the_camera_sees_where_the_stages_really_stand(write_bench_file: WriteBench) -> None:
     truths = {
-        "main_lens_stage.zero": "10 um", "main_lens_stage.scale": 0, "array_stage.zero": "30 um", "array_stage.scale": "100 ppm",
-        "sensor_stage.zero": 0, "sensor_stage.scale": 0, "target_stage.zero": "-1 mm", "target_stage.scale": 0, "iris.scale": "1 %",
-        "microlens_array.roll": "0 deg", "microlens_array.yaw": "0 deg", "microlens_array.pitch": "0 deg",
+        "main_lens_stage.zero": "10 um", "main_lens_stage.scale": 0, "array_stage.zero": "30 um",
+        "array_stage.scale": "100 ppm",
+        "sensor_stage.zero": 0, "sensor_stage.scale": 0, "target_stage.zero": "-1 mm",
+        "target_stage.scale": 0, "iris.scale": "1 %",
+        "microlens_array.roll": "0 deg", "microlens_array.yaw": "0 deg",
+        "microlens_array.pitch": "0 deg",
     }  # fmt: skip
     clock = SteppedClock()
     world = World(write_bench_file(truths=truths), clock)
-    for name, travel in (("main_lens_stage", 10.0), ("array_stage", 20.0), ("sensor_stage", 18.0), ("target_stage", 90.0)):
+    for name, travel in (
+        ("main_lens_stage", 10.0),
+        ("array_stage", 20.0),
+        ("sensor_stage", 18.0),
+        ("target_stage", 90.0),
+    ):
         world.carriages[name].motion = rest(travel)
     scene = world.scene(clock.now())
     assert scene.camera is not None
-    # World z: lens 0.010, array 40.030 + 20 (1 + 1e-4) = 60.032, sensor 80 - 18 = 62, target -601 + 90 = -511.
+    # World z: lens 0.010, array 40.030 + 20 (1 + 1e-4) = 60.032, sensor 80 - 18 = 62, target -601 +
+    # 90 = -511.
     assert scene.camera.array.distance == pytest.approx(60.032 - 0.010)
     assert scene.camera.gap == pytest.approx(62 - 60.032)
     assert scene.distance == pytest.approx(0.010 + 511)
@@ -109,25 +154,47 @@ def test_the_camera_sees_where_the_stages_really_stand(write_bench_file: WriteBe
 
 
 def test_axes_tilt_and_roll_the_array_that_the_camera_sees(write_bench_file: WriteBench) -> None:
-    truths = {f"{name}.{what}": 0 for name in ("rotation_stage", "goniometer") for what in ("zero", "scale")}
-    world = World(write_bench_file("full", truths=truths | {"ring.zero": "0.2 deg", "ring.scale": 0}), SteppedClock())
+    truths = {
+        f"{name}.{what}": 0
+        for name in ("rotation_stage", "goniometer")
+        for what in ("zero", "scale")
+    }
+    world = World(
+        write_bench_file("full", truths=truths | {"ring.zero": "0.2 deg", "ring.scale": 0}),
+        SteppedClock(),
+    )
     for name, degrees in (("rotation_stage", 2.0), ("goniometer", -1.0), ("ring", 30.0)):
         world.carriages[name].motion = rest(math.radians(degrees))
-    assert world.angles(0.0) == pytest.approx({f"array.{k}": math.radians(v) for k, v in (("yaw", 2), ("pitch", -1), ("roll", 30.2))})
+    assert world.angles(0.0) == pytest.approx(
+        {f"array.{k}": math.radians(v) for k, v in (("yaw", 2), ("pitch", -1), ("roll", 30.2))}
+    )
     camera = world.scene(0.0).camera
     assert camera is not None
-    assert camera.array.tilt == pytest.approx((math.tan(math.radians(2)), math.tan(math.radians(-1))))
+    assert camera.array.tilt == pytest.approx(
+        (math.tan(math.radians(2)), math.tan(math.radians(-1)))
+    )
     assert camera.array.roll == pytest.approx(math.radians(30.2))
 
 
-def test_the_gap_is_that_of_the_lowest_corner_of_a_rolled_plate(write_bench_file: WriteBench) -> None:
-    """The corner at azimuth 45 + 45 degrees of a square plate: half its diagonal times the sine of the pitch."""
-    world = World(write_bench_file("full", truths={f"{name}.zero": 0 for name in ("rotation_stage", "goniometer", "ring")}), SteppedClock())
+def test_the_gap_is_that_of_the_lowest_corner_of_a_rolled_plate(
+    write_bench_file: WriteBench,
+) -> None:
+    """The corner at azimuth 45 + 45 degrees of a square plate: half its diagonal times the sine of
+    the pitch.
+    """
+    world = World(
+        write_bench_file(
+            "full", truths={f"{name}.zero": 0 for name in ("rotation_stage", "goniometer", "ring")}
+        ),
+        SteppedClock(),
+    )
     flat = world.gap(0.0)
     world.carriages["ring"].motion = rest(math.radians(45))
     world.carriages["goniometer"].motion = rest(math.radians(3))
     half_diagonal = (25 * 0.4 + 0.336) / math.sqrt(2)
-    assert flat - world.gap(0.0) == pytest.approx(half_diagonal * math.sin(math.radians(3)), rel=1e-4)
+    assert flat - world.gap(0.0) == pytest.approx(
+        half_diagonal * math.sin(math.radians(3)), rel=1e-4
+    )
 
 
 def test_the_bench_wakes_up_as_the_camera_file_has_it(write_bench_file: WriteBench) -> None:
@@ -174,7 +241,9 @@ def test_a_truth_that_nothing_heeds_is_refused(write_bench_file: WriteBench) -> 
         World(write_bench_file(truths={"array_stage.zero": 3}), SteppedClock())
 
 
-def test_the_wheel_holds_the_targets_that_the_bench_file_describes(write_bench_file: WriteBench) -> None:
+def test_the_wheel_holds_the_targets_that_the_bench_file_describes(
+    write_bench_file: WriteBench,
+) -> None:
     bench = write_bench_file(targets={"four-dot": {"diameter": "0.5 mm", "spacing": "4 mm"}})
     assert wheel_targets(bench)["four-dot"] == FourDot(0.5, 4.0)
     assert wheel_targets(bench)["bars"] == Bars()

@@ -34,12 +34,21 @@ def axis(connection: Connection) -> Axis:
 
 
 def test_detects_both_devices(connection: Connection) -> None:
-    assert [device.device_address for device in connection.detect_devices(identify_devices=False)] == [1, 2]
+    assert [
+        device.device_address for device in connection.detect_devices(identify_devices=False)
+    ] == [1, 2]
 
 
 def test_identifying_settings_are_there(connection: Connection) -> None:
     device = connection.get_device(2)
-    for name in ("deviceid", "version", "version.build", "system.serial", "device.hw.modified", "system.axiscount"):
+    for name in (
+        "deviceid",
+        "version",
+        "version.build",
+        "system.serial",
+        "device.hw.modified",
+        "system.axiscount",
+    ):
         assert device.settings.get(name) >= 0
     assert device.settings.get("system.axiscount") == 1
     assert device.get_axis(1).settings.get("resolution") == 64

@@ -20,7 +20,9 @@ END = b"@02 0 77 OK IDLE "  # how device 2 begins its answer to the last message
 
 @contextmanager
 def talk_to(line: TcpLine) -> Generator[Callable[..., list[bytes]]]:
-    """Sends bytes, returns the lines that come before device 2 answers a last message, or before an alert where one is due."""
+    """Sends bytes, returns the lines that come before device 2 answers a last message, or before an
+    alert where one is due.
+    """
     host, port = line.address.split(":")
     with socket.create_connection((host, int(port)), timeout=10) as client:
 
@@ -69,12 +71,15 @@ def talk(tcp_chain: TcpLine) -> Iterator[Callable[..., list[bytes]]]:
         (b"/1 get rubbish\x7f/1 get deviceid\n", [b"@01 0 OK IDLE WR 50000"]),
     ],
 )
-def test_a_line_is_answered_as_the_manual_says(talk: Callable[..., list[bytes]], sent: bytes, heard: list[bytes]) -> None:
+def test_a_line_is_answered_as_the_manual_says(
+    talk: Callable[..., list[bytes]], sent: bytes, heard: list[bytes]
+) -> None:
     assert talk(sent) == heard
 
 
 def test_checksums_are_checked_and_given(talk: Callable[..., list[bytes]]) -> None:
-    # Sums as the vendor's client sends them; the reply's sum with its own checksum is a multiple of 256.
+    # Sums as the vendor's client sends them; the reply's sum with its own checksum is a multiple of
+    # 256.
     (reply,) = talk(b"/1 0 00 get pos:2D\n")
     body, given = reply[1:].rsplit(b":", 1)
     assert (sum(body) + int(given, 16)) % 256 == 0
@@ -88,7 +93,9 @@ def test_renumbering_follows_the_chain(talk: Callable[..., list[bytes]]) -> None
     assert talk(b"/renumber\n") == [b"@01 0 OK IDLE WR 0", b"@02 0 OK IDLE WR 0"]
 
 
-def test_position_can_be_declared_and_then_warns_that_nobody_homed(talk: Callable[..., list[bytes]]) -> None:
+def test_position_can_be_declared_and_then_warns_that_nobody_homed(
+    talk: Callable[..., list[bytes]],
+) -> None:
     assert talk(b"/1 set pos 500\n") == [b"@01 0 OK IDLE WH 0"]
     assert talk(b"/1 get pos\n") == [b"@01 0 OK IDLE WH 500"]
 
@@ -147,7 +154,9 @@ def test_losing_power_loses_the_reference(make_chain: MakeChain) -> None:
         ("hang-up", [b"closed"]),
     ],
 )
-def test_a_fault_shows_from_its_command_on(make_chain: MakeChain, kind: str, heard: list[bytes]) -> None:
+def test_a_fault_shows_from_its_command_on(
+    make_chain: MakeChain, kind: str, heard: list[bytes]
+) -> None:
     line = TcpLine(make_chain(RunningClock(), faults={1: Fault(kind, after=1)}).open_session)
     try:
         with talk_to(line) as talk:
@@ -170,7 +179,9 @@ def test_a_jammed_stage_stalls_and_says_so(make_chain: MakeChain) -> None:
     assert chain.answer(b"/1") == b"@01 0 OK IDLE FS 0\r\n"
 
 
-def test_several_clients_talk_at_once_and_a_stopped_line_lets_go_of_all(make_chain: MakeChain) -> None:
+def test_several_clients_talk_at_once_and_a_stopped_line_lets_go_of_all(
+    make_chain: MakeChain,
+) -> None:
     line = TcpLine(make_chain(RunningClock()).open_session)
     with talk_to(line) as one, talk_to(line) as other:
         assert one(b"/1 get pos\n") == other(b"/1 get pos\n")

@@ -1,6 +1,7 @@
 """Small simulated benches, each with its own hidden errors of stages, angles and light, no wire.
 
-The hidden errors are drawn here, by this file's own generator; the analysis knows only the bench file's uncertainties.
+The hidden errors are drawn here, by this file's own generator; the analysis knows only the bench
+file's uncertainties.
 """
 
 import math
@@ -36,7 +37,9 @@ def small(file: str) -> Bench:
     """A bench of the examples with a sensor of 760 x 560 pixels and the microlenses before it."""
     bench = read_bench(BENCHES / file)
     optics = replace(
-        bench.optics, sensor=replace(bench.optics.sensor, resolution=(760, 560)), array=replace(bench.optics.array, count=(7, 7))
+        bench.optics,
+        sensor=replace(bench.optics.sensor, resolution=(760, 560)),
+        array=replace(bench.optics.array, count=(7, 7)),
     )
     return replace(bench, optics=optics)
 
@@ -45,7 +48,12 @@ def study_of(bench: Bench, configurations: list[dict[str, Any]]) -> Study:
     """Dots and bars in each of these configurations."""
     described = [ConfigurationsDescription.model_validate(one) for one in configurations]
     description = StudyDescription(name="small", configurations=described, draws=1000)
-    return Study(description, expand(description, bench.optics), FourDot(1.0, 4.0), Bars((0.5, 10.0), 12.0, 8.0))
+    return Study(
+        description,
+        expand(description, bench.optics),
+        FourDot(1.0, 4.0),
+        Bars((0.5, 10.0), 12.0, 8.0),
+    )
 
 
 IN_AND_OUT_OF_FOCUS = [
@@ -63,7 +71,9 @@ def picture(
     electrons: float,
     wavelength: float | None,
 ) -> npt.NDArray[np.float64]:
-    """What a camera records whose elements stand off by these errors (mm), ``electrons`` those of full light."""
+    """What a camera records whose elements stand off by these errors (mm), ``electrons`` those of
+    full light.
+    """
     lens, array, sensor, away = (errors[element] for element in ELEMENTS)
     true = replace(
         camera,
@@ -71,10 +81,15 @@ def picture(
         sensor=replace(camera.sensor, distance=configuration.sensor + sensor - lens),
     )
     scene = in_light(one_plane(true, target, configuration.distance - away + lens), wavelength)
-    # What rounding leaves of dark pixels is another on each machine, and the generator draws for any light but none.
-    tolerance = 3e-5 if target == White() else 5e-4 if wavelength is None else 1e-3  # the electrons of full light are as many to 1e-2
+    # What rounding leaves of dark pixels is another on each machine, and the generator draws for
+    # any light but none.
+    tolerance = (
+        3e-5 if target == White() else 5e-4 if wavelength is None else 1e-3
+    )  # the electrons of full light are as many to 1e-2
     light = np.maximum(np.round(render(scene, tolerance=tolerance), 9), 0.0)
-    caught = rng.poisson(light * electrons * white_irradiance(true)) + rng.normal(0.0, READ_NOISE_E, light.shape)
+    caught = rng.poisson(light * electrons * white_irradiance(true)) + rng.normal(
+        0.0, READ_NOISE_E, light.shape
+    )
     return np.clip(np.rint(caught * GAIN + OFFSET), 0, FULL_SCALE)
 
 
@@ -99,14 +114,17 @@ def one_run(
 ) -> Evaluation:
     """Hidden errors, pictures, measurement, prediction, comparison of one bench.
 
-    ``change`` makes the true optics of those described; of the light's wavelength (mm) the bench file may say nothing.
+    ``change`` makes the true optics of those described; of the light's wavelength (mm) the bench
+    file may say nothing.
     """
     bench = small(file)
     description = bench.description.model_copy(update={"wavelength": wavelength if told else None})
     bench = replace(bench, description=description, optics=described(bench.optics))
     study = study_of(bench, configurations)
     hidden = np.random.default_rng(10_000 + seed)
-    axes = {element: found[1] for element in ELEMENTS if (found := bench.description.axis_of(element))}
+    axes = {
+        element: found[1] for element in ELEMENTS if (found := bench.description.axis_of(element))
+    }
     zeros = {element: hidden.normal(0.0, axis.zero_uncertainty) for element, axis in axes.items()}
     scales = {element: hidden.normal(0.0, axis.scale_uncertainty) for element, axis in axes.items()}
     turned = hidden.normal(0.0, 1.0, 3) * attitude_uncertainty(bench)
@@ -119,12 +137,29 @@ def one_run(
             "target.z": -configuration.distance,
         }
         targets: dict[str, Target] = {"white": White(), "four-dot": study.dots, "bars": study.bars}
-        errors: dict[Element, float] = {e: zeros[e] + axes[e].sign * scales[e] * axes[e].reading(z) for e, z in worlds.items()}
+        errors: dict[Element, float] = {
+            e: zeros[e] + axes[e].sign * scales[e] * axes[e].reading(z) for e, z in worlds.items()
+        }
         camera = with_turned_array(change(configuration.camera(bench.optics)), *turned)
-        electrons = WHITE_E / white_irradiance(bench.optics) * (1 + hidden.normal(0.0, bench.description.light_uncertainty))
-        pictures = {name: picture(camera, configuration, errors, target, hidden, electrons, wavelength) for name, target in targets.items()}
+        electrons = (
+            WHITE_E
+            / white_irradiance(bench.optics)
+            * (1 + hidden.normal(0.0, bench.description.light_uncertainty))
+        )
+        pictures = {
+            name: picture(camera, configuration, errors, target, hidden, electrons, wavelength)
+            for name, target in targets.items()
+        }
         noises = dict.fromkeys(targets, NOISE)
-        seen = measure_pictures(pictures, noises, configuration, worlds, study, bench.optics, wavelength=description.wavelength)
+        seen = measure_pictures(
+            pictures,
+            noises,
+            configuration,
+            worlds,
+            study,
+            bench.optics,
+            wavelength=description.wavelength,
+        )
         measured.append(seen)
     return evaluate_measured(tuple(measured), study, bench, seed)
 

@@ -1,4 +1,6 @@
-"""What a plan expects of the MTF's uncertainty against what benches with hidden errors of their own have."""
+"""What a plan expects of the MTF's uncertainty against what benches with hidden errors of their own
+have.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,7 +18,10 @@ from flflab.study import Study
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("f_number", [2.8, 4.0])
 def test_in_focus_a_plan_expects_what_benches_have(
-    one_bench: Callable[..., Evaluation], small_bench: Bench, small_study: Callable[[list[dict[str, Any]]], Study], f_number: float
+    one_bench: Callable[..., Evaluation],
+    small_bench: Bench,
+    small_study: Callable[[list[dict[str, Any]]], Study],
+    f_number: float,
 ) -> None:
     """In exact focus, where it used to put the bench, it said 0.0046 at F/2.8."""
     settings = [{"f_number": f_number, "distance": "507 mm"}]

@@ -1,7 +1,9 @@
-"""Pixels of bright fields gathered into runs along the bars, and the classic reading off the single pixels.
+"""Pixels of bright fields gathered into runs along the bars, and the classic reading off the single
+pixels.
 
-Pixels of one column of a micro-image look at the same place of the bars where the target is upright, so their mean says all that they
-say of the contrast. A run is as many rows long as the bars' slant allows.
+Pixels of one column of a micro-image look at the same place of the bars where the target is
+upright, so their mean says all that they say of the contrast. A run is as many rows long as the
+bars' slant allows.
 """
 
 import math
@@ -22,7 +24,9 @@ Whole = npt.NDArray[np.int64]
 
 MARGIN_PX = 1.0  # within the bright field: keeps the averaging of the rim's pixels out
 MOST_ROWS = 128
-GAUSS_ROWS = 0.5 / math.sqrt(3)  # of a run's length from its middle: two points have the mean of what is bent over it
+GAUSS_ROWS = 0.5 / math.sqrt(
+    3
+)  # of a run's length from its middle: two points have the mean of what is bent over it
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,8 @@ class Field:
     Attributes:
         lenses: positions in the lattice, shape (n,).
         radius_px: of what counts round each centre.
-        keep_off_px: vectors (x, y) from a centre to those neighbours whose light may reach into it, shape (m, 2).
+        keep_off_px: vectors (x, y) from a centre to those neighbours whose light may reach into it,
+            shape (m, 2).
         keep_off_radius_px: how far their light reaches.
     """
 
@@ -47,9 +52,12 @@ class ChirpData:
     """What is fitted, one entry a run of pixels.
 
     Attributes:
-        read: mean of the pixels above the offset, each divided by its sub-lattice's gain, DN, shape (n,).
-        places: (1, s - c x, s - c y, c x, c y), mm, shape (n, 5); s - c by the scale of its micro-image.
-        light: (1, u, v, u^2, u v, v^2) over the picture, as far as fall-off leaves it within the micro-image, shape (n, 6).
+        read: mean of the pixels above the offset, each divided by its sub-lattice's gain, DN, shape
+            (n,).
+        places: (1, s - c x, s - c y, c x, c y), mm, shape (n, 5); s - c by the scale of its
+            micro-image.
+        light: (1, u, v, u^2, u v, v^2) over the picture, as far as fall-off leaves it within the
+            micro-image, shape (n, 6).
         dark: variance of ``read`` in the dark, DN^2, shape (n,).
         shot: growth of that variance with ``read``, DN, shape (n,).
         lens: position of its micro-image in the lattice, shape (n,).
@@ -68,13 +76,20 @@ class ChirpData:
 
     def part(self, index: npt.NDArray[np.bool_] | Whole | slice) -> "ChirpData":
         """Only the runs of ``index``."""
-        return ChirpData(**{name: getattr(self, name)[index] for name in ChirpData.__dataclass_fields__})
+        return ChirpData(
+            **{name: getattr(self, name)[index] for name in ChirpData.__dataclass_fields__}
+        )
 
 
 def field_of(lattice: Lattice, radius_px: float, chosen: npt.NDArray[np.bool_]) -> Field:
     """The bright fields of chosen micro-images, outside all neighbours' total fields."""
     keep_off = lattice.outside_radius_px + MARGIN_PX
-    steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)], dtype=np.float64) @ lattice.vectors_px.T
+    steps = (
+        np.array(
+            [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)], dtype=np.float64
+        )
+        @ lattice.vectors_px.T
+    )
     near = np.hypot(*steps.T) < keep_off + radius_px
     return Field(np.flatnonzero(chosen), radius_px - MARGIN_PX, steps[near], keep_off)
 
@@ -101,7 +116,9 @@ def _gather(
     for n, lens in enumerate(lenses):
         cx, cy = centres[lens, 0], centres[lens, 1]
         top, bottom = max(0.0, cy + ends[n, 0]), min(height - 1.0, cy + ends[n, 1])
-        for column in range(max(0, int(np.ceil(cx - radius))), min(width - 1, int(np.floor(cx + radius))) + 1):
+        for column in range(
+            max(0, int(np.ceil(cx - radius))), min(width - 1, int(np.floor(cx + radius))) + 1
+        ):
             x = column - cx
             half = np.sqrt(max(radius * radius - x * x, 0.0))
             start, last = int(np.ceil(max(top, cy - half))), int(np.floor(min(bottom, cy + half)))
@@ -112,7 +129,9 @@ def _gather(
                 for row in range(start, end + 1):
                     hidden = False
                     for k in range(len(steps)):
-                        if (x - steps[k, 0]) ** 2 + (row - cy - steps[k, 1]) ** 2 < keep_off * keep_off:
+                        if (x - steps[k, 0]) ** 2 + (
+                            row - cy - steps[k, 1]
+                        ) ** 2 < keep_off * keep_off:
                             hidden = True
                     if hidden:
                         continue
@@ -160,11 +179,15 @@ def gather(
         field: which pixels.
         sensor: nominal.
         noise: of a pixel.
-        ends: first and last row of each of the field's micro-images that look at the target, px from its centre, shape (n, 2).
+        ends: first and last row of each of the field's micro-images that look at the target, px
+            from its centre, shape (n, 2).
         rows_a_run: how many pixels of a column, whatever their filter.
-        gains: of the colour filter's four sub-lattices, shape (2, 2); None for a sensor without filters.
-        scales: of the target in each of the lattice's micro-images: by how much its pixels lie further apart on it than nominally.
-        levels: full light of each over the nominal, which changes from one to the next and not within one as the other terms of light do.
+        gains: of the colour filter's four sub-lattices, shape (2, 2); None for a sensor without
+            filters.
+        scales: of the target in each of the lattice's micro-images: by how much its pixels lie
+            further apart on it than nominally.
+        levels: full light of each over the nominal, which changes from one to the next and not
+            within one as the other terms of light do.
 
     Returns:
         The runs without saturated pixels, and how many pixels were saturated.
@@ -191,11 +214,24 @@ def gather(
     height, width = picture.shape
     lens = lens.astype(np.int64)
     centre = sensor_position(sensor, lattice.centres_px)[lens]
-    inside = (sensor_position(sensor, np.stack([column, row], axis=1)) - centre) * scales[lens, None]
-    u, v = (column - (width - 1) / 2) * 2 / max(width, height), (row - (height - 1) / 2) * 2 / max(width, height)
+    inside = (sensor_position(sensor, np.stack([column, row], axis=1)) - centre) * scales[
+        lens, None
+    ]
+    u, v = (
+        (column - (width - 1) / 2) * 2 / max(width, height),
+        (row - (height - 1) / 2) * 2 / max(width, height),
+    )
     one = np.ones(count)
-    two = (row + side * parities * number * GAUSS_ROWS for side in (-1, 1))  # in place of a run's pixels
-    left = np.mean([shade(lattice, lens, np.stack([column, one_row], axis=1) - lattice.centres_px[lens]) for one_row in two], axis=0)
+    two = (
+        row + side * parities * number * GAUSS_ROWS for side in (-1, 1)
+    )  # in place of a run's pixels
+    left = np.mean(
+        [
+            shade(lattice, lens, np.stack([column, one_row], axis=1) - lattice.centres_px[lens])
+            for one_row in two
+        ],
+        axis=0,
+    )
     left *= levels[lens]
     return (
         ChirpData(
@@ -231,7 +267,10 @@ def _extremes(
     half: float,
 ) -> tuple[Array, Array, Whole]:  # pragma: no cover - compiled
     height, width = picture.shape
-    high, low = np.full((len(lenses), len(knots)), -np.inf), np.full((len(lenses), len(knots)), np.inf)
+    high, low = (
+        np.full((len(lenses), len(knots)), -np.inf),
+        np.full((len(lenses), len(knots)), np.inf),
+    )
     number = np.zeros((len(lenses), len(knots)), dtype=np.int64)
     for n in range(len(lenses)):
         cx, cy = centres[lenses[n], 0], centres[lenses[n], 1]
@@ -239,7 +278,9 @@ def _extremes(
         for row in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
             y = row - cy
             wide = np.sqrt(max(radius * radius - y * y, 0.0))
-            for column in range(max(0, int(np.ceil(cx - wide))), min(width - 1, int(np.floor(cx + wide))) + 1):
+            for column in range(
+                max(0, int(np.ceil(cx - wide))), min(width - 1, int(np.floor(cx + wide))) + 1
+            ):
                 x = column - cx
                 hidden = False
                 for k in range(len(steps)):
@@ -249,7 +290,11 @@ def _extremes(
                 if hidden or value >= full:
                     continue
                 frequency = first + along[0] * x + along[1] * y + rates[n]
-                k = int(np.rint((frequency - knots[0]) / (knots[1] - knots[0]))) if len(knots) > 1 else 0
+                k = (
+                    int(np.rint((frequency - knots[0]) / (knots[1] - knots[0])))
+                    if len(knots) > 1
+                    else 0
+                )
                 if k < 0 or k >= len(knots) or abs(frequency - knots[k]) > half:
                     continue
                 value = (value - offset) / gains[row % 2, column % 2]
@@ -269,7 +314,8 @@ def classic_reading(
     ends: Array,
     knots: Array,
 ) -> tuple[Array, Array]:
-    """(max - min)/(max + min) of each view's pixels near each frequency: mean over the views, and its standard uncertainty.
+    """(max - min)/(max + min) of each view's pixels near each frequency: mean over the views, and
+    its standard uncertainty.
 
     Args:
         picture: DN, [row, col].
@@ -277,15 +323,16 @@ def classic_reading(
         field: which pixels.
         noise: of a pixel.
         gains: as in ``gather``.
-        frequency_of: cycles/mm at the middle of a micro-image on the axis, its growth by a pixel along x and y, and how much more each
-            micro-image of the field sees.
+        frequency_of: cycles/mm at the middle of a micro-image on the axis, its growth by a pixel
+            along x and y, and how much more each micro-image of the field sees.
         ends: first and last row of each that look at the target, px from its centre, shape (n, 2).
         knots: evenly spaced, cycles/mm.
     """
     half = abs(knots[1] - knots[0]) / 2 if len(knots) > 1 else np.inf
     even = np.ones((2, 2)) if gains is None else gains
     high, low, number = _extremes(
-        picture, lattice.centres_px, field.lenses, field.radius_px, field.keep_off_px, field.keep_off_radius_px,
+        picture, lattice.centres_px, field.lenses, field.radius_px, field.keep_off_px,
+        field.keep_off_radius_px,
         noise.full_scale_dn, noise.offset_dn, even, *frequency_of, ends, knots, half,
     )  # fmt: skip
     mean, doubt = np.full(len(knots), np.nan), np.full(len(knots), np.nan)
@@ -295,5 +342,7 @@ def classic_reading(
         readings = (high[held, k] - low[held, k])[total > 0] / total[total > 0]
         if len(readings):
             mean[k] = readings.mean()
-            doubt[k] = readings.std(ddof=1) / np.sqrt(len(readings)) if len(readings) > 1 else np.nan
+            doubt[k] = (
+                readings.std(ddof=1) / np.sqrt(len(readings)) if len(readings) > 1 else np.nan
+            )
     return mean, doubt

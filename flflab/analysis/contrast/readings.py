@@ -1,4 +1,6 @@
-"""Further readings of a fitted chirp: eq. (2)'s (max - min)/(max + min) without noise, and every view's own contrast."""
+"""Further readings of a fitted chirp: eq. (2)'s (max - min)/(max + min) without noise, and every
+view's own contrast.
+"""
 
 import math
 from dataclasses import replace
@@ -16,23 +18,31 @@ PHASES = np.arange(1, 128) / 256  # of half a cycle, its middle among them
 LEVEL = 1e-6  # of the template's extreme: how far below it a phase counts as its place
 FURTHEST = 3.0  # standard uncertainties of the template's disc
 VANISHING = 0.1  # contrast below which harmonics may move the extremes
-LEAST_APART = 0.2  # determinant of the correlations of light, sine and cosine: a cycle or more is in the view
+LEAST_APART = (
+    0.2  # determinant of the correlations of light, sine and cosine: a cycle or more is in the view
+)
 
 
 def transfer_rows(model: ChirpModel, curve: Array, frequency: Array) -> Array:
-    """By how much the curve's parameters and the square of the template's disc change the transfer, shape (K, curve + 1)."""
+    """By how much the curve's parameters and the square of the template's disc change the transfer,
+    shape (K, curve + 1).
+    """
     more, step = model.blurred
     rows = model.knots.design(frequency, model.template)
     wider = more.template.transfer(frequency) if len(model.edges) else rows[:, 0]
     return np.concatenate([rows, (curve[0] * (wider - rows[:, 0]) / step)[:, None]], axis=1)
 
 
-def fitted_extremes(model: ChirpModel, curve: Array, covariance: Array, frequency: Array) -> tuple[Array, Array]:
+def fitted_extremes(
+    model: ChirpModel, curve: Array, covariance: Array, frequency: Array
+) -> tuple[Array, Array]:
     """Largest excursion of the fitted wave at each frequency and its uncertainty.
 
-    The wave is read where a template's, which has no noise, is largest, and averaged over all such phases: the largest of the fitted wave's
-    many noisy values would lie up to a standard uncertainty too high. Where the fundamental all but vanishes, places go by how little is
-    left of it; the template's disc is then, within its own uncertainty, the one whose fundamental is the fitted one.
+    The wave is read where a template's, which has no noise, is largest, and averaged over all such
+    phases: the largest of the fitted wave's many noisy values would lie up to a standard
+    uncertainty too high. Where the fundamental all but vanishes, places go by how little is left of
+    it; the template's disc is then, within its own uncertainty, the one whose fundamental is the
+    fitted one.
 
     Args:
         model: of the target.
@@ -49,7 +59,9 @@ def fitted_extremes(model: ChirpModel, curve: Array, covariance: Array, frequenc
         shift = by_blur * (rows[:, :-1] @ curve - rows[:, 0]) / (by_blur * rows[:, -1] + spread)
         shift = np.where(np.abs(rows[:, 0]) < VANISHING, np.clip(shift, -most, most), 0.0)
         for n, nu in enumerate(frequency):
-            expected = replace(template, blur=math.sqrt(max(template.blur**2 + shift[n], 0.0))).bars(PHASES, nu)
+            expected = replace(
+                template, blur=math.sqrt(max(template.blur**2 + shift[n], 0.0))
+            ).bars(PHASES, nu)
             near = np.abs(expected) >= (1 - LEVEL) * np.abs(expected).max()
             share, phase = np.sign(expected[near]) / np.count_nonzero(near), PHASES[near]
             orders = np.arange(1, max(2.0, top / nu + 1e-9), 2)
@@ -61,10 +73,14 @@ def fitted_extremes(model: ChirpModel, curve: Array, covariance: Array, frequenc
     return np.abs(rows[:, :-1] @ curve), np.sqrt(np.maximum(spread, 0.0))
 
 
-def views_contrast(data: ChirpData, model: ChirpModel, fit: ChirpFit, frequency: Array) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """Every view's own contrast near each frequency: its light and its fundamental free, in height and phase, its harmonics the template's.
+def views_contrast(
+    data: ChirpData, model: ChirpModel, fit: ChirpFit, frequency: Array
+) -> tuple[npt.NDArray[np.int64], Array, Array]:
+    """Every view's own contrast near each frequency: its light and its fundamental free, in height
+    and phase, its harmonics the template's.
 
-    The fundamental is compared with the template's too, which has no noise and bends as the view's own does.
+    The fundamental is compared with the template's too, which has no noise and bends as the view's
+    own does.
 
     Args:
         data: the runs of pixels.
@@ -73,8 +89,8 @@ def views_contrast(data: ChirpData, model: ChirpModel, fit: ChirpFit, frequency:
         frequency: evenly spaced, cycles/mm, shape (K,).
 
     Returns:
-        Positions of the views in the lattice, shape (V,); contrast and its standard uncertainty, shape (V, K), nan where a view does not
-        see that frequency.
+        Positions of the views in the lattice, shape (V,); contrast and its standard uncertainty,
+        shape (V, K), nan where a view does not see that frequency.
     """
     lenses, view = np.unique(data.lens, return_inverse=True)
     step = frequency[1] - frequency[0] if len(frequency) > 1 else math.inf

@@ -1,4 +1,6 @@
-"""Finding a chirp in a picture: its place by the lowest frequencies, then all of it, then the blur that it shows."""
+"""Finding a chirp in a picture: its place by the lowest frequencies, then all of it, then the blur
+that it shows.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -39,7 +41,9 @@ from flflab.targets import Bars
 Array = npt.NDArray[np.float64]
 
 KNOTS = 16
-FEWEST_RUNS = 200  # to begin with: fewer than several views' follow noise, and lead the light astray
+FEWEST_RUNS = (
+    200  # to begin with: fewer than several views' follow noise, and lead the light astray
+)
 WIDEST_SHIFT = 0.06  # of the target's width: how far the target may be off sideways
 WIDEST_BLUR = 6.0  # pixels
 DISCS = 100  # of blur, up to the widest: how closely it is looked for in the transfer
@@ -88,7 +92,10 @@ def model_of(frame: Frame, data: ChirpData) -> ChirpModel:
     step = max((high - low) / (KNOTS - 1), 1e-3 * high)
     bars = target.kind == "bars"
     top = 3 * high if bars else high
-    template = Template(abs(float(start[1])) * pixel, abs(float(start[1])) * float(blur(frame.smms, 1 / frame.distance)))
+    template = Template(
+        abs(float(start[1])) * pixel,
+        abs(float(start[1])) * float(blur(frame.smms, 1 / frame.distance)),
+    )
     left, right = target.cycles_per_mm
     return ChirpModel(
         law=(left, (right - left) / target.width, -target.width / 2),
@@ -110,17 +117,25 @@ def scattered(data: ChirpData, most: int) -> ChirpData:
 
 
 def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
-    """From the low frequencies, where no cycle can be mistaken for its neighbour, up to the highest."""
+    """From the low frequencies, where no cycle can be mistaken for its neighbour, up to the
+    highest.
+    """
     target, start = frame.target, frame.start
     low, high = model.span
     frequency = target.frequency(data.places @ start)
-    enough = float(np.partition(frequency, FEWEST_RUNS - 1)[FEWEST_RUNS - 1]) if len(frequency) > FEWEST_RUNS else high
+    enough = (
+        float(np.partition(frequency, FEWEST_RUNS - 1)[FEWEST_RUNS - 1])
+        if len(frequency) > FEWEST_RUNS
+        else high
+    )
     low = min(high, max(low + 0.12 * (high - low), 1.5 * low, enough))
     part = data.part(frequency <= low)
     size = 1 + model.knots.count
     mean = float(np.mean(data.read))
     if not mean > 0:
-        raise MeasurementError(f"{target.kind} picture: no light in it above the dark level; expose it longer")
+        raise MeasurementError(
+            f"{target.kind} picture: no light in it above the dark level; expose it longer"
+        )
     unit, prior = np.zeros(size), prior_of(frame, data, model.knots)
     unit[0] = 1.0
     if target.kind == "chirp":
@@ -135,7 +150,10 @@ def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
         if likeness > best:
             best, shift = likeness, float(trial)
     if math.isnan(shift):
-        raise MeasurementError(f"{target.kind} picture: no bars of the target's law were found; check target and distance")
+        raise MeasurementError(
+            f"{target.kind} picture: no bars of the target's law were found; check target and"
+            " distance"
+        )
     brightness = np.zeros(LIGHT)
     brightness[0] = mean
     fit = ChirpFit(start + np.array([shift, 0, 0, 0, 0]), brightness, np.zeros(size))
@@ -151,9 +169,14 @@ def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
 
 
 def _as_unsure_as_fitted(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> ChirpData:
-    """The runs with as much noise as the fit leaves: harmonics beyond the ceiling, taken for light, outweighed what geometry can be."""
+    """The runs with as much noise as the fit leaves: harmonics beyond the ceiling, taken for light,
+    outweighed what geometry can be.
+    """
     told = expected(data, model, fit)
-    excess = max(1.0, float(np.mean((data.read - told) ** 2 / (data.dark + data.shot * np.maximum(told, 0.0)))))
+    excess = max(
+        1.0,
+        float(np.mean((data.read - told) ** 2 / (data.dark + data.shot * np.maximum(told, 0.0)))),
+    )
     return replace(data, dark=data.dark * excess, shot=data.shot * excess)
 
 
@@ -169,27 +192,39 @@ def settle(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> C
 
 
 def with_fitted_gains(data: ChirpData, fit: ChirpFit, model: ChirpModel) -> ChirpData:
-    """The runs with the gains of their sub-lattices that suit the fit best: bars may lie on one filter's columns more than on another's."""
+    """The runs with the gains of their sub-lattices that suit the fit best: bars may lie on one
+    filter's columns more than on another's.
+    """
     told = expected(data, model, fit)
     weight = 1 / (data.dark + data.shot * np.maximum(told, 0.0))
-    seen, due = (np.bincount(data.sublattice, weights=weight * told * part, minlength=4) for part in (data.read, told))
+    seen, due = (
+        np.bincount(data.sublattice, weights=weight * told * part, minlength=4)
+        for part in (data.read, told)
+    )
     ratio = (seen / np.maximum(due, 1e-300))[data.sublattice]
     return replace(data, read=data.read / ratio, dark=data.dark / ratio**2, shot=data.shot / ratio)
 
 
-def with_fitted_blur(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel) -> tuple[ChirpModel, ChirpFit]:
+def with_fitted_blur(
+    frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel
+) -> tuple[ChirpModel, ChirpFit]:
     """The model whose disc of blur leaves the least misfit, and its fit.
 
-    The measured transfer, each frequency as far as it is known, up to one factor, says the disc to a tenth of a pixel. The harmonics,
-    seen through the template alone, then show it to a thousandth: left to the first guess, the misfit was up to four times the noise's.
+    The measured transfer, each frequency as far as it is known, up to one factor, says the disc to
+    a tenth of a pixel. The harmonics, seen through the template alone, then show it to a
+    thousandth: left to the first guess, the misfit was up to four times the noise's.
     """
-    pixel = abs(float(fit.geometry[1])) * frame.camera.sensor.pixel  # the stages' errors change the magnification too
+    pixel = (
+        abs(float(fit.geometry[1])) * frame.camera.sensor.pixel
+    )  # the stages' errors change the magnification too
     template, prior = replace(model.template, pixel=pixel), prior_of(frame, data, model.knots)
     model = replace(model, template=template)
     nu = np.linspace(*model.span, 2 * KNOTS)
     design = model.knots.design(nu, template)
     covariance, _ = noise_covariance(data, model, fit, prior)
-    whiten = np.linalg.inv(np.linalg.cholesky(design @ covariance[CURVE:, CURVE:] @ design.T + 1e-8 * np.eye(len(nu))))
+    whiten = np.linalg.inv(
+        np.linalg.cholesky(design @ covariance[CURVE:, CURVE:] @ design.T + 1e-8 * np.eye(len(nu)))
+    )
     measured = whiten @ design @ fit.curve
     discs = np.linspace(0.0, max(WIDEST_BLUR * template.pixel, 2 * template.blur), DISCS)
     shapes = np.sinc(nu * template.pixel) * disc_transfer(discs[:, None], nu) @ whiten.T
@@ -207,10 +242,12 @@ def with_fitted_blur(frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpM
 def as_sharp_as_the_axis(
     frame: Frame, data: ChirpData, fit: ChirpFit, model: ChirpModel, before: ChirpFit
 ) -> tuple[ChirpData, ChirpModel, ChirpFit, Array]:
-    """The runs as they would read if every view were blurred as on the axis, what fits them, and what the tilt's uncertainty makes of it.
+    """The runs as they would read if every view were blurred as on the axis, what fits them, and
+    what the tilt's uncertainty makes of it.
 
-    Behind a tilted array the views' discs of blur are wider on one side and narrower on the other, by as much as the tilt says that the
-    lattice shows. Which side is the wider tells on which side of the focus the sensor stands: the axis's disc is fitted with a sign.
+    Behind a tilted array the views' discs of blur are wider on one side and narrower on the other,
+    by as much as the tilt says that the lattice shows. Which side is the wider tells on which side
+    of the focus the sensor stands: the axis's disc is fitted with a sign.
 
     Args:
         frame: what is known.
@@ -220,7 +257,8 @@ def as_sharp_as_the_axis(
         before: the fit before that disc was looked for.
 
     Returns:
-        The runs, the model, the fit, and how its parameters move with one standard uncertainty of each slope, shape (2, parameters).
+        The runs, the model, the fit, and how its parameters move with one standard uncertainty of
+        each slope, shape (2, parameters).
     """
     scale = model.template.pixel / frame.camera.sensor.pixel
     wider = defocus_apart(frame.lattice, frame.smms, frame.distance)[data.lens] * scale
@@ -229,7 +267,15 @@ def as_sharp_as_the_axis(
     prior, template = prior_of(frame, data, model.knots), model.template
     pixels = np.full(len(wider), template.pixel)
     moves = [
-        followed(data, model, fit, prior, through_others(data, model, fit, pixels, np.abs(template.blur + scale * apart[data.lens])))
+        followed(
+            data,
+            model,
+            fit,
+            prior,
+            through_others(
+                data, model, fit, pixels, np.abs(template.blur + scale * apart[data.lens])
+            ),
+        )
         for apart in defocus_by_tilt(frame.lattice, frame.smms, frame.distance)
     ]
     return data, model, fit, np.array(moves)
@@ -238,19 +284,32 @@ def as_sharp_as_the_axis(
 def _with_signed_blur(
     frame: Frame, data: ChirpData, fits: tuple[ChirpFit, ...], model: ChirpModel, wider: Array
 ) -> tuple[ChirpData, ChirpModel, ChirpFit]:
-    """The runs as through the axis's pixel and disc of blur, that disc which leaves the least misfit, and their fit.
+    """The runs as through the axis's pixel and disc of blur, that disc which leaves the least
+    misfit, and their fit.
 
-    A view's pixels are as much larger on the target as they lie further apart there; its disc is wider by ``wider``, mm. The disc fitted
-    to all views alike, on either side of the focus, may be astray where they differ much, and the bars' place with it: it is looked for
-    from the nominal one too, and from each of the fits.
+    A view's pixels are as much larger on the target as they lie further apart there; its disc is
+    wider by ``wider``, mm. The disc fitted to all views alike, on either side of the focus, may be
+    astray where they differ much, and the bars' place with it: it is looked for from the nominal
+    one too, and from each of the fits.
     """
-    prior, away, near = prior_of(frame, data, model.knots), BLUR_STEP * model.template.pixel, model.template.blur
+    prior, away, near = (
+        prior_of(frame, data, model.knots),
+        BLUR_STEP * model.template.pixel,
+        model.template.blur,
+    )
     larger = tilted_scales(frame.lattice, frame.smms, frame.distance)[data.lens]
     pixels = model.template.pixel * larger
 
     def alike(disc: float, fit: ChirpFit) -> tuple[ChirpData, ChirpModel]:
         seen = model.with_blur(abs(disc))
-        return replace(data, read=data.read - through_others(data, seen, fit, pixels, np.abs(disc + wider) * larger)), seen
+        return (
+            replace(
+                data,
+                read=data.read
+                - through_others(data, seen, fit, pixels, np.abs(disc + wider) * larger),
+            ),
+            seen,
+        )
 
     def settled(disc: float, fit: ChirpFit) -> ChirpFit:
         runs, seen = alike(disc, fit)
@@ -259,11 +318,18 @@ def _with_signed_blur(
     def misfit(disc: float, fit: ChirpFit) -> float:
         return least_misfit(*alike(disc, fit), fit, prior)
 
-    nominal = float(signed_blur(frame.smms, 1 / frame.distance)) * model.template.pixel / frame.camera.sensor.pixel
+    nominal = (
+        float(signed_blur(frame.smms, 1 / frame.distance))
+        * model.template.pixel
+        / frame.camera.sensor.pixel
+    )
     tried = [(disc, settled(disc, one)) for one in fits for disc in (nominal, near, -near)]
     best, fit = min(tried, key=lambda one: misfit(*one))
     for _ in range(MOST_SHARPENINGS):
-        before, best = best, lowest(partial(misfit, fit=fit), [best - away, best, best + away], -math.inf)
+        before, best = (
+            best,
+            lowest(partial(misfit, fit=fit), [best - away, best, best + away], -math.inf),
+        )
         fit = settled(best, fit)
         if abs(best - before) < SAME_BLUR * model.template.pixel:
             break
@@ -271,9 +337,21 @@ def _with_signed_blur(
 
 
 def prior_of(frame: Frame, data: ChirpData, knots: Knots) -> Prior:
-    """The nominal geometry to a few per cent, light even to a tenth, contrast of order 1: nothing the pixels see is bound by it."""
+    """The nominal geometry to a few per cent, light even to a tenth, contrast of order 1: nothing
+    the pixels see is bound by it.
+    """
     target, start, light = frame.target, frame.start, float(np.mean(data.read))
-    geometry = [WIDEST_SHIFT * target.width, 0.05 * abs(start[1]), 0.03 * abs(start[1]), 0.01 * abs(start[3]), 0.03 * abs(start[3])]
-    sharp = 1.0 if target.kind == "bars" else 1e-9  # a sine has no harmonics for the template to carry
-    spread = np.concatenate([geometry, [math.inf], np.full(LIGHT - 1, 0.1 * light), [sharp], np.full(knots.count, 1.0)])
+    geometry = [
+        WIDEST_SHIFT * target.width,
+        0.05 * abs(start[1]),
+        0.03 * abs(start[1]),
+        0.01 * abs(start[3]),
+        0.03 * abs(start[3]),
+    ]
+    sharp = (
+        1.0 if target.kind == "bars" else 1e-9
+    )  # a sine has no harmonics for the template to carry
+    spread = np.concatenate(
+        [geometry, [math.inf], np.full(LIGHT - 1, 0.1 * light), [sharp], np.full(knots.count, 1.0)]
+    )
     return Prior(np.concatenate([start, [light], np.zeros(len(spread) - len(start) - 1)]), spread)

@@ -1,9 +1,11 @@
-"""Square bars seen through a pixel and a disc of blur, exactly, however fast their frequency changes.
+"""Square bars seen through a pixel and a disc of blur, exactly, however fast their frequency
+changes.
 
-The edge spread of a box of width w and a disc of diameter B, both in mm on the target, is S(t) = (H(t + w/2) - H(t - w/2))/w with
-H(t) = (B/2) (z/2 + (z asin z + sqrt(1 - z^2) - (1 - z^2)^(3/2)/3)/pi) for z = 2t/B within (-1, 1) and max(t, 0) beyond: the second
-integral of the disc's line spread. H(t) is max(t, 0) and, where |z| < 1, B/2 of a function of |z| alone, of which one table serves every
-disc. Bars are a sum of such edges, rising and falling in turn.
+The edge spread of a box of width w and a disc of diameter B, both in mm on the target, is S(t) =
+(H(t + w/2) - H(t - w/2))/w with H(t) = (B/2) (z/2 + (z asin z + sqrt(1 - z^2) - (1 -
+z^2)^(3/2)/3)/pi) for z = 2t/B within (-1, 1) and max(t, 0) beyond: the second integral of the
+disc's line spread. H(t) is max(t, 0) and, where |z| < 1, B/2 of a function of |z| alone, of which
+one table serves every disc. Bars are a sum of such edges, rising and falling in turn.
 """
 
 from dataclasses import dataclass
@@ -20,10 +22,18 @@ ENTRIES = 2048
 
 
 def _roundings() -> Array:
-    """What a disc of diameter 2 adds to max(z, 0), and its slope, at ENTRIES + 1 even places z from 0 to 1, shape (ENTRIES + 1, 2)."""
+    """What a disc of diameter 2 adds to max(z, 0), and its slope, at ENTRIES + 1 even places z from
+    0 to 1, shape (ENTRIES + 1, 2).
+    """
     z = np.linspace(0.0, 1.0, ENTRIES + 1)
     root = np.sqrt(1 - z * z)
-    return np.stack([z / 2 + (z * np.arcsin(z) + root - root**3 / 3) / np.pi - z, (z * root + np.arcsin(z)) / np.pi - 0.5], axis=1)
+    return np.stack(
+        [
+            z / 2 + (z * np.arcsin(z) + root - root**3 / 3) / np.pi - z,
+            (z * root + np.arcsin(z)) / np.pi - 0.5,
+        ],
+        axis=1,
+    )
 
 
 ROUNDINGS = _roundings()
@@ -58,18 +68,24 @@ class Template:
         z = np.clip(2 * t / self.blur, -1.0, 1.0)
         root = np.sqrt(1 - z * z)
         twice = self.blur / 2 * (z / 2 + (z * np.arcsin(z) + root - root**3 / 3) / np.pi)
-        return np.where(np.abs(z) < 1, twice, np.maximum(t, 0.0)), 0.5 + (z * root + np.arcsin(z)) / np.pi
+        return np.where(np.abs(z) < 1, twice, np.maximum(t, 0.0)), 0.5 + (
+            z * root + np.arcsin(z)
+        ) / np.pi
 
     def bars(self, phase: Array, frequency: float) -> Array:
         """Bars of one frequency and amplitude 1 at phases in cycles, rising at phase 0."""
         beyond = 2 * int(np.ceil(frequency * self.reach)) + 2
-        number = np.arange(-beyond, 2 * int(np.ceil(phase.max())) + beyond + 1)  # even ones rise; the first does
+        number = np.arange(
+            -beyond, 2 * int(np.ceil(phase.max())) + beyond + 1
+        )  # even ones rise; the first does
         seen, _ = self._spread((phase[:, None] - number / 2) / frequency)
         return -1 + 2 * seen @ np.where(number % 2 == 0, 1.0, -1.0)
 
 
 def edges_of(target: Bars) -> Array:
-    """Places of the bars' edges, mm from the target's centre, the first rising, every second falling."""
+    """Places of the bars' edges, mm from the target's centre, the first rising, every second
+    falling.
+    """
     return target.position(np.arange(np.floor(2 * target.cycles) + 1) / 2)
 
 
@@ -88,14 +104,18 @@ def _ramp(t: float, disc: float) -> tuple[float, float]:  # pragma: no cover - c
 
 
 @numba.njit(nogil=True, cache=True)
-def _edge(t: float, pixel: float, disc: float) -> tuple[float, float]:  # pragma: no cover - compiled
+def _edge(
+    t: float, pixel: float, disc: float
+) -> tuple[float, float]:  # pragma: no cover - compiled
     """Edge spread (0 to 1) and line spread (1/mm) t mm behind an edge."""
     ahead, behind = _ramp(t + pixel / 2.0, disc), _ramp(t - pixel / 2.0, disc)
     return (ahead[0] - behind[0]) / pixel, (ahead[1] - behind[1]) / pixel
 
 
 @numba.njit(nogil=True, cache=True)
-def bars_at(x: float, phase: float, edges: Array, pixel: float, disc: float) -> tuple[float, float]:  # pragma: no cover - compiled
+def bars_at(
+    x: float, phase: float, edges: Array, pixel: float, disc: float
+) -> tuple[float, float]:  # pragma: no cover - compiled
     """Bars of amplitude 1 seen through a pixel and a disc at x, and their slope by x (1/mm)."""
     half = int(np.floor(2.0 * phase))
     wave = 1.0 if half % 2 == 0 else -1.0
@@ -119,7 +139,9 @@ def bars_at(x: float, phase: float, edges: Array, pixel: float, disc: float) -> 
 
 @numba.njit(nogil=True, cache=True)
 def _dimming_edge(t: float, disc: float) -> float:  # pragma: no cover - compiled
-    """Edge spread (0 to 1) t mm behind an edge of a disc of light 1 - (r / R)^2: of its line spread 8 (1 - z^2)^(3/2) / (3 pi)."""
+    """Edge spread (0 to 1) t mm behind an edge of a disc of light 1 - (r / R)^2: of its line spread
+    8 (1 - z^2)^(3/2) / (3 pi).
+    """
     if 2.0 * abs(t) >= disc:
         return 1.0 if t > 0.0 else 0.0
     z = 2.0 * t / disc
@@ -128,8 +150,12 @@ def _dimming_edge(t: float, disc: float) -> float:  # pragma: no cover - compile
 
 
 @numba.njit(nogil=True, cache=True)
-def dimming_slope_at(x: float, phase: float, edges: Array, pixel: float, disc: float) -> float:  # pragma: no cover - compiled
-    """Slope at x (1/mm) of bars of amplitude 1 seen through a pixel and a disc that dims to 0 at its rim."""
+def dimming_slope_at(
+    x: float, phase: float, edges: Array, pixel: float, disc: float
+) -> float:  # pragma: no cover - compiled
+    """Slope at x (1/mm) of bars of amplitude 1 seen through a pixel and a disc that dims to 0 at
+    its rim.
+    """
     half, reach = int(np.floor(2.0 * phase)), (pixel + disc) / 2.0
     first, slope = min(half, len(edges) - 1), 0.0
     while first > 0 and x - edges[first - 1] < reach:
@@ -137,6 +163,9 @@ def dimming_slope_at(x: float, phase: float, edges: Array, pixel: float, disc: f
     for k in range(max(first, 0), len(edges)):
         if edges[k] - x >= reach:
             break
-        spread = (_dimming_edge(x - edges[k] + pixel / 2.0, disc) - _dimming_edge(x - edges[k] - pixel / 2.0, disc)) / pixel
+        spread = (
+            _dimming_edge(x - edges[k] + pixel / 2.0, disc)
+            - _dimming_edge(x - edges[k] - pixel / 2.0, disc)
+        ) / pixel
         slope += 2.0 * spread if k % 2 == 0 else -2.0 * spread
     return slope

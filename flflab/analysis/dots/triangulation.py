@@ -21,26 +21,30 @@ def triangulate(
     camera: Camera,
     distance: float,
 ) -> tuple[Array, Array, Array]:
-    """World position (x, y, z) in mm of a dot seen at ``centres_px``, and its standard uncertainties from those of centres and lattice.
+    """World position (x, y, z) in mm of a dot seen at ``centres_px``, and its standard
+    uncertainties from those of centres and lattice.
 
-    The ray through microlens Q's centre meets the sensor at s = (1 + b/L - b/(L x)) Q - o V b/x. With x = L V + 1 - L/F and
-    c = (1 + b/L) Q the micro-image's centre this is linear in the vergence and in the angle o V:
-    (s - c) L V + b (o V) = -b c/(L + b) - (s - c)(1 - L/F). The camera counts as known; behind a tilted array each microlens has its own
-    L and b, by the tilt that the lattice shows, of the same sum.
+    The ray through microlens Q's centre meets the sensor at s = (1 + b/L - b/(L x)) Q - o V b/x.
+    With x = L V + 1 - L/F and c = (1 + b/L) Q the micro-image's centre this is linear in the
+    vergence and in the angle o V: (s - c) L V + b (o V) = -b c/(L + b) - (s - c)(1 - L/F). The
+    camera counts as known; behind a tilted array each microlens has its own L and b, by the tilt
+    that the lattice shows, of the same sum.
 
     Args:
         centres_px: where the dot is seen, shape (n, 2).
         uncertainty_px: of each in x and in y by itself, shape (n, 2).
-        together_px: how all of them move with a standard deviation along either axis of focus and dots' radius, shape (n, 2, 2).
+        together_px: how all of them move with a standard deviation along either axis of focus and
+            dots' radius, shape (n, 2, 2).
         lens: position of each micro-image in the lattice, shape (n,).
         lattice: the micro-images.
         camera: nominal.
         distance: nominal, mm; says only which stop limits and how errors grow.
 
     Returns:
-        Position, uncertainties, and how the position moves with a standard uncertainty of each thing that other dots share: the focus,
-        six numbers of the lattice, two of the tilt; shape (3, 10). nan for fewer than two views, or where the main lens limits: then all
-        views look along one ray.
+        Position, uncertainties, and how the position moves with a standard uncertainty of each
+        thing that other dots share: the focus, six numbers of the lattice, two of the tilt; shape
+        (3, 10). nan for fewer than two views, or where the main lens limits: then all views look
+        along one ray.
     """
     nowhere, alike = np.full(3, np.nan), np.full((3, 10), np.nan)
     smms = central_smms(camera)
@@ -48,7 +52,10 @@ def triangulate(
         return nowhere, nowhere, alike
     L, b, F = float(smms.distance), float(smms.gap), float(smms.lens_focal)
     c = sensor_position(camera.sensor, lattice.centres_px[lens])
-    L_each, b_each = (L * (1 + lattice.rises[lens]))[:, None], (b - L * lattice.rises[lens])[:, None]
+    L_each, b_each = (
+        (L * (1 + lattice.rises[lens]))[:, None],
+        (b - L * lattice.rises[lens])[:, None],
+    )
     away = sensor_position(camera.sensor, centres_px) - c
     x = L / distance + 1 - L / F
     design = np.zeros((len(lens), 2, 3))
@@ -67,18 +74,28 @@ def triangulate(
     best = inverse @ ((rows / scale).T @ values)
     gains = (rows / scale) @ inverse / spread[:, None]
     tilt = _from_tilt(gains, away * (x - 1 + L * x / b), lattice, lens)
-    common = np.concatenate([gains.T @ together, _from_lattice(gains, lattice, lens, camera, x), tilt], axis=1)
+    common = np.concatenate(
+        [gains.T @ together, _from_lattice(gains, lattice, lens, camera, x), tilt], axis=1
+    )
     vergence, angle_x, angle_y = best / scale
     far = 1 / vergence
     # world: x = (o V)/V, y likewise, z = -1/V
-    jacobian = np.array([[-angle_x * far**2, far, 0.0], [-angle_y * far**2, 0.0, far], [far**2, 0.0, 0.0]])
+    jacobian = np.array(
+        [[-angle_x * far**2, far, 0.0], [-angle_y * far**2, 0.0, far], [far**2, 0.0, 0.0]]
+    )
     position = np.array([angle_x * far, angle_y * far, -far])
-    common, alone = jacobian @ (common / scale[:, None]), jacobian @ (gains.T * scatter / scale[:, None])
+    common, alone = (
+        jacobian @ (common / scale[:, None]),
+        jacobian @ (gains.T * scatter / scale[:, None]),
+    )
     return position, np.sqrt((common**2).sum(axis=1) + (alone**2).sum(axis=1)), common
 
 
-def _from_lattice(gains: Array, lattice: Lattice, lens: npt.NDArray[np.int64], camera: Camera, x: float) -> Array:
-    """How the solution moves with the lattice's six numbers, by a standard deviation along each axis of their covariance, shape (3, 6).
+def _from_lattice(
+    gains: Array, lattice: Lattice, lens: npt.NDArray[np.int64], camera: Camera, x: float
+) -> Array:
+    """How the solution moves with the lattice's six numbers, by a standard deviation along each
+    axis of their covariance, shape (3, 6).
 
     All centres move together. 0 where no covariance is known.
 
@@ -87,7 +104,8 @@ def _from_lattice(gains: Array, lattice: Lattice, lens: npt.NDArray[np.int64], c
         lattice: the micro-images.
         lens: position of each in the lattice, shape (n,).
         camera: nominal.
-        x: image offset; the equations (s - c) x + b (o V) + (b/L) c / (1 + b/L) = 0 move by x - (b/L)/(1 + b/L) per c.
+        x: image offset; the equations (s - c) x + b (o V) + (b/L) c / (1 + b/L) = 0 move by x -
+            (b/L)/(1 + b/L) per c.
     """
     if not np.isfinite(lattice.covariance_px).all():
         return np.zeros((3, 6))
@@ -102,17 +120,24 @@ def _from_lattice(gains: Array, lattice: Lattice, lens: npt.NDArray[np.int64], c
     return by_lattice @ (axes * np.sqrt(np.maximum(variances, 0.0)))
 
 
-def _from_tilt(gains: Array, by_rise: Array, lattice: Lattice, lens: npt.NDArray[np.int64]) -> Array:
+def _from_tilt(
+    gains: Array, by_rise: Array, lattice: Lattice, lens: npt.NDArray[np.int64]
+) -> Array:
     """How the solution moves with a standard uncertainty of each slope of the array, shape (3, 2).
 
     Args:
         gains: as in ``_from_lattice``.
-        by_rise: how the equations (s - c) x + b (o V) + b c / (L + b) = 0 move with the rise of their microlens, shape (n, 2).
+        by_rise: how the equations (s - c) x + b (o V) + b c / (L + b) = 0 move with the rise of
+            their microlens, shape (n, 2).
         lattice: the micro-images.
         lens: position of each in the lattice, shape (n,).
     """
     if lattice.cone is None:
         return np.zeros((3, 2))
     tilting = lattice.cone.tilting
-    moves = by_rise[:, :, None] * tilting.per_px * (lattice.centres_px[lens] - tilting.axis_px)[:, None, :]
+    moves = (
+        by_rise[:, :, None]
+        * tilting.per_px
+        * (lattice.centres_px[lens] - tilting.axis_px)[:, None, :]
+    )
     return gains.T @ moves.reshape(-1, 2) * lattice.tilt_uncertainty

@@ -1,7 +1,9 @@
-"""Transfer function from a slanted edge where blur and pixel are known in kind: a fit of the blurred edge to all pixels, no bins.
+"""Transfer function from a slanted edge where blur and pixel are known in kind: a fit of the
+blurred edge to all pixels, no bins.
 
-ISO 12233 calls the measurement e-SFR. The model is exact for a Gaussian blur and square pixels, so neither binning nor a finite
-difference leaves a bias; ``flflab.analysis.edges.free`` needs no such knowledge of the blur.
+ISO 12233 calls the measurement e-SFR. The model is exact for a Gaussian blur and square pixels, so
+neither binning nor a finite difference leaves a bias; ``flflab.analysis.edges.free`` needs no such
+knowledge of the blur.
 """
 
 import math
@@ -19,7 +21,8 @@ FEWEST_PIXELS = 50
 LEAST_BLUR = 0.004  # px: a sharper edge cannot be told from this one
 MOST_BLUR = 50.0
 STEPS = 60
-STARVED = 0.15  # px: a wider gap between the pixels' distances from the edge leaves its profile to guesses
+# px: a wider gap between the pixels' distances from the edge leaves its profile to guesses
+STARVED = 0.15
 LEAST_SIGNAL = 5.0  # standard uncertainties of the edge's height
 
 
@@ -36,7 +39,8 @@ class EdgeFit:
         blur_px: standard deviation of the Gaussian blur, px.
         covariance: of angle, offset and the blur's variance (rad, px, px^2), shape (3, 3).
         residual: standard deviation of one pixel of weight 1 from the model.
-        widest_gap_px: widest gap between the distances of pixels from the edge where the profile changes.
+        widest_gap_px: widest gap between the distances of pixels from the edge where the profile
+            changes.
         pixels: number of pixels used.
     """
 
@@ -53,13 +57,17 @@ class EdgeFit:
 
     @property
     def starved(self) -> bool:
-        """Whether the slope is so near a simple fraction that the pixels sample the profile at too few phases."""
+        """Whether the slope is so near a simple fraction that the pixels sample the profile at too
+        few phases.
+        """
         return self.widest_gap_px > STARVED
 
     def mtf(self, cycles_per_px: npt.ArrayLike) -> Array:
         """Transfer function of blur and pixel along the edge's normal."""
         f = np.asarray(cycles_per_px, dtype=np.float64)
-        return np.exp(-2 * math.pi**2 * self.blur_px**2 * f * f) * np.abs(pixel_transfer(f, self.angle))
+        return np.exp(-2 * math.pi**2 * self.blur_px**2 * f * f) * np.abs(
+            pixel_transfer(f, self.angle)
+        )
 
     def mtf_uncertainty(self, cycles_per_px: npt.ArrayLike) -> Array:
         """Its standard uncertainty, from the scatter of the pixels about the model."""
@@ -69,7 +77,9 @@ class EdgeFit:
 
 @dataclass(frozen=True)
 class EdgePixels:
-    """Pixels with an edge in them: places (x, y) from ``middle``, values, and weights (one over the standard deviation)."""
+    """Pixels with an edge in them: places (x, y) from ``middle``, values, and weights (one over the
+    standard deviation).
+    """
 
     x: Array
     y: Array
@@ -83,9 +93,12 @@ class EdgePixels:
 
 
 def edge_pixels(
-    picture: npt.NDArray[np.generic], mask: npt.NDArray[np.bool_] | None = None, deviation: npt.ArrayLike = 1.0
+    picture: npt.NDArray[np.generic],
+    mask: npt.NDArray[np.bool_] | None = None,
+    deviation: npt.ArrayLike = 1.0,
 ) -> tuple[EdgePixels, float]:
-    """Take the pixels of a picture in which an edge lies, and the rough angle of its normal from their differences.
+    """Take the pixels of a picture in which an edge lies, and the rough angle of its normal from
+    their differences.
 
     Args:
         picture: [row, col].
@@ -97,10 +110,16 @@ def edge_pixels(
     """
     values = np.asarray(picture, dtype=np.float64)
     if values.ndim != 2:
-        raise MeasurementError(f"edge: a picture of rows and columns is due, not shape {values.shape}")
-    used = np.ones(values.shape, dtype=np.bool_) if mask is None else np.asarray(mask, dtype=np.bool_)
+        raise MeasurementError(
+            f"edge: a picture of rows and columns is due, not shape {values.shape}"
+        )
+    used = (
+        np.ones(values.shape, dtype=np.bool_) if mask is None else np.asarray(mask, dtype=np.bool_)
+    )
     if np.count_nonzero(used) < FEWEST_PIXELS:
-        raise MeasurementError(f"edge: {np.count_nonzero(used)} pixels were given; at least {FEWEST_PIXELS} are due")
+        raise MeasurementError(
+            f"edge: {np.count_nonzero(used)} pixels were given; at least {FEWEST_PIXELS} are due"
+        )
     if not np.isfinite(values[used]).all():
         raise MeasurementError("edge: every pixel used must be a finite number")
     spread = np.broadcast_to(np.asarray(deviation, dtype=np.float64), values.shape)[used]
@@ -112,21 +131,31 @@ def edge_pixels(
     across = np.where(around, values[1:-1, 2:] - values[1:-1, :-2], 0.0)
     along = np.where(around, values[2:, 1:-1] - values[:-2, 1:-1], 0.0)
     if not (across**2 + along**2).sum() > 0:
-        raise MeasurementError("edge: all pixels are equally bright; an edge has a dark and a bright side")
+        raise MeasurementError(
+            "edge: all pixels are equally bright; an edge has a dark and a bright side"
+        )
     angle = 0.5 * math.atan2(2 * float((across * along).sum()), float((across**2 - along**2).sum()))
     if float((across * math.cos(angle) + along * math.sin(angle)).sum()) < 0:
         angle += math.pi
-    x, y = (np.asarray(at, dtype=np.float64) - part for at, part in zip((column, row), middle, strict=True))
+    x, y = (
+        np.asarray(at, dtype=np.float64) - part
+        for at, part in zip((column, row), middle, strict=True)
+    )
     return EdgePixels(x, y, values[used], 1 / spread, middle), math.remainder(angle, 2 * math.pi)
 
 
-def fit_edge(picture: npt.NDArray[np.generic], mask: npt.NDArray[np.bool_] | None = None, deviation: npt.ArrayLike = 1.0) -> EdgeFit:
+def fit_edge(
+    picture: npt.NDArray[np.generic],
+    mask: npt.NDArray[np.bool_] | None = None,
+    deviation: npt.ArrayLike = 1.0,
+) -> EdgeFit:
     """Fit one straight, Gaussian-blurred edge to the pixels of a picture.
 
     Args:
         picture: [row, col], linear in light; a uniform illumination, or one divided out.
         mask: which pixels count; None means all.
-        deviation: standard deviation of the pixels' noise, one number or one a pixel; only ratios matter.
+        deviation: standard deviation of the pixels' noise, one number or one a pixel; only ratios
+            matter.
 
     Raises:
         MeasurementError: no usable pixels, or no edge among them.
@@ -138,15 +167,34 @@ def fit_edge(picture: npt.NDArray[np.generic], mask: npt.NDArray[np.bool_] | Non
         t = pixels.distance(angle, offset)
         value, slope, bend = edge_profile(t, math.sqrt(variance), angle)
         lever = pixels.y * math.cos(angle) - pixels.x * math.sin(angle)
-        design = np.stack([np.ones_like(t), value, -slope, slope * lever, 0.5 * bend], axis=1) * pixels.weights[:, None]
+        design = (
+            np.stack([np.ones_like(t), value, -slope, slope * lever, 0.5 * bend], axis=1)
+            * pixels.weights[:, None]
+        )
         solved = np.linalg.lstsq(design, pixels.values * pixels.weights, rcond=None)[0]
         if not solved[1] > 0:
-            raise MeasurementError("edge: the fit found no bright side where the pixels' differences showed one; check the region")
+            raise MeasurementError(
+                "edge: the fit found no bright side where the pixels' differences showed one; check"
+                " the region"
+            )
         shift, turn, wider = (float(part) for part in solved[2:] / solved[1])
         offset += float(np.clip(shift, -2.0, 2.0))
         angle += float(np.clip(turn, -0.05, 0.05))
-        before, variance = variance, float(np.clip(variance + wider, max(variance / 4, LEAST_BLUR**2), min(4 * variance, MOST_BLUR**2)))
-        if abs(shift) < 1e-10 and abs(turn) < 1e-12 and abs(variance - before) < 1e-10 * (1 + variance):
+        before, variance = (
+            variance,
+            float(
+                np.clip(
+                    variance + wider,
+                    max(variance / 4, LEAST_BLUR**2),
+                    min(4 * variance, MOST_BLUR**2),
+                )
+            ),
+        )
+        if (
+            abs(shift) < 1e-10
+            and abs(turn) < 1e-12
+            and abs(variance - before) < 1e-10 * (1 + variance)
+        ):
             break
     rest = pixels.values * pixels.weights - design @ solved
     freedom = max(len(rest) - design.shape[1], 1)
@@ -154,8 +202,9 @@ def fit_edge(picture: npt.NDArray[np.generic], mask: npt.NDArray[np.bool_] | Non
     covariance = scatter * np.linalg.pinv(design.T @ design)
     if solved[1] < LEAST_SIGNAL * math.sqrt(covariance[1, 1]):
         raise MeasurementError(
-            f"edge: its height is {solved[1]:.3g} with an uncertainty of {math.sqrt(covariance[1, 1]):.2g}; "
-            f"at least {LEAST_SIGNAL:g} uncertainties are needed"
+            f"edge: its height is {solved[1]:.3g} with an uncertainty of"
+            f" {math.sqrt(covariance[1, 1]):.2g}; at least {LEAST_SIGNAL:g} uncertainties are"
+            " needed"
         )
     order = [3, 2, 4]
     return EdgeFit(
@@ -173,7 +222,9 @@ def fit_edge(picture: npt.NDArray[np.generic], mask: npt.NDArray[np.bool_] | Non
 
 
 def _offset(pixels: EdgePixels, angle: float) -> float:
-    """Where the pixels' mean brightness says that the edge lies: as many pixels on its bright side as the mean demands."""
+    """Where the pixels' mean brightness says that the edge lies: as many pixels on its bright side
+    as the mean demands.
+    """
     low, high = np.quantile(pixels.values, [0.05, 0.95])
     share = float(np.clip((pixels.values.mean() - low) / max(high - low, 1e-300), 0.02, 0.98))
     return float(np.quantile(pixels.distance(angle, 0.0), 1 - share))

@@ -1,9 +1,11 @@
-"""A straight edge seen by square pixels: its profile across the edge and the profile's derivatives, in closed form.
+"""A straight edge seen by square pixels: its profile across the edge and the profile's derivatives,
+in closed form.
 
-With F2(t) = ((t^2 + s^2) Phi(t/s) + t s phi(t/s))/2, a and b the larger and the smaller of |cos| and |sin| of the edge's angle, an
-edge blurred by a Gaussian of standard deviation s px and integrated over a square pixel is
-E(t) = [F2(t + (a+b)/2) - F2(t + (a-b)/2) - F2(t - (a-b)/2) + F2(t - (a+b)/2)]/(a b) at t px from the edge (measurement.md, 1.2).
-Its transfer function is exp(-2 pi^2 s^2 f^2) sinc(f a) sinc(f b).
+With F2(t) = ((t^2 + s^2) Phi(t/s) + t s phi(t/s))/2, a and b the larger and the smaller of |cos|
+and |sin| of the edge's angle, an edge blurred by a Gaussian of standard deviation s px and
+integrated over a square pixel is E(t) = [F2(t + (a+b)/2) - F2(t + (a-b)/2) - F2(t - (a-b)/2) + F2(t
+- (a+b)/2)]/(a b) at t px from the edge (measurement.md, 1.2). Its transfer function is exp(-2 pi^2
+s^2 f^2) sinc(f a) sinc(f b).
 """
 
 import math
@@ -21,11 +23,19 @@ def _ladder(t: Array, blur: float) -> tuple[Array, Array, Array, Array, Array]:
     """F2 and its first four derivatives."""
     z = t / blur
     below, bell = ndtr(z), np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi)
-    return 0.5 * ((t * t + blur * blur) * below + t * blur * bell), t * below + blur * bell, below, bell / blur, -z * bell / blur**2
+    return (
+        0.5 * ((t * t + blur * blur) * below + t * blur * bell),
+        t * below + blur * bell,
+        below,
+        bell / blur,
+        -z * bell / blur**2,
+    )
 
 
 def pixel_sides(angle: float) -> tuple[float, float]:
-    """Widths a >= b (px) of the two boxes whose product a square pixel is, seen along the edge's normal."""
+    """Widths a >= b (px) of the two boxes whose product a square pixel is, seen along the edge's
+    normal.
+    """
     cos, sin = abs(math.cos(angle)), abs(math.sin(angle))
     return max(cos, sin), min(cos, sin)
 
@@ -44,8 +54,12 @@ def edge_profile(t: Array, blur: float, angle: float) -> tuple[Array, Array, Arr
     if b < ALIGNED * a:
         low, high = _ladder(t - a / 2, blur), _ladder(t + a / 2, blur)
         return (high[1] - low[1]) / a, (high[2] - low[2]) / a, (high[3] - low[3]) / a
-    corners = [_ladder(t + at, blur) for at in ((a + b) / 2, (a - b) / 2, (b - a) / 2, -(a + b) / 2)]
-    value, slope, bend = ((corners[0][n] - corners[1][n] - corners[2][n] + corners[3][n]) / (a * b) for n in range(3))
+    corners = [
+        _ladder(t + at, blur) for at in ((a + b) / 2, (a - b) / 2, (b - a) / 2, -(a + b) / 2)
+    ]
+    value, slope, bend = (
+        (corners[0][n] - corners[1][n] - corners[2][n] + corners[3][n]) / (a * b) for n in range(3)
+    )
     return value, slope, bend
 
 
@@ -56,7 +70,9 @@ def sharp_profile(t: Array, angle: float) -> Array:
         return np.clip(t / a + 0.5, 0.0, 1.0)
     inner, outer = (a - b) / 2, (a + b) / 2
     away = np.abs(t)
-    rise = np.where(away <= inner, away / a, 0.5 - 0.5 * np.maximum(outer - away, 0.0) ** 2 / (a * b))
+    rise = np.where(
+        away <= inner, away / a, 0.5 - 0.5 * np.maximum(outer - away, 0.0) ** 2 / (a * b)
+    )
     return 0.5 + np.sign(t) * rise
 
 

@@ -1,1 +1,3 @@
-"""The lattice of micro-images from a white picture, and which point of a target each pixel of it looks at."""
+"""The lattice of micro-images from a white picture, and which point of a target each pixel of it
+looks at.
+"""

@@ -1,4 +1,6 @@
-"""Fit of a lattice's model to the pixels of a white picture: Gauss-Newton with the weights of the sensor's noise, band by band."""
+"""Fit of a lattice's model to the pixels of a white picture: Gauss-Newton with the weights of the
+sensor's noise, band by band.
+"""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -10,7 +12,15 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.lattice.kernels import COUNT, DERIVATIVES, Y, accumulate, brightness, gradient, own_profiles
+from flflab.analysis.lattice.kernels import (
+    COUNT,
+    DERIVATIVES,
+    Y,
+    accumulate,
+    brightness,
+    gradient,
+    own_profiles,
+)
 from flflab.analysis.lattice.model import RATE, SHARE, SMALLEST_PX, TILT, WIDER, LatticeModel, laid
 from flflab.analysis.sensor.noise import SensorNoise
 
@@ -20,14 +30,18 @@ Band = TypeVar("Band")
 Part = TypeVar("Part")
 
 FEW_PIXELS = 20_000  # for which starting a thread takes longer than it saves
-COARSER = 4.0  # times as far apart are the entries of profiles while the lattice is not yet known to the last
-# prior standard deviations of share, slant (2), its rate over the cone's ``by_place``, tilt (2) and widths of kinds over those described
+# times as far apart are the entries of profiles while the lattice is not yet known to the last
+COARSER = 4.0
+# prior standard deviations of share, slant (2), its rate over the cone's ``by_place``, tilt (2) and
+# widths of kinds over those described
 LOOSE = np.array([0.5, *[0.05] * 5, 0.1])
 
 
 @dataclass(frozen=True)
 class Region:
-    """Pixels a fit looks at: half width in px about the picture's centre, and every how many rows and columns."""
+    """Pixels a fit looks at: half width in px about the picture's centre, and every how many rows
+    and columns.
+    """
 
     half_size: float
     row_step: int
@@ -35,11 +49,16 @@ class Region:
 
 
 def _neighbours(vectors: Array, reach: float) -> Whole:
-    """Offsets (i, j) of the micro-images that can reach a point of the cell round a lattice point."""
+    """Offsets (i, j) of the micro-images that can reach a point of the cell round a lattice
+    point.
+    """
     n = np.arange(-4, 5)
     offsets = np.stack([grid.ravel() for grid in np.meshgrid(n, n, indexing="ij")], axis=1)
     edge = np.linspace(-0.5, 0.5, 11)
-    cell = np.stack([grid.ravel() for grid in np.meshgrid(edge, edge, indexing="ij")], axis=1) @ vectors.T
+    cell = (
+        np.stack([grid.ravel() for grid in np.meshgrid(edge, edge, indexing="ij")], axis=1)
+        @ vectors.T
+    )
     apart = np.hypot(*(cell[None] - (offsets @ vectors.T)[:, None]).transpose(2, 0, 1)).min(axis=1)
     return offsets[apart < reach + 0.1 * np.linalg.norm(vectors[:, 0])]
 
@@ -63,8 +82,14 @@ def _normal_equations(
 ) -> tuple[Array, Array, float, int]:
     height, width = picture.shape
     points = laid(model, present, (height, width), coarser)
-    top, bottom = max(0, int(height / 2 - region.half_size)), min(height, int(height / 2 + region.half_size) + 1)
-    left, right_end = max(0, int(width / 2 - region.half_size)), min(width, int(width / 2 + region.half_size) + 1)
+    top, bottom = (
+        max(0, int(height / 2 - region.half_size)),
+        min(height, int(height / 2 + region.half_size) + 1),
+    )
+    left, right_end = (
+        max(0, int(width / 2 - region.half_size)),
+        min(width, int(width / 2 + region.half_size) + 1),
+    )
     rows = np.arange(top, bottom, region.row_step, dtype=np.int64)
     inverse = np.ascontiguousarray(np.linalg.inv(model.vectors), dtype=np.float64)
     arguments = (
@@ -86,11 +111,19 @@ def _normal_equations(
     bands = np.array_split(rows, 4 * numba.get_num_threads() if pixels > FEW_PIXELS else 1)
     parts = _each(lambda band: accumulate(picture, band, *arguments), bands)
     normal = np.sum([part[0] for part in parts], axis=0)
-    return normal, np.sum([part[1] for part in parts], axis=0), sum(part[2] for part in parts), sum(part[3] for part in parts)
+    return (
+        normal,
+        np.sum([part[1] for part in parts], axis=0),
+        sum(part[2] for part in parts),
+        sum(part[3] for part in parts),
+    )
 
 
 def _whole_gradient(
-    picture: npt.NDArray[np.float32], model: LatticeModel, present: npt.NDArray[np.bool_], noise: SensorNoise
+    picture: npt.NDArray[np.float32],
+    model: LatticeModel,
+    present: npt.NDArray[np.bool_],
+    noise: SensorNoise,
 ) -> tuple[Array, float, int]:
     """Right side, chi^2 and number of pixels of the whole picture."""
     points = laid(model, present, (picture.shape[0], picture.shape[1]))
@@ -111,13 +144,23 @@ def _whole_gradient(
         noise.full_scale_dn,
         noise.offset_dn,
     )
-    edges = np.linspace(0, len(picture), (4 * numba.get_num_threads() if picture.size > FEW_PIXELS else 1) + 1).astype(np.int64)
-    parts = _each(lambda band: gradient(picture, band[0], band[1], *arguments), list(pairwise(edges.tolist())))
-    return np.sum([part[0] for part in parts], axis=0), float(sum(part[1] for part in parts)), sum(part[2] for part in parts)
+    edges = np.linspace(
+        0, len(picture), (4 * numba.get_num_threads() if picture.size > FEW_PIXELS else 1) + 1
+    ).astype(np.int64)
+    parts = _each(
+        lambda band: gradient(picture, band[0], band[1], *arguments), list(pairwise(edges.tolist()))
+    )
+    return (
+        np.sum([part[0] for part in parts], axis=0),
+        float(sum(part[1] for part in parts)),
+        sum(part[2] for part in parts),
+    )
 
 
 def _prior(model: LatticeModel) -> tuple[Array, Array]:
-    """Precision of what slants and kinds are expected to be where the pixels do not say, and how it pulls."""
+    """Precision of what slants and kinds are expected to be where the pixels do not say, and how it
+    pulls.
+    """
     precision, middle = np.zeros(COUNT), np.zeros(COUNT)
     precision[SHARE:], middle[SHARE], middle[WIDER] = 1 / LOOSE**2, 0.5, 1.0
     if model.cone is not None:
@@ -128,7 +171,9 @@ def _prior(model: LatticeModel) -> tuple[Array, Array]:
 
 
 def _solve(normal: Array, right: Array, free: Whole) -> tuple[Array, Array]:
-    """The step and the covariance of the free parameters; directions the pixels do not see are left alone."""
+    """The step and the covariance of the free parameters; directions the pixels do not see are left
+    alone.
+    """
     scale = np.sqrt(np.maximum(np.diag(normal)[free], 1e-300))
     scaled = normal[np.ix_(free, free)] / np.outer(scale, scale)
     inverse = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True)
@@ -144,26 +189,45 @@ def micro_images_present(
     half_counts: tuple[int, int],
     noise: SensorNoise,
 ) -> npt.NDArray[np.bool_]:
-    """Which lattice points have light where a micro-image would be; those off the picture count as present.
+    """Which lattice points have light where a micro-image would be; those off the picture count as
+    present.
 
     Returns:
         Shape (2 half_i + 1, 2 half_j + 1), the lattice's origin in the middle.
     """
     everywhere = np.ones((2 * half_counts[0] + 1, 2 * half_counts[1] + 1), dtype=np.bool_)
     points = laid(model, everywhere, (picture.shape[0], picture.shape[1]), COARSER)
-    sums = brightness(picture, points.places, float(model.values[8]), points.tables, points.step, noise.full_scale_dn)
+    sums = brightness(
+        picture,
+        points.places,
+        float(model.values[8]),
+        points.tables,
+        points.step,
+        noise.full_scale_dn,
+    )
     seen = sums[..., 1] > 0
     share = np.where(seen, sums[..., 0], 0.0) / np.where(seen, sums[..., 1], 1.0) / model.values[9]
-    doubt = np.sqrt((noise.dark_variance + noise.dn_per_electron * model.values[9]) / np.where(seen, sums[..., 1], 1.0)) / model.values[9]
+    doubt = (
+        np.sqrt(
+            (noise.dark_variance + noise.dn_per_electron * model.values[9])
+            / np.where(seen, sums[..., 1], 1.0)
+        )
+        / model.values[9]
+    )
     return ~seen | (share > 0.5 - 5 * doubt)
 
 
-def _stepped(model: LatticeModel, normal: Array, right: Array, free: Whole, chi2_per_pixel: float) -> tuple[LatticeModel, Array]:
+def _stepped(
+    model: LatticeModel, normal: Array, right: Array, free: Whole, chi2_per_pixel: float
+) -> tuple[LatticeModel, Array]:
     """The model after one step of Gauss-Newton, and the step."""
     precision, pull = _prior(model)
     step, covariance = _solve(normal + np.diag(precision), right + pull, free)
-    # far from the best the profile is not linear: no radius changes by more than half, no centre by more than a seventh of the pitch
-    longest = np.concatenate([np.full(6, 0.15 * np.linalg.norm(model.vectors[:, 0])), 0.5 * model.values[6:8]])
+    # far from the best the profile is not linear: no radius changes by more than half, no centre by
+    # more than a seventh of the pitch
+    longest = np.concatenate(
+        [np.full(6, 0.15 * np.linalg.norm(model.vectors[:, 0])), 0.5 * model.values[6:8]]
+    )
     shrink = float(np.min(longest / np.maximum(np.abs(step[:8]), 1e-300), initial=1.0))
     values = model.values + shrink * step
     values[6:8] = np.maximum(values[6:8], SMALLEST_PX)
@@ -180,9 +244,13 @@ def refine(
     iterations: int,
     tolerance_px: float,
 ) -> LatticeModel:
-    """Gauss-Newton on one region until no micro-image centre in it moves by more than ``tolerance_px``."""
+    """Gauss-Newton on one region until no micro-image centre in it moves by more than
+    ``tolerance_px``.
+    """
     for _ in range(iterations):
-        normal, right, chi2, count = _normal_equations(picture, model, present, noise, region, free, COARSER)
+        normal, right, chi2, count = _normal_equations(
+            picture, model, present, noise, region, free, COARSER
+        )
         model, step = _stepped(model, normal, right, free, chi2 / max(count, 1))
         if not np.isfinite(model.values).all():
             break
@@ -203,7 +271,9 @@ def finish(
     region: Region,
     free: Whole,
 ) -> LatticeModel:
-    """A step by a region's pixels, then one with the gradient of every pixel and that curvature: as good as the whole fit."""
+    """A step by a region's pixels, then one with the gradient of every pixel and that curvature: as
+    good as the whole fit.
+    """
     normal, right, chi2, sampled = _normal_equations(picture, model, present, noise, region, free)
     model = _stepped(model, normal, right, free, chi2 / max(sampled, 1))[0]
     right, chi2, count = _whole_gradient(picture, model, present, noise)

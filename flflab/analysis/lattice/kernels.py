@@ -1,4 +1,6 @@
-"""What the fit of a lattice sums over pixels, compiled: normal equations of some, the gradient of all, light about lattice points."""
+"""What the fit of a lattice sums over pixels, compiled: normal equations of some, the gradient of
+all, light about lattice points.
+"""
 
 import math
 from typing import Any
@@ -11,21 +13,48 @@ from numba import types
 from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
-from flflab.analysis.lattice.profile import BY_LARGE, BY_RADIUS, BY_SMALL, FALLOFF, LOPSIDED, SQUARE, VALUE
+from flflab.analysis.lattice.profile import (
+    BY_LARGE,
+    BY_RADIUS,
+    BY_SMALL,
+    FALLOFF,
+    LOPSIDED,
+    SQUARE,
+    VALUE,
+)
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-# origin 2, vectors 4, radii 2, background 1, polynomial 6, share of fall-off 1, slant at the origin 2, its rate 1, tilt 2, kinds' widths 1
+# origin 2, vectors 4, radii 2, background 1, polynomial 6, share of fall-off 1, slant at the origin
+# 2, its rate 1, tilt 2, kinds' widths 1
 COUNT = 22
-X, Y, RISE, OUT_X, OUT_Y, LEVER_X, LEVER_Y, LARGE_BY_RISE, SMALL_BY_RISE, TABLE, WIDER_PX = range(11)  # of a micro-image's place
-OUT, LEVER, RADII_BY_RISE, PLACES = slice(OUT_X, OUT_Y + 1), slice(LEVER_X, LEVER_Y + 1), slice(LARGE_BY_RISE, SMALL_BY_RISE + 1), 11
+X, Y, RISE, OUT_X, OUT_Y, LEVER_X, LEVER_Y, LARGE_BY_RISE, SMALL_BY_RISE, TABLE, WIDER_PX = range(
+    11
+)  # of a micro-image's place
+OUT, LEVER, RADII_BY_RISE, PLACES = (
+    slice(OUT_X, OUT_Y + 1),
+    slice(LEVER_X, LEVER_Y + 1),
+    slice(LARGE_BY_RISE, SMALL_BY_RISE + 1),
+    11,
+)
 BY_RISE = 11  # column of the tables beyond those of a ``ProfileTable``
-SIDEWAYS, TWICE, THRICE, FOURFOLD, SHAPES = range(1, 6)  # of a micro-image's own profile, beside its symmetric part
-DERIVATIVES = [BY_RADIUS, BY_LARGE, BY_SMALL, FALLOFF, LOPSIDED, VALUE]  # columns of the tables that the gradient looks up
+SIDEWAYS, TWICE, THRICE, FOURFOLD, SHAPES = range(
+    1, 6
+)  # of a micro-image's own profile, beside its symmetric part
+DERIVATIVES = [
+    BY_RADIUS,
+    BY_LARGE,
+    BY_SMALL,
+    FALLOFF,
+    LOPSIDED,
+    VALUE,
+]  # columns of the tables that the gradient looks up
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@numba.njit(
+    nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
+)
 def accumulate(
     picture: npt.NDArray[np.float32],
     rows: Whole,
@@ -43,12 +72,14 @@ def accumulate(
     offset_dn: float,
     wanted: int,
 ) -> tuple[Array, Array, float, int]:  # pragma: no cover - compiled
-    """Normal matrix, right side, chi^2 and number of pixels of every so manieth column of some rows.
+    """Normal matrix, right side, chi^2 and number of pixels of every so manieth column of some
+    rows.
 
-    ``lights`` holds each micro-image's light and the six terms of the polynomial there; light 0 where there is none. ``places`` holds
-    centre, rise beyond that of its table, place from the axis, how the rise changes with the tilt and the radii with the rise, which of
-    ``tables`` it has and by how much its kind's disc is described wider than the central one's. Of the values the first ``wanted`` are
-    looked at, the others' sums are 0.
+    ``lights`` holds each micro-image's light and the six terms of the polynomial there; light 0
+    where there is none. ``places`` holds centre, rise beyond that of its table, place from the
+    axis, how the rise changes with the tilt and the radii with the rise, which of ``tables`` it has
+    and by how much its kind's disc is described wider than the central one's. Of the values the
+    first ``wanted`` are looked at, the others' sums are 0.
     """
     normal = np.zeros((COUNT, COUNT))
     right = np.zeros(COUNT)
@@ -94,7 +125,11 @@ def accumulate(
                 ux = dx / max(r, 1e-9)
                 uy = dy / max(r, 1e-9)
                 fourfold = 1.0 - 8.0 * (ux * uy) ** 2
-                value = table[k, VALUE] + t * (table[k + 1, VALUE] - table[k, VALUE]) + fourfold * table[k, SQUARE]
+                value = (
+                    table[k, VALUE]
+                    + t * (table[k + 1, VALUE] - table[k, VALUE])
+                    + fourfold * table[k, SQUARE]
+                )
                 lop = table[k, LOPSIDED] + t * (table[k + 1, LOPSIDED] - table[k, LOPSIDED])
                 vx = at[X] - values[0]
                 vy = at[Y] - values[1]
@@ -103,9 +138,13 @@ def accumulate(
                 along = sx * ux + sy * uy
                 by_rise = table[k, BY_RISE] + t * (table[k + 1, BY_RISE] - table[k, BY_RISE])
                 share = value + lop * along + at[RISE] * by_rise
-                share += (sx * sx + sy * sy) * (table[k, 7] + along * table[k, 9]) + along * along * (table[k, 8] + along * table[k, 10])
+                share += (sx * sx + sy * sy) * (
+                    table[k, 7] + along * table[k, 9]
+                ) + along * along * (table[k, 8] + along * table[k, 10])
                 expected += light * share
-                slope = -light * (table[k, BY_RADIUS] + t * (table[k + 1, BY_RADIUS] - table[k, BY_RADIUS]))
+                slope = -light * (
+                    table[k, BY_RADIUS] + t * (table[k + 1, BY_RADIUS] - table[k, BY_RADIUS])
+                )
                 ex = slope * ux
                 ey = slope * uy
                 g[0] += ex
@@ -114,8 +153,12 @@ def accumulate(
                 g[3] += i * ey
                 g[4] += j * ex
                 g[5] += j * ey
-                by_small = light * (table[k, BY_SMALL] + t * (table[k + 1, BY_SMALL] - table[k, BY_SMALL]))
-                g[6] += light * (table[k, BY_LARGE] + t * (table[k + 1, BY_LARGE] - table[k, BY_LARGE]))
+                by_small = light * (
+                    table[k, BY_SMALL] + t * (table[k + 1, BY_SMALL] - table[k, BY_SMALL])
+                )
+                g[6] += light * (
+                    table[k, BY_LARGE] + t * (table[k + 1, BY_LARGE] - table[k, BY_LARGE])
+                )
                 g[7] += by_small
                 for m in range(6):
                     g[9 + m] += share * lights[i + half_i, j + half_j, 1 + m]
@@ -150,7 +193,8 @@ def accumulate(
 def _own_floats(context: Any, number: Any) -> Any:
     """A pointer to so many floats of a function's own, which it loses when it ends.
 
-    What is written there can be no part of what is read from an argument: only then does the compiler look several pixels up at a time.
+    What is written there can be no part of what is read from an argument: only then does the
+    compiler look several pixels up at a time.
     """
 
     def generated(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -164,7 +208,9 @@ own_floats: Any = intrinsic(_own_floats)
 
 @numba.njit(cache=True, nogil=True)
 def _columns_lit(cx: float, dy: np.floating[Any], reach: float, width: int) -> tuple[int, int]:
-    """The columns of a row ``dy`` px from a centre within its reach: the first and that after the last; the same where there are none."""
+    """The columns of a row ``dy`` px from a centre within its reach: the first and that after the
+    last; the same where there are none.
+    """
     half = reach * reach - dy * dy
     if half <= 0.0:
         return 0, 0
@@ -174,11 +220,14 @@ def _columns_lit(cx: float, dy: np.floating[Any], reach: float, width: int) -> t
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def own_profiles(tables: Array, values: Array, places: Array) -> npt.NDArray[np.float32]:  # pragma: no cover - compiled
+def own_profiles(
+    tables: Array, values: Array, places: Array
+) -> npt.NDArray[np.float32]:  # pragma: no cover - compiled
     """Each listed micro-image's profile with its own slant and rise, shape (n, entries, SHAPES).
 
-    The symmetric part at the tables' entries, the rest, of which a pixel sees little, in the middle between an entry and the next: what
-    comes with the slant along the direction from the centre, with its square and its cube, and with the cosine of four times the angle.
+    The symmetric part at the tables' entries, the rest, of which a pixel sees little, in the middle
+    between an entry and the next: what comes with the slant along the direction from the centre,
+    with its square and its cube, and with the cosine of four times the angle.
     """
     count = tables.shape[1]
     found = np.zeros((len(places), count, SHAPES), dtype=np.float32)
@@ -190,14 +239,18 @@ def own_profiles(tables: Array, values: Array, places: Array) -> npt.NDArray[np.
         for k in range(count - 1):
             one, after = table[k], table[k + 1]
             found[n, k, 0] = one[VALUE] + at[RISE] * one[BY_RISE] + steep * one[7]
-            found[n, k, SIDEWAYS] = 0.5 * (one[LOPSIDED] + after[LOPSIDED] + steep * (one[9] + after[9]))
+            found[n, k, SIDEWAYS] = 0.5 * (
+                one[LOPSIDED] + after[LOPSIDED] + steep * (one[9] + after[9])
+            )
             found[n, k, TWICE] = 0.5 * (one[8] + after[8])
             found[n, k, THRICE] = 0.5 * (one[10] + after[10])
             found[n, k, FOURFOLD] = 0.5 * (one[SQUARE] + after[SQUARE])
     return found
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@numba.njit(
+    nogil=True, cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
+)
 def gradient(
     picture: npt.NDArray[np.float32],
     first: int,
@@ -214,10 +267,12 @@ def gradient(
     ceiling: float,
     offset_dn: float,
 ) -> tuple[Array, float, int]:  # pragma: no cover - compiled
-    """Right side, chi^2 and number of pixels of whole rows, micro-image by micro-image; they are listed by the rows of their centres.
+    """Right side, chi^2 and number of pixels of whole rows, micro-image by micro-image; they are
+    listed by the rows of their centres.
 
-    ``profiles`` as from ``own_profiles``; ``derivatives`` has the tables' columns DERIVATIVES, in the middle between an entry and the next.
-    ``indices`` holds i and j of each; ``lights`` and ``places`` as in ``accumulate``.
+    ``profiles`` as from ``own_profiles``; ``derivatives`` has the tables' columns DERIVATIVES, in
+    the middle between an entry and the next. ``indices`` holds i and j of each; ``lights`` and
+    ``places`` as in ``accumulate``.
     """
     right = np.zeros(COUNT)
     chi2 = 0.0
@@ -258,7 +313,9 @@ def gradient(
                 slant = (sx * dx + sy * dy) * one
                 value = profile[k, 0] + t * (profile[k + 1, 0] - profile[k, 0])
                 value += (np.float32(1) - np.float32(8) * product * product) * profile[k, FOURFOLD]
-                value += slant * (profile[k, SIDEWAYS] + slant * (profile[k, TWICE] + slant * profile[k, THRICE]))
+                value += slant * (
+                    profile[k, SIDEWAYS] + slant * (profile[k, TWICE] + slant * profile[k, THRICE])
+                )
                 lit[n] += light * value
         total, squares, seen = np.float32(0), np.float32(0), 0
         for column in range(width):
@@ -283,7 +340,10 @@ def gradient(
             along = across = large = small = bright = fall = slant_x = slant_y = np.float32(0)
             light = lights[n, 0]
             vx, vy = cx - values[0], at[Y] - values[1]
-            sx, sy = np.float32(values[16] + values[18] * vx), np.float32(values[17] + values[18] * vy)
+            sx, sy = (
+                np.float32(values[16] + values[18] * vx),
+                np.float32(values[17] + values[18] * vy),
+            )
             pulls = pull[low:high]
             begins = np.float32(low - cx)
             for m in range(len(pulls)):
@@ -318,7 +378,12 @@ def gradient(
             right[16] += light * slant_x
             right[17] += light * slant_y
             right[18] += light * (vx * slant_x + vy * slant_y)
-            lifted = light * (at[LARGE_BY_RISE] * large + at[SMALL_BY_RISE] * small - at[OUT_X] * along - at[OUT_Y] * across)
+            lifted = light * (
+                at[LARGE_BY_RISE] * large
+                + at[SMALL_BY_RISE] * small
+                - at[OUT_X] * along
+                - at[OUT_Y] * across
+            )
             right[19] += lifted * at[LEVER_X]
             right[20] += lifted * at[LEVER_Y]
             right[21] += light * small * at[WIDER_PX]
@@ -334,7 +399,9 @@ def brightness(
     step: float,
     ceiling: float,
 ) -> Array:  # pragma: no cover - compiled
-    """Sums (read - background) profile and profile^2 about every place, as in ``accumulate``, shape (i, j, 2)."""
+    """Sums (read - background) profile and profile^2 about every place, as in ``accumulate``, shape
+    (i, j, 2).
+    """
     height, width = picture.shape
     reach = step * (tables.shape[1] - 2)
     sums = np.zeros((places.shape[0], places.shape[1], 2))
@@ -343,8 +410,12 @@ def brightness(
             cx, cy = places[i, j, X], places[i, j, Y]
             table = tables[int(places[i, j, TABLE])]
             stride = max(1, int(reach / 12.0))
-            for row in range(max(0, int(np.ceil(cy - reach))), min(height - 1, int(cy + reach)) + 1, stride):
-                for column in range(max(0, int(np.ceil(cx - reach))), min(width - 1, int(cx + reach)) + 1, stride):
+            for row in range(
+                max(0, int(np.ceil(cy - reach))), min(height - 1, int(cy + reach)) + 1, stride
+            ):
+                for column in range(
+                    max(0, int(np.ceil(cx - reach))), min(width - 1, int(cx + reach)) + 1, stride
+                ):
                     r = np.hypot(column - cx, row - cy)
                     if r < reach and picture[row, column] < ceiling:
                         share = table[int(r / step), 0]

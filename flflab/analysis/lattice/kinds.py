@@ -1,6 +1,8 @@
-"""Microlenses of several focal lengths: which stands behind a micro-image, and how much wider its disc is than the central one's.
+"""Microlenses of several focal lengths: which stands behind a micro-image, and how much wider its
+disc is than the central one's.
 
-The main lens's shadow A b/L is the same for all, the microlens's is d |kappa|, kappa = 1 + b/L - b/f (physics.md, "One SMMS").
+The main lens's shadow A b/L is the same for all, the microlens's is d |kappa|, kappa = 1 + b/L -
+b/f (physics.md, "One SMMS").
 """
 
 from dataclasses import dataclass, replace
@@ -35,11 +37,15 @@ class Kinds:
     focal: Array
 
     def of(self, centres_px: Array) -> Whole:
-        """Kind of micro-images at these centres, right to less than half a pitch; shape (..., 2) to (...)."""
+        """Kind of micro-images at these centres, right to less than half a pitch; shape (..., 2) to
+        (...).
+        """
         return self.kind[self.nearest.query(centres_px)[1]]
 
     def widened(self, factor: float) -> "Kinds":
-        """The same with discs that differ so many times as much: d b/f of the camera built is not quite that described."""
+        """The same with discs that differ so many times as much: d b/f of the camera built is not
+        quite that described.
+        """
         return replace(self, wider_px=self.wider_px * factor)
 
     def radii(self, radii_px: Array, kind: int) -> Array:
@@ -51,22 +57,39 @@ class Kinds:
         return replace(tilting, focal=float(self.focal[kind]))
 
     def discs(self, radii_px: Array, kind: Whole, tilting: Tilting, rises: Array) -> Array:
-        """Radii of larger and smaller disc, px, of micro-images of these kinds at these rises, from the central one's, shape (n, 2)."""
+        """Radii of larger and smaller disc, px, of micro-images of these kinds at these rises, from
+        the central one's, shape (n, 2).
+        """
         found = np.zeros((len(kind), 2))
         for k in range(len(self.focal)):
-            found[kind == k] = self.tilting(tilting, k).discs(self.radii(radii_px, k), rises[kind == k])
+            found[kind == k] = self.tilting(tilting, k).discs(
+                self.radii(radii_px, k), rises[kind == k]
+            )
         return found
 
 
 def kinds_of(camera: Camera) -> Kinds | None:
-    """Those of a camera; None where there is one, or where a kind's disc is larger than the main lens's or its image on the other side."""
+    """Those of a camera; None where there is one, or where a kind's disc is larger than the main
+    lens's or its image on the other side.
+    """
     central, every = central_smms(camera), type_smms(camera)
-    alike = all(float(one.lens_width) >= float(one.microlens_width) and float(one.kappa) * float(central.kappa) > 0 for one in every)
+    alike = all(
+        float(one.lens_width) >= float(one.microlens_width)
+        and float(one.kappa) * float(central.kappa) > 0
+        for one in every
+    )
     if len(every) == 1 or not alike:
         return None
     sensor, pixel = camera.sensor, camera.sensor.pixel
     middle = (np.asarray(sensor.resolution) - 1) / 2
-    centres = (microlens_centres(camera.array) * float(central.image_scale) - np.asarray(sensor.offset)) / pixel + middle
+    centres = (
+        microlens_centres(camera.array) * float(central.image_scale) - np.asarray(sensor.offset)
+    ) / pixel + middle
     wider = [float(one.microlens_width - central.microlens_width) / 2 / pixel for one in every]
     focal = [float(one.focal / one.distance) for one in every]
-    return Kinds(KDTree(centres), microlens_types(camera.array).astype(np.int64), np.array(wider), np.array(focal))
+    return Kinds(
+        KDTree(centres),
+        microlens_types(camera.array).astype(np.int64),
+        np.array(wider),
+        np.array(focal),
+    )

@@ -1,9 +1,12 @@
-"""The light across a micro-image of a white target: two overlapping discs and the fall-off of slanted rays, averaged over the pixel.
+"""The light across a micro-image of a white target: two overlapping discs and the fall-off of
+slanted rays, averaged over the pixel.
 
-At e from the micro-image's centre the pupil points v with |v| <= small and |v - e| <= large send light, each along a ray that meets
-the sensor at the slope slant + s, s linear in e and v; it brings cos^4 = (1 + |slant + s|^2)^-2 of its light. ``slant``, the slope
-of the micro-image's middle ray, grows with its distance from the axis. The light is a series in it, tabulated against |e|: its first
-terms are symmetric(|e|) + (slant . e/|e|) lopsided(|e|). Source: physics.md, "One SMMS" and "Exact image of a flat target".
+At e from the micro-image's centre the pupil points v with |v| <= small and |v - e| <= large send
+light, each along a ray that meets the sensor at the slope slant + s, s linear in e and v; it brings
+cos^4 = (1 + |slant + s|^2)^-2 of its light. ``slant``, the slope of the micro-image's middle ray,
+grows with its distance from the axis. The light is a series in it, tabulated against |e|: its first
+terms are symmetric(|e|) + (slant . e/|e|) lopsided(|e|). Source: physics.md, "One SMMS" and "Exact
+image of a flat target".
 """
 
 import math
@@ -31,15 +34,19 @@ _RADII = 193  # at which the fall-off is averaged over the pupil
 
 def overlap_share(distance: Array, large: float, small: float) -> Array:
     """Area common to two discs over that of the second; lengths in one unit, ``small`` above 0."""
-    return two_disc_areas(np.asarray(large), np.asarray(small), np.asarray(distance, dtype=np.float64)) / (np.pi * small**2)
+    return two_disc_areas(
+        np.asarray(large), np.asarray(small), np.asarray(distance, dtype=np.float64)
+    ) / (np.pi * small**2)
 
 
 @dataclass(frozen=True)
 class Cone:
-    """How rays land in a micro-image: their slopes beside that of its middle ray, s = by_place e + rim v / small.
+    """How rays land in a micro-image: their slopes beside that of its middle ray, s = by_place e +
+    rim v / small.
 
-    Where the microlens's disc is the smaller one, v = kappa (q - y) and s = e / b - v / (kappa b), at its rim d / (2 b), in the exit
-    pupil too, where the disc is a point; where the main lens's is, v is counted in that: s = (1 - 1 / kappa) e / b + v / (kappa b).
+    Where the microlens's disc is the smaller one, v = kappa (q - y) and s = e / b - v / (kappa b),
+    at its rim d / (2 b), in the exit pupil too, where the disc is a point; where the main lens's
+    is, v is counted in that: s = (1 - 1 / kappa) e / b + v / (kappa b).
 
     Attributes:
         by_place: per px from the micro-image's centre.
@@ -57,21 +64,30 @@ def cone_of(camera: Camera) -> Cone:
     smms = central_smms(camera)
     b, kappa = float(smms.gap), float(smms.kappa)
     if float(smms.microlens_width) <= float(smms.lens_width):
-        return Cone(camera.sensor.pixel / b, -math.copysign(float(smms.aperture) / 2 / b, kappa), tilting_of(camera))
-    return Cone(camera.sensor.pixel / b * (1 - 1 / kappa), float(smms.lens_width) / 2 / b / kappa, tilting_of(camera))
+        return Cone(
+            camera.sensor.pixel / b,
+            -math.copysign(float(smms.aperture) / 2 / b, kappa),
+            tilting_of(camera),
+        )
+    return Cone(
+        camera.sensor.pixel / b * (1 - 1 / kappa),
+        float(smms.lens_width) / 2 / b / kappa,
+        tilting_of(camera),
+    )
 
 
 @dataclass(frozen=True)
 class ProfileTable:
     """The pixel-averaged profile against the distance of the pixel's centre from the micro-image's.
 
-    A square pixel sees an edge along its side sharper than one along its diagonal, so the average is
-    value(r) + square(r) cos(4 theta), theta the direction from the micro-image's centre.
+    A square pixel sees an edge along its side sharper than one along its diagonal, so the average
+    is value(r) + square(r) cos(4 theta), theta the direction from the micro-image's centre.
 
     Attributes:
         step: distance between entries, px.
-        values: columns: value, square, and of the value the derivatives by the distance, by the larger and by the smaller radius, and
-            by the share of the fall-off that is counted; last what a unit of slant adds along its direction, and higher orders; (n, 11).
+        values: columns: value, square, and of the value the derivatives by the distance, by the
+            larger and by the smaller radius, and by the share of the fall-off that is counted; last
+            what a unit of slant adds along its direction, and higher orders; (n, 11).
     """
 
     step: float
@@ -84,8 +100,12 @@ class ProfileTable:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_ray(means: Array, weight: float, s: float, w: float) -> None:  # pragma: no cover - compiled
-    """(1 + |slant + s|^2)^-2 by powers of the slant: q^-2 - 2 d q^-3 + 3 d^2 q^-4 - 4 d^3 q^-5, d = 2 slant . s + slant^2, q = 1 + s^2."""
+def _add_ray(
+    means: Array, weight: float, s: float, w: float
+) -> None:  # pragma: no cover - compiled
+    """(1 + |slant + s|^2)^-2 by powers of the slant: q^-2 - 2 d q^-3 + 3 d^2 q^-4 - 4 d^3 q^-5, d =
+    2 slant . s + slant^2, q = 1 + s^2.
+    """
     q = 1 + s * s + w * w
     second = weight / (q * q)
     means[0] += second
@@ -98,9 +118,18 @@ def _add_ray(means: Array, weight: float, s: float, w: float) -> None:  # pragma
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _pupil_means(
-    means: Array, r: float, large: float, small: float, by_place: float, rim: float, nodes: Array, weights: Array
+    means: Array,
+    r: float,
+    large: float,
+    small: float,
+    by_place: float,
+    rim: float,
+    nodes: Array,
+    weights: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Means over the common region of the light by powers of the slant: even, odd, then second and third order."""
+    """Means over the common region of the light by powers of the slant: even, odd, then second and
+    third order.
+    """
     by_pupil = rim / small
     low, corners, high = common_span(small, large, r)
     area = 0.0
@@ -112,7 +141,9 @@ def _pupil_means(
                 weight = weights[n] * area_of_one
                 area += weight
                 s = r * by_place + u * by_pupil
-                _add_ray(means, weight * 4 / 9, s, 0.0)  # three Gauss points of the chord; the outer two are alike
+                _add_ray(
+                    means, weight * 4 / 9, s, 0.0
+                )  # three Gauss points of the chord; the outer two are alike
                 _add_ray(means, weight * 5 / 9, s, math.sqrt(0.6) * half * by_pupil)
     if area > 0.0:
         means /= area
@@ -154,11 +185,14 @@ def _tabulate(
         falloff = 1 + share * (means[k, 0] + (place - k) * (means[k + 1, 0] - means[k, 0]) - 1)
         fine[n, 0] = falloff * two_disc_area(large, small, r) / (math.pi * small * small)
         fine[n, 1] = falloff * two_disc_area(large + NUDGE, small, r) / (math.pi * small * small)
-        fine[n, 2] = falloff * two_disc_area(large, small + NUDGE, r) / (math.pi * (small + NUDGE) ** 2)
+        fine[n, 2] = (
+            falloff * two_disc_area(large, small + NUDGE, r) / (math.pi * (small + NUDGE) ** 2)
+        )
     for n in range(count - 2):
         r = n * step
         for turn in range(3):
-            # along a side, along the diagonal and between: so that the eighth of a turn of the direction is averaged out of the value
+            # along a side, along the diagonal and between: so that the eighth of a turn of the
+            # direction is averaged out of the value
             angle, part = 0.125 * math.pi * turn, 0.5 if turn == 1 else 0.25
             cos, sin, square = math.cos(angle), math.sin(angle), 0.5 * (1 - turn)
             for p in range(len(gauss)):
@@ -171,21 +205,28 @@ def _tabulate(
                     value = fine[k, 0] + t * (fine[k + 1, 0] - fine[k, 0])
                     table[n, VALUE] += part * weight * value
                     table[n, SQUARE] += square * weight * value
-                    table[n, BY_LARGE] += part * weight * (fine[k, 1] + t * (fine[k + 1, 1] - fine[k, 1]) - value)
-                    table[n, BY_SMALL] += part * weight * (fine[k, 2] + t * (fine[k + 1, 2] - fine[k, 2]) - value)
+                    table[n, BY_LARGE] += (
+                        part * weight * (fine[k, 1] + t * (fine[k + 1, 1] - fine[k, 1]) - value)
+                    )
+                    table[n, BY_SMALL] += (
+                        part * weight * (fine[k, 2] + t * (fine[k + 1, 2] - fine[k, 2]) - value)
+                    )
         place = min(r / spacing, _RADII - 1.001)
         k = int(place)
         even = means[k, 0] + (place - k) * (means[k + 1, 0] - means[k, 0])
         pure = table[n, VALUE] / (1 + share * (even - 1))
         table[n, FALLOFF] = pure * (even - 1)
         for m in range(1, 6):
-            table[n, LOPSIDED + m - 1] = pure * (means[k, m] + (place - k) * (means[k + 1, m] - means[k, m]))
+            table[n, LOPSIDED + m - 1] = pure * (
+                means[k, m] + (place - k) * (means[k + 1, m] - means[k, m])
+            )
     for n in range(count - 2):
         table[n, BY_LARGE] /= NUDGE
         table[n, BY_SMALL] /= NUDGE
         if 0 < n < count - 3:
             table[n, BY_RADIUS] = (table[n + 1, VALUE] - table[n - 1, VALUE]) / (2 * step)
-    # straight lines between points of a bend lie to one side of it: entries between which they lie on both sides alike
+    # straight lines between points of a bend lie to one side of it: entries between which they lie
+    # on both sides alike
     before = table[1, VALUE]
     for n in range(count - 2):
         here = table[n, VALUE]
@@ -199,7 +240,13 @@ def table_step(large: float, small: float) -> float:
     return min(0.0625, max(0.01, (large + small) / 400))
 
 
-def profile_table(large: float, small: float, cone: Cone | None = None, share: float = 0.0, step: float | None = None) -> ProfileTable:
+def profile_table(
+    large: float,
+    small: float,
+    cone: Cone | None = None,
+    share: float = 0.0,
+    step: float | None = None,
+) -> ProfileTable:
     """Tabulate the profile of two radii in px with its derivatives.
 
     Args:
@@ -211,5 +258,7 @@ def profile_table(large: float, small: float, cone: Cone | None = None, share: f
     """
     step = step or table_step(large, small)
     by_place, rim = (0.0, 0.0) if cone is None else (cone.by_place, cone.rim)
-    values = _tabulate(large, small, by_place, rim, share, step, _GAUSS, _WEIGHTS, _CHORD, _CHORD_WEIGHTS)
+    values = _tabulate(
+        large, small, by_place, rim, share, step, _GAUSS, _WEIGHTS, _CHORD, _CHORD_WEIGHTS
+    )
     return ProfileTable(step, values)

@@ -1,9 +1,11 @@
-"""From pixels to the target: which object point a pixel of a bright field looks at, by the camera's nominal geometry.
+"""From pixels to the target: which object point a pixel of a bright field looks at, by the camera's
+nominal geometry.
 
-A pixel at s (mm) of the micro-image centred at c looks at o = across (s - c) + along c on the target. Along the ray through
-the centre of the narrower of the two discs that make the bright field: across = -x/(b V) where that is the microlens (q = y_i),
--1/(kappa L V) where it is the main lens (m = 0); along = -D/(L + b), the ray through the main lens's centre. From
-s = kappa q - (b/L) m + (b/f) y_i and o V = m W - q/L (physics.md, "One SMMS").
+A pixel at s (mm) of the micro-image centred at c looks at o = across (s - c) + along c on the
+target. Along the ray through the centre of the narrower of the two discs that make the bright
+field: across = -x/(b V) where that is the microlens (q = y_i), -1/(kappa L V) where it is the main
+lens (m = 0); along = -D/(L + b), the ray through the main lens's centre. From s = kappa q - (b/L) m
++ (b/f) y_i and o V = m W - q/L (physics.md, "One SMMS").
 """
 
 from dataclasses import dataclass, replace
@@ -65,7 +67,10 @@ def require_picture(picture: npt.NDArray[np.generic], camera: Camera, what: str)
     require_shape(picture, camera, what)
     values = np.asarray(picture, dtype=np.float64)
     if strange := values.size - np.count_nonzero(np.isfinite(values)):
-        raise MeasurementError(f"{what} picture: {strange} of its {values.size} pixels are not finite numbers; all must be, as read")
+        raise MeasurementError(
+            f"{what} picture: {strange} of its {values.size} pixels are not finite numbers; all"
+            " must be, as read"
+        )
     return values
 
 
@@ -77,7 +82,10 @@ def require_shape(picture: npt.NDArray[np.generic], camera: Camera, what: str) -
     """
     columns, rows = camera.sensor.resolution
     if picture.shape != (rows, columns):
-        raise MeasurementError(f"{what} picture: shape {picture.shape} does not fit the camera's sensor of {rows} rows x {columns} columns")
+        raise MeasurementError(
+            f"{what} picture: shape {picture.shape} does not fit the camera's sensor of {rows} rows"
+            f" x {columns} columns"
+        )
 
 
 def nominal_pitch_px(camera: Camera) -> float:
@@ -86,12 +94,20 @@ def nominal_pitch_px(camera: Camera) -> float:
 
 
 def lattice_behind(camera: Camera, white: npt.NDArray[np.generic], noise: SensorNoise) -> Lattice:
-    """The lattice in a white picture of a camera; of its description only layout, rough pitch and how its rays land are taken.
+    """The lattice in a white picture of a camera; of its description only layout, rough pitch and
+    how its rays land are taken.
 
     Raises:
         MeasurementError: as ``find_lattice``.
     """
-    return find_lattice(white, camera.array.layout, nominal_pitch_px(camera), noise, cone_of(camera), kinds_of(camera))
+    return find_lattice(
+        white,
+        camera.array.layout,
+        nominal_pitch_px(camera),
+        noise,
+        cone_of(camera),
+        kinds_of(camera),
+    )
 
 
 def blur_px(camera: Camera, distance: float) -> float:
@@ -105,13 +121,18 @@ def target_scales(camera: Camera, distance: float) -> tuple[float, float]:
 
 
 def scales_of(smms: Smms, distance: float) -> tuple[float, float]:
-    """(across, along): mm on the target per mm on the sensor, within a micro-image and from one to the next.
+    """(across, along): mm on the target per mm on the sensor, within a micro-image and from one to
+    the next.
 
     Raises:
-        MeasurementError: the target is at infinity, or on the array's conjugate, where a micro-image is a view of one point.
+        MeasurementError: the target is at infinity, or on the array's conjugate, where a
+            micro-image is a view of one point.
     """
     if not (np.isfinite(distance) and distance > 0):
-        raise MeasurementError(f"the target's distance is {distance} mm; measuring on a target needs a finite distance above 0")
+        raise MeasurementError(
+            f"the target's distance is {distance} mm; measuring on a target needs a finite distance"
+            " above 0"
+        )
     vergence = 1 / distance
     if float(smms.lens_width) >= float(smms.microlens_width):
         across = -float(image_offset(smms, vergence)) / (float(smms.gap) * vergence)
@@ -121,35 +142,51 @@ def scales_of(smms: Smms, distance: float) -> tuple[float, float]:
 
 
 def tilted_smms(lattice: Lattice, smms: Smms) -> Smms:
-    """The system of each of the lattice's micro-images: its microlens lies rise L further from the main lens and nearer to the sensor."""
+    """The system of each of the lattice's micro-images: its microlens lies rise L further from the
+    main lens and nearer to the sensor.
+    """
     away = lattice.rises * float(smms.distance)
     return replace(smms, distance=smms.distance + away, gap=smms.gap - away)
 
 
 def tilted_scales(lattice: Lattice, smms: Smms, distance: float) -> Array:
-    """``across`` of each of the lattice's micro-images over that of an array without its tilt, shape (n,); ``along`` is the same."""
+    """``across`` of each of the lattice's micro-images over that of an array without its tilt,
+    shape (n,); ``along`` is the same.
+    """
     there = tilted_smms(lattice, smms)
     if float(smms.lens_width) >= float(smms.microlens_width):
-        return image_offset(there, 1 / distance) / there.gap / (image_offset(smms, 1 / distance) / smms.gap)
+        return (
+            image_offset(there, 1 / distance)
+            / there.gap
+            / (image_offset(smms, 1 / distance) / smms.gap)
+        )
     return smms.kappa * smms.distance / (there.kappa * there.distance)
 
 
 def tilted_levels(lattice: Lattice, smms: Smms) -> Array:
-    """Full light of each of the lattice's micro-images over that of an array without its tilt, shape (n,): its cone is as steep."""
+    """Full light of each of the lattice's micro-images over that of an array without its tilt,
+    shape (n,): its cone is as steep.
+    """
     there = tilted_smms(lattice, smms)
     return (there.limiting_radius / there.gap / (smms.limiting_radius / smms.gap)) ** 2
 
 
 def defocus_apart(lattice: Lattice, smms: Smms, distance: float) -> Array:
-    """By how much the disc of blur of each micro-image is wider than that on the axis, mm, signed as the defocus is; shape (n,)."""
+    """By how much the disc of blur of each micro-image is wider than that on the axis, mm, signed
+    as the defocus is; shape (n,).
+    """
     return signed_blur(tilted_smms(lattice, smms), 1 / distance) - signed_blur(smms, 1 / distance)
 
 
 def defocus_by_tilt(lattice: Lattice, smms: Smms, distance: float) -> Array:
-    """What a standard uncertainty of the slope along x, and of that along y, changes of ``defocus_apart``; shape (2, n)."""
+    """What a standard uncertainty of the slope along x, and of that along y, changes of
+    ``defocus_apart``; shape (2, n).
+    """
     here = defocus_apart(lattice, smms, distance)
     slopes = lattice.tilt + np.diag(lattice.tilt_uncertainty)
-    return np.stack([defocus_apart(replace(lattice, tilt=slope), smms, distance) - here for slope in slopes])
+    return np.stack(
+        [defocus_apart(replace(lattice, tilt=slope), smms, distance) - here for slope in slopes]
+    )
 
 
 def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:
@@ -162,14 +199,20 @@ def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:
 
 
 def same_type_as_central(lattice: Lattice, camera: Camera) -> npt.NDArray[np.bool_]:
-    """Which micro-images belong to microlenses of the central one's focal length; all of them where there is only one."""
+    """Which micro-images belong to microlenses of the central one's focal length; all of them where
+    there is only one.
+    """
     if len(camera.array.focal_lengths) == 1:
         return np.ones(len(lattice.centres_px), dtype=np.bool_)
     return microlens_type_of(lattice, camera) == float(central_smms(camera).focal)
 
 
-def bright_pixels(lattice: Lattice, shape: tuple[int, int], margin_px: float, chosen: npt.NDArray[np.bool_]) -> PixelSet:
-    """Pixels at least ``margin_px`` within the bright field of a chosen micro-image and as far outside all neighbours' total fields."""
+def bright_pixels(
+    lattice: Lattice, shape: tuple[int, int], margin_px: float, chosen: npt.NDArray[np.bool_]
+) -> PixelSet:
+    """Pixels at least ``margin_px`` within the bright field of a chosen micro-image and as far
+    outside all neighbours' total fields.
+    """
     radius = lattice.inside_radius_px - margin_px
     if radius <= 0:
         return PixelSet(*(np.zeros(0, dtype=np.int64) for _ in range(3)))
@@ -177,11 +220,25 @@ def bright_pixels(lattice: Lattice, shape: tuple[int, int], margin_px: float, ch
     window = np.arange(-reach, reach + 1)
     members = np.flatnonzero(chosen)
     whole = np.rint(lattice.centres_px[members]).astype(np.int64)
-    columns = whole[:, 0, None, None] + window[None, None, :] + np.zeros((1, len(window), 1), dtype=np.int64)
-    rows = whole[:, 1, None, None] + window[None, :, None] + np.zeros((1, 1, len(window)), dtype=np.int64)
+    columns = (
+        whole[:, 0, None, None]
+        + window[None, None, :]
+        + np.zeros((1, len(window), 1), dtype=np.int64)
+    )
+    rows = (
+        whole[:, 1, None, None]
+        + window[None, :, None]
+        + np.zeros((1, 1, len(window)), dtype=np.int64)
+    )
     away_x = columns - lattice.centres_px[members, 0, None, None]
     away_y = rows - lattice.centres_px[members, 1, None, None]
-    inside = (away_x**2 + away_y**2 <= radius**2) & (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])
+    inside = (
+        (away_x**2 + away_y**2 <= radius**2)
+        & (rows >= 0)
+        & (rows < shape[0])
+        & (columns >= 0)
+        & (columns < shape[1])
+    )
     keep_off = lattice.outside_radius_px + margin_px
     if keep_off + radius > lattice.pitch_px:
         for i in (-1, 0, 1):

@@ -1,4 +1,6 @@
-"""How far apart the micro-images of a white picture lie, roughly and without being told: to say what is wrong where no lattice fits."""
+"""How far apart the micro-images of a white picture lie, roughly and without being told: to say
+what is wrong where no lattice fits.
+"""
 
 import cv2
 import numpy as np
@@ -16,7 +18,8 @@ NEAR = 0.08  # of a ratio of units
 
 
 def rough_pitch(picture: npt.NDArray[np.generic]) -> float | None:
-    """Distance in px from a micro-image to its nearest neighbours, to some per cent: the nearest peak of the autocorrelation.
+    """Distance in px from a micro-image to its nearest neighbours, to some per cent: the nearest
+    peak of the autocorrelation.
 
     Args:
         picture: any brightness, [row, col].
@@ -28,13 +31,20 @@ def rough_pitch(picture: npt.NDArray[np.generic]) -> float | None:
     size = (picture.shape[1] // factor, picture.shape[0] // factor)
     if min(size) < 8:
         return None
-    small = cv2.resize(picture.astype(np.float32), size, interpolation=cv2.INTER_AREA).astype(np.float64)
+    small = cv2.resize(picture.astype(np.float32), size, interpolation=cv2.INTER_AREA).astype(
+        np.float64
+    )
     small -= small.mean()
     padded = (2 * small.shape[0], 2 * small.shape[1])
 
     spectrum = np.fft.rfft2(small, padded)
     overlap = np.outer(np.arange(small.shape[0], 0, -1), np.arange(small.shape[1], 0, -1))
-    correlation = np.fft.irfft2(spectrum.real**2 + spectrum.imag**2, padded)[: small.shape[0], : small.shape[1]] / overlap
+    correlation = (
+        np.fft.irfft2(spectrum.real**2 + spectrum.imag**2, padded)[
+            : small.shape[0], : small.shape[1]
+        ]
+        / overlap
+    )
     if not correlation[0, 0] > 0:
         return None
     rows, columns = np.indices(small.shape)
@@ -54,5 +64,14 @@ def rough_pitch(picture: npt.NDArray[np.generic]) -> float | None:
 
 
 def mixed_up_units(ratio: float) -> str | None:
-    """The units whose sizes have this ratio or its inverse, to 8 %: one may have been written for the other."""
-    return next((names for size, names in UNITS.items() if min(abs(ratio / size - 1), abs(ratio * size - 1)) < NEAR), None)
+    """The units whose sizes have this ratio or its inverse, to 8 %: one may have been written for
+    the other.
+    """
+    return next(
+        (
+            names
+            for size, names in UNITS.items()
+            if min(abs(ratio / size - 1), abs(ratio * size - 1)) < NEAR
+        ),
+        None,
+    )

@@ -1,16 +1,19 @@
 """What a tilt of the microlens array does to the micro-images of a white picture.
 
-A microlens at y lies z = tilt . y further from the main lens and as much nearer to the sensor. With rise = z / L its micro-image,
-straight = y (L + b) / L from the axis where there is no tilt, moves to
+A microlens at y lies z = tilt . y further from the main lens and as much nearer to the sensor. With
+rise = z / L its micro-image, straight = y (L + b) / L from the axis where there is no tilt, moves
+to
 
     c = y (L + b) / (L + z) = straight / (1 + rise)
 
-(its pitch falls along the tilt by 2 y tilt / L: the centres bend by c (tilt . c) / (L + b)), and its discs change, the main lens's
-shadow A b/L and the microlens's d |kappa|, by (physics.md's boundary rays at L + z, b - z)
+(its pitch falls along the tilt by 2 y tilt / L: the centres bend by c (tilt . c) / (L + b)), and
+its discs change, the main lens's shadow A b/L and the microlens's d |kappa|, by (physics.md's
+boundary rays at L + z, b - z)
 
     A (b - z) / (L + z)           d |1 + (b - z) / (L + z) - (b - z) / f|
 
-Both are odd or bent along the tilt, so neither is taken for the other nor for the lattice's own pitch and angle.
+Both are odd or bent along the tilt, so neither is taken for the other nor for the lattice's own
+pitch and angle.
 """
 
 import math
@@ -51,14 +54,22 @@ class Tilting:
 
     def centres(self, straight_px: Array, tilt: Array) -> Array:
         """Where they lie, px, shape (..., 2)."""
-        return self.axis_px + (straight_px - self.axis_px) / (1 + self.rises(straight_px, tilt))[..., None]
+        return (
+            self.axis_px
+            + (straight_px - self.axis_px) / (1 + self.rises(straight_px, tilt))[..., None]
+        )
 
     def straightened(self, centres_px: Array, tilt: Array) -> Array:
         """Inverse of ``centres``."""
-        return self.axis_px + (centres_px - self.axis_px) / (1 - self.rises(centres_px, tilt))[..., None]
+        return (
+            self.axis_px
+            + (centres_px - self.axis_px) / (1 - self.rises(centres_px, tilt))[..., None]
+        )
 
     def discs(self, radii_px: Array, rises: Array) -> Array:
-        """Radii of the two discs at these rises, px, from those at no rise, the larger disc's first; shape (..., 2)."""
+        """Radii of the two discs at these rises, px, from those at no rise, the larger disc's
+        first; shape (..., 2).
+        """
         lens, microlens = radii_px if self.lens_first else radii_px[::-1]
         slope = (self.gap - rises) / (1 + rises)
         shadow = np.abs(microlens + self.microlens_px * (slope - self.gap + rises / self.focal))

@@ -1,8 +1,10 @@
-"""The law of a picture's dots from its spots alone: no matter where the target stands, how far off and how it is turned.
+"""The law of a picture's dots from its spots alone: no matter where the target stands, how far off
+and how it is turned.
 
-Seen from its micro-image's centre c, dot o lies at s - c = shift + A o + P c (complex: x + i y). P, the parallax, and the size of A are
-those of some distance D of the target: P = A D/(L + b), the argument of A is the target's turn. At the true D all views of a dot have one
-s - c - P c, and those of the four dots make a square.
+Seen from its micro-image's centre c, dot o lies at s - c = shift + A o + P c (complex: x + i y). P,
+the parallax, and the size of A are those of some distance D of the target: P = A D/(L + b), the
+argument of A is the target's turn. At the true D all views of a dot have one s - c - P c, and those
+of the four dots make a square.
 """
 
 import math
@@ -46,10 +48,13 @@ class BlindLaw:
     distance: float
 
 
-def blind_law(spots: Array, lattice: Lattice, camera: Camera, target: FourDot, distance: float) -> BlindLaw | None:
+def blind_law(
+    spots: Array, lattice: Lattice, camera: Camera, target: FourDot, distance: float
+) -> BlindLaw | None:
     """Find four dots that make a square in all micro-images together.
 
-    The square is the same after a quarter of a turn: dots are numbered as if it were turned by less than 45 degrees.
+    The square is the same after a quarter of a turn: dots are numbered as if it were turned by less
+    than 45 degrees.
 
     Args:
         spots: centres (x, y), px, as ``spots_in`` finds them, shape (n, 2).
@@ -75,10 +80,14 @@ def blind_law(spots: Array, lattice: Lattice, camera: Camera, target: FourDot, d
     scores = _agreement(away, centre, np.abs(dots) * target.spacing, parallaxes, close)
     most = 0.0
     for n in _peaks(scores):
-        explained, law = _square(away - parallaxes[n] * centre, float(dots[n]) * target.spacing, close)
+        explained, law = _square(
+            away - parallaxes[n] * centre, float(dots[n]) * target.spacing, close
+        )
         if explained > most:
             most, shift, turn = explained, *law
-            best = BlindLaw(law_at(float(dots[n]) * turn, float(parallaxes[n]), shift), float(distances[n]))
+            best = BlindLaw(
+                law_at(float(dots[n]) * turn, float(parallaxes[n]), shift), float(distances[n])
+            )
     return best if most >= EXPLAINED else None
 
 
@@ -94,7 +103,9 @@ def spots_in(values: npt.NDArray[Any], radius: float, noise: SensorNoise) -> Arr
     rows, columns = values.shape[0] // side, values.shape[1] // side
     whole = values[: side * rows, : side * columns]
     whole = whole if whole.dtype == np.uint16 else np.asarray(whole, dtype=np.float32)
-    picture = np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
+    picture = np.asarray(
+        cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.float32
+    )
     dark = darkness_of(picture)
     seen = picture[picture > dark + FAINT / side * math.sqrt(noise.dark_variance)]
     if len(seen) == 0:
@@ -105,7 +116,9 @@ def spots_in(values: npt.NDArray[Any], radius: float, noise: SensorNoise) -> Arr
     largest = np.argsort(areas, kind="stable")[::-1][:MOST]
     lit = np.cumsum(areas[largest])
     if len(largest):  # half of all that is bright is as large: hot pixels are many, but small
-        largest = largest[areas[largest] >= WHOLE * areas[largest][np.searchsorted(lit, lit[-1] / 2)]]
+        largest = largest[
+            areas[largest] >= WHOLE * areas[largest][np.searchsorted(lit, lit[-1] / 2)]
+        ]
     return np.asarray(middles[largest], dtype=np.float64)
 
 
@@ -115,15 +128,21 @@ def darkness_of(picture: npt.NDArray[Any]) -> float:
     return float(np.median(picture[:: max(1, rows // 300), :: max(1, columns // 300)]))
 
 
-def _agreement(away: Complex, centre: Complex, sides: Array, parallaxes: Array, close: float) -> Array:
-    """How many pairs of spots are 0, a side or a diagonal of the square apart, for each distance tried; shape as ``sides``."""
+def _agreement(
+    away: Complex, centre: Complex, sides: Array, parallaxes: Array, close: float
+) -> Array:
+    """How many pairs of spots are 0, a side or a diagonal of the square apart, for each distance
+    tried; shape as ``sides``.
+    """
     i, j = np.triu_indices(len(away), 1)
     steps, bases = away[i] - away[j], centre[i] - centre[j]
     scores = np.zeros(len(sides))
     for n, (side, parallax) in enumerate(zip(sides, parallaxes, strict=True)):
         apart = np.abs(steps - parallax * bases)
         off = np.minimum(np.abs(apart - side), np.abs(apart - math.sqrt(2) * side))
-        scores[n] = np.exp(-0.5 * (np.minimum(off, apart) / close) ** 2).sum() if side > 3 * close else 0.0
+        scores[n] = (
+            np.exp(-0.5 * (np.minimum(off, apart) / close) ** 2).sum() if side > 3 * close else 0.0
+        )
     return scores
 
 
@@ -135,7 +154,9 @@ def _peaks(scores: Array) -> npt.NDArray[np.int64]:
 
 
 def _square(points: Complex, side: float, close: float) -> tuple[float, tuple[complex, complex]]:
-    """The square with most points near its corners: their share, its middle and its turn (of absolute value 1)."""
+    """The square with most points near its corners: their share, its middle and its turn (of
+    absolute value 1).
+    """
     i, j = np.triu_indices(len(points), 1)
     steps = points[i] - points[j]
     along = np.exp(-0.5 * ((np.abs(steps) - abs(side)) / close) ** 2)
@@ -151,5 +172,8 @@ def _square(points: Complex, side: float, close: float) -> tuple[float, tuple[co
             held = len(np.unique(off.argmin(axis=1)[near]))
             if held >= 3 and near.sum() > most:
                 nearest = corners[off.argmin(axis=1)] * side * turn
-                best, most = (middle + complex((points - middle - nearest)[near].mean()), turn), int(near.sum())
+                best, most = (
+                    (middle + complex((points - middle - nearest)[near].mean()), turn),
+                    int(near.sum()),
+                )
     return most / len(points), best

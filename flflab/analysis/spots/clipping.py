@@ -26,9 +26,18 @@ Picture = npt.NDArray[np.generic]
 Whole = npt.NDArray[np.int64]
 
 WIDE_PX = 1.5  # of blur, from which a few points stand for a pixel, not a few rays for the cone
-ALONG, ACROSS = 5, 3  # rays for the cone, and 4.5 more a pixel of blur: by one or two fewer each way the focus is 0.006 px off
-SPARE_PX = 3.0  # how much further a spot may reach where the frame is out of focus, and a pixel's side
-UNLIKE_PX = 0.03  # of blur: places of spots with sharp edges are off by a thousandth of a pixel if they are taken for as sharp as others
+# rays for the cone, and 4.5 more a pixel of blur: by one or two fewer each way the focus is 0.006
+# px off
+ALONG, ACROSS = (
+    5,
+    3,
+)
+SPARE_PX = (
+    3.0  # how much further a spot may reach where the frame is out of focus, and a pixel's side
+)
+# of blur: places of spots with sharp edges are off by a thousandth of a pixel if they are taken for
+# as sharp as others
+UNLIKE_PX = 0.03
 MINOR = 0.1  # share of a spot's light up to which few do as well
 FAR_PX = 0.05  # from where a spot is: so long fewer points do
 
@@ -52,29 +61,46 @@ class Pupils:
     blur: float
 
     def seen_in(self, focus: Focus) -> tuple[Array, Array]:
-        """Blur of each, signed, and how soft its edges are, px, where the frame's are those of ``focus``; shape (n,) each."""
+        """Blur of each, signed, and how soft its edges are, px, where the frame's are those of
+        ``focus``; shape (n,) each.
+        """
         signed = self.beta * 2 * self.small + focus.blur_px - self.blur
         if focus.uncertainty_px == 0:
             signed = np.where(np.abs(signed) < SHARPEST_PX, SHARPEST_PX, signed)
             return signed, np.abs(signed)
-        soft = np.sqrt(np.maximum(focus.softness_px**2 + signed**2 - focus.blur_px**2, SHARPEST_PX**2))
+        soft = np.sqrt(
+            np.maximum(focus.softness_px**2 + signed**2 - focus.blur_px**2, SHARPEST_PX**2)
+        )
         return signed, soft
 
 
 def pupils_of(lattice: Lattice, lens: Whole, camera: Camera, distance: float) -> Pupils | None:
-    """Those of micro-images at positions ``lens``; None where the dots lie on the array's conjugate, or the sensor in the exit pupil."""
+    """Those of micro-images at positions ``lens``; None where the dots lie on the array's
+    conjugate, or the sensor in the exit pupil.
+    """
     central = central_smms(camera)
     if float(image_offset(central, 1 / distance)) == 0 or float(central.kappa) == 0:
         return None
     each = tilted_smms(lattice, central)
     if lattice.kinds is not None:
-        each = replace(each, focal=float(central.distance) * lattice.kinds.focal[lattice.kinds.of(lattice.centres_px)])
+        each = replace(
+            each,
+            focal=float(central.distance)
+            * lattice.kinds.focal[lattice.kinds.of(lattice.centres_px)],
+        )
     beta = (each.gap / each.distance / (image_offset(each, 1 / distance) * each.kappa) - 1)[lens]
-    main, microlens = lattice.discs_px[lens].T if central.lens_width >= central.microlens_width else lattice.discs_px[lens, ::-1].T
-    # where the main lens limits, the chief ray goes through its middle, and the disc is seen smaller by as much
+    main, microlens = (
+        lattice.discs_px[lens].T
+        if central.lens_width >= central.microlens_width
+        else lattice.discs_px[lens, ::-1].T
+    )
+    # where the main lens limits, the chief ray goes through its middle, and the disc is seen
+    # smaller by as much
     by_chief = np.ones(len(beta)) if bool(microlens_limits(central, 1 / distance)) else 1 + beta
     main, microlens = np.maximum(main, 1e-3), np.maximum(microlens, 1e-3)
-    return Pupils(main, microlens, beta, by_chief, float((2 * beta * microlens).mean()) if len(lens) else 0.0)
+    return Pupils(
+        main, microlens, beta, by_chief, float((2 * beta * microlens).mean()) if len(lens) else 0.0
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -98,11 +124,13 @@ def _sums(
     offset: float,
     ceiling: float,
 ) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
-    """What ``on_all_cores`` asks for, by (x, y, brightness, focus, softness, radius) of each, in windows round ``at``.
+    """What ``on_all_cores`` asks for, by (x, y, brightness, focus, softness, radius) of each, in
+    windows round ``at``.
 
-    ``pupils`` holds radii of main lens's and microlens's disc, by_chief, focus and softness of each. A dot that is seen as far on this
-    side of the focus as edges are soft, and one as far on the other, make up one between, as soft as both. How large the dot is, only
-    broad blur is asked: sharp spots stand still as it grows.
+    ``pupils`` holds radii of main lens's and microlens's disc, by_chief, focus and softness of
+    each. A dot that is seen as far on this side of the focus as edges are soft, and one as far on
+    the other, make up one between, as soft as both. How large the dot is, only broad blur is asked:
+    sharp spots stand still as it grows.
     """
     normal, right = np.zeros((len(at), 6, 6)), np.zeros((len(at), 6))
     chi2, count = np.zeros(len(at)), np.zeros(len(at))
@@ -115,7 +143,10 @@ def _sums(
         blurred = softness / unit * min(small, main) + 0.71
         full = math.pi * min(small, main) ** 2
         disc = radius * sizes[n] * abs(by_chief)
-        spot[0], spot[1] = (spots[n, 0] - centres[n, 0]) * by_chief, (spots[n, 1] - centres[n, 1]) * by_chief
+        spot[0], spot[1] = (
+            (spots[n, 0] - centres[n, 0]) * by_chief,
+            (spots[n, 1] - centres[n, 1]) * by_chief,
+        )
         left, top = int(np.rint(at[n, 0])) - half, int(np.rint(at[n, 1])) - half
         for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
             for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
@@ -137,13 +168,22 @@ def _sums(
                             if broad:
                                 seen[side] = wide(x, y, spot, disc, main, small, beta, along)
                             else:
-                                seen[side, :4] = narrow(x, y, spot, disc, main, small, beta, along, across)
+                                seen[side, :4] = narrow(
+                                    x, y, spot, disc, main, small, beta, along, across
+                                )
                     light = (sides[0] * seen[0, 0] + sides[1] * seen[1, 0]) / full
                     g[0] = (sides[0] * seen[0, 1] + sides[1] * seen[1, 1]) * by_chief / full
                     g[1] = (sides[0] * seen[0, 2] + sides[1] * seen[1, 2]) * by_chief / full
                     g[3] = (seen[0, 0] - seen[1, 0]) / (2 * softness) / full
-                    g[4] = (sides[0] * seen[0, 3] - sides[1] * seen[1, 3]) / (unit * full) - part * g[3]
-                    g[5] = (sides[0] * seen[0, 4] + sides[1] * seen[1, 4]) * sizes[n] * abs(by_chief) / full
+                    g[4] = (sides[0] * seen[0, 3] - sides[1] * seen[1, 3]) / (
+                        unit * full
+                    ) - part * g[3]
+                    g[5] = (
+                        (sides[0] * seen[0, 4] + sides[1] * seen[1, 4])
+                        * sizes[n]
+                        * abs(by_chief)
+                        / full
+                    )
                 level = lights[n] * spots[n, 2]
                 weight = 1 / (dark + gain * max(level * light, 0.0))
                 rest = picture[row, column] - offset - level * light
@@ -161,8 +201,12 @@ def _gauss(count: int) -> Nodes:
     return np.polynomial.legendre.leggauss(count)
 
 
-def cut_spots(places: Array, own: Lit, lattice: Lattice, reach: float, pupils: Pupils | None) -> Whole:
-    """Positions of the spots at ``places``, ``reach`` px wide to each side, that an aperture cuts or a tilt blurs unlike the others."""
+def cut_spots(
+    places: Array, own: Lit, lattice: Lattice, reach: float, pupils: Pupils | None
+) -> Whole:
+    """Positions of the spots at ``places``, ``reach`` px wide to each side, that an aperture cuts
+    or a tilt blurs unlike the others.
+    """
     away = np.hypot(*(places - own.centres).T)
     cut = (away + reach + SPARE_PX > lattice.inside_radius_px) & (away < lattice.outside_radius_px)
     if pupils is not None:
@@ -183,7 +227,8 @@ def step_of_cut_spots(
     noise: SensorNoise,
     moved: float,
 ) -> tuple[Spots, Focus, float]:
-    """A step of Gauss-Newton for the spots that an aperture cuts, and for focus and radius, which they share; other spots stay as they are.
+    """A step of Gauss-Newton for the spots that an aperture cuts, and for focus and radius, which
+    they share; other spots stay as they are.
 
     Args:
         picture: DN, [row, col].
@@ -191,7 +236,8 @@ def step_of_cut_spots(
         cut: positions of those that are cut.
         half: half width of the windows round them, px.
         own: their micro-images.
-        pupils: what the dots are seen through; None leaves spots and focus as they are, and the radius to the law.
+        pupils: what the dots are seen through; None leaves spots and focus as they are, and the
+            radius to the law.
         focus: as it is known.
         radius: of a spot in focus, px, as it is known.
         square: what the law says of it.
@@ -201,11 +247,15 @@ def step_of_cut_spots(
     if pupils is None or len(cut) == 0:
         return spots, focus, square.radius_px
     signed, soft = pupils.seen_in(focus)
-    # kinds of microlenses are as far out of focus as they are: what does for the most blurred is too little for the sharp
+    # kinds of microlenses are as far out of focus as they are: what does for the most blurred is
+    # too little for the sharp
     more = math.ceil(4.5 * min(float(soft.max()), WIDE_PX))
     seen_through = np.stack([pupils.main, pupils.small, pupils.by_chief, signed, soft], axis=1)
     narrow_nodes = (_gauss(ALONG + more), _gauss(ACROSS + more)), (_gauss(4), _gauss(2))
-    wide_nodes = (_gauss(2 if moved > FAR_PX else 4 if float(soft.max()) < 4 else 3), _gauss(1)), (_gauss(2), _gauss(1))
+    wide_nodes = (
+        (_gauss(2 if moved > FAR_PX else 4 if float(soft.max()) < 4 else 3), _gauss(1)),
+        (_gauss(2), _gauss(1)),
+    )
     now = np.concatenate([spots.centres, spots.brightness[:, None]], axis=1)
 
     def sums(part: Whole) -> tuple[Array, Array, Array, Array]:

@@ -1,10 +1,12 @@
 """What natural fall-off leaves of a blurred dot's look in a picture that is even where white is.
 
-A pixel at e from the micro-image's centre gets of white the mean of w(e, v) = (1 + |slant + s|^2)^-2 over the pupil, s = by_place e +
-rim v / small as in ``Cone``, and of a dot that over the part of the pupil through which the dot is seen. Pictures are read over the
-first, so the dot's light is off by the one mean over the other: out of focus it looks drawn aside, towards where less steep rays land,
-and as light falls off towards the pupil's rim, a little less blurred. How far it looks elsewhere is for the fit to say, which weighs
-pixels by their noise and has a spot's other parameters and the focus free: so what is too much is taken out of the picture.
+A pixel at e from the micro-image's centre gets of white the mean of w(e, v) = (1 + |slant +
+s|^2)^-2 over the pupil, s = by_place e + rim v / small as in ``Cone``, and of a dot that over the
+part of the pupil through which the dot is seen. Pictures are read over the first, so the dot's
+light is off by the one mean over the other: out of focus it looks drawn aside, towards where less
+steep rays land, and as light falls off towards the pupil's rim, a little less blurred. How far it
+looks elsewhere is for the fit to say, which weighs pixels by their noise and has a spot's other
+parameters and the focus free: so what is too much is taken out of the picture.
 """
 
 import math
@@ -29,7 +31,9 @@ from flflab.optics.resolution import central_smms
 
 Array = npt.NDArray[np.float64]
 
-NODES: Nodes = np.polynomial.legendre.leggauss(8)  # along the pupil, on either side of its corners, and across it: 20 tell no more
+NODES: Nodes = np.polynomial.legendre.leggauss(
+    8
+)  # along the pupil, on either side of its corners, and across it: 20 tell no more
 
 
 @dataclass(frozen=True)
@@ -50,12 +54,19 @@ class Steepness:
 
 
 def steepness_of(lattice: Lattice, lens: npt.NDArray[np.int64], camera: Camera) -> Steepness | None:
-    """That of micro-images at positions ``lens`` as the white picture's lattice shows it; None where it knows no fall-off."""
+    """That of micro-images at positions ``lens`` as the white picture's lattice shows it; None
+    where it knows no fall-off.
+    """
     if lattice.cone is None:
         return None
     smms, tilting = central_smms(camera), lattice.cone.tilting
     rim = -math.copysign(float(smms.aperture) / 2 / float(smms.gap), float(smms.kappa))
-    return Steepness(slants_of(lattice)[lens], float(lattice.slants[0]), tilting.per_px * (1 + 1 / tilting.gap), rim)
+    return Steepness(
+        slants_of(lattice)[lens],
+        float(lattice.slants[0]),
+        tilting.per_px * (1 + 1 / tilting.gap),
+        rim,
+    )
 
 
 def evenly_blurred(
@@ -93,7 +104,9 @@ def evenly_blurred(
         own.shares[seen],
         own.step,
         radius,
-        np.stack([pupils.main, pupils.small, pupils.by_chief, pupils.seen_in(focus)[0]], axis=1)[seen],
+        np.stack([pupils.main, pupils.small, pupils.by_chief, pupils.seen_in(focus)[0]], axis=1)[
+            seen
+        ],
         steepness.slants[seen],
         np.array([steepness.share, steepness.by_place, steepness.rim]),
         NODES,
@@ -102,13 +115,17 @@ def evenly_blurred(
     return even
 
 
-def as_softened(picture: npt.NDArray[Any], even: npt.NDArray[Any], softness: float, noise: SensorNoise) -> npt.NDArray[Any]:
-    """The picture less what ``even`` takes out of it, softened: by rays it is too near to the dots' edges where light bends.
+def as_softened(
+    picture: npt.NDArray[Any], even: npt.NDArray[Any], softness: float, noise: SensorNoise
+) -> npt.NDArray[Any]:
+    """The picture less what ``even`` takes out of it, softened: by rays it is too near to the dots'
+    edges where light bends.
 
     Args:
         picture: DN, [row, col].
         even: the same after ``evenly_blurred``.
-        softness: diameter of the disc that softens edges beyond their blur, px; a normal distribution of a quarter of it is as wide.
+        softness: diameter of the disc that softens edges beyond their blur, px; a normal
+            distribution of a quarter of it is as wide.
         noise: of the sensor; saturated pixels stay as they are.
     """
     softened = picture + gaussian_filter(even - picture, softness / 4)
@@ -132,7 +149,9 @@ def _take_out(
     nodes: Nodes,
     ceiling: float,
 ) -> None:  # pragma: no cover - compiled
-    """Take out of windows round spots what the pupil's fall-off makes too much; ``pupils``: discs of both, by_chief, signed blur."""
+    """Take out of windows round spots what the pupil's fall-off makes too much; ``pupils``: discs
+    of both, by_chief, signed blur.
+    """
     for n in range(len(spots)):
         main, small, by_chief, signed = pupils[n]
         beta = signed / (2 * small)
@@ -142,12 +161,17 @@ def _take_out(
         for row in range(max(0, top), min(picture.shape[0], top + 2 * half + 1)):
             for column in range(max(0, left), min(picture.shape[1], left + 2 * half + 1)):
                 x, y = column - centres[n, 0], row - centres[n, 1]
-                dx, dy = x - (spots[n, 0] - centres[n, 0]) * by_chief, y - (spots[n, 1] - centres[n, 1]) * by_chief
+                dx, dy = (
+                    x - (spots[n, 0] - centres[n, 0]) * by_chief,
+                    y - (spots[n, 1] - centres[n, 1]) * by_chief,
+                )
                 if abs(math.hypot(dx, dy) - disc) >= blurred or picture[row, column] >= ceiling:
                     continue
                 share = light_share(x, y, shares[n], step)
                 if share > 0.0:
-                    too_much = _too_much(x, y, dx, dy, disc, main, small, beta, slants[n], falling, nodes)
+                    too_much = _too_much(
+                        x, y, dx, dy, disc, main, small, beta, slants[n], falling, nodes
+                    )
                     picture[row, column] -= lights[n] * share * too_much
 
 
@@ -165,7 +189,9 @@ def _too_much(
     falling: Array,
     nodes: Nodes,
 ) -> float:  # pragma: no cover - compiled
-    """Share of its white that a pixel at (x, y), (dx, dy) from the spot, sees through the pupil weighed, less that through an even one."""
+    """Share of its white that a pixel at (x, y), (dx, dy) from the spot, sees through the pupil
+    weighed, less that through an even one.
+    """
     r = math.hypot(x, y)
     low, corners, high = common_span(small, main, r)
     to_x, to_y = (x / r, y / r) if r > 0 else (1.0, 0.0)
@@ -183,7 +209,16 @@ def _too_much(
                 area = nodes[1][n] * nodes[1][m] * area_of_one
                 vx, vy = u * to_x - w * to_y, u * to_y + w * to_x
                 sx, sy = by_place * x + by_pupil * vx, by_place * y + by_pupil * vy
-                weight = area / (1 + steep + 2 * (slant[0] * sx + slant[1] * sy) + share * (sx * sx + sy * sy)) ** 2
+                weight = (
+                    area
+                    / (
+                        1
+                        + steep
+                        + 2 * (slant[0] * sx + slant[1] * sy)
+                        + share * (sx * sx + sy * sy)
+                    )
+                    ** 2
+                )
                 seen, _, _ = pixel_in_disc(disc, dx + beta * vx - 0.5, dy + beta * vy - 0.5)
                 even, even_seen = even + area, even_seen + area * seen
                 weighed, weighed_seen = weighed + weight, weighed_seen + weight * seen

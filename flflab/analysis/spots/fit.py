@@ -1,7 +1,9 @@
-"""Images of one round dot in many micro-images: least squares fit of centre and brightness, all at once.
+"""Images of one round dot in many micro-images: least squares fit of centre and brightness, all at
+once.
 
-A spot is a disc blurred by a disc, averaged over the pixel, times the light that the micro-image has there:
-expected = offset + brightness * light * illumination(|p - micro-image|) * profile(p - centre).
+A spot is a disc blurred by a disc, averaged over the pixel, times the light that the micro-image
+has there: expected = offset + brightness * light * illumination(|p - micro-image|) * profile(p -
+centre).
 """
 
 import math
@@ -13,7 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.analysis.lattice.model import SMALLEST_PX
-from flflab.analysis.lattice.profile import BY_LARGE, BY_SMALL, VALUE, ProfileTable, profile_table, table_step
+from flflab.analysis.lattice.profile import (
+    BY_LARGE,
+    BY_SMALL,
+    VALUE,
+    ProfileTable,
+    profile_table,
+    table_step,
+)
 from flflab.analysis.lattice.white import Lattice
 from flflab.analysis.sensor.noise import SensorNoise
 from flflab.analysis.spots.profile import SpotProfile
@@ -40,8 +49,8 @@ class Spots:
         brightness: plateau over the light of a white target there, shape (n,).
         covariance: of (x, y, brightness), shape (n, 3, 3); infinite where the pixels say nothing.
         chi2_per_pixel: of each, shape (n,).
-        together: how the centres move with a standard deviation along either axis of what is shared and not sure, focus and radius of
-            the dots; shape (n, 2, 2).
+        together: how the centres move with a standard deviation along either axis of what is shared
+            and not sure, focus and radius of the dots; shape (n, 2, 2).
     """
 
     centres: Array
@@ -74,8 +83,10 @@ class Lit:
     Attributes:
         centres: of the micro-image, px, shape (n, 2).
         light: of a white target in its bright field, DN above the background, shape (n,).
-        sizes: of what it shows, over that behind the microlens on the axis, shape (n,); 1 but for a tilted array.
-        shares: of the light, by the distance from its centre: each falls off towards its own rim, shape (n, entries).
+        sizes: of what it shows, over that behind the microlens on the axis, shape (n,); 1 but for a
+            tilted array.
+        shares: of the light, by the distance from its centre: each falls off towards its own rim,
+            shape (n, entries).
         step: distance between these entries, px.
     """
 
@@ -87,13 +98,19 @@ class Lit:
 
     def those(self, which: Whole) -> "Lit":
         """Some of them."""
-        return Lit(self.centres[which], self.light[which], self.sizes[which], self.shares[which], self.step)
+        return Lit(
+            self.centres[which], self.light[which], self.sizes[which], self.shares[which], self.step
+        )
 
     def share_at(self, centres: Array) -> Array:
         """Relative illumination at a place in each, px, shape (n, 2); 1 inside its bright field."""
-        place = np.minimum(np.hypot(*(centres - self.centres).T) / self.step, self.shares.shape[1] - 1.001)
+        place = np.minimum(
+            np.hypot(*(centres - self.centres).T) / self.step, self.shares.shape[1] - 1.001
+        )
         k, each = place.astype(np.int64), np.arange(len(place))
-        return self.shares[each, k] + (place - k) * (self.shares[each, k + 1] - self.shares[each, k])
+        return self.shares[each, k] + (place - k) * (
+            self.shares[each, k + 1] - self.shares[each, k]
+        )
 
 
 def illumination(table: ProfileTable, distance: Array) -> Array:
@@ -103,29 +120,41 @@ def illumination(table: ProfileTable, distance: Array) -> Array:
 
 def illumination_table(lattice: Lattice) -> ProfileTable:
     """The lattice's measured profile."""
-    large, small = (lattice.outside_radius_px + lattice.inside_radius_px) / 2, (lattice.outside_radius_px - lattice.inside_radius_px) / 2
+    large, small = (
+        (lattice.outside_radius_px + lattice.inside_radius_px) / 2,
+        (lattice.outside_radius_px - lattice.inside_radius_px) / 2,
+    )
     return profile_table(large, max(0.05, small))
 
 
 def light_level(lattice: Lattice, centres: Array, shape: tuple[int, int]) -> Array:
-    """Light of a white target in the bright fields of micro-images at these centres, DN above the background, shape (n,)."""
+    """Light of a white target in the bright fields of micro-images at these centres, DN above the
+    background, shape (n,).
+    """
     x, y = ((centres - (np.array([shape[1], shape[0]]) - 1) / 2) * 2 / max(shape)).T
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ lattice.light
 
 
 def lit(lattice: Lattice, lens: Whole, shape: tuple[int, int], sizes: Array) -> Lit:
-    """The micro-images at positions ``lens`` of the lattice; ``sizes`` are those of all its micro-images."""
+    """The micro-images at positions ``lens`` of the lattice; ``sizes`` are those of all its
+    micro-images.
+    """
     centres = np.ascontiguousarray(lattice.centres_px[lens])
-    return Lit(centres, light_level(lattice, centres, shape), sizes[lens], *_shares(lattice.discs_px[lens]))
+    return Lit(
+        centres, light_level(lattice, centres, shape), sizes[lens], *_shares(lattice.discs_px[lens])
+    )
 
 
 def _shares(discs_px: Array) -> tuple[Array, float]:
-    """``shares`` and ``step`` of micro-images with these discs, shape (n, 2): kinds and a tilt make them wider or narrower.
+    """``shares`` and ``step`` of micro-images with these discs, shape (n, 2): kinds and a tilt make
+    them wider or narrower.
 
     Those that are nearly alike share a table, and its slope by the radii says what is not.
     """
     discs = np.maximum(discs_px, SMALLEST_PX)
-    at, which = np.unique(np.maximum(np.rint(discs / SHARED_PX) * SHARED_PX, SMALLEST_PX), axis=0, return_inverse=True)
+    at, which = np.unique(
+        np.maximum(np.rint(discs / SHARED_PX) * SHARED_PX, SMALLEST_PX), axis=0, return_inverse=True
+    )
     which = which.ravel()
     step = min((table_step(large, small) for large, small in at.tolist()), default=1.0)
     tables = [profile_table(large, small, step=step).values for large, small in at.tolist()]
@@ -139,9 +168,19 @@ def _shares(discs_px: Array) -> tuple[Array, float]:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _flat(
-    picture: Picture, places: Array, half: int, centres: Array, light: Array, shares: Array, step: float, offset: float, ceiling: float
+    picture: Picture,
+    places: Array,
+    half: int,
+    centres: Array,
+    light: Array,
+    shares: Array,
+    step: float,
+    offset: float,
+    ceiling: float,
 ) -> npt.NDArray[np.float32]:  # pragma: no cover - compiled
-    """Windows round places of what the picture reads over the light there; 0 where nothing is known."""
+    """Windows round places of what the picture reads over the light there; 0 where nothing is
+    known.
+    """
     flat = np.zeros((len(places), 2 * half + 1, 2 * half + 1), dtype=np.float32)
     for n in range(len(places)):
         left, top = int(np.rint(places[n, 0])) - half, int(np.rint(places[n, 1])) - half
@@ -153,16 +192,32 @@ def _flat(
                     continue
                 share = shares[n, int(place)]
                 if share > WEAKEST_ILLUMINATION:
-                    flat[n, row - top, column - left] = (picture[row, column] - offset) / (light[n] * share)
+                    flat[n, row - top, column - left] = (picture[row, column] - offset) / (
+                        light[n] * share
+                    )
     return flat
 
 
-def flat_centroids(picture: Picture, places: Array, half: int, radius: float, own: Lit, noise: SensorNoise) -> tuple[Array, Array]:
-    """Centroid of the flat-fielded light within ``half`` px of each place, and the light's sum, in white pixels.
+def flat_centroids(
+    picture: Picture, places: Array, half: int, radius: float, own: Lit, noise: SensorNoise
+) -> tuple[Array, Array]:
+    """Centroid of the flat-fielded light within ``half`` px of each place, and the light's sum, in
+    white pixels.
 
-    What is darker than a quarter of a dot's light is left out: it is mostly noise and the light of elsewhere.
+    What is darker than a quarter of a dot's light is left out: it is mostly noise and the light of
+    elsewhere.
     """
-    flat = _flat(picture, places, half, own.centres, own.light, own.shares, own.step, noise.offset_dn, noise.full_scale_dn)
+    flat = _flat(
+        picture,
+        places,
+        half,
+        own.centres,
+        own.light,
+        own.shares,
+        own.step,
+        noise.offset_dn,
+        noise.full_scale_dn,
+    )
     if flat.size == 0:
         return places.copy(), np.zeros(len(places))
     bright = float(np.quantile(flat, max(0.5, 1 - 0.3 * math.pi * radius**2 / flat[0].size)))
@@ -174,8 +229,12 @@ def flat_centroids(picture: Picture, places: Array, half: int, radius: float, ow
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def light_share(x: float, y: float, shares: Array, step: float) -> float:  # pragma: no cover - compiled
-    """Share of the light at (x, y) px from a micro-image's centre, by its own shares; 0 where it is too little to say anything."""
+def light_share(
+    x: float, y: float, shares: Array, step: float
+) -> float:  # pragma: no cover - compiled
+    """Share of the light at (x, y) px from a micro-image's centre, by its own shares; 0 where it is
+    too little to say anything.
+    """
     place = math.hypot(x, y) / step
     if place >= len(shares) - 2:
         return 0.0
@@ -203,7 +262,9 @@ def _sums(
     offset: float,
     ceiling: float,
 ) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
-    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness) in windows round ``at``."""
+    """Normal matrices, right sides, chi^2 and numbers of pixels of (x, y, brightness) in windows
+    round ``at``.
+    """
     normal, right = np.zeros((len(at), 3, 3)), np.zeros((len(at), 3))
     chi2, count = np.zeros(len(at)), np.zeros(len(at))
     turns = profile.shape[0] - 1
@@ -221,8 +282,13 @@ def _sums(
                 if place >= profile.shape[1] - 1:
                     value = 0.0
                 elif r > flat:
-                    # the direction within an eighth of a turn: a square pixel looks the same in the others
-                    turn = math.atan2(min(abs(dx), abs(dy)), max(abs(dx), abs(dy))) * (4 / math.pi) * turns
+                    # the direction within an eighth of a turn: a square pixel looks the same in the
+                    # others
+                    turn = (
+                        math.atan2(min(abs(dx), abs(dy)), max(abs(dx), abs(dy)))
+                        * (4 / math.pi)
+                        * turns
+                    )
                     m = min(int(turn), turns - 1)
                     k = int(place)
                     u, t = turn - m, place - k
@@ -245,12 +311,18 @@ def _sums(
                 right[n, 2] += weight * rest * gb
                 chi2[n] += weight * rest * rest
                 count[n] += 1
-        normal[n, 1, 0], normal[n, 2, 0], normal[n, 2, 1] = normal[n, 0, 1], normal[n, 0, 2], normal[n, 1, 2]
+        normal[n, 1, 0], normal[n, 2, 0], normal[n, 2, 1] = (
+            normal[n, 0, 1],
+            normal[n, 0, 2],
+            normal[n, 1, 2],
+        )
     return normal, right, chi2, count
 
 
 def inverted(normal: Array, usable: npt.NDArray[np.bool_]) -> Array:
-    """Inverses of normal matrices of (x, y, brightness), shape (n, 3, 3); infinite where they say nothing or are not usable."""
+    """Inverses of normal matrices of (x, y, brightness), shape (n, 3, 3); infinite where they say
+    nothing or are not usable.
+    """
     scale = np.sqrt(np.maximum(np.einsum("nkk->nk", normal), 1e-300))
     scaled = normal / (scale[:, :, None] * scale[:, None, :])
     good = (np.linalg.det(scaled) > 1e-9) & usable
@@ -261,7 +333,9 @@ def inverted(normal: Array, usable: npt.NDArray[np.bool_]) -> Array:
 
 def moved_by(spots: Array, steps: Array) -> Array:
     """(x, y, brightness) of spots after a step, kept from running away; shape (n, 3)."""
-    moved = spots + np.concatenate([np.clip(steps[:, :2], -WIDEST_STEP_PX, WIDEST_STEP_PX), steps[:, 2:]], axis=1)
+    moved = spots + np.concatenate(
+        [np.clip(steps[:, :2], -WIDEST_STEP_PX, WIDEST_STEP_PX), steps[:, 2:]], axis=1
+    )
     moved[:, 2] = np.clip(moved[:, 2], DARKEST, 10.0)
     return moved
 
@@ -273,8 +347,8 @@ def gauss_newton(places: Array, brightness: Array, half: int, sums: Sums) -> Spo
         places: where to start, px, shape (n, 2).
         brightness: to start with, shape (n,).
         half: half width of the windows round them, px.
-        sums: gives, for the spots at some positions of these, windows round some places and (x, y, brightness) now, normal
-            matrices, right sides, chi squared and numbers of pixels.
+        sums: gives, for the spots at some positions of these, windows round some places and (x, y,
+            brightness) now, normal matrices, right sides, chi squared and numbers of pixels.
     """
     spots = np.concatenate([places, brightness[:, None]], axis=1)
     inverse, chi2 = np.full((len(places), 3, 3), np.inf), np.zeros(len(places))
@@ -299,7 +373,9 @@ def gauss_newton(places: Array, brightness: Array, half: int, sums: Sums) -> Spo
     return Spots(there, bright, inverse, chi2, np.zeros((len(places), 2, 2)))
 
 
-def fit_spots(picture: Picture, places: Array, half: int, own: Lit, profile: SpotProfile, noise: SensorNoise) -> Spots:
+def fit_spots(
+    picture: Picture, places: Array, half: int, own: Lit, profile: SpotProfile, noise: SensorNoise
+) -> Spots:
     """Centre and brightness of every spot with one profile for all.
 
     Args:

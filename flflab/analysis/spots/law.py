@@ -1,6 +1,8 @@
-"""Where the dots of a picture lie: one law for all their spots, found round where the nominal camera puts them.
+"""Where the dots of a picture lie: one law for all their spots, found round where the nominal
+camera puts them.
 
-s - c = shift + (o_x, o_y, c_x, c_y) of the law, all mm: a spot's place s in the micro-image of centre c, o the dot on the target.
+s - c = shift + (o_x, o_y, c_x, c_y) of the law, all mm: a spot's place s in the micro-image of
+centre c, o the dot on the target.
 """
 
 import math
@@ -23,7 +25,12 @@ Whole = npt.NDArray[np.int64]
 
 SEARCH_PX = 8.0  # how far each may then still be
 FLOOR_PX = 1e-4  # of a spot's place, that no scatter shows
-PLACED_PX, DESCRIBED = 0.1, 0.1  # how well spots so placed tell the law's factors counts as much as that the nominal ones are so far off
+# how well spots so placed tell the law's factors counts as much as that the nominal ones are so far
+# off
+PLACED_PX, DESCRIBED = (
+    0.1,
+    0.1,
+)
 HALF = 0.5  # of the dot's expected light: a view has at least this
 
 
@@ -55,11 +62,20 @@ class Square:
 
 
 def law_at(dots: complex, parallax: complex, shift: complex = 0j) -> Array:
-    """The law with factors ``dots`` of o and ``parallax`` of c (complex: x + i y; scale and turn) and a shift, mm; shape (5, 2)."""
-    return np.array([[part.real, part.imag] for part in map(complex, (shift, dots, 1j * dots, parallax, 1j * parallax))])
+    """The law with factors ``dots`` of o and ``parallax`` of c (complex: x + i y; scale and turn)
+    and a shift, mm; shape (5, 2).
+    """
+    return np.array(
+        [
+            [part.real, part.imag]
+            for part in map(complex, (shift, dots, 1j * dots, parallax, 1j * parallax))
+        ]
+    )
 
 
-def law_places(lattice: Lattice, camera: Camera, target: FourDot, law: Array, candidates: Candidates) -> tuple[Array, Array]:
+def law_places(
+    lattice: Lattice, camera: Camera, target: FourDot, law: Array, candidates: Candidates
+) -> tuple[Array, Array]:
     """Where a law puts each candidate's spot, px, and the regressors of the law, shape (n, 5).
 
     The same numbers with a turn serve x and y.
@@ -70,9 +86,18 @@ def law_places(lattice: Lattice, camera: Camera, target: FourDot, law: Array, ca
     return sensor_pixel(camera.sensor, centre + regressors @ law), regressors
 
 
-def candidates_near(lattice: Lattice, camera: Camera, target: FourDot, law: Array, reach_px: float) -> Candidates:
-    """Dots and micro-images so near to where a law puts a spot that, ``reach_px`` wide, it is seen there."""
-    lens, dot = (grid.ravel() for grid in np.meshgrid(np.arange(len(lattice.centres_px)), np.arange(len(target.centres)), indexing="ij"))
+def candidates_near(
+    lattice: Lattice, camera: Camera, target: FourDot, law: Array, reach_px: float
+) -> Candidates:
+    """Dots and micro-images so near to where a law puts a spot that, ``reach_px`` wide, it is seen
+    there.
+    """
+    lens, dot = (
+        grid.ravel()
+        for grid in np.meshgrid(
+            np.arange(len(lattice.centres_px)), np.arange(len(target.centres)), indexing="ij"
+        )
+    )
     every = Candidates(dot, lens)
     places, _ = law_places(lattice, camera, target, law, every)
     near = np.hypot(*(places - lattice.centres_px[lens]).T) < lattice.outside_radius_px + reach_px
@@ -92,48 +117,76 @@ def register(
     table: ProfileTable,
     noise: SensorNoise,
 ) -> tuple[Array, float]:
-    """The law that the spots themselves follow, and a spot's radius in px: centroids in shrinking windows, robustly regressed."""
+    """The law that the spots themselves follow, and a spot's radius in px: centroids in shrinking
+    windows, robustly regressed.
+    """
     radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
     start = law
     for search in (SEARCH_PX, SEARCH_PX / 2, 3.0):
         candidates = candidates_near(lattice, camera, target, law, 0.0)
         places, regressors = law_places(lattice, camera, target, law, candidates)
-        # beyond halfway to the next dot a micro-image may show that one, whose light draws the centroid to the middle of both
-        half = min(math.ceil(radius + spread / 2 + search), math.floor(radius * target.spacing / target.diameter))
+        # beyond halfway to the next dot a micro-image may show that one, whose light draws the
+        # centroid to the middle of both
+        half = min(
+            math.ceil(radius + spread / 2 + search),
+            math.floor(radius * target.spacing / target.diameter),
+        )
         own = lit(lattice, candidates.lens, (values.shape[0], values.shape[1]), sizes)
         centroids, total = flat_centroids(values, places, half, radius, own, noise)
         telling = _well_lit(centroids, total, lattice, candidates, radius, table)
-        if spread > radius:  # what an aperture cuts of so wide a blur draws its centroid further aside than the law is off
+        if (
+            spread > radius
+            # what an aperture cuts of so wide a blur draws its centroid further aside than the law is  # noqa: E501
+            # off
+        ):
             away = np.hypot(*(places - own.centres).T)
             telling &= away + radius + spread / 2 < lattice.inside_radius_px
         if not telling.any():
             return law, radius
-        offsets = sensor_position(camera.sensor, centroids) - sensor_position(camera.sensor, lattice.centres_px)[candidates.lens]
+        offsets = (
+            sensor_position(camera.sensor, centroids)
+            - sensor_position(camera.sensor, lattice.centres_px)[candidates.lens]
+        )
         law, _, _ = regress(law, start, regressors[telling], offsets[telling], camera.sensor.pixel)
         radius = target.diameter / 2 * float(np.hypot(*law[1])) / camera.sensor.pixel
     return law, radius
 
 
 def _well_lit(
-    centroids: Array, total: Array, lattice: Lattice, candidates: Candidates, radius: float, table: ProfileTable
+    centroids: Array,
+    total: Array,
+    lattice: Lattice,
+    candidates: Candidates,
+    radius: float,
+    table: ProfileTable,
 ) -> npt.NDArray[np.bool_]:
     """Spots that hold enough light, where there is enough, to say where the dots are."""
     own = lattice.centres_px[candidates.lens]
     lit = illumination(table, np.hypot(*(centroids - own).T)) > HALF
-    enough = total > 0.25 * np.pi * radius**2 * max(float(np.quantile(total, 0.98)) / (np.pi * radius**2), 0.1) if len(total) else lit
+    enough = (
+        total
+        > 0.25 * np.pi * radius**2 * max(float(np.quantile(total, 0.98)) / (np.pi * radius**2), 0.1)
+        if len(total)
+        else lit
+    )
     return lit & enough
 
 
-def regress(law: Array, nominal: Array, regressors: Array, offsets: Array, pixel: float) -> tuple[Array, Array, float]:
-    """Update the law by a shift, and by one complex factor for dots and one for centres (scale and turn), outliers left out.
+def regress(
+    law: Array, nominal: Array, regressors: Array, offsets: Array, pixel: float
+) -> tuple[Array, Array, float]:
+    """Update the law by a shift, and by one complex factor for dots and one for centres (scale and
+    turn), outliers left out.
 
     Returns:
-        The law, how the size of the dots' square (mm on the sensor per mm on the target) grows with each offset, per mm, shape (n, 2),
-        and the standard uncertainty of that size, by how spots scatter round the law and how unsure the nominal one is.
+        The law, how the size of the dots' square (mm on the sensor per mm on the target) grows with
+        each offset, per mm, shape (n, 2), and the standard uncertainty of that size, by how spots
+        scatter round the law and how unsure the nominal one is.
     """
     rest = offsets - regressors @ law
     z, o, c = rest @ [1, 1j], regressors[:, 1:3] @ [1, 1j], regressors[:, 3:5] @ [1, 1j]
-    # few spots, or dots that are seen once each, cannot tell the factors apart: then those of the nominal camera hold
+    # few spots, or dots that are seen once each, cannot tell the factors apart: then those of the
+    # nominal camera hold
     prior = np.diag([0.0, *(PLACED_PX * pixel / DESCRIBED / np.hypot(*nominal[[1, 3]].T)) ** 2])
     off = (law - nominal)[[0, 1, 3]] @ [1, 1j]
     weight, left = np.ones(len(z)), np.abs(z)

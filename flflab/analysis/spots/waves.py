@@ -1,4 +1,6 @@
-"""Spots in light that bends, whole or cut: fitted with what diffraction leaves of a defocused dot."""
+"""Spots in light that bends, whole or cut: fitted with what diffraction leaves of a defocused
+dot.
+"""
 
 import math
 
@@ -19,14 +21,27 @@ Picture = npt.NDArray[np.generic]
 Whole = npt.NDArray[np.int64]
 
 THIRDS = math.sqrt(0.15)  # px from a pixel's middle, of Gauss's rule of three
-EDGE_PX = 5.0  # from a dot's edge, beyond which a pixel's middle stands for it: at 3 px depth at F/5.6 is 0.01 mm off
+# from a dot's edge, beyond which a pixel's middle stands for it: at 3 px depth at F/5.6 is 0.01 mm
+# off
+EDGE_PX = 5.0
 LEAST_BENT_PX = 0.1  # of softness: less moves blur and softness together
-LEFT_ASTRAY = 0.02  # of the softness, as a standard uncertainty of the focus: 470 to 640 nm together lead it astray by 0.004
+# of the softness, as a standard uncertainty of the focus: 470 to 640 nm together lead it astray by
+# 0.004
+LEFT_ASTRAY = 0.02
 
 
 def light_of(focus: Focus, pupils: Pupils, radius: float, half: int) -> BentLight:
-    """The light of a frame's dots in windows ``half`` px wide to each side, as far as focus and a spot's radius, px, are known."""
-    return bent_light(float(pupils.main.mean()), float(pupils.small.mean()), focus.blur_px, bent_px(focus), radius, half)
+    """The light of a frame's dots in windows ``half`` px wide to each side, as far as focus and a
+    spot's radius, px, are known.
+    """
+    return bent_light(
+        float(pupils.main.mean()),
+        float(pupils.small.mean()),
+        focus.blur_px,
+        bent_px(focus),
+        radius,
+        half,
+    )
 
 
 def bent_px(focus: Focus) -> float:
@@ -48,7 +63,8 @@ def step_of_diffracted_spots(
     moved: float,
     light: BentLight,
 ) -> tuple[Spots, Focus, float]:
-    """A step of Gauss-Newton for spots and for the focus, softness and radius that they share; the other spots stay as they are.
+    """A step of Gauss-Newton for spots and for the focus, softness and radius that they share; the
+    other spots stay as they are.
 
     Args:
         picture: DN, [row, col].
@@ -64,12 +80,20 @@ def step_of_diffracted_spots(
         moved: by how much spots moved last, px; infinite as long as they are not where they belong.
         light: tabulated for nearly this focus and radius.
     """
-    half = min(half, int(light.fields.shape[1] / (3 * light.samples)) - 2)  # whose corners the table holds
+    half = min(
+        half, int(light.fields.shape[1] / (3 * light.samples)) - 2
+    )  # whose corners the table holds
     now = np.concatenate([spots.centres, spots.brightness[:, None]], axis=1)
     bent = bent_px(focus)
     blurs = 2 * pupils.beta * pupils.small - pupils.blur + focus.blur_px
     off = np.stack(
-        [np.ones(len(blurs)), blurs - light.blur, np.full(len(blurs), bent - light.bent), radius * own.sizes - light.radius], axis=1
+        [
+            np.ones(len(blurs)),
+            blurs - light.blur,
+            np.full(len(blurs), bent - light.bent),
+            radius * own.sizes - light.radius,
+        ],
+        axis=1,
     )
 
     def sums(part: Whole) -> tuple[Array, Array, Array, Array]:
@@ -105,9 +129,17 @@ def step_of_diffracted_spots(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _read(
-    fields: npt.NDArray[np.float32], place: float, u: float, v: float, off: Array, weight: float, seen: Array
+    fields: npt.NDArray[np.float32],
+    place: float,
+    u: float,
+    v: float,
+    off: Array,
+    weight: float,
+    seen: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Add light at a way (u, v) from the spot, in samples, and its slopes along u and v, by blur, softness and radius, to ``seen``."""
+    """Add light at a way (u, v) from the spot, in samples, and its slopes along u and v, by blur,
+    softness and radius, to ``seen``.
+    """
     k, side = int(place), 1.0 if v > 0.0 else -1.0
     v = abs(v)
     i, j = int(u), int(v)
@@ -117,7 +149,9 @@ def _read(
         for kind in range(4):
             near, far = fields[k + m, i, j, kind], fields[k + m, i, j + 1, kind]
             next_near, next_far = fields[k + m, i + 1, j, kind], fields[k + m, i + 1, j + 1, kind]
-            value = part * ((1 - p) * ((1 - q) * near + q * far) + p * ((1 - q) * next_near + q * next_far))
+            value = part * (
+                (1 - p) * ((1 - q) * near + q * far) + p * ((1 - q) * next_near + q * next_far)
+            )
             seen[0] += off[kind] * value
             if kind == LIGHT:
                 seen[1] += part * ((1 - q) * (next_near - near) + q * (next_far - far))
@@ -151,7 +185,9 @@ def _sums(
     offset: float,
     ceiling: float,
 ) -> tuple[Array, Array, Array, Array]:  # pragma: no cover - compiled
-    """What ``on_all_cores`` asks for, by (x, y, brightness, blur, bent softness, radius) of each, in windows round spots."""
+    """What ``on_all_cores`` asks for, by (x, y, brightness, blur, bent softness, radius) of each,
+    in windows round spots.
+    """
     normal, right = np.zeros((len(spots), 6, 6)), np.zeros((len(spots), 6))
     chi2, count = np.zeros(len(spots)), np.zeros(len(spots))
     g, seen = np.zeros(6), np.zeros(6)
@@ -170,17 +206,38 @@ def _sums(
                 dx, dy = column - spots[n, 0], row - spots[n, 1]
                 seen[:] = 0.0
                 if abs(math.hypot(dx, dy) - radius) > EDGE_PX:
-                    _read(fields, place, samples * (dx * to_x + dy * to_y) + middle, samples * (dy * to_x - dx * to_y), off[n], share, seen)
-                else:  # a pixel on a slope of both spot and micro-image sees more of the one where it is brighter in the other
+                    _read(
+                        fields,
+                        place,
+                        samples * (dx * to_x + dy * to_y) + middle,
+                        samples * (dy * to_x - dx * to_y),
+                        off[n],
+                        share,
+                        seen,
+                    )
+                # a pixel on a slope of both spot and micro-image sees more of the one where it is
+                # brighter in the other
+                else:
                     for i in range(-1, 2):
                         for j in range(-1, 2):
                             there = light_share(x + i * THIRDS, y + j * THIRDS, shares[n], step)
-                            weight = (8.0 - 3.0 * abs(i)) * (8.0 - 3.0 * abs(j)) / 324 * (there if there > 0.0 else share)
+                            weight = (
+                                (8.0 - 3.0 * abs(i))
+                                * (8.0 - 3.0 * abs(j))
+                                / 324
+                                * (there if there > 0.0 else share)
+                            )
                             ex, ey = dx + i * THIRDS, dy + j * THIRDS
-                            u, v = samples * (ex * to_x + ey * to_y) + middle, samples * (ey * to_x - ex * to_y)
+                            u, v = (
+                                samples * (ex * to_x + ey * to_y) + middle,
+                                samples * (ey * to_x - ex * to_y),
+                            )
                             _read(fields, place, u, v, off[n], weight, seen)
                 level = lights[n] * spots[n, 2]
-                g[0], g[1] = -level * samples * (seen[1] * to_x - seen[2] * to_y), -level * samples * (seen[1] * to_y + seen[2] * to_x)
+                g[0], g[1] = (
+                    -level * samples * (seen[1] * to_x - seen[2] * to_y),
+                    -level * samples * (seen[1] * to_y + seen[2] * to_x),
+                )
                 g[2], g[3], g[4] = lights[n] * seen[0], level * seen[3], level * seen[4]
                 g[5] = level * sizes[n] * seen[5]
                 weight = 1 / (dark + gain * max(level * seen[0], 0.0))

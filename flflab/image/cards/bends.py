@@ -1,7 +1,9 @@
-"""Light of micro-images whose rays all pass but end crookedly: that of linear maps, and what the bends change of it, ray by ray.
+"""Light of micro-images whose rays all pass but end crookedly: that of linear maps, and what the
+bends change of it, ray by ray.
 
-The bends change little, so that few rays tell by how much: each is followed to where it ends and to where the map says, and the
-difference of what its neighbourhood sees there is summed over the lit part of the pupil. Bars, dots and motion stay exact.
+The bends change little, so that few rays tell by how much: each is followed to where it ends and to
+where the map says, and the difference of what its neighbourhood sees there is summed over the lit
+part of the pupil. Bars, dots and motion stay exact.
 """
 
 import math
@@ -20,7 +22,15 @@ from flflab.image.geometry.setup import Setup
 from flflab.image.geometry.tiles import RIM, middles
 from flflab.image.light.orders import in_bands
 from flflab.image.radiance.askew import radiance_askew
-from flflab.image.radiance.neighbourhood import DOTS, PICTURE, RULED, boxes_round, described, radiance_round, way_round
+from flflab.image.radiance.neighbourhood import (
+    DOTS,
+    PICTURE,
+    RULED,
+    boxes_round,
+    described,
+    radiance_round,
+    way_round,
+)
 from flflab.image.radiance.parallelogram import stands_askew
 from flflab.image.scene import Plane
 from flflab.optics.camera import pixel_positions
@@ -31,15 +41,24 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 BAND = 8  # rows that a core sums at a time
-# What few rays leave of the most that bends change, measured on all kinds of targets in blurs of 0.3 to 43 pixels:
-ROWS_LEAVE = 8.0  # times the square of the number of rows, as many cells in each, in blurs from WIDE pixels on; the less the less blur
+# What few rays leave of the most that bends change, measured on all kinds of targets in blurs of
+# 0.3 to 43 pixels:
+# times the square of the number of rows, as many cells in each, in blurs from WIDE pixels on; the
+# less the less blur
+ROWS_LEAVE = 8.0
 PARTS_LEAVE = 0.25  # times the square of the number of parts a side of a pixel in a rim
 WIDE = 6.0
 SHARE = 0.15  # of the tolerance, for either
 MOST_ROWS, MOST_PARTS = 96, 32
 
 
-def add_bent(image: Array, setup: Setup, plane: Plane, distortion: Distortion | None, wanted: Chosen | None = None) -> None:
+def add_bent(
+    image: Array,
+    setup: Setup,
+    plane: Plane,
+    distortion: Distortion | None,
+    wanted: Chosen | None = None,
+) -> None:
     """Add the light of a plane that no card hides, whose rays end where no linear map says.
 
     Args:
@@ -54,11 +73,17 @@ def add_bent(image: Array, setup: Setup, plane: Plane, distortion: Distortion | 
     add_moving_plane(image, setup, plane.target, wanted)
     sensor, pupils = setup.sensor, setup.pupils
     pixel = setup.pixel_width
-    maps = np.column_stack([setup.origin, setup.by_pupil.reshape(-1, 4), setup.by_sensor.reshape(-1, 4)])
+    maps = np.column_stack(
+        [setup.origin, setup.by_pupil.reshape(-1, 4), setup.by_sensor.reshape(-1, 4)]
+    )
     sides = np.column_stack([setup.by_pupil.reshape(-1, 4), setup.by_sensor.reshape(-1, 4) * pixel])
     orders = _orders(setup, _bent(setup, plane, distortion))
     surface, kinds = surface_numbers(Card(plane, False)), described(plane.target)
-    motion = np.zeros((2, 2)) if setup.motion is None else np.array([setup.motion.drift, setup.motion.vibration])
+    motion = (
+        np.zeros((2, 2))
+        if setup.motion is None
+        else np.array([setup.motion.drift, setup.motion.vibration])
+    )
     coefficient = 0.0 if distortion is None else distortion.coefficient
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
     known, places = lens_numbers(pupils), pixel_positions(sensor)
@@ -95,10 +120,18 @@ def _bent(setup: Setup, plane: Plane, distortion: Distortion | None) -> Array:
 
 def _orders(setup: Setup, bent: Array) -> Whole:
     """Parts a side of a pixel in a rim, and rows of the pupil, for each entry, shape (N, 2)."""
-    demand = bent / (SHARE * setup.tolerance / np.sqrt(setup.overlap))  # errors of either sign on the way
-    parts = np.clip(np.ceil(np.sqrt(PARTS_LEAVE * demand)), 2, MOST_PARTS if setup.pixel_width > 0 else 2)
-    rows = np.clip(np.ceil(np.sqrt(ROWS_LEAVE * np.minimum(setup.blur / WIDE, 1.0) * demand)), 2, MOST_ROWS)
-    return np.column_stack([parts if setup.pixel_width > 0 else np.ones_like(parts), rows]).astype(np.int64)
+    demand = bent / (
+        SHARE * setup.tolerance / np.sqrt(setup.overlap)
+    )  # errors of either sign on the way
+    parts = np.clip(
+        np.ceil(np.sqrt(PARTS_LEAVE * demand)), 2, MOST_PARTS if setup.pixel_width > 0 else 2
+    )
+    rows = np.clip(
+        np.ceil(np.sqrt(ROWS_LEAVE * np.minimum(setup.blur / WIDE, 1.0) * demand)), 2, MOST_ROWS
+    )
+    return np.column_stack([parts if setup.pixel_width > 0 else np.ones_like(parts), rows]).astype(
+        np.int64
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -120,14 +153,18 @@ def _bend_mean(
     law: Array,
     sums: Array,
 ) -> float:
-    """What the bends change of the mean light over the part of the pupil that lights a sensor point."""
+    """What the bends change of the mean light over the part of the pupil that lights a sensor
+    point.
+    """
     slope, reach = lens[2], lens[3]
     x, y, other, low, high = lit_rows(ex, ey, slope, reach)
     askew = kind in (DOTS, RULED, PICTURE) and stands_askew(by)
     at_x, at_y = to[0] + to[6] * ex + to[7] * ey, to[1] + to[8] * ex + to[9] * ey
     light, area = 0.0, 0.0
     for row in range(rows):
-        middle, ty, width, height = lens_strip(x, y, other, low, high, math.pi * row / rows, math.pi * (row + 1) / rows)
+        middle, ty, width, height = lens_strip(
+            x, y, other, low, high, math.pi * row / rows, math.pi * (row + 1) / rows
+        )
         if width <= 0.0:
             continue
         width /= rows
@@ -139,14 +176,21 @@ def _bend_mean(
             px, py = ray_end(mx, my, ax, ay, surface[1], surface, coefficient)
             qx, qy = at_x + to[2] * tx + to[3] * ty, at_y + to[4] * tx + to[5] * ty
             if askew:
-                change = radiance_askew(px, py, by, boxes, parts, width, height, kind, numbers, table, law, sums)
-                change -= radiance_askew(qx, qy, by, boxes, parts, width, height, kind, numbers, table, law, sums)
+                change = radiance_askew(
+                    px, py, by, boxes, parts, width, height, kind, numbers, table, law, sums
+                )
+                change -= radiance_askew(
+                    qx, qy, by, boxes, parts, width, height, kind, numbers, table, law, sums
+                )
             else:
                 change = radiance_round(px, py, boxes, kind, numbers, table, law, sums)
                 change -= radiance_round(qx, qy, boxes, kind, numbers, table, law, sums)
             area += width * height
             if falloff:
-                sx, sy = lens[11] + lens[13] * ex + lens[14] * tx, lens[12] + lens[13] * ey + lens[14] * ty
+                sx, sy = (
+                    lens[11] + lens[13] * ex + lens[14] * tx,
+                    lens[12] + lens[13] * ey + lens[14] * ty,
+                )
                 change /= (1.0 + sx * sx + sy * sy) ** 2
             light += width * height * change
     return light / area if area > 0.0 else 0.0

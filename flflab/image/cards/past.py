@@ -1,7 +1,7 @@
 """A plane's light where cards stop some of its rays, and what diffraction changes of it there.
 
-The change of it without cards counts by the share of a pixel's rays that the cards let pass, each micro-image's for itself: where several
-reach a pixel they are laid side by side.
+The change of it without cards counts by the share of a pixel's rays that the cards let pass, each
+micro-image's for itself: where several reach a pixel they are laid side by side.
 """
 
 from dataclasses import replace
@@ -28,14 +28,20 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 UNFELT = 0.05  # of the tolerance
-OF_RAYS = 0.3  # of it, for the rays that waves are held against: they cost less, and the errors of both add up
+# of it, for the rays that waves are held against: they cost less, and the errors of both add up
+OF_RAYS = 0.3
 OF_PASSED = 0.3  # of it, for the share of light that cards let pass
 COARSEST = 0.1  # tolerance of that share
 MANY = 16  # moments at which a moving picture is formed: more take single rays less time
 
 
 def add_past_cards(
-    image: Array, parts: CardParts, plane: Plane, distortion: Distortion | None, cards: tuple[Card, ...], wanted: Chosen | None
+    image: Array,
+    parts: CardParts,
+    plane: Plane,
+    distortion: Distortion | None,
+    cards: tuple[Card, ...],
+    wanted: Chosen | None,
 ) -> None:
     """Add the light of rays of a plane that cards leave of it, but for that of the clear parts.
 
@@ -59,7 +65,14 @@ def add_past_cards(
         add_single_rays(image, before, replace(plane, target=target), distortion, cards, wanted)
 
 
-def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, cards: tuple[Card, ...], wanted: Chosen | None) -> None:
+def bend_past_cards(
+    image: Array,
+    setup: Setup,
+    scene: Scene,
+    plane: Plane,
+    cards: tuple[Card, ...],
+    wanted: Chosen | None,
+) -> None:
     """Add what diffraction changes of a plane's light behind cards.
 
     Args:
@@ -78,7 +91,9 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
     chosen = None if wanted is None else np.tile(wanted, (layers, 1))
     change, passed, whole = np.zeros((3, layers * rows, image.shape[1]))
     finer = replace(apart, tolerance=OF_RAYS * setup.tolerance)
-    if isinstance(plane.target, FourDot):  # at many moments, or in wide blurs: single rays are fewer
+    if isinstance(
+        plane.target, FourDot
+    ):  # at many moments, or in wide blurs: single rays are fewer
         inside, across = split_by_dots(finer, plane, plane.target, scene.distortion)
         add_plane(change, inside, White(), chosen)
         add_single_rays(change, across, plane, scene.distortion, (), chosen)
@@ -93,7 +108,10 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
         felt &= chosen
     if not felt.any():
         return
-    coarser = replace(apart, tolerance=min(OF_PASSED * setup.tolerance / float(np.abs(change[felt]).max()), COARSEST))
+    coarser = replace(
+        apart,
+        tolerance=min(OF_PASSED * setup.tolerance / float(np.abs(change[felt]).max()), COARSEST),
+    )
     add_plane(whole, coarser, White(), felt)
     white = replace(plane, target=White())
     parts = split(coarser, white, scene.distortion, cards)
@@ -106,9 +124,13 @@ def bend_past_cards(image: Array, setup: Setup, scene: Scene, plane: Plane, card
 def _layers(setup: Setup) -> Whole:
     """A number for each entry, such that micro-images of one number share no pixel."""
     pupils = setup.pupils
-    centres, lens = np.unique(np.column_stack([pupils.centre_x, pupils.centre_y]), axis=0, return_inverse=True)
+    centres, lens = np.unique(
+        np.column_stack([pupils.centre_x, pupils.centre_y]), axis=0, return_inverse=True
+    )
     near: list[set[int]] = [set() for _ in centres]
-    for one, other in KDTree(centres).query_pairs(2 * (float(pupils.outside.max()) + setup.sensor.pixel)):
+    for one, other in KDTree(centres).query_pairs(
+        2 * (float(pupils.outside.max()) + setup.sensor.pixel)
+    ):
         near[one].add(other)
         near[other].add(one)
     layer = np.full(len(centres), -1)

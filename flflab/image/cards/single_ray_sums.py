@@ -1,4 +1,6 @@
-"""The kernel that sums single rays over the parts of pixels and over rows and columns of the lit part of the pupil."""
+"""The kernel that sums single rays over the parts of pixels and over rows and columns of the lit
+part of the pupil.
+"""
 
 import math
 
@@ -29,16 +31,26 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 COARSER = 4  # how much coarser than asked for a pixel is first summed
-FEWEST_PARTS = 2  # of a pixel in a rim: with one or two of them rim and cards agree by chance too often
-FEWEST_ROWS = 8  # with five and ten of them an edge between two rows was 0.004 of white off, and they agreed
-FEWEST_CELLS = 4  # two of them, twice as many rows and a divided pixel each missed by chance a sliver of light past a card
-AXES = 5  # orders: parts of the pixel, rows of the pupil, cells of a row, moments of drift, of vibration
+FEWEST_PARTS = (
+    2  # of a pixel in a rim: with one or two of them rim and cards agree by chance too often
+)
+FEWEST_ROWS = (
+    8  # with five and ten of them an edge between two rows was 0.004 of white off, and they agreed
+)
+# two of them, twice as many rows and a divided pixel each missed by chance a sliver of light past a
+# card
+FEWEST_CELLS = 4
+# orders: parts of the pixel, rows of the pupil, cells of a row, moments of drift, of vibration
+AXES = 5
 MOST_CROSSED = 3  # cards whose edges are told apart within one neighbourhood
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def ray_end(mx: float, my: float, ax: float, ay: float, vergence: float, surface: Array, coefficient: float) -> tuple[float, float]:
-    """Where a ray through (mx, my) of the main lens that heads for the direction a (seen from the lens, at a vergence) meets a surface.
+def ray_end(
+    mx: float, my: float, ax: float, ay: float, vergence: float, surface: Array, coefficient: float
+) -> tuple[float, float]:
+    """Where a ray through (mx, my) of the main lens that heads for the direction a (seen from the
+    lens, at a vergence) meets a surface.
 
     See ``flflab.image.geometry.rays`` for the formulas; the answer is in the surface's own axes.
     """
@@ -69,11 +81,14 @@ def lit_share(away: float, slope: float, reach: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def lit_rows(ex: float, ey: float, slope: float, reach: float) -> tuple[float, float, float, float, float]:
+def lit_rows(
+    ex: float, ey: float, slope: float, reach: float
+) -> tuple[float, float, float, float, float]:
     """The part of the pupil, a disc of radius 1, that lights a sensor point.
 
     Returns:
-        Centre and radius of the circle that cuts it, of radius 2 about its middle where none does; lowest and highest y of the part.
+        Centre and radius of the circle that cuts it, of radius 2 about its middle where none does;
+        lowest and highest y of the part.
     """
     x, y, other = 0.0, 0.0, 2.0
     if slope != 0.0 and ex * ex + ey * ey > max(0.0, reach - abs(slope)) ** 2:
@@ -107,17 +122,25 @@ def _mean(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean light over the part of the pupil that lights a sensor point; ``places`` and ``boxes`` are scratch.
+    """Mean light over the part of the pupil that lights a sensor point; ``places`` and ``boxes``
+    are scratch.
 
-    ``rim`` is the side of the square round the point that a steep rim cuts, mm: for each ray of the whole pupil it cuts it elsewhere, and
-    the light is the mean over the whole pupil and the square. 0 where the rim cuts the pupil.
+    ``rim`` is the side of the square round the point that a steep rim cuts, mm: for each ray of the
+    whole pupil it cuts it elsewhere, and the light is the mean over the whole pupil and the square.
+    0 where the rim cuts the pupil.
     """
     slope, reach = lens[2], lens[3]
-    x, y, other, low, high = lit_rows(ex if rim == 0.0 else 0.0, ey if rim == 0.0 else 0.0, slope, reach)
+    x, y, other, low, high = lit_rows(
+        ex if rim == 0.0 else 0.0, ey if rim == 0.0 else 0.0, slope, reach
+    )
     askew = kind in (DOTS, RULED, PICTURE) and stands_askew(maps[0])
     light, area, own = 0.0, 0.0, 0
-    for row in range(rows):  # of equal steps of an angle, for the rows' lengths rise from 0 like a circle's
-        middle, ty, width, height = lens_strip(x, y, other, low, high, math.pi * row / rows, math.pi * (row + 1) / rows)
+    for row in range(
+        rows
+    ):  # of equal steps of an angle, for the rows' lengths rise from 0 like a circle's
+        middle, ty, width, height = lens_strip(
+            x, y, other, low, high, math.pi * row / rows, math.pi * (row + 1) / rows
+        )
         if width <= 0.0:
             continue
         left = middle - 0.5 * width
@@ -129,7 +152,9 @@ def _mean(
             seen, own_share = 1.0, 1.0
             at_x, at_y = ex, ey
             if rim > 0.0:
-                side = math.sqrt(rim * rim + 0.5 * slope * slope * (width * width + height * height))  # the cell's shadow beside the part
+                side = math.sqrt(
+                    rim * rim + 0.5 * slope * slope * (width * width + height * height)
+                )  # the cell's shadow beside the part
                 seen, look = inside(ex - slope * tx, ey - slope * ty, side, reach)
                 if seen == 0.0:
                     area += width * height
@@ -137,7 +162,10 @@ def _mean(
                 aside = (look - 1.0) * rim * rim / (side * side)
                 at_x, at_y = ex + aside * (ex - slope * tx), ey + aside * (ey - slope * ty)
             mx, my = lens[4] * tx + lens[5] * at_x, lens[4] * ty + lens[5] * at_y
-            ax, ay = lens[6] * tx + lens[7] * at_x + lens[8], lens[6] * ty + lens[7] * at_y + lens[9]
+            ax, ay = (
+                lens[6] * tx + lens[7] * at_x + lens[8],
+                lens[6] * ty + lens[7] * at_y + lens[9],
+            )
             crossed = 0
             for index in range(surfaces.shape[0] - 1, 0, -1):
                 surface = surfaces[index]
@@ -147,10 +175,17 @@ def _mean(
                     seen = 0.0
                     break
                 if 0.0 < share < 1.0:
-                    alike = aligned[index] and leads_alike(maps[index], maps[0], parts, width, height)
+                    alike = aligned[index] and leads_alike(
+                        maps[index], maps[0], parts, width, height
+                    )
                     if surface[12] > 0.0:
                         own, own_share = index, share
-                    elif crossed < MOST_CROSSED and alike and moves_little(boxes[index]) and moves_little(boxes[0]):
+                    elif (
+                        crossed < MOST_CROSSED
+                        and alike
+                        and moves_little(boxes[index])
+                        and moves_little(boxes[0])
+                    ):
                         places[crossed, 0], places[crossed, 1], places[crossed, 2] = px, py, index
                         crossed += 1
                     else:
@@ -166,12 +201,39 @@ def _mean(
                 seen *= own_share
             if crossed > 0:
                 seen *= seen_jointly(
-                    px, py, surfaces, maps, places, boxes[surfaces.shape[0]], crossed, parts, width, height, kind, numbers, table, law, sums
+                    px,
+                    py,
+                    surfaces,
+                    maps,
+                    places,
+                    boxes[surfaces.shape[0]],
+                    crossed,
+                    parts,
+                    width,
+                    height,
+                    kind,
+                    numbers,
+                    table,
+                    law,
+                    sums,
                 )
             elif own_share < 1.0:
-                seen *= seen_on_card(px, py, surfaces[own], boxes[0], boxes[surfaces.shape[0]], kind, numbers, table, law, sums)
+                seen *= seen_on_card(
+                    px,
+                    py,
+                    surfaces[own],
+                    boxes[0],
+                    boxes[surfaces.shape[0]],
+                    kind,
+                    numbers,
+                    table,
+                    law,
+                    sums,
+                )
             elif askew:
-                seen *= radiance_askew(px, py, maps[0], boxes[0], parts, width, height, kind, numbers, table, law, sums)
+                seen *= radiance_askew(
+                    px, py, maps[0], boxes[0], parts, width, height, kind, numbers, table, law, sums
+                )
             else:
                 seen *= radiance_round(px, py, boxes[0], kind, numbers, table, law, sums)
             area += width * height
@@ -206,7 +268,9 @@ def _pixel_light(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean light of a pixel at (dx, dy) from a micro-image's centre, summed with these orders along the ``AXES``; see ``add_rays``."""
+    """Mean light of a pixel at (dx, dy) from a micro-image's centre, summed with these orders along
+    the ``AXES``; see ``add_rays``.
+    """
     parts, rows, cells, drifts, swings = orders[0], orders[1], orders[2], orders[3], orders[4]
     part = pixel_width / parts
     slope, reach = abs(lens[2]), lens[3]
@@ -258,9 +322,11 @@ def _pixel_light(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _first_orders(most: Whole, fewest: Whole, whole: bool, along: bool, orders: Whole) -> None:
-    """With what a pixel is first summed: a whole one in the bright field undivided, rows along all surfaces' axes in few cells.
+    """With what a pixel is first summed: a whole one in the bright field undivided, rows along all
+    surfaces' axes in few cells.
 
-    Between two rows aslant an edge moves by more than a cell: few cells and few rows err, and no more of either alone shows it.
+    Between two rows aslant an edge moves by more than a cell: few cells and few rows err, and no
+    more of either alone shows it.
     """
     orders[0] = 1 if whole else max((most[0] + COARSER - 1) // COARSER, min(most[0], FEWEST_PARTS))
     orders[1] = max((most[1] + COARSER - 1) // COARSER, min(most[1], FEWEST_ROWS))
@@ -298,12 +364,17 @@ def add_rays(
 ) -> None:
     """Add the light of all windows to the rows of a band; see ``add_single_rays``.
 
-    ``orders`` are the most along each of the ``AXES`` for each window; a pixel's are doubled, each for itself, until that changes it
-    by less than is ``enough`` for the window. ``moments`` are those of drift and of vibration to begin with. Where ``steep``, the rim
-    cuts the parts of a pixel, for each ray elsewhere; else it cuts the pupil that a part looks through. Where ``along``, rows and columns
-    of the pupil run along the axes of target and cards.
+    ``orders`` are the most along each of the ``AXES`` for each window; a pixel's are doubled, each
+    for itself, until that changes it by less than is ``enough`` for the window. ``moments`` are
+    those of drift and of vibration to begin with. Where ``steep``, the rim cuts the parts of a
+    pixel, for each ray elsewhere; else it cuts the pupil that a part looks through. Where
+    ``along``, rows and columns of the pupil run along the axes of target and cards.
     """
-    places, boxes, moved = np.empty((MOST_CROSSED, 7)), np.zeros((surfaces.shape[0] + 1, 8)), surfaces.copy()
+    places, boxes, moved = (
+        np.empty((MOST_CROSSED, 7)),
+        np.zeros((surfaces.shape[0] + 1, 8)),
+        surfaces.copy(),
+    )
     now, seen, gains = np.empty(AXES, dtype=np.int64), np.empty(AXES), np.empty(AXES)
     rough = np.zeros(AXES, dtype=np.bool_)
     for entry in range(windows.shape[0]):
@@ -316,11 +387,19 @@ def add_rays(
                 away = math.hypot(dx, dy)
                 if away > lens[3] + abs(lens[2]) + pixel:
                     continue
-                _first_orders(most, moments[entry], away + 0.75 * pixel < lens[3] - abs(lens[2]), along[entry], now)
+                _first_orders(
+                    most,
+                    moments[entry],
+                    away + 0.75 * pixel < lens[3] - abs(lens[2]),
+                    along[entry],
+                    now,
+                )
                 first, settled, refined = 0.0, False, AXES
                 while not settled:
                     known = refined == 1  # the one step taken was looked at before
-                    for axis in range(-1, AXES):  # with the orders as they are, then with twice the orders along each axis
+                    for axis in range(
+                        -1, AXES
+                    ):  # with the orders as they are, then with twice the orders along each axis
                         before = now[max(axis, 0)]
                         if axis >= 0:
                             now[axis] = min(2 * before, most[axis])
@@ -360,7 +439,11 @@ def add_rays(
                     refined = 0
                     for axis in range(AXES):
                         if rough[axis]:
-                            now[axis], rough[axis], refined = min(2 * now[axis], most[axis]), False, refined + 1
+                            now[axis], rough[axis], refined = (
+                                min(2 * now[axis], most[axis]),
+                                False,
+                                refined + 1,
+                            )
                             gains[axis], first = 0.0, seen[axis]
                     settled = refined == 0
                 image[row, column] += first + gains.sum()

@@ -1,8 +1,10 @@
-"""Light of pixels whose rays do not all fare alike: past the edges of cards, or too crooked for a linear map; summed ray by ray.
+"""Light of pixels whose rays do not all fare alike: past the edges of cards, or too crooked for a
+linear map; summed ray by ray.
 
-Over the moments of the exposure, the pixel's parts, and rows and columns of the lit part of the pupil, each ray stands for its
-neighbourhood: steps of target and cards are smoothed by what a part of the pixel and a cell of the pupil cover there. Each pixel is
-summed with few rays first, and with more of what changes it.
+Over the moments of the exposure, the pixel's parts, and rows and columns of the lit part of the
+pupil, each ray stands for its neighbourhood: steps of target and cards are smoothed by what a part
+of the pixel and a cell of the pupil cover there. Each pixel is summed with few rays first, and with
+more of what changes it.
 """
 
 import math
@@ -28,16 +30,27 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
-BAND = 8  # rows that a core sums at a time: pixels take so long that even a small picture is worth all cores
+# rows that a core sums at a time: pixels take so long that even a small picture is worth all cores
+BAND = 8
 MOST_PARTS, STEEP_PARTS = 32, 8  # of a pixel a side; of one that a steep rim cuts
-STEEP = 2.0  # pixels; a rim narrower than this cuts the parts of a pixel, for each ray elsewhere, instead of the pupil
-STEEP_ERROR = 0.01  # of white, times the square of the rim's width in pixels over that of the number of rows, where it does
+# pixels; a rim narrower than this cuts the parts of a pixel, for each ray elsewhere, instead of the
+# pupil
+STEEP = 2.0
+# of white, times the square of the rim's width in pixels over that of the number of rows, where it
+# does
+STEEP_ERROR = 0.01
 MOST_ROWS = 96
-FEWEST_MOMENTS = 2  # of those that a pixel is first summed with: one and two agree by chance too often
+FEWEST_MOMENTS = (
+    2  # of those that a pixel is first summed with: one and two agree by chance too often
+)
 SKEW = 0.2  # angle, in rad, above which edges of cards and targets do not count as parallel
-TURNED_ERROR = 0.1  # error, of white, times the square of the number of parts, where the edges of two surfaces cross under an angle
+# error, of white, times the square of the number of parts, where the edges of two surfaces cross
+# under an angle
+TURNED_ERROR = 0.1
 ENOUGH = 0.15  # of the tolerance: all that twice an order may change
-ROWS_ERROR = 0.6  # twice the error, of white, times the square of the number of rows; measured on dots, edges and bars
+# twice the error, of white, times the square of the number of rows; measured on dots, edges and
+# bars
+ROWS_ERROR = 0.6
 PICTURE_ROWS_ERROR = 2.4  # the same of pictures, measured on black and white texels
 
 
@@ -63,27 +76,56 @@ def add_single_rays(
         return
     pupils, pixel = setup.pupils, setup.sensor.pixel
     middle = middles(setup.sensor, pupils, setup.window)[0]
-    surfaces = np.array([surface_numbers(Card(plane, False)), *(surface_numbers(card) for card in cards)])
+    surfaces = np.array(
+        [surface_numbers(Card(plane, False)), *(surface_numbers(card) for card in cards)]
+    )
     maps = np.empty((len(setup.blur), len(surfaces), 8))
     blurs, smears = np.zeros((2, len(setup.blur), len(surfaces)))
     for index, before in enumerate((plane, *(card.plane for card in cards))):
-        landing = linearised(pupils_before(pupils, 1 / plane.distance, 1 / before.distance), before, distortion, middle)
+        landing = linearised(
+            pupils_before(pupils, 1 / plane.distance, 1 / before.distance),
+            before,
+            distortion,
+            middle,
+        )
         maps[:, index, :4] = landing.by_pupil.reshape(-1, 4)
         maps[:, index, 4:] = landing.by_sensor.reshape(-1, 4) * setup.pixel_width
         blurs[:, index] = blur_of(landing.by_pupil, landing.by_sensor, pixel)
         smears[:, index] = _smear_of(landing.by_motion, landing.by_sensor * pixel, landing.by_pupil)
     width = np.maximum(2 * np.abs(pupils.slope) / pixel, 1e-9)
-    tolerance, blur = setup.tolerance / np.sqrt(_shared(setup, image.shape)), blurs.max(axis=1)  # errors of either sign on the way
-    steps = np.array([not (isinstance(plane.target, White) and card.own) for card in cards], dtype=np.float64)
-    change = 0.34 / width + 0.25 * (steps / np.maximum(blurs[:, 1:], 1.0)).sum(axis=1)  # of rim and cards within a pixel, against a step
-    parts = np.clip(np.ceil(np.sqrt(change / (tolerance * np.sqrt(np.maximum(blurs[:, 0], 1.0))))), 1, MOST_PARTS)
+    tolerance, blur = (
+        setup.tolerance / np.sqrt(_shared(setup, image.shape)),
+        blurs.max(axis=1),
+    )  # errors of either sign on the way
+    steps = np.array(
+        [not (isinstance(plane.target, White) and card.own) for card in cards], dtype=np.float64
+    )
+    change = 0.34 / width + 0.25 * (steps / np.maximum(blurs[:, 1:], 1.0)).sum(
+        axis=1
+    )  # of rim and cards within a pixel, against a step
+    parts = np.clip(
+        np.ceil(np.sqrt(change / (tolerance * np.sqrt(np.maximum(blurs[:, 0], 1.0))))),
+        1,
+        MOST_PARTS,
+    )
     steep = width < STEEP
     parts = np.where(steep, STEEP_PARTS, parts)
-    by_pupil, by_sensor = np.linalg.norm(maps[:, :, :4], axis=2), np.linalg.norm(maps[:, :, 4:], axis=2)
+    by_pupil, by_sensor = (
+        np.linalg.norm(maps[:, :, :4], axis=2),
+        np.linalg.norm(maps[:, :, 4:], axis=2),
+    )
     turned = _turned(np.where((by_sensor >= by_pupil)[:, :, None], maps[:, :, 4:], maps[:, :, :4]))
     crossing = (turned & (by_sensor >= by_pupil)).any(axis=1)
-    parts = np.where(crossing, np.maximum(parts, np.minimum(np.ceil(np.sqrt(TURNED_ERROR / tolerance)), MOST_PARTS)), parts)
-    rows = (PICTURE_ROWS_ERROR if isinstance(plane.target, Picture) else ROWS_ERROR) * np.minimum(blur / 3, 1.0) / tolerance
+    parts = np.where(
+        crossing,
+        np.maximum(parts, np.minimum(np.ceil(np.sqrt(TURNED_ERROR / tolerance)), MOST_PARTS)),
+        parts,
+    )
+    rows = (
+        (PICTURE_ROWS_ERROR if isinstance(plane.target, Picture) else ROWS_ERROR)
+        * np.minimum(blur / 3, 1.0)
+        / tolerance
+    )
     if setup.falloff:  # rays count by a square of their slope
         rows = np.maximum(rows, 8 * pupils.slant_spread**2 / tolerance)
     rows = np.where(steep, np.maximum(rows, STEEP_ERROR * width**2 / tolerance), rows)
@@ -98,11 +140,20 @@ def add_single_rays(
     chosen = np.zeros((0, 0), dtype=np.bool_) if wanted is None else wanted
     smear = smears.max(axis=1)
     most = _moment_counts(setup.motion, smear, tolerance)
-    # Farther apart than an edge is wide, moments see it or not by chance, and twice as many may agree.
-    moments = np.minimum(np.maximum(np.ceil(_widths_moved(setup.motion, smear)), FEWEST_MOMENTS), most).astype(np.int64)
+    # Farther apart than an edge is wide, moments see it or not by chance, and twice as many may
+    # agree.
+    moments = np.minimum(
+        np.maximum(np.ceil(_widths_moved(setup.motion, smear)), FEWEST_MOMENTS), most
+    ).astype(np.int64)
     orders = np.column_stack([parts, rows, rows, most]).astype(np.int64)
-    brightest = min(float(plane.target.values.max()), 1.0) if isinstance(plane.target, Picture) else 1.0  # half of it is half the light
-    motion = np.zeros((2, 2)) if setup.motion is None else np.array([setup.motion.drift, setup.motion.vibration])
+    brightest = (
+        min(float(plane.target.values.max()), 1.0) if isinstance(plane.target, Picture) else 1.0
+    )  # half of it is half the light
+    motion = (
+        np.zeros((2, 2))
+        if setup.motion is None
+        else np.array([setup.motion.drift, setup.motion.vibration])
+    )
 
     def add(band: tuple[int, int]) -> None:
         add_rays(
@@ -137,23 +188,30 @@ def add_single_rays(
 
 
 def _smear_of(by_motion: Array, by_pixel: Array, by_pupil: Array) -> Array:
-    """Over how many widths of a smoothed edge a target moves on the sensor when it moves by 1 mm, for maps to it (N, 2, 2)."""
-    way, pixel, pupil = (np.linalg.norm(part, axis=(1, 2)) for part in (by_motion, by_pixel, by_pupil))
+    """Over how many widths of a smoothed edge a target moves on the sensor when it moves by 1 mm,
+    for maps to it (N, 2, 2).
+    """
+    way, pixel, pupil = (
+        np.linalg.norm(part, axis=(1, 2)) for part in (by_motion, by_pixel, by_pupil)
+    )
     width = np.maximum(pixel, np.pi / 2 * pupil)
     return np.divide(way, width, out=np.zeros_like(way), where=width > 0)
 
 
 def _widths_moved(motion: Motion | None, smear: Array) -> Array:
-    """Over how many widths of a smoothed edge drift and vibration carry a target from end to end, shape (N, 2); see ``_smear_of``."""
+    """Over how many widths of a smoothed edge drift and vibration carry a target from end to end,
+    shape (N, 2); see ``_smear_of``.
+    """
     motion = motion or Motion()
     return smear[:, None] * np.array([math.hypot(*motion.drift), 2 * math.hypot(*motion.vibration)])
 
 
 def _moment_counts(motion: Motion | None, smear: Array, tolerance: Array | float) -> Whole:
-    """How many moments drift and vibration need, shape (N, 2): n of them leave about S / (4 n^2) of white.
+    """How many moments drift and vibration need, shape (N, 2): n of them leave about S / (4 n^2) of
+    white.
 
-    Measured on edges and bars boxed by a pixel, which wander over S times the width to which pixel and blur smooth them (Gauss's rule
-    for the drift is worse there); a half more for the sine.
+    Measured on edges and bars boxed by a pixel, which wander over S times the width to which pixel
+    and blur smooth them (Gauss's rule for the drift is worse there); a half more for the sine.
 
     Args:
         motion: of the targets; None for none.
@@ -176,15 +234,24 @@ def _shared(setup: Setup, shape: tuple[int, int]) -> Array:
 
 
 def _turned(maps: Array) -> Chosen:
-    """Whether the axes of each surface do not count as parallel to the target's, the first one's; maps (T, K, 4), answer (T, K)."""
+    """Whether the axes of each surface do not count as parallel to the target's, the first one's;
+    maps (T, K, 4), answer (T, K).
+    """
     rows = maps.reshape(*maps.shape[:2], 2, 2)
     rows = rows / np.maximum(np.linalg.norm(rows, axis=3, keepdims=True), 1e-300)
     first = rows[:, :1]
-    aside = np.maximum(np.abs((rows[:, :, 0] * first[:, :, 1]).sum(axis=2)), np.abs((rows[:, :, 1] * first[:, :, 0]).sum(axis=2)))
+    aside = np.maximum(
+        np.abs((rows[:, :, 0] * first[:, :, 1]).sum(axis=2)),
+        np.abs((rows[:, :, 1] * first[:, :, 0]).sum(axis=2)),
+    )
     return np.any(aside[:, :, None] > SKEW, axis=2, keepdims=False)
 
 
 def _aslant(by_pupil: Array) -> Chosen:
-    """Whether rows and columns of the pupil do not count as parallel to a surface's axes, for maps to it (T, 4)."""
+    """Whether rows and columns of the pupil do not count as parallel to a surface's axes, for maps
+    to it (T, 4).
+    """
     rows = np.abs(by_pupil.reshape(-1, 2, 2))
-    return np.any(rows.min(axis=2) > SKEW * np.maximum(np.linalg.norm(rows, axis=2), 1e-300), axis=1)
+    return np.any(
+        rows.min(axis=2) > SKEW * np.maximum(np.linalg.norm(rows, axis=2), 1e-300), axis=1
+    )

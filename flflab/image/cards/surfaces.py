@@ -11,7 +11,9 @@ Array = npt.NDArray[np.float64]
 
 
 def lens_numbers(pupils: Pupils) -> Array:
-    """The sensor side of N entries, shape (N, 15): centre, slope, reach, then by what rays are followed, level, slants."""
+    """The sensor side of N entries, shape (N, 15): centre, slope, reach, then by what rays are
+    followed, level, slants.
+    """
     return np.column_stack(
         [
             pupils.centre_x,
@@ -34,7 +36,9 @@ def lens_numbers(pupils: Pupils) -> Array:
 
 
 def surface_numbers(card: Card) -> Array:
-    """A plane as numbers: distance, vergence, offset, tilt, own axes, half its card's size, whether rays must end on the card."""
+    """A plane as numbers: distance, vergence, offset, tilt, own axes, half its card's size, whether
+    rays must end on the card.
+    """
     plane = card.plane
     size = card.size
     return np.array(

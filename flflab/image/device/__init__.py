@@ -1,1 +1,3 @@
-"""Pictures on a CUDA device: the formulas of the processor's kernels, every pixel worked out by a thread of its own."""
+"""Pictures on a CUDA device: the formulas of the processor's kernels, every pixel worked out by a
+thread of its own.
+"""

@@ -12,7 +12,9 @@ Whole = npt.NDArray[np.int64]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def dot_pixel(light: float, row: int, column: int, near: Whole, room: Array, pieces: Pieces, seen: DotSeen) -> float:
+def dot_pixel(
+    light: float, row: int, column: int, near: Whole, room: Array, pieces: Pieces, seen: DotSeen
+) -> float:
     """The light of a pixel with what it gets through the entries near it, in their order.
 
     Args:
@@ -28,6 +30,9 @@ def dot_pixel(light: float, row: int, column: int, near: Whole, room: Array, pie
     for piece in near:
         if holds(pieces.windows[piece], row, column, lenses.wanted):
             entry = int(pieces.entries[piece])
-            dx, dy = lenses.xs[column] - lenses.centres[entry, 0], lenses.ys[row] - lenses.centres[entry, 1]
+            dx, dy = (
+                lenses.xs[column] - lenses.centres[entry, 0],
+                lenses.ys[row] - lenses.centres[entry, 1],
+            )
             light += float(lenses.levels[entry]) * dot_light(dx, dy, entry, seen, room)
     return light

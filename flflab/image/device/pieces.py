@@ -1,4 +1,6 @@
-"""The pixels that entries light, cut as the processor cuts them, and which of these pieces every block of a device's threads looks at."""
+"""The pixels that entries light, cut as the processor cuts them, and which of these pieces every
+block of a device's threads looks at.
+"""
 
 from typing import NamedTuple
 
@@ -18,7 +20,8 @@ class Pieces(NamedTuple):
     """Parts of the entries' windows.
 
     Attributes:
-        windows: first column, column after the last, first row, row after the last, of every piece; shape (M, 4).
+        windows: first column, column after the last, first row, row after the last, of every piece;
+            shape (M, 4).
         entries: the entry of each.
     """
 
@@ -38,10 +41,12 @@ def holds(window: Whole, row: int, column: int, wanted: Chosen) -> bool:
 def cut_windows(windows: Whole, height: int, wanted: Chosen) -> Pieces:
     """Cut windows into bands of rows, and shrink them to the wanted pixels.
 
-    The tables that a kernel makes of an entry depend on where its piece of a window begins and ends: cut alike, they are the same.
+    The tables that a kernel makes of an entry depend on where its piece of a window begins and
+    ends: cut alike, they are the same.
 
     Args:
-        windows: first column, column after the last, first row, row after the last, of every entry; shape (N, 4).
+        windows: first column, column after the last, first row, row after the last, of every entry;
+            shape (N, 4).
         height: rows of a band; the first begins where any light does.
         wanted: which pixels to compute, [row, column]; empty for all.
 
@@ -54,16 +59,28 @@ def cut_windows(windows: Whole, height: int, wanted: Chosen) -> Pieces:
         first, last = int(windows[lit, 2].min()), int(windows[lit, 3].max())
     for entry in range(windows.shape[0]):
         if lit[entry]:
-            most += (windows[entry, 3] - 1 - first) // height - (windows[entry, 2] - first) // height + 1
+            most += (
+                (windows[entry, 3] - 1 - first) // height
+                - (windows[entry, 2] - first) // height
+                + 1
+            )
     pieces, entries, count = np.empty((most, 4), dtype=np.int64), np.empty(most, dtype=np.int64), 0
     for band in range(first, last, height):
         for entry in range(windows.shape[0]):
             start, end = int(windows[entry, 0]), int(windows[entry, 1])
-            low, high = max(band, int(windows[entry, 2])), min(band + height, int(windows[entry, 3]))
+            low, high = (
+                max(band, int(windows[entry, 2])),
+                min(band + height, int(windows[entry, 3])),
+            )
             if wanted.size > 0:
                 start, end, low, high = shrink(wanted, start, end, low, high)
             if lit[entry] and start < end and low < high:
-                pieces[count, 0], pieces[count, 1], pieces[count, 2], pieces[count, 3] = start, end, low, high
+                pieces[count, 0], pieces[count, 1], pieces[count, 2], pieces[count, 3] = (
+                    start,
+                    end,
+                    low,
+                    high,
+                )
                 entries[count] = entry
                 count += 1
     return Pieces(pieces[:count].copy(), entries[:count].copy())
@@ -74,7 +91,8 @@ def pieces_by_block(pieces: Whole, rows: int, columns: int) -> tuple[Whole, Whol
     """Which windows of pieces reach the pixels of each block of threads.
 
     Returns:
-        Where each block's pieces begin in the list, row by row of blocks, shape (B + 1,), and the list, in each block in ascending order.
+        Where each block's pieces begin in the list, row by row of blocks, shape (B + 1,), and the
+        list, in each block in ascending order.
     """
     across = (columns + WIDE - 1) // WIDE
     counts = np.zeros(across * ((rows + HIGH - 1) // HIGH) + 1, dtype=np.int64)

@@ -1,4 +1,6 @@
-"""One pixel of a picture, as a thread works it out, and the tables of texels that the pieces of micro-images read from."""
+"""One pixel of a picture, as a thread works it out, and the tables of texels that the pieces of
+micro-images read from.
+"""
 
 from typing import NamedTuple
 
@@ -34,12 +36,20 @@ class TexelTables(NamedTuple):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def texel_tables(pieces: Pieces, seen: PictureSeen, most: int) -> TexelTables:
-    """Gather what the pieces see; nothing is held where that would be more than ``most`` numbers."""
+    """Gather what the pieces see; nothing is held where that would be more than ``most``
+    numbers.
+    """
     count = len(pieces.entries)
-    begins, widths, frames = np.zeros(count + 1, dtype=np.int64), np.zeros(count, dtype=np.int64), np.zeros((count, FRAME))
+    begins, widths, frames = (
+        np.zeros(count + 1, dtype=np.int64),
+        np.zeros(count, dtype=np.int64),
+        np.zeros((count, FRAME)),
+    )
     inside = np.zeros((count, 4), dtype=np.int64)
     for piece in range(count):
-        inside[piece] = seen_texels(seen, int(pieces.entries[piece]), pieces.windows[piece], frames[piece])
+        inside[piece] = seen_texels(
+            seen, int(pieces.entries[piece]), pieces.windows[piece], frames[piece]
+        )
         begins[piece + 1] = begins[piece]
         if inside[piece, 2] > 0 and inside[piece, 3] > 0:
             begins[piece + 1] += inside[piece, 3] + 1
@@ -51,13 +61,22 @@ def texel_tables(pieces: Pieces, seen: PictureSeen, most: int) -> TexelTables:
     for piece in range(count):
         if widths[piece] > 0:
             column, row, columns, rows = inside[piece]
-            held[begins[piece] : begins[piece + 1], : widths[piece]] = fill_sums(seen.values, column, row, columns, rows)
+            held[begins[piece] : begins[piece + 1], : widths[piece]] = fill_sums(
+                seen.values, column, row, columns, rows
+            )
     return TexelTables(held, begins, widths, frames)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def texel_pixel(
-    light: float, row: int, column: int, near: Whole, room: Array, pieces: Pieces, tables: TexelTables, seen: PictureSeen
+    light: float,
+    row: int,
+    column: int,
+    near: Whole,
+    room: Array,
+    pieces: Pieces,
+    tables: TexelTables,
+    seen: PictureSeen,
 ) -> float:
     """The light of a pixel with what it gets through the entries near it, in their order.
 
@@ -75,8 +94,15 @@ def texel_pixel(
     for piece in near:
         if tables.widths[piece] > 0 and holds(pieces.windows[piece], row, column, lenses.wanted):
             entry = int(pieces.entries[piece])
-            dx, dy = lenses.xs[column] - lenses.centres[entry, 0], lenses.ys[row] - lenses.centres[entry, 1]
-            sums = tables.held[tables.begins[piece] : tables.begins[piece + 1], : tables.widths[piece]]
+            dx, dy = (
+                lenses.xs[column] - lenses.centres[entry, 0],
+                lenses.ys[row] - lenses.centres[entry, 1],
+            )
+            sums = tables.held[
+                tables.begins[piece] : tables.begins[piece + 1], : tables.widths[piece]
+            ]
             frame, areas = tables.frames[piece], sums[:, :, 0]
-            light += float(lenses.levels[entry]) * texel_light(dx, dy, picture_lens(seen, entry), frame, sums, areas, room)
+            light += float(lenses.levels[entry]) * texel_light(
+                dx, dy, picture_lens(seen, entry), frame, sums, areas, room
+            )
     return light

@@ -1,1 +1,3 @@
-"""One flat target's light where it is waves: the scalar image through every microlens's clipped pupil."""
+"""One flat target's light where it is waves: the scalar image through every microlens's clipped
+pupil.
+"""

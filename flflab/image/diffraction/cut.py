@@ -1,4 +1,6 @@
-"""The spectrum of dots that a box cuts, as polygons: a field need then be no larger than the box, however large the dots."""
+"""The spectrum of dots that a box cuts, as polygons: a field need then be no larger than the box,
+however large the dots.
+"""
 
 import math
 
@@ -10,11 +12,16 @@ Array = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
 
 LEAST_SIDES = 16
-WITHIN_WAVE = 0.8  # of the shortest wave that light keeps: so long sides differ from an arc by shorter waves only
-SAGITTA = 0.2  # of the tolerance times the blur: an arc so far off changes 0.1 of the tolerance at most
+# of the shortest wave that light keeps: so long sides differ from an arc by shorter waves only
+WITHIN_WAVE = 0.8
+SAGITTA = (
+    0.2  # of the tolerance times the blur: an arc so far off changes 0.1 of the tolerance at most
+)
 
 
-def cut_dots_spectrum(centres: Array, radii: Array, low: Array, high: Array, side: float, x: Array, y: Array) -> ComplexArray:
+def cut_dots_spectrum(
+    centres: Array, radii: Array, low: Array, high: Array, side: float, x: Array, y: Array
+) -> ComplexArray:
     """Spectrum of the parts of white discs inside a box.
 
     Args:
@@ -32,7 +39,9 @@ def cut_dots_spectrum(centres: Array, radii: Array, low: Array, high: Array, sid
     count = max(LEAST_SIDES, math.ceil(2 * math.pi * float(radii.max()) / side))
     angles = 2 * np.pi * np.arange(count) / count
     # As large as the disc.
-    circle = np.column_stack([np.cos(angles), np.sin(angles)]) * math.sqrt(2 * math.pi / (count * math.sin(2 * math.pi / count)))
+    circle = np.column_stack([np.cos(angles), np.sin(angles)]) * math.sqrt(
+        2 * math.pi / (count * math.sin(2 * math.pi / count))
+    )
     total = np.zeros((len(y), len(x)), dtype=np.complex128)
     for centre in centres:
         corners = clipped(centre + radii * circle, low, high)
@@ -62,21 +71,29 @@ def clipped(corners: Array, low: Array, high: Array) -> Array:
             inside = sign * (corners[:, axis] - bound)
             following, next_inside = np.roll(corners, -1, axis=0), np.roll(inside, -1)
             crosses = (inside >= 0) != (next_inside >= 0)
-            share = np.divide(inside, inside - next_inside, out=np.zeros_like(inside), where=crosses)
-            both = np.stack([corners, corners + share[:, None] * (following - corners)], axis=1).reshape(-1, 2)
+            share = np.divide(
+                inside, inside - next_inside, out=np.zeros_like(inside), where=crosses
+            )
+            both = np.stack(
+                [corners, corners + share[:, None] * (following - corners)], axis=1
+            ).reshape(-1, 2)
             corners = both[np.stack([inside >= 0, crosses], axis=1).ravel()]
     return corners
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_polygon_spectrum(total: ComplexArray, corners: Array, x: Array, y: Array) -> None:
-    """Add a polygon's spectrum, its corners (n, 2) in the mathematical sense of turning, at frequencies along x' and y'.
+    """Add a polygon's spectrum, its corners (n, 2) in the mathematical sense of turning, at
+    frequencies along x' and y'.
 
-    By the divergence theorem it is the sum over the sides of i f.n L sinc(f.t L) exp(-2 pi i f.m) / (2 pi f^2), with a side's middle
-    m, direction t, outward normal n and length L.
+    By the divergence theorem it is the sum over the sides of i f.n L sinc(f.t L) exp(-2 pi i f.m) /
+    (2 pi f^2), with a side's middle m, direction t, outward normal n and length L.
     """
     count = corners.shape[0]
-    by_x, by_y = np.empty((count, x.size), dtype=np.complex128), np.empty((count, y.size), dtype=np.complex128)
+    by_x, by_y = (
+        np.empty((count, x.size), dtype=np.complex128),
+        np.empty((count, y.size), dtype=np.complex128),
+    )
     sides, area = np.empty((count, 2)), 0.0
     for index in range(count):
         after = (index + 1) % count

@@ -1,8 +1,10 @@
 """Light that diffraction brings from far beyond a target's upper and lower border, in closed form.
 
-A transfer function has a corner at no frequency, |f| in every direction, from which light comes far; splines over frequencies round the
-corner off, and lose it. A Poisson kernel e/(2 pi (r^2 + e^2)^(3/2)) has the transfer function exp(-2 pi e f), with a corner of its own:
-weighted so that both are alike, what it makes of the target's mean light is added in closed form and taken off as splines make it.
+A transfer function has a corner at no frequency, |f| in every direction, from which light comes
+far; splines over frequencies round the corner off, and lose it. A Poisson kernel e/(2 pi (r^2 +
+e^2)^(3/2)) has the transfer function exp(-2 pi e f), with a corner of its own: weighted so that
+both are alike, what it makes of the target's mean light is added in closed form and taken off as
+splines make it.
 """
 
 import math
@@ -20,7 +22,9 @@ SOFT = 8.0  # pixels, e: wide against a pixel
 
 
 def poisson_weight(tail: float) -> float:
-    """How much of the kernel has the corner of a transfer function whose line spread falls as ``tails`` of ``Modes`` over x^2."""
+    """How much of the kernel has the corner of a transfer function whose line spread falls as
+    ``tails`` of ``Modes`` over x^2.
+    """
     return math.pi * tail / SOFT
 
 
@@ -39,7 +43,8 @@ def mean_light(line: Line) -> Line:
 def poisson_light(line: Line, distance: Array) -> Array:
     """What the kernel brings of the lines' mean light from beyond a border, as spline coefficients.
 
-    Over the quadrant u > a, v > b the kernel holds (pi/2 - atan(a/e) - atan(b/e) + atan(a b/(e sqrt(a^2 + b^2 + e^2))))/(2 pi).
+    Over the quadrant u > a, v > b the kernel holds (pi/2 - atan(a/e) - atan(b/e) + atan(a b/(e
+    sqrt(a^2 + b^2 + e^2))))/(2 pi).
 
     Args:
         line: the lines.
@@ -52,7 +57,9 @@ def poisson_light(line: Line, distance: Array) -> Array:
 
     def up_to(end: float) -> Array:
         u = np.clip(end, -1e9, 1e9) - places
-        return np.arctan(u / SOFT) - np.arctan(u * away / (SOFT * np.sqrt(u**2 + away**2 + SOFT**2)))
+        return np.arctan(u / SOFT) - np.arctan(
+            u * away / (SOFT * np.sqrt(u**2 + away**2 + SOFT**2))
+        )
 
     light = line.ruling.level / (2 * math.pi) * (up_to(line.ends[1]) - up_to(line.ends[0]))
     return np.asarray(ndimage.spline_filter(light, mode="mirror"), dtype=np.float64)

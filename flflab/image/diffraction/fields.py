@@ -1,4 +1,6 @@
-"""Diffracted images of targets without lines, dots and pictures: fields over the target for every term of the transfer functions."""
+"""Diffracted images of targets without lines, dots and pictures: fields over the target for every
+term of the transfer functions.
+"""
 
 import math
 from collections.abc import Iterator
@@ -28,12 +30,15 @@ Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
 MOST_WAVES, ROOM = 64, 1 << 26  # waves at a time, and the most numbers they may hold
-TOGETHER = 8  # terms whose waves are put in their places at a time: a line of the processor's memory
+TOGETHER = (
+    8  # terms whose waves are put in their places at a time: a line of the processor's memory
+)
 
 
 @dataclass(frozen=True)
 class Grid:
-    """An even grid over a part of the target, in pixels of the sensor along the target's axes x' and y'.
+    """An even grid over a part of the target, in pixels of the sensor along the target's axes x'
+    and y'.
 
     Attributes:
         axes: x' and y' as unit vectors on the sensor, rows.
@@ -55,9 +60,11 @@ class Fields:
     """Spline coefficients over a grid, shape (Y, X) and (Y, X, K), single precision.
 
     Attributes:
-        whole: of the unclipped pupil over a pixel; empty where the unclipped pupil is not asked for.
+        whole: of the unclipped pupil over a pixel; empty where the unclipped pupil is not asked
+            for.
         part: the same over a part of a pixel.
-        waves: some terms of the clipped pupils' sum, each for the cosine of the sensor point's angle and for the sine.
+        waves: some terms of the clipped pupils' sum, each for the cosine of the sensor point's
+            angle and for the sine.
         terms: which terms, shape (K / 2,).
     """
 
@@ -68,25 +75,47 @@ class Fields:
 
 
 def make_grid(axes: Array, low: Array, high: Array, pad: Array, samples: float) -> Grid:
-    """A grid from low to high, pixels along x' and y'; what lies ``pad`` beyond its ends must be black or of no matter."""
+    """A grid from low to high, pixels along x' and y'; what lies ``pad`` beyond its ends must be
+    black or of no matter.
+    """
     first = np.floor(low - 2 / min(samples, 1.0))
     count = np.ceil((high - first) * samples).astype(int) + 4
     length = [fast_length(n) for n in count + pad * samples]
-    return Grid(axes, (float(first[0]), float(first[1])), samples, (int(count[0]), int(count[1])), (length[0], length[1]))
+    return Grid(
+        axes,
+        (float(first[0]), float(first[1])),
+        samples,
+        (int(count[0]), int(count[1])),
+        (length[0], length[1]),
+    )
 
 
 def dots_spectrum(centres: Array, radii: Array, x: Array, y: Array) -> ComplexArray:
-    """Spectrum of white discs at frequencies along x' and y', shape (y, x); centres (n, 2) from the grid's first position, in pixels."""
-    turn = np.exp(-2j * np.pi * y[:, None] * centres[:, 1]) @ np.exp(-2j * np.pi * centres[:, :1] * x)
-    (across, column), (along, row) = (np.unique(np.abs(some), return_inverse=True) for some in (x, y))  # alike in all four quarters
+    """Spectrum of white discs at frequencies along x' and y', shape (y, x); centres (n, 2) from the
+    grid's first position, in pixels.
+    """
+    turn = np.exp(-2j * np.pi * y[:, None] * centres[:, 1]) @ np.exp(
+        -2j * np.pi * centres[:, :1] * x
+    )
+    (across, column), (along, row) = (
+        np.unique(np.abs(some), return_inverse=True) for some in (x, y)
+    )  # alike in all four quarters
     z = 2 * np.pi * np.maximum(np.hypot(across * radii[0], along[:, None] * radii[1]), 1e-9)
     return math.pi * radii[0] * radii[1] * (2 * j1(z) / z)[row[:, None], column] * turn
 
 
 def picture_spectrum(
-    picture: Picture, scales: Array, low: Array, high: Array, first: tuple[float, float], x: Array, y: Array
+    picture: Picture,
+    scales: Array,
+    low: Array,
+    high: Array,
+    first: tuple[float, float],
+    x: Array,
+    y: Array,
 ) -> ComplexArray:
-    """Spectrum of the part of a picture between low and high (pixels) at frequencies along x' and y', shape (y, x)."""
+    """Spectrum of the part of a picture between low and high (pixels) at frequencies along x' and
+    y', shape (y, x).
+    """
     parts: list[ComplexArray] = []
     kept: list[slice] = []
     for axis, frequency in ((0, x), (1, y)):
@@ -97,23 +126,36 @@ def picture_spectrum(
         inside = np.flatnonzero(start < end)
         kept.append(slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0))
         middle, width = (0.5 * (start + end))[kept[axis]], (end - start)[kept[axis]]
-        parts.append(np.exp(-2j * np.pi * frequency[:, None] * (middle - first[axis])) * width * np.sinc(frequency[:, None] * width))
+        parts.append(
+            np.exp(-2j * np.pi * frequency[:, None] * (middle - first[axis]))
+            * width
+            * np.sinc(frequency[:, None] * width)
+        )
     return parts[1] @ picture.values[kept[1], kept[0]] @ parts[0].T
 
 
 def kept_frequencies(grid: Grid, band: float) -> tuple[Whole, Whole, Array, Array]:
-    """Indices and values of the frequencies of a grid's Fourier sums below the end of the band, along x' and along y'."""
-    x, y = (np.asarray(fft.fftfreq(length, 1 / grid.samples), dtype=np.float64) for length in grid.length)
+    """Indices and values of the frequencies of a grid's Fourier sums below the end of the band,
+    along x' and along y'.
+    """
+    x, y = (
+        np.asarray(fft.fftfreq(length, 1 / grid.samples), dtype=np.float64)
+        for length in grid.length
+    )
     column, row = np.flatnonzero(np.abs(x) < band), np.flatnonzero(np.abs(y) < band)
     return column, row, x[column], y[row]
 
 
 def on_sensor(grid: Grid, x: Array, y: Array) -> Array:
-    """Frequencies along x' and y' as vectors in the sensor's frame, cycles/pixel, shape (y, x, 2)."""
+    """Frequencies along x' and y' as vectors in the sensor's frame, cycles/pixel, shape (y, x,
+    2).
+    """
     return np.asarray(np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1) @ grid.axes)
 
 
-def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, part_box: float) -> Iterator[Fields]:
+def make_fields(
+    modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, part_box: float
+) -> Iterator[Fields]:
     """Image a target through every term, some at a time.
 
     Args:
@@ -126,11 +168,18 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
     column, row, x, y = kept_frequencies(grid, modes.band)
     f = on_sensor(grid, x, y)
     prefilter = [(2 + np.cos(2 * np.pi * frequency / grid.samples)) / 3 for frequency in (x, y)]
-    wanted = spectrum * modes.kind.smear.transfer(f) * (grid.samples**2 / (prefilter[0] * prefilter[1][:, None]))
+    wanted = (
+        spectrum
+        * modes.kind.smear.transfer(f)
+        * (grid.samples**2 / (prefilter[0] * prefilter[1][:, None]))
+    )
     base, beyond = modes.places(np.hypot(f[..., 0], f[..., 1]))
     by_pixel, by_part, angle = (np.empty(wanted.shape, dtype=np.complex64) for _ in range(3))
     box_over(by_pixel, by_part, angle, wanted, f, box, part_box)
-    unclipped = modes.core_fine[base].astype(np.float32) + beyond * np.diff(modes.core_fine).astype(np.float32)[base]
+    unclipped = (
+        modes.core_fine[base].astype(np.float32)
+        + beyond * np.diff(modes.core_fine).astype(np.float32)[base]
+    )
 
     up = np.empty((grid.length[1], len(column)), dtype=np.complex64)
     rows = np.empty((grid.count[1], grid.length[0]), dtype=np.complex64)
@@ -141,7 +190,9 @@ def make_fields(modes: Modes, grid: Grid, spectrum: ComplexArray, box: float, pa
         along = np.asarray(fft.ifft(up, axis=0, overwrite_x=True))[: grid.count[1]]
         rows[:, :rising], rows[:, rising:] = along[:, :rising], 0.0
         rows[:, rows.shape[1] - (len(column) - rising) :] = along[:, rising:]
-        return np.asarray(fft.ifft(rows, axis=1, overwrite_x=True), dtype=np.complex64)[:, : grid.count[0]]
+        return np.asarray(fft.ifft(rows, axis=1, overwrite_x=True), dtype=np.complex64)[
+            :, : grid.count[0]
+        ]
 
     def core(pattern: SingleComplexArray) -> SingleArray:
         up[:] = 0.0
@@ -178,7 +229,9 @@ def box_over(
     box: float,
     part_box: float,
 ) -> None:
-    """Fill in what a pixel leaves of some frequencies, what a part of it does, and their directions, exp(i alpha); see ``make_fields``."""
+    """Fill in what a pixel leaves of some frequencies, what a part of it does, and their
+    directions, exp(i alpha); see ``make_fields``.
+    """
     for i in range(wanted.shape[0]):
         for j in range(wanted.shape[1]):
             x, y = f[i, j, 0], f[i, j, 1]
@@ -195,7 +248,9 @@ def _sinc(x: float) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def interleave(waves: SingleArray, first: int, sums: SingleComplexArray, orders: Whole) -> None:
-    """Put some terms' sums (K, Y, X) into their places among the waves (Y, X, ...) from the term ``first`` on, odd orders times i."""
+    """Put some terms' sums (K, Y, X) into their places among the waves (Y, X, ...) from the term
+    ``first`` on, odd orders times i.
+    """
     for i in range(sums.shape[1]):
         for j in range(sums.shape[2]):
             for k in range(sums.shape[0]):
@@ -207,13 +262,22 @@ def interleave(waves: SingleArray, first: int, sums: SingleComplexArray, orders:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_pattern(
-    up: SingleComplexArray, rows: Whole, turned: SingleComplexArray, table: SingleArray, base: Whole, beyond: SingleArray
+    up: SingleComplexArray,
+    rows: Whole,
+    turned: SingleComplexArray,
+    table: SingleArray,
+    base: Whole,
+    beyond: SingleArray,
 ) -> None:
-    """Add a pattern to some rows: ``turned`` times what a table holds ``beyond`` the nodes ``base``, see ``Modes.places``."""
+    """Add a pattern to some rows: ``turned`` times what a table holds ``beyond`` the nodes
+    ``base``, see ``Modes.places``.
+    """
     for i in range(turned.shape[0]):
         for j in range(turned.shape[1]):
             node = base[i, j]
-            up[rows[i], j] += turned[i, j] * (table[node] + beyond[i, j] * (table[node + 1] - table[node]))
+            up[rows[i], j] += turned[i, j] * (
+                table[node] + beyond[i, j] * (table[node + 1] - table[node])
+            )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
@@ -266,7 +330,8 @@ def add_fields(
         rows: the band.
         windows: first column, column after the last, first row, row after the last; shape (N, 4).
         centres: of the micro-images, mm, shape (N, 2).
-        origins: position on the target seen from there along x' and y', in pixels of either direction, shape (N, 2).
+        origins: position on the target seen from there along x' and y', in pixels of either
+            direction, shape (N, 2).
         looks: change of that position per pixel on the sensor, shape (N, 2, 2).
         levels: light at full pupil.
         rims: see ``Kind``.
@@ -280,7 +345,8 @@ def add_fields(
         ys: of the rows.
         pixel: side of a pixel, mm.
         sheets: ``whole``, ``part`` and ``waves`` of ``Fields``.
-        terms: ``orders``, ``polynomials`` and ``coefficients`` of those whose waves they are, see ``weigh_pairs``.
+        terms: ``orders``, ``polynomials`` and ``coefficients`` of those whose waves they are, see
+            ``weigh_pairs``.
         count: steps of the table over a rim.
         first: see ``Grid``.
         samples: the same.
@@ -303,7 +369,11 @@ def add_fields(
                 dx = (xs[column] - centres[entry, 0]) / pixel
                 from_centre = math.sqrt(dx * dx + dy * dy)
                 whole = from_centre < rim[0] - bright
-                if (whole and unclipped.size == 0) or from_centre > rim[3] + 0.75 or not chosen[row, column]:
+                if (
+                    (whole and unclipped.size == 0)
+                    or from_centre > rim[3] + 0.75
+                    or not chosen[row, column]
+                ):
                     continue
                 if not ring[0] <= rim[0] - from_centre < ring[1]:
                     continue
@@ -315,31 +385,59 @@ def add_fields(
                     for i in range(pieces):
                         x = dx + (0.0 if whole else offsets[i] * box)
                         amount = 1.0 if whole else amounts[i] * amounts[j]
-                        radial, share, look = place_on_rim(x, y, side, rim, steep and not whole, count, nodes)
+                        radial, share, look = place_on_rim(
+                            x, y, side, rim, steep and not whole, count, nodes
+                        )
                         falling, aside_x, aside_y = 1.0, 0.0, 0.0
                         if shaded:
                             falling = weigh_pupil(x, y, slants[entry], fit, told)
                             radial = max(radial, 0.0)
                         else:
-                            falling, aside_x, aside_y = mean_falloff(x, y, rim, slants[entry], moments)
+                            falling, aside_x, aside_y = mean_falloff(
+                                x, y, rim, slants[entry], moments
+                            )
                         seen_x, seen_y = look * x + blur * aside_x, look * y + blur * aside_y
-                        across = (origins[entry, 0] + looks[entry, 0, 0] * seen_x + looks[entry, 0, 1] * seen_y - first[0]) * samples
-                        along = (origins[entry, 1] + looks[entry, 1, 0] * seen_x + looks[entry, 1, 1] * seen_y - first[1]) * samples
-                        if share <= 0.0 or not (1.0 <= across < part.shape[1] - 2.0 and 1.0 <= along < part.shape[0] - 2.0):
+                        across = (
+                            origins[entry, 0]
+                            + looks[entry, 0, 0] * seen_x
+                            + looks[entry, 0, 1] * seen_y
+                            - first[0]
+                        ) * samples
+                        along = (
+                            origins[entry, 1]
+                            + looks[entry, 1, 0] * seen_x
+                            + looks[entry, 1, 1] * seen_y
+                            - first[1]
+                        ) * samples
+                        if share <= 0.0 or not (
+                            1.0 <= across < part.shape[1] - 2.0
+                            and 1.0 <= along < part.shape[0] - 2.0
+                        ):
                             continue
                         if radial >= 0.0:
                             if orders.size > 0:
                                 weigh_pairs(radial, math.atan2(y, x), orders, coefficients, weights)
                                 if shaded:
                                     shade_pairs(polynomials, told, weights)
-                                light += amount * falling * read_pairs(waves, across, along, weights)
+                                light += (
+                                    amount * falling * read_pairs(waves, across, along, weights)
+                                )
                         elif unclipped.size > 0:
                             base_row, base_column = int(along), int(across)
-                            by_row, by_column = spline_weights(along - base_row), spline_weights(across - base_column)
+                            by_row, by_column = (
+                                spline_weights(along - base_row),
+                                spline_weights(across - base_column),
+                            )
                             light += (
                                 amount
                                 * falling
                                 * share
-                                * read_sheet(unclipped if whole else part, base_row, base_column, by_row, by_column)
+                                * read_sheet(
+                                    unclipped if whole else part,
+                                    base_row,
+                                    base_column,
+                                    by_row,
+                                    by_column,
+                                )
                             )
                 image[row, column] += levels[entry] * light

@@ -1,8 +1,10 @@
-"""The picture of a flat target in light of one wavelength: the scalar Fresnel image through every microlens's clipped pupil.
+"""The picture of a flat target in light of one wavelength: the scalar Fresnel image through every
+microlens's clipped pupil.
 
-A sensor point sees the target through the part of the pupil that both stops leave of it, as rays do; the light of that part comes
-from the target with the diffraction pattern of its shape and defocus instead of a point for each ray. The pattern's integral is the
-light of the rays, so that white stays white. Paraxial, incoherent, first stop clipped geometrically.
+A sensor point sees the target through the part of the pupil that both stops leave of it, as rays
+do; the light of that part comes from the target with the diffraction pattern of its shape and
+defocus instead of a point for each ray. The pattern's integral is the light of the rays, so that
+white stays white. Paraxial, incoherent, first stop clipped geometrically.
 """
 
 import math
@@ -49,12 +51,22 @@ Whole = npt.NDArray[np.int64]
 
 NO_BORDERS = [NO_BORDER, NO_BORDER]
 SHARE = 0.7  # of the tolerance; the errors of nodes, parts and terms are each kept below it
-LINE_TERMS = 0.5  # of it, for terms left out: the same lines pass all of them, and a border leaves out its own
-KIND_COST: dict[type[Target], float] = {Edge: 6e3, Bars: 5e4, Chirp: 5e4, FourDot: 5e4, Picture: 5e4}  # in pixels, of a kind's tables
+# of it, for terms left out: the same lines pass all of them, and a border leaves out its own
+LINE_TERMS = 0.5
+KIND_COST: dict[type[Target], float] = {
+    Edge: 6e3,
+    Bars: 5e4,
+    Chirp: 5e4,
+    FourDot: 5e4,
+    Picture: 5e4,
+}  # in pixels, of a kind's tables
 
 
-def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavelength: float, wanted: Chosen | None = None) -> None:
-    """Add the diffracted light of one flat target, not black, to an image [row, column] in units of the geometric white level.
+def add_plane_with_diffraction(
+    image: Array, setup: Setup, target: Target, wavelength: float, wanted: Chosen | None = None
+) -> None:
+    """Add the diffracted light of one flat target, not black, to an image [row, column] in units of
+    the geometric white level.
 
     Args:
         image: the image to add to.
@@ -70,13 +82,21 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
     finer = replace(setup, tolerance=SHARE * setup.tolerance / math.sqrt(setup.overlap))
     windows = lit_windows(setup)
     seen = np.flatnonzero((windows[:, 0] < windows[:, 1]) & (windows[:, 2] < windows[:, 3]))
-    alike = replace(setup, tolerance=SHARE * setup.tolerance / setup.overlap)  # microlenses side by side err to the same side
+    alike = replace(
+        setup, tolerance=SHARE * setup.tolerance / setup.overlap
+    )  # microlenses side by side err to the same side
     pixels = lit_counts(windows[seen], chosen)
-    kinds = find_kinds(alike, target, wavelength, seen, pixels, KIND_COST[type(target)]) if len(seen) else []
+    kinds = (
+        find_kinds(alike, target, wavelength, seen, pixels, KIND_COST[type(target)])
+        if len(seen)
+        else []
+    )
     for _, same in groupby(sorted(kinds, key=lambda kind: kind.pupil), key=lambda kind: kind.pupil):
         known: Known = {}  # tables of many pupils at a time would fill any memory
         for kind in same:
-            if 2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1:  # so sharp a pattern no pixel tells
+            if (
+                2 * abs(kind.blur) > BLURRED or kind.cutoff * setup.tolerance > 1
+            ):  # so sharp a pattern no pixel tells
                 _add_rays(image, setup, kind, target, wanted)
             elif isinstance(target, Bars | Edge):
                 _add_ruled(image, finer, kind, known, windows, target, chosen)
@@ -86,13 +106,28 @@ def add_plane_with_diffraction(image: Array, setup: Setup, target: Target, wavel
                 add_dots_diffracted(image, finer, kind, known, windows, target, chosen)
 
 
-def _add_rays(image: Array, setup: Setup, kind: Kind, target: Target, wanted: Chosen | None) -> None:
+def _add_rays(
+    image: Array, setup: Setup, kind: Kind, target: Target, wanted: Chosen | None
+) -> None:
     """Add a kind's light without diffraction."""
     part = setup.of(kind.entries, setup.window[kind.entries])
-    add_moving_plane(image, replace(part, pupils=replace(part.pupils, level=part.pupils.level * kind.weights)), target, wanted)
+    add_moving_plane(
+        image,
+        replace(part, pupils=replace(part.pupils, level=part.pupils.level * kind.weights)),
+        target,
+        wanted,
+    )
 
 
-def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole, target: Bars | Edge, chosen: Chosen) -> None:
+def _add_ruled(
+    image: Array,
+    setup: Setup,
+    kind: Kind,
+    known: Known,
+    lit: Whole,
+    target: Bars | Edge,
+    chosen: Chosen,
+) -> None:
     pixel = setup.sensor.pixel
     axes = np.eye(2)
     if isinstance(target, Edge):
@@ -107,7 +142,15 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
         setup.pixel_width / pixel,
         max(LINE_TERMS * setup.tolerance, LEAST_TERMS),
     )
-    modes = shared_modes(known, kind, samples, (1, 1) if divided.steep else (radii, angles), box, left_out, shading=shading)
+    modes = shared_modes(
+        known,
+        kind,
+        samples,
+        (1, 1) if divided.steep else (radii, angles),
+        box,
+        left_out,
+        shading=shading,
+    )
     centres = np.column_stack([setup.pupils.centre_x, setup.pupils.centre_y])[kind.entries]
     directions = axes @ kind.by_sensor
     scales = np.hypot(*directions.T)
@@ -123,16 +166,28 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     if isinstance(target, Bars):
         half = target.height / 2 / scales[1]
         reach = border_reach(kind, setup.tolerance)
-        insides = [(half + float(low[1]), half + float(high[1])), (half - float(high[1]), half - float(low[1]))]
+        insides = [
+            (half + float(low[1]), half + float(high[1])),
+            (half - float(high[1]), half - float(low[1])),
+        ]
         lower, upper = ((nearest, min(farthest, reach)) for nearest, farthest in insides)
         if min(lower[0], upper[0]) < reach:
             mirror = kind.smear.extent == 0 and is_even(directions[None], 0.0)
             either = min(lower[0], upper[0]), max(lower[1], upper[1])
-            inwards = [(directions[1], either)] if mirror else [(directions[1], lower), (-directions[1], upper)]
+            inwards = (
+                [(directions[1], either)]
+                if mirror
+                else [(directions[1], lower), (-directions[1], upper)]
+            )
     xs, ys = pixel_positions(setup.sensor)
 
-    def add(rows: tuple[int, int], parts: PixelParts, curves: Curves, borders: list[Border]) -> None:
-        border_rows = [(some.core, some.part, some.waves, some.terms, some.turns, some.last, some.place) for some in borders]
+    def add(
+        rows: tuple[int, int], parts: PixelParts, curves: Curves, borders: list[Border]
+    ) -> None:
+        border_rows = [
+            (some.core, some.part, some.waves, some.terms, some.turns, some.last, some.place)
+            for some in borders
+        ]
         add_ruled_diffracted(
             image,
             rows,
@@ -170,5 +225,10 @@ def _add_ruled(image: Array, setup: Setup, kind: Kind, known: Known, lit: Whole,
     for parts in divisions(kind, setup.tolerance, divided, within, shading is not MEAN):
         side = box * parts.side
         curves = make_curves(modes, line, box, side)
-        borders = make_borders(at_border, line, inwards, box, side, setup.tolerance) * (2 if mirror else 1) if inwards else NO_BORDERS
+        borders = (
+            make_borders(at_border, line, inwards, box, side, setup.tolerance)
+            * (2 if mirror else 1)
+            if inwards
+            else NO_BORDERS
+        )
         in_bands(partial(add, parts=parts, curves=curves, borders=borders), windows)

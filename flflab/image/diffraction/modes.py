@@ -1,6 +1,8 @@
-"""Transfer functions as short sums: few terms over the rim, the direction and the frequency each, found from a table.
+"""Transfer functions as short sums: few terms over the rim, the direction and the frequency each,
+found from a table.
 
-Of slow waves, which reach far, and of fast ones, which stay near, other terms count: a sieve says which waves a sum is for.
+Of slow waves, which reach far, and of fast ones, which stay near, other terms count: a sieve says
+which waves a sum is for.
 """
 
 import math
@@ -22,30 +24,40 @@ SingleArray = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int64]
 Chosen = npt.NDArray[np.bool_]
 
-FINER = 64  # steps of a term's table in single precision for one of a ``TransferTable``: read between its nodes, it is as exact
+# steps of a term's table in single precision for one of a ``TransferTable``: read between its
+# nodes, it is as exact
+FINER = 64
 NEGLIGIBLE = 1e-9  # of white: no weight counts less
 QUIET = 0.1  # of what is left out, for whole orders that are too small to look into
 TAIL = 1 / 64  # weight of a line's tail: light from so many pixels away
-GONE, SIFTED = 0.9, 1e-6  # over a Gaussian's softness, from where on it keeps no wave, and what it keeps at least
+GONE, SIFTED = (
+    0.9,
+    1e-6,
+)  # over a Gaussian's softness, from where on it keeps no wave, and what it keeps at least
 
 
 @dataclass(frozen=True)
 class Modes:
-    """A kind's transfer functions as a short sum, for sensor points in any direction from the micro-image's centre.
+    """A kind's transfer functions as a short sum, for sensor points in any direction from the
+    micro-image's centre.
 
-    Share times transfer at radius r and angle phi of the sensor point, at frequency f in the direction alpha, is the sum over the
-    terms of radial(r) spectrum(f) cos(order (alpha - phi)), times i for odd orders: a real image for each. Of pupils weighted by
-    polynomials that change sign across the point's direction it is sin(order (phi - alpha)).
+    Share times transfer at radius r and angle phi of the sensor point, at frequency f in the
+    direction alpha, is the sum over the terms of radial(r) spectrum(f) cos(order (alpha - phi)),
+    times i for odd orders: a real image for each. Of pupils weighted by polynomials that change
+    sign across the point's direction it is sin(order (phi - alpha)).
 
     Attributes:
         kind: the kind.
         band: the highest frequency in the spectra, cycles/pixel.
         orders: of the terms, rising, shape (T,).
-        weights: by which polynomial of the pupil each term is weighted, see ``shading``, shape (T,).
+        weights: by which polynomial of the pupil each term is weighted, see ``shading``, shape
+            (T,).
         sizes: how much each changes a sine of half the full contrast at most, of white, shape (T,).
-        radial: spline coefficients over twice as many steps of radius as the table has, shape (T, R).
+        radial: spline coefficients over twice as many steps of radius as the table has, shape (T,
+            R).
         spectra: at the frequencies of a ``TransferTable``, shape (T, F).
-        fine: the same at the nodes that ``places`` counts, shape (T, nodes), in single precision; 0 at the last.
+        fine: the same at the nodes that ``places`` counts, shape (T, nodes), in single precision; 0
+            at the last.
         tails: of a line's image, as those of a ``TransferTable``, shape (T,).
         core: the unclipped pupil's transfer, shape (F,).
         core_fine: the same at the nodes that ``places`` counts; 0 at the last.
@@ -66,11 +78,15 @@ class Modes:
     core_tail: float
 
     def but_for(self, left_out: float) -> "Modes":
-        """Without the smallest terms, as many as keep the root of the sum of their squared sizes within ``left_out``."""
+        """Without the smallest terms, as many as keep the root of the sum of their squared sizes
+        within ``left_out``.
+        """
         kept = ~_smallest(self.sizes, left_out)
         terms = self.orders[kept], self.weights[kept], self.sizes[kept]
         parts = self.radial[kept], self.spectra[kept], self.fine[kept], self.tails[kept]
-        return Modes(self.kind, self.band, *terms, *parts, self.core, self.core_fine, self.core_tail)
+        return Modes(
+            self.kind, self.band, *terms, *parts, self.core, self.core_fine, self.core_tail
+        )
 
     def unclipped(self, frequency: Array) -> Array:
         """The unclipped pupil's transfer at frequencies of any shape."""
@@ -78,7 +94,9 @@ class Modes:
         return self.core_fine[base] + beyond * (self.core_fine[base + 1] - self.core_fine[base])
 
     def places(self, frequency: Array) -> tuple[Whole, SingleArray]:
-        """Where frequencies of any shape lie in the ``fine`` tables: the node before each, and the part beyond it."""
+        """Where frequencies of any shape lie in the ``fine`` tables: the node before each, and the
+        part beyond it.
+        """
         last = FINER * (self.spectra.shape[1] - 1)
         place = np.arccos(np.maximum(1 - 2 * frequency / self.band, -1)) * (last / np.pi)
         base = np.minimum(place.astype(np.int64), last - 1)
@@ -87,7 +105,9 @@ class Modes:
 
 @dataclass(frozen=True)
 class Sieve:
-    """The frequencies that a Gaussian of ``softness`` pixels keeps, or those it does not; all with None."""
+    """The frequencies that a Gaussian of ``softness`` pixels keeps, or those it does not; all with
+    None.
+    """
 
     softness: float | None = None
     slow: bool = False
@@ -119,23 +139,35 @@ def shared_modes(
     sieve: Sieve = ALL,
     shading: Shading = MEAN,
 ) -> Modes:
-    """A kind's modes, for so many samples a pixel from a table of so many radii and angles; made once for all kinds of one pupil."""
+    """A kind's modes, for so many samples a pixel from a table of so many radii and angles; made
+    once for all kinds of one pupil.
+    """
     asked = (*kind.pupil, samples, *nodes, left_out, sieve, *shading.most)
     if asked not in known:
-        known[asked] = find_modes(transfer_table(kind, min(samples, 2 * sieve.band), *nodes), box, left_out, sieve, shading)
+        known[asked] = find_modes(
+            transfer_table(kind, min(samples, 2 * sieve.band), *nodes),
+            box,
+            left_out,
+            sieve,
+            shading,
+        )
     return replace(known[asked], kind=kind)
 
 
-def find_modes(table: TransferTable, box: float, left_out: float, sieve: Sieve = ALL, shading: Shading = MEAN) -> Modes:
+def find_modes(
+    table: TransferTable, box: float, left_out: float, sieve: Sieve = ALL, shading: Shading = MEAN
+) -> Modes:
     """Turn a table into a sum, as short as what is left out allows.
 
-    Errors of terms are as unlike each other as the terms: what many of them change together was measured on dots and pictures, where
-    it was at most 1.4 times the root of the sum of their squared sizes.
+    Errors of terms are as unlike each other as the terms: what many of them change together was
+    measured on dots and pictures, where it was at most 1.4 times the root of the sum of their
+    squared sizes.
 
     Args:
         table: the table.
         box: side of the square over which a pixel gathers light, pixels.
-        left_out: that root at most, of white, for sines of half the full contrast behind such pixels.
+        left_out: that root at most, of white, for sines of half the full contrast behind such
+            pixels.
         sieve: of these sines' frequencies.
         shading: by what the pupil's weights are multiplied at most.
     """
@@ -145,14 +177,23 @@ def find_modes(table: TransferTable, box: float, left_out: float, sieve: Sieve =
     if count == 0:
         return Modes(table.kind, table.band, *_no_terms(len(core)), *unclipped)
     nodes = np.linspace(0, np.pi, len(core))
-    waves_across = box * table.band / 2 * (1 - np.cos(nodes))  # where they are whole a pixel keeps what the rim changes within it
+    waves_across = (
+        box * table.band / 2 * (1 - np.cos(nodes))
+    )  # where they are whole a pixel keeps what the rim changes within it
     kept_of_them = np.maximum(sieve.keeps(table.band / 2 * (1 - np.cos(nodes))), SIFTED)
-    weight = np.append(kept_of_them * np.minimum(1.0, 1 / np.maximum(np.pi * waves_across, 1e-9)) / 2, TAIL)
+    weight = np.append(
+        kept_of_them * np.minimum(1.0, 1 / np.maximum(np.pi * waves_across, 1e-9)) / 2, TAIL
+    )
     values, tails = table.values[None], table.tails[None]
     if len(shading.most) > 1:
-        values, tails = (np.concatenate(both) for both in zip((values, tails), weighted_values(table), strict=True))
+        values, tails = (
+            np.concatenate(both)
+            for both in zip((values, tails), weighted_values(table), strict=True)
+        )
     most = np.maximum(np.array(shading.most), NEGLIGIBLE)
-    waves = np.stack([_series(*given, odd=by >= ODD) for by, given in enumerate(zip(values, tails, strict=True))])
+    waves = np.stack(
+        [_series(*given, odd=by >= ODD) for by, given in enumerate(zip(values, tails, strict=True))]
+    )
     waves *= weight * most[:, None, None, None]
     whole = np.linalg.norm(waves, axis=(1, 3))
     small = _smallest(whole.ravel(), QUIET * left_out).reshape(whole.shape)
@@ -186,12 +227,16 @@ def find_modes(table: TransferTable, box: float, left_out: float, sieve: Sieve =
 
 
 def _series(values: ComplexArray, tails: Array, odd: bool) -> Array:
-    """Coefficients of cosines, or of sines, of the angle: of real parts for even orders, of imaginary ones for odd; (R, A, F + 1)."""
+    """Coefficients of cosines, or of sines, of the angle: of real parts for even orders, of
+    imaginary ones for odd; (R, A, F + 1).
+    """
     with_tails, count = np.concatenate([values, tails[..., None]], axis=2), values.shape[1] - 1
     waves = np.zeros(with_tails.shape)
     if odd:
         for start, part in ((2, with_tails.real), (1, with_tails.imag)):
-            waves[:, start:-1:2] = np.asarray(fft.dst(part[:, 1:-1], type=1, axis=1))[:, start - 1 :: 2] / count
+            waves[:, start:-1:2] = (
+                np.asarray(fft.dst(part[:, 1:-1], type=1, axis=1))[:, start - 1 :: 2] / count
+            )
         return waves
     for start, part in ((0, with_tails.real), (1, with_tails.imag)):
         waves[:, start::2] = np.asarray(fft.dct(part, type=1, axis=1))[:, start::2]
@@ -200,7 +245,9 @@ def _series(values: ComplexArray, tails: Array, odd: bool) -> Array:
 
 
 def _smallest(sizes: Array, left_out: float) -> Chosen:
-    """The smallest of some, as many as have the root of the sum of their squares within ``left_out``."""
+    """The smallest of some, as many as have the root of the sum of their squares within
+    ``left_out``.
+    """
     order = np.argsort(sizes, kind="stable")
     small = np.zeros(len(sizes), dtype=np.bool_)
     small[order] = np.cumsum(sizes[order] ** 2) <= left_out**2
@@ -214,16 +261,22 @@ def _no_terms(count: int) -> tuple[Whole, Whole, Array, Array, Array, SingleArra
 
 
 def _fine_tables(spectra: Array) -> Array:
-    """Spectra (T, F) at ``FINER`` times as many nodes, by quintic splines, and 0 from the last on."""
+    """Spectra (T, F) at ``FINER`` times as many nodes, by quintic splines, and 0 from the last
+    on.
+    """
     count = spectra.shape[1]
     at = np.linspace(0, np.pi, FINER * (count - 1) + 1)
-    tables = np.ascontiguousarray(make_interp_spline(np.linspace(0, np.pi, count), spectra.T, k=5)(at).T)
+    tables = np.ascontiguousarray(
+        make_interp_spline(np.linspace(0, np.pi, count), spectra.T, k=5)(at).T
+    )
     tables[:, -1] = 0.0
     return tables
 
 
 def _twice_as_fine(values: Array) -> Array:
-    """Values at even steps of a cosine series' argument, from end to end, at half these steps; along the first axis."""
+    """Values at even steps of a cosine series' argument, from end to end, at half these steps;
+    along the first axis.
+    """
     waves = np.asarray(fft.dct(values, type=1, axis=0), dtype=np.float64)
     waves[-1] /= 2
     padded = np.concatenate([waves, np.zeros((len(values) - 1, *values.shape[1:]))])

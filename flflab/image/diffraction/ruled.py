@@ -1,9 +1,11 @@
 """Diffracted images of targets that vary along straight lines: bars, the sine chirp, an edge.
 
-What one kind of microlens shows of a radiance T(x') is, for a sensor point at a distance and an angle to x' from the micro-image's
-centre, T filtered by one transfer function: a curve over x'. The curves of the terms of the transfer functions' sum are made by
-Fourier sums, read by cubic splines, and added up with the weights of the sensor point. The spectrum of T is exact; a target longer
-than what is seen is cut, and the light of the rest, which comes by the far tails of the diffraction pattern, is added in closed form.
+What one kind of microlens shows of a radiance T(x') is, for a sensor point at a distance and an
+angle to x' from the micro-image's centre, T filtered by one transfer function: a curve over x'. The
+curves of the terms of the transfer functions' sum are made by Fourier sums, read by cubic splines,
+and added up with the weights of the sensor point. The spectrum of T is exact; a target longer than
+what is seen is cut, and the light of the rest, which comes by the far tails of the diffraction
+pattern, is added in closed form.
 """
 
 import math
@@ -24,7 +26,12 @@ SingleArray = npt.NDArray[np.float32]
 SingleComplexArray = npt.NDArray[np.complex64]
 Whole = npt.NDArray[np.int64]
 
-MARGINS = (128.0, 1000.0)  # least and most pixels round the target that a curve covers; beyond, its tail is that of an unclipped pupil
+# least and most pixels round the target that a curve covers; beyond, its tail is that of an
+# unclipped pupil
+MARGINS = (
+    128.0,
+    1000.0,
+)
 BEYOND = (64.0, 512.0)  # least and most pixels beyond the seen part of the target before it is cut
 GAUSS = np.polynomial.legendre.leggauss(8)
 
@@ -68,7 +75,13 @@ def profile_ruling(target: Bars | Edge, start: float, end: float, detail: float)
     cuts = np.concatenate([[first], target.position(halves), [last]])
     if not isinstance(target, Chirp):
         lit = target.profile(target.phase((cuts[1:] + cuts[:-1]) / 2))
-        return Ruling(np.stack([cuts, np.diff(lit, prepend=0.0, append=0.0)]), np.zeros((2, 0)), first, last, 0.5)
+        return Ruling(
+            np.stack([cuts, np.diff(lit, prepend=0.0, append=0.0)]),
+            np.zeros((2, 0)),
+            first,
+            last,
+            0.5,
+        )
     parts = max(1, math.ceil(float(np.max(np.diff(cuts))) / detail))
     ends = np.interp(np.arange((len(cuts) - 1) * parts + 1) / parts, np.arange(len(cuts)), cuts)
     half = np.diff(ends) / 2
@@ -87,7 +100,10 @@ def fourier_sums(places: Array, weights: Array, step: float, real: Array, imagin
         for k in range(real.size):
             real[k] += now_real
             imaginary[k] += now_imaginary
-            now_real, now_imaginary = now_real * by_real - now_imaginary * by_imaginary, now_real * by_imaginary + now_imaginary * by_real
+            now_real, now_imaginary = (
+                now_real * by_real - now_imaginary * by_imaginary,
+                now_real * by_imaginary + now_imaginary * by_real,
+            )
 
 
 @dataclass(frozen=True)
@@ -97,7 +113,8 @@ class Line:
     Attributes:
         ruling: the radiance.
         ends: where the target begins and ends, pixels; may be infinite.
-        direction: x' as a vector on the sensor: change of position on the target, mm, per pixel along x and along y.
+        direction: x' as a vector on the sensor: change of position on the target, mm, per pixel
+            along x and along y.
         first: first position that is wanted, pixels.
         samples: positions a pixel.
         count: how many are wanted.
@@ -118,7 +135,14 @@ class Line:
         return np.arange(self.length // 2 + 1) * self.samples / self.length
 
 
-def make_line(modes: Modes, samples: float, target: Bars | Edge, seen: tuple[float, float], direction: Array, tolerance: float) -> Line:
+def make_line(
+    modes: Modes,
+    samples: float,
+    target: Bars | Edge,
+    seen: tuple[float, float],
+    direction: Array,
+    tolerance: float,
+) -> Line:
     """Choose the grid for a target.
 
     Args:
@@ -130,8 +154,14 @@ def make_line(modes: Modes, samples: float, target: Bars | Edge, seen: tuple[flo
         tolerance: largest error asked for.
     """
     scale = float(np.hypot(*direction))
-    ends = (0.0, np.inf) if isinstance(target, Edge) else (-target.width / (2 * scale), target.width / (2 * scale))
-    margin = min(max(modes.core_tail / (0.4 * tolerance), MARGINS[0]), MARGINS[1]) + modes.kind.extent
+    ends = (
+        (0.0, np.inf)
+        if isinstance(target, Edge)
+        else (-target.width / (2 * scale), target.width / (2 * scale))
+    )
+    margin = (
+        min(max(modes.core_tail / (0.4 * tolerance), MARGINS[0]), MARGINS[1]) + modes.kind.extent
+    )
     low = max(seen[0] / scale - 4, ends[0] - margin)
     high = max(min(seen[1] / scale + 4, ends[1] + margin), low + 8)
     first = math.floor(low)
@@ -146,9 +176,11 @@ def make_line(modes: Modes, samples: float, target: Bars | Edge, seen: tuple[flo
 
 
 def line_spectrum(line: Line, band: float) -> ComplexArray:
-    """Fourier sums of a line's spline coefficients for the frequencies below the end of the band, exact.
+    """Fourier sums of a line's spline coefficients for the frequencies below the end of the band,
+    exact.
 
-    Integral of T(x) exp(-2 pi i f x) dx, by the steps and the quadrature of T, for x in pixels from the first position.
+    Integral of T(x) exp(-2 pi i f x) dx, by the steps and the quadrature of T, for x in pixels from
+    the first position.
     """
     scale = float(np.hypot(*line.direction))
     frequency = line.frequency[line.frequency < band]
@@ -170,9 +202,10 @@ class Curves:
     Attributes:
         core: of unclipped pupils over a pixel, shape (X,).
         part: the same over a part of a pixel.
-        waves: the terms of clipped ones over a part of a pixel, for the cosine of the angle from x', shape (X, T), single precision.
-        place: position of the first coefficient, pixels along x', and coefficients a pixel; then level, start, end (pixels) and decay
-            of the light seen from beyond the curves.
+        waves: the terms of clipped ones over a part of a pixel, for the cosine of the angle from
+            x', shape (X, T), single precision.
+        place: position of the first coefficient, pixels along x', and coefficients a pixel; then
+            level, start, end (pixels) and decay of the light seen from beyond the curves.
     """
 
     core: Array
@@ -200,10 +233,15 @@ def make_curves(modes: Modes, line: Line, box: float, part: float) -> Curves:
         return spectrum * np.sinc(turned[:, 0] * side) * np.sinc(turned[:, 1] * side)
 
     def unclipped(side: float) -> Array:
-        return np.asarray(fft.irfft(core * boxed(side), line.length))[: line.count] + modes.core_tail * far
+        return (
+            np.asarray(fft.irfft(core * boxed(side), line.length))[: line.count]
+            + modes.core_tail * far
+        )
 
     found = np.empty((len(modes.orders), len(frequency)), dtype=np.complex64)
-    fill_lines(found, modes.orders, modes.fine, *modes.places(frequency), boxed(part).astype(np.complex64))
+    fill_lines(
+        found, modes.orders, modes.fine, *modes.places(frequency), boxed(part).astype(np.complex64)
+    )
     sums = np.asarray(fft.irfft(found, line.length, axis=-1, overwrite_x=True), dtype=np.float32)
     waves = np.empty((line.count, len(modes.orders)), dtype=np.float32)
     side_by_side(waves, sums, modes.tails, far)
@@ -213,20 +251,31 @@ def make_curves(modes: Modes, line: Line, box: float, part: float) -> Curves:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def fill_lines(
-    found: SingleComplexArray, orders: Whole, tables: SingleArray, base: Whole, beyond: SingleArray, lines: SingleComplexArray
+    found: SingleComplexArray,
+    orders: Whole,
+    tables: SingleArray,
+    base: Whole,
+    beyond: SingleArray,
+    lines: SingleComplexArray,
 ) -> None:
-    """Fill ``found`` (T, F) with a target's spectrum (F,) times each term's, read from the ``fine`` tables, times i for odd orders."""
+    """Fill ``found`` (T, F) with a target's spectrum (F,) times each term's, read from the ``fine``
+    tables, times i for odd orders.
+    """
     turned = lines * np.complex64(1j)
     for term in range(found.shape[0]):
         spectrum, table = turned if orders[term] % 2 else lines, tables[term]
         for k in range(found.shape[1]):
             node = base[k]
-            found[term, k] = spectrum[k] * (table[node] + beyond[k] * (table[node + 1] - table[node]))
+            found[term, k] = spectrum[k] * (
+                table[node] + beyond[k] * (table[node + 1] - table[node])
+            )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def side_by_side(waves: SingleArray, sums: SingleArray, tails: Array, far: Array) -> None:
-    """Fill ``waves`` (X, T) with sums (T, ...) and what comes from afar, some terms at a time: a line of the processor's memory."""
+    """Fill ``waves`` (X, T) with sums (T, ...) and what comes from afar, some terms at a time: a
+    line of the processor's memory.
+    """
     for first in range(0, waves.shape[1], 16):
         last = min(first + 16, waves.shape[1])
         for i in range(waves.shape[0]):
@@ -235,7 +284,9 @@ def side_by_side(waves: SingleArray, sums: SingleArray, tails: Array, far: Array
 
 
 def _far_light(line: Line) -> Array:
-    """What the parts of a target beyond its cut add on the grid, less what the copies of a Fourier series add; over the decay."""
+    """What the parts of a target beyond its cut add on the grid, less what the copies of a Fourier
+    series add; over the decay.
+    """
     places = line.first + np.arange(line.count) / line.samples
     scale = float(np.hypot(*line.direction))
     start, end = line.ruling.start / scale, line.ruling.end / scale
@@ -252,7 +303,9 @@ def _far_light(line: Line) -> Array:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def spline_weights(part: float) -> tuple[float, float, float, float]:
-    """Weights of a cubic B-spline's four coefficients around a place, ``part`` from 0 to 1 beyond the second."""
+    """Weights of a cubic B-spline's four coefficients around a place, ``part`` from 0 to 1 beyond
+    the second.
+    """
     rest = 1.0 - part
     return (
         rest * rest * rest / 6.0,
@@ -293,9 +346,15 @@ def read_terms(waves: SingleArray, place: float, weights: SingleArray) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def seen_through(
-    radial: float, at: float, line: Array, waves: SingleArray, place: tuple[float, float, float, float, float, float], weights: SingleArray
+    radial: float,
+    at: float,
+    line: Array,
+    waves: SingleArray,
+    place: tuple[float, float, float, float, float, float],
+    weights: SingleArray,
 ) -> float:
-    """What a sensor point sees at a position in pixels: by ``line`` where ``radial`` is below 0, else by ``waves`` so weighted.
+    """What a sensor point sees at a position in pixels: by ``line`` where ``radial`` is below 0,
+    else by ``waves`` so weighted.
 
     For the rest see ``Curves``.
     """

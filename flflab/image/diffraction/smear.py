@@ -1,4 +1,6 @@
-"""What a target's motion during the exposure leaves of its frequencies, as seen on the sensor: a transfer function in closed form."""
+"""What a target's motion during the exposure leaves of its frequencies, as seen on the sensor: a
+transfer function in closed form.
+"""
 
 from dataclasses import dataclass
 
@@ -11,7 +13,9 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Smear:
-    """A motion on the sensor, pixels: the whole even ``drift`` and the amplitude of the ``sway``, a sine of many periods; (2,) each."""
+    """A motion on the sensor, pixels: the whole even ``drift`` and the amplitude of the ``sway``, a
+    sine of many periods; (2,) each.
+    """
 
     drift: Array
     sway: Array
@@ -22,5 +26,7 @@ class Smear:
         return float(np.hypot(*self.drift)) / 2 + float(np.hypot(*self.sway))
 
     def transfer(self, frequency: Array) -> Array:
-        """What is left of frequencies (cycles/pixel on the sensor, shape (..., 2)): sinc(f . drift) J0(2 pi f . sway)."""
+        """What is left of frequencies (cycles/pixel on the sensor, shape (..., 2)): sinc(f . drift)
+        J0(2 pi f . sway).
+        """
         return np.sinc(frequency @ self.drift) * j0(2 * np.pi * (frequency @ self.sway))

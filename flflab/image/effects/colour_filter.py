@@ -1,4 +1,6 @@
-"""Colour filter array: every pixel sees the light through the filter of its place in a mosaic of two by two."""
+"""Colour filter array: every pixel sees the light through the filter of its place in a mosaic of
+two by two.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,7 +13,9 @@ PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
 
 @dataclass(frozen=True)
 class ColourFilter:
-    """``pattern`` names the filters of the pixels [0, 0], [0, 1], [1, 0], [1, 1]; transmissions count from the green one."""
+    """``pattern`` names the filters of the pixels [0, 0], [0, 1], [1, 0], [1, 1]; transmissions
+    count from the green one.
+    """
 
     pattern: str = "rggb"
     red: float = 0.6
@@ -27,11 +31,16 @@ class ColourFilter:
             InputError: an unknown pattern, or a transmission that is not from 0 to 1.
         """
         if self.pattern not in PATTERNS:
-            raise InputError(f"colour filter: there is no pattern {self.pattern!r}; allowed: {', '.join(PATTERNS)}")
+            raise InputError(
+                f"colour filter: there is no pattern {self.pattern!r}; allowed:"
+                f" {', '.join(PATTERNS)}"
+            )
         for colour in ("red", "green", "blue"):
             share = getattr(self, colour)
             if not 0 <= share <= 1:
-                raise InputError(f"colour filter: {colour} is {share:g}; a transmission from 0 to 1 is allowed")
+                raise InputError(
+                    f"colour filter: {colour} is {share:g}; a transmission from 0 to 1 is allowed"
+                )
 
     def size(self, regime: Regime) -> float:
         """What the densest filter takes."""

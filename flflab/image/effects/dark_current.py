@@ -10,7 +10,9 @@ from flflab.image.regime import Regime
 
 @dataclass(frozen=True)
 class DarkCurrent:
-    """``electrons_per_second`` gather in every pixel over the ``exposure`` (s), on average; they have shot noise like all electrons."""
+    """``electrons_per_second`` gather in every pixel over the ``exposure`` (s), on average; they
+    have shot noise like all electrons.
+    """
 
     electrons_per_second: float
     exposure: float
@@ -23,9 +25,14 @@ class DarkCurrent:
         Raises:
             InputError: a number is negative or not finite.
         """
-        for name, value, unit in (("electrons_per_second", self.electrons_per_second, "electrons/s"), ("exposure", self.exposure, "s")):
+        for name, value, unit in (
+            ("electrons_per_second", self.electrons_per_second, "electrons/s"),
+            ("exposure", self.exposure, "s"),
+        ):
             if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"dark current: {name} is {value:g} {unit}; a finite number from 0 up is due")
+                raise InputError(
+                    f"dark current: {name} is {value:g} {unit}; a finite number from 0 up is due"
+                )
 
     @property
     def electrons(self) -> float:
@@ -38,7 +45,11 @@ class DarkCurrent:
 
     def bound(self, regime: Regime) -> float:
         """The mean, and six standard deviations of what comes by chance."""
-        return (self.electrons + 6 * math.sqrt(self.electrons)) / regime.electrons if regime.electrons > 0 else math.inf
+        return (
+            (self.electrons + 6 * math.sqrt(self.electrons)) / regime.electrons
+            if regime.electrons > 0
+            else math.inf
+        )
 
     def cost(self, regime: Regime) -> float:
         """One sum a pixel."""

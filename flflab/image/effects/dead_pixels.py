@@ -9,7 +9,9 @@ from flflab.image.regime import Regime
 
 @dataclass(frozen=True)
 class DeadPixels:
-    """A ``share`` of the pixels, drawn once from the ``seed`` of a sensor, is stuck: half of them at 0, half at full scale."""
+    """A ``share`` of the pixels, drawn once from the ``seed`` of a sensor, is stuck: half of them
+    at 0, half at full scale.
+    """
 
     share: float
     seed: int = 0

@@ -1,4 +1,6 @@
-"""Defocus: the rays of a pixel go through all of the pupil and meet the target apart from each other."""
+"""Defocus: the rays of a pixel go through all of the pupil and meet the target apart from each
+other.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,7 +12,9 @@ MEAN_REACH = 0.4244  # mean of |x| over the unit disc, 4 / (3 pi)
 
 @dataclass(frozen=True)
 class Defocus:
-    """Left out, a pixel sees the target through the middle of the pupil alone. It has no number of its own."""
+    """Left out, a pixel sees the target through the middle of the pupil alone. It has no number of
+    its own.
+    """
 
     name: ClassVar[str] = "defocus"
     unit: ClassVar[str] = "px"
@@ -20,10 +24,17 @@ class Defocus:
         return regime.blur
 
     def bound(self, regime: Regime) -> float:
-        """A ray is off its place by the mean distance in the blur, along x and along y; the pixel alone limits what that changes."""
+        """A ray is off its place by the mean distance in the blur, along x and along y; the pixel
+        alone limits what that changes.
+        """
         axes = [1 if plane.plain else 2 for plane in regime.planes]
-        moved = [regime.light * MEAN_REACH * count * plane.blur / 2 for count, plane in zip(axes, regime.planes, strict=True)]
-        return sum(min(plane.contrast, change) for plane, change in zip(regime.planes, moved, strict=True))
+        moved = [
+            regime.light * MEAN_REACH * count * plane.blur / 2
+            for count, plane in zip(axes, regime.planes, strict=True)
+        ]
+        return sum(
+            min(plane.contrast, change) for plane, change in zip(regime.planes, moved, strict=True)
+        )
 
     def cost(self, regime: Regime) -> float:
         """Strips across the pupil grow with the root of the blur."""
@@ -31,4 +42,8 @@ class Defocus:
 
     def why(self, regime: Regime) -> str:
         """What a blur below half a pixel does, or that the target is out of focus."""
-        return f"a blur of {regime.blur:.2g} pixels softens edges" if regime.blur < 0.5 else "the target is out of focus"
+        return (
+            f"a blur of {regime.blur:.2g} pixels softens edges"
+            if regime.blur < 0.5
+            else "the target is out of focus"
+        )

@@ -23,23 +23,29 @@ class Diffraction:
             InputError: it is not a finite number above 0.
         """
         if not (math.isfinite(self.wavelength) and self.wavelength > 0):
-            raise InputError(f"diffraction: wavelength is {self.wavelength:g} mm; a finite number above 0 is due")
+            raise InputError(
+                f"diffraction: wavelength is {self.wavelength:g} mm; a finite number above 0 is due"
+            )
 
     def size(self, regime: Regime) -> float:
         """Radius of the Airy disc."""
         return self.wavelength * regime.airy
 
     def bound(self, regime: Regime) -> float:
-        """Half the absolute difference of the two point images, both averaged over the pixel, at the radius a of the Airy disc.
+        """Half the absolute difference of the two point images, both averaged over the pixel, at
+        the radius a of the Airy disc.
 
-        Measured over a from 0.01 to 3 and blurs up to 30 pixels by Hopkins's transfer function: at most 0.43 a where all varies
-        along one direction, 0.36 a / sqrt(blur) where it is blurred; 0.75 a else, 0.45 a from a blur of one pixel on.
+        Measured over a from 0.01 to 3 and blurs up to 30 pixels by Hopkins's transfer function: at
+        most 0.43 a where all varies along one direction, 0.36 a / sqrt(blur) where it is blurred;
+        0.75 a else, 0.45 a from a blur of one pixel on.
         """
         radius = self.size(regime)
         changes: list[float] = []
         for plane in regime.planes:
             root = math.sqrt(max(plane.least_blur, 1e-12))
-            most = min(0.43, 0.36 / root) if plane.plain else (0.75 if plane.least_blur < 1 else 0.45)
+            most = (
+                min(0.43, 0.36 / root) if plane.plain else (0.75 if plane.least_blur < 1 else 0.45)
+            )
             changes.append(min(plane.contrast, regime.reaching * most * radius))
         return sum(changes)
 

@@ -10,9 +10,11 @@ from flflab.image.regime import PlaneRegime, Regime
 
 @dataclass(frozen=True)
 class Distortion:
-    """A ray whose paraxial object point is o (mm, at distance D) comes from o (1 + coefficient |o / D|^2).
+    """A ray whose paraxial object point is o (mm, at distance D) comes from o (1 + coefficient |o /
+    D|^2).
 
-    A positive ``coefficient`` (1/rad^2) is a barrel: the border of the picture sees more than it should.
+    A positive ``coefficient`` (1/rad^2) is a barrel: the border of the picture sees more than it
+    should.
     """
 
     coefficient: float
@@ -26,7 +28,9 @@ class Distortion:
             InputError: it is not finite.
         """
         if not math.isfinite(self.coefficient):
-            raise InputError(f"distortion: coefficient is {self.coefficient:g} 1/rad^2; a finite number is due")
+            raise InputError(
+                f"distortion: coefficient is {self.coefficient:g} 1/rad^2; a finite number is due"
+            )
 
     def _shift(self, plane: PlaneRegime) -> float:
         """How far the outermost ray moves, rad."""
@@ -37,9 +41,16 @@ class Distortion:
         return max(plane.pixels(self._shift(plane)) for plane in regime.planes)
 
     def bound(self, regime: Regime) -> float:
-        """Rays move by c a^3 at the angle a, and by 3 c a^2 of their angle apart from each other."""
-        apart = [3 * abs(self.coefficient) * plane.field**2 * plane.bundle for plane in regime.planes]
-        return sum(plane.moved(self._shift(plane), stretch) for plane, stretch in zip(regime.planes, apart, strict=True))
+        """Rays move by c a^3 at the angle a, and by 3 c a^2 of their angle apart from each
+        other.
+        """
+        apart = [
+            3 * abs(self.coefficient) * plane.field**2 * plane.bundle for plane in regime.planes
+        ]
+        return sum(
+            plane.moved(self._shift(plane), stretch)
+            for plane, stretch in zip(regime.planes, apart, strict=True)
+        )
 
     def cost(self, regime: Regime) -> float:
         """Micro-images are formed in parts, each with a map of its own."""

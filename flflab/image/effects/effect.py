@@ -16,7 +16,9 @@ class Effect(Protocol):
         ...
 
     def bound(self, regime: Regime) -> float:
-        """Most that leaving it out can change on any pixel, of white, whichever of the others are left out too."""
+        """Most that leaving it out can change on any pixel, of white, whichever of the others are
+        left out too.
+        """
         ...
 
     def cost(self, regime: Regime) -> float:

@@ -1,4 +1,6 @@
-"""Natural fall-off: a ray that meets the sensor at an angle theta from the normal brings cos^4(theta) of its paraxial light."""
+"""Natural fall-off: a ray that meets the sensor at an angle theta from the normal brings
+cos^4(theta) of its paraxial light.
+"""
 
 import math
 from dataclasses import dataclass

@@ -12,8 +12,8 @@ from flflab.image.regime import Regime
 class FixedPattern:
     """Independent normal errors of every pixel, drawn once from the ``seed`` of a sensor.
 
-    ``gain`` is the standard deviation of the response to light relative to its mean (PRNU), ``offset`` that of what a pixel reads in
-    the dark, electrons (DSNU).
+    ``gain`` is the standard deviation of the response to light relative to its mean (PRNU),
+    ``offset`` that of what a pixel reads in the dark, electrons (DSNU).
     """
 
     gain: float = 0.0
@@ -26,12 +26,18 @@ class FixedPattern:
         """Refuse what is no pattern.
 
         Raises:
-            InputError: a number is negative or not finite, or so large that a pixel's gain could be negative.
+            InputError: a number is negative or not finite, or so large that a pixel's gain could be
+                negative.
         """
         if not 0 <= self.gain <= 0.1:
-            raise InputError(f"fixed pattern: gain is {self.gain:g} of the mean gain; from 0 to 0.1 is allowed")
+            raise InputError(
+                f"fixed pattern: gain is {self.gain:g} of the mean gain; from 0 to 0.1 is allowed"
+            )
         if not (math.isfinite(self.offset) and self.offset >= 0):
-            raise InputError(f"fixed pattern: offset is {self.offset:g} electrons; a finite number from 0 up is due")
+            raise InputError(
+                f"fixed pattern: offset is {self.offset:g} electrons; a finite number from 0 up"
+                " is due"
+            )
 
     def size(self, regime: Regime) -> float:
         """Standard deviation at the white level."""

@@ -1,4 +1,6 @@
-"""Misalignment: offset, roll and tilt of the array, offset of the sensor, roll and tilt of a target."""
+"""Misalignment: offset, roll and tilt of the array, offset of the sensor, roll and tilt of a
+target.
+"""
 
 import math
 from dataclasses import dataclass
@@ -11,7 +13,8 @@ from flflab.image.regime import Regime
 class Misalignment:
     """Its numbers stand in the camera and in the planes; left out, all of them are 0.
 
-    ``turned`` holds for each plane its roll (rad) and the size of its tilt, ``aperture`` is the main lens's (mm).
+    ``turned`` holds for each plane its roll (rad) and the size of its tilt, ``aperture`` is the
+    main lens's (mm).
     """
 
     turned: tuple[tuple[float, float], ...]
@@ -22,33 +25,50 @@ class Misalignment:
     def _shifts(self, regime: Regime) -> list[float]:
         """How far the rays of each plane move on it, rad.
 
-        A place at r from the target's centre moves by 2 sin(roll / 2) r, comes nearer by tilt r, which a ray of slope a + A / (2 D)
-        sees as a step to the side of so many times that, and is foreshortened by tilt^2 / 2.
+        A place at r from the target's centre moves by 2 sin(roll / 2) r, comes nearer by tilt r,
+        which a ray of slope a + A / (2 D) sees as a step to the side of so many times that, and is
+        foreshortened by tilt^2 / 2.
         """
         shifts: list[float] = []
         for plane, (roll, tilt) in zip(regime.planes, self.turned, strict=True):
-            slope = plane.field + (self.aperture / (2 * plane.distance) if math.isfinite(plane.distance) else 0.0)
+            slope = plane.field + (
+                self.aperture / (2 * plane.distance) if math.isfinite(plane.distance) else 0.0
+            )
             nearer = tilt * slope / max(1 - tilt * slope, 1e-3)
             shifts.append(plane.from_centre * (2 * abs(math.sin(roll / 2)) + nearer + tilt**2 / 2))
         return shifts
 
     def size(self, regime: Regime) -> float:
         """Largest step of the image, of micro-images or of the target within them."""
-        steps = [plane.pixels(shift) for plane, shift in zip(regime.planes, self._shifts(regime), strict=True)]
+        steps = [
+            plane.pixels(shift)
+            for plane, shift in zip(regime.planes, self._shifts(regime), strict=True)
+        ]
         return max(regime.misaligned.rim, *steps)
 
     def bound(self, regime: Regime) -> float:
         """What the steps of rims and rays change; a tilted target's rays move apart as well."""
         planes = zip(regime.planes, self._shifts(regime), strict=True)
-        moved = sum(plane.moved(shift, min(shift, 3 * plane.bundle * shift / max(plane.field, 1e-12))) for plane, shift in planes)
+        moved = sum(
+            plane.moved(shift, min(shift, 3 * plane.bundle * shift / max(plane.field, 1e-12)))
+            for plane, shift in planes
+        )
         return min(regime.light, regime.changed(regime.misaligned) + moved)
 
     def cost(self, regime: Regime) -> float:
         """A tilt gives every microlens a rim of its own, a tilted target is formed in parts."""
-        return 0.4 * (regime.kinds - 1) + 1e-4 * regime.pixels * regime.lit * (1 if any(tilt for _, tilt in self.turned) else 0)
+        return 0.4 * (regime.kinds - 1) + 1e-4 * regime.pixels * regime.lit * (
+            1 if any(tilt for _, tilt in self.turned) else 0
+        )
 
     def why(self, regime: Regime) -> str:
         """What is out of line."""
         camera = regime.misaligned.rim > 0 or regime.misaligned.shift > 0
-        parts = (["array or sensor"] if camera else []) + (["target"] if any(map(any, self.turned)) else [])
-        return f"offset, roll or tilt of {' and '.join(parts)}" if parts else "array, sensor and target are in line"
+        parts = (["array or sensor"] if camera else []) + (
+            ["target"] if any(map(any, self.turned)) else []
+        )
+        return (
+            f"offset, roll or tilt of {' and '.join(parts)}"
+            if parts
+            else "array, sensor and target are in line"
+        )

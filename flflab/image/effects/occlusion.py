@@ -27,4 +27,8 @@ class Occlusion:
 
     def why(self, regime: Regime) -> str:
         """How many planes."""
-        return "one target alone hides nothing" if len(regime.planes) == 1 else f"{len(regime.planes)} targets stand behind each other"
+        return (
+            "one target alone hides nothing"
+            if len(regime.planes) == 1
+            else f"{len(regime.planes)} targets stand behind each other"
+        )

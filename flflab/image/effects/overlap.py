@@ -8,13 +8,17 @@ from flflab.image.regime import Regime
 
 @dataclass(frozen=True)
 class Overlap:
-    """Left out, a pixel gets the light of the micro-image whose centre is nearest alone. It has no number of its own."""
+    """Left out, a pixel gets the light of the micro-image whose centre is nearest alone. It has no
+    number of its own.
+    """
 
     name: ClassVar[str] = "overlap"
     unit: ClassVar[str] = "px"
 
     def size(self, regime: Regime) -> float:
-        """How far neighbouring micro-images reach into each other; negative for a gap between them."""
+        """How far neighbouring micro-images reach into each other; negative for a gap between
+        them.
+        """
         return -regime.gap
 
     def bound(self, regime: Regime) -> float:

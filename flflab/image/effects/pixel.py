@@ -20,9 +20,18 @@ class Pixel:
         return 1.0
 
     def bound(self, regime: Regime) -> float:
-        """Light moves by the mean distance in a pixel, of the target and of the rims; only their blurs limit what that changes."""
-        light = regime.reaching * MEAN_DISTANCE * 1.2733  # a disc moved by a part of its diameter: 4 / pi of it changes
-        target = sum(min(plane.contrast, light / plane.least_blur if plane.least_blur > 0 else plane.contrast) for plane in regime.planes)
+        """Light moves by the mean distance in a pixel, of the target and of the rims; only their
+        blurs limit what that changes.
+        """
+        light = (
+            regime.reaching * MEAN_DISTANCE * 1.2733
+        )  # a disc moved by a part of its diameter: 4 / pi of it changes
+        target = sum(
+            min(
+                plane.contrast, light / plane.least_blur if plane.least_blur > 0 else plane.contrast
+            )
+            for plane in regime.planes
+        )
         rims = light / regime.least_rim if regime.least_rim > 0 else regime.brightest
         return min(regime.brightest, target + rims)
 

@@ -10,7 +10,9 @@ from flflab.image.regime import Regime
 
 @dataclass(frozen=True)
 class Quantisation:
-    """Numbers (DN) of ``bits`` bits, ``dn_per_electron`` for each electron, above the ``offset_dn`` that a dark pixel reads."""
+    """Numbers (DN) of ``bits`` bits, ``dn_per_electron`` for each electron, above the ``offset_dn``
+    that a dark pixel reads.
+    """
 
     bits: int = 12
     dn_per_electron: float = 0.4
@@ -27,9 +29,15 @@ class Quantisation:
         if not 1 <= self.bits <= 16:
             raise InputError(f"quantisation: bits is {self.bits}; from 1 to 16 are allowed")
         if not (math.isfinite(self.dn_per_electron) and self.dn_per_electron > 0):
-            raise InputError(f"quantisation: dn_per_electron is {self.dn_per_electron:g} DN/electron; a finite number above 0 is due")
+            raise InputError(
+                f"quantisation: dn_per_electron is {self.dn_per_electron:g} DN/electron; a finite"
+                " number above 0 is due"
+            )
         if not 0 <= self.offset_dn < self.full_scale:
-            raise InputError(f"quantisation: offset_dn is {self.offset_dn:g} DN; from 0 to below {self.full_scale}, full scale, is allowed")
+            raise InputError(
+                f"quantisation: offset_dn is {self.offset_dn:g} DN; from 0 to below"
+                f" {self.full_scale}, full scale, is allowed"
+            )
 
     @property
     def full_scale(self) -> int:

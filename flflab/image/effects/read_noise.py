@@ -23,7 +23,9 @@ class ReadNoise:
             InputError: it is negative or not finite.
         """
         if not (math.isfinite(self.electrons) and self.electrons >= 0):
-            raise InputError(f"read noise: electrons is {self.electrons:g}; a finite number from 0 up is due")
+            raise InputError(
+                f"read noise: electrons is {self.electrons:g}; a finite number from 0 up is due"
+            )
 
     def size(self, regime: Regime) -> float:
         """Standard deviation."""

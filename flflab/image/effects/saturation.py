@@ -23,7 +23,10 @@ class Saturation:
             InputError: it is below 1 or not finite.
         """
         if not (math.isfinite(self.full_well) and self.full_well >= 1):
-            raise InputError(f"saturation: full_well is {self.full_well:g} electrons; a finite number from 1 up is due")
+            raise InputError(
+                f"saturation: full_well is {self.full_well:g} electrons; a finite number from 1 up"
+                " is due"
+            )
 
     def size(self, regime: Regime) -> float:
         """The light that fills a pixel."""
@@ -39,4 +42,7 @@ class Saturation:
 
     def why(self, regime: Regime) -> str:
         """How full a pixel is."""
-        return f"the brightest light makes {regime.brightest * regime.electrons:.0f} electrons of {self.full_well:.0f}"
+        return (
+            f"the brightest light makes {regime.brightest * regime.electrons:.0f} electrons of"
+            f" {self.full_well:.0f}"
+        )

@@ -12,7 +12,8 @@ from flflab.image.regime import Regime
 class Scatter:
     """Independent normal errors of every microlens, drawn once from a ``seed``.
 
-    ``focal_length`` is the standard deviation relative to the focal length, ``position`` that of each coordinate in mm.
+    ``focal_length`` is the standard deviation relative to the focal length, ``position`` that of
+    each coordinate in mm.
     """
 
     focal_length: float = 0.0
@@ -25,12 +26,18 @@ class Scatter:
         """Refuse what is no scatter.
 
         Raises:
-            InputError: a number is negative or not finite, or so large that microlenses turn into others.
+            InputError: a number is negative or not finite, or so large that microlenses turn into
+                others.
         """
         if not (math.isfinite(self.focal_length) and 0 <= self.focal_length <= 0.1):
-            raise InputError(f"scatter: focal_length is {self.focal_length:g} of the focal length; from 0 to 0.1 is allowed")
+            raise InputError(
+                f"scatter: focal_length is {self.focal_length:g} of the focal length; from 0 to 0.1"
+                " is allowed"
+            )
         if not (math.isfinite(self.position) and self.position >= 0):
-            raise InputError(f"scatter: position is {self.position:g} mm; a finite number from 0 up is due")
+            raise InputError(
+                f"scatter: position is {self.position:g} mm; a finite number from 0 up is due"
+            )
 
     def size(self, regime: Regime) -> float:
         """How far rims move at most."""
@@ -46,4 +53,7 @@ class Scatter:
 
     def why(self, regime: Regime) -> str:
         """Of what."""
-        return f"focal lengths scatter by {100 * self.focal_length:.2g} %, places by {1e3 * self.position:.2g} um"
+        return (
+            f"focal lengths scatter by {100 * self.focal_length:.2g} %, places by"
+            f" {1e3 * self.position:.2g} um"
+        )

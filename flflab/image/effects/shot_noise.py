@@ -9,7 +9,9 @@ from flflab.image.regime import Regime
 
 @dataclass(frozen=True)
 class ShotNoise:
-    """The electrons of a pixel, those of the dark current too, are a Poisson number. It has no number of its own."""
+    """The electrons of a pixel, those of the dark current too, are a Poisson number. It has no
+    number of its own.
+    """
 
     name: ClassVar[str] = "shot-noise"
     unit: ClassVar[str] = "of white"

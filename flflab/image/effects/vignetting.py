@@ -1,4 +1,6 @@
-"""Vignetting by two apertures: towards its rim a micro-image is lit by less and less of the pupil."""
+"""Vignetting by two apertures: towards its rim a micro-image is lit by less and less of the
+pupil.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,7 +12,9 @@ MEAN_REACH = 0.4244  # mean of |x| over the unit disc, 4 / (3 pi)
 
 @dataclass(frozen=True)
 class Vignetting:
-    """Left out, a micro-image is evenly bright and ends at once, in the middle of its rim. It has no number of its own."""
+    """Left out, a micro-image is evenly bright and ends at once, in the middle of its rim. It has
+    no number of its own.
+    """
 
     name: ClassVar[str] = "vignetting"
     unit: ClassVar[str] = "px"
@@ -20,7 +24,9 @@ class Vignetting:
         return regime.rim
 
     def bound(self, regime: Regime) -> float:
-        """The rim that each point of the pupil casts is off by that point's distance from the middle, and a pixel limits it."""
+        """The rim that each point of the pupil casts is off by that point's distance from the
+        middle, and a pixel limits it.
+        """
         return min(regime.brightest, regime.reaching * 2 * MEAN_REACH * regime.rim / 2)
 
     def cost(self, regime: Regime) -> float:

@@ -1,7 +1,8 @@
 """The light of one flat target that moves during the exposure.
 
-What moves along the lines of bars or of an edge changes nothing but at the bars' ends; what moves across them smears their profile, once
-for all moments. Only pixels that see an end, the rim of a dot or a border between texels are formed at one place after the other.
+What moves along the lines of bars or of an edge changes nothing but at the bars' ends; what moves
+across them smears their profile, once for all moments. Only pixels that see an end, the rim of a
+dot or a border between texels are formed at one place after the other.
 """
 
 from itertools import chain
@@ -20,8 +21,11 @@ Array = npt.NDArray[np.float64]
 Chosen = npt.NDArray[np.bool_]
 
 
-def add_moving_plane(image: Array, setup: Setup, target: Target | Cropped, wanted: Chosen | None = None) -> None:
-    """Add the light of one flat target, not black, to an image [row, column] in units of the white level.
+def add_moving_plane(
+    image: Array, setup: Setup, target: Target | Cropped, wanted: Chosen | None = None
+) -> None:
+    """Add the light of one flat target, not black, to an image [row, column] in units of the white
+    level.
 
     Args:
         image: the image to add to.
@@ -29,7 +33,9 @@ def add_moving_plane(image: Array, setup: Setup, target: Target | Cropped, wante
         target: the target.
         wanted: which pixels to compute, [row, column]; the others stay as they are. None for all.
     """
-    has_borders = isinstance(target, FourDot | Picture) or (isinstance(target, Ruled) and moment_count(setup, 1) > 1)
+    has_borders = isinstance(target, FourDot | Picture) or (
+        isinstance(target, Ruled) and moment_count(setup, 1) > 1
+    )
     if not has_borders or not (found := at_borders(image.shape, setup, target)).any():
         for part in alike(setup, 0):
             add_plane(image, part, target, wanted)

@@ -1,4 +1,6 @@
-"""Which part of the pupil lights a sensor point: the unit disc inside the shadow of the wider aperture."""
+"""Which part of the pupil lights a sensor point: the unit disc inside the shadow of the wider
+aperture.
+"""
 
 import math
 
@@ -9,7 +11,9 @@ SLIVER = 1.0 - 1e-6  # of the way to the micro-image's rim; what lies further ou
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def lens_span(x: float, y: float, radius: float) -> tuple[float, float]:
-    """Lowest and highest y common to the unit disc and a disc at (x, y) of a radius of at least 1 that cuts it."""
+    """Lowest and highest y common to the unit disc and a disc at (x, y) of a radius of at least 1
+    that cuts it.
+    """
     squared = x * x + y * y
     cut = radius * radius
     inverse = 1.0 / max(squared, 1e-30)
@@ -23,8 +27,11 @@ def lens_span(x: float, y: float, radius: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def clip(ex: float, ey: float, along_x: float, along_y: float, slope: float, reach: float) -> tuple[float, float]:
-    """Where the wider aperture's shadow lies over the pupil, seen from a sensor point (mm): along the strips and across them.
+def clip(
+    ex: float, ey: float, along_x: float, along_y: float, slope: float, reach: float
+) -> tuple[float, float]:
+    """Where the wider aperture's shadow lies over the pupil, seen from a sensor point (mm): along
+    the strips and across them.
 
     A pixel whose centre is dark but whose edge is lit gets the last sliver of the pupil.
     """

@@ -1,8 +1,10 @@
-"""The pupil of every microlens as seen from its micro-image: which part of it sends light to a sensor point, and from where.
+"""The pupil of every microlens as seen from its micro-image: which part of it sends light to a
+sensor point, and from where.
 
-Pupil points are t in the unit disc of the narrower aperture (the microlens where d |kappa| <= A b/L, else the main lens). From a
-sensor point at e from the micro-image's centre the other aperture lets through |slope t - e| <= reach, and the ray meets the
-object plane, in angle, at o V = spread t + scale e + direction. Source: physics.md, "Exact image of a flat target".
+Pupil points are t in the unit disc of the narrower aperture (the microlens where d |kappa| <= A
+b/L, else the main lens). From a sensor point at e from the micro-image's centre the other aperture
+lets through |slope t - e| <= reach, and the ray meets the object plane, in angle, at o V = spread t
++ scale e + direction. Source: physics.md, "Exact image of a flat target".
 """
 
 from dataclasses import dataclass, fields, replace
@@ -33,10 +35,12 @@ class Pupils:
         direction_x: object direction of the micro-image's centre through the pupil's centre, rad.
         direction_y: the same along y.
         level: irradiance at full pupil in units of the white level.
-        slant_x: slope at the sensor of the ray through the pupil's centre to the micro-image's centre.
+        slant_x: slope at the sensor of the ray through the pupil's centre to the micro-image's
+            centre.
         slant_y: the same along y.
         slant_scale: change of a ray's slope at the sensor per mm on the sensor, 1/mm.
-        slant_spread: the same per unit of pupil; over the wavelength it is the pupil's half width in cycles/mm on the sensor.
+        slant_spread: the same per unit of pupil; over the wavelength it is the pupil's half width
+            in cycles/mm on the sensor.
     """
 
     centre_x: Array
@@ -66,7 +70,9 @@ class Pupils:
 
 
 def axis_microlens(smms: Smms) -> int:
-    """Index of the microlens nearest the axis, the lower one of equals; its micro-image sets the white level."""
+    """Index of the microlens nearest the axis, the lower one of equals; its micro-image sets the
+    white level.
+    """
     squared = smms.centre_x**2 + smms.centre_y**2
     return int(np.flatnonzero(squared <= squared.min() * (1 + 1e-9))[0])
 
@@ -74,10 +80,13 @@ def axis_microlens(smms: Smms) -> int:
 def scattered(smms: Smms, scatter: Scatter) -> Smms:
     """Microlenses with errors of their own.
 
-    The numbers come from Philox with the seed as its key: standard normal ones, three for every microlens in the order of the array
-    (focal length, x, y), so that they depend on nothing but the seed and the microlens's index.
+    The numbers come from Philox with the seed as its key: standard normal ones, three for every
+    microlens in the order of the array (focal length, x, y), so that they depend on nothing but the
+    seed and the microlens's index.
     """
-    draws = np.random.Generator(np.random.Philox(key=scatter.seed)).standard_normal((len(smms.focal), 3))
+    draws = np.random.Generator(np.random.Philox(key=scatter.seed)).standard_normal(
+        (len(smms.focal), 3)
+    )
     return replace(
         smms,
         focal=smms.focal * (1 + scatter.focal_length * draws[:, 0]),
@@ -87,7 +96,8 @@ def scattered(smms: Smms, scatter: Scatter) -> Smms:
 
 
 def camera_pupils(camera: Camera, vergence: float, scatter: Scatter | None = None) -> Pupils:
-    """The pupils of all microlenses, row by row, for a target of this vergence (1/mm, 0 at infinity).
+    """The pupils of all microlenses, row by row, for a target of this vergence (1/mm, 0 at
+    infinity).
 
     The white level is that of the camera without scatter.
     """
@@ -107,7 +117,12 @@ def camera_pupils(camera: Camera, vergence: float, scatter: Scatter | None = Non
         reach=np.where(by_microlens, smms.lens_width, smms.microlens_width) / 2,
         lens_spread=radius * np.where(by_microlens, smms.kappa / ratio, 1.0),
         lens_scale=np.where(by_microlens, -1 / ratio, 0.0),
-        spread=radius * np.where(by_microlens, smms.kappa * w / ratio - 1 / smms.distance, w - ratio / (smms.distance * kappa)),
+        spread=radius
+        * np.where(
+            by_microlens,
+            smms.kappa * w / ratio - 1 / smms.distance,
+            w - ratio / (smms.distance * kappa),
+        ),
         scale=np.where(by_microlens, -w / ratio, -1 / (smms.distance * kappa)),
         direction_x=-smms.centre_x / smms.distance,
         direction_y=-smms.centre_y / smms.distance,

@@ -1,4 +1,6 @@
-"""Vignetting: how much of a microlens's full cone reaches a pixel, as a table over the distance from the micro-image's centre."""
+"""Vignetting: how much of a microlens's full cone reaches a pixel, as a table over the distance
+from the micro-image's centre.
+"""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +20,8 @@ STEEP = 6.0  # a rim narrower than this many (sub)pixels is no function of the d
 
 @dataclass(frozen=True)
 class Rims:
-    """What the rims of the micro-images are like; a camera of equal microlenses has one kind of rim.
+    """What the rims of the micro-images are like; a camera of equal microlenses has one kind of
+    rim.
 
     Attributes:
         kind: which kind of rim each microlens has, shape (N,).
@@ -35,11 +38,17 @@ class Rims:
 
 def find_rims(pupils: Pupils, pixel: float) -> Rims:
     """Tell equal rims apart from unlike ones; ``pixel`` in mm."""
-    pairs, kind = np.unique(np.stack([np.abs(pupils.slope), pupils.reach], axis=1), axis=0, return_inverse=True)
-    return Rims(kind=kind.reshape(-1), width=2 * pairs[:, 0] / pixel, slope=pairs[:, 0], reach=pairs[:, 1])
+    pairs, kind = np.unique(
+        np.stack([np.abs(pupils.slope), pupils.reach], axis=1), axis=0, return_inverse=True
+    )
+    return Rims(
+        kind=kind.reshape(-1), width=2 * pairs[:, 0] / pixel, slope=pairs[:, 0], reach=pairs[:, 1]
+    )
 
 
-def rim_tables(rims: Rims, sides: Array, steep: npt.NDArray[np.bool_], steps: int = TABLE_STEPS) -> Array:
+def rim_tables(
+    rims: Rims, sides: Array, steep: npt.NDArray[np.bool_], steps: int = TABLE_STEPS
+) -> Array:
     """Share of the full cone against the distance from the centre, averaged over a pixel.
 
     Args:
@@ -49,7 +58,8 @@ def rim_tables(rims: Rims, sides: Array, steep: npt.NDArray[np.bool_], steps: in
         steps: steps of a table.
 
     Returns:
-        Shape (K, steps + 3): first distance, 1 / step, then the shares. The rows of steep kinds start with -1.
+        Shape (K, steps + 3): first distance, 1 / step, then the shares. The rows of steep kinds
+        start with -1.
     """
     tables = np.zeros((len(rims.slope), steps + 3))
     _fill(tables, rims.slope, rims.reach, sides, steep)
@@ -68,16 +78,25 @@ def rim_share(distance: float, table: Array) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _fill(tables: Array, slope: Array, reach: Array, sides: Array, steep: npt.NDArray[np.bool_]) -> None:
+def _fill(
+    tables: Array, slope: Array, reach: Array, sides: Array, steep: npt.NDArray[np.bool_]
+) -> None:
     steps = tables.shape[1] - 3
-    points = np.empty(steps + 3)  # a table of points of no size: areas of discs cost ten times what looking them up does
+    points = np.empty(
+        steps + 3
+    )  # a table of points of no size: areas of discs cost ten times what looking them up does
     for kind in range(tables.shape[0]):
         if steep[kind]:
             continue
         points[0] = abs(reach[kind] - slope[kind])
         points[1] = steps / (reach[kind] + slope[kind] - points[0])
         for index in range(steps + 1):
-            points[index + 2] = two_disc_area(1.0, reach[kind] / slope[kind], (points[0] + index / points[1]) / slope[kind]) / math.pi
+            points[index + 2] = (
+                two_disc_area(
+                    1.0, reach[kind] / slope[kind], (points[0] + index / points[1]) / slope[kind]
+                )
+                / math.pi
+            )
         pixel = sides[kind]
         first = max(0.0, reach[kind] - slope[kind] - pixel)
         step = (reach[kind] + slope[kind] + pixel - first) / steps
@@ -97,12 +116,17 @@ def disc_nodes(rings: int, spokes: int) -> Array:
     """Points (x, y) of equal weight in the unit disc, shape (rings * spokes, 2)."""
     radius = np.sqrt((np.arange(rings) + 0.5) / rings)
     angle = 2 * np.pi * (np.arange(spokes) + 0.5 * (np.arange(rings)[:, None] % 2)) / spokes
-    return np.stack([(radius[:, None] * np.cos(angle)).ravel(), (radius[:, None] * np.sin(angle)).ravel()], axis=1)
+    return np.stack(
+        [(radius[:, None] * np.cos(angle)).ravel(), (radius[:, None] * np.sin(angle)).ravel()],
+        axis=1,
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def steep_share(x: float, y: float, side: float, slope: float, reach: float, nodes: Array) -> float:
-    """Share of the full cone in a pixel at (x, y) from the centre: the mean over the pupil of the part of it inside the shadow."""
+    """Share of the full cone in a pixel at (x, y) from the centre: the mean over the pupil of the
+    part of it inside the shadow.
+    """
     if side == 0.0 and slope == 0.0:
         return 1.0 if math.hypot(x, y) <= reach else 0.0
     total = 0.0
@@ -115,7 +139,9 @@ def steep_share(x: float, y: float, side: float, slope: float, reach: float, nod
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def lit_middle(distance: float, part: float, reach: float) -> float:
-    """Where to look in a pixel of this side that a steep rim crosses: the middle of its lit part, as a share of its distance."""
+    """Where to look in a pixel of this side that a steep rim crosses: the middle of its lit part,
+    as a share of its distance.
+    """
     if distance + 0.5 * part <= reach or distance <= part:
         return 1.0
     return max(0.5 * (distance - 0.5 * part + reach), distance - 0.5 * part) / distance
@@ -123,19 +149,26 @@ def lit_middle(distance: float, part: float, reach: float) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def inside(x: float, y: float, side: float, reach: float) -> tuple[float, float]:
-    """Share of a square round (x, y) that lies in a disc round the origin, and where to look in it as a share of its distance."""
+    """Share of a square round (x, y) that lies in a disc round the origin, and where to look in it
+    as a share of its distance.
+    """
     away = math.sqrt(x * x + y * y)
     if away + side < reach:
         return 1.0, 1.0
     if away > reach + side:
         return 0.0, 1.0
     left, bottom = x - 0.5 * side, y - 0.5 * side
-    return disc_rectangle_area(reach, left, left + side, bottom, bottom + side) / (side * side), lit_middle(away, side, reach)
+    return disc_rectangle_area(reach, left, left + side, bottom, bottom + side) / (
+        side * side
+    ), lit_middle(away, side, reach)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def part_share(x: float, y: float, side: float, slope: float, reach: float, table: Array, nodes: Array) -> tuple[float, float]:
-    """Share of the full cone in a part of a pixel on the rim, and where to look in it as a share of its distance from the centre.
+def part_share(
+    x: float, y: float, side: float, slope: float, reach: float, table: Array, nodes: Array
+) -> tuple[float, float]:
+    """Share of the full cone in a part of a pixel on the rim, and where to look in it as a share of
+    its distance from the centre.
 
     Args:
         x: its middle from the micro-image's centre, mm.
@@ -153,7 +186,9 @@ def part_share(x: float, y: float, side: float, slope: float, reach: float, tabl
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def place_on_rim(x: float, y: float, side: float, rim: Array, steep: bool, count: int, nodes: Array) -> tuple[float, float, float]:
+def place_on_rim(
+    x: float, y: float, side: float, rim: Array, steep: bool, count: int, nodes: Array
+) -> tuple[float, float, float]:
     """How a part of a pixel looks through a pupil that a table over the rim describes.
 
     Args:
@@ -166,11 +201,16 @@ def place_on_rim(x: float, y: float, side: float, rim: Array, steep: bool, count
         nodes: pupil points for steep rims.
 
     Returns:
-        Its place in the table, below 0 where the pupil counts as whole; its share of light; where to look, as a share of its distance.
+        Its place in the table, below 0 where the pupil counts as whole; its share of light; where
+        to look, as a share of its distance.
     """
     distance = math.sqrt(x * x + y * y)
     if steep:
-        return -1.0, steep_share(x, y, side, rim[1], rim[2], nodes), lit_middle(distance, side, rim[2])
+        return (
+            -1.0,
+            steep_share(x, y, side, rim[1], rim[2], nodes),
+            lit_middle(distance, side, rim[2]),
+        )
     if distance >= rim[3]:
         return -1.0, 0.0, 1.0
     if distance <= rim[0]:

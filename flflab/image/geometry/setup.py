@@ -1,4 +1,6 @@
-"""What is to be formed of one flat target: the pupils, and where on the target every ray through them ends."""
+"""What is to be formed of one flat target: the pupils, and where on the target every ray through
+them ends.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -22,10 +24,12 @@ MAP_SHARE = 0.2  # of the tolerance, for each way in which a map is not linear
 
 @dataclass(frozen=True)
 class Setup:
-    """A camera before one target, as a list of entries: each is a microlens, or a part of its micro-image.
+    """A camera before one target, as a list of entries: each is a microlens, or a part of its
+    micro-image.
 
-    Within an entry the ray from the sensor point e (mm from the micro-image's centre) through the pupil point t ends on the target,
-    in the target's own axes, at origin + by_pupil t + by_sensor e.
+    Within an entry the ray from the sensor point e (mm from the micro-image's centre) through the
+    pupil point t ends on the target, in the target's own axes, at origin + by_pupil t + by_sensor
+    e.
 
     Attributes:
         sensor: the sensor.
@@ -34,18 +38,22 @@ class Setup:
         by_pupil: the same per unit of pupil, shape (N, 2, 2).
         by_sensor: the same per mm on the sensor, shape (N, 2, 2).
         by_motion: the same per mm that the target moves across the axis, shape (N, 2, 2).
-        window: the part of the sensor an entry may light: first column, column after the last, first row, row after the last; (N, 4).
+        window: the part of the sensor an entry may light: first column, column after the last,
+            first row, row after the last; (N, 4).
         rims: the kinds of rims of the micro-images.
         blur: diameter on the sensor of the blur of a point, pixels, shape (N,).
-        crooked: entries in which rays through one sensor point end elsewhere than any linear map says, by more than the tolerance
-            allows; shape (N,).
+        crooked: entries in which rays through one sensor point end elsewhere than any linear map
+            says, by more than the tolerance allows; shape (N,).
         tolerance: largest error asked for.
-        overlap: how many micro-images reach a sensor point, at least 1; the errors of their strips add up.
-        pixel_width: side of the square over which a pixel gathers light, mm; 0 for its centre alone.
+        overlap: how many micro-images reach a sensor point, at least 1; the errors of their strips
+            add up.
+        pixel_width: side of the square over which a pixel gathers light, mm; 0 for its centre
+            alone.
         falloff: whether rays count by cos^4 of their slopes at the sensor.
-        motion: of the target during the exposure, where it is to be formed with the light instead of moment by moment.
-        moments: parts of the exposure's even drift and of the vibration's amplitude at moments of equal shares, shape (2, M); None for
-            the whole exposure.
+        motion: of the target during the exposure, where it is to be formed with the light instead
+            of moment by moment.
+        moments: parts of the exposure's even drift and of the vibration's amplitude at moments of
+            equal shares, shape (2, M); None for the whole exposure.
     """
 
     sensor: Sensor
@@ -70,7 +78,9 @@ class Setup:
         return replace(self, origin=self.origin - np.array([x, y]))
 
     def kind_blur(self, largest: bool) -> Array:
-        """The largest or smallest blur among the entries of each kind of rim, pixels; 0 where a kind has none."""
+        """The largest or smallest blur among the entries of each kind of rim, pixels; 0 where a
+        kind has none.
+        """
         found = np.full(len(self.rims.width), -math.inf if largest else math.inf)
         (np.maximum if largest else np.minimum).at(found, self.rims.kind, self.blur)
         found[np.bincount(self.rims.kind, minlength=len(found)) == 0] = 0.0
@@ -97,11 +107,15 @@ class Setup:
         )
 
 
-def make_setup(scene: Scene, plane: Plane, tolerance: float, effects: frozenset[str] = ALL) -> Setup:
-    """Set up a scene's camera before one of its planes; microlenses that light no pixel are left out.
+def make_setup(
+    scene: Scene, plane: Plane, tolerance: float, effects: frozenset[str] = ALL
+) -> Setup:
+    """Set up a scene's camera before one of its planes; microlenses that light no pixel are left
+    out.
 
     Raises:
-        InputError: the distortion folds the picture over, or a tilted plane or array reaches too far.
+        InputError: the distortion folds the picture over, or a tilted plane or array reaches too
+            far.
     """
     sensor = scene.camera.sensor
     pupils = camera_pupils(scene.camera, 1 / plane.distance, scene.scatter)
@@ -116,9 +130,15 @@ def make_setup(scene: Scene, plane: Plane, tolerance: float, effects: frozenset[
     rims = find_rims(pupils, sensor.pixel)
     crooked, middle = np.zeros(len(seen), dtype=np.bool_), np.zeros((len(seen), 2))
     if not is_straight(plane, scene.distortion):
-        counts, crooked = counts_needed(sensor, pupils, windows, plane, scene.distortion, MAP_SHARE * tolerance)
+        counts, crooked = counts_needed(
+            sensor, pupils, windows, plane, scene.distortion, MAP_SHARE * tolerance
+        )
         entries, windows = cut(windows, counts)
-        pupils, crooked, rims = pupils.of(entries), crooked[entries], replace(rims, kind=rims.kind[entries])
+        pupils, crooked, rims = (
+            pupils.of(entries),
+            crooked[entries],
+            replace(rims, kind=rims.kind[entries]),
+        )
         middle = middles(sensor, pupils, windows)[0]
     landing = linearised(pupils, plane, scene.distortion, middle)
     return Setup(
@@ -143,5 +163,10 @@ def make_setup(scene: Scene, plane: Plane, tolerance: float, effects: frozenset[
 def _coverage(camera: Camera, pupils: Pupils) -> float:
     """How many micro-images reach a sensor point on average."""
     row = math.sqrt(3) / 2 if camera.array.layout == "hexagonal" else 1.0
-    cell = camera.array.pitch[0] * camera.array.pitch[1] * row * (camera.sensor.distance / camera.array.distance) ** 2
+    cell = (
+        camera.array.pitch[0]
+        * camera.array.pitch[1]
+        * row
+        * (camera.sensor.distance / camera.array.distance) ** 2
+    )
     return math.pi * float(np.max(pupils.outside)) ** 2 / cell

@@ -1,4 +1,6 @@
-"""Parts of micro-images: rectangles of pixels, cut so finely that rays end where one linear map per part says."""
+"""Parts of micro-images: rectangles of pixels, cut so finely that rays end where one linear map per
+part says.
+"""
 
 import math
 
@@ -23,40 +25,54 @@ BENT = 0.25  # the same where opposite points of the rim are wrong alike
 
 
 def windows_of(sensor: Sensor, pupils: Pupils, whole: bool) -> Whole:
-    """The pixels that each micro-image can light: first column, column after the last, first row, row after the last; (N, 4).
+    """The pixels that each micro-image can light: first column, column after the last, first row,
+    row after the last; (N, 4).
 
     Args:
         sensor: the sensor.
         pupils: the microlenses.
-        whole: whether a micro-image reaches as far as its light; else it ends half-way to its nearest neighbour, along columns and rows.
+        whole: whether a micro-image reaches as far as its light; else it ends half-way to its
+            nearest neighbour, along columns and rows.
     """
     half = pupils.outside + sensor.pixel
     if not whole and len(half) > 1:
         centres = np.stack([pupils.centre_x, pupils.centre_y], axis=1)
         half = np.minimum(half, KDTree(centres).query(centres, k=2)[0][:, 1] / 2)
     limits: list[Array] = []
-    for centre, positions in zip((pupils.centre_x, pupils.centre_y), pixel_positions(sensor), strict=True):
+    for centre, positions in zip(
+        (pupils.centre_x, pupils.centre_y), pixel_positions(sensor), strict=True
+    ):
         place = (np.stack([centre - half, centre + half]) - positions[0]) / sensor.pixel
         limits += list(np.clip([np.ceil(place[0]), np.floor(place[1]) + 1], 0, len(positions)))
     return np.stack(limits, axis=1).astype(np.int64)
 
 
 def middles(sensor: Sensor, pupils: Pupils, windows: Whole) -> tuple[Array, Array]:
-    """Middle of each window from its micro-image's centre, and half its sides, to the centres of the outer pixels; mm, (N, 2) both."""
+    """Middle of each window from its micro-image's centre, and half its sides, to the centres of
+    the outer pixels; mm, (N, 2) both.
+    """
     first = np.array([positions[0] for positions in pixel_positions(sensor)])
     low, high = windows[:, ::2], windows[:, 1::2] - 1
     middle = first + (low + high) / 2 * sensor.pixel
-    return middle - np.stack([pupils.centre_x, pupils.centre_y], axis=1), (high - low) / 2 * sensor.pixel
+    return middle - np.stack([pupils.centre_x, pupils.centre_y], axis=1), (
+        high - low
+    ) / 2 * sensor.pixel
 
 
 def cut(windows: Whole, counts: Whole) -> tuple[Whole, Whole]:
-    """Cut windows (N, 4) into counts (N, 2) columns and rows of parts: which window each part is of, and its pixels; no empty ones."""
+    """Cut windows (N, 4) into counts (N, 2) columns and rows of parts: which window each part is
+    of, and its pixels; no empty ones.
+    """
     number = counts.prod(axis=1)
     entries = np.repeat(np.arange(len(windows)), number)
     index = np.arange(len(entries)) - np.repeat(np.cumsum(number) - number, number)
     parts = np.empty((len(entries), 4), dtype=np.int64)
     for axis, place in enumerate((index % counts[entries, 0], index // counts[entries, 0])):
-        low, high, count = windows[entries, 2 * axis], windows[entries, 2 * axis + 1], counts[entries, axis]
+        low, high, count = (
+            windows[entries, 2 * axis],
+            windows[entries, 2 * axis + 1],
+            counts[entries, axis],
+        )
         parts[:, 2 * axis] = low + (high - low) * place // count
         parts[:, 2 * axis + 1] = low + (high - low) * (place + 1) // count
     lit = (parts[:, 0] < parts[:, 1]) & (parts[:, 2] < parts[:, 3])
@@ -64,8 +80,12 @@ def cut(windows: Whole, counts: Whole) -> tuple[Whole, Whole]:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def shrink(wanted: npt.NDArray[np.bool_], start: int, end: int, first: int, last: int) -> tuple[int, int, int, int]:
-    """The smallest part of a window of columns and rows that holds all its wanted pixels; an empty one where there are none."""
+def shrink(
+    wanted: npt.NDArray[np.bool_], start: int, end: int, first: int, last: int
+) -> tuple[int, int, int, int]:
+    """The smallest part of a window of columns and rows that holds all its wanted pixels; an empty
+    one where there are none.
+    """
     if start >= end or first >= last:
         return start, start, first, first
     left, right, bottom, top = end, start, last, first
@@ -98,15 +118,18 @@ def counts_needed(
     distortion: Distortion | None,
     allowed: float,
 ) -> tuple[Whole, npt.NDArray[np.bool_]]:
-    """Into how many columns and rows each window must be cut so that linear maps leave no larger error (of white) than allowed.
+    """Into how many columns and rows each window must be cut so that linear maps leave no larger
+    error (of white) than allowed.
 
-    What is left of the map by second order falls with the square of a part's side along the sensor, with the side where pupil and
-    sensor act together, and not at all within the pupil.
+    What is left of the map by second order falls with the square of a part's side along the sensor,
+    with the side where pupil and sensor act together, and not at all within the pupil.
 
-    No part is smaller than a pixel, in whose middle its map is right; what that leaves of the bend within the pixel is not counted.
+    No part is smaller than a pixel, in whose middle its map is right; what that leaves of the bend
+    within the pixel is not counted.
 
     Returns:
-        The counts (N, 2), and which windows no cutting helps, because rays through one sensor point end too crookedly.
+        The counts (N, 2), and which windows no cutting helps, because rays through one sensor point
+        end too crookedly.
     """
     middle, half = middles(sensor, pupils, windows)
     landing = linearised(pupils, plane, distortion, middle)
@@ -118,15 +141,23 @@ def counts_needed(
     still, spot = np.zeros((1, 1, 2)), middle[:, None]
     bent = error(RIM[None], spot)
     counts = np.ones((len(windows), 2))
-    corner = error(still, spot + half[:, None] * np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]))
+    corner = error(
+        still, spot + half[:, None] * np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
+    )
     for axis in range(2):
         side = np.zeros((2, 2))
         side[:, axis] = (-1.0, 1.0)
         along = spot + half[:, None] * side
         alone = np.maximum(error(still, along), corner / 2)
-        together = np.maximum(error(RIM[None], along[:, :1]), error(RIM[None], along[:, 1:])) - bent - alone
+        together = (
+            np.maximum(error(RIM[None], along[:, :1]), error(RIM[None], along[:, 1:]))
+            - bent
+            - alone
+        )
         counts[:, axis] = np.maximum(np.sqrt(alone / allowed), BLURRED * together / allowed)
-    pixels = np.maximum(np.stack([windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]], axis=1), 1)
+    pixels = np.maximum(
+        np.stack([windows[:, 1] - windows[:, 0], windows[:, 3] - windows[:, 2]], axis=1), 1
+    )
     return np.clip(np.ceil(counts), 1, pixels).astype(np.int64), BENT * bent > allowed
 
 
@@ -138,9 +169,17 @@ def largest_stretch(matrix: Array) -> Array:
 
 
 def blur_of(by_pupil: Array, by_sensor: Array, pixel: float) -> Array:
-    """Diameter on the sensor of the blur of a point, in pixels, from the maps (N, 2, 2); infinite where sensor points see one place."""
+    """Diameter on the sensor of the blur of a point, in pixels, from the maps (N, 2, 2); infinite
+    where sensor points see one place.
+    """
     determinant = by_sensor[:, 0, 0] * by_sensor[:, 1, 1] - by_sensor[:, 0, 1] * by_sensor[:, 1, 0]
-    adjugate = np.stack([by_sensor[:, 1, 1], -by_sensor[:, 0, 1], -by_sensor[:, 1, 0], by_sensor[:, 0, 0]], axis=1).reshape(-1, 2, 2)
+    adjugate = np.stack(
+        [by_sensor[:, 1, 1], -by_sensor[:, 0, 1], -by_sensor[:, 1, 0], by_sensor[:, 0, 0]], axis=1
+    ).reshape(-1, 2, 2)
     stretch = 2 / pixel * largest_stretch(adjugate @ by_pupil)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(by_pupil.any(axis=(1, 2)), np.where(determinant == 0, math.inf, stretch / np.abs(determinant)), 0.0)
+        return np.where(
+            by_pupil.any(axis=(1, 2)),
+            np.where(determinant == 0, math.inf, stretch / np.abs(determinant)),
+            0.0,
+        )

@@ -1,4 +1,6 @@
-"""The light of a dot in a pixel by closed form: of the area common to the pupil, the other aperture's shadow and the dot, three discs."""
+"""The light of a dot in a pixel by closed form: of the area common to the pupil, the other
+aperture's shadow and the dot, three discs.
+"""
 
 import math
 
@@ -12,14 +14,20 @@ from flflab.optics.discs import GAUSS, lens_chord, lens_rows, three_disc_area, t
 Array = npt.NDArray[np.float64]
 
 MOST_SQUARES = 64  # that wait to be summed: three more with each halving
-GAINED = 4.0  # how much less four Gauss points miss than the middle at any second derivative that is no larger than so much
-UNEVEN = 8.0 * math.pi  # cos^4 bends by up to 4 times the square of the change of slopes: of a disc, the mean misses a sixth; times 12
+# how much less four Gauss points miss than the middle at any second derivative that is no larger
+# than so much
+GAINED = 4.0
+# cos^4 bends by up to 4 times the square of the change of slopes: of a disc, the mean misses a
+# sixth; times 12
+UNEVEN = 8.0 * math.pi
 ROUNDED = 1.15  # 18 parts a side may be 16
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _seen_disc(ex: float, ey: float, to: Array, radius: float) -> tuple[float, float, float]:
-    """Middle (x, y) and radius, in the pupil's, of the disc through which a sensor point sees a dot."""
+    """Middle (x, y) and radius, in the pupil's, of the disc through which a sensor point sees a
+    dot.
+    """
     determinant = to[2] * to[5] - to[3] * to[4]
     at_x = to[0] + to[6] * ex + to[7] * ey
     at_y = to[1] + to[8] * ex + to[9] * ey
@@ -30,7 +38,8 @@ def _seen_disc(ex: float, ey: float, to: Array, radius: float) -> tuple[float, f
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def spot_share(ex: float, ey: float, cone: Array, to: Array, radius: float) -> float:
-    """Part of the full cone at (ex, ey) mm that comes from a dot of this radius (target mm): the area common to three discs over pi.
+    """Part of the full cone at (ex, ey) mm that comes from a dot of this radius (target mm): the
+    area common to three discs over pi.
 
     The map from the pupil to the target counts as a turn and one scale.
     """
@@ -39,11 +48,16 @@ def spot_share(ex: float, ey: float, cone: Array, to: Array, radius: float) -> f
     distance = math.hypot(ex, ey)
     if slope == 0.0 or distance <= reach - abs(slope):
         return two_disc_area(1.0, size, math.hypot(x, y)) / math.pi
-    return three_disc_area(0.0, 0.0, 1.0, ex / slope, ey / slope, reach / abs(slope), x, y, size) / math.pi
+    return (
+        three_disc_area(0.0, 0.0, 1.0, ex / slope, ey / slope, reach / abs(slope), x, y, size)
+        / math.pi
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def weighted_share(ex: float, ey: float, cone: Array, to: Array, radius: float, slant: Array, weighing: Array) -> float:
+def weighted_share(
+    ex: float, ey: float, cone: Array, to: Array, radius: float, slant: Array, weighing: Array
+) -> float:
     """``spot_share``, its rays counted by cos^4 of their slopes at the sensor.
 
     Args:
@@ -52,15 +66,19 @@ def weighted_share(ex: float, ey: float, cone: Array, to: Array, radius: float, 
         cone: slope and reach, mm.
         to: the maps to the target.
         radius: of the dot, mm on the target.
-        slant: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per unit of pupil.
-        weighing: heights and weights of chords of the area common to the three discs, see ``strip_nodes``, shape (2, n), that tell the
-            mean of cos^4 over it; with none all rays count alike.
+        slant: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per
+            unit of pupil.
+        weighing: heights and weights of chords of the area common to the three discs, see
+            ``strip_nodes``, shape (2, n), that tell the mean of cos^4 over it; with none all rays
+            count alike.
     """
     share = spot_share(ex, ey, cone, to, radius)
     if share <= 0.0 or weighing.shape[1] == 0:
         return share
     x, y, size = _seen_disc(ex, ey, to, radius)
-    lens_x, lens_y, lens = (ex / cone[0], ey / cone[0], cone[1] / abs(cone[0])) if cone[0] != 0.0 else (0.0, 0.0, 2.0)
+    lens_x, lens_y, lens = (
+        (ex / cone[0], ey / cone[0], cone[1] / abs(cone[0])) if cone[0] != 0.0 else (0.0, 0.0, 2.0)
+    )
     low, high = lens_rows(lens_x, lens_y, lens)
     lowest, highest = lens_rows(x, y, size)
     low, high = max(low, lowest), min(high, highest)
@@ -76,19 +94,28 @@ def weighted_share(ex: float, ey: float, cone: Array, to: Array, radius: float, 
         weight = weighing[1, index] * (right - left)
         area += weight
         up = 1.0 + (slope_y + slant[3] * at) ** 2
-        middle, aside = slope_x + slant[3] * 0.5 * (left + right), slant[3] * 0.5 * (right - left) * ACROSS
+        middle, aside = (
+            slope_x + slant[3] * 0.5 * (left + right),
+            slant[3] * 0.5 * (right - left) * ACROSS,
+        )
         sides = (up + (middle - aside) ** 2) ** -2 + (up + (middle + aside) ** 2) ** -2
         light += weight * (8.0 * (up + middle * middle) ** -2 + 5.0 * sides) / 18.0
-    return share * light / area if area > 0.0 else share / (1.0 + slope_x * slope_x + slope_y * slope_y) ** 2
+    return (
+        share * light / area
+        if area > 0.0
+        else share / (1.0 + slope_x * slope_x + slope_y * slope_y) ** 2
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _bend(one: float, other: float, away: float, half: float) -> tuple[float, float]:
-    """By how much the middle of a square, and four Gauss points, may miss the mean over it of an area that two discs bound; times 12.
+    """By how much the middle of a square, and four Gauss points, may miss the mean over it of an
+    area that two discs bound; times 12.
 
-    Where their circles cross at an angle g, the area's second derivative by their movement is at most 1 / sin g for each crossing; with
-    sin g = sqrt(q) / (2 r s), q = ((r + s)^2 - D^2) (D^2 - (r - s)^2), for radii r and s at a distance D. The fourth is at most
-    3 / u^2 of that where they move by u until they touch.
+    Where their circles cross at an angle g, the area's second derivative by their movement is at
+    most 1 / sin g for each crossing; with sin g = sqrt(q) / (2 r s), q = ((r + s)^2 - D^2) (D^2 -
+    (r - s)^2), for radii r and s at a distance D. The fourth is at most 3 / u^2 of that where they
+    move by u until they touch.
 
     Args:
         one: radius of a disc.
@@ -104,14 +131,21 @@ def _bend(one: float, other: float, away: float, half: float) -> tuple[float, fl
         return 0.0, 0.0
     if near <= hold or far >= touch:
         return math.inf, math.inf
-    least = min((touch * touch - near * near) * (near * near - hold * hold), (touch * touch - far * far) * (far * far - hold * hold))
+    least = min(
+        (touch * touch - near * near) * (near * near - hold * hold),
+        (touch * touch - far * far) * (far * far - hold * hold),
+    )
     bend = 4.0 * one * other * half * half / math.sqrt(least)
     return bend, bend * (half / min(near - hold, touch - far)) ** 2 / 15.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _meets(x: float, y: float, size: float, other_x: float, other_y: float, other: float, moved: float) -> bool:
-    """Whether a crossing of the unit circle with one of radius ``size`` round (x, y) comes to a third circle, if both move by ``moved``."""
+def _meets(
+    x: float, y: float, size: float, other_x: float, other_y: float, other: float, moved: float
+) -> bool:
+    """Whether a crossing of the unit circle with one of radius ``size`` round (x, y) comes to a
+    third circle, if both move by ``moved``.
+    """
     away = math.sqrt(x * x + y * y)
     along = (away * away + 1.0 - size * size) / (2.0 * away)
     aside = math.sqrt(max(0.0, 1.0 - along * along))
@@ -137,7 +171,8 @@ def spot_light(
     weighing: Array,
     squares: Array,
 ) -> float:
-    """Mean of ``weighted_share`` over a pixel, which is quartered, and its quarters, until one or four points of each square tell its mean.
+    """Mean of ``weighted_share`` over a pixel, which is quartered, and its quarters, until one or
+    four points of each square tell its mean.
 
     Args:
         dx: the pixel's middle from the micro-image's centre, mm.
@@ -147,13 +182,18 @@ def spot_light(
         to: the maps to the target.
         radius: of the dot, mm on the target.
         full: whether the pixel lies in the bright field, which the microlens does not cut.
-        parts: how many of the smallest squares a side of the pixel holds, or up to ``ROUNDED`` times fewer.
+        parts: how many of the smallest squares a side of the pixel holds, or up to ``ROUNDED``
+            times fewer.
         allowed: error of the mean, of white.
         slant: see ``weighted_share``.
         weighing: the same.
         squares: scratch for those that are left to sum.
     """
-    scale, slope, limit = math.sqrt(abs(to[2] * to[5] - to[3] * to[4])), abs(cone[0]), 12.0 * math.pi * allowed
+    scale, slope, limit = (
+        math.sqrt(abs(to[2] * to[5] - to[3] * to[4])),
+        abs(cone[0]),
+        12.0 * math.pi * allowed,
+    )
     turn = math.sqrt(0.5 * (to[6] * to[6] + to[7] * to[7] + to[8] * to[8] + to[9] * to[9])) / scale
     light, left = 0.0, 1
     squares[0, 0], squares[0, 1], squares[0, 2] = dx, dy, width
@@ -167,8 +207,15 @@ def spot_light(
             bend, fourth = _bend(1.0, size, math.sqrt(x * x + y * y), half * turn)
             if not full:
                 lens_x, lens_y, lens = ex / cone[0], ey / cone[0], cone[1] / slope
-                of_lens = _bend(1.0, lens, math.sqrt(lens_x * lens_x + lens_y * lens_y), half / slope)
-                of_both = _bend(size, lens, math.sqrt((x - lens_x) ** 2 + (y - lens_y) ** 2), half * (turn + 1.0 / slope))
+                of_lens = _bend(
+                    1.0, lens, math.sqrt(lens_x * lens_x + lens_y * lens_y), half / slope
+                )
+                of_both = _bend(
+                    size,
+                    lens,
+                    math.sqrt((x - lens_x) ** 2 + (y - lens_y) ** 2),
+                    half * (turn + 1.0 / slope),
+                )
                 crossing = bend > 0.0 and of_lens[0] > 0.0 and of_both[0] > 0.0
                 moved = bend / (2.0 * half * turn) + half / slope
                 bend += of_lens[0] + of_both[0]
@@ -188,7 +235,10 @@ def spot_light(
         if gauss:
             seen = 0.0
             for place in range(4):
-                at_x, at_y = ex + (place % 2 - 0.5) * 2.0 * GAUSS * side, ey + (place // 2 - 0.5) * 2.0 * GAUSS * side
+                at_x, at_y = (
+                    ex + (place % 2 - 0.5) * 2.0 * GAUSS * side,
+                    ey + (place // 2 - 0.5) * 2.0 * GAUSS * side,
+                )
                 seen += weighted_share(at_x, at_y, cone, to, radius, slant, weighing)
             light += 0.25 * side * side * seen
         else:

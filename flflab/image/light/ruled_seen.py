@@ -1,4 +1,6 @@
-"""What a target that varies along one direction looks like to microlenses, and its means over parts of pixels."""
+"""What a target that varies along one direction looks like to microlenses, and its means over parts
+of pixels.
+"""
 
 import math
 from typing import NamedTuple
@@ -28,7 +30,8 @@ class RuledSeen(NamedTuple):
     Attributes:
         lenses: the entries.
         sharp: entries whose blur is negligible.
-        counts: number of strips for each kind of rim, (K, 2): of most pixels, and where the window ends.
+        counts: number of strips for each kind of rim, (K, 2): of most pixels, and where the window
+            ends.
         strips: see ``strip_nodes``; (K, 2, 3, most strips).
         grid: which of the grids of points across the pupil sums the window's ends in every entry.
         grids: how many points a side each has; 0 where strips do.
@@ -36,12 +39,14 @@ class RuledSeen(NamedTuple):
         chords: see ``chord_nodes``; the same.
         chunks: pieces of a strip for the fall-off, see ``strip_means``; 0 for no fall-off.
         whole: parts a side of a pixel that no rim crosses, for its fall-off, for each kind of rim.
-        divided: the same on rims, and where blur is negligible: above 1 every part has its own fall-off.
+        divided: the same on rims, and where blur is negligible: above 1 every part has its own
+            fall-off.
         fall: largest error of the fall-off's tables.
         fine: largest error of the antiderivatives' tables.
         table: profile, see ``profile_table``; no row where the target does not vary along x'.
         law: its law.
-        ways: how far rays end along x' from where they would, mm, at some moments of the exposure; shape (N, moments).
+        ways: how far rays end along x' from where they would, mm, at some moments of the exposure;
+            shape (N, moments).
         bounds: lower and upper end of the window, target mm.
         numbers: what ``mean_over`` asks for: the upper end.
         no_sums: of no picture.
@@ -69,25 +74,40 @@ class RuledSeen(NamedTuple):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def columns_between(low: float, high: float, at: float, per_column: float, columns: int) -> tuple[int, int]:
-    """The columns where at + per_column * column lies between two bounds: the first, and the one after the last."""
+def columns_between(
+    low: float, high: float, at: float, per_column: float, columns: int
+) -> tuple[int, int]:
+    """The columns where at + per_column * column lies between two bounds: the first, and the one
+    after the last.
+    """
     if low > high or (per_column == 0.0 and not low <= at <= high):
         return 0, 0
     if per_column == 0.0:
         return 0, columns
     one, other = (low - at) / per_column, (high - at) / per_column
-    first, last = math.ceil(max(min(one, other), 0.0)), math.floor(min(max(one, other), columns - 1.0))
+    first, last = (
+        math.ceil(max(min(one, other), 0.0)),
+        math.floor(min(max(one, other), columns - 1.0)),
+    )
     return (first, last + 1) if first <= last else (0, 0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def rim_shares(points: Array, number: int, xs: Array, column: int, shift: float, y: float, rim: Array) -> None:
-    """``rim_share`` at xs + shift mm from the centre, of pixels from a column on; fills ``points`` from WEIGHT on."""
+def rim_shares(
+    points: Array, number: int, xs: Array, column: int, shift: float, y: float, rim: Array
+) -> None:
+    """``rim_share`` at xs + shift mm from the centre, of pixels from a column on; fills ``points``
+    from WEIGHT on.
+    """
     nearest, per_step, squared, last = rim[0], rim[1], y * y, float(rim.shape[0] - 4)
     for p in range(number):
         x = xs[column + p] + shift
-        points[WEIGHT + p] = min(max((math.sqrt(x * x + squared) - nearest) * per_step, 0.0), last + 1.0)
-    for p in range(number):  # apart from the above: reading here and there is faster without vectors
+        points[WEIGHT + p] = min(
+            max((math.sqrt(x * x + squared) - nearest) * per_step, 0.0), last + 1.0
+        )
+    for p in range(
+        number
+    ):  # apart from the above: reading here and there is faster without vectors
         place = points[WEIGHT + p]
         i = np.int64(min(place, last))
         below = np.uint64(i + 2)
@@ -96,7 +116,9 @@ def rim_shares(points: Array, number: int, xs: Array, column: int, shift: float,
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def rim_boxes(seen: RuledSeen, entry: int, boxes: Array) -> None:
-    """Widths on the target of a pixel's parts outside rims, in them, and there where chords end at the rim, into ``boxes`` (3, 2)."""
+    """Widths on the target of a pixel's parts outside rims, in them, and there where chords end at
+    the rim, into ``boxes`` (3, 2).
+    """
     lenses = seen.lenses
     kind, slope, to = lenses.kinds[entry], lenses.cones[entry, 0], lenses.maps[entry]
     for axis in range(2):
@@ -107,21 +129,41 @@ def rim_boxes(seen: RuledSeen, entry: int, boxes: Array) -> None:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def antiderivatives(seen: RuledSeen, entry: int, window: Whole, boxes: Array, places: Array) -> Array:
-    """What ``prepare`` makes for the pixels of a window of an entry: first column, column after the last, first row, row after the last."""
+def antiderivatives(
+    seen: RuledSeen, entry: int, window: Whole, boxes: Array, places: Array
+) -> Array:
+    """What ``prepare`` makes for the pixels of a window of an entry: first column, column after the
+    last, first row, row after the last.
+    """
     lenses = seen.lenses
     to, xs, ys, pixel = lenses.maps[entry], lenses.xs, lenses.ys, lenses.pixel
     middle_x = 0.5 * (xs[window[0]] + xs[window[1] - 1]) - lenses.centres[entry, 0]
     middle_y = 0.5 * (ys[window[2]] + ys[window[3] - 1]) - lenses.centres[entry, 1]
     middle = to[0] + to[6] * middle_x + to[7] * middle_y
-    half = 0.5 * (abs(to[6]) * ((window[1] - window[0]) * pixel) + abs(to[7]) * ((window[3] - window[2]) * pixel))
+    half = 0.5 * (
+        abs(to[6]) * ((window[1] - window[0]) * pixel)
+        + abs(to[7]) * ((window[3] - window[2]) * pixel)
+    )
     spread = math.hypot(to[2], to[3])
-    return prepare(middle - half, middle + half, spread, boxes, seen.fine, seen.table, seen.law, seen.ways[entry], places)
+    return prepare(
+        middle - half,
+        middle + half,
+        spread,
+        boxes,
+        seen.fine,
+        seen.table,
+        seen.law,
+        seen.ways[entry],
+        places,
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def lit_columns(at: float, per_mm: float, width: float, count: int, table: Array, law: Array, ways: Array) -> tuple[float, float]:
-    """Where the light lies across the columns of a pixel beside which a sharp target stands upright: middle and standard deviation, mm.
+def lit_columns(
+    at: float, per_mm: float, width: float, count: int, table: Array, law: Array, ways: Array
+) -> tuple[float, float]:
+    """Where the light lies across the columns of a pixel beside which a sharp target stands
+    upright: middle and standard deviation, mm.
 
     Args:
         at: x' of the pixel's middle, mm.
@@ -147,8 +189,18 @@ def lit_columns(at: float, per_mm: float, width: float, count: int, table: Array
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def askew_mean(at_x: float, at_y: float, side: float, to: Array, table: Array, law: Array, ways: Array, window: Array) -> float:
-    """Mean of a sharp target for a part of a pixel that stands askew, where the window's ends are near.
+def askew_mean(
+    at_x: float,
+    at_y: float,
+    side: float,
+    to: Array,
+    table: Array,
+    law: Array,
+    ways: Array,
+    window: Array,
+) -> float:
+    """Mean of a sharp target for a part of a pixel that stands askew, where the window's ends are
+    near.
 
     Args:
         at_x: x' of the part's middle, mm.
@@ -163,7 +215,16 @@ def askew_mean(at_x: float, at_y: float, side: float, to: Array, table: Array, l
     total, area = 0.0, abs(to[6] * to[9] - to[7] * to[8]) * side * side
     for way in ways:
         total += ruled_parallelogram(
-            at_x + way, at_y, to[6] * side, to[8] * side, to[7] * side, to[9] * side, window[0], window[1], table, law
+            at_x + way,
+            at_y,
+            to[6] * side,
+            to[8] * side,
+            to[7] * side,
+            to[9] * side,
+            window[0],
+            window[1],
+            table,
+            law,
         )
     return total / (ways.size * area)
 
@@ -201,10 +262,31 @@ def end_at(
     to, slant, points = lenses.maps[entry], lenses.slants[entry], int(seen.grids[own])
     if points == 0:
         kind, along_x, along_y = lenses.kinds[entry], landing[4], landing[5]
-        cone, slants = (lenses.cones[entry, 0], lenses.cones[entry, 1]), (slant[0], slant[1], slant[2], slant[3])
-        across = (to[1] + to[8] * ex + to[9] * ey, to[4] * along_x + to[5] * along_y, to[5] * along_x - to[4] * along_y)
+        cone, slants = (
+            (lenses.cones[entry, 0], lenses.cones[entry, 1]),
+            (slant[0], slant[1], slant[2], slant[3]),
+        )
+        across = (
+            to[1] + to[8] * ex + to[9] * ey,
+            to[4] * along_x + to[5] * along_y,
+            to[5] * along_x - to[4] * along_y,
+        )
         strips, count = seen.strips[kind, 1], int(seen.counts[kind, 1])
-        return weighted_mean(ex, ey, landing, cone, strips, count, sums, whole, cut, seen.chunks, slants, across, window)
+        return weighted_mean(
+            ex,
+            ey,
+            landing,
+            cone,
+            strips,
+            count,
+            sums,
+            whole,
+            cut,
+            seen.chunks,
+            slants,
+            across,
+            window,
+        )
     total, ways = 0.0, seen.ways[entry]
     for way in ways:
         for i in range(len(to)):  # one by one, or numba would ask a device for memory

@@ -1,4 +1,6 @@
-"""Images of dots: the light of the area common to three discs, or a grid of pupil points at each of which a pixel's mean is exact."""
+"""Images of dots: the light of the area common to three discs, or a grid of pupil points at each of
+which a pixel's mean is exact.
+"""
 
 import math
 from typing import NamedTuple
@@ -19,7 +21,9 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 MOST_DIVIDED = 32  # parts a side of a pixel that a steep rim cuts
-LEAST_BOX = 3e-5  # of a dot's radius, of half the height of bars or of a texel; a smaller pixel, or part of one, sees as much as this
+# of a dot's radius, of half the height of bars or of a texel; a smaller pixel, or part of one, sees
+# as much as this
+LEAST_BOX = 3e-5
 
 
 class DotSeen(NamedTuple):
@@ -27,11 +31,14 @@ class DotSeen(NamedTuple):
 
     Attributes:
         lenses: the entries.
-        counts: points a side across the pupil for each kind of rim; 0 for the three-disc formula at the sub-pixels' centres.
-        divided: parts a side of a pixel outside the rim that such points see, for the fall-off, for each kind of rim.
+        counts: points a side across the pupil for each kind of rim; 0 for the three-disc formula at
+            the sub-pixels' centres.
+        divided: parts a side of a pixel outside the rim that such points see, for the fall-off, for
+            each kind of rim.
         strips: see ``strip_nodes``.
         chords: see ``chord_nodes``.
-        weighing: heights and weights of the chords that tell the fall-off of the three-disc formula, shape (2, n); none without it.
+        weighing: heights and weights of the chords that tell the fall-off of the three-disc
+            formula, shape (2, n); none without it.
         allowed: error of a pixel's mean by the three-disc formula, of white.
         numbers: the dot's radius, mm, and what ``mean_over`` asks for besides.
         table: of no bars.
@@ -77,10 +84,11 @@ def sampled_mean(
     sums: Array,
     slants: Array,
 ) -> float:
-    """Mean radiance over a grid of count x count points of the part of the pupil that lights the sensor point (ex, ey) mm.
+    """Mean radiance over a grid of count x count points of the part of the pupil that lights the
+    sensor point (ex, ey) mm.
 
-    The points tell how what is seen changes over the pupil; the fall-off of all of it is told apart, for few points miss it where the
-    rim cuts the pupil.
+    The points tell how what is seen changes over the pupil; the fall-off of all of it is told
+    apart, for few points miss it where the rim cuts the pupil.
 
     Args:
         ex: place of the sensor point from the micro-image's centre.
@@ -126,7 +134,10 @@ def sampled_mean(
         for step in range(count):
             along = 0.5 * (left + right) + 0.5 * (right - left) * chord[0, step]
             tilted = slant_x + slants[3] * along
-            x_there, y_there = origin_x + to[2] * along + to[3] * at, origin_y + to[4] * along + to[5] * at
+            x_there, y_there = (
+                origin_x + to[2] * along + to[3] * at,
+                origin_y + to[4] * along + to[5] * at,
+            )
             seen = mean_over(x_there, y_there, ux, uy, vx, vy, kind, numbers, table, law, sums)
             counted = 0.5 * weight * chord[1, step] / (1.0 + tilted * tilted + steep * steep) ** 2
             light += counted * seen
@@ -162,17 +173,43 @@ def dot_light(dx: float, dy: float, entry: int, seen: DotSeen, squares: Array) -
         squares: scratch, shape (MOST_SQUARES, 3).
     """
     lenses = seen.lenses
-    kind, cone, to, width = lenses.kinds[entry], lenses.cones[entry], lenses.maps[entry], lenses.width
+    kind, cone, to, width = (
+        lenses.kinds[entry],
+        lenses.cones[entry],
+        lenses.maps[entry],
+        lenses.width,
+    )
     parts, count, rim = int(lenses.parts[kind]), int(seen.counts[kind]), lenses.rims[kind]
     radius, steep, distance = seen.numbers[0], rim[0] < 0.0, math.hypot(dx, dy)
-    across = math.hypot(abs(to[6]) + abs(to[7]), abs(to[8]) + abs(to[9]))  # a square's diagonal on the target, over its side
-    blurred = math.sqrt(to[2] * to[2] + to[3] * to[3] + to[4] * to[4] + to[5] * to[5]) + LEAST_BOX * radius
+    across = math.hypot(
+        abs(to[6]) + abs(to[7]), abs(to[8]) + abs(to[9])
+    )  # a square's diagonal on the target, over its side
+    blurred = (
+        math.sqrt(to[2] * to[2] + to[3] * to[3] + to[4] * to[4] + to[5] * to[5])
+        + LEAST_BOX * radius
+    )
     aside = _aside(to, dx, dy)
-    if distance > cone[1] + abs(cone[0]) + 0.75 * width or aside > radius + blurred + across * width:
+    if (
+        distance > cone[1] + abs(cone[0]) + 0.75 * width
+        or aside > radius + blurred + across * width
+    ):
         return 0.0
     full = distance < cone[1] - abs(cone[0]) - 0.75 * width
     if count == 0 and width > 0.0 and (full or not steep):
-        return spot_light(dx, dy, width, cone, to, radius, full, parts, seen.allowed, lenses.slants[entry], seen.weighing, squares)
+        return spot_light(
+            dx,
+            dy,
+            width,
+            cone,
+            to,
+            radius,
+            full,
+            parts,
+            seen.allowed,
+            lenses.slants[entry],
+            seen.weighing,
+            squares,
+        )
     divide = min(parts, MOST_DIVIDED)
     if full and count > 0:
         divide = 1 if aside < radius - blurred - 0.5 * across * width else int(seen.divided[kind])
@@ -183,12 +220,16 @@ def dot_light(dx: float, dy: float, entry: int, seen: DotSeen, squares: Array) -
         for i in range(divide):
             x = dx + ((i + 0.5) / divide - 0.5) * width
             clips = not full and (steep or count > 0)
-            share, look = part_share(x, y, side, cone[0], cone[1], rim, lenses.nodes) if clips else (1.0, 1.0)
+            share, look = (
+                part_share(x, y, side, cone[0], cone[1], rim, lenses.nodes) if clips else (1.0, 1.0)
+            )
             if share <= 0.0:
                 continue
             at_x, at_y = look * x, look * y
             if count == 0:
-                spot = weighted_share(at_x, at_y, cone, to, radius, lenses.slants[entry], seen.weighing)
+                spot = weighted_share(
+                    at_x, at_y, cone, to, radius, lenses.slants[entry], seen.weighing
+                )
                 light += share * spot / (max(full_share(at_x, at_y, cone), 1e-12) if steep else 1.0)
             else:
                 within = _aside(to, at_x, at_y) < radius - blurred - 0.5 * across * side
@@ -217,7 +258,9 @@ def dot_light(dx: float, dy: float, entry: int, seen: DotSeen, squares: Array) -
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_dots(image: Array, rows: tuple[int, int], windows: Whole, seen: DotSeen) -> None:
-    """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows; windows as in ``add_ruled``."""
+    """Add the light of every entry (a microlens, or a dot seen through one) to a band of rows;
+    windows as in ``add_ruled``.
+    """
     lenses, squares = seen.lenses, np.empty((MOST_SQUARES, 3))
     for entry in range(windows.shape[0]):
         for row in range(max(rows[0], windows[entry, 2]), min(rows[1], windows[entry, 3])):

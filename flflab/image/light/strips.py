@@ -1,6 +1,8 @@
-"""Strips across a clipped pupil: along each the mean of a profile is a difference of its antiderivative, read from a table.
+"""Strips across a clipped pupil: along each the mean of a profile is a difference of its
+antiderivative, read from a table.
 
-Many sensor points are worked out side by side, so that the processor's vectors are full whatever the number of strips.
+Many sensor points are worked out side by side, so that the processor's vectors are full whatever
+the number of strips.
 """
 
 import math
@@ -17,14 +19,18 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 BLOCK = 256  # sensor points side by side
-# Where their numbers begin in one array of ROWS times BLOCK: its parts lie fixed steps apart, or the compiler makes no use of vectors.
-EX, EY, MEAN, BASE, CLIP_X, CLIP_Y, MIDDLE, REACH, AREA, RIGHT, LEFT, WEIGHT, FROM, LENGTH = range(0, 14 * BLOCK, BLOCK)
+# Where their numbers begin in one array of ROWS times BLOCK: its parts lie fixed steps apart, or
+# the compiler makes no use of vectors.
+EX, EY, MEAN, BASE, CLIP_X, CLIP_Y, MIDDLE, REACH, AREA, RIGHT, LEFT, WEIGHT, FROM, LENGTH = range(
+    0, 14 * BLOCK, BLOCK
+)
 ROWS = 14
 GAUSS = 0.5 / math.sqrt(3.0)  # of a piece's length: how far its two nodes lie from its middle
 
 
 def strip_nodes(counts: Whole) -> Array:
-    """Heights, weights and half lengths of the strips of the unit disc for each count, shape (K, 3, most strips).
+    """Heights, weights and half lengths of the strips of the unit disc for each count, shape (K, 3,
+    most strips).
 
     They are Gauss's rule for the weight sqrt(1 - y^2).
     """
@@ -52,20 +58,23 @@ def strip_means(
     """Mean of a profile over the part of the pupil that lights each of some sensor points.
 
     Args:
-        points: numbers of BLOCK sensor points each, shape (ROWS * BLOCK,): from EX and EY on their places from the micro-image's centre,
-            mm; from MEAN on they are filled; the rest is scratch.
+        points: numbers of BLOCK sensor points each, shape (ROWS * BLOCK,): from EX and EY on their
+            places from the micro-image's centre, mm; from MEAN on they are filled; the rest is
+            scratch.
         number: how many points there are, up to BLOCK.
-        landing: x' of the ray through the pupil's centre from the micro-image's centre (mm on the target), its change per mm on the
-            sensor along x and y, its change over the pupil's radius, and the direction in the pupil in which it changes.
+        landing: x' of the ray through the pupil's centre from the micro-image's centre (mm on the
+            target), its change per mm on the sensor along x and y, its change over the pupil's
+            radius, and the direction in the pupil in which it changes.
         cone: slope and reach of the micro-image, mm.
         strips: see ``strip_nodes``.
         count: how many there are.
         sums: antiderivatives at even steps of x'.
         whole: where in ``sums`` to look: first position, 1 / step, first index, last index.
         cut: the same for ends of strips at the clipping disc.
-        chunks: into how many pieces a strip is cut, of two of Gauss's nodes each, to count rays by cos^4 of their slopes; 0 where all count
-            alike.
-        slant: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per unit of pupil.
+        chunks: into how many pieces a strip is cut, of two of Gauss's nodes each, to count rays by
+            cos^4 of their slopes; 0 where all count alike.
+        slant: slope (x, y) of the middle ray at the sensor, its change per mm on the sensor and per
+            unit of pupil.
     """
     origin, by_x, by_y, spread, along_x, along_y = landing
     slope, reach = cone
@@ -104,11 +113,17 @@ def strip_means(
             points[RIGHT + p], points[LEFT + p] = up, down
             points[FROM + p], points[LENGTH + p] = left, length
             points[AREA + p] += weight * length
-            slant_x = slant[0] + slant[2] * points[EX + p] + slant[3] * (along_x * right - along_y * at)
-            slant_y = slant[1] + slant[2] * points[EY + p] + slant[3] * (along_y * right + along_x * at)
+            slant_x = (
+                slant[0] + slant[2] * points[EX + p] + slant[3] * (along_x * right - along_y * at)
+            )
+            slant_y = (
+                slant[1] + slant[2] * points[EY + p] + slant[3] * (along_y * right + along_x * at)
+            )
             falling = 1.0 + slant_x * slant_x + slant_y * slant_y
             points[WEIGHT + p] = weight / (falling * falling) if chunks > 0 else weight
-        for p in range(number):  # apart from the above: reading here and there is faster without vectors
+        for p in range(
+            number
+        ):  # apart from the above: reading here and there is faster without vectors
             up, down = points[RIGHT + p], points[LEFT + p]
             i, j = np.int64(up), np.int64(down)
             upper, lower = np.uint64(i), np.uint64(j)
@@ -116,21 +131,41 @@ def strip_means(
             light = sums[upper] + (up - i) * (sums[upper + np.uint64(1)] - sums[upper]) - before
             points[MEAN + p] += points[WEIGHT + p] * light
             points[LEFT + p] = before
-        for half in range(2 * chunks):  # by parts: the weight at the right end, less what it gained on the way to there
+        for half in range(
+            2 * chunks
+        ):  # by parts: the weight at the right end, less what it gained on the way to there
             place = (half // 2 + 0.5 + (GAUSS if half % 2 else -GAUSS)) / chunks
             for p in range(number):
-                x, at = points[FROM + p] + place * points[LENGTH + p], points[MIDDLE + p] + points[REACH + p] * node
-                points[RIGHT + p] = min(max((points[BASE + p] + spread * x - start1) * step1 + low1, low1), high1)
-                slant_x = slant[0] + slant[2] * points[EX + p] + slant[3] * (along_x * x - along_y * at)
-                slant_y = slant[1] + slant[2] * points[EY + p] + slant[3] * (along_y * x + along_x * at)
+                x, at = (
+                    points[FROM + p] + place * points[LENGTH + p],
+                    points[MIDDLE + p] + points[REACH + p] * node,
+                )
+                points[RIGHT + p] = min(
+                    max((points[BASE + p] + spread * x - start1) * step1 + low1, low1), high1
+                )
+                slant_x = (
+                    slant[0] + slant[2] * points[EX + p] + slant[3] * (along_x * x - along_y * at)
+                )
+                slant_y = (
+                    slant[1] + slant[2] * points[EY + p] + slant[3] * (along_y * x + along_x * at)
+                )
                 falling = 1.0 + slant_x * slant_x + slant_y * slant_y
-                gained = -4.0 * slant[3] * (slant_x * along_x + slant_y * along_y) / (falling * falling * falling)
+                gained = (
+                    -4.0
+                    * slant[3]
+                    * (slant_x * along_x + slant_y * along_y)
+                    / (falling * falling * falling)
+                )
                 points[WEIGHT + p] = weight * points[LENGTH + p] * gained / (2 * chunks)
             for p in range(number):
                 up = points[RIGHT + p]
                 i = np.int64(up)
                 upper = np.uint64(i)
-                light = sums[upper] + (up - i) * (sums[upper + np.uint64(1)] - sums[upper]) - points[LEFT + p]
+                light = (
+                    sums[upper]
+                    + (up - i) * (sums[upper + np.uint64(1)] - sums[upper])
+                    - points[LEFT + p]
+                )
                 points[MEAN + p] -= points[WEIGHT + p] * light
     for p in range(number):
         points[MEAN + p] = points[MEAN + p] / max(spread * points[AREA + p], 1e-300)
@@ -174,7 +209,8 @@ def weighted_mean(
         cut: the same.
         chunks: the same.
         slant: the same.
-        across: y' at the pupil's centre, its change over the radius along the strips and across them, mm.
+        across: y' at the pupil's centre, its change over the radius along the strips and across
+            them, mm.
         window: lower and upper end, and the widths of the two boxes that smooth it.
     """
     origin, by_x, by_y, spread, along_x, along_y = landing
@@ -200,16 +236,30 @@ def weighted_mean(
             continue
         before = antiderivative(base + spread * left, sums, cut if x - other > -own else whole)
         after = antiderivative(base + spread * right, sums, cut if x + other < own else whole)
-        slant_x, slant_y = slant[0] + slant[2] * ex - slant[3] * along_y * at, slant[1] + slant[2] * ey + slant[3] * along_x * at
+        slant_x, slant_y = (
+            slant[0] + slant[2] * ex - slant[3] * along_y * at,
+            slant[1] + slant[2] * ey + slant[3] * along_x * at,
+        )
         to_x, to_y = slant[3] * along_x, slant[3] * along_y
-        falling = 1.0 + (slant_x + to_x * right) ** 2 + (slant_y + to_y * right) ** 2 if chunks > 0 else 1.0
+        falling = (
+            1.0 + (slant_x + to_x * right) ** 2 + (slant_y + to_y * right) ** 2
+            if chunks > 0
+            else 1.0
+        )
         total = (after - before) / (falling * falling)
         for half in range(2 * chunks):
-            to = left + (right - left) * (half // 2 + 0.5 + (GAUSS if half % 2 else -GAUSS)) / chunks
+            to = (
+                left + (right - left) * (half // 2 + 0.5 + (GAUSS if half % 2 else -GAUSS)) / chunks
+            )
             one, other_one = slant_x + to_x * to, slant_y + to_y * to
             falling = 1.0 + one * one + other_one * other_one
             gained = -4.0 * (one * to_x + other_one * to_y) / (falling * falling * falling)
-            total -= (right - left) / (2 * chunks) * gained * (antiderivative(base + spread * to, sums, whole) - before)
+            total -= (
+                (right - left)
+                / (2 * chunks)
+                * gained
+                * (antiderivative(base + spread * to, sums, whole) - before)
+            )
         light += strips[1, strip] * seen * total / spread
     return light / area if area > 0.0 else 0.0
 

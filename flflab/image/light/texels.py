@@ -1,4 +1,6 @@
-"""Images of pictures: along strips of the pupil on which y' stays the same, the mean over chord and pixel is exact (``texel_sums``)."""
+"""Images of pictures: along strips of the pupil on which y' stays the same, the mean over chord and
+pixel is exact (``texel_sums``).
+"""
 
 import math
 from typing import NamedTuple
@@ -32,8 +34,8 @@ class PictureSeen(NamedTuple):
         lenses: the entries.
         sharp: entries whose blur is negligible.
         askew: whether pixels do not lie along the target's axes.
-        divisions: parts a side of a pixel of every entry: for its fall-off, and where it is blurred and askew, as parts count as squares
-            along those axes.
+        divisions: parts a side of a pixel of every entry: for its fall-off, and where it is blurred
+            and askew, as parts count as squares along those axes.
         grid: which of the grids of points across the pupil an entry is summed by.
         grids: how many points a side each has; 0 for strips.
         rows_of_points: see ``strip_nodes``; (G, 2, most points).
@@ -69,7 +71,8 @@ class PictureSeen(NamedTuple):
 
 
 class PictureLens(NamedTuple):
-    """What every pixel of an entry needs: the arrays of ``PictureSeen`` and ``Lenses`` at that entry.
+    """What every pixel of an entry needs: the arrays of ``PictureSeen`` and ``Lenses`` at that
+    entry.
 
     Gathered once an entry, for handing a pixel all arrays takes longer than a sharp picture does.
     """
@@ -103,19 +106,22 @@ def is_blurred(seen: PictureSeen, entry: int) -> bool:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def seen_texels(seen: PictureSeen, entry: int, window: Whole, frame: Array) -> tuple[int, int, int, int]:
+def seen_texels(
+    seen: PictureSeen, entry: int, window: Whole, frame: Array
+) -> tuple[int, int, int, int]:
     """Which texels an entry sees through a window on the sensor, and its maps to them.
 
     Args:
         seen: the picture.
         entry: the entry.
         window: first column, column after the last, first row, row after the last.
-        frame: filled, FRAME numbers: the maps in texels from the middle of those seen, the changes along and across the strips (see
-            ``texels_mean``), the strips' direction, where x' and y' are 0, in texels from the first one seen, and that one's column
-            and row.
+        frame: filled, FRAME numbers: the maps in texels from the middle of those seen, the changes
+            along and across the strips (see ``texels_mean``), the strips' direction, where x' and
+            y' are 0, in texels from the first one seen, and that one's column and row.
 
     Returns:
-        First column, first row, number of columns, number of rows; no texel is seen where a number is not above 0.
+        First column, first row, number of columns, number of rows; no texel is seen where a number
+        is not above 0.
     """
     lenses, high, wide = seen.lenses, seen.values.shape[0], seen.values.shape[1]
     xs, ys = lenses.xs, lenses.ys
@@ -132,7 +138,10 @@ def seen_texels(seen: PictureSeen, entry: int, window: Whole, frame: Array) -> t
     frame[13], frame[14] = along_x, along_y
     middle_x = 0.5 * (xs[window[0]] + xs[window[1] - 1]) - lenses.centres[entry, 0]
     middle_y = 0.5 * (ys[window[2]] + ys[window[3] - 1]) - lenses.centres[entry, 1]
-    half_x, half_y = 0.5 * (xs[window[1] - 1] - xs[window[0]]) + lenses.width, 0.5 * (ys[window[3] - 1] - ys[window[2]]) + lenses.width
+    half_x, half_y = (
+        0.5 * (xs[window[1] - 1] - xs[window[0]]) + lenses.width,
+        0.5 * (ys[window[3] - 1] - ys[window[2]]) + lenses.width,
+    )
     reach_x = abs(cxx) * half_x + abs(cxy) * half_y + 2.0 * math.hypot(xx, xy) + 2.0
     reach_y = abs(cyx) * half_x + abs(cyy) * half_y + 2.0 * math.hypot(yx, yy) + 2.0
     seen_x = origin_x + cxx * middle_x + cxy * middle_y + 0.5 * wide
@@ -177,7 +186,9 @@ def picture_lens(seen: PictureSeen, entry: int) -> PictureLens:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def texel_light(dx: float, dy: float, lens: PictureLens, frame: Array, sums: Array, areas: Array, boxes: Array) -> float:
+def texel_light(
+    dx: float, dy: float, lens: PictureLens, frame: Array, sums: Array, areas: Array, boxes: Array
+) -> float:
     """Share of the full cone that a pixel gets from a picture through one entry.
 
     Args:
@@ -189,18 +200,36 @@ def texel_light(dx: float, dy: float, lens: PictureLens, frame: Array, sums: Arr
         areas: its first table alone.
         boxes: scratch, shape (3,).
     """
-    slope, reach, slant, width, blurred = lens.cone[0], lens.cone[1], lens.slants, lens.width, lens.blurred
+    slope, reach, slant, width, blurred = (
+        lens.cone[0],
+        lens.cone[1],
+        lens.slants,
+        lens.width,
+        lens.blurred,
+    )
     distance = math.sqrt(dx * dx + dy * dy)
     if distance > reach + abs(slope) + 0.75 * width:
         return 0.0
-    xx, cxx, cxy, cyx, cyy, along_x, along_y = frame[2], frame[6], frame[7], frame[8], frame[9], frame[13], frame[14]
+    xx, cxx, cxy, cyx, cyy, along_x, along_y = (
+        frame[2],
+        frame[6],
+        frame[7],
+        frame[8],
+        frame[9],
+        frame[13],
+        frame[14],
+    )
     radius = reach / abs(slope) if slope != 0.0 else 2.0
     full = distance <= reach - abs(slope) - 0.75 * width
     divide = lens.divided if full else max(lens.divided, lens.parts)
     side = width / divide
     if not lens.askew:
         boxes[0], boxes[2] = abs(cxx) * side, abs(cyy) * side
-        boxes[1] = abs(cxx + xx / slope) * side if blurred and lens.rim[0] >= 0.0 and slope != 0.0 else boxes[0]
+        boxes[1] = (
+            abs(cxx + xx / slope) * side
+            if blurred and lens.rim[0] >= 0.0 and slope != 0.0
+            else boxes[0]
+        )
     else:
         boxes[0] = math.sqrt(abs(cxx * cyy - cxy * cyx)) * side
         boxes[1], boxes[2] = boxes[0], boxes[0]
@@ -217,12 +246,18 @@ def texel_light(dx: float, dy: float, lens: PictureLens, frame: Array, sums: Arr
         y = dy + ((j + 0.5) / divide - 0.5) * width
         for i in range(divide):
             x = dx + ((i + 0.5) / divide - 0.5) * width
-            share, look = (1.0, 1.0) if full else part_share(x, y, side, slope, reach, lens.rim, lens.nodes)
+            share, look = (
+                (1.0, 1.0) if full else part_share(x, y, side, slope, reach, lens.rim, lens.nodes)
+            )
             if share <= 0.0:
                 continue
             ex, ey = look * x, look * y
             at_x, at_y = frame[15] + cxx * ex + cxy * ey, frame[16] + cyx * ex + cyy * ey
-            value = even_radiance(at_x, at_y, frame, side, lens.values, lens.borders) if spread and even < 0.0 and divide > 1 else even
+            value = (
+                even_radiance(at_x, at_y, frame, side, lens.values, lens.borders)
+                if spread and even < 0.0 and divide > 1
+                else even
+            )
             if value >= 0.0:
                 if value > 0.0 and slant[3] != 0.0:
                     value *= seen_weight(ex, ey, slope, reach, slant)
@@ -247,7 +282,11 @@ def texel_light(dx: float, dy: float, lens: PictureLens, frame: Array, sums: Arr
                 clip_x, clip_y = clip(ex, ey, along_x, along_y, slope, reach)
                 low, high = lens_span(clip_x, clip_y, radius)
                 slant_x, slant_y = slant[0] + slant[2] * ex, slant[1] + slant[2] * ey
-                turned = (slant_x * along_x + slant_y * along_y, slant_y * along_x - slant_x * along_y, slant[3])
+                turned = (
+                    slant_x * along_x + slant_y * along_y,
+                    slant_y * along_x - slant_x * along_y,
+                    slant[3],
+                )
                 value = texels_mean(
                     at_x,
                     at_y,
@@ -265,7 +304,9 @@ def texel_light(dx: float, dy: float, lens: PictureLens, frame: Array, sums: Arr
                     sums,
                 )
             elif lens.askew and boxes[0] > LEAST_BOX:
-                inside = parallelogram_sum(at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, areas)
+                inside = parallelogram_sum(
+                    at_x, at_y, cxx * side, cyx * side, cxy * side, cyy * side, areas
+                )
                 value = inside / (boxes[0] * boxes[0])
             else:
                 value = boxed_sum(sums, at_x, at_y, boxes[0], boxes[2])
@@ -277,7 +318,9 @@ def texel_light(dx: float, dy: float, lens: PictureLens, frame: Array, sums: Arr
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def add_texels(image: Array, rows: tuple[int, int], windows: Whole, seen: PictureSeen) -> None:
-    """Add the light of a picture, seen by every entry, to a band of rows; windows as in ``add_ruled``."""
+    """Add the light of a picture, seen by every entry, to a band of rows; windows as in
+    ``add_ruled``.
+    """
     lenses = seen.lenses
     boxes, frame, window = np.empty(3), np.empty(FRAME), np.empty(4, dtype=np.int64)
     for entry in range(windows.shape[0]):
@@ -292,7 +335,11 @@ def add_texels(image: Array, rows: tuple[int, int], windows: Whole, seen: Pictur
         if columns <= 0 or deep <= 0:
             continue
         sums = fill_sums(seen.values, column, row, columns, deep)
-        areas, lens, level = np.ascontiguousarray(sums[:, :, 0]), picture_lens(seen, entry), lenses.levels[entry]
+        areas, lens, level = (
+            np.ascontiguousarray(sums[:, :, 0]),
+            picture_lens(seen, entry),
+            lenses.levels[entry],
+        )
         for y in range(first, last):
             dy = lenses.ys[y] - lenses.centres[entry, 1]
             for x in range(start, end):

@@ -1,7 +1,8 @@
-"""Mean radiance of dots, bars and pictures in a neighbourhood whose sides run askew to the target's axes.
+"""Mean radiance of dots, bars and pictures in a neighbourhood whose sides run askew to the target's
+axes.
 
-The larger of its two parallelograms, of the part of the pixel and of the cell of the pupil, is taken exactly; four places stand for the
-other and for movement, with their variances.
+The larger of its two parallelograms, of the part of the pixel and of the cell of the pupil, is
+taken exactly; four places stand for the other and for movement, with their variances.
 """
 
 import math
@@ -11,7 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.radiance.neighbourhood import DISC, PICTURE, RULED
-from flflab.image.radiance.parallelogram import disc_parallelogram_area, parallelogram_sum, ruled_parallelogram
+from flflab.image.radiance.parallelogram import (
+    disc_parallelogram_area,
+    parallelogram_sum,
+    ruled_parallelogram,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +38,8 @@ def radiance_askew(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean radiance of dots, bars or a picture round (x, y), for a part of a pixel and a cell of the pupil, by the maps of both.
+    """Mean radiance of dots, bars or a picture round (x, y), for a part of a pixel and a cell of
+    the pupil, by the maps of both.
 
     What the target moves meanwhile is in ``boxes`` from the fifth on.
     """
@@ -52,7 +58,19 @@ def radiance_askew(
     total = 0.0
     for one in (-1.0, 1.0):
         for other in (-1.0, 1.0):
-            total += mean_over(x + one * first_x, y + one * first_y + other * second_y, ux, uy, vx, vy, kind, numbers, table, law, sums)
+            total += mean_over(
+                x + one * first_x,
+                y + one * first_y + other * second_y,
+                ux,
+                uy,
+                vx,
+                vy,
+                kind,
+                numbers,
+                table,
+                law,
+                sums,
+            )
     return 0.25 * total
 
 
@@ -70,12 +88,19 @@ def mean_over(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean radiance over the parallelogram round (x, y) with the sides u and v; kinds and numbers as ``described``, or a disc's radius."""
+    """Mean radiance over the parallelogram round (x, y) with the sides u and v; kinds and numbers
+    as ``described``, or a disc's radius.
+    """
     area = abs(ux * vy - vx * uy)
     if kind == PICTURE:
         size = numbers[0]
         column, row = x / size + 0.5 * (sums.shape[1] - 1), y / size + 0.5 * (sums.shape[0] - 1)
-        return parallelogram_sum(column, row, ux / size, uy / size, vx / size, vy / size, sums) * size * size / area
+        return (
+            parallelogram_sum(column, row, ux / size, uy / size, vx / size, vy / size, sums)
+            * size
+            * size
+            / area
+        )
     if kind == RULED:
         return ruled_parallelogram(x, y, ux, uy, vx, vy, -numbers[0], numbers[0], table, law) / area
     if kind == DISC:
@@ -83,5 +108,7 @@ def mean_over(
     total = 0.0
     for i in (-1.0, 1.0):
         for j in (-1.0, 1.0):
-            total += disc_parallelogram_area(numbers[0], x - i * numbers[1], y - j * numbers[1], ux, uy, vx, vy)
+            total += disc_parallelogram_area(
+                numbers[0], x - i * numbers[1], y - j * numbers[1], ux, uy, vx, vy
+            )
     return total / area

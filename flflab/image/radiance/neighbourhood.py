@@ -1,6 +1,8 @@
-"""What a ray's neighbourhood sees: mean radiance of a target, share of a card, and both together where edges cross it.
+"""What a ray's neighbourhood sees: mean radiance of a target, share of a card, and both together
+where edges cross it.
 
-A neighbourhood is what a part of the pixel and a cell of the pupil cover on a surface: two boxes along each of the surface's axes.
+A neighbourhood is what a part of the pixel and a cell of the pupil cover on a surface: two boxes
+along each of the surface's axes.
 """
 
 import math
@@ -16,14 +18,20 @@ from flflab.targets import Bars, Edge, FourDot, Picture, Target
 Array = npt.NDArray[np.float64]
 
 PLAIN, DOTS, RULED, EDGE, PICTURE, DISC = range(6)  # a disc is one dot round the origin
-STILL = 0.1  # of a neighbourhood's squared width: so little a movement may be left to the next moments
+STILL = (
+    0.1  # of a neighbourhood's squared width: so little a movement may be left to the next moments
+)
 NARROW = 0.05  # of the wider box of a neighbourhood; a narrower one only widens it
-BY_HALVES = 2 / math.sqrt(3.0)  # of a box: of two halves so long together the middles are as far apart as Gauss looks at the box
+BY_HALVES = 2 / math.sqrt(
+    3.0
+)  # of a box: of two halves so long together the middles are as far apart as Gauss looks at the box
 SWING = math.sqrt(6.0)  # width of the box that spreads light as a swing of amplitude 1 does
 
 
 def described(target: Target) -> tuple[int, Array, Array, Array, Array]:
-    """A target for the kernel: its kind, three numbers, the table and law of a profile, and the sums of a picture."""
+    """A target for the kernel: its kind, three numbers, the table and law of a profile, and the
+    sums of a picture.
+    """
     numbers, table, law, sums = np.zeros(3), np.zeros((0, 8)), np.zeros(6), np.zeros((2, 2))
     match target:
         case FourDot():
@@ -38,33 +46,49 @@ def described(target: Target) -> tuple[int, Array, Array, Array, Array]:
             return EDGE, numbers, table, law, sums
         case Picture():
             numbers[0] = target.texel
-            return PICTURE, numbers, table, law, np.pad(target.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+            return (
+                PICTURE,
+                numbers,
+                table,
+                law,
+                np.pad(target.values.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0))),
+            )
         case _:
             return PLAIN, numbers, table, law, sums
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def summed_value(sums: Array, column: float, row: float) -> float:
-    """Integral of a picture from its first corner to a place in texels, from its summed-area table; constant beyond its ends."""
+    """Integral of a picture from its first corner to a place in texels, from its summed-area table;
+    constant beyond its ends.
+    """
     column = min(max(column, 0.0), sums.shape[1] - 1.0)
     row = min(max(row, 0.0), sums.shape[0] - 1.0)
     i = min(int(column), sums.shape[1] - 2)
     j = min(int(row), sums.shape[0] - 2)
     u = column - i
     v = row - j
-    return (1 - v) * ((1 - u) * sums[j, i] + u * sums[j, i + 1]) + v * ((1 - u) * sums[j + 1, i] + u * sums[j + 1, i + 1])
+    return (1 - v) * ((1 - u) * sums[j, i] + u * sums[j, i + 1]) + v * (
+        (1 - u) * sums[j + 1, i] + u * sums[j + 1, i + 1]
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def two_boxes(a: float, b: float, c: float, d: float, e: float, f: float) -> tuple[float, float]:
-    """Two boxes that smooth about as six (signed) do: the widest, and one as wide as the others' root of summed squares."""
+    """Two boxes that smooth about as six (signed) do: the widest, and one as wide as the others'
+    root of summed squares.
+    """
     widest = max(max(max(abs(a), abs(b)), max(abs(c), abs(d))), max(abs(e), abs(f)))
-    return widest, math.sqrt(max(0.0, a * a + b * b + c * c + d * d + e * e + f * f - widest * widest))
+    return widest, math.sqrt(
+        max(0.0, a * a + b * b + c * c + d * d + e * e + f * f - widest * widest)
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def way_round(surface: Array, motion: Array, drifts: int, swings: int, boxes: Array) -> None:
-    """Boxes as wide as a surface moves along its x and y around each of so many moments of drift and of vibration, from the fifth on."""
+    """Boxes as wide as a surface moves along its x and y around each of so many moments of drift
+    and of vibration, from the fifth on.
+    """
     for axis in range(2):
         cos, sin = surface[6 + 2 * axis], surface[7 + 2 * axis]
         boxes[4 + 2 * axis] = (cos * motion[0, 0] + sin * motion[0, 1]) / drifts
@@ -73,17 +97,24 @@ def way_round(surface: Array, motion: Array, drifts: int, swings: int, boxes: Ar
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def boxes_round(by: Array, parts: int, width: float, height: float, boxes: Array) -> None:
-    """The two boxes along x and the two along y of a surface that a part of a pixel and a cell of the pupil cover, from its maps.
+    """The two boxes along x and the two along y of a surface that a part of a pixel and a cell of
+    the pupil cover, from its maps.
 
     What the surface moves meanwhile is in ``boxes`` from the fifth on.
     """
-    boxes[0], boxes[1] = two_boxes(by[4] / parts, by[5] / parts, by[0] * width, by[1] * height, boxes[4], boxes[5])
-    boxes[2], boxes[3] = two_boxes(by[6] / parts, by[7] / parts, by[2] * width, by[3] * height, boxes[6], boxes[7])
+    boxes[0], boxes[1] = two_boxes(
+        by[4] / parts, by[5] / parts, by[0] * width, by[1] * height, boxes[4], boxes[5]
+    )
+    boxes[2], boxes[3] = two_boxes(
+        by[6] / parts, by[7] / parts, by[2] * width, by[3] * height, boxes[6], boxes[7]
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def moves_little(boxes: Array) -> bool:
-    """Whether what a surface moves around a moment is a small part of a neighbourhood, along both its axes; boxes of ``boxes_round``."""
+    """Whether what a surface moves around a moment is a small part of a neighbourhood, along both
+    its axes; boxes of ``boxes_round``.
+    """
     x = boxes[4] ** 2 + boxes[5] ** 2 <= STILL * (boxes[0] ** 2 + boxes[1] ** 2)
     return x and boxes[6] ** 2 + boxes[7] ** 2 <= STILL * (boxes[2] ** 2 + boxes[3] ** 2)
 
@@ -93,31 +124,47 @@ def card_share(x: float, y: float, surface: Array, boxes: Array) -> float:
     """Share of a neighbourhood at (x, y) that lies on a card."""
     half_x, half_y = surface[10], surface[11]
     across = step_mean(x + half_x, boxes[0], boxes[1]) - step_mean(x - half_x, boxes[0], boxes[1])
-    return across * (step_mean(y + half_y, boxes[2], boxes[3]) - step_mean(y - half_y, boxes[2], boxes[3]))
+    return across * (
+        step_mean(y + half_y, boxes[2], boxes[3]) - step_mean(y - half_y, boxes[2], boxes[3])
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def leads_alike(by: Array, target: Array, parts: int, width: float, height: float) -> bool:
-    """Whether of the boxes of pixel and pupil cell the same is the wider one on a surface and on the target, along both axes."""
+    """Whether of the boxes of pixel and pupil cell the same is the wider one on a surface and on
+    the target, along both axes.
+    """
     for k in range(0, 4, 2):
-        here = math.hypot(by[4 + k], by[5 + k]) >= math.hypot(by[k] * width, by[k + 1] * height) * parts
-        there = math.hypot(target[4 + k], target[5 + k]) >= math.hypot(target[k] * width, target[k + 1] * height) * parts
+        here = (
+            math.hypot(by[4 + k], by[5 + k])
+            >= math.hypot(by[k] * width, by[k + 1] * height) * parts
+        )
+        there = (
+            math.hypot(target[4 + k], target[5 + k])
+            >= math.hypot(target[k] * width, target[k + 1] * height) * parts
+        )
         if here != there:
             return False
     return True
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _common_boxes(by: Array, target: Array, axis: int, part: float, width: float, height: float) -> tuple[float, float]:
-    """The two boxes that smooth a surface along an axis, pixel and pupil cell, the one that is wider on the target first.
+def _common_boxes(
+    by: Array, target: Array, axis: int, part: float, width: float, height: float
+) -> tuple[float, float]:
+    """The two boxes that smooth a surface along an axis, pixel and pupil cell, the one that is
+    wider on the target first.
 
-    The first holds half of the second, whose halves are looked at one by one. A pixel that stands askew is two boxes itself: where the
-    lesser is wider than the cell it is the second, as long as its halves' middles stand for it alone. Negative where the surface runs
-    against the target.
+    The first holds half of the second, whose halves are looked at one by one. A pixel that stands
+    askew is two boxes itself: where the lesser is wider than the cell it is the second, as long as
+    its halves' middles stand for it alone. Negative where the surface runs against the target.
     """
     k = 2 * axis
     one, other = (4 + k, 5 + k) if abs(target[4 + k]) >= abs(target[5 + k]) else (5 + k, 4 + k)
-    on_target, least = math.hypot(target[k] * width, target[k + 1] * height), abs(target[other]) * part
+    on_target, least = (
+        math.hypot(target[k] * width, target[k + 1] * height),
+        abs(target[other]) * part,
+    )
     cell = math.hypot(by[k] * width, by[k + 1] * height)
     if least > on_target:
         lead = math.copysign(max(math.hypot(by[one] * part, cell), 1e-300), by[one] * target[one])
@@ -143,12 +190,16 @@ def radiance_round(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean radiance of a target in a neighbourhood at (x, y) of two boxes along x and two along y."""
+    """Mean radiance of a target in a neighbourhood at (x, y) of two boxes along x and two along
+    y.
+    """
     box_x, box_y = (boxes[0], boxes[1]), (boxes[2], boxes[3])
     if kind == PLAIN:
         return 1.0
     if kind == RULED:
-        seen = step_mean(y + numbers[0], box_y[0], box_y[1]) - step_mean(y - numbers[0], box_y[0], box_y[1])
+        seen = step_mean(y + numbers[0], box_y[0], box_y[1]) - step_mean(
+            y - numbers[0], box_y[0], box_y[1]
+        )
         return seen * profile_mean(x, box_x[0], box_x[1], table, law) if seen > 0.0 else 0.0
     if kind == EDGE:
         cos, sin = numbers[0], numbers[1]
@@ -173,9 +224,11 @@ def radiance_round(
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _places_along(box: tuple[float, float], least: float) -> tuple[float, float]:
-    """Side of the box that is looked at, and how far from the middle: the wider box, from the two places that stand for the other.
+    """Side of the box that is looked at, and how far from the middle: the wider box, from the two
+    places that stand for the other.
 
-    One box in place of both would smooth an edge along it too much in the middle of its step, in every part of a pixel alike.
+    One box in place of both would smooth an edge along it too much in the middle of its step, in
+    every part of a pixel alike.
     """
     if box[1] <= NARROW * box[0]:
         return max(math.sqrt(box[0] * box[0] + box[1] * box[1]), least), 0.0
@@ -189,18 +242,26 @@ def _dots_mean(x: float, y: float, width: float, height: float, numbers: Array) 
     x, y = abs(x) - numbers[1], abs(y) - numbers[1]
     if abs(x) > size + width or abs(y) > size + height:
         return 0.0
-    area = disc_rectangle_area(size, x - 0.5 * width, x + 0.5 * width, y - 0.5 * height, y + 0.5 * height)
+    area = disc_rectangle_area(
+        size, x - 0.5 * width, x + 0.5 * width, y - 0.5 * height, y + 0.5 * height
+    )
     return max(0.0, area) / (width * height)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _picture_mean(x: float, y: float, width: float, height: float, size: float, sums: Array) -> float:
+def _picture_mean(
+    x: float, y: float, width: float, height: float, size: float, sums: Array
+) -> float:
     """Mean radiance of a picture, of texels of this size, in a box round (x, y)."""
     left = (x - 0.5 * width) / size + 0.5 * (sums.shape[1] - 1)
     bottom = (y - 0.5 * height) / size + 0.5 * (sums.shape[0] - 1)
     right = left + width / size
     top = bottom + height / size
-    total = summed_value(sums, right, top) - summed_value(sums, left, top) - summed_value(sums, right, bottom)
+    total = (
+        summed_value(sums, right, top)
+        - summed_value(sums, left, top)
+        - summed_value(sums, right, bottom)
+    )
     return max(0.0, total + summed_value(sums, left, bottom)) * size * size / (width * height)
 
 
@@ -217,22 +278,35 @@ def seen_on_card(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean of a target's radiance in a neighbourhood at (x, y), black beyond its own card, over one movement of both.
+    """Mean of a target's radiance in a neighbourhood at (x, y), black beyond its own card, over one
+    movement of both.
 
     The lesser box is looked at by halves, as in ``seen_jointly``.
     """
-    wide, high = max(math.hypot(boxes[0], 0.5 * boxes[1]), 1e-300), max(math.hypot(boxes[2], 0.5 * boxes[3]), 1e-300)
+    wide, high = (
+        max(math.hypot(boxes[0], 0.5 * boxes[1]), 1e-300),
+        max(math.hypot(boxes[2], 0.5 * boxes[3]), 1e-300),
+    )
     total = 0.0
     scratch[1] = scratch[3] = 0.0
     for choice in range(4):
-        at_x, at_y = x + (0.25 - 0.5 * (choice & 1)) * boxes[1], y + (0.25 - 0.25 * (choice & 2)) * boxes[3]
+        at_x, at_y = (
+            x + (0.25 - 0.5 * (choice & 1)) * boxes[1],
+            y + (0.25 - 0.25 * (choice & 2)) * boxes[3],
+        )
         left, right = max(at_x - 0.5 * wide, -card[10]), min(at_x + 0.5 * wide, card[10])
         bottom, top = max(at_y - 0.5 * high, -card[11]), min(at_y + 0.5 * high, card[11])
         if left >= right or bottom >= top:
             continue
         scratch[0], scratch[2] = right - left, top - bottom
         part = (right - left) * (top - bottom) / (wide * high)
-        total += 0.25 * part * radiance_round(0.5 * (left + right), 0.5 * (bottom + top), scratch, kind, numbers, table, law, sums)
+        total += (
+            0.25
+            * part
+            * radiance_round(
+                0.5 * (left + right), 0.5 * (bottom + top), scratch, kind, numbers, table, law, sums
+            )
+        )
     return total
 
 
@@ -254,11 +328,13 @@ def seen_jointly(
     law: Array,
     sums: Array,
 ) -> float:
-    """Mean of radiance times visibility in a neighbourhood that the edges of cards cross, all of them along its sides, at one moment.
+    """Mean of radiance times visibility in a neighbourhood that the edges of cards cross, all of
+    them along its sides, at one moment.
 
-    A place of the neighbourhood is (u, v), both from -1/2 to 1/2, the same for all surfaces. What a card leaves visible is all less
-    what it covers, so that the mean is a sum of means over rectangles, one for each choice among the cards. In ``places`` are x, y and
-    the surface of each card; the other columns are scratch.
+    A place of the neighbourhood is (u, v), both from -1/2 to 1/2, the same for all surfaces. What a
+    card leaves visible is all less what it covers, so that the mean is a sum of means over
+    rectangles, one for each choice among the cards. In ``places`` are x, y and the surface of each
+    card; the other columns are scratch.
     """
     part = 1.0 / parts
     wide, slip_x = _common_boxes(maps[0], maps[0], 0, part, width, height)
@@ -266,7 +342,9 @@ def seen_jointly(
     for card in range(crossed):
         index = int(places[card, 2])
         for axis in range(2):
-            places[card, 3 + 2 * axis], places[card, 4 + 2 * axis] = _common_boxes(maps[index], maps[0], axis, part, width, height)
+            places[card, 3 + 2 * axis], places[card, 4 + 2 * axis] = _common_boxes(
+                maps[index], maps[0], axis, part, width, height
+            )
     total = 0.0
     boxes[1] = boxes[3] = 0.0
     for choice in range(4 << crossed):
@@ -290,5 +368,10 @@ def seen_jointly(
         at_x = x + shift_x * slip_x + wide * 0.5 * (left + right)
         at_y = y + shift_y * slip_y + high * 0.5 * (bottom + top)
         boxes[0], boxes[2] = abs(wide) * (right - left), abs(high) * (top - bottom)
-        total += sign * (right - left) * (top - bottom) * radiance_round(at_x, at_y, boxes, kind, numbers, table, law, sums)
+        total += (
+            sign
+            * (right - left)
+            * (top - bottom)
+            * radiance_round(at_x, at_y, boxes, kind, numbers, table, law, sums)
+        )
     return max(0.0, total)

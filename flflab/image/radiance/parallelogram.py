@@ -1,4 +1,6 @@
-"""A pixel on a target is a parallelogram: its area within a disc, and the integrals of bars and pictures over it, all exact."""
+"""A pixel on a target is a parallelogram: its area within a disc, and the integrals of bars and
+pictures over it, all exact.
+"""
 
 import math
 
@@ -12,21 +14,31 @@ from flflab.optics.discs import side_area
 Array = npt.NDArray[np.float64]
 
 ASKEW = 1e-3  # of a side's length: less along the other axis is none
-FEW = 16.0  # cells of a profile: a side that leads less far aside is summed cell by cell, as a difference over its way loses digits
+# cells of a profile: a side that leads less far aside is summed cell by cell, as a difference over
+# its way loses digits
+FEW = 16.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def stands_askew(by: Array) -> bool:
-    """Whether the sides of a pixel run askew to the target's axes, by the maps of pupil and pixel, row by row in one."""
+    """Whether the sides of a pixel run askew to the target's axes, by the maps of pupil and pixel,
+    row by row in one.
+    """
     for k in (4, 6):
         if min(abs(by[k]), abs(by[k + 1])) > ASKEW * max(abs(by[k]), abs(by[k + 1])):
-            return abs(by[4] * by[7] - by[5] * by[6]) > ASKEW * math.hypot(by[4], by[6]) * math.hypot(by[5], by[7])
+            return abs(by[4] * by[7] - by[5] * by[6]) > ASKEW * math.hypot(
+                by[4], by[6]
+            ) * math.hypot(by[5], by[7])
     return False
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def disc_parallelogram_area(radius: float, x: float, y: float, ux: float, uy: float, vx: float, vy: float) -> float:
-    """Area common to a disc round the origin and the parallelogram round (x, y) with the sides u and v."""
+def disc_parallelogram_area(
+    radius: float, x: float, y: float, ux: float, uy: float, vx: float, vy: float
+) -> float:
+    """Area common to a disc round the origin and the parallelogram round (x, y) with the sides u
+    and v.
+    """
     reach = 0.5 * (math.hypot(ux, uy) + math.hypot(vx, vy))
     away = math.hypot(x, y)
     if away >= radius + reach:
@@ -49,9 +61,19 @@ def disc_parallelogram_area(radius: float, x: float, y: float, ux: float, uy: fl
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def ruled_parallelogram(
-    x: float, y: float, ux: float, uy: float, vx: float, vy: float, lower: float, upper: float, table: Array, law: Array
+    x: float,
+    y: float,
+    ux: float,
+    uy: float,
+    vx: float,
+    vy: float,
+    lower: float,
+    upper: float,
+    table: Array,
+    law: Array,
 ) -> float:
-    """Integral over the parallelogram round (x, y) with the sides u and v of what varies along x, between two ends along y; mm.
+    """Integral over the parallelogram round (x, y) with the sides u and v of what varies along x,
+    between two ends along y; mm.
 
     As in ``parallelogram_sum``; the ends themselves, of no height, add nothing.
     """
@@ -66,7 +88,10 @@ def ruled_parallelogram(
             begin, end = min(max(min(one, other), 0.0), 1.0), min(max(max(one, other), 0.0), 1.0)
             left, right = ax + begin * dx, ax + end * dx
             if abs(right - left) * (law[2] + 2.0 * law[3] * (left - law[0])) > FEW:
-                mean = (second_antiderivative(right, table, law) - second_antiderivative(left, table, law)) / (right - left)
+                mean = (
+                    second_antiderivative(right, table, law)
+                    - second_antiderivative(left, table, law)
+                ) / (right - left)
             else:
                 mean = first_mean(left, right, table, law)
             total += (end - begin) * dy * mean
@@ -75,15 +100,21 @@ def ruled_parallelogram(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def parallelogram_sum(x: float, y: float, ux: float, uy: float, vx: float, vy: float, sums: Array) -> float:
-    """Integral of a picture, from its summed-area table, over the parallelogram round (x, y) with the sides u and v, all in texels.
+def parallelogram_sum(
+    x: float, y: float, ux: float, uy: float, vx: float, vy: float, sums: Array
+) -> float:
+    """Integral of a picture, from its summed-area table, over the parallelogram round (x, y) with
+    the sides u and v, all in texels.
 
-    By Green's theorem it is the integral round the border of what lies left of it in its row: linear in x and the same all over the row,
-    so that its middle between two borders of texels stands for all of the piece.
+    By Green's theorem it is the integral round the border of what lies left of it in its row:
+    linear in x and the same all over the row, so that its middle between two borders of texels
+    stands for all of the piece.
     """
     ax, ay = x - 0.5 * (ux + vx), y - 0.5 * (uy + vy)
     total = _left_of(ax, ay, ux, uy, sums) + _left_of(ax + ux, ay + uy, vx, vy, sums)
-    total += _left_of(ax + ux + vx, ay + uy + vy, -ux, -uy, sums) + _left_of(ax + vx, ay + vy, -vx, -vy, sums)
+    total += _left_of(ax + ux + vx, ay + uy + vy, -ux, -uy, sums) + _left_of(
+        ax + vx, ay + vy, -vx, -vy, sums
+    )
     return abs(total)
 
 

@@ -1,6 +1,8 @@
-"""Rays of the slow reference, by the definitions alone: two thin lenses refract them, stops and cards stop them, targets shine.
+"""Rays of the slow reference, by the definitions alone: two thin lenses refract them, stops and
+cards stop them, targets shine.
 
-Every array of positions or slopes has shape (..., 2); a slope is the change of (x, y) per mm along the axis.
+Every array of positions or slopes has shape (..., 2); a slope is the change of (x, y) per mm along
+the axis.
 """
 
 import math
@@ -18,7 +20,8 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Path:
-    """What a ray meets on its way from the sensor through a microlens to the object side; mm. One microlens, or N.
+    """What a ray meets on its way from the sensor through a microlens to the object side; mm. One
+    microlens, or N.
 
     Attributes:
         centre: of the microlens, shape (2,) or (N, 2).
@@ -36,10 +39,18 @@ class Path:
 
     def of(self, index: int) -> "Path":
         """The path through one of N microlenses."""
-        return Path(self.centre[index], self.focal_length[index], self.gap[index], self.depth[index], self.main_focal_length)
+        return Path(
+            self.centre[index],
+            self.focal_length[index],
+            self.gap[index],
+            self.depth[index],
+            self.main_focal_length,
+        )
 
     def slopes_and_crossing(self, on_sensor: Array, on_lens: Array) -> tuple[Array, Array, Array]:
-        """Slope between microlens and sensor, where the ray crosses the main lens, and its slope before that."""
+        """Slope between microlens and sensor, where the ray crosses the main lens, and its slope
+        before that.
+        """
         behind = (on_sensor - on_lens) / self.gap
         between = behind + (on_lens - self.centre) / self.focal_length
         crossing = on_lens - self.depth * between
@@ -74,26 +85,38 @@ class Bundle:
     @property
     def by_sensor(self) -> float:
         """How far a ray moves on the main lens per mm that it moves on the sensor."""
-        return float((self.path.on_main_lens(self.place + self.along, self.path.centre) - self.crossing) @ self.along)
+        return float(
+            (self.path.on_main_lens(self.place + self.along, self.path.centre) - self.crossing)
+            @ self.along
+        )
 
     @property
     def by_lens(self) -> float:
         """The same per mm that it moves on the microlens."""
-        return float((self.path.on_main_lens(self.place, self.path.centre + self.along) - self.crossing) @ self.along)
+        return float(
+            (self.path.on_main_lens(self.place, self.path.centre + self.along) - self.crossing)
+            @ self.along
+        )
 
     @property
     def pupil(self) -> float:
-        """Radius of the part of the microlens that lights a point if both stops are seen one behind the other, mm."""
+        """Radius of the part of the microlens that lights a point if both stops are seen one behind
+        the other, mm.
+        """
         stop, radius = self.camera.main_lens.aperture / 2, self.camera.array.aperture / 2
         return radius if abs(self.by_lens) * radius <= stop else stop / abs(self.by_lens)
 
 
-def landing(plane: Plane, distortion: Distortion | None, on_main: Array, slope: Array, moved: Array) -> Array:
-    """Where rays meet a target's plane, in the target's own coordinates: mm along the card, rad where it is at infinity.
+def landing(
+    plane: Plane, distortion: Distortion | None, on_main: Array, slope: Array, moved: Array
+) -> Array:
+    """Where rays meet a target's plane, in the target's own coordinates: mm along the card, rad
+    where it is at infinity.
 
     Args:
         plane: the target; it may be tilted.
-        distortion: of the main lens; the ray from its crossing of the main lens heads for the distorted point at the plane's distance.
+        distortion: of the main lens; the ray from its crossing of the main lens heads for the
+            distorted point at the plane's distance.
         on_main: where the rays cross the main lens.
         slope: their slopes before it.
         moved: how far the target has moved, world mm; without meaning at infinity.
@@ -103,7 +126,9 @@ def landing(plane: Plane, distortion: Distortion | None, on_main: Array, slope: 
         return _rolled(-slope * (1 + coefficient * squared(slope)[..., None]), plane.roll)
     if coefficient:
         paraxial = on_main - plane.distance * slope
-        slope = (on_main - paraxial * (1 + coefficient * squared(paraxial / plane.distance)[..., None])) / plane.distance
+        slope = (
+            on_main - paraxial * (1 + coefficient * squared(paraxial / plane.distance)[..., None])
+        ) / plane.distance
     centre, tilt = np.asarray(plane.offset) + moved, np.asarray(plane.tilt)
     if not tilt.any():
         return _rolled(on_main - plane.distance * slope - centre, plane.roll)
@@ -118,7 +143,9 @@ def covers(plane: Plane, place: Array) -> npt.NDArray[np.bool_]:
     """Whether the opaque card of a plane is at places given in its own coordinates."""
     if plane.size is None:
         return np.ones(place.shape[:-1], dtype=bool)
-    return (np.abs(place[..., 0]) <= plane.size[0] / 2) & (np.abs(place[..., 1]) <= plane.size[1] / 2)
+    return (np.abs(place[..., 0]) <= plane.size[0] / 2) & (
+        np.abs(place[..., 1]) <= plane.size[1] / 2
+    )
 
 
 def squared(vectors: Array) -> Array:
@@ -128,7 +155,9 @@ def squared(vectors: Array) -> Array:
 
 def _rolled(place: Array, roll: float) -> Array:
     cos, sin = math.cos(roll), math.sin(roll)
-    rolled = np.stack([cos * place[..., 0] + sin * place[..., 1], cos * place[..., 1] - sin * place[..., 0]])
+    rolled = np.stack(
+        [cos * place[..., 0] + sin * place[..., 1], cos * place[..., 1] - sin * place[..., 0]]
+    )
     return np.moveaxis(rolled, 0, -1)
 
 

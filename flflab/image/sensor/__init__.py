@@ -1,1 +1,3 @@
-"""From light to numbers: exposure, the sensor's response, its noise by counter, and the raw picture."""
+"""From light to numbers: exposure, the sensor's response, its noise by counter, and the raw
+picture.
+"""

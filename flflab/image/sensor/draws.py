@@ -1,4 +1,6 @@
-"""Random numbers for rectangles of pixels of a sensor: a pixel's numbers depend on the key and on its row and column, on nothing else."""
+"""Random numbers for rectangles of pixels of a sensor: a pixel's numbers depend on the key and on
+its row and column, on nothing else.
+"""
 
 from dataclasses import dataclass
 
@@ -49,7 +51,9 @@ class Draws:
 
 
 def draw(shape: tuple[int, int], corner: tuple[int, int], key: Key) -> Draws:
-    """Draw for the pixels of a rectangle (rows, columns) with its corner at a row and column of the sensor."""
+    """Draw for the pixels of a rectangle (rows, columns) with its corner at a row and column of the
+    sensor.
+    """
     first, second = np.empty(shape, dtype=np.uint64), np.empty(shape, dtype=np.uint64)
     draw_bits(corner, key, first, second)
     return Draws(key, corner, first, second)

@@ -1,4 +1,6 @@
-"""How bright a camera's picture is: the irradiance at the white level, and the electrons it makes."""
+"""How bright a camera's picture is: the irradiance at the white level, and the electrons it
+makes.
+"""
 
 import math
 
@@ -12,11 +14,13 @@ from flflab.optics.smms import camera_smms
 def white_irradiance(camera: Camera, falloff: Falloff | None = None) -> float:
     """Irradiance that 1.0 of a picture stands for, over the exitance of the white target.
 
-    g = min(d, A b / (L |kappa|)) / 2 is the radius of the cone in the microlens plane, b the gap (physics.md, E_i on the axis). The
-    irradiance at the centre of the micro-image on the axis is the squared sine of the cone's half angle, g^2 / (b^2 + g^2). A picture
-    without fall-off shows 1.0 there and stands for just that. In a picture with fall-off every ray counts by cos^4: it shows
-    b^2 / (b^2 + g^2) there, and its 1.0 stands for the paraxial g^2 / b^2. Either way the same electrons come out.
-    It changes with the f-number where the main lens limits, and with the gap always; the target's distance has no part in it.
+    g = min(d, A b / (L |kappa|)) / 2 is the radius of the cone in the microlens plane, b the gap
+    (physics.md, E_i on the axis). The irradiance at the centre of the micro-image on the axis is
+    the squared sine of the cone's half angle, g^2 / (b^2 + g^2). A picture without fall-off shows
+    1.0 there and stands for just that. In a picture with fall-off every ray counts by cos^4: it
+    shows b^2 / (b^2 + g^2) there, and its 1.0 stands for the paraxial g^2 / b^2. Either way the
+    same electrons come out. It changes with the f-number where the main lens limits, and with the
+    gap always; the target's distance has no part in it.
 
     Args:
         camera: the camera.
@@ -28,19 +32,28 @@ def white_irradiance(camera: Camera, falloff: Falloff | None = None) -> float:
     return radius**2 / (gap**2 + (radius**2 if falloff is None else 0.0))
 
 
-def electrons_at_white(camera: Camera, exposure_s: float, electrons_per_second: float, falloff: Falloff | None = None) -> float:
+def electrons_at_white(
+    camera: Camera, exposure_s: float, electrons_per_second: float, falloff: Falloff | None = None
+) -> float:
     """Mean electrons in a pixel at the white level.
 
     Args:
         camera: the camera.
         exposure_s: exposure time, s.
-        electrons_per_second: electrons a pixel would collect each second if it lay on the white target itself.
+        electrons_per_second: electrons a pixel would collect each second if it lay on the white
+            target itself.
         falloff: as in the scene that is pictured.
 
     Raises:
         InputError: the exposure or the rate is negative or not finite.
     """
-    for name, value, unit in (("exposure_s", exposure_s, "s"), ("electrons_per_second", electrons_per_second, "electrons/s")):
+    for name, value, unit in (
+        ("exposure_s", exposure_s, "s"),
+        ("electrons_per_second", electrons_per_second, "electrons/s"),
+    ):
         if not (math.isfinite(value) and value >= 0):
-            raise InputError(f"electrons_at_white: {name} is {value:g} {unit}; a finite number from 0 up is allowed")
+            raise InputError(
+                f"electrons_at_white: {name} is {value:g} {unit}; a finite number from 0 up is"
+                " allowed"
+            )
     return white_irradiance(camera, falloff) * exposure_s * electrons_per_second

@@ -1,8 +1,10 @@
-"""Random numbers by counter: every pixel has its own, whatever the order in which pixels are worked through.
+"""Random numbers by counter: every pixel has its own, whatever the order in which pixels are worked
+through.
 
-Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC11) turns a counter and a key, 128 bits
-each with the words below, into 128 random bits. Here the counter is (pixel, draw, key 2, key 3) and the key (key 0, key 1): the
-four words of a key name a frame or a sensor. Draw 0 of a pixel serves two independent numbers, stream 0 and 1, 64 bits each;
+Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC11)
+turns a counter and a key, 128 bits each with the words below, into 128 random bits. Here the
+counter is (pixel, draw, key 2, key 3) and the key (key 0, key 1): the four words of a key name a
+frame or a sensor. Draw 0 of a pixel serves two independent numbers, stream 0 and 1, 64 bits each;
 later draws serve the few that reject their first.
 """
 
@@ -20,7 +22,9 @@ Bits = npt.NDArray[np.uint64]
 LONGEST = 65536  # rows and columns of a sensor: 16 bits of a pixel's number each
 RUN = 512  # pixels whose Poisson numbers are found together, in the cache
 LAYERS = 256
-TAIL = 3.6541528853610088  # where the ziggurat of 256 equal layers begins its tail (Marsaglia, Tsang, J. Stat. Softw. 5 (8), 2000)
+# where the ziggurat of 256 equal layers begins its tail (Marsaglia, Tsang, J. Stat. Softw. 5 (8),
+# 2000)
+TAIL = 3.6541528853610088
 UNIT = 2.0**-53
 LARGE_MEAN = 5.0  # from here on a Poisson number is found by way of a normal one
 FAR = 6.0  # standard deviations within which the bound of the expansion is known
@@ -32,15 +36,23 @@ _STEPS = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
 
 
 def noise_key(*parts: object) -> Key:
-    """Four words of 32 bits that depend on the representations of these parts and on nothing else."""
-    digest = hashlib.blake2b("|".join(repr(part) for part in parts).encode(), digest_size=16).digest()
+    """Four words of 32 bits that depend on the representations of these parts and on nothing
+    else.
+    """
+    digest = hashlib.blake2b(
+        "|".join(repr(part) for part in parts).encode(), digest_size=16
+    ).digest()
     first, second, third, fourth = np.frombuffer(digest, dtype="<u4").astype(np.uint64)
     return first, second, third, fourth
 
 
 def _ziggurat() -> tuple[Array, Array]:
-    """Right edges of the layers of equal area under exp(-x^2 / 2), the base first, and the heights at them."""
-    area = TAIL * math.exp(-TAIL * TAIL / 2) + math.sqrt(math.pi / 2) * math.erfc(TAIL / math.sqrt(2))
+    """Right edges of the layers of equal area under exp(-x^2 / 2), the base first, and the heights
+    at them.
+    """
+    area = TAIL * math.exp(-TAIL * TAIL / 2) + math.sqrt(math.pi / 2) * math.erfc(
+        TAIL / math.sqrt(2)
+    )
     edges = [area / math.exp(-TAIL * TAIL / 2), TAIL]
     while len(edges) < LAYERS:
         edges.append(math.sqrt(-2 * math.log(area / edges[-1] + math.exp(-(edges[-1] ** 2) / 2))))
@@ -53,20 +65,35 @@ INVERSES = 1 / np.maximum(np.arange(MOST_COUNTED + 1), 1)
 EDGES, HEIGHTS = _ziggurat()
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")  # a loop round a call of it would not be vectorised
-def philox(pixel: np.uint64, draw: np.uint64, key: Key) -> tuple[np.uint64, np.uint64]:  # pragma: no cover - compiled
-    """The four words of one block, two by two: words 0 and 1, words 2 and 3, the lower word first."""
+@numba.njit(
+    cache=True, nogil=True, error_model="numpy", inline="always"
+)  # a loop round a call of it would not be vectorised
+def philox(
+    pixel: np.uint64, draw: np.uint64, key: Key
+) -> tuple[np.uint64, np.uint64]:  # pragma: no cover - compiled
+    """The four words of one block, two by two: words 0 and 1, words 2 and 3, the lower word
+    first.
+    """
     c0, c1, c2, c3, k0, k1 = pixel, draw, key[2], key[3], key[0], key[1]
     for _ in range(10):
         product, other = _MULTIPLIERS[0] * c0, _MULTIPLIERS[1] * c2
-        c0, c1, c2, c3 = (other >> _32) ^ c1 ^ k0, other & _LOW, (product >> _32) ^ c3 ^ k1, product & _LOW
+        c0, c1, c2, c3 = (
+            (other >> _32) ^ c1 ^ k0,
+            other & _LOW,
+            (product >> _32) ^ c3 ^ k1,
+            product & _LOW,
+        )
         k0, k1 = (k0 + _STEPS[0]) & _LOW, (k1 + _STEPS[1]) & _LOW
     return c0 | c1 << _32, c2 | c3 << _32
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def draw_bits(corner: tuple[int, int], key: Key, first: Bits, second: Bits) -> None:  # pragma: no cover - compiled
-    """Draw 0 of a rectangle of pixels with its corner (row, column): 64 bits for stream 0, 64 other ones for stream 1."""
+def draw_bits(
+    corner: tuple[int, int], key: Key, first: Bits, second: Bits
+) -> None:  # pragma: no cover - compiled
+    """Draw 0 of a rectangle of pixels with its corner (row, column): 64 bits for stream 0, 64 other
+    ones for stream 1.
+    """
     for row in range(len(first)):
         pixel = (corner[0] + row) * LONGEST + corner[1]
         for i in range(first.shape[1]):
@@ -80,15 +107,23 @@ def uniform(bits: np.uint64) -> float:  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def normals(bits: Bits, stream: int, corner: tuple[int, int], key: Key, out: Array) -> None:  # pragma: no cover - compiled
-    """Standard normal numbers of a rectangle of pixels by the ziggurat; exact to the 53 bits of its uniform numbers."""
+def normals(
+    bits: Bits, stream: int, corner: tuple[int, int], key: Key, out: Array
+) -> None:  # pragma: no cover - compiled
+    """Standard normal numbers of a rectangle of pixels by the ziggurat; exact to the 53 bits of its
+    uniform numbers.
+    """
     for row in range(len(out)):
         _normal_run(bits[row], stream, (corner[0] + row) * LONGEST + corner[1], key, out[row])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _normal_run(bits: Bits, stream: int, pixel: int, key: Key, out: Array) -> None:  # pragma: no cover - compiled
-    """Normal numbers of a row of pixels: of most at once, then of the few outside the inner part of their layer."""
+def _normal_run(
+    bits: Bits, stream: int, pixel: int, key: Key, out: Array
+) -> None:  # pragma: no cover - compiled
+    """Normal numbers of a row of pixels: of most at once, then of the few outside the inner part of
+    their layer.
+    """
     for i in range(len(out)):
         layer = bits[i] & _LAYER
         x = uniform(bits[i]) * EDGES[layer]
@@ -100,7 +135,9 @@ def _normal_run(bits: Bits, stream: int, pixel: int, key: Key, out: Array) -> No
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _other_normal(bits: np.uint64, stream: int, pixel: int, key: Key) -> float:  # pragma: no cover - compiled
+def _other_normal(
+    bits: np.uint64, stream: int, pixel: int, key: Key
+) -> float:  # pragma: no cover - compiled
     """The ziggurat where the first 64 bits fall outside the inner part of their layer."""
     draw = np.uint64(1 + stream)
     while True:
@@ -118,13 +155,17 @@ def _other_normal(bits: np.uint64, stream: int, pixel: int, key: Key) -> float: 
                 draw += _2
                 x = TAIL - math.log(uniform(other)) / TAIL
             return sign * x
-        if HEIGHTS[layer] + uniform(other) * (HEIGHTS[layer + _1] - HEIGHTS[layer]) < math.exp(-x * x / 2):
+        if HEIGHTS[layer] + uniform(other) * (HEIGHTS[layer + _1] - HEIGHTS[layer]) < math.exp(
+            -x * x / 2
+        ):
             return sign * x
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _probability(count: float, mean: float) -> float:  # pragma: no cover - compiled
-    """Probability of this number at this mean: exp(-deviance - Stirling's error) / sqrt(2 pi k) (Loader, 2000), directly below 10."""
+    """Probability of this number at this mean: exp(-deviance - Stirling's error) / sqrt(2 pi k)
+    (Loader, 2000), directly below 10.
+    """
     if count < 10:
         return math.exp(count * math.log(mean) - mean - math.lgamma(count + 1))
     away = (count - mean) / mean
@@ -153,7 +194,9 @@ def _tail(count: float, mean: float, upper: bool) -> float:  # pragma: no cover 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _exact(count: float, mean: float, w: float) -> float:  # pragma: no cover - compiled
-    """The least number whose distribution function reaches that of a standard normal number at w, from a guess nearby."""
+    """The least number whose distribution function reaches that of a standard normal number at w,
+    from a guess nearby.
+    """
     upper = w > 0
     share = 0.5 * math.erfc(abs(w) / math.sqrt(2))
     while True:
@@ -170,7 +213,9 @@ def _exact(count: float, mean: float, w: float) -> float:  # pragma: no cover - 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def poissons(means: Array, bits: Bits, corner: tuple[int, int], key: Key, out: Array) -> None:  # pragma: no cover - compiled
+def poissons(
+    means: Array, bits: Bits, corner: tuple[int, int], key: Key, out: Array
+) -> None:  # pragma: no cover - compiled
     """Poisson numbers of a rectangle of pixels, of stream 0."""
     normal, terms = np.empty(RUN), np.empty(RUN)
     for row in range(len(out)):
@@ -178,19 +223,33 @@ def poissons(means: Array, bits: Bits, corner: tuple[int, int], key: Key, out: A
             end = min(start + RUN, out.shape[1])
             pixel = (corner[0] + row) * LONGEST + corner[1] + start
             part = slice(start, end)
-            _poisson_run(means[row, part], bits[row, part], pixel, key, normal[: end - start], terms[: end - start], out[row, part])
+            _poisson_run(
+                means[row, part],
+                bits[row, part],
+                pixel,
+                key,
+                normal[: end - start],
+                terms[: end - start],
+                out[row, part],
+            )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _poisson_run(means: Array, bits: Bits, pixel: int, key: Key, w: Array, terms: Array, out: Array) -> None:  # pragma: no cover - compiled
-    """Poisson numbers of a run of pixels by inversion: the least whose distribution function reaches a uniform number.
+def _poisson_run(
+    means: Array, bits: Bits, pixel: int, key: Key, w: Array, terms: Array, out: Array
+) -> None:  # pragma: no cover - compiled
+    """Poisson numbers of a run of pixels by inversion: the least whose distribution function
+    reaches a uniform number.
 
-    Small means count up. Large ones take the uniform number from a normal w, and the number is the whole part of the expansion
+    Small means count up. Large ones take the uniform number from a normal w, and the number is the
+    whole part of the expansion
 
-        mean + sqrt(mean) w + (2 + w^2) / 6 - (w + w^3 / 2) / (36 sqrt(mean)) + (-8 / 405 + 7 w^2 / 810 + w^4 / 270) / mean
+        mean + sqrt(mean) w + (2 + w^2) / 6 - (w + w^3 / 2) / (36 sqrt(mean)) + (-8 / 405 + 7 w^2 /
+        810 + w^4 / 270) / mean
 
-    (Giles, ACM TOMS 42 (1), 7, 2016, eq. 9 and its next term) wherever a bound of its error leaves one whole number; elsewhere the
-    distribution function itself decides, so the number is exact to the precision of doubles. ``w`` and ``terms`` are room to work in.
+    (Giles, ACM TOMS 42 (1), 7, 2016, eq. 9 and its next term) wherever a bound of its error leaves
+    one whole number; elsewhere the distribution function itself decides, so the number is exact to
+    the precision of doubles. ``w`` and ``terms`` are room to work in.
     """
     small = 0
     for i in range(len(out)):
@@ -216,8 +275,12 @@ def _poisson_run(means: Array, bits: Bits, pixel: int, key: Key, w: Array, terms
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _count_up(means: Array, bits: Bits, left: Array, terms: Array, out: Array) -> None:  # pragma: no cover - compiled
-    """Poisson numbers of the small means among these, all together: a uniform number less the probabilities of 0, 1, 2, ..."""
+def _count_up(
+    means: Array, bits: Bits, left: Array, terms: Array, out: Array
+) -> None:  # pragma: no cover - compiled
+    """Poisson numbers of the small means among these, all together: a uniform number less the
+    probabilities of 0, 1, 2, ...
+    """
     for i in range(len(out)):
         part, power = min(means[i], LARGE_MEAN) / 16, 1.0
         for k in range(12, 0, -1):

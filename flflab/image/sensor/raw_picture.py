@@ -19,21 +19,37 @@ def raw_picture(
 
     Args:
         numbers: what the sensor reads.
-        response: the sensor; its offset, rounded, is the black level, and its saturation or full scale the white level.
+        response: the sensor; its offset, rounded, is the black level, and its saturation or full
+            scale the white level.
         colour_filter: of the scene.
         exposure_s: exposure time, s; 0 notes none.
         iso: speed; 0 notes none.
     """
     scale = response.quantisation
     black = round(scale.offset_dn)
-    white = min(scale.full_scale, round(scale.offset_dn + scale.dn_per_electron * response.saturation_e))
+    white = min(
+        scale.full_scale, round(scale.offset_dn + scale.dn_per_electron * response.saturation_e)
+    )
     pattern = None if colour_filter is None else colour_filter.pattern
-    return RawPicture(numbers, pattern, (black, black, black, black), white, neutral(colour_filter), exposure_s, iso)
+    return RawPicture(
+        numbers,
+        pattern,
+        (black, black, black, black),
+        white,
+        neutral(colour_filter),
+        exposure_s,
+        iso,
+    )
 
 
 def neutral(colour_filter: ColourFilter | None) -> tuple[float, float, float]:
-    """What a white target gives in red, green and blue, of the largest of the three; all alike without filters or through black ones."""
-    if colour_filter is None or min(colour_filter.red, colour_filter.green, colour_filter.blue) == 0:
+    """What a white target gives in red, green and blue, of the largest of the three; all alike
+    without filters or through black ones.
+    """
+    if (
+        colour_filter is None
+        or min(colour_filter.red, colour_filter.green, colour_filter.blue) == 0
+    ):
         return 1.0, 1.0, 1.0
     most = max(colour_filter.red, colour_filter.green, colour_filter.blue)
     return colour_filter.red / most, colour_filter.green / most, colour_filter.blue / most

@@ -1,4 +1,6 @@
-"""From light to numbers: what a sensor reads of an image, with noise by counter and the sensor's own faults."""
+"""From light to numbers: what a sensor reads of an image, with noise by counter and the sensor's
+own faults.
+"""
 
 import math
 import os
@@ -50,7 +52,9 @@ class SensorResponse:
 
     @property
     def saturation_e(self) -> float:
-        """Electrons at which a pixel saturates: the full well or the largest number, whichever comes first."""
+        """Electrons at which a pixel saturates: the full well or the largest number, whichever
+        comes first.
+        """
         numbers = self.quantisation
         largest = (numbers.full_scale - numbers.offset_dn) / numbers.dn_per_electron
         return min(self.saturation.full_well, largest) if self.saturation else largest
@@ -70,21 +74,26 @@ def digitise(
         image: irradiance in units of the white level, [row, column].
         electrons_at_white: mean electrons in a pixel at the white level.
         response: the sensor.
-        key: names the frame (``noise_key``); the noise of a pixel depends on it and on the pixel's place and mean, and on nothing else.
-        corner: (row, column) on the sensor of the image's pixel [0, 0]: a part of a frame reads as in the whole frame.
+        key: names the frame (``noise_key``); the noise of a pixel depends on it and on the pixel's
+            place and mean, and on nothing else.
+        corner: (row, column) on the sensor of the image's pixel [0, 0]: a part of a frame reads as
+            in the whole frame.
 
     Returns:
         Numbers from 0 to full scale, the shape of the image.
 
     Raises:
-        InputError: image, exposure or corner is negative or not finite, or beyond what can be counted.
+        InputError: image, exposure or corner is negative or not finite, or beyond what can be
+            counted.
     """
     _check(image.shape, electrons_at_white, corner)
     numbers = np.empty(image.shape, dtype=np.uint16)
     most = response.quantisation.full_scale
 
     def read(rows: slice) -> None:
-        signal = _signal(image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1]))
+        signal = _signal(
+            image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1])
+        )
         numbers[rows] = np.clip(np.rint(signal, out=signal), 0, most, out=signal)
 
     _in_bands(read, len(image))
@@ -99,12 +108,16 @@ def read_out(
     *,
     corner: tuple[int, int] = (0, 0),
 ) -> Array:
-    """What ``digitise`` makes numbers of: DN before they are rounded and limited to the range of the numbers; see there."""
+    """What ``digitise`` makes numbers of: DN before they are rounded and limited to the range of
+    the numbers; see there.
+    """
     _check(image.shape, electrons_at_white, corner)
     signal = np.empty(image.shape)
 
     def read(rows: slice) -> None:
-        signal[rows] = _signal(image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1]))
+        signal[rows] = _signal(
+            image[rows], electrons_at_white, response, key, (corner[0] + rows.start, corner[1])
+        )
 
     _in_bands(read, len(image))
     return signal
@@ -112,19 +125,35 @@ def read_out(
 
 def _check(shape: tuple[int, ...], electrons_at_white: float, corner: tuple[int, int]) -> None:
     if not (math.isfinite(electrons_at_white) and electrons_at_white >= 0):
-        raise InputError(f"digitise: electrons_at_white is {electrons_at_white:g}; a finite number from 0 up is allowed")
+        raise InputError(
+            f"digitise: electrons_at_white is {electrons_at_white:g}; a finite number from 0 up is"
+            " allowed"
+        )
     end = (corner[0] + shape[0], corner[1] + shape[1])
     if min(corner) < 0 or max(end) > LONGEST:
-        raise InputError(f"digitise: rows and columns from {corner} to {end}; 0 to {LONGEST} are allowed")
+        raise InputError(
+            f"digitise: rows and columns from {corner} to {end}; 0 to {LONGEST} are allowed"
+        )
 
 
 def _in_bands(read: Callable[[slice], None], rows: int) -> None:
     """Call ``read`` for bands of rows, on all cores."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(read, (slice(first, min(first + BAND_ROWS, rows)) for first in range(0, rows, BAND_ROWS))))
+        list(
+            pool.map(
+                read,
+                (slice(first, min(first + BAND_ROWS, rows)) for first in range(0, rows, BAND_ROWS)),
+            )
+        )
 
 
-def _signal(light: Array, electrons_at_white: float, response: SensorResponse, key: Key, corner: tuple[int, int]) -> Array:
+def _signal(
+    light: Array,
+    electrons_at_white: float,
+    response: SensorResponse,
+    key: Key,
+    corner: tuple[int, int],
+) -> Array:
     """DN of some pixels before rounding."""
     means = light * electrons_at_white
     offset = np.zeros(1)
@@ -137,7 +166,8 @@ def _signal(light: Array, electrons_at_white: float, response: SensorResponse, k
         means += response.dark_current.electrons
     if means.size and not (means.min() >= 0 and means.max() < MOST_ELECTRONS):
         raise InputError(
-            f"digitise: the image is negative, not finite, or beyond {MOST_ELECTRONS:g} electrons somewhere; light from 0 up is allowed"
+            f"digitise: the image is negative, not finite, or beyond {MOST_ELECTRONS:g} electrons"
+            " somewhere; light from 0 up is allowed"
         )
     drawn = draw(light.shape, corner, key) if response.shot_noise or response.read_noise else None
     electrons = drawn.poisson(means) if drawn is not None and response.shot_noise else means
