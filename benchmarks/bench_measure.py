@@ -27,18 +27,18 @@ import numpy.typing as npt
 from skimage.feature import blob_log, peak_local_max
 from skimage.transform import hough_circle, hough_circle_peaks
 
-from flflab.analysis.contrast.curve import fit_contrast
-from flflab.analysis.dots.views import count_views
-from flflab.analysis.lattice.profile import Cone, cone_of
-from flflab.analysis.lattice.white import Lattice, find_lattice
-from flflab.analysis.measure import nominal_lattice
-from flflab.analysis.micro_images import every_micro_image
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.camera_file import read_camera
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.image.sensor.random_numbers import noise_key
 from flflab.image.sensor.response import SensorResponse, digitise
+from flflab.measurement.contrast.curve import fit_contrast
+from flflab.measurement.dots.views import count_views
+from flflab.measurement.lattice.profile import Cone, cone_of
+from flflab.measurement.lattice.white import Lattice, find_lattice
+from flflab.measurement.measure import nominal_lattice
+from flflab.measurement.micro_images import every_micro_image
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.targets import Bars, Chirp, FourDot, Target, White
 

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench, Element, read_bench
 from flflab.diagnosis import not_told_apart
 from flflab.errors import FlflabError
@@ -28,6 +27,7 @@ from flflab.evaluation import Evaluation, evaluate_measured
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.image.sensor.exposure import white_irradiance
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
 from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms

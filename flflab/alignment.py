@@ -1,8 +1,8 @@
 """How the microlens array stands to the sensor, from one white picture: roll, tilt, and the
 sensor's place against the exit pupil.
 
-What a tilt does to centres and radii of the micro-images stands in ``analysis/tilting.py``; here it
-is read from each of them by itself.
+What a tilt does to centres and radii of the micro-images stands in
+``measurement/lattice/tilting.py``; here it is read from each of them by itself.
 """
 
 import itertools
@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from flflab.analysis.lattice.kinds import Kinds
-from flflab.analysis.lattice.tilting import Tilting, tilting_of
-from flflab.analysis.lattice.white import Lattice, pitch_and_angle
-from flflab.analysis.micro_images import MicroImages
 from flflab.errors import MeasurementError
+from flflab.measurement.lattice.kinds import Kinds
+from flflab.measurement.lattice.tilting import Tilting, tilting_of
+from flflab.measurement.lattice.white import Lattice, pitch_and_angle
+from flflab.measurement.micro_images import MicroImages
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
 

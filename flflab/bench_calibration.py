@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench
 from flflab.calibration.belief import FAR
 from flflab.calibration.bench_model import BenchModel, Setting, Stage
@@ -24,6 +23,7 @@ from flflab.calibration.least_squares import Direction
 from flflab.calibration.quantities import Quantities
 from flflab.description import read_yaml
 from flflab.errors import RecordError
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.record import FrameRecord, Run
 from flflab.study import Study
 from flflab.whole_file import write_whole

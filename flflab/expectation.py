@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast.curve import fit_contrast
-from flflab.analysis.lattice.registration import lattice_behind
-from flflab.analysis.sensor.noise import SensorNoise
-from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.image.sensor.exposure import white_irradiance
+from flflab.measurement.contrast.curve import fit_contrast
+from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.sensor.noise import SensorNoise
+from flflab.measurement.sequential import Look, frames_due
 from flflab.optics.camera import Camera
 from flflab.prediction import contrast_draws, drawn_errors, placements
 from flflab.study import Configuration, Study

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.base import CameraDevice, Status
-from flflab.analysis.contrast.curve import fit_contrast
-from flflab.analysis.lattice.registration import lattice_behind
-from flflab.analysis.lattice.white import Lattice
-from flflab.analysis.sensor.noise import SensorNoise
-from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench
+from flflab.measurement.contrast.curve import fit_contrast
+from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.sensor.noise import SensorNoise
+from flflab.measurement.sequential import Look, frames_due
 from flflab.record import Recording
 from flflab.study import Study
 from procedures.devices import Triggered

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.base import CameraDevice
-from flflab.analysis.lattice.registration import lattice_behind
-from flflab.analysis.measure import measure
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench
 from flflab.errors import FlflabError
+from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.measure import measure
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.study import Configuration, Study
 from procedures.devices import Picture
 from procedures.steps import WHITE

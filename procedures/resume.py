@@ -17,10 +17,10 @@ import numpy.typing as npt
 from bluesky import Msg
 
 from drivers.bench import ConnectedBench
-from flflab.analysis.sensor.noise import SensorNoise
-from flflab.analysis.sequential import Look, frames_due
 from flflab.bench import Bench
 from flflab.errors import InputError, MeasurementError
+from flflab.measurement.sensor.noise import SensorNoise
+from flflab.measurement.sequential import Look, frames_due
 from flflab.record import FrameRecord, Recording, Run
 from flflab.study import Configuration, Study
 from procedures.capture import take

@@ -12,11 +12,11 @@ from bluesky import plan_stubs as bps
 from drivers.base import Axis
 from drivers.bench import ConnectedBench
 from flflab.alignment import Attitude, measure_attitude
-from flflab.analysis.lattice.registration import lattice_behind
-from flflab.analysis.lattice.white import Lattice
-from flflab.analysis.micro_images import measure_micro_images
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench
+from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.micro_images import measure_micro_images
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from procedures.capture import FIRST_GUESS_S, expose, keep
 from procedures.devices import Frames, Stages

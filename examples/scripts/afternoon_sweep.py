@@ -15,8 +15,8 @@ import numpy as np
 
 import drivers
 from drivers.base import wait_all
-from flflab.analysis.lattice.white import find_lattice
-from flflab.analysis.sensor.noise import SensorNoise
+from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.resolution import central_smms
 from procedures.steps import home_steps
 

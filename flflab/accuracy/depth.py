@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.accuracy.measure import NOISE, WHITE_DN
-from flflab.analysis.dots.views import DotViews, count_views
-from flflab.analysis.lattice.registration import lattice_behind
-from flflab.analysis.sensor.noise import SensorNoise
-from flflab.analysis.spots.profile import defocused_dot
 from flflab.errors import InputError, MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.measurement.dots.views import DotViews, count_views
+from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.sensor.noise import SensorNoise
+from flflab.measurement.spots.profile import defocused_dot
 from flflab.optics.camera import Camera
 from flflab.optics.focus import blur, magnification, microlens_limits, sharp_vergence
 from flflab.optics.resolution import central_smms

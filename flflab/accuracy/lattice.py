@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.accuracy.measure import NOISE, WHITE_DN
-from flflab.analysis.lattice.registration import lattice_behind
-from flflab.analysis.lattice.white import Lattice
-from flflab.analysis.measure import nominal_lattice
 from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.measure import nominal_lattice
 from flflab.optics.camera import Camera
 from flflab.targets import White
 

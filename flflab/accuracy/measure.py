@@ -10,15 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast.curve import fit_contrast
-from flflab.analysis.edges.fit import fit_edge
-from flflab.analysis.edges.free import fit_free_edge
-from flflab.analysis.edges.profile import edge_profile, pixel_transfer
-from flflab.analysis.lattice.white import find_lattice
-from flflab.analysis.measure import nominal_lattice
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.measurement.contrast.curve import fit_contrast
+from flflab.measurement.edges.fit import fit_edge
+from flflab.measurement.edges.free import fit_free_edge
+from flflab.measurement.edges.profile import edge_profile, pixel_transfer
+from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.measure import nominal_lattice
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.optics.contrast import transfer
 from flflab.optics.resolution import central_smms

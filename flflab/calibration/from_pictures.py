@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.dots.views import count_views
-from flflab.analysis.lattice.registration import lattice_behind
-from flflab.analysis.lattice.white import Lattice
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.calibration.bench_model import BenchModel
 from flflab.calibration.fit import Fit, fit_bench
 from flflab.calibration.quantities import Quantities, measured_quantities
 from flflab.errors import MeasurementError
+from flflab.measurement.dots.views import count_views
+from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]

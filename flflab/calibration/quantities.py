@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.dots.views import DotViews
-from flflab.analysis.lattice.white import Lattice
+from flflab.measurement.dots.views import DotViews
+from flflab.measurement.lattice.white import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.focus import blur, magnification
 from flflab.optics.resolution import central_smms

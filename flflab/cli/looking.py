@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from flflab.analysis.focus import focus_figure, parabola_top
 from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, say_places
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.quantities import option_quantity
 from flflab.errors import DeviceError, InputError
 from flflab.image_file import write_picture
+from flflab.measurement.focus import focus_figure, parabola_top
 from flflab.raw_file import RawPicture, write_raw
 from flflab.units import parse_quantity
 

@@ -9,13 +9,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from flflab.analysis.measure import measure as measure_picture
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
 from flflab.image_file import Picture, read_picture
+from flflab.measurement.measure import measure as measure_picture
 from flflab.raw_file import RAW, RawPicture, read_raw
 
 

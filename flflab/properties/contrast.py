@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flflab.analysis.contrast.curve import ContrastCurve
+from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.optics.contrast import contrast_paper, disc_transfer
 from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms

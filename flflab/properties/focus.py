@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast.curve import ContrastCurve
+from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms

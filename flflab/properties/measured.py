@@ -7,15 +7,15 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.alignment import Attitude, measure_attitude
-from flflab.analysis.contrast.curve import ContrastCurve, fit_contrast
-from flflab.analysis.dots.views import DotViews, count_views
-from flflab.analysis.lattice.registration import lattice_behind, nominal_pitch_px
-from flflab.analysis.lattice.rough_pitch import mixed_up_units, rough_pitch
-from flflab.analysis.lattice.white import Lattice, find_lattice
-from flflab.analysis.micro_images import measure_micro_images
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
+from flflab.measurement.contrast.curve import ContrastCurve, fit_contrast
+from flflab.measurement.dots.views import DotViews, count_views
+from flflab.measurement.lattice.registration import lattice_behind, nominal_pitch_px
+from flflab.measurement.lattice.rough_pitch import mixed_up_units, rough_pitch
+from flflab.measurement.lattice.white import Lattice, find_lattice
+from flflab.measurement.micro_images import measure_micro_images
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study

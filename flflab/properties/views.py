@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flflab.analysis.dots.views import DotViews
+from flflab.measurement.dots.views import DotViews
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values

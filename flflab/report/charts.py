@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.contrast.curve import ContrastCurve
-from flflab.analysis.sequential import Look, split_up
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation
+from flflab.measurement.contrast.curve import ContrastCurve
+from flflab.measurement.sequential import Look, split_up
 from flflab.properties.predicted import Predicted
 from flflab.properties.values import Values
 from flflab.record import Run

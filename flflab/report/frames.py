@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from flflab.analysis.dots.views import DotViews
-from flflab.analysis.lattice.white import Lattice
+from flflab.measurement.dots.views import DotViews
+from flflab.measurement.lattice.white import Lattice
 from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import camera_smms

@@ -10,9 +10,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.dots.views import DotViews
-from flflab.analysis.lattice.registration import lattice_behind
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench_calibration import Calibration, state_calibration
 from flflab.calibration.bench_model import OPTICS, BenchModel, Setting, Stage
 from flflab.calibration.fit import Fit, fit_bench, hidings
@@ -22,6 +19,9 @@ from flflab.camera_file import read_camera
 from flflab.errors import MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.measurement.dots.views import DotViews
+from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.study import focused_sensor
 from flflab.targets import FourDot, Target, White

@@ -17,11 +17,11 @@ from drivers.base import Camera
 from drivers.cameras.genicam import GenicamCamera, GenicamKeys
 from drivers.cameras.pylon import PylonCamera, PylonKeys
 from drivers.genicam_nodes import next_frame_number
-from flflab.analysis.focus import focus_figure
 from flflab.bench import read_bench
 from flflab.errors import CommunicationError, DeviceError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.measurement.focus import focus_figure
 from sim.clock import RunningClock
 from sim.motion import rest
 from sim.world import World

@@ -17,7 +17,6 @@ import pytest
 import yaml
 
 from drivers.bench import ConnectedBench
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench
 from flflab.cli.report import analyse
 from flflab.cli.run import resume_run, run_study
@@ -30,6 +29,7 @@ from flflab.errors import (
     MotionError,
     RecordError,
 )
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.record import (
     ContinuedRecording,
     Run,

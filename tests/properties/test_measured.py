@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import read_bench
 from flflab.errors import MeasurementError
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.properties.measured import measure_pictures
 from flflab.study import read_study
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from flflab.analysis.dots.triangulation import triangulate
-from flflab.analysis.lattice.white import Lattice
 from flflab.camera_file import read_camera
+from flflab.measurement.dots.triangulation import triangulate
+from flflab.measurement.lattice.white import Lattice
 from flflab.optics.camera import Camera, MainLens
 from flflab.optics.focus import depth_of_field
 from flflab.optics.resolution import central_smms

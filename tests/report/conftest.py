@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.analysis.contrast.curve import ContrastCurve
-from flflab.analysis.dots.views import DotViews
-from flflab.analysis.lattice.white import Lattice
 from flflab.bench import Bench, Element, read_bench
 from flflab.comparison import Comparison, Row, Verdict
 from flflab.evaluation import Evaluation, properties
+from flflab.measurement.contrast.curve import ContrastCurve
+from flflab.measurement.dots.views import DotViews
+from flflab.measurement.lattice.white import Lattice
 from flflab.optics.resolution import central_smms
 from flflab.prediction import drawn_errors, drawn_systems, placements, predicted_view_indices
 from flflab.properties.measured import Measured

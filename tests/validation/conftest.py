@@ -14,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.bench import Bench, Element, read_bench
 from flflab.evaluation import Evaluation, evaluate_measured
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.image.sensor.exposure import white_irradiance
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.prediction import attitude_uncertainty
 from flflab.properties.measured import measure_pictures

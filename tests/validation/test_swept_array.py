@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from flflab.alignment import measure_attitude
-from flflab.analysis.lattice.profile import cone_of
-from flflab.analysis.lattice.white import find_lattice
-from flflab.analysis.micro_images import measure_micro_images
-from flflab.analysis.sensor.noise import SensorNoise
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.measurement.lattice.profile import cone_of
+from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.micro_images import measure_micro_images
+from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import White
 

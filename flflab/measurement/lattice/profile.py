@@ -1,0 +1,264 @@
+"""The light across a micro-image of a white target: two overlapping discs and the fall-off of
+slanted rays, averaged over the pixel.
+
+At e from the micro-image's centre the pupil points v with |v| <= small and |v - e| <= large send
+light, each along a ray that meets the sensor at the slope slant + s, s linear in e and v; it brings
+cos^4 = (1 + |slant + s|^2)^-2 of its light. ``slant``, the slope of the micro-image's middle ray,
+grows with its distance from the axis. The light is a series in it, tabulated against |e|: its first
+terms are symmetric(|e|) + (slant . e/|e|) lopsided(|e|). Source: physics.md, "One SMMS" and "Exact
+image of a flat target".
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from flflab.measurement.lattice.tilting import Tilting, tilting_of
+from flflab.optics.camera import Camera
+from flflab.optics.discs import common_row, common_span, two_disc_area, two_disc_areas
+from flflab.optics.resolution import central_smms
+
+Array = npt.NDArray[np.float64]
+
+VALUE, SQUARE, BY_RADIUS, BY_LARGE, BY_SMALL, FALLOFF, LOPSIDED = range(7)
+ORDERS = slice(7, 11)  # what slant^2, (slant . e/|e|)^2 and their products with slant . e/|e| add
+_COLUMNS = 11
+NUDGE = 0.01  # px by which a radius is moved for its derivative
+_GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+_CHORD, _CHORD_WEIGHTS = np.polynomial.legendre.leggauss(12)
+_RADII = 193  # at which the fall-off is averaged over the pupil
+
+
+def overlap_share(distance: Array, large: float, small: float) -> Array:
+    """Area common to two discs over that of the second; lengths in one unit, ``small`` above 0."""
+    return two_disc_areas(
+        np.asarray(large), np.asarray(small), np.asarray(distance, dtype=np.float64)
+    ) / (np.pi * small**2)
+
+
+@dataclass(frozen=True)
+class Cone:
+    """How rays land in a micro-image: their slopes beside that of its middle ray, s = by_place e +
+    rim v / small.
+
+    Where the microlens's disc is the smaller one, v = kappa (q - y) and s = e / b - v / (kappa b),
+    at its rim d / (2 b), in the exit pupil too, where the disc is a point; where the main lens's
+    is, v is counted in that: s = (1 - 1 / kappa) e / b + v / (kappa b).
+
+    Attributes:
+        by_place: per px from the micro-image's centre.
+        rim: at the rim of the smaller disc.
+        tilting: what a tilt of the array does to the micro-images.
+    """
+
+    by_place: float
+    rim: float
+    tilting: Tilting
+
+
+def cone_of(camera: Camera) -> Cone:
+    """That of the camera's central microlens."""
+    smms = central_smms(camera)
+    b, kappa = float(smms.gap), float(smms.kappa)
+    if float(smms.microlens_width) <= float(smms.lens_width):
+        return Cone(
+            camera.sensor.pixel / b,
+            -math.copysign(float(smms.aperture) / 2 / b, kappa),
+            tilting_of(camera),
+        )
+    return Cone(
+        camera.sensor.pixel / b * (1 - 1 / kappa),
+        float(smms.lens_width) / 2 / b / kappa,
+        tilting_of(camera),
+    )
+
+
+@dataclass(frozen=True)
+class ProfileTable:
+    """The pixel-averaged profile against the distance of the pixel's centre from the micro-image's.
+
+    A square pixel sees an edge along its side sharper than one along its diagonal, so the average
+    is value(r) + square(r) cos(4 theta), theta the direction from the micro-image's centre.
+
+    Attributes:
+        step: distance between entries, px.
+        values: columns: value, square, and of the value the derivatives by the distance, by the
+            larger and by the smaller radius, and by the share of the fall-off that is counted; last
+            what a unit of slant adds along its direction, and higher orders; (n, 11).
+    """
+
+    step: float
+    values: Array
+
+    @property
+    def reach(self) -> float:
+        """Distance from which on the profile is 0, px."""
+        return self.step * (len(self.values) - 2)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_ray(
+    means: Array, weight: float, s: float, w: float
+) -> None:  # pragma: no cover - compiled
+    """(1 + |slant + s|^2)^-2 by powers of the slant: q^-2 - 2 d q^-3 + 3 d^2 q^-4 - 4 d^3 q^-5, d =
+    2 slant . s + slant^2, q = 1 + s^2.
+    """
+    q = 1 + s * s + w * w
+    second = weight / (q * q)
+    means[0] += second
+    means[1] -= 4 * s * second / q
+    means[2] -= 2 * second / q
+    means[3] += 12 * s * s * second / (q * q)
+    means[4] += 12 * s * second / (q * q)
+    means[5] -= 32 * s * s * s * second / (q * q * q)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _pupil_means(
+    means: Array,
+    r: float,
+    large: float,
+    small: float,
+    by_place: float,
+    rim: float,
+    nodes: Array,
+    weights: Array,
+) -> None:  # pragma: no cover - compiled
+    """Means over the common region of the light by powers of the slant: even, odd, then second and
+    third order.
+    """
+    by_pupil = rim / small
+    low, corners, high = common_span(small, large, r)
+    area = 0.0
+    if high - low > 1e-9 * small:
+        for part in range(2):
+            start, end = (low, corners) if part == 0 else (corners, high)
+            for n in range(len(nodes) if end > start else 0):
+                u, half, area_of_one = common_row(small, large, r, start, end, nodes[n])
+                weight = weights[n] * area_of_one
+                area += weight
+                s = r * by_place + u * by_pupil
+                _add_ray(
+                    means, weight * 4 / 9, s, 0.0
+                )  # three Gauss points of the chord; the outer two are alike
+                _add_ray(means, weight * 5 / 9, s, math.sqrt(0.6) * half * by_pupil)
+    if area > 0.0:
+        means /= area
+    else:  # at the rim one ray is left
+        means[:] = 0.0
+        _add_ray(means, 1.0, r * by_place + min(r, small) * by_pupil, 0.0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _tabulate(
+    large: float,
+    small: float,
+    by_place: float,
+    rim: float,
+    share: float,
+    step: float,
+    gauss: Array,
+    weights: Array,
+    chord: Array,
+    chord_weights: Array,
+) -> Array:  # pragma: no cover - compiled
+    outside = large + small
+    count = math.ceil((outside + 1.0) / step) + 1
+    table = np.zeros((count, _COLUMNS))
+    means = np.zeros((_RADII, 6))
+    spacing = outside / (_RADII - 1)
+    for n in range(_RADII):
+        _pupil_means(means[n], n * spacing, large, small, by_place, rim, chord, chord_weights)
+    means /= means[0, 0]
+    finer = step / 4
+    fine_count = math.ceil((step * count + 1.0) / finer) + 2
+    fine = np.zeros((fine_count, 3))
+    for n in range(fine_count):
+        r = n * finer
+        if r > outside + 2 * NUDGE:
+            break
+        place = min(r / spacing, _RADII - 1.001)
+        k = int(place)
+        falloff = 1 + share * (means[k, 0] + (place - k) * (means[k + 1, 0] - means[k, 0]) - 1)
+        fine[n, 0] = falloff * two_disc_area(large, small, r) / (math.pi * small * small)
+        fine[n, 1] = falloff * two_disc_area(large + NUDGE, small, r) / (math.pi * small * small)
+        fine[n, 2] = (
+            falloff * two_disc_area(large, small + NUDGE, r) / (math.pi * (small + NUDGE) ** 2)
+        )
+    for n in range(count - 2):
+        r = n * step
+        for turn in range(3):
+            # along a side, along the diagonal and between: so that the eighth of a turn of the
+            # direction is averaged out of the value
+            angle, part = 0.125 * math.pi * turn, 0.5 if turn == 1 else 0.25
+            cos, sin, square = math.cos(angle), math.sin(angle), 0.5 * (1 - turn)
+            for p in range(len(gauss)):
+                for q in range(len(gauss)):
+                    gx, gy = 0.5 * gauss[p], 0.5 * gauss[q]
+                    weight = 0.25 * weights[p] * weights[q]
+                    place = math.hypot(r + cos * gx - sin * gy, sin * gx + cos * gy) / finer
+                    k = int(place)
+                    t = place - k
+                    value = fine[k, 0] + t * (fine[k + 1, 0] - fine[k, 0])
+                    table[n, VALUE] += part * weight * value
+                    table[n, SQUARE] += square * weight * value
+                    table[n, BY_LARGE] += (
+                        part * weight * (fine[k, 1] + t * (fine[k + 1, 1] - fine[k, 1]) - value)
+                    )
+                    table[n, BY_SMALL] += (
+                        part * weight * (fine[k, 2] + t * (fine[k + 1, 2] - fine[k, 2]) - value)
+                    )
+        place = min(r / spacing, _RADII - 1.001)
+        k = int(place)
+        even = means[k, 0] + (place - k) * (means[k + 1, 0] - means[k, 0])
+        pure = table[n, VALUE] / (1 + share * (even - 1))
+        table[n, FALLOFF] = pure * (even - 1)
+        for m in range(1, 6):
+            table[n, LOPSIDED + m - 1] = pure * (
+                means[k, m] + (place - k) * (means[k + 1, m] - means[k, m])
+            )
+    for n in range(count - 2):
+        table[n, BY_LARGE] /= NUDGE
+        table[n, BY_SMALL] /= NUDGE
+        if 0 < n < count - 3:
+            table[n, BY_RADIUS] = (table[n + 1, VALUE] - table[n - 1, VALUE]) / (2 * step)
+    # straight lines between points of a bend lie to one side of it: entries between which they lie
+    # on both sides alike
+    before = table[1, VALUE]
+    for n in range(count - 2):
+        here = table[n, VALUE]
+        table[n, VALUE] -= (table[n + 1, VALUE] - 2 * here + before) / 12
+        before = here
+    return table
+
+
+def table_step(large: float, small: float) -> float:
+    """Distance between a table's entries, px."""
+    return min(0.0625, max(0.01, (large + small) / 400))
+
+
+def profile_table(
+    large: float,
+    small: float,
+    cone: Cone | None = None,
+    share: float = 0.0,
+    step: float | None = None,
+) -> ProfileTable:
+    """Tabulate the profile of two radii in px with its derivatives.
+
+    Args:
+        large: radius of the one disc, the main lens's shadow, px.
+        small: of the other, the microlens's, px; above 0.
+        cone: how steeply rays land; None where fall-off is not asked for.
+        share: of the symmetric fall-off that is counted, 0 to 1.
+        step: distance between entries, px; None: ``table_step``.
+    """
+    step = step or table_step(large, small)
+    by_place, rim = (0.0, 0.0) if cone is None else (cone.by_place, cone.rim)
+    values = _tabulate(
+        large, small, by_place, rim, share, step, _GAUSS, _WEIGHTS, _CHORD, _CHORD_WEIGHTS
+    )
+    return ProfileTable(step, values)

@@ -1,0 +1,250 @@
+"""From pixels to the target: which object point a pixel of a bright field looks at, by the camera's
+nominal geometry.
+
+A pixel at s (mm) of the micro-image centred at c looks at o = across (s - c) + along c on the
+target. Along the ray through the centre of the narrower of the two discs that make the bright
+field: across = -x/(b V) where that is the microlens (q = y_i), -1/(kappa L V) where it is the main
+lens (m = 0); along = -D/(L + b), the ray through the main lens's centre. From s = kappa q - (b/L) m
++ (b/f) y_i and o V = m W - q/L (physics.md, "One SMMS").
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from flflab.errors import MeasurementError
+from flflab.measurement.lattice.kinds import kinds_of
+from flflab.measurement.lattice.profile import cone_of
+from flflab.measurement.lattice.white import Lattice, find_lattice
+from flflab.measurement.sensor.noise import SensorNoise
+from flflab.optics.camera import Camera, Sensor, microlens_centres, microlens_types
+from flflab.optics.focus import blur, signed_blur
+from flflab.optics.resolution import central_smms
+from flflab.optics.smms import Smms, image_offset
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PixelSet:
+    """Pixels of micro-images, one entry a pixel.
+
+    Attributes:
+        rows: row, shape (n,).
+        columns: column, shape (n,).
+        lens: position of its micro-image in the lattice, shape (n,).
+    """
+
+    rows: npt.NDArray[np.int64]
+    columns: npt.NDArray[np.int64]
+    lens: npt.NDArray[np.int64]
+
+    def kept(self, which: npt.NDArray[np.bool_]) -> "PixelSet":
+        """Only the pixels marked."""
+        return PixelSet(self.rows[which], self.columns[which], self.lens[which])
+
+
+def sensor_position(sensor: Sensor, pixels: Array) -> Array:
+    """World (x, y) in mm of positions in pixels, shape (n, 2)."""
+    middle = (np.asarray(sensor.resolution) - 1) / 2
+    return (pixels - middle) * sensor.pixel + np.asarray(sensor.offset)
+
+
+def sensor_pixel(sensor: Sensor, position: Array) -> Array:
+    """Inverse of ``sensor_position``."""
+    middle = (np.asarray(sensor.resolution) - 1) / 2
+    return (position - np.asarray(sensor.offset)) / sensor.pixel + middle
+
+
+def require_picture(picture: npt.NDArray[np.generic], camera: Camera, what: str) -> Array:
+    """The picture as float64 after checking that it is one of this camera.
+
+    Raises:
+        MeasurementError: wrong shape, or not finite.
+    """
+    require_shape(picture, camera, what)
+    values = np.asarray(picture, dtype=np.float64)
+    if strange := values.size - np.count_nonzero(np.isfinite(values)):
+        raise MeasurementError(
+            f"{what} picture: {strange} of its {values.size} pixels are not finite numbers; all"
+            " must be, as read"
+        )
+    return values
+
+
+def require_shape(picture: npt.NDArray[np.generic], camera: Camera, what: str) -> None:
+    """Check that the picture has the camera's pixels.
+
+    Raises:
+        MeasurementError: it has not.
+    """
+    columns, rows = camera.sensor.resolution
+    if picture.shape != (rows, columns):
+        raise MeasurementError(
+            f"{what} picture: shape {picture.shape} does not fit the camera's sensor of {rows} rows"
+            f" x {columns} columns"
+        )
+
+
+def nominal_pitch_px(camera: Camera) -> float:
+    """How far micro-images should lie apart: p (1 + b/L)."""
+    return camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
+
+
+def lattice_behind(camera: Camera, white: npt.NDArray[np.generic], noise: SensorNoise) -> Lattice:
+    """The lattice in a white picture of a camera; of its description only layout, rough pitch and
+    how its rays land are taken.
+
+    Raises:
+        MeasurementError: as ``find_lattice``.
+    """
+    return find_lattice(
+        white,
+        camera.array.layout,
+        nominal_pitch_px(camera),
+        noise,
+        cone_of(camera),
+        kinds_of(camera),
+    )
+
+
+def blur_px(camera: Camera, distance: float) -> float:
+    """Diameter of the blur of a target ``distance`` mm away, behind the central microlens."""
+    return float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel
+
+
+def target_scales(camera: Camera, distance: float) -> tuple[float, float]:
+    """``scales_of`` the central microlens."""
+    return scales_of(central_smms(camera), distance)
+
+
+def scales_of(smms: Smms, distance: float) -> tuple[float, float]:
+    """(across, along): mm on the target per mm on the sensor, within a micro-image and from one to
+    the next.
+
+    Raises:
+        MeasurementError: the target is at infinity, or on the array's conjugate, where a
+            micro-image is a view of one point.
+    """
+    if not (np.isfinite(distance) and distance > 0):
+        raise MeasurementError(
+            f"the target's distance is {distance} mm; measuring on a target needs a finite distance"
+            " above 0"
+        )
+    vergence = 1 / distance
+    if float(smms.lens_width) >= float(smms.microlens_width):
+        across = -float(image_offset(smms, vergence)) / (float(smms.gap) * vergence)
+    else:
+        across = -1 / (float(smms.kappa) * float(smms.distance) * vergence)
+    return across, -distance / float(smms.distance + smms.gap)
+
+
+def tilted_smms(lattice: Lattice, smms: Smms) -> Smms:
+    """The system of each of the lattice's micro-images: its microlens lies rise L further from the
+    main lens and nearer to the sensor.
+    """
+    away = lattice.rises * float(smms.distance)
+    return replace(smms, distance=smms.distance + away, gap=smms.gap - away)
+
+
+def tilted_scales(lattice: Lattice, smms: Smms, distance: float) -> Array:
+    """``across`` of each of the lattice's micro-images over that of an array without its tilt,
+    shape (n,); ``along`` is the same.
+    """
+    there = tilted_smms(lattice, smms)
+    if float(smms.lens_width) >= float(smms.microlens_width):
+        return (
+            image_offset(there, 1 / distance)
+            / there.gap
+            / (image_offset(smms, 1 / distance) / smms.gap)
+        )
+    return smms.kappa * smms.distance / (there.kappa * there.distance)
+
+
+def tilted_levels(lattice: Lattice, smms: Smms) -> Array:
+    """Full light of each of the lattice's micro-images over that of an array without its tilt,
+    shape (n,): its cone is as steep.
+    """
+    there = tilted_smms(lattice, smms)
+    return (there.limiting_radius / there.gap / (smms.limiting_radius / smms.gap)) ** 2
+
+
+def defocus_apart(lattice: Lattice, smms: Smms, distance: float) -> Array:
+    """By how much the disc of blur of each micro-image is wider than that on the axis, mm, signed
+    as the defocus is; shape (n,).
+    """
+    return signed_blur(tilted_smms(lattice, smms), 1 / distance) - signed_blur(smms, 1 / distance)
+
+
+def defocus_by_tilt(lattice: Lattice, smms: Smms, distance: float) -> Array:
+    """What a standard uncertainty of the slope along x, and of that along y, changes of
+    ``defocus_apart``; shape (2, n).
+    """
+    here = defocus_apart(lattice, smms, distance)
+    slopes = lattice.tilt + np.diag(lattice.tilt_uncertainty)
+    return np.stack(
+        [defocus_apart(replace(lattice, tilt=slope), smms, distance) - here for slope in slopes]
+    )
+
+
+def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:
+    """Focal length of the microlens behind each micro-image, mm: the nominally nearest one's."""
+    smms = central_smms(camera)
+    nominal = sensor_pixel(camera.sensor, microlens_centres(camera.array) * float(smms.image_scale))
+    focal = np.asarray(camera.array.focal_lengths)[microlens_types(camera.array)]
+    _, nearest = KDTree(nominal).query(lattice.centres_px)
+    return focal[nearest]
+
+
+def same_type_as_central(lattice: Lattice, camera: Camera) -> npt.NDArray[np.bool_]:
+    """Which micro-images belong to microlenses of the central one's focal length; all of them where
+    there is only one.
+    """
+    if len(camera.array.focal_lengths) == 1:
+        return np.ones(len(lattice.centres_px), dtype=np.bool_)
+    return microlens_type_of(lattice, camera) == float(central_smms(camera).focal)
+
+
+def bright_pixels(
+    lattice: Lattice, shape: tuple[int, int], margin_px: float, chosen: npt.NDArray[np.bool_]
+) -> PixelSet:
+    """Pixels at least ``margin_px`` within the bright field of a chosen micro-image and as far
+    outside all neighbours' total fields.
+    """
+    radius = lattice.inside_radius_px - margin_px
+    if radius <= 0:
+        return PixelSet(*(np.zeros(0, dtype=np.int64) for _ in range(3)))
+    reach = int(np.ceil(radius)) + 1
+    window = np.arange(-reach, reach + 1)
+    members = np.flatnonzero(chosen)
+    whole = np.rint(lattice.centres_px[members]).astype(np.int64)
+    columns = (
+        whole[:, 0, None, None]
+        + window[None, None, :]
+        + np.zeros((1, len(window), 1), dtype=np.int64)
+    )
+    rows = (
+        whole[:, 1, None, None]
+        + window[None, :, None]
+        + np.zeros((1, 1, len(window)), dtype=np.int64)
+    )
+    away_x = columns - lattice.centres_px[members, 0, None, None]
+    away_y = rows - lattice.centres_px[members, 1, None, None]
+    inside = (
+        (away_x**2 + away_y**2 <= radius**2)
+        & (rows >= 0)
+        & (rows < shape[0])
+        & (columns >= 0)
+        & (columns < shape[1])
+    )
+    keep_off = lattice.outside_radius_px + margin_px
+    if keep_off + radius > lattice.pitch_px:
+        for i in (-1, 0, 1):
+            for j in (-1, 0, 1):
+                step = lattice.vectors_px @ np.array([i, j], dtype=np.float64)
+                if (i, j) != (0, 0) and np.hypot(*step) < keep_off + radius:
+                    inside &= (away_x - step[0]) ** 2 + (away_y - step[1]) ** 2 >= keep_off**2
+    lens = np.broadcast_to(members[:, None, None], inside.shape)
+    return PixelSet(rows[inside], columns[inside], lens[inside])

@@ -1,0 +1,177 @@
+"""Views counted in pictures of random dots before random cameras, against the rule of the model at
+the dots' true places.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from flflab.errors import MeasurementError
+from flflab.image.render import render
+from flflab.image.scene import Plane, Scene, one_plane
+from flflab.image.sensor.random_numbers import noise_key
+from flflab.image.sensor.response import SensorResponse, digitise
+from flflab.measurement.dots.views import count_views
+from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.sensor.noise import SensorNoise
+from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
+from flflab.optics.useful import sensor_fields
+from flflab.optics.views import chief_view_indices
+from flflab.targets import FourDot, White
+
+
+def bench(seed: int) -> tuple[Camera, SensorNoise, float]:
+    """Camera, noise and electrons at white."""
+    rng = np.random.default_rng(seed)
+    array = MicrolensArray("square", (25, 25), (0.4, 0.4), 0.336, (0.917,), 60.0)
+    f_number = float(np.exp(rng.uniform(np.log(2.2), np.log(9.0))))
+    side = int(rng.integers(620, 900))
+    useful = Useful(minimum_illumination=float(rng.choice([0.2, 0.5, 0.7])))
+    camera = Camera(
+        MainLens(50.0, f_number), array, Sensor((side, side + 60), 0.00166, 61.15), "round", useful
+    )
+    response = SensorResponse()
+    numbers = response.quantisation
+    read = 3.0 if response.read_noise is None else response.read_noise.electrons
+    noise = SensorNoise(
+        numbers.dn_per_electron,
+        read * numbers.dn_per_electron,
+        numbers.offset_dn,
+        numbers.full_scale,
+    )
+    return (
+        camera,
+        noise,
+        min(float(rng.choice([2000.0, 10000.0, 40000.0])), 0.6 * response.saturation_e),
+    )
+
+
+def target_of(seed: int, place: int) -> tuple[FourDot, float, tuple[float, float]]:
+    """Target, distance (mm) and where the target's centre stands (mm)."""
+    rng = np.random.default_rng([seed, place])
+    target = FourDot(diameter=float(rng.uniform(0.6, 1.2)), spacing=float(rng.uniform(3.0, 6.0)))
+    distance = float(rng.choice([506.7016, rng.uniform(490.0, 525.0)]))
+    return target, distance, (float(rng.uniform(-1.0, 1.0)), float(rng.uniform(-1.0, 1.0)))
+
+
+def counts(seed: int, places: int) -> list[tuple[int, int, int]]:
+    """(true views, measured views, how many of them the measurement calls uncertain) of each dot of
+    targets before one bench.
+    """
+    camera, noise, electrons = bench(seed)
+    fields = sensor_fields(camera)
+    pitch = 0.4 * camera.sensor.distance / camera.array.distance / camera.sensor.pixel
+    white = digitise(
+        render(one_plane(camera, White(), 506.7016)),
+        electrons,
+        SensorResponse(),
+        noise_key(seed, "white"),
+    )
+    lattice = find_lattice(white, "square", pitch, noise)
+    every: list[tuple[int, int, int]] = []
+    for place in range(places):
+        target, distance, offset = target_of(seed, place)
+        dots = digitise(
+            render(one_plane(camera, target, distance, offset)),
+            electrons,
+            SensorResponse(),
+            noise_key(seed, f"dots {place}"),
+        )
+        for dot in count_views(dots, white, lattice, camera, target, distance, noise):
+            true = len(
+                chief_view_indices(
+                    fields, 1 / distance, (target.centres[dot.dot] + offset) / distance
+                )
+            )
+            every.append((true, dot.views, dot.views_uncertain))
+    return every
+
+
+def agree(seeds: range, places: int) -> tuple[int, int, int]:
+    """How many dots there were, how many of them were decided beyond the noise, and how many of
+    those were counted wrongly.
+    """
+    every = [one for seed in seeds for one in counts(seed, places)]
+    sure = [(true, found) for true, found, uncertain in every if uncertain == 0]
+    assert all(abs(true - found) <= uncertain for true, found, uncertain in every)
+    return len(every), len(sure), sum(true != found for true, found in sure)
+
+
+def blind_counts(seed: int, places: int) -> Iterator[tuple[list[int], list[int], list[int]]]:
+    """True views, measured ones and uncertain ones of targets told at 507 mm, straight and in the
+    middle, and standing anywhere.
+    """
+    camera, noise, electrons = bench(seed)
+    fields = sensor_fields(camera)
+    pitch = 0.4 * camera.sensor.distance / camera.array.distance / camera.sensor.pixel
+    white = digitise(
+        render(one_plane(camera, White(), 506.7016)),
+        electrons,
+        SensorResponse(),
+        noise_key(seed, "white"),
+    )
+    lattice = find_lattice(white, "square", pitch, noise)
+    for place in range(places):
+        rng = np.random.default_rng([seed, place, 7])
+        target = FourDot(
+            diameter=float(rng.uniform(0.6, 1.2)), spacing=float(rng.uniform(2.5, 6.0))
+        )
+        distance, turn = float(rng.uniform(440.0, 640.0)), float(rng.uniform(-0.7, 0.7))
+        aside = float(rng.uniform(-2.0, 2.0)), float(rng.uniform(-2.0, 2.0))
+        scene = Scene(camera, (Plane(target, distance, offset=aside, roll=turn),))
+        picture = digitise(
+            render(scene), electrons, SensorResponse(), noise_key(seed, f"blind {place}")
+        )
+        turned = (
+            target.centres
+            @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+            + aside
+        )
+        true = [len(chief_view_indices(fields, 1 / distance, dot / distance)) for dot in turned]
+        try:
+            found = count_views(picture, white, lattice, camera, target, 506.7016, noise)
+        except MeasurementError:
+            assert max(true) <= 1  # without parallax nothing tells how far it is
+            continue
+        yield true, [dot.views for dot in found], [dot.views_uncertain for dot in found]
+
+
+@pytest.mark.parametrize(
+    ("seeds", "places"),
+    [
+        pytest.param(range(2), 2, marks=pytest.mark.ci),
+        pytest.param(range(2, 127), 4, marks=[pytest.mark.full, pytest.mark.timeout(0)]),
+    ],
+)
+def test_views_of_targets_that_stand_where_nobody_said_are_counted_exactly(
+    seeds: range, places: int
+) -> None:
+    """Up to 2 mm aside, 440 to 640 mm away, turned by up to 40 degrees."""
+    told = 0
+    for seed in seeds:
+        for true, found, uncertain in blind_counts(seed, places):
+            assert all(
+                abs(one - other) <= doubt
+                for one, other, doubt in zip(true, found, uncertain, strict=True)
+            ), seed
+            told += 1
+    print(f"{told} of {places * len(seeds)} measured")
+    assert told >= 0.9 * places * len(seeds)
+
+
+@pytest.mark.ci
+def test_views_of_random_dots_are_counted_exactly_where_noise_does_not_decide() -> None:
+    every, decided, wrong = agree(range(2), 2)
+    assert decided >= every / 2
+    assert wrong == 0
+
+
+@pytest.mark.full
+@pytest.mark.timeout(0)
+def test_views_of_ten_thousand_random_dots_are_counted_exactly() -> None:
+    every, decided, wrong = agree(range(100, 420), 8)
+    print(f"{decided} of {every} decided, {wrong} wrong")
+    assert decided >= 10_000
+    assert wrong == 0
