@@ -1,0 +1,23 @@
+"""What tests take from the generator of white pictures."""
+
+from white_pictures.drawing import draw_light, draw_white
+from white_pictures.matching import LatticeError, Matched, compare_lattice, lattice_of, match
+from white_pictures.profiles import Blob, OverlappingDiscs, SoftDisc
+from white_pictures.spec import Readout, TrueLattice, Truth, WhiteSpec
+
+__all__ = [
+    "Blob",
+    "LatticeError",
+    "Matched",
+    "OverlappingDiscs",
+    "Readout",
+    "SoftDisc",
+    "TrueLattice",
+    "Truth",
+    "WhiteSpec",
+    "compare_lattice",
+    "draw_light",
+    "draw_white",
+    "lattice_of",
+    "match",
+]
