@@ -132,7 +132,7 @@ def test_the_true_centre_is_where_a_centroid_is(
     )
     light, truth = white_pictures.draw_light(spec, rng)
     y, x = np.indices(spec.shape)
-    for n in np.flatnonzero(truth.whole):
+    for n in np.flatnonzero(truth.whole)[::6]:
         near = np.hypot(x - truth.centre[n, 0], y - truth.centre[n, 1]) < 19.5
         share = np.where(near, light, 0.0) / light[near].sum()
         centroid = np.array([(share * x).sum(), (share * y).sum()])
@@ -160,13 +160,14 @@ def test_the_true_lattice_is_the_drawn_one(
         assert truth.scatter == pytest.approx(0.2, rel=0.1)
 
 
-def test_a_bend_is_as_large_as_it_says(
+def test_a_bend_is_as_large_as_it_says_and_keeps_the_pitch(
     white_pictures: ModuleType, rng: np.random.Generator
 ) -> None:
     _, truth = white_pictures.draw_light(white_pictures.WhiteSpec(bend=0.4), rng)
     left = (truth.centre - truth.lattice.at(truth.index))[truth.whole]
     assert math.sqrt(np.mean(np.sum(left**2, axis=1))) == pytest.approx(0.4, rel=1e-6)
     assert np.abs(left.mean(axis=0)).max() < 1e-9
+    assert truth.lattice.pitch == pytest.approx(30.0, abs=1e-9)
 
 
 def test_shot_noise_and_black_level_are_those_of_the_sensor(
@@ -175,7 +176,7 @@ def test_shot_noise_and_black_level_are_those_of_the_sensor(
     spec = white_pictures.WhiteSpec(profile=white_pictures.SoftDisc(12.0, 0.5))
     light, _ = white_pictures.draw_light(spec, rng)
     picture, _ = white_pictures.draw_white(spec, rng)
-    lit, dark = picture[light > 1 - 1e-9], picture[light < 1e-9]
+    lit, dark = picture[light > 1 - 1e-6], picture[light < 1e-9]
     assert lit.mean() == pytest.approx(40500, rel=1e-3)
     assert lit.std() == pytest.approx(4 * math.sqrt(10000 + 25), rel=0.02)
     assert dark.mean() == pytest.approx(500, abs=1)
@@ -216,3 +217,95 @@ def test_a_lattice_is_compared_up_to_its_symmetry(
     assert found.angle == pytest.approx(-0.5)
     np.testing.assert_allclose(found.origin, [0.01, -0.02], atol=1e-9)
     assert found.vectors < 1e-9
+
+
+def test_half_of_a_covered_lens_is_dark_and_a_dead_one_nearly_all(
+    white_pictures: ModuleType, rng: np.random.Generator
+) -> None:
+    spec = white_pictures.WhiteSpec(dead=3, half_covered=3, missing=3)
+    light, truth = white_pictures.draw_light(spec, rng)
+    y, x = np.indices(spec.shape)
+
+    def flux(flags: npt.NDArray[np.bool_]) -> list[float]:
+        near = [np.hypot(x - c[0], y - c[1]) < 15 for c in truth.centre[flags][:20]]
+        return [float(light[one].sum()) / (145 * math.pi) for one in near]
+
+    assert flux(truth.half_covered) == pytest.approx([0.5] * 3, abs=0.01)
+    assert flux(truth.missing) == pytest.approx([0.0] * 3, abs=1e-3)
+    dead = flux(truth.dead)
+    assert len(dead) == 3
+    assert 0.02 <= min(dead) <= max(dead) <= 0.22
+    assert flux(truth.whole) == pytest.approx([1.0] * 20, abs=1e-3)
+
+
+def test_kinds_alternate_between_neighbours(
+    white_pictures: ModuleType, rng: np.random.Generator
+) -> None:
+    spec = white_pictures.WhiteSpec(layout="hexagonal along y", kinds=(1.0, 0.9, 1.1))
+    _, truth = white_pictures.draw_light(spec, rng)
+    matched = {tuple(index): kind for index, kind in zip(truth.index, truth.kind, strict=True)}
+    for (i, j), kind in matched.items():
+        for step in ((1, 0), (0, 1), (1, -1)):
+            assert matched.get((i + step[0], j + step[1]), -1) != kind
+    np.testing.assert_allclose(truth.radius, 12.0 * np.array(spec.kinds)[truth.kind], rtol=1e-6)
+
+
+def test_no_lens_stands_in_unlit_surrounds(
+    white_pictures: ModuleType, rng: np.random.Generator
+) -> None:
+    light, truth = white_pictures.draw_light(white_pictures.WhiteSpec(margin=150.0), rng)
+    assert truth.whole.all()
+    assert light[:130].max() == light[:, -130:].max() == 0
+    assert light[300].max() > 0.99
+
+
+def test_the_share_of_saturated_pixels_is_the_one_asked_for(
+    white_pictures: ModuleType, rng: np.random.Generator
+) -> None:
+    readout = white_pictures.Readout(saturated=0.02)
+    spec = white_pictures.WhiteSpec(rounding=0.2, readout=readout)
+    picture, truth = white_pictures.draw_white(spec, rng)
+    assert np.mean(picture == 65535) == truth.saturated == pytest.approx(0.02, rel=0.3)
+
+
+def test_random_whites_hold_enough_lenses_and_do_not_saturate(
+    white_pictures: ModuleType, rng: np.random.Generator
+) -> None:
+    layouts: set[str] = set()
+    for _ in range(8):
+        spec = white_pictures.random_spec(rng)
+        picture, truth = white_pictures.draw_white(spec, rng)
+        layouts.add(spec.layout)
+        assert picture.shape == spec.shape
+        assert truth.whole.sum() >= 20
+        assert truth.saturated == 0
+        assert truth.lattice.pitch == pytest.approx(spec.pitch, rel=1e-5)
+    assert len(layouts) == 3
+
+
+def test_hardness_of_nothing_leaves_only_noise(
+    white_pictures: ModuleType, rng: np.random.Generator
+) -> None:
+    spec = white_pictures.random_spec(rng, 0.0)
+    ideal = white_pictures.WhiteSpec()
+    for name in ("scatter", "brightness", "slope", "rounding", "second_stop", "halo", "bend"):
+        assert getattr(spec, name) == getattr(ideal, name)
+    assert (spec.dead, spec.half_covered, spec.missing) == (0, 0, 0)
+
+
+def test_pictures_that_are_no_whites_are_pictures(
+    white_pictures: ModuleType, rng: np.random.Generator
+) -> None:
+    for name, make in white_pictures.NOT_WHITES.items():
+        picture = make((420, 500), rng)
+        assert (picture.shape, picture.dtype) == ((420, 500), np.uint16), name
+
+
+@pytest.mark.parametrize("name", ["GUV-like", "R12-like", "touching", "unlit surrounds"])
+def test_a_named_white_can_be_drawn(
+    name: str, white_pictures: ModuleType, rng: np.random.Generator
+) -> None:
+    spec = white_pictures.NAMED[name]
+    picture, truth = white_pictures.draw_white(spec, rng)
+    assert picture.shape == spec.shape
+    assert truth.lattice.pitch == pytest.approx(spec.pitch, rel=1e-5)

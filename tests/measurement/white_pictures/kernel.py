@@ -33,21 +33,10 @@ LENS = np.dtype(
 )
 
 
-@numba.njit(cache=True)
-def _profile(r: float, table: Array, inner: float, step: float) -> float:
-    if r <= inner:
-        return 1.0
-    at = (r - inner) / step
-    n = int(at)
-    if n >= len(table) - 1:
-        return 0.0
-    return table[n] + (at - n) * (table[n + 1] - table[n])
-
-
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", fastmath=True)
 def _add(
     picture: Array,
-    lenses: Array,
+    lenses: npt.NDArray[np.void],
     table: Array,
     limits: tuple[float, float, float],
     rim: tuple[Array, Array],
@@ -55,11 +44,13 @@ def _add(
     kink: tuple[Array, Array],
 ) -> None:
     inner, outer, step = limits
+    finer, last_step = 1 / step, len(table) - 1.001
     rows, columns = picture.shape
     for n in range(len(lenses)):
         lens = lenses[n]
         x, y, xx, xy, yx, yy = lens.x, lens.y, lens.xx, lens.xy, lens.yx, lens.yy
         stop_x, stop_y = lens.stop_x, lens.stop_y
+        slope_x, slope_y, rounding = lens.slope_x, lens.slope_y, lens.rounding
         stop = stop_x * stop_x + stop_y * stop_y
         reach = 0.7072 * lens.longest
         first = max(0, math.floor(x - lens.across))
@@ -82,15 +73,17 @@ def _add(
                     nodes, weights = kink if beside < reach * math.sqrt(stop) else rim
                 total = 0.0
                 for k in range(len(nodes)):
-                    line = 0.0
+                    line, dv = 0.0, nodes[k]
                     for m in range(len(nodes)):
-                        du, dv = nodes[m], nodes[k]
+                        du = nodes[m]
                         p, q = u + xx * du + xy * dv, v + yx * du + yy * dv
                         square = p * p + q * q
                         r = math.sqrt(square + stop + 2 * abs(p * stop_x + q * stop_y))
-                        light = _profile(r, table, inner, step)
-                        light *= 1 + lens.slope_x * p + lens.slope_y * q
-                        light /= 1 + lens.rounding * square
+                        at = min(max((r - inner) * finer, 0.0), last_step)
+                        step_before = int(at)
+                        low, high = table[step_before], table[step_before + 1]
+                        light = low + (at - step_before) * (high - low)
+                        light *= (1 + slope_x * p + slope_y * q) / (1 + rounding * square)
                         if lens.covered:
                             light *= 0.5 * math.erfc(p * lens.cover_x + q * lens.cover_y)
                         line += weights[m] * light

@@ -54,7 +54,7 @@ def fit_straight(indices: Indices, places: Array, symmetry: float) -> TrueLattic
     """Least-squares lattice through places of known indices."""
     rows = np.column_stack([np.ones(len(indices)), indices])
     found = np.linalg.lstsq(rows, places, rcond=None)[0]
-    return straight_lattice(found[1:].T, found[0], symmetry)
+    return straight_lattice(found[1:].T.astype(np.float64), found[0].astype(np.float64), symmetry)
 
 
 def indices_within(vectors: Array, origin: Array, low: Array, high: Array) -> Indices:
@@ -80,13 +80,13 @@ def field_radius(spec: WhiteSpec) -> float:
 
 
 def bent(spec: WhiteSpec, indices: Indices, places: Array, counted: npt.NDArray[np.bool_]) -> Array:
-    """Places with a cubic distortion of ``spec.bend`` px rms about the best straight lattice
-    through the counted ones.
+    """Places with a cubic distortion of ``spec.bend`` px rms, which leaves the best straight
+    lattice through the counted ones as it was.
     """
     if spec.bend == 0:
         return places
     away = (places - field_axis(spec)) / field_radius(spec)
     cubic = away * np.sum(away**2, axis=1, keepdims=True)
     straight = fit_straight(indices[counted], cubic[counted], spec.symmetry)
-    left = cubic[counted] - straight.at(indices[counted])
-    return places + cubic * spec.bend / math.sqrt(np.mean(np.sum(left**2, axis=1)))
+    left = cubic - straight.at(indices)
+    return places + left * spec.bend / math.sqrt(np.mean(np.sum(left[counted] ** 2, axis=1)))

@@ -43,10 +43,11 @@ def place_lenses(
     index = indices_within(vectors, origin, low, high)
 
     places = origin + index @ vectors.T
-    smooth = bent(spec, index, places, _inside(places, box * table.rim_end, size))
+    uncut = _inside(places, box * table.rim_end, size)
+    dead, half, missing = _spoilt(spec, np.flatnonzero(uncut), len(index), rng)
+    smooth = bent(spec, index, places, uncut & ~(dead | half | missing))
     centre = smooth + rng.normal(0, spec.scatter, places.shape)
     cut = ~_inside(centre, box * table.rim_end, size)
-    dead, half, missing = _spoilt(spec, np.flatnonzero(~cut), len(index), rng)
     kind = _kind(index, len(spec.kinds))
 
     lenses = np.zeros(len(index), LENS)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from white_pictures.lattice import straight_lattice, wrapped
 from white_pictures.spec import Array, Flags, TrueLattice, Truth
 
@@ -57,7 +57,7 @@ def match(truth: Truth, centres: Array, indices: npt.NDArray[np.integer] | None 
         indices: Found, (N, 2).
     """
     there = np.flatnonzero(~truth.missing)
-    distance, nearest = cKDTree(truth.centre[there]).query(centres)
+    distance, nearest = map(np.asarray, KDTree(truth.centre[there]).query(centres))
     near = distance < 0.3 * truth.lattice.pitch
     # of two found near one lens the nearer is the match
     order = np.argsort(distance, kind="stable")

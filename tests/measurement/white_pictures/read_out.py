@@ -1,5 +1,7 @@
 """What the sensor makes of the light on its pixels."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from white_pictures.spec import Array, Readout
@@ -16,9 +18,7 @@ def shading_at(shape: tuple[int, int], corner: float, places: Array) -> Array:
     return _shading(shape, corner, places[:, 0], places[:, 1])
 
 
-def _shading(
-    shape: tuple[int, int], corner: float, x: npt.NDArray[np.generic], y: npt.NDArray[np.generic]
-) -> Array:
+def _shading(shape: tuple[int, int], corner: float, x: Any, y: Any) -> Array:
     middle_y, middle_x = (shape[0] - 1) / 2, (shape[1] - 1) / 2
     square = (x - middle_x) ** 2 + (y - middle_y) ** 2
     return np.asarray(1 - (1 - corner) * square / (middle_x**2 + middle_y**2))
