@@ -43,6 +43,24 @@ def changed(source: Path, folder: Path, old: str, new: str) -> tuple[Path, int]:
 
 CAMERA_FAULTS = [
     (
+        "f_number: 4",
+        "distortion: {radial: [1e-4, 0, 0]}\n  f_number: 4",
+        "main_lens.distortion.radial.0",
+        "0.0001 given; a number and 1/mm^2 is due, such as '1e-6 1/mm^2'",
+    ),
+    (
+        "f_number: 4",
+        "distortion: {radial: [1e-4 1/mm^2, 1e-6 1/mm^2, 0]}\n  f_number: 4",
+        "main_lens.distortion.radial.1",
+        "'1e-6 1/mm^2' given; a number and 1/mm^4 is due",
+    ),
+    (
+        "f_number: 4",
+        "distortion: {radial: [nan 1/mm^2, 0, 0]}\n  f_number: 4",
+        "main_lens.distortion.radial.0",
+        "a number and 1/mm^2 is due",
+    ),
+    (
         "focal_length: 0.917 mm",
         "focal_length: [1 mm, 0 mm]",
         "microlens_array.focal_length.1",
@@ -488,3 +506,17 @@ def test_a_study_of_other_targets_than_the_simulated_wheel_holds_is_told(tmp_pat
         update={"target": bench.description.target.model_copy(update={"address": "/dev/ttyUSB0"})}
     )
     assert unlike_the_wheel(other, replace(bench, description=moved)) == []
+
+
+def test_a_distortion_is_read_and_the_model_says_that_it_leaves_it_out(tmp_path: Path) -> None:
+    file, _ = changed(
+        CAMERA,
+        tmp_path,
+        "f_number: 4",
+        "f_number: 4\n  distortion: {radial: [2e-4 1/mm^2, -3e-6 1/mm^4, 0],"
+        " tangential: [1e-5 1/mm, 0]}",
+    )
+    found = read_camera(file).main_lens.distortion
+    assert found is not None
+    assert (found.radial, found.tangential) == ((2e-4, -3e-6, 0.0), (1e-5, 0.0))
+    assert "left out: the model is of first order" in load(file, CameraDescription).remarks()[0]
