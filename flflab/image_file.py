@@ -5,7 +5,7 @@
 import contextlib
 import io
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from flflab.bitmap_file import by_content, read_bmp, read_jpeg, read_pgm, read_p
 from flflab.errors import InputError
 from flflab.raw_file import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
 from flflab.remark import Remark
-from flflab.sensor_picture import SensorPicture, from_raw
+from flflab.sensor_picture import SensorPicture, declare, from_raw, with_dark
 from flflab.stored_picture import StoredPicture
 from flflab.tiff_file import read_tiff
 from flflab.whole_file import require_writable, write_whole
@@ -34,6 +34,23 @@ COLOURS = ("red", "green", "blue")
 WHITE_DN = (
     16384  # what 1.0 becomes in 16 bits: room for four times the white level where light overlaps
 )
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What an operator says of a picture; None says nothing.
+
+    Attributes:
+        mosaic: the filters of a two by two mosaic, row by row, as ``rggb``.
+        channel: which one of a colour picture, as of ``read_sensor_picture``.
+        full_scale: what a saturated pixel reads, DN as stored.
+        dark: a picture taken in the dark with the same settings.
+    """
+
+    mosaic: str | None = None
+    channel: str | None = None
+    full_scale: float | None = None
+    dark: Path | None = None
 
 
 def read_picture(file: Path, number: int | None = None) -> Picture:
@@ -110,6 +127,20 @@ def read_sensor_picture(
         full_scale=stored.full_scale,
         remarks=(*stored.remarks, *remarks),
     )
+
+
+def read_declared(file: Path, number: int | None, said: Declared) -> SensorPicture:
+    """Read one picture with what its file and its operator say of it.
+
+    Raises:
+        InputError: as ``read_sensor_picture``, or what was said cannot be true of the file.
+    """
+    picture = read_sensor_picture(file, number, said.channel)
+    picture = declare(picture, str(file), said.mosaic, said.full_scale)
+    if said.dark is None:
+        return picture
+    dark = read_sensor_picture(said.dark, None, said.channel)
+    return with_dark(picture, str(file), dark, str(said.dark))
 
 
 def write_picture(

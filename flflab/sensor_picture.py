@@ -43,11 +43,14 @@ class SensorPicture:
 
 
 def from_raw(raw: RawPicture) -> SensorPicture:
-    """A raw picture, with the levels that its file gives."""
+    """A raw picture, with the levels that its file gives.
+
+    Black levels of 0 say nothing: they stand for levels that a file does not name, too.
+    """
     return SensorPicture(
         raw.values,
         raw.pattern,
-        raw.black_level,
+        raw.black_level if any(raw.black_level) else None,
         float(raw.white_level),
         exposure_s=raw.exposure_s,
         iso=raw.iso,
@@ -103,6 +106,11 @@ def with_dark(picture: SensorPicture, who: str, dark: SensorPicture, of: str) ->
     Raises:
         InputError: another shape, kind, mosaic, exposure or speed, or it is not dark.
     """
+    if dark.pattern not in (None, picture.pattern):
+        raise InputError(
+            f"{of}: the dark frame's file says that its mosaic is {dark.pattern}, that of {who} is"
+            f" {picture.pattern}; give one of the same camera"
+        )
     if dark.values.shape != picture.values.shape:
         raise InputError(
             f"{of}: the dark frame has (rows, columns) {dark.values.shape}, {who} has"
@@ -129,4 +137,7 @@ def with_dark(picture: SensorPicture, who: str, dark: SensorPicture, of: str) ->
             f"{of}: the dark frame is not dark beside {who}: it reads {level:.4g} on average, the"
             f" picture {light:.4g}; were the two exchanged, or was the light on?"
         )
-    return replace(picture, dark=dark.values)
+    known = picture.exposure_s and dark.exposure_s
+    doubt = "" if known else "; that its exposure and gain were the picture's, no file says"
+    remark = Remark("dark-frame", f"the dark frame {of} was subtracted{doubt}")
+    return replace(picture, dark=dark.values, black_level=None, remarks=(*picture.remarks, remark))

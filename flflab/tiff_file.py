@@ -50,9 +50,8 @@ def read_tiff(file: Path, choose: Callable[[int], int]) -> StoredPicture:
     import tifffile  # only those who read such files pay for its start-up
 
     with _without_its_own_lines(), tifffile.TiffFile(file, is_ome=False) as content:
-        pages: list[Any] = [
-            page for page in content.pages if not (page.is_reduced or page.is_mask)
-        ] or list(content.pages)
+        every: list[Any] = list(content.pages)
+        pages = [page for page in every if not (page.is_reduced or page.is_mask)] or every
         if not pages:
             raise ValueError("it holds no page")
         virtual = _virtual_pages(content, pages)
@@ -93,7 +92,8 @@ def filter_repeat(file: Path) -> tuple[int, int] | None:
     import tifffile
 
     with _without_its_own_lines(), tifffile.TiffFile(file, is_ome=False) as content:
-        for page in content.pages:
+        pages: list[Any] = list(content.pages)
+        for page in pages:
             for one in (page, *(page.pages or ())):
                 if (size := one.tags.get(FILTER_REPEAT)) is not None:
                     rows, columns = size.value
