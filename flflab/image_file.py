@@ -135,6 +135,11 @@ def read_declared(file: Path, number: int | None, said: Declared) -> SensorPictu
     Raises:
         InputError: as ``read_sensor_picture``, or what was said cannot be true of the file.
     """
+    if said.mosaic is not None and said.channel is not None:
+        raise InputError(
+            f"{file}: --mosaic is of a file with one number a pixel, --channel of one with a colour"
+            " in each; give the one that is true of it"
+        )
     picture = read_sensor_picture(file, number, said.channel)
     picture = declare(picture, str(file), said.mosaic, said.full_scale)
     if said.dark is None:

@@ -1,14 +1,15 @@
 """What a picture file holds, before one of its channels is chosen."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy.typing as npt
 
 from flflab.errors import InputError
 from flflab.remark import Remark
 
-MOSAICS = ("rggb", "bggr", "grbg", "gbrg")  # of two by two filters
+Filters = Literal["rggb", "bggr", "grbg", "gbrg"]  # two by two, row by row
+MOSAICS: tuple[str, ...] = get_args(Filters)
 FEWEST_BITS = 8
 ORIENTATIONS = {
     2: "mirrored left to right",

@@ -1,6 +1,5 @@
 """``flflab measure FRAME``: lattice, views and contrast of one picture, whatever took it."""
 
-from enum import Enum
 from pathlib import Path
 from statistics import fmean, median, pstdev
 from typing import Annotated, Any
@@ -17,9 +16,7 @@ from flflab.cli.targets import read_target
 from flflab.errors import InputError
 from flflab.image_file import Declared, read_declared
 from flflab.measurement.measure import measure as measure_picture
-from flflab.stored_picture import MOSAICS
-
-Mosaic = Enum("Mosaic", {name: name for name in MOSAICS})
+from flflab.stored_picture import Filters
 
 
 def measure(
@@ -52,7 +49,7 @@ def measure(
         int | None, typer.Option(help="which picture of a file of several (.h5, .tiff), from 0")
     ] = None,
     mosaic: Annotated[
-        Mosaic | None,
+        Filters | None,
         typer.Option(help="colour filters of a grey file's pixels [0, 0], [0, 1], [1, 0], [1, 1]"),
     ] = None,
     channel: Annotated[
@@ -83,7 +80,7 @@ def measure(
         raise InputError(
             f"--distance {distance}: a distance in front of the main lens is above 0 mm"
         )
-    said = Declared(None if mosaic is None else mosaic.value, channel, full_scale, dark)
+    said = Declared(mosaic, channel, full_scale, dark)
     picture = read_declared(frame, number, said)
     beside = None if white is None else read_declared(white, None, said)
     result = measure_picture(picture, read_camera(camera), read_target(target), away, white=beside)

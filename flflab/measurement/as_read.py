@@ -80,8 +80,9 @@ def as_read(
     )
     mosaic = _through_filters(numbers, given.pattern, found, remarks)
     if noise is None:
-        cut = None if given.dark is not None else _cut(mosaic.values)
-        if cut is not None:
+        if given.dark is not None:
+            remarks += _remarks_on_cut_dark(given)
+        elif (cut := _cut(mosaic.values)) is not None:
             mosaic = mend(mosaic, cut)
             remarks.append(remark_on(cut))
         remarks.append(_remark_on_noise(mosaic))
@@ -109,9 +110,9 @@ def _in_steps_of_one(given: SensorPicture, remarks: list[Remark]) -> SensorPictu
     Raises:
         MeasurementError: all numbers are below 0.
     """
-    if given.black_level is not None or given.dark is not None:
+    if given.black_level is not None:
         return given
-    values, factor = given.values, 1.0
+    values, dark, factor = given.values, given.dark, 1.0
     if values.dtype.kind == "f":
         top = float(values.max())
         if top < 0:
@@ -122,7 +123,7 @@ def _in_steps_of_one(given: SensorPicture, remarks: list[Remark]) -> SensorPictu
         # dots may cover less than a thousandth
         factor = SCALED_WHITE_DN / top if top > 0 else 1.0
     elif values.dtype.kind == "u":
-        step = common_step(values)
+        step = common_step(values) if dark is None else math.gcd(*map(common_step, (values, dark)))
         if step > 1 and step & (step - 1) == 0:
             factor = 1 / step
             remarks.append(
@@ -136,9 +137,14 @@ def _in_steps_of_one(given: SensorPicture, remarks: list[Remark]) -> SensorPictu
         return given
     return replace(
         given,
-        values=(values * factor).astype(np.float64 if values.dtype.kind == "f" else values.dtype),
+        values=_scaled(values, factor),
+        dark=None if dark is None else _scaled(dark, factor),
         full_scale=None if given.full_scale is None else given.full_scale * factor,
     )
+
+
+def _scaled(values: npt.NDArray[Any], factor: float) -> npt.NDArray[Any]:
+    return (values * factor).astype(np.float64 if values.dtype.kind == "f" else values.dtype)
 
 
 def _full_scale(
@@ -153,8 +159,8 @@ def _full_scale(
     level = saturation_level(values if given.pattern is None else brightest_filter(values))
     if level is not None and not level >= (given.full_scale or math.inf):
         share = float(np.mean(values >= level))
-        whole = values.dtype.kind != "f" and level in FULL_SCALES
-        if not whole:
+        expected = given.full_scale is None and values.dtype.kind != "f" and level in FULL_SCALES
+        if not expected:
             below = f", below the full scale of {given.full_scale:g}" if given.full_scale else ""
             remarks.append(
                 Remark(
@@ -232,6 +238,20 @@ def _cut(values: npt.NDArray[np.floating]) -> CutDarkness | None:
     if np.mean(values == values.min()) < FEWEST_CUT:
         return None
     return find_cut(values[quiet_pixels(values)])
+
+
+def _remarks_on_cut_dark(given: SensorPicture) -> list[Remark]:
+    """A remark where the dark frame subtracts what noise that was cut does not have."""
+    if _cut(given.values) is None:
+        return []
+    return [
+        Remark(
+            "darkness-cut",
+            "the darkness of the picture is cut at its lowest number, and that of the dark frame"
+            " perhaps too: noise below it was lost, dim light reads too much; save pictures with a"
+            " black level above 0",
+        )
+    ]
 
 
 def _remark_on_noise(mosaic: Mosaic) -> Remark:

@@ -5,11 +5,14 @@ Patches of one number say nothing in a picture without noise, and where the nois
 rounding.
 """
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
 FEWEST = 20  # pixels at the top number
+HOT = 1e-3  # of the pixels: those above the top number of all others
 # of the pixels at the top number, those whose right or lower neighbour is there too: of the tail of
 # noise it is a few in a thousand, half where all light is above full scale
 TOGETHER = 0.1
@@ -25,16 +28,28 @@ def saturation_level(picture: npt.NDArray[np.generic]) -> float | None:
         picture: numbers as stored, of one filter where there are several, shape (rows, columns).
     """
     values = np.asarray(picture)
-    top = values.max()
-    full = values == top
+    if min(values.shape) < 4 or (level := _top_number(values)) is None:
+        return None
+    full = values == level
     count = int(np.count_nonzero(full))
-    if count < FEWEST or count == values.size or min(values.shape) < 3:
+    if count == values.size:
         return None
     right = np.count_nonzero(full[:, 1:] & full[:, :-1])
     below = np.count_nonzero(full[1:] & full[:-1])
     if (right + below) / 2 < TOGETHER * count:
         return None
-    return float(top) if _noisy(values) else None
+    return float(level) if _noisy(np.minimum(values, level)) else None
+
+
+def _top_number(values: npt.NDArray[np.generic]) -> Any:
+    """The largest number that many pixels read, hot pixels above it left out; None where none
+    does.
+    """
+    tail = np.sort(values[values >= np.quantile(values, 1 - HOT, method="lower")])
+    numbers, counts = np.unique(tail, return_counts=True)
+    above = counts.sum() - np.cumsum(counts)
+    piled = numbers[(counts >= FEWEST) & (above <= HOT * values.size)]
+    return piled[-1] if len(piled) else None
 
 
 def common_step(values: npt.NDArray[np.generic]) -> int:
