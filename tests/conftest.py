@@ -4,14 +4,17 @@ what was left running.
 
 import contextlib
 import getpass
+import importlib
 import multiprocessing
 import os
+import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterator
 from multiprocessing import resource_tracker
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import pytest
@@ -91,6 +94,16 @@ def temporary_files_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> It
 def root() -> Path:
     """The project's folder."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def white_pictures() -> ModuleType:
+    """The generator of white pictures with their truth, which shares no code with the package:
+    what ``tests/measurement/white_pictures/exports.py`` names.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "path", [str(ROOT / "tests" / "measurement"), *sys.path])
+        return importlib.import_module("white_pictures.exports")
 
 
 @pytest.fixture
