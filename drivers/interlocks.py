@@ -12,7 +12,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from flflab.bench import AxisDescription, Bench, OpticsUncertaintyDescription
+from flflab.bench import AxisDescription, Bench
+from flflab.bench_uncertainty import OpticsUncertaintyDescription
 from flflab.errors import InterlockError
 from flflab.optics.camera import MicrolensArray
 
