@@ -104,7 +104,7 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
         len(measured.curve.views) if measured.curve else 1,
         draws,
     )
-    centres = microlens_centres(camera.array)
+    centres = _seen_whole(camera)
     inside, outside = lenses.mean_of(radii, len(centres), draws).T
     scale, _, roll = lenses.of_the_lattice(centres, draws, _decentre_shown(camera)).T
     indices = tuple(predicted_view_indices(camera, distance, points))
@@ -132,6 +132,17 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
         + roll[:, None] * [1.0, 0.0, 0.0],
         parallax_draws=_parallax_errors(camera, lenses, indices, draws),
     )
+
+
+def _seen_whole(camera: Camera) -> Array:
+    """Centres of the microlenses whose micro-images have their centres on the sensor, of all where
+    there is none; mm, shape (N, 2).
+    """
+    centres = microlens_centres(camera.array)
+    middles = centres * float(central_smms(camera).image_scale)
+    half = np.array(camera.sensor.resolution) * camera.sensor.pixel / 2
+    on = (np.abs(middles - camera.sensor.offset) <= half).all(axis=1)
+    return centres[on] if on.any() else centres
 
 
 def _decentre_shown(camera: Camera) -> float:
