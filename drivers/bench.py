@@ -12,7 +12,7 @@ from drivers.axis import Axis
 from drivers.camera import CameraDevice, Detector
 from drivers.connection import Connection, can_outlive
 from drivers.described import device_of, one_instrument, require_drivable
-from drivers.interlocks import check_motion, gap_rule, least_gap, order_moves, retreats
+from drivers.interlocks import check_motion, gap_rules, order_moves, retreats
 from drivers.owner import Owner
 from drivers.sentinel import Sentinel
 from drivers.setting import Setting
@@ -48,7 +48,7 @@ class ConnectedBench:
         self.detector = Detector(camera)
         self.iris = iris
         self.target = target
-        self.gap_rule = gap_rule(described, {name: axis.travel for name, axis in self.axes.items()})
+        self.gaps = gap_rules(described, {name: axis.travel for name, axis in self.axes.items()})
         self._addresses = addresses
         self._sentinels = sentinels
         self._resources = resources
@@ -164,7 +164,7 @@ class ConnectedBench:
         for name, target in targets.items():
             self.axes[name].check_value(target)
         return order_moves(
-            self.gap_rule, {name: axis.reach() for name, axis in self.axes.items()}, targets
+            self.gaps, {name: axis.reach() for name, axis in self.axes.items()}, targets
         )
 
     def check_way(self, name: str, readings: Sequence[float]) -> None:
@@ -181,8 +181,7 @@ class ConnectedBench:
             axis.check_value(reading)
         start, others = axis.position(), self._reaches(besides=name)
         for reading in readings:
-            if self.gap_rule is not None and name in self.gap_rule.movers:
-                check_motion(self.gap_rule, name, start, reading, others)
+            check_motion(self.gaps, name, start, reading, others)
             start = reading
 
     def least_gap(self) -> float | None:
@@ -192,7 +191,8 @@ class ConnectedBench:
         Raises:
             CommunicationError: an axis does not answer.
         """
-        return None if self.gap_rule is None else least_gap(self.gap_rule, self._reaches())
+        gap = next((gap for gap in self.gaps if gap.names == ("array", "sensor")), None)
+        return None if gap is None else gap.smallest(self._reaches())
 
     def identities(self) -> list[Identity]:
         """What stands on the bench, one line a device; a device that fails says so in its line."""
@@ -209,15 +209,14 @@ class ConnectedBench:
                 " connect again when it may move"
             )
         self._have_sentinel()
-        rule = self.gap_rule
-        if rule is not None and name in rule.movers and not retreats(rule, name, start, end):
+        if not retreats(self.gaps, name, start, end):
             try:
                 others = self._reaches(besides=name)
             except CommunicationError as error:
                 raise DeviceError(
                     f"{name}: asked to move, nothing moved, its neighbour does not answer: {error}"
                 ) from error
-            check_motion(rule, name, start, end, others)
+            check_motion(self.gaps, name, start, end, others)
 
     def _have_sentinel(self) -> None:
         """Before a motion a sentinel begins to watch over the axes that could outlive this process,
@@ -229,8 +228,8 @@ class ConnectedBench:
                 self._sentinels.callback(self._sentinel.close)
 
     def _reaches(self, besides: str = "") -> dict[str, tuple[float, float] | None]:
-        """Between which readings the axes of the gap rule are until they rest."""
-        movers = self.gap_rule.movers if self.gap_rule else {}
+        """Between which readings the axes that the gaps depend on are until they rest."""
+        movers = {name for gap in self.gaps for name in gap.movers}
         return {name: self.axes[name].reach() for name in movers if name != besides}
 
 

@@ -90,6 +90,38 @@ Place = Annotated[float, _quantity_of_the_axis(rate=False)]
 Rate = Annotated[float, _quantity_of_the_axis(rate=True)]
 
 
+class FixedPlace(Description):
+    """Where something stands that no axis shifts, world z, and its standard uncertainty."""
+
+    at: Length
+    uncertainty: Annotated[Length, Field(ge=0)]
+
+
+class FixedTurn(Description):
+    """How the array is turned where no axis turns it, and the standard uncertainty."""
+
+    at: Annotated[Angle, Field(gt=-math.pi / 2, lt=math.pi / 2)]
+    uncertainty: Annotated[Angle, Field(ge=0)]
+
+
+class FixedDescription(Description):
+    """What no axis moves, by the name that an axis's ``moves`` has for it."""
+
+    main_lens_z: FixedPlace | None = Field(None, alias="main_lens.z")
+    array_z: FixedPlace | None = Field(None, alias="array.z")
+    sensor_z: FixedPlace | None = Field(None, alias="sensor.z")
+    target_z: FixedPlace | None = Field(None, alias="target.z")
+    array_pitch: FixedTurn | None = Field(None, alias="array.pitch")
+    array_yaw: FixedTurn | None = Field(None, alias="array.yaw")
+    array_roll: FixedTurn | None = Field(None, alias="array.roll")
+
+    def stated(self) -> dict[Moved, FixedPlace | FixedTurn]:
+        """Those that the file states."""
+        names: tuple[Moved, ...] = (*get_args(Element), *get_args(Turn))
+        places = {name: getattr(self, name.replace(".", "_")) for name in names}
+        return {name: place for name, place in places.items() if place is not None}
+
+
 class AxisDescription(DeviceDescription):
     """An axis: the place of what it moves = zero + sign * reading, in mm, or in rad for one that
     turns the array.
@@ -212,6 +244,7 @@ class BenchDescription(Description):
     iris: DeviceDescription
     target: DeviceDescription
     minimum_gap: Annotated[Length, Field(gt=0)]
+    fixed: FixedDescription = FixedDescription()
     optics: str
     optics_uncertainty: OpticsUncertaintyDescription = OpticsUncertaintyDescription()
     model_uncertainty: ModelUncertaintyDescription = ModelUncertaintyDescription()
@@ -225,6 +258,11 @@ class BenchDescription(Description):
         for element in moved:
             if moved.count(element) > 1:
                 raise ValueError(f"two axes move {element}; one axis moves one element")
+            if element in self.fixed.stated():
+                raise ValueError(
+                    f"fixed states where {element} stands, but an axis moves it; keep one of the"
+                    " two"
+                )
         array, sensor = self.axis_of("array.z"), self.axis_of("sensor.z")
         if array and sensor and array[1].home_towards == "+z" and sensor[1].home_towards == "-z":
             raise ValueError(
@@ -240,6 +278,10 @@ class BenchDescription(Description):
         return next(
             ((name, axis) for name, axis in self.axes.items() if axis.moves == element), None
         )
+
+    def turns_the_array(self) -> bool:
+        """Whether an axis turns the array in any way."""
+        return any(axis.moves in get_args(Turn) for axis in self.axes.values())
 
 
 @dataclass(frozen=True)
@@ -287,7 +329,27 @@ def read_bench(file: Path) -> Bench:
             f"{file}:{lines.get(('optics',), 1)}: optics: there is no camera file {optics}; give"
             " its path relative to the bench file"
         )
-    return Bench(description, file, lines, read_camera(optics))
+    bench = Bench(description, file, lines, read_camera(optics))
+    _require_one_attitude(bench)
+    return bench
+
+
+def _require_one_attitude(bench: Bench) -> None:
+    """Refuse a fixed turn of the array that the camera file has otherwise: the model reads the
+    camera file, the rule of the gap the bench file.
+
+    Raises:
+        InputError: with file, line and field.
+    """
+    array = bench.optics.array
+    yaw, pitch = (math.atan(slope) for slope in array.tilt)
+    described = {"array.yaw": yaw, "array.pitch": pitch, "array.roll": array.roll}
+    for moved, place in bench.description.fixed.stated().items():
+        if moved in described and abs(place.at - described[moved]) > 3 * place.uncertainty + 1e-9:
+            raise InputError(
+                f"{bench.where('fixed', moved, 'at')}: {ANGLE.show(place.at, 'g')}, but the camera"
+                f" file has {ANGLE.show(described[moved], 'g')}; make both the same"
+            )
 
 
 def with_seed(bench: Bench, seed: int | None) -> Bench:

@@ -147,7 +147,12 @@ class World:
             "target.z": -sharp_distance(bench.optics),
             **_turns(bench.optics.array),
         }
-        self._fixed = left_at | _turns(self.optics.array)
+        fixed = {
+            moved: place.at
+            + float(keyed(simulated.seed, "fixed", moved).normal()) * place.uncertainty
+            for moved, place in bench.description.fixed.stated().items()
+        }
+        self._fixed = left_at | _turns(self.optics.array) | fixed
         doubt = bench.description.optics_uncertainty
         set_by = {
             "array.pitch": doubt.array_tilt,

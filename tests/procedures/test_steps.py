@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from flflab.bench import Bench
+from flflab.bench import Bench, FixedDescription
 from flflab.errors import InputError, InterlockError, LimitError
 from flflab.study import Study
 from procedures.durations import SETTLE_S, durations
@@ -145,9 +145,23 @@ def test_an_element_that_nothing_moves_must_stand_where_the_study_wants_it(
         for name, axis in bench.description.axes.items()
         if axis.moves not in ("array.z", "main_lens.z")
     }
-    fixed = Bench(
-        bench.description.model_copy(update={"axes": axes}), bench.file, bench.lines, bench.optics
+    stated = FixedDescription.model_validate(
+        {
+            "array.z": {"at": "60 mm", "uncertainty": "1 um"},
+            "main_lens.z": {"at": "0 mm", "uncertainty": "1 um"},
+        }
     )
+    partial, fixed = (
+        Bench(
+            bench.description.model_copy(update={"axes": axes} | update),
+            bench.file,
+            bench.lines,
+            bench.optics,
+        )
+        for update in ({}, {"fixed": stated})
+    )
+    with pytest.raises(InterlockError, match=r"`fixed: \{array\.z: \{at: 60 mm, uncertainty"):
+        steps(study, partial)
     assert any(isinstance(step, Move) for step in steps(study, fixed))
     elsewhere, _ = described(
         study={"configurations": [{"f_number": 4, "distance": "507 mm", "array": "59 mm"}]}

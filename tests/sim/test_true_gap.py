@@ -168,3 +168,74 @@ def test_a_sensor_that_goes_as_far_as_it_may_keeps_the_gap_to_every_microlens_th
     assert camera is not None
     lenses = float(camera_smms(camera).gap.min())
     assert bench.description.minimum_gap <= gap <= lenses
+
+
+def without(file: Path, *names: str, **fixed: Any) -> Path:
+    """A copy of a bench file that leaves out axes, and states where things stand."""
+    data = yaml.safe_load(file.read_text(encoding="utf-8"))
+    for name in names:
+        del data["axes"][name]
+    other = file.with_name("partial.yaml")
+    other.write_text(yaml.safe_dump(data | {"fixed": fixed}, sort_keys=False), encoding="utf-8")
+    return other
+
+
+@pytest.mark.parametrize(
+    ("example", "missing", "moved", "towards"),
+    [
+        ("simulated", ["sensor_stage"], "array_stage", 19.0),
+        ("simulated", ["array_stage"], "sensor_stage", 25.0),
+        ("full", ["goniometer"], "sensor_stage", 15.2),
+    ],
+    ids=["no sensor axis", "no array axis", "no axis of a tilt"],
+)
+def test_what_a_bench_file_leaves_out_may_be_anywhere_until_it_is_stated(
+    write_bench_file: WriteBench,
+    tmp_path: Path,
+    example: str,
+    missing: list[str],
+    moved: str,
+    towards: float,
+) -> None:
+    """The whole file puts the element that the partial one leaves out into the way."""
+    bench = write_bench_file(example, clock=100)
+    with serve(bench) as served:
+        file = tmp_path / "served.yaml"
+        write_bench(bench, served, file)
+        with connect(file) as whole:
+            wait_all(*(whole.axes[name].home() for name in ("array_stage", "sensor_stage")))
+            if example == "full":
+                whole.goniometer.home().wait(20)
+                whole.array_stage.move_to(22.5).wait(20)
+                whole.goniometer.move_to(whole.goniometer.limits[1]).wait(20)
+            else:
+                other = "sensor_stage" if moved == "array_stage" else "array_stage"
+                whole.axes[other].move_to(25.0).wait(20)
+        with connect(without(file, *missing)) as partial:
+            with pytest.raises(InterlockError, match=r"state where it stands in .* `fixed: \{"):
+                partial.axes[moved].move_to(towards)
+            partial.axes[moved].move_to(0.0).wait(20)
+        assert served.world.gap(served.world.clock.now()) >= bench.description.minimum_gap
+
+
+def test_what_is_stated_to_stand_somewhere_is_kept_clear_of_with_its_uncertainty(
+    write_bench_file: WriteBench, tmp_path: Path
+) -> None:
+    bench = write_bench_file(clock=100)
+    with serve(bench) as served:
+        file = tmp_path / "served.yaml"
+        write_bench(bench, served, file)
+        with connect(file) as whole:
+            wait_all(*(whole.axes[name].home() for name in ("array_stage", "sensor_stage")))
+            whole.sensor_stage.move_to(20.2).wait(20)  # 59.8 mm, stated 0.2 mm off
+        stated = without(
+            file, "sensor_stage", **{"sensor.z": {"at": "60 mm", "uncertainty": "0.1 mm"}}
+        )
+        with connect(stated) as partial:
+            with pytest.raises(InterlockError) as refused:
+                partial.array_stage.move_to(19.8)
+            far = re.search(r"it may go as far as (\d+\.\d+) mm", str(refused.value))
+            assert far is not None
+            partial.array_stage.move_to(float(far[1])).wait(20)
+        gap = served.world.gap(served.world.clock.now())
+    assert bench.description.minimum_gap <= gap < 0.6
