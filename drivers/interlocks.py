@@ -119,13 +119,15 @@ class Gap:
         least: the minimum gap, mm.
         before: what places the first.
         behind: what places the second.
-        plate: the tilting array, one of the two.
+        metal: how far what they are made of stands out of their planes into the gap, mm.
+        plate: the array where it is one of the two, which may tilt.
     """
 
     names: tuple[str, str]
     least: float
     before: Part
     behind: Part
+    metal: float = 0.0
     plate: Plate = Plate()
 
     @property
@@ -143,7 +145,7 @@ class Gap:
         anywhere), mm.
         """
         before, behind = (part.place(_of(part, readings)) for part in (self.before, self.behind))
-        return behind[0] - before[1] - self.plate.reach(readings)
+        return behind[0] - before[1] - self.metal - self.plate.reach(readings)
 
     def __str__(self) -> str:
         return " and ".join(self.names)
@@ -178,18 +180,29 @@ def gap_rules(bench: Bench, travels: Mapping[str, Interval]) -> tuple[Gap, ...]:
             return part(turn, Standing(turn, None, remedy=remedy), doubt.array_tilt)
         return part(turn, Standing(turn, angle, doubt.array_tilt))
 
+    envelopes, least = description.envelopes, description.gaps
     plate = Plate(
-        corner_radius(array, doubt),
+        max(corner_radius(array, doubt), envelopes.array.radius),
         (tilt("array.yaw", array.tilt[0]), tilt("array.pitch", array.tilt[1])),
     )
-    gap = Gap(
-        ("array", "sensor"),
-        description.minimum_gap,
-        element("array.z", array.distance),
-        element("sensor.z", bench.optics.sensor.distance),
-        plate,
-    )
-    return (gap,) if gap.movers else ()
+    target = element("target.z", -500.0)
+    lens = element("main_lens.z", 0.0)
+    lenses = element("array.z", array.distance)
+    pixels = element("sensor.z", bench.optics.sensor.distance)
+    gaps = [
+        Gap(
+            ("array", "sensor"), least.array_sensor, lenses, pixels,
+            envelopes.array.rear + envelopes.sensor.front, plate,
+        ),
+        Gap(
+            ("main lens", "array"), least.lens_array or least.array_sensor, lens, lenses,
+            envelopes.main_lens.rear + envelopes.array.front, plate,
+        ),
+    ]  # fmt: skip
+    if least.target_lens is not None:
+        metal = envelopes.target.rear + envelopes.main_lens.front
+        gaps.append(Gap(("target", "main lens"), least.target_lens, target, lens, metal))
+    return tuple(gap for gap in gaps if gap.movers)
 
 
 def _remedy(bench: Bench, moved: Moved, place: str) -> str:
@@ -216,6 +229,43 @@ def retreats(gaps: Sequence[Gap], name: str, start: float | None, end: float | N
     return all(
         _retreats(gap, gap.movers[name], readings, end) for gap in gaps if name in gap.movers
     )
+
+
+def homing_order(gaps: Sequence[Gap]) -> tuple[tuple[str, ...], ...]:
+    """Which axes that shift something look for their reference together, group after group: first
+    those that only lead away from their neighbours, then one by one what these leave free.
+
+    Whatever has no reference yet may be anywhere, farther out than its limits too.
+    """
+    movers = {name: mover for gap in gaps for name, mover in gap.movers.items() if not mover.tilts}
+    first = tuple(name for name in movers if retreats(gaps, name, None, None))
+    known: dict[str, Interval] = dict.fromkeys(movers, (-math.inf, math.inf))
+    known |= {name: (movers[name].homed, movers[name].homed) for name in first}
+    waiting = [name for name in movers if name not in first]
+    order = [first] if first else []
+    while waiting:
+        # where none is free the first is tried, and refused with what is in its way
+        free = (name for name in waiting if _allows(gaps, name, None, None, known))
+        name = next(free, waiting[0])
+        waiting.remove(name)
+        known[name] = (movers[name].homed, movers[name].homed)
+        order.append((name,))
+    return tuple(order)
+
+
+def goes_any_time(gaps: Sequence[Gap], name: str, start: float, end: float) -> bool:
+    """Whether a motion keeps every gap wherever the other axes are or go meanwhile."""
+    return _allows(gaps, name, (start, start), end, {})
+
+
+def _allows(
+    gaps: Sequence[Gap], name: str, start: Interval | None, end: float | None, readings: Readings
+) -> bool:
+    try:
+        _check(gaps, name, start, end, readings)
+    except InterlockError:
+        return False
+    return True
 
 
 def swept(mover: Mover, start: Interval | None, end: float | None) -> Interval:
@@ -253,7 +303,7 @@ def check_motion(
 
 
 def order_moves(
-    gaps: Sequence[Gap], readings: Readings, targets: Mapping[str, float | None]
+    gaps: Sequence[Gap], readings: Readings, targets: Mapping[str, float]
 ) -> tuple[str, ...]:
     """In which order axes can go to their targets, one after the other, so that the gaps hold on
     the way.
@@ -261,8 +311,7 @@ def order_moves(
     Args:
         gaps: the rules.
         readings: where each axis may be now; None: not known.
-        targets: where each is to go, None to look for its reference; kept in this order where it
-            does not matter.
+        targets: where each is to go; kept in this order where it does not matter.
 
     Returns:
         The names in an order in which no move is refused.
@@ -279,23 +328,13 @@ def order_moves(
             except InterlockError as refusal:
                 refusals.append(refusal)
                 continue
-            now[name] = _after(gaps, name, targets[name])
+            now[name] = (targets[name], targets[name])
             order.append(name)
             waiting.remove(name)
             break
         else:
             raise refusals[0]
     return tuple(order)
-
-
-def _after(gaps: Sequence[Gap], name: str, target: float | None) -> Interval | None:
-    """Where an axis stands after a motion."""
-    if target is None:
-        mover = next((gap.movers[name] for gap in gaps if name in gap.movers), None)
-        if mover is None or mover.tilts:  # the reference of what turns lies anywhere
-            return None
-        target = mover.homed
-    return target, target
 
 
 def _check(

@@ -90,6 +90,49 @@ Place = Annotated[float, _quantity_of_the_axis(rate=False)]
 Rate = Annotated[float, _quantity_of_the_axis(rate=True)]
 
 
+class EnvelopeDescription(Description):
+    """How far metal and glass stand out of the plane that an element's place names: towards the
+    target and away from it.
+    """
+
+    front: Annotated[Length, Field(ge=0)] = 0.0
+    rear: Annotated[Length, Field(ge=0)] = 0.0
+
+
+class ArrayEnvelopeDescription(EnvelopeDescription):
+    """The same of the array's holder, and how far it reaches from the main axis."""
+
+    radius: Annotated[Length, Field(ge=0)] = 0.0
+
+
+class EnvelopesDescription(Description):
+    """The envelopes of what stands on the axis: the principal plane of the main lens, the plane of
+    the microlenses, that of the pixels.
+    """
+
+    target: EnvelopeDescription = EnvelopeDescription()
+    main_lens: EnvelopeDescription = EnvelopeDescription()
+    array: ArrayEnvelopeDescription = ArrayEnvelopeDescription()
+    sensor: EnvelopeDescription = EnvelopeDescription()
+
+
+class MinimumGaps(Description):
+    """The smallest gap allowed between neighbours, from metal to metal; one number is for array and
+    sensor.
+
+    Main lens and array are kept as far apart as array and sensor unless stated; target and main
+    lens only where stated.
+    """
+
+    array_sensor: Annotated[Length, Field(gt=0)] = Field(alias="array-sensor")
+    lens_array: Annotated[Length, Field(gt=0)] | None = Field(None, alias="lens-array")
+    target_lens: Annotated[Length, Field(gt=0)] | None = Field(None, alias="target-lens")
+
+
+def _of_array_and_sensor(given: object) -> object:
+    return given if isinstance(given, dict) else {"array-sensor": given}
+
+
 class FixedPlace(Description):
     """Where something stands that no axis shifts, world z, and its standard uncertainty."""
 
@@ -243,7 +286,8 @@ class BenchDescription(Description):
     camera: DeviceDescription
     iris: DeviceDescription
     target: DeviceDescription
-    minimum_gap: Annotated[Length, Field(gt=0)]
+    gaps: Annotated[MinimumGaps, BeforeValidator(_of_array_and_sensor)] = Field(alias="minimum_gap")
+    envelopes: EnvelopesDescription = EnvelopesDescription()
     fixed: FixedDescription = FixedDescription()
     optics: str
     optics_uncertainty: OpticsUncertaintyDescription = OpticsUncertaintyDescription()
@@ -270,6 +314,11 @@ class BenchDescription(Description):
                 " towards -z or the sensor towards +z only"
             )
         return self
+
+    @property
+    def minimum_gap(self) -> float:
+        """The smallest gap allowed between array and sensor, mm."""
+        return self.gaps.array_sensor
 
     def axis_of(self, element: Moved) -> tuple[str, AxisDescription] | None:
         """Name and description of the axis that moves an element or turns the array, or None where

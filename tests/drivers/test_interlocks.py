@@ -302,6 +302,7 @@ def tilted_rule() -> Gap:
         LEAST_MM,
         rule().before,
         rule().behind,
+        0.0,
         Plate(corner_radius(ARRAY, KNOWN), (yaw, pitch)),
     )
 
@@ -327,7 +328,7 @@ def test_the_circle_round_the_corners_of_a_tilted_array_reaches_out() -> None:
 def test_a_tilt_that_nobody_knows_may_be_anything_even_of_a_stage_that_turns_for_ever() -> None:
     endless = Mover("yaw", turn("array.yaw"), (-math.inf, math.inf))
     assert Plate(2.0, (endless, FLAT)).reach({}) == 2.0
-    rule_ = Gap(SIDES, LEAST_MM, rule().before, rule().behind, Plate(2.0, (endless, FLAT)))
+    rule_ = Gap(SIDES, LEAST_MM, rule().before, rule().behind, 0.0, Plate(2.0, (endless, FLAT)))
     near = {"array": (20.0, 20.0), "sensor": (30.0, 30.0)}
     with pytest.raises(InterlockError, match="yaw: asked to look for its reference"):
         check_motion((rule_,), "yaw", None, None, near)

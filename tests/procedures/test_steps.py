@@ -55,11 +55,11 @@ def test_every_point_is_taken_once_and_its_exposure_is_found_before(described: D
     assert most_frames(steps(study, bench)) == 5 * 3 * 2 + 5 * 2
 
 
-def test_array_and_sensor_home_first_and_together_where_they_home_away_from_each_other(
+def test_what_homes_away_from_its_neighbours_homes_first_and_together(
     described: Described,
 ) -> None:
     homes = [step.axes for step in steps(*described()) if isinstance(step, Home)]
-    assert homes == [("array_stage", "sensor_stage"), ("main_lens_stage", "target_stage")]
+    assert homes == [("sensor_stage", "main_lens_stage"), ("array_stage",), ("target_stage",)]
 
 
 def test_what_homes_towards_its_neighbour_homes_after_it(described: Described) -> None:
@@ -68,7 +68,7 @@ def test_what_homes_towards_its_neighbour_homes_after_it(described: Described) -
         for step in steps(*described(axes={"sensor_stage": {"home_towards": "-z"}}))
         if isinstance(step, Home)
     ]
-    assert homes == [("array_stage",), ("sensor_stage",), ("main_lens_stage", "target_stage")]
+    assert homes == [("main_lens_stage",), ("array_stage",), ("sensor_stage",), ("target_stage",)]
 
 
 def test_axes_stand_where_the_configuration_asks(described: Described) -> None:
