@@ -191,6 +191,12 @@ class Axis:
         """Whether a motion of ours is under way, or the device moves for another reason."""
         return self._present_motion() is not None or self._commands.is_busy()
 
+    def is_under_way(self) -> bool:
+        """Whether a motion that was begun here is under way, or failed and was not seen to rest;
+        nothing is asked.
+        """
+        return self._motion is not None
+
     def _present_motion(self) -> Motion | None:
         """The motion under way; one that failed counts until the device says it rests."""
         motion = self._motion

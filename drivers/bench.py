@@ -2,8 +2,10 @@
 stop for all.
 """
 
+import os
 import threading
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +24,8 @@ from flflab.bench import Bench, Moved, read_bench
 from flflab.errors import CommunicationError, DeviceError, InputError
 
 STOP_TIMEOUT_S = 5.0
+REST_S = 3.0  # for braking
+LOOK_S = 0.005
 
 
 class ConnectedBench:
@@ -39,6 +43,7 @@ class ConnectedBench:
         iris: Setting[float],
         target: Setting[str],
         addresses: Mapping[str, str],
+        owner: Owner | None,
         sentinels: ExitStack,
         resources: ExitStack,
     ) -> None:
@@ -50,13 +55,16 @@ class ConnectedBench:
         self.target = target
         self.gaps = gap_rules(described, {name: axis.travel for name, axis in self.axes.items()})
         self._addresses = addresses
+        self._process = os.getpid()
+        self._owner = owner
         self._sentinels = sentinels
         self._resources = resources
         self._told_to_stop = False
         self._watching = threading.Lock()
         self._sentinel: Sentinel | None = None
+        self._moved: set[str] = set()
         self._outliving = {
-            name: addresses[name]
+            name: axis.model_copy(update={"address": addresses[name]})
             for name, axis in described.description.axes.items()
             if can_outlive(axis)
         }
@@ -80,9 +88,11 @@ class ConnectedBench:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        if os.getpid() != self._process:
+            return  # a forked child: what moves is its parent's
         try:
             if error is not None:
-                self.stop()
+                self._stop([axis for axis in self.axes.values() if axis.is_under_way()])
         except DeviceError as not_stopped:
             raise DeviceError(
                 f"{error or 'interrupted'}; and then not every axis took the stop: {not_stopped}"
@@ -96,9 +106,13 @@ class ConnectedBench:
         Raises:
             DeviceError: at least one axis did not take the command; each is named.
         """
+        self._stop(self.axes.values())
+
+    def _stop(self, axes: Collection[Axis]) -> None:
         faults: dict[str, str] = {
-            name: f"{name}: no answer to the stop within {STOP_TIMEOUT_S:g} s; cut its power"
-            for name in self.axes
+            axis.name: f"{axis.name}: no answer to the stop within {STOP_TIMEOUT_S:g} s; cut its"
+            " power"
+            for axis in axes
         }
 
         def stop(axis: Axis) -> None:
@@ -111,7 +125,7 @@ class ConnectedBench:
 
         threads = [
             threading.Thread(target=stop, args=(axis,), name=f"stop {axis.name}", daemon=True)
-            for axis in self.axes.values()
+            for axis in axes
         ]
         for thread in threads:
             thread.start()
@@ -121,14 +135,31 @@ class ConnectedBench:
             raise DeviceError("\n".join(faults.values()))
 
     def stop_for_good(self) -> None:
-        """Stop every axis as ``stop`` does, for somebody else: no axis moves over this connection
-        any more, also where all stood just then.
+        """Stop every axis as ``stop`` does, for somebody else, and see that it rests: no axis moves
+        over this connection any more, also where all stood just then.
 
         Raises:
-            DeviceError: at least one axis did not take the command; each is named.
+            DeviceError: at least one axis did not take the command, or does not come to rest; each
+                is named.
         """
         self._told_to_stop = True
         self.stop()
+        deadline = time.monotonic() + REST_S
+        moving = list(self.axes.values())
+        while moving := [axis for axis in moving if axis.is_moving()]:
+            if time.monotonic() > deadline:
+                raise DeviceError(
+                    "\n".join(
+                        f"{axis.name}: still moves after the stop; cut its power" for axis in moving
+                    )
+                )
+            time.sleep(LOOK_S)
+
+    def told_to_stop(self) -> bool:
+        """Whether somebody else had this bench stopped since it was connected."""
+        if not self._told_to_stop and self._owner is not None:
+            self._told_to_stop = self._owner.told_to_stop()
+        return self._told_to_stop
 
     def close(self) -> None:
         """Let go of everything, in the reverse order of opening; may be called again."""
@@ -203,12 +234,17 @@ class ConnectedBench:
         ]
 
     def _guard(self, name: str, start: float | None, end: float | None) -> None:
-        if self._told_to_stop:
+        if os.getpid() != self._process:
+            raise DeviceError(
+                f"{name}: asked to move, nothing moved: the process that connected the bench moves"
+                " it, not one that it forked"
+            )
+        if self.told_to_stop():
             raise DeviceError(
                 f"{name}: asked to move, nothing moved: another program had this bench stopped;"
                 " connect again when it may move"
             )
-        self._have_sentinel()
+        self._have_sentinel(name)
         if not retreats(self.gaps, name, start, end):
             try:
                 others = self._reaches(besides=name)
@@ -218,14 +254,19 @@ class ConnectedBench:
                 ) from error
             check_motion(self.gaps, name, start, end, others)
 
-    def _have_sentinel(self) -> None:
+    def _have_sentinel(self, name: str) -> None:
         """Before a motion a sentinel begins to watch over the axes that could outlive this process,
-        unless one does.
+        unless one does, and hears which one is to move.
         """
         with self._watching:
-            if self._outliving and (self._sentinel is None or not self._sentinel.watches()):
-                self._sentinel = Sentinel(self.described, self._outliving)
+            if name not in self._outliving:
+                return
+            if self._sentinel is None or not self._sentinel.watches():
+                self._sentinel = Sentinel(self.described.file, self._outliving)
                 self._sentinels.callback(self._sentinel.close)
+            self._moved.add(name)
+            for moved in self._moved:
+                self._sentinel.starts(moved)
 
     def _reaches(self, besides: str = "") -> dict[str, tuple[float, float] | None]:
         """Between which readings the axes that the gaps depend on are until they rest."""
@@ -278,6 +319,7 @@ def connect_described(described: Bench) -> ConnectedBench:
             iris,
             target,
             connection.addresses,
+            owner,
             sentinels,
             resources.pop_all(),
         )

@@ -11,10 +11,13 @@ however it is rolled; its size and how it was set are doubted as the bench file 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from flflab.bench import AxisDescription, Bench, Moved, OpticsUncertaintyDescription
 from flflab.errors import InterlockError
-from flflab.optics.camera import MicrolensArray
+
+if TYPE_CHECKING:
+    from flflab.optics.camera import MicrolensArray
 
 Interval = tuple[float, float]
 Readings = Mapping[str, Interval | None]
@@ -209,7 +212,7 @@ def _remedy(bench: Bench, moved: Moved, place: str) -> str:
     return f"state where it stands in {bench.file}, `fixed: {{{moved}: {{at: {place}}}}}`"
 
 
-def corner_radius(array: MicrolensArray, doubt: OpticsUncertaintyDescription) -> float:
+def corner_radius(array: "MicrolensArray", doubt: OpticsUncertaintyDescription) -> float:
     """Radius of the circle about the main axis that holds the array's corners, mm, were it as large
     as is doubted.
     """

@@ -453,18 +453,26 @@ def _phrase(flag: str) -> str:
 
 def open_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberAxis:
     """Open one axis; axes at one address share the chain."""
-    return ZaberAxis(name, _chain(axis, keys, share), keys, axis.speed, homes_up=axis.homes_up)
+    chain = _chain(axis, keys, share, alone=True)
+    return ZaberAxis(name, chain, keys, axis.speed, homes_up=axis.homes_up)
 
 
-def stop_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> None:
-    """Stop one axis, asked for nothing and told nothing before."""
-    _chain(axis, keys, share).stop(name, keys.device, keys.axis)
+def stop_axis(
+    name: str, axis: AxisDescription, keys: ZaberKeys, share: Share
+) -> Callable[[], bool]:
+    """Stop one axis, asked for nothing and told nothing before; what is returned tells whether it
+    still moves.
+    """
+    chain = _chain(axis, keys, share, alone=False)
+    numbers = keys.device, keys.axis
+    chain.stop(name, *numbers)
+    return lambda: _accepted(name, "", chain.ask(name, *numbers, "", repeatable=True)).busy
 
 
-def _chain(axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberChain:
+def _chain(axis: AxisDescription, keys: ZaberKeys, share: Share, *, alone: bool) -> ZaberChain:
     return share(
         axis.address,
         lambda: ZaberChain(
-            lambda: open_serial(axis.address, keys.baud), keys.checksum, keys.timeout
+            lambda: open_serial(axis.address, keys.baud, alone=alone), keys.checksum, keys.timeout
         ),
     )

@@ -6,15 +6,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
-from flflab.camera_file import read_camera
 from flflab.description import Angle, Description, Length, Ratio, check, line_of, read_yaml
 from flflab.errors import InputError
-from flflab.optics.camera import Camera
 from flflab.units import Dimension, parse_quantity
+
+if TYPE_CHECKING:
+    from flflab.optics.camera import Camera
 
 Element = Literal["main_lens.z", "array.z", "sensor.z", "target.z"]
 Turn = Literal["array.pitch", "array.yaw", "array.roll"]
@@ -340,7 +341,7 @@ class Bench:
     description: BenchDescription
     file: Path
     lines: Mapping[tuple[str | int, ...], int]
-    optics: Camera
+    optics: "Camera"
 
     def where(self, *path: str | int) -> str:
         """Where a field stands, as errors begin: file, line and field."""
@@ -378,6 +379,8 @@ def read_bench(file: Path) -> Bench:
             f"{file}:{lines.get(('optics',), 1)}: optics: there is no camera file {optics}; give"
             " its path relative to the bench file"
         )
+    from flflab.camera_file import read_camera  # numpy, which who only stops a stage does not need
+
     bench = Bench(description, file, lines, read_camera(optics))
     _require_one_attitude(bench)
     return bench
