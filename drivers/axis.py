@@ -13,6 +13,7 @@ from numbers import Real
 from typing import Any
 
 from drivers.commands import AxisCommands, at_the_other_end
+from drivers.lost import Trust
 from drivers.status import Status
 from flflab.bench import LENGTH, Coordinate
 from flflab.errors import (
@@ -65,6 +66,7 @@ class Axis:
         patience: how long the axis may stay busy without coming nearer to its end, s.
         homes_up: whether its reference lies at the high end of its travel; None where that is not
             known.
+        trust: whether its counter can be trusted.
     """
 
     parent = None
@@ -80,13 +82,16 @@ class Axis:
         coordinate: Coordinate = LENGTH,
         patience: float = 3.0,
         homes_up: bool | None = None,
+        trust: Trust | None = None,
     ) -> None:
         self.name = name
         self.limits = limits
         self.speed = speed
         self.guard = guard
         self.coordinate = coordinate
+        self.interrupted: Callable[[], bool] = lambda: False
         self._commands = commands
+        self._trust = trust or Trust()
         self._patience = patience
         self._homes_up = homes_up
         self._starting = threading.Lock()
@@ -177,15 +182,25 @@ class Axis:
             CommunicationError: it does not answer.
         """
         reading = self._commands.reading()
-        if reading is None:
-            raise NotHomedError(
-                f"{self.name}: asked where it is, but it has no reference; home it first"
-            )
+        if reading is None or self._trust.lost:
+            raise NotHomedError(f"{self.name}: asked where it is, but {self._no_reference}")
         return reading
+
+    @property
+    def _no_reference(self) -> str:
+        return (
+            "a motion of it failed and its counter may have lost steps; home it first"
+            if self._trust.lost
+            else "it has no reference; home it first"
+        )
+
+    def _reading(self) -> float | None:
+        """Where it stands, None where nobody knows."""
+        return None if self._trust.lost else self._commands.reading()
 
     def is_homed(self) -> bool:
         """Whether the reading means anything."""
-        return self._commands.is_homed()
+        return not self._trust.lost and self._commands.is_homed()
 
     def is_moving(self) -> bool:
         """Whether a motion of ours is under way, or the device moves for another reason."""
@@ -220,7 +235,7 @@ class Axis:
             )
         if self._commands.is_busy():
             return None
-        reading = self._commands.reading()
+        reading = self._reading()
         return None if reading is None else (reading, reading)
 
     def identity(self) -> str:
@@ -317,11 +332,11 @@ class Axis:
                 raise DeviceError(
                     f"{self.name}: asked to move while it moves; wait for it or stop it first"
                 )
-            start = self._commands.reading()
+            start = self._reading()
             if end is not None and start is None:
                 raise NotHomedError(
-                    f"{self.name}: asked to go to {self.coordinate.show(end)}, but it has no"
-                    " reference; home it first, nothing moved"
+                    f"{self.name}: asked to go to {self.coordinate.show(end)}, but"
+                    f" {self._no_reference}, nothing moved"
                 )
             motion = Motion(start, end, Status(task))
             # Seen by the neighbours' guards before our own guard looks at them: of two that start
@@ -358,10 +373,25 @@ class Axis:
             # Nobody knows what it does: stopped if it still listens, and held for moving until it
             # says it rests.
             self._stop_quietly()
+            if isinstance(fault, MotionError):
+                self._lose_place()
             motion.status.complete(fault)
-        else:
-            self._motion = None
-            motion.status.complete(error)
+            return
+        if error is None:
+            if motion.end is None and not motion.stopped:
+                self._trust.find()
+        elif not motion.stopped:  # whatever ended it, it may go on
+            self._stop_quietly()
+            self._lose_place()
+        self._motion = None
+        motion.status.complete(error)
+
+    def _lose_place(self) -> None:
+        """After a motion that failed a counter of steps says nothing any more; one that measures
+        does.
+        """
+        if not self._commands.measured:
+            self._trust.lose()
 
     def _until_idle(self, motion: Motion) -> None:
         nearest, began = math.inf, time.monotonic()
@@ -410,6 +440,7 @@ class Axis:
         position = self._commands.position()
         homed = self._commands.is_homed()
         task = motion.status.task
+        motion.stopped = motion.stopped or self.interrupted()
         if motion.stopped:
             where = (
                 f"at {self.coordinate.show(position)}"

@@ -70,6 +70,7 @@ class ConnectedBench:
         }
         for axis in self.axes.values():
             axis.guard = self._guard
+            axis.interrupted = self.told_to_stop
 
     def __getattr__(self, name: str) -> Axis:
         try:

@@ -26,6 +26,11 @@ class AxisCommands(Protocol):
     """
 
     @property
+    def measured(self) -> bool:
+        """Whether its reading is measured by an encoder, not counted from the steps it was sent."""
+        ...
+
+    @property
     def travel(self) -> tuple[float, float]:
         """The device's own limits, readings."""
         ...

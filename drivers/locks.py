@@ -66,7 +66,7 @@ def lock_files(bench_file: Path) -> dict[str, tuple[Path, ...]]:
         InputError: the file cannot be read.
     """
     return {
-        name: tuple(dict.fromkeys(_file_of(place) for place in (spelt(driver, address), address)))
+        name: tuple(dict.fromkeys(file_of(place) for place in (spelt(driver, address), address)))
         for name, (driver, address) in reached(read_yaml(bench_file)[0]).items()
     }
 
@@ -87,7 +87,8 @@ def reached(data: dict[str, Any]) -> dict[str, tuple[str, str]]:
     }
 
 
-def _file_of(place: str) -> Path:
+def file_of(place: str) -> Path:
+    """This user's file of a place."""
     name = hashlib.blake2b(place.encode(errors="surrogateescape"), digest_size=12).hexdigest()
     return folder() / f"{PREFIX}{name}.{user()}{LOCK}"
 
@@ -238,9 +239,10 @@ def hold(file: Path) -> int | None:
 def _take_away(file: Path) -> bool:
     """Whether something strange of this user's own stood in a file's place, and is gone."""
     try:
-        if os.lstat(file).st_uid != os.getuid():
+        found = os.lstat(file)
+        if found.st_uid != os.getuid():
             return False
-        os.unlink(file)
+        (os.rmdir if stat.S_ISDIR(found.st_mode) else os.unlink)(file)
     except (OSError, AttributeError):
         return False
     return True

@@ -140,6 +140,8 @@ class ManualAxis:
 
     resolution = 1e-6
 
+    measured = True  # a person reads its scale
+
     def __init__(
         self,
         name: str,

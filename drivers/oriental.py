@@ -139,6 +139,8 @@ class OrientalAxis:
         DeviceError: it refuses.
     """
 
+    measured = True
+
     def __init__(self, name: str, line: ModbusLine, keys: OrientalKeys, speed: float) -> None:
         self._name = name
         self._line = line

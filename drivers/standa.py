@@ -163,6 +163,8 @@ class StandaAxis:
         DeviceError: it counts encoder pulses, homes the other way, or does not take a setting.
     """
 
+    measured = False
+
     def __init__(
         self,
         name: str,

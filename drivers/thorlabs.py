@@ -285,6 +285,8 @@ class ThorlabsAxis:
 
     travel = (-math.inf, math.inf)  # it turns for ever
 
+    measured = True
+
     def __init__(self, name: str, link: AptLink, keys: ThorlabsKeys, speed: float) -> None:
         self._name = name
         self._link = link

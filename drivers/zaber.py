@@ -286,6 +286,8 @@ class ZaberAxis:
             speed.
     """
 
+    measured = False
+
     def __init__(
         self, name: str, chain: ZaberChain, keys: ZaberKeys, speed: float, *, homes_up: bool
     ) -> None:

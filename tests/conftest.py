@@ -89,6 +89,8 @@ def temporary_files_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> It
         patch.setenv("TMPDIR", str(folder))
         patch.setattr(tempfile, "tempdir", str(folder))
         yield
+    for file in locks.folder().glob(f"{locks.PREFIX}*.{locks.user()}.lost"):
+        file.unlink(missing_ok=True)
     for file in locks.own_files():
         if not locks.locked(file):
             for kind in (locks.LOCK, locks.KEY, locks.STOP):
