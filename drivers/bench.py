@@ -10,18 +10,19 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
-from drivers.axis import Axis
+from drivers.axis import Axis, Clearance
 from drivers.camera import CameraDevice, Detector
+from drivers.commands import FOLLOWING
 from drivers.connection import Connection, can_outlive
 from drivers.described import device_of, one_instrument, require_drivable
-from drivers.interlocks import check_motion, gap_rules, order_moves, retreats
+from drivers.interlocks import check_motion, gap_rules, half_way, order_moves, retreats
 from drivers.owner import Owner
 from drivers.sentinel import Sentinel
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
 from drivers.survey import Identity, look
 from flflab.bench import Bench, Moved, read_bench
-from flflab.errors import CommunicationError, DeviceError, InputError
+from flflab.errors import CommunicationError, DeviceError, InputError, InterlockError
 
 STOP_TIMEOUT_S = 5.0
 REST_S = 3.0  # for braking
@@ -234,7 +235,7 @@ class ConnectedBench:
             for name, instrument in instruments.items()
         ]
 
-    def _guard(self, name: str, start: float | None, end: float | None) -> None:
+    def _guard(self, name: str, start: float | None, end: float | None) -> Clearance | None:
         if os.getpid() != self._process:
             raise DeviceError(
                 f"{name}: asked to move, nothing moved: the process that connected the bench moves"
@@ -246,14 +247,53 @@ class ConnectedBench:
                 " connect again when it may move"
             )
         self._have_sentinel(name)
-        if not retreats(self.gaps, name, start, end):
+        if retreats(self.gaps, name, start, end):
+            return None
+        begun = {other: axis.motions for other, axis in self.axes.items()}
+        try:
+            others = self._reaches(besides=name)
+        except CommunicationError as error:
+            raise DeviceError(
+                f"{name}: asked to move, nothing moved, its neighbour does not answer: {error}"
+            ) from error
+        check_motion(self.gaps, name, start, end, others)
+        stood = {
+            other: reach[0]
+            for other, reach in others.items()
+            if reach and reach[0] == reach[1] and other in self._outliving
+        }
+        if not stood:
+            return None
+        halt = None if start is None else half_way(self.gaps, name, start, end, others)
+        return Clearance(lambda: self._require_standing(name, stood, begun), halt)
+
+    def _require_standing(
+        self, name: str, stood: Mapping[str, float], begun: Mapping[str, int]
+    ) -> None:
+        """Refuse to go on where a neighbour is not where it stood and was not moved from here: no
+        lock reaches another computer.
+
+        Raises:
+            InterlockError: it moved.
+            DeviceError: it does not answer.
+        """
+        for other, reading in stood.items():
+            axis = self.axes[other]
+            if axis.motions != begun[other]:
+                continue  # its own guard counted this motion
             try:
-                others = self._reaches(besides=name)
+                now = axis.count()
             except CommunicationError as error:
                 raise DeviceError(
-                    f"{name}: asked to move, nothing moved, its neighbour does not answer: {error}"
+                    f"{name}: stopped, its neighbour does not answer: {error}"
                 ) from error
-            check_motion(self.gaps, name, start, end, others)
+            moved = abs(now - reading) > FOLLOWING[axis.coordinate.unit]
+            if moved and axis.motions == begun[other]:
+                raise InterlockError(
+                    f"{name}: stopped on the way, for its neighbour {other} moved meanwhile, from"
+                    f" {axis.coordinate.show(reading)} to {axis.coordinate.show(now)}, and not from"
+                    " here; end whatever else drives it, perhaps on another computer"
+                )
 
     def _have_sentinel(self, name: str) -> None:
         """Before a motion a sentinel begins to watch over the axes that could outlive this process,

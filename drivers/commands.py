@@ -3,6 +3,7 @@
 import math
 from typing import Protocol, TypeVar
 
+FOLLOWING = {"mm": 0.01, "rad": 2e-4}  # how far an axis may be from where it counts
 Value = TypeVar("Value", float, str)
 
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from drivers.commands import FOLLOWING
 from flflab.bench import AxisDescription, Bench, Moved, OpticsUncertaintyDescription
 from flflab.errors import InterlockError
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 Interval = tuple[float, float]
 Readings = Mapping[str, Interval | None]
 COVERAGE = 3.0
-FOLLOWING = {"mm": 0.01, "rad": 2e-4}
 
 
 @dataclass(frozen=True)
@@ -254,6 +254,29 @@ def homing_order(gaps: Sequence[Gap]) -> tuple[tuple[str, ...], ...]:
         known[name] = (movers[name].homed, movers[name].homed)
         order.append((name,))
     return tuple(order)
+
+
+def half_way(
+    gaps: Sequence[Gap], name: str, start: float, end: float | None, readings: Readings
+) -> float | None:
+    """The reading at which an axis has used up half of what it may take from a gap; None where it
+    stays before it, or its way is not known.
+
+    Whoever else drives the neighbour may take the other half meanwhile.
+    """
+    share = 1.0
+    for gap in gaps:
+        mover = gap.movers.get(name)
+        if mover is None or _retreats(gap, mover, (start, start), end):
+            continue
+        if end is None and mover.tilts:
+            return None
+        last = mover.homed if end is None else end
+        present = gap.smallest({**readings, name: (start, start)})
+        half = gap.least + (present - gap.least) / 2
+        share = min(share, free_share(gap, mover, start, last, readings, half) or 0.0)
+        end = last
+    return None if end is None or share == 1.0 else start + share * (end - start)
 
 
 def goes_any_time(gaps: Sequence[Gap], name: str, start: float, end: float) -> bool:
