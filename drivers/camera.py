@@ -7,14 +7,15 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.camera_commands import CameraCommands, Taken
 from drivers.status import Status
 from flflab.errors import CommunicationError, DeviceError, LimitError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 LOOK_S = 0.005
 
@@ -34,7 +35,7 @@ class Frame:
     ``BayerRG12``.
     """
 
-    picture: npt.NDArray[np.uint16]
+    picture: "npt.NDArray[np.uint16]"
     exposure_s: float
     gain: float
     timestamp: float

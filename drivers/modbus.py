@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
+from drivers.forked import close_in_children
 from drivers.line import Line
 from flflab.errors import CommunicationError, DeviceError
 
@@ -128,6 +129,7 @@ class ModbusLine:
             raise CommunicationError(
                 f"{self._address}: cannot be opened; check the address, and who else holds it"
             )
+        close_in_children(client)
         if self._failed:
             time.sleep(self._quiet)
             self._failed = False
@@ -182,7 +184,30 @@ def _first_line(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
-def make_client(address: str, baud: int, parity: str, timeout: float) -> Client:
+class BesideOthers(ModbusSerialClient):
+    """A client on a serial port that another program may have for itself: pymodbus's own would
+    insist on being alone.
+    """
+
+    def connect(self) -> bool:
+        """Open the port; whether it is."""
+        import serial
+
+        how = self.comm_params
+        try:
+            self.socket = serial.Serial(
+                how.host, how.baudrate, how.bytesize, how.parity, how.stopbits,
+                timeout=how.timeout_connect, write_timeout=how.timeout_connect,
+            )  # fmt: skip
+            self.socket.inter_byte_timeout = self.inter_byte_timeout
+        except (OSError, ValueError):
+            self.close()
+        return self.socket is not None
+
+
+def make_client(
+    address: str, baud: int, parity: str, timeout: float, *, alone: bool = True
+) -> Client:
     """A client for a serial port, or for a line behind a network (``socket://host:port``,
     ``host:port``), RTU frames on both.
     """
@@ -191,4 +216,5 @@ def make_client(address: str, baud: int, parity: str, timeout: float) -> Client:
         return ModbusTcpClient(
             host, port=int(port), framer=FramerType.RTU, timeout=timeout, retries=0
         )
-    return ModbusSerialClient(address, baudrate=baud, parity=parity, timeout=timeout, retries=0)
+    kind = ModbusSerialClient if alone else BesideOthers
+    return kind(address, baudrate=baud, parity=parity, timeout=timeout, retries=0)

@@ -139,6 +139,8 @@ class OrientalAxis:
         DeviceError: it refuses.
     """
 
+    measured = True
+
     def __init__(self, name: str, line: ModbusLine, keys: OrientalKeys, speed: float) -> None:
         self._name = name
         self._line = line
@@ -300,19 +302,23 @@ class OrientalAxis:
 
 def open_axis(name: str, axis: AxisDescription, keys: OrientalKeys, share: Share) -> OrientalAxis:
     """Open one drive; drives at one address share the line."""
-    return OrientalAxis(name, _line(axis, keys, share), keys, axis.speed)
+    return OrientalAxis(name, _line(axis, keys, share, alone=True), keys, axis.speed)
 
 
-def stop_axis(name: str, axis: AxisDescription, keys: OrientalKeys, share: Share) -> None:
-    """Stop one drive, asked for nothing before."""
-    _stop(_line(axis, keys, share), name, keys)
+def stop_axis(
+    name: str, axis: AxisDescription, keys: OrientalKeys, share: Share
+) -> Callable[[], bool]:
+    """Stop one drive, asked for nothing before; what is returned tells whether it still moves."""
+    line = _line(axis, keys, share, alone=False)
+    _stop(line, name, keys)
+    return lambda: bool(line.read(name, keys.device, OUTPUTS) >> keys.moving_output & 1)
 
 
-def _line(axis: AxisDescription, keys: OrientalKeys, share: Share) -> ModbusLine:
+def _line(axis: AxisDescription, keys: OrientalKeys, share: Share, *, alone: bool) -> ModbusLine:
     return share(
         axis.address,
         lambda: ModbusLine(
-            lambda: make_client(axis.address, keys.baud, keys.parity, keys.timeout),
+            lambda: make_client(axis.address, keys.baud, keys.parity, keys.timeout, alone=alone),
             axis.address,
             keys.timeout,
         ),

@@ -163,6 +163,8 @@ class StandaAxis:
         DeviceError: it counts encoder pulses, homes the other way, or does not take a setting.
     """
 
+    measured = False
+
     def __init__(
         self,
         name: str,
@@ -403,9 +405,18 @@ def open_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) 
     return StandaAxis(name, _controller(axis, share), keys, axis.speed, homes_up=axis.homes_up)
 
 
-def stop_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> None:
-    """Stop one axis, asked for nothing and told nothing before."""
-    _controller(axis, share).stop(name)
+def stop_axis(
+    name: str, axis: AxisDescription, keys: StandaKeys, share: Share
+) -> Callable[[], bool]:
+    """Stop one axis, told nothing before; what is returned tells whether it still moves."""
+    controller = _controller(axis, share)
+    controller.stop(name)
+
+    def moves(device: Any) -> bool:
+        status = device.get_status()
+        return bool(int(status.MvCmdSts) & RUNNING or int(status.MoveSts))
+
+    return lambda: controller.ask(name, "say whether it moves", moves)
 
 
 def _controller(axis: AxisDescription, share: Share) -> StandaController:

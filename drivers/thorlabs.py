@@ -285,6 +285,8 @@ class ThorlabsAxis:
 
     travel = (-math.inf, math.inf)  # it turns for ever
 
+    measured = True
+
     def __init__(self, name: str, link: AptLink, keys: ThorlabsKeys, speed: float) -> None:
         self._name = name
         self._link = link
@@ -450,18 +452,23 @@ def _phrases(bits: int, known: dict[int, str]) -> tuple[str, ...]:
 
 def open_axis(name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> ThorlabsAxis:
     """Open the axis of one controller, which has its line for itself."""
-    return ThorlabsAxis(name, _link(axis, keys, share), keys, axis.speed)
+    return ThorlabsAxis(name, _link(axis, keys, share, alone=True), keys, axis.speed)
 
 
-def stop_axis(name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> None:
-    """Stop one axis, told nothing before."""
-    _link(axis, keys, share).stop(name, keys.channel)
+def stop_axis(
+    name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share
+) -> Callable[[], bool]:
+    """Stop one axis, told nothing before; what is returned tells whether it still moves."""
+    link = _link(axis, keys, share, alone=False)
+    link.stop(name, keys.channel)
+    return lambda: link.state(name, keys.channel).busy
 
 
-def _link(axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> AptLink:
+def _link(axis: AxisDescription, keys: ThorlabsKeys, share: Share, *, alone: bool) -> AptLink:
     return share(
         axis.address,
         lambda: AptLink(
-            lambda: open_serial(axis.address, keys.baud, handshake=keys.handshake), keys.timeout
+            lambda: open_serial(axis.address, keys.baud, handshake=keys.handshake, alone=alone),
+            keys.timeout,
         ),
     )

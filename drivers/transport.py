@@ -3,6 +3,8 @@ read with deadlines.
 """
 
 import contextlib
+import functools
+import ipaddress
 import os
 import re
 import socket
@@ -10,9 +12,11 @@ import threading
 import time
 from collections.abc import Callable
 
+from drivers.forked import close_in_children
 from flflab.errors import CommunicationError, InputError
 
 SLICE_S = 0.02
+LOOPBACK = "127.0.0.1"
 MOST_UNREAD = 1 << 16
 
 
@@ -58,6 +62,7 @@ class Wire:
         self._shut = shut
         self._come = bytearray()
         self._writing = threading.Lock()
+        close_in_children(self)
 
     def write(self, message: bytes) -> None:
         """Write a whole message; may be called from any thread at any time.
@@ -150,7 +155,9 @@ def show(message: bytes | bytearray, most: int = 60) -> str:
     return repr(bytes(message[:most])) + ("..." if len(message) > most else "")
 
 
-def open_serial(address: str, baud: int, *, parity: str = "N", handshake: bool = False) -> Wire:
+def open_serial(
+    address: str, baud: int, *, parity: str = "N", handshake: bool = False, alone: bool = True
+) -> Wire:
     """Open a serial line.
 
     Args:
@@ -160,6 +167,8 @@ def open_serial(address: str, baud: int, *, parity: str = "N", handshake: bool =
         baud: bits per second; TCP has none.
         parity: N, E or O.
         handshake: RTS and CTS say when to send.
+        alone: keep others from the port by an advisory lock, which they may pass over: so does who
+            only stops.
 
     Raises:
         CommunicationError: there is no such port, or it is in use.
@@ -168,7 +177,7 @@ def open_serial(address: str, baud: int, *, parity: str = "N", handshake: bool =
         return open_tcp(address)
     import serial
 
-    own: dict[str, bool] = {} if "://" in address else {"exclusive": True}
+    own: dict[str, bool] = {"exclusive": True} if alone and "://" not in address else {}
     try:
         port = serial.serial_for_url(
             address,
@@ -193,9 +202,8 @@ def open_tcp(address: str, timeout: float = 5.0) -> Wire:
         InputError: the address is not one.
         CommunicationError: nobody listens there.
     """
-    host, _, number = tcp_place(address).rpartition(":")
     try:
-        link = socket.create_connection((host.strip("[]"), int(number)), timeout)
+        link = socket.create_connection(_host_and_port(address), timeout)
     except (OSError, OverflowError) as error:
         raise CommunicationError(
             f"{address}: cannot be reached ({error}); check power, network and address"
@@ -223,18 +231,53 @@ def open_tcp(address: str, timeout: float = 5.0) -> Wire:
 
 
 def tcp_place(address: str) -> str:
-    """A network address spelt one way, ``host:port``.
+    """A network address spelt one way, ``host:port``: the number of the host, and one for this
+    machine whatever it is called; a name that nobody knows as it is.
 
     Raises:
         InputError: it is none.
     """
+    host, port = _host_and_port(address)
+    return f"{_one_name(host)}:{port}"
+
+
+def _host_and_port(address: str) -> tuple[str, int]:
     host, _, port = address.removeprefix("socket://").rpartition(":")
+    host = host.strip("[]").lower()
     if not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise InputError(
             f"{address!r} is not an address; give host:port, such as 127.0.0.1:5025, with a port"
             " from 1 to 65535"
         )
-    return f"{'127.0.0.1' if host.lower() == 'localhost' else host.lower()}:{int(port)}"
+    return host, int(port)
+
+
+@functools.lru_cache(maxsize=256)
+def _one_name(host: str) -> str:
+    try:
+        found = {str(info[4][0]) for info in socket.getaddrinfo(host, None)}
+    except (OSError, UnicodeError):
+        return host
+    numbers = sorted(
+        (ipaddress.ip_address(number.partition("%")[0]) for number in found),
+        key=lambda number: (number.version, number),
+    )
+    return LOOPBACK if any(map(_is_here, numbers)) else str(numbers[0])
+
+
+def _is_here(number: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
+    """Whether it is a number of this machine: a socket can be bound to no other."""
+    if isinstance(number, ipaddress.IPv6Address) and number.ipv4_mapped:
+        number = number.ipv4_mapped
+    if number.is_loopback or number.is_unspecified:
+        return True
+    family = socket.AF_INET if number.version == 4 else socket.AF_INET6
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.bind((str(number), 0))
+    except OSError:
+        return False
+    return True
 
 
 def serial_place(address: str) -> str:

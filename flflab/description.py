@@ -261,7 +261,8 @@ def _fields_at(kind: type[BaseModel], path: Path_) -> list[str]:
             and part in current.model_fields
         ):
             current = _model_in(current.model_fields[part].annotation)
-    return list(current.model_fields) if hasattr(current, "model_fields") else []
+    fields = current.model_fields if hasattr(current, "model_fields") else {}
+    return [field.alias or name for name, field in fields.items()]
 
 
 def _model_in(annotation: Any) -> Any:

@@ -1,6 +1,5 @@
 """``flflab bench ...``: look at a bench and move it by hand."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -8,7 +7,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from flflab.bench import LENGTH, read_bench
+from flflab.bench import LENGTH
 from flflab.cli.connected import (
     AxisName,
     BenchFile,
@@ -139,40 +138,24 @@ def jog(
 
 @app.command(short_help="Stop every axis.")
 def stop(bench: BenchFile) -> None:
-    """Stop every axis: the program that drives the bench is told to; where it does not, or there is
-    none, this one opens the ports.
+    """Stop every axis and wait until each reads at rest: the program that drives the bench is asked
+    to, and the lines are opened past it at the same time. It moves nothing any more.
     """
-    from drivers.owner import ask_owners_to_stop
-    from drivers.sentinel import stop_axes
+    from drivers.stopping import stop_bench
 
     try:
-        answers = ask_owners_to_stop(bench)
+        stopped = stop_bench(bench)
     except InputError as unreadable:
-        raise InputError(f"{unreadable}\n{_by_hand('no axis', bench)}") from unreadable
-    faults = [answer for answer in dict.fromkeys(answers.values()) if answer]
-    if left := {name: answer for name, answer in answers.items() if answer != ""}:
-        try:
-            described = read_bench(bench)
-            addresses = {
-                name: described.description.axes[name].address
-                for name in left
-                if name in described.description.axes
-            }
-            untold = stop_axes(described, addresses)
-            faults += untold or (["past it every axis was told to stop"] if faults else [])
-        except InputError as unreadable:
-            faults += [str(unreadable), _by_hand(f"none of {', '.join(left)}", bench)]
-    if faults:
-        raise DeviceError("\n".join(faults))
-    typer.echo("every axis took the stop")
-
-
-def _by_hand(told: str, bench: Path) -> str:
-    return (
-        f"{told} was told to stop: no running program began with {bench}, and what is in it does"
-        " not say how to reach the stages; stop them by hand, by the emergency stop or by their"
-        " power, then correct the file"
-    )
+        raise InputError(
+            f"{unreadable}\nno axis was stopped: no running program began with {bench}, and what is"
+            " in it does not say how to reach the stages; stop them by hand, by the emergency stop"
+            " or by their power, then correct the file"
+        ) from unreadable
+    if stopped.faults:
+        raise DeviceError("\n".join(stopped.faults))
+    for remark in stopped.remarks:
+        typer.echo(remark, err=True)
+    typer.echo("All axes stopped.")
 
 
 app.command(short_help="Take one picture, or one after the other with a figure of focus.")(snap)
