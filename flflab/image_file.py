@@ -187,7 +187,9 @@ def _read_hdf5(file: Path, number: int | None) -> Picture:
     """A picture of the file's only set of pictures, as in a run's frames.h5."""
     import h5py  # only those who read such files pay for its start-up
 
-    with h5py.File(file, "r") as content:
+    from flflab.hdf5_file import opened_hdf5, require_own_numbers
+
+    with opened_hdf5(file) as content:
         found: list[Any] = []
         content.visititems(
             lambda _, item: (
@@ -201,6 +203,7 @@ def _read_hdf5(file: Path, number: int | None) -> Picture:
             raise InputError(
                 f"{file}: one set of pictures is due, of two or three dimensions; found: {names}"
             )
+        require_own_numbers(found[0], file)
         if found[0].ndim == 2:
             _choose(file, 1, number)
             return np.asarray(found[0])

@@ -18,10 +18,10 @@ from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.new import Kind, built_in
 from flflab.cli.quantities import option_quantity
-from flflab.cli.run import with_descriptions
+from flflab.cli.run import say_remark, with_descriptions
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
-from flflab.whole_file import write_whole
+from flflab.whole_file import write_own
 
 if TYPE_CHECKING:
     from procedures.align import Outcome
@@ -79,6 +79,7 @@ def align(
         recording = with_descriptions(
             Recording(folder, most_frames(request), (rows, columns)), described, None
         )
+        say_remark(recording)
         try:
             outcomes = run(connected, request, recording, _tell)
         except FlflabError as error:
@@ -90,10 +91,10 @@ def align(
         raise typer.Exit(INTERRUPTED)
     if failure is not None:
         raise failure
-    write_whole(
+    write_own(
         folder / "alignment.json", json.dumps([asdict(one) for one in outcomes], indent=1) + "\n"
     )
-    write_whole(folder / "alignment.yaml", zeros_as_text(outcomes, described))
+    write_own(folder / "alignment.yaml", zeros_as_text(outcomes, described))
     console = Console(width=None if Console().is_terminal else 140)
     console.print(table_of(outcomes))
     for one in outcomes:

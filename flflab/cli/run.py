@@ -72,6 +72,7 @@ def run_study(
         recording = with_descriptions(
             begin_recording(connected, study, place), bench, study_file, study
         )
+        say_remark(recording)
         failure = failure_of(place, lambda: take_study(connected, study, recording, tell, name))
     return ended(place, failure)
 
@@ -139,11 +140,23 @@ def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:
             f"the same bench at other addresses is given with `flflab resume {folder} --bench FILE`"
         )
         raise CommunicationError(f"{error}\n{there}") from error
+
+    def go_on() -> None:
+        recording = ContinuedRecording(folder)
+        say_remark(recording)
+        resume(connected, study, run, rest, recording, tell)
+
+    if run.lost:
+        sys.stderr.write(f"flflab: {folder}: {run.loss}; what was lost is taken again\n")
     with connected:
-        failure = failure_of(
-            folder, lambda: resume(connected, study, run, rest, ContinuedRecording(folder), tell)
-        )
+        failure = failure_of(folder, go_on)
     return ended(folder, failure)
+
+
+def say_remark(recording: Recording) -> None:
+    """Say what the disk of a record cannot promise."""
+    if recording.remark:
+        sys.stderr.write(f"flflab: {recording.remark}\n")
 
 
 def require_same_bench(recorded: Bench, given: Bench) -> None:
@@ -220,6 +233,11 @@ def measuring(run: Run, command: str) -> Generator[Callable[[int, int], None]]:
         f"{'all recorded' if run.complete else 'not recorded to its end'}; measuring and comparing",
         highlight=False,
     )
+    if run.lost:
+        sys.stderr.write(
+            f"flflab: {run.loss}; what was lost is left out, `flflab resume {run.folder}` takes it"
+            " again\n"
+        )
     columns = (
         BarColumn(bar_width=20),
         MofNCompleteColumn(),

@@ -20,6 +20,7 @@ from flflab.errors import InputError
 from flflab.evaluation import Evaluation, Tell, evaluate, tell_nobody
 from flflab.record import Run
 from flflab.study import read_study
+from flflab.whole_file import require_own_writable
 
 REJECTED = 3
 
@@ -56,15 +57,16 @@ def validate(
 
 
 def judged(
-    run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody
+    run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody, out: Path | None = None
 ) -> tuple[Evaluation, Path]:
-    """Evaluate a run and write its table and page beside it.
+    """Evaluate a run and write its table and page.
 
     Args:
         run: the record.
         bench_file: the bench to hold it against, a calibrated one for instance; the recorded one
             without it.
         tell: called with how many configurations are measured, of how many.
+        out: folder for table and page; the run's own without it.
 
     Returns:
         What was found, and the page.
@@ -80,22 +82,25 @@ def judged(
             f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} without a study"
             " has nothing to compare"
         )
+    besides = f"-{bench_file.stem}" if bench_file else ""
+    place = out or run.folder
+    table, page = place / f"comparison{besides}.csv", place / f"report{besides}.html"
+    for file in (table, page):  # before the pictures are measured, which takes its time
+        require_own_writable(file)
     bench = read_bench(bench_file or run.folder / "bench.yaml")
     study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
     evaluation = evaluate(run, study, bench, tell=tell)
-    besides = f"-{bench_file.stem}" if bench_file else ""
-    write_rows(evaluation.comparison.rows, run.folder / f"comparison{besides}.csv")
-    page = run.folder / f"report{besides}.html"
+    write_rows(evaluation.comparison.rows, table)
     write_report(evaluation, run, study, bench, page)
     return evaluation, page
 
 
-def conclude(run: Run, bench_file: Path | None = None) -> None:
-    """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is
-    rejected.
+def conclude(run: Run, bench_file: Path | None = None, out: Path | None = None) -> None:
+    """Evaluate a run, write its table and page (into ``out``, or the run's folder), print the
+    verdict; exit 3 where the model is rejected.
     """
     with measuring(run, "report") as tell:
-        evaluation, page = judged(run, bench_file, tell)
+        evaluation, page = judged(run, bench_file, tell, out)
     with reader_may_go():
         _tell(evaluation, page)
     if not evaluation.comparison.accepted:

@@ -1,0 +1,17 @@
+"""Words of others (devices, files) as text that a terminal only shows.
+
+A terminal obeys what some characters say: escape sequences change its title, its colours, even its
+clipboard, and others turn the direction of writing.
+"""
+
+
+def printable(text: str) -> str:
+    r"""A text whose characters that do not show are written as Python writes them, ESC as its four
+    letters ``\x1b``; line ends and tabulators stay.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode("ascii")
+        for one in text
+    )
