@@ -11,10 +11,11 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from flflab.camera_file import read_camera
-from flflab.description import Angle, Description, Length, Ratio, check, line_of, read_yaml
+from flflab.description import Angle, Description, Length, Ratio, check, line_of
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.units import Dimension, parse_quantity
+from flflab.yaml_file import read_yaml
 
 Element = Literal["main_lens.z", "array.z", "sensor.z", "target.z"]
 Turn = Literal["array.pitch", "array.yaw", "array.roll"]

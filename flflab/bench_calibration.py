@@ -21,12 +21,12 @@ from flflab.calibration.fit import BARELY, Fit, Hiding, hidings
 from flflab.calibration.from_pictures import Pictures, calibrate
 from flflab.calibration.least_squares import Direction
 from flflab.calibration.quantities import Quantities
-from flflab.description import read_yaml
 from flflab.errors import RecordError
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.record import FrameRecord, Run
 from flflab.study import Study
 from flflab.whole_file import write_own
+from flflab.yaml_file import read_yaml
 
 Array = npt.NDArray[np.float64]
 

@@ -15,3 +15,9 @@ def printable(text: str) -> str:
         one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode("ascii")
         for one in text
     )
+
+
+def shortened(value: object, most: int = 80) -> str:
+    """A value as Python writes it, cut when long, for a sentence."""
+    written = repr(value)
+    return written if len(written) <= most else f"{written[:most]}..."

@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field
 
-from flflab.description import Angle, Description, Frequency, Length, check, read_yaml
+from flflab.description import Angle, Description, Frequency, Length, check
 from flflab.errors import InputError
 from flflab.targets import Bars, Black, Chirp, Edge, FourDot, Picture, Target, White
+from flflab.yaml_file import read_yaml
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 

@@ -229,8 +229,8 @@ def running_engine() -> Generator[RunEngine, None, None]:
 
 
 class UtcFormatter(logging.Formatter):
-    """Lines of a log: ``2024-10-27 01:30:00,123 UTC INFO drivers.axis: ...``, without characters that
-    a terminal would obey.
+    """Lines of a log, ``2024-10-27 01:30:00,123 UTC INFO drivers.axis: ...``, without characters
+    that a terminal would obey.
     """
 
     def __init__(self) -> None:

@@ -18,8 +18,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from flflab.description import Description, check, read_yaml, written_as
+from flflab.description import Description, check, written_as
 from flflab.errors import InputError
+from flflab.yaml_file import read_yaml
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]

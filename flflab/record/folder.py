@@ -15,11 +15,11 @@ from pathlib import Path
 import yaml
 
 from flflab.bench import Bench, fields_of
-from flflab.description import read_yaml
 from flflab.errors import FlflabError, RecordError
 from flflab.record.checksums import SUMS, write_sums
 from flflab.record.durable import force_to_disk
 from flflab.whole_file import write_own
+from flflab.yaml_file import read_yaml
 
 DOCUMENTS, FRAMES, DATASET = "documents.jsonl", "frames.h5", "frames"
 VERSIONS = "versions.json"
