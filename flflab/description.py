@@ -6,12 +6,12 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, ClassVar, TypeVar, cast
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from flflab.errors import InputError
-from flflab.printable import shortened
+from flflab.printable import nearest, shortened
 from flflab.units import Dimension, parse_quantity
 from flflab.yaml_file import Path_, read_yaml
 
@@ -61,9 +61,23 @@ Speed = Annotated[float, quantity("speed")]
 Ratio = Annotated[float, quantity("ratio")]
 
 
-class Description(BaseModel):
-    """A frozen part of a description; a field it does not know is an error."""
+KINDS = {  # of files, by fields that no other kind has
+    "camera": ("main_lens", "microlens_array"),
+    "bench": ("axes", "optics"),
+    "study": ("name", "configurations"),
+    "scene": ("planes",),
+    "requirements": ("measure", "parts"),
+    "target": ("kind",),
+}
 
+
+class Description(BaseModel):
+    """A frozen part of a description; a field it does not know is an error.
+
+    ``file_kind`` is one of ``KINDS`` where the description is a whole file.
+    """
+
+    file_kind: ClassVar[str] = ""
     model_config = ConfigDict(extra="forbid", frozen=True, strict=False, allow_inf_nan=False)
 
 
@@ -77,6 +91,18 @@ def line_of(path: Path_, lines: Mapping[Path_, int]) -> int:
     return lines.get(path, 1)
 
 
+def require_kind(data: object, due: str, file: str) -> None:
+    """Refuse a file of another kind, in one sentence instead of one for each of its fields.
+
+    Raises:
+        InputError: its fields are those of another kind than is due.
+    """
+    fields = cast(dict[str, Any], data) if isinstance(data, dict) else {}
+    looks = [kind for kind, own in KINDS.items() if all(field in fields for field in own)]
+    if due and looks and due not in looks:
+        raise InputError(f"{file} is a {looks[0]} file; a {due} file is expected here")
+
+
 def check(
     data: object, kind: type[Part], file: str, lines: Mapping[Path_, int], under: Path_ = ()
 ) -> Part:
@@ -84,8 +110,11 @@ def check(
     and field.
 
     Raises:
-        InputError: at least one field is missing, unknown, of the wrong kind or impossible.
+        InputError: at least one field is missing, unknown, of the wrong kind or impossible, or the
+            file is one of another kind.
     """
+    if not under and issubclass(kind, Description):
+        require_kind(data, kind.file_kind, file)
     try:
         found = kind.model_validate(data)
         wrong = [
@@ -107,7 +136,8 @@ def check(
     except ValidationError as error:
         faults: list[str] = []
         for fault in error.errors():
-            path, given = _given((*under, *fault["loc"]), lines), shortened(fault["input"])
+            place = tuple(part for part in fault["loc"] if part != "[key]")  # of a field's name
+            path, given = _given((*under, *place), lines), shortened(fault["input"])
             message = fault["msg"].removeprefix("Value error, ")
             if (about := (*path, *message.partition(" ")[0].split("."))) in lines:
                 path = about  # a rule between fields begins with the one to change
@@ -117,9 +147,11 @@ def check(
             elif fault["type"] == "missing":
                 message = "this field is missing"
             elif fault["type"] == "extra_forbidden":
+                allowed = _fields_at(kind, fault["loc"][:-1])
+                near = nearest(str(fault["loc"][-1]), allowed)
                 message = (
-                    "there is no such field; allowed here:"
-                    f" {', '.join(_fields_at(kind, fault['loc'][:-1]))}"
+                    f"there is no such field{f', did you mean {near}?' if near else ';'} allowed"
+                    f" here: {', '.join(allowed)}"
                 )
             elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
                 allowed = ", ".join(_fields_at(kind, fault["loc"]))

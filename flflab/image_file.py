@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from flflab.errors import InputError
+from flflab.errors import InputError, reason
 from flflab.raw_file import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
 from flflab.tiff_pages import CMYK, read_pages
 from flflab.whole_file import require_writable, write_whole
@@ -55,7 +55,7 @@ def read_picture(file: Path, number: int | None = None) -> Picture:
         picture = _read(file, ending, number)
     except (OSError, ValueError, EOFError, KeyError, cv2.error) as error:
         raise InputError(
-            f"{file}: cannot be read as a {ending} picture ({error}); is it whole?"
+            f"{file}: cannot be read as a {ending} picture ({reason(error)}); is it whole?"
         ) from error
     if picture.ndim == 3 and picture.shape[2] in (3, 4):
         if not (

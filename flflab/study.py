@@ -87,6 +87,8 @@ class ExposureDescription(Description):
 class StudyDescription(Description):
     """A study file."""
 
+    file_kind = "study"
+
     name: Annotated[
         str,
         written_as(

@@ -54,13 +54,13 @@ def write_own(file: Path, content: str | bytes) -> None:
     Raises:
         InputError: as ``write_whole``.
     """
-    content = _in_bytes(file, content)
+    whole = _in_bytes(file, content)
     try:
         if not file.is_symlink():
             _require_place(file)
-        _put(file, content)
+        _put(file, whole)
     except OSError as error:
-        raise _unwritten(file, error, len(content)) from error
+        raise _unwritten(file, error, len(whole)) from error
 
 
 def open_own(file: Path, mode: str) -> IO[Any]:

@@ -154,6 +154,8 @@ class SearchDescription(Description):
 class Requirements(Description):
     """A requirements file."""
 
+    file_kind = "requirements"
+
     measure: MeasureDescription
     require: RequireDescription = RequireDescription()
     parts: PartsDescription

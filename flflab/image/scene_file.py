@@ -178,6 +178,8 @@ class SceneDescription(Description):
     camera file relative to this one.
     """
 
+    file_kind = "scene"
+
     camera: Path | None = None
     planes: list[PlaneDescription]
     wavelength: Annotated[float | None, BeforeValidator(_wavelength)] = None

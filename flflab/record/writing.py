@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from flflab.errors import RecordError
+from flflab.errors import RecordError, reason
 from flflab.file_lock import try_lock
 from flflab.hdf5_file import cut_short
 from flflab.record.checksums import write_sums
@@ -178,7 +178,7 @@ class Recording:
             # whatever it is, the thread goes on, or those who wait for it would for ever
             except Exception as error:
                 self._fault = RecordError(
-                    f"{self.folder}: {what} could not be written ({_in_a_line(error)}); make room"
+                    f"{self.folder}: {what} could not be written ({reason(error)}); make room"
                     " before you go on"
                 )
 
@@ -232,7 +232,7 @@ class Recording:
             self._documents.close()
         except OSError as error:
             raise RecordError(
-                f"{self.folder}: its files could not be closed ({_in_a_line(error)}); make room,"
+                f"{self.folder}: its files could not be closed ({reason(error)}); make room,"
                 " the record is whole"
             ) from error
 
@@ -247,7 +247,7 @@ def _beginning(folder: Path) -> Generator[None]:
         ) from error
     except OSError as error:
         raise RecordError(
-            f"{folder}: a record cannot be begun there ({error}); give another folder"
+            f"{folder}: a record cannot be begun there ({reason(error)}); give another folder"
         ) from error
 
 
@@ -264,10 +264,6 @@ def _keep_for_oneself(documents: Any, folder: Path) -> str:
             " first"
         )
     return UNLOCKED.format(folder) if held == "unknown" else ""
-
-
-def _in_a_line(error: BaseException) -> str:
-    return " ".join(str((isinstance(error, OSError) and error.strerror) or error).split())
 
 
 class ContinuedRecording(Recording):
