@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import ANGLE, LENGTH, Bench, with_seed
@@ -19,6 +18,7 @@ from flflab.cli.ending import INTERRUPTED
 from flflab.cli.new import Kind, built_in
 from flflab.cli.quantities import option_quantity
 from flflab.cli.run import say_remark, with_descriptions
+from flflab.cli.terminal import Terminal
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
 from flflab.whole_file import write_own
@@ -95,7 +95,7 @@ def align(
         folder / "alignment.json", json.dumps([asdict(one) for one in outcomes], indent=1) + "\n"
     )
     write_own(folder / "alignment.yaml", zeros_as_text(outcomes, described))
-    console = Console(width=None if Console().is_terminal else 140)
+    console = Terminal(piped=140)
     console.print(table_of(outcomes))
     for one in outcomes:
         console.print(ending_of(one), highlight=False)

@@ -7,11 +7,11 @@ from typing import Annotated, NamedTuple
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from flflab.cli.ending import reader_may_go
+from flflab.cli.terminal import Terminal
 from flflab.cli.validate import REJECTED, conclude, judged
 from flflab.errors import FlflabError, InputError
 from flflab.record import read_run
@@ -55,7 +55,7 @@ def report(
         raise InputError(
             "report: --bench and --out are for one run; give one run, without --scheduler"
         )
-    with Progress(transient=True, console=Console(stderr=True)) as progress:
+    with Progress(transient=True, console=Terminal(stderr=True)) as progress:
         bar = progress.add_task("runs", total=len(runs))
         found: list[Analysed] = []
         for one in results(
@@ -69,7 +69,7 @@ def report(
     for one in sorted(found):
         table.add_row(str(one.folder), "; ".join(one.sentences))
     with reader_may_go():
-        Console(width=None if Console().is_terminal else 140).print(table)
+        Terminal(piped=140).print(table)
     if not all(one.accepted for one in found):
         raise typer.Exit(REJECTED)
 

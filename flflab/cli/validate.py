@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from flflab.bench import read_bench
 from flflab.cli.ending import reader_may_go
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
+from flflab.cli.terminal import Terminal
 from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent, write_rows
 from flflab.diagnosis import not_told_apart
 from flflab.errors import InputError
@@ -109,7 +110,7 @@ def conclude(run: Run, bench_file: Path | None = None, out: Path | None = None) 
 
 def _tell(evaluation: Evaluation, page: Path) -> None:
     """Print tables, verdict, what would explain it, and where the page is."""
-    console = Console()
+    console = Terminal()
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
     accepted = evaluation.comparison.accepted
@@ -146,7 +147,7 @@ def _verdicts(evaluation: Evaluation) -> Table:
             PROPERTY_NAMES.get(one.quantity, one.quantity),
             str(one.rows),
             *shares,
-            "agrees" if one.accepted else "[bold]rejected[/bold]",
+            "agrees" if one.accepted else Text("rejected", style="bold"),
         )
     return table
 
