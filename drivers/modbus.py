@@ -5,6 +5,7 @@ values in pairs of registers.
 import contextlib
 import logging
 import select
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -15,6 +16,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from drivers.forked import close_in_children
 from drivers.line import Line
+from drivers.transport import serial_place
 from flflab.errors import CommunicationError, DeviceError
 
 EXCEPTIONS = {
@@ -24,6 +26,7 @@ EXCEPTIONS = {
     4: "it cannot do this now",
 }
 
+LOG = logging.getLogger(__name__)
 logging.getLogger("pymodbus").addHandler(
     logging.NullHandler()
 )  # what no handler takes Python prints, beside our own sentence
@@ -210,11 +213,53 @@ def make_client(
 ) -> Client:
     """A client for a serial port, or for a line behind a network (``socket://host:port``,
     ``host:port``), RTU frames on both.
+
+    Raises:
+        InputError: the address is none.
     """
+    serial_place(address)
+    passed = Echo(address).pass_over
     host, _, port = address.removeprefix("socket://").rpartition(":")
     if host and port.isdigit() and "/" not in host:
         return ModbusTcpClient(
-            host, port=int(port), framer=FramerType.RTU, timeout=timeout, retries=0
-        )
+            host, port=int(port), framer=FramerType.RTU, timeout=timeout, retries=0,
+            trace_packet=passed,
+        )  # fmt: skip
     kind = ModbusSerialClient if alone else BesideOthers
-    return kind(address, baudrate=baud, parity=parity, timeout=timeout, retries=0)
+    return kind(
+        address, baudrate=baud, parity=parity, timeout=timeout, retries=0, trace_packet=passed
+    )
+
+
+class Echo:
+    """Passes over what an adapter hands back: two-wire RS-485 adapters hear what they send.
+
+    No answer begins as its question does: that to a reading tells fewer bytes than were asked for,
+    that to a writing is shorter.
+
+    Args:
+        address: for the operator.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self._sent = b""
+        self._said = False
+
+    def pass_over(self, sending: bool, packet: bytes) -> bytes:
+        """What was sent as it is; what came, without what was sent last."""
+        if sending:
+            self._sent = packet
+            return packet
+        if packet and self._sent.startswith(packet):
+            return b""  # the rest of it is still to come
+        if self._sent and packet.startswith(self._sent):
+            if not self._said:
+                words = (
+                    f"{self._address}: its adapter hands back what is sent, which is passed over"
+                )
+                LOG.info(words)
+                sys.stderr.write(f"flflab: {words}\n")
+                self._said = True
+            return packet[len(self._sent) :]
+        return packet

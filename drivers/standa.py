@@ -23,6 +23,7 @@ power settings say.
 
 import contextlib
 import math
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -397,7 +398,7 @@ def place(address: str) -> str:
         InputError: it is neither a port nor one of the library's.
     """
     port = address.removeprefix("xi-com:")
-    return port if port.startswith("xi-") else serial_place(port)
+    return port if re.match(r"xi-(emu|net|tcp|udp):", port) else serial_place(port)
 
 
 def open_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> StandaAxis:

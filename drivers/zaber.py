@@ -31,10 +31,18 @@ from pydantic import Field
 
 from drivers.commands import at_the_other_end
 from drivers.line import Line, stop_surely
-from drivers.transport import LostError, Wire, open_serial, show, what_to_check
+from drivers.transport import (
+    LostError,
+    Wire,
+    open_serial,
+    show,
+    what_to_check,
+    whole_number,
+)
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
 from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedError
+from flflab.printable import shortened
 
 SPEED_UNIT = 1.6384
 STOP_ID = 99
@@ -124,7 +132,7 @@ def encode(device: int, axis: int, message_id: int, text: str = "") -> bytes:
 
 
 def parse(line: bytes, with_checksum: bool = False) -> Reply | None:
-    """Read one line; None for information and alerts.
+    """Read one line; None for information and alerts, and for a command that an adapter hands back.
 
     Args:
         line: without its CR LF.
@@ -147,7 +155,7 @@ def parse(line: bytes, with_checksum: bool = False) -> Reply | None:
         )
     else:
         body = line
-    if body[:1] in (b"#", b"!"):
+    if body[:1] in (b"#", b"!", b"/"):
         return None
     found = REPLY.fullmatch(body.decode("ascii", "replace"))
     if found is None:
@@ -317,11 +325,19 @@ class ZaberAxis:
         self._name = name
         self._chain = chain
         self._keys = keys
-        self.resolution = keys.microstep * keys.microsteps_per_step / self._setting("resolution")
-        self.travel = (
-            self._setting("limit.min") * self.resolution,
-            self._setting("limit.max") * self.resolution,
-        )
+        if (steps := self._setting("resolution")) < 1:
+            raise CommunicationError(
+                f"{name}: the device says that a full step has {steps} microsteps; at least 1 is"
+                " due, check model and firmware"
+            )
+        self.resolution = keys.microstep * keys.microsteps_per_step / steps
+        low, high = self._setting("limit.min"), self._setting("limit.max")
+        if low > high:
+            raise DeviceError(
+                f"{name}: the device's own limits are {low} to {high} microsteps, the low one above"
+                " the high one; set limit.min and limit.max anew"
+            )
+        self.travel = (low * self.resolution, high * self.resolution)
         self._require_reference(homes_up)
         maxspeed = round(speed / self.resolution * SPEED_UNIT)
         if self._setting("maxspeed") != maxspeed:
@@ -433,12 +449,12 @@ class ZaberAxis:
         return self._number(setting, self._command(f"get {setting}", repeatable=True))
 
     def _number(self, setting: str, reply: Reply) -> int:
-        if not re.fullmatch(r"-?\d+", reply.data):
+        if (value := whole_number(reply.data)) is None:
             raise CommunicationError(
-                f"{self._name}: asked for {setting}, got {reply.data!r}, not a whole number; check"
-                " model and firmware"
+                f"{self._name}: asked for {setting}, got {shortened(reply.data)}, not a whole"
+                " number; check model and firmware"
             )
-        return int(reply.data)
+        return value
 
     def _device_setting(self, setting: str) -> str:
         return self._command(f"get {setting}", repeatable=True, axis=0).data
@@ -446,13 +462,12 @@ class ZaberAxis:
     def _flags(self) -> list[str]:
         data = self._command("warnings", repeatable=True).data
         count, *flags = data.split() or [""]
-        if (
-            not count.isdigit()
-            or int(count) != len(flags)
-            or any(not re.fullmatch(r"[A-Z]{2}", flag) for flag in flags)
+        if whole_number(count) != len(flags) or any(
+            not re.fullmatch(r"[A-Z]{2}", flag) for flag in flags
         ):
             raise CommunicationError(
-                f"{self._name}: asked for its warnings, got {data!r}, not a count and as many flags"
+                f"{self._name}: asked for its warnings, got {shortened(data)}, not a count and"
+                " as many flags"
             )
         return flags
 

@@ -3,16 +3,26 @@ its zeros are known.
 """
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    model_validator,
+)
 
-from flflab.description import Angle, Description, Length, Ratio, check, line_of, read_yaml
+from flflab.description import Angle, Description, Length, Ratio, check, line_of
 from flflab.errors import InputError
 from flflab.units import Dimension, parse_quantity
+from flflab.yaml_file import read_yaml
 
 if TYPE_CHECKING:
     from flflab.optics.camera import Camera
@@ -21,6 +31,7 @@ Element = Literal["main_lens.z", "array.z", "sensor.z", "target.z"]
 Turn = Literal["array.pitch", "array.yaw", "array.roll"]
 Moved = Literal[Element, Turn]
 Own = TypeVar("Own", bound=BaseModel)
+OTHER_NAMES = ("camera", "iris", "target")  # of what stands on a bench beside axes
 
 
 @dataclass(frozen=True)
@@ -280,10 +291,25 @@ class ModelUncertaintyDescription(Description):
     distance: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
 
 
+def _axis_name(given: str) -> str:
+    """A name that can stand in every record, on a command line, and for nothing else."""
+    if found := re.search(r"[./]|^\s|\s$|^$|^-", given):
+        what = f"{found[0]!r} has no place in it" if found[0] else "it is empty"
+        raise ValueError(f"{given!r} cannot be an axis's name: {what}; give words, digits, _ and -")
+    if given in OTHER_NAMES or given.startswith("world_"):
+        raise ValueError(f"{given!r} is the name of something else of the bench; give another")
+    return given
+
+
+AxisName = Annotated[str, AfterValidator(_axis_name)]
+
+
 class BenchDescription(Description):
     """A bench file."""
 
-    axes: dict[str, AxisDescription]
+    file_kind = "bench"
+
+    axes: dict[AxisName, AxisDescription]
     camera: DeviceDescription
     iris: DeviceDescription
     target: DeviceDescription

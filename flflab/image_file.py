@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from flflab.errors import InputError
+from flflab.errors import InputError, reason
 from flflab.raw_file import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
 from flflab.tiff_pages import CMYK, read_pages
 from flflab.whole_file import require_writable, write_whole
@@ -55,7 +55,7 @@ def read_picture(file: Path, number: int | None = None) -> Picture:
         picture = _read(file, ending, number)
     except (OSError, ValueError, EOFError, KeyError, cv2.error) as error:
         raise InputError(
-            f"{file}: cannot be read as a {ending} picture ({error}); is it whole?"
+            f"{file}: cannot be read as a {ending} picture ({reason(error)}); is it whole?"
         ) from error
     if picture.ndim == 3 and picture.shape[2] in (3, 4):
         if not (
@@ -187,7 +187,9 @@ def _read_hdf5(file: Path, number: int | None) -> Picture:
     """A picture of the file's only set of pictures, as in a run's frames.h5."""
     import h5py  # only those who read such files pay for its start-up
 
-    with h5py.File(file, "r") as content:
+    from flflab.hdf5_file import opened_hdf5, require_own_numbers
+
+    with opened_hdf5(file) as content:
         found: list[Any] = []
         content.visititems(
             lambda _, item: (
@@ -201,6 +203,7 @@ def _read_hdf5(file: Path, number: int | None) -> Picture:
             raise InputError(
                 f"{file}: one set of pictures is due, of two or three dimensions; found: {names}"
             )
+        require_own_numbers(found[0], file)
         if found[0].ndim == 2:
             _choose(file, 1, number)
             return np.asarray(found[0])

@@ -4,7 +4,6 @@ from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import LENGTH
@@ -18,6 +17,7 @@ from flflab.cli.connected import (
 )
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
+from flflab.cli.terminal import Terminal
 from flflab.errors import CommunicationError, DeviceError, InputError
 from flflab.units import parse_quantity
 
@@ -181,4 +181,4 @@ def _table(*headings: str) -> Table:
 
 
 def _print(table: Table) -> None:
-    Console(width=None if Console().is_terminal else PIPED).print(table)
+    Terminal(piped=PIPED).print(table)

@@ -14,6 +14,7 @@ import typer
 from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, say_places
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.quantities import option_quantity
+from flflab.cli.saying import say
 from flflab.errors import DeviceError, InputError
 from flflab.image_file import write_picture
 from flflab.measurement.focus import focus_figure, parabola_top
@@ -148,7 +149,7 @@ def _watch(camera: "CameraDevice", output: Path | None) -> None:
                 failed += 1
                 if failed == MOST_FAILED:
                     raise
-                sys.stderr.write(f"flflab: {error}\n")
+                say(f"flflab: {error}")
                 continue
             failed = 0
             figure = _figure(frame, camera)

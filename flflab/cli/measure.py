@@ -6,13 +6,13 @@ from typing import Annotated, Any
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
+from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
 from flflab.image_file import Picture, read_picture
 from flflab.measurement.measure import measure as measure_picture
@@ -62,7 +62,7 @@ def measure(
     if json:
         print_json(result)
         return
-    console = Console()
+    console = Terminal()
     _print_lattice(console, result["lattice"])
     if result["dots"]:
         console.print(_dots(result["dots"]))
@@ -81,7 +81,7 @@ def _read(file: Path, number: int | None) -> Picture | RawPicture:
     )
 
 
-def _print_lattice(console: Console, lattice: dict[str, Any]) -> None:
+def _print_lattice(console: Terminal, lattice: dict[str, Any]) -> None:
     table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
     table.add_row("layout", str(lattice["layout"]))
     table.add_row("pitch", f"{lattice['pitch_px']:.5f} px")

@@ -53,7 +53,7 @@ CAMERA_FAULTS = [
         "pitch: 400 um",
         "pitsch: 400 um",
         "microlens_array.pitsch",
-        "there is no such field; allowed here: layout, count, pitch",
+        "there is no such field, did you mean pitch? allowed here: layout, count, pitch",
     ),
     ("pitch: 400 um", "pitch: 400 deg", "microlens_array.pitch", "unit of angle"),
     ("pitch: 400 um", "pitch: -400 um", "microlens_array.pitch", "greater than 0"),

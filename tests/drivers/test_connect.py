@@ -77,7 +77,7 @@ def nowhere() -> dict[str, Any]:
         ({"axes.array_stage.microstep": 0.5}, r"axes\.array_stage\.microstep: 0\.5 has no unit"),
         (
             {"axes.array_stage.microstpe": "1 um"},
-            r"axes\.array_stage\.microstpe: there is no such field; allowed here: device, axis",
+            r"axes\.array_stage\.microstpe: there is no such field, did you mean microstep\?",
         ),
         (
             {"axes.sensor_stage.limits": ["0 mm", "fifty"]},
