@@ -111,9 +111,10 @@ class ConnectedBench:
         self._stop(self.axes.values())
 
     def _stop(self, axes: Collection[Axis]) -> None:
+        described = self.described.description.axes
         faults: dict[str, str] = {
-            axis.name: f"{axis.name}: no answer to the stop within {STOP_TIMEOUT_S:g} s; cut its"
-            " power"
+            axis.name: f"{axis.name}: no answer to the stop within {STOP_TIMEOUT_S:g} s;"
+            f" {described[axis.name].cut_its_power}"
             for axis in axes
         }
 
@@ -121,7 +122,7 @@ class ConnectedBench:
             try:
                 axis.stop()
             except Exception as error:
-                faults[axis.name] = f"{error}; it may still move, cut its power"
+                faults[axis.name] = f"{error}; {described[axis.name].cut_its_power}"
             else:
                 del faults[axis.name]
 

@@ -331,6 +331,8 @@ class Camera:
         """Say, once each, what no camera in order does: pixels that are those of the frame before,
         noise and all, and a clock that goes back.
         """
+        import numpy as np  # who only moves a stage does not wait for it
+
         pixels = np.ascontiguousarray(taken.picture)
         now = taken.timestamp, zlib.crc32(pixels.data)
         before, self._before = self._before, now

@@ -11,6 +11,7 @@ from drivers.camera import Camera
 from drivers.described import device_of, driver_of, path_of, spelt
 from drivers.lost import Trust
 from drivers.registry import AxisDriver
+from drivers.serials import require_serial
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
 from flflab.bench import AxisDescription, Bench
@@ -58,6 +59,7 @@ class Connection:
             self.addresses[name] = device.address
             opened = self._open(driver, name, device, keys, simulated=simulated)
             self._resources.callback(opened.close)
+            require_serial(name, device, opened)
             return opened
         except FlflabError as fault:
             # what is wrong with the whole simulated bench is told once, and not of each device

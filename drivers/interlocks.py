@@ -1,3 +1,4 @@
+# longer than 450 lines because the rule of the gap is one subject read downwards
 """The rules across axes: two neighbours along the light never nearer than their minimum gap. Pure
 functions over readings and world places.
 

@@ -38,6 +38,7 @@ from flflab.bench import AxisDescription
 from flflab.description import Description, Length
 from flflab.errors import CommunicationError, DeviceError, NotHomedError
 
+POWER_OFF_AT_REST = 2
 STEPPER, ENCODERS = 3, (1, 6)  # kind of motor; feedbacks whose positions are counts of an encoder
 RUNNING, FAILED, COMMAND, HOME = 0x80, 0x40, 0x3F, 6
 HOMED, ALARM, LEFT_SWITCH, RIGHT_SWITCH = 0x20, 0x40, 0x2, 0x1
@@ -402,8 +403,20 @@ def place(address: str) -> str:
 
 
 def open_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> StandaAxis:
-    """Open the axis of one controller."""
-    return StandaAxis(name, _controller(axis, share), keys, axis.speed, homes_up=axis.homes_up)
+    """Open the axis of one controller.
+
+    Raises:
+        DeviceError: a vertical axis would fall at rest.
+    """
+    controller = _controller(axis, share)
+    if axis.vertical:
+        power = controller.ask(name, "say its power", lambda device: device.get_power_settings())
+        if int(power.PowerFlags) & POWER_OFF_AT_REST:
+            raise DeviceError(
+                f"{name}: it is vertical, and its controller switches the motor's current off at"
+                " rest, so it would fall; switch that off in the maker's XILab"
+            )
+    return StandaAxis(name, controller, keys, axis.speed, homes_up=axis.homes_up)
 
 
 def stop_axis(

@@ -105,7 +105,7 @@ def stop_axes(axes: Mapping[str, AxisDescription]) -> dict[str, str]:
         A sentence for each axis that does not read at rest.
     """
     faults = {
-        name: f"{name}: no answer to the stop; it may still move, cut its power" for name in axes
+        name: f"{name}: no answer to the stop; {axis.cut_its_power}" for name, axis in axes.items()
     }
     lines: dict[str, _Line] = {}
     threads: list[threading.Thread] = []
@@ -118,7 +118,7 @@ def stop_axes(axes: Mapping[str, AxisDescription]) -> dict[str, str]:
                 _stop_axis(name, axis, line)
             except Exception as error:  # whatever it is, who asked is to hear of every axis
                 why = str(error) if name in str(error) else f"{name}: {error}"
-                faults[name] = f"{why}; it may still move, cut its power"
+                faults[name] = f"{why}; {axis.cut_its_power}"
             else:
                 del faults[name]
 

@@ -20,6 +20,7 @@ from flflab.errors import FlflabError
 TIMEOUT_S = 10.0
 SILENT = "does not answer"
 MOST_CHARACTERS = 200  # of what a device says of itself
+FALLS = "vertical: without current it falls unless it has a brake, see that it has one"
 
 
 class Identity(NamedTuple):
@@ -46,7 +47,10 @@ def look(name: str, device: DeviceDescription, instrument: Any, address: str) ->
         if isinstance(instrument, Axis):
             serial = instrument.serial()
             position = instrument.position() if instrument.is_homed() else None
-            state = "; ".join(("moving",) * instrument.is_moving() + instrument.warnings())
+            falls = getattr(device, "vertical", False)
+            state = "; ".join(
+                ("moving",) * instrument.is_moving() + instrument.warnings() + (FALLS,) * falls
+            )
         elif isinstance(instrument, Setting):
             state = in_a_line(str(instrument.value()))
     except FlflabError as error:

@@ -52,6 +52,7 @@ FEWEST_IDS = 50
 REPLY = re.compile(r"@(\d\d) (\d) (\d\d) (OK|RJ) (BUSY|IDLE) (--|[A-Z]{2}) ([^:]*)")
 NO_REFERENCE = ("WR", "WH", "WM", "FS")
 PRESET = "limit.home.preset"
+STAGE_SERIAL = "peripheral.serial"
 FLAGS = {
     "FF": "critical system error", "FN": "peripheral not supported", "FZ": "peripheral inactive",
     "FH": "hardware emergency stop",
@@ -418,9 +419,18 @@ class ZaberAxis:
         return f"Zaber device {kind}, serial {serial}, firmware {version}, at {self._keys.device}"
 
     def serial(self) -> str:
-        """The device's serial number, with the axis where it is not its first."""
-        return self._device_setting("system.serial") + (
-            f" axis {self._keys.axis}" if self._keys.axis > 1 else ""
+        """The device's serial number, with the axis where it is not its first, and that of a stage
+        that is not built in and tells it.
+        """
+        asked = f"get {STAGE_SERIAL}"
+        reply = self._chain.ask(
+            self._name, self._keys.device, self._keys.axis, asked, repeatable=True
+        )
+        stage = reply.data if reply.accepted and reply.data.strip("0") else ""
+        return (
+            self._device_setting("system.serial")
+            + (f" axis {self._keys.axis}" if self._keys.axis > 1 else "")
+            + (f" stage {stage}" if stage else "")
         )
 
     def close(self) -> None:

@@ -1,3 +1,4 @@
+# longer than 450 lines because every field of the bench file stands in one place
 """The bench file: what stands on the bench, where it is reached, how far it may go, and how well
 its zeros are known.
 """
@@ -66,14 +67,15 @@ ANGLE = Coordinate("angle", "angular speed", "rad", "deg", 180 / math.pi)
 
 
 class DeviceDescription(BaseModel):
-    """Any device: the driver's name and where the device is reached; further keys belong to its
-    driver.
+    """Any device: the driver's name, where the device is reached, and the serial number that it is
+    to have there; further keys belong to its driver.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
     driver: str
     address: str = ""
+    serial: Annotated[str, BeforeValidator(lambda given: str(given))] = ""
 
 
 def coordinate_of(moves: Moved) -> Coordinate:
@@ -173,7 +175,9 @@ class FixedDescription(Description):
     def stated(self) -> dict[Moved, FixedPlace | FixedTurn]:
         """Those that the file states."""
         names: tuple[Moved, ...] = (*get_args(Element), *get_args(Turn))
-        places = {name: getattr(self, name.replace(".", "_")) for name in names}
+        places: dict[Moved, FixedPlace | FixedTurn | None] = {
+            name: getattr(self, name.replace(".", "_")) for name in names
+        }
         return {name: place for name, place in places.items() if place is not None}
 
 
@@ -196,6 +200,7 @@ class AxisDescription(DeviceDescription):
     limits: tuple[Place, Place]
     speed: Annotated[Rate, Field(gt=0)]
     home_towards: Literal["-z", "+z", "-pitch", "+pitch", "-yaw", "+yaw", "-roll", "+roll"]
+    vertical: bool = False
 
     @model_validator(mode="after")
     def _limits_rise(self) -> "AxisDescription":
@@ -219,6 +224,16 @@ class AxisDescription(DeviceDescription):
     def homes_up(self) -> bool:
         """Whether it looks for its reference towards higher readings."""
         return (self.home_towards[0] == "+") == (self.sign == 1)
+
+    @property
+    def cut_its_power(self) -> str:
+        """What an operator does with an axis that did not stop."""
+        if self.vertical is True:  # a file whose axis is wrong elsewhere is stopped too
+            return (
+                "it may still move; hold up what it carries, then cut its power: without current"
+                " it falls"
+            )
+        return "it may still move, cut its power"
 
     def world(self, reading: float) -> float:
         """Place in the world, mm or rad, of a reading."""
@@ -315,7 +330,7 @@ class BenchDescription(Description):
     target: DeviceDescription
     gaps: Annotated[MinimumGaps, BeforeValidator(_of_array_and_sensor)] = Field(alias="minimum_gap")
     envelopes: EnvelopesDescription = EnvelopesDescription()
-    fixed: FixedDescription = FixedDescription()
+    fixed: FixedDescription = Field(default_factory=lambda: FixedDescription.model_validate({}))
     optics: str
     optics_uncertainty: OpticsUncertaintyDescription = OpticsUncertaintyDescription()
     model_uncertainty: ModelUncertaintyDescription = ModelUncertaintyDescription()

@@ -346,20 +346,16 @@ def standing(bench: Bench) -> dict[Element, float]:
     """World z in mm of what no axis moves: as the bench file states it, else as the camera file
     has it, the main lens at 0; of the target nobody knows.
     """
-    places: dict[Element, float] = {
+    places: dict[str, float] = {
         "main_lens.z": 0.0,
         "array.z": bench.optics.array.distance,
         "sensor.z": bench.optics.sensor.distance,
-        **{
-            moved: place.at
-            for moved, place in bench.description.fixed.stated().items()
-            if moved in get_args(Element)
-        },
+        **{moved: place.at for moved, place in bench.description.fixed.stated().items()},
     }
     return {
-        element: world
-        for element, world in places.items()
-        if bench.description.axis_of(element) is None
+        element: places[element]
+        for element in get_args(Element)
+        if element in places and bench.description.axis_of(element) is None
     }
 
 

@@ -17,10 +17,15 @@ from flflab.cli.connected import (
 )
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
+from flflab.cli.pin import pin as pin_serials
 from flflab.cli.terminal import Terminal
 from flflab.errors import CommunicationError, DeviceError, InputError
 from flflab.units import parse_quantity
 
+ELSEWHERE = (
+    "axes behind a network: no lock keeps programs on other computers from them; approaches look"
+    " at their neighbours again on the way, homing and tilting cannot"
+)
 PIPED = 400  # columns that any line may take where no terminal folds it
 
 app = typer.Typer(
@@ -35,14 +40,30 @@ app = typer.Typer(
 
 
 @app.command(short_help="Ask every device who it is, where it stands, what it warns of.")
-def check(bench: BenchFile) -> None:
+def check(
+    bench: BenchFile,
+    pin: Annotated[
+        bool,
+        typer.Option(
+            "--pin",
+            help="jog each axis, ask whether the right one moved, write the serial numbers",
+        ),
+    ] = False,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="with --pin: over other numbers, too")
+    ] = False,
+) -> None:
     """Ask every device, all lines at once, who it is, where it stands and what it warns of; all
-    faults in one run.
+    faults in one run. With --pin each axis is moved by 1 mm or 1 degree and back, and the bench
+    file keeps the serial numbers that a person confirmed.
     """
     from drivers.described import one_instrument
     from drivers.survey import SILENT, survey
 
     described = described_bench(bench)
+    if pin:
+        pin_serials(bench, described, replace=replace)
+        return
     rows = survey(described)
     table = _table("device", "position", "identity", "state")
     for row in rows:
@@ -58,6 +79,8 @@ def check(bench: BenchFile) -> None:
         )
         table.add_row(row.name, position, row.identity, row.state if answers else "")
     _print(table)
+    if any(not row.address.startswith(("/", "COM", "sim")) for row in rows if row.position):
+        typer.echo(ELSEWHERE, err=True)
     if twice := one_instrument({row.name: (row.driver, row.serial) for row in rows}):
         raise DeviceError("\n".join(twice))
     if silent := [row.state for row in rows if row.identity == SILENT]:

@@ -3,22 +3,23 @@
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 from pathlib import Path
 
 import pytest
 
-PROGRAM = """
-import sys
-from flflab.workers import results
+PROGRAM = textwrap.dedent("""
+    import sys
+    from flflab.workers import results
 
-if __name__ == "__main__":
-    import time
-    from busily import busy
+    if __name__ == "__main__":
+        import time
+        from busily import busy
 
-    function, given = (time.sleep, (600,)) if sys.argv[1] == "sleeping" else (busy, ())
-    list(results(function, [given] * 9, None))
-"""
+        function, given = (time.sleep, (600,)) if sys.argv[1] == "sleeping" else (busy, ())
+        list(results(function, [given] * 9, None))
+""")
 BUSY = "def busy():\n    while True:\n        pass\n"
 
 

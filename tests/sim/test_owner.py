@@ -1,3 +1,4 @@
+# longer than 450 lines because one subject's sentences of behaviour stand together
 """Who drives a bench: one program at a time, stopped by others through it, and by its sentinel when
 it dies.
 """
