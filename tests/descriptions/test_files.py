@@ -302,7 +302,7 @@ BENCH_FAULTS = [
         "camera:\n  driver: scpi\n  address: simulated",
         "camera: scpi",
         "camera",
-        "fields are due here (driver, address), not 'scpi'",
+        "fields are due here (driver, address, serial), not 'scpi'",
     ),
     ("clock: 20", "clock: true", "simulated.clock", "are no number"),
     ("sign: 1", "sign: yes", "axes.main_lens_stage.sign", "are no number"),
