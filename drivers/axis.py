@@ -408,9 +408,9 @@ class Axis:
             self._stop_quietly()
             if isinstance(fault, MotionError):
                 self._lose_place()
-            if isinstance(fault, CommunicationError) and self.interrupted():
-                fault = CommunicationError(  # two programs on one line garble each other's replies
-                    f"{motion.status.task}: another program had this bench stopped, and then {fault}"
+            if isinstance(fault, FlflabError) and self.interrupted():
+                fault = MotionError(  # two programs on one line garble each other's replies
+                    f"{motion.status.task}: another program had this bench stopped; {fault}"
                 )
             motion.status.complete(fault)
             return

@@ -130,6 +130,7 @@ def test_a_stop_returns_when_every_axis_reads_at_rest_and_latches(
             "stopped on the way at|another program had this bench stopped", said(child)
         )
         assert "another program had this bench stopped" in ask(child)
+        child.wait(20)  # the next who connects finds the line free
     with connect(file) as bench:  # a new connection may move
         bench.array_stage.move_to(1.0).wait(20)
 
