@@ -201,6 +201,7 @@ def ask_owners_to_stop(bench_file: Path) -> dict[str, str | None]:
     for file in locks.own_files():
         owner = _owner(file)
         if owner.get("bench") == _named(bench_file):
+            _latch(file, owner)
             owners[f"process {owner.get('process')}"] = owner
     unreadable: InputError | None = None
     names: dict[str, None] = {}
@@ -209,6 +210,7 @@ def ask_owners_to_stop(bench_file: Path) -> dict[str, str | None]:
             names[name] = None
             for file in files:
                 if owner := _owner(file):
+                    _latch(file, owner)
                     owners[name] = owner
     except InputError as error:
         unreadable = error
@@ -242,16 +244,15 @@ def _owner(file: Path) -> dict[str, Any]:
     if not says or not locks.locked(file):
         return {}
     token = locks.read_own(file.with_suffix(locks.KEY)).get("token", "")
-    _latch(file, str(token))
-    return {**says, "token": token}
+    return {**says, "token": str(token)}
 
 
-def _latch(file: Path, token: str) -> None:
+def _latch(file: Path, owner: dict[str, Any]) -> None:
     """Leave word for an owner that hears nothing now: it reads it before it moves the next time."""
     opened = locks.open_own(file.with_suffix(locks.STOP), create=True, secret=True)
     if opened is not None:
         with contextlib.suppress(OSError):
-            locks.write(opened, {"token": token})
+            locks.write(opened, {"token": owner["token"]})
         os.close(opened)
 
 

@@ -404,6 +404,25 @@ def test_the_two_files_that_macos_has_for_a_port_are_one_line(tmp_path: Path) ->
         owner.close()
 
 
+def test_a_stop_of_one_bench_leaves_the_other_benches_of_the_same_user_alone(
+    tmp_path: Path,
+) -> None:
+    owners: dict[str, Owner] = {}
+    for name in ("one", "other"):
+        file = tmp_path / f"{name}.yaml"
+        axis = {"driver": "zaber", "address": f"/dev/flflab-{name}"}
+        file.write_text(yaml.safe_dump({"axes": {"stage": axis}}), encoding="utf-8")
+        owners[name] = Owner(file)
+        owners[name].stops_with(lambda: None)
+    try:
+        assert ask_owners_to_stop(tmp_path / "one.yaml")["stage"] == ""
+        assert owners["one"].told_to_stop()
+        assert not owners["other"].told_to_stop()
+    finally:
+        for owner in owners.values():
+            owner.close()
+
+
 @pytest.mark.ci
 def test_simulated_benches_of_one_file_can_be_driven_side_by_side(root: Path) -> None:
     file = root / "examples" / "benches" / "simulated.yaml"
