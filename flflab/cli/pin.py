@@ -2,9 +2,10 @@
 the bench file keeps the serial numbers.
 """
 
+import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 import yaml
@@ -41,9 +42,12 @@ def pin(bench: Path, described: Bench, *, replace: bool) -> None:
             if not (number := serial_of(axis)):
                 typer.echo(f"{name}: tells no serial number; nothing to write")
                 continue
-            _jog(connected, axis)
-            moves = described.description.axes[name].moves
-            _require_yes(f"{name}, serial number {number}: did it move {moves}, and nothing else?")
+            way = axis.coordinate.show(JOG[axis.coordinate.unit], "g")
+            towards = _towards(described, name, _jog(connected, axis))
+            _require_yes(
+                f"{name}, serial number {number}: did {described.description.axes[name].moves} move"
+                f" by {way} towards {towards} and back, and nothing else?"
+            )
             found["axes", name] = number
         if number := serial_of(connected.camera):
             _require_yes(f"camera, serial number {number}: is it the camera of this bench?")
@@ -55,8 +59,16 @@ def pin(bench: Path, described: Bench, *, replace: bool) -> None:
     typer.echo(f"{bench}: {len(found)} serial numbers written")
 
 
-def _jog(connected: "ConnectedBench", axis: "Axis") -> None:
-    """A short way and back, to whichever side is free.
+def _towards(described: Bench, name: str, way: float) -> str:
+    """Which way the world should have seen a jog go."""
+    axis = described.description.axes[name]
+    letter, forward = axis.moves.partition(".")[2], way * axis.sign > 0
+    along = (" (away from the target)" if forward else " (against the light)") * (letter == "z")
+    return f"{'+' if forward else '-'}{letter}{along}"
+
+
+def _jog(connected: "ConnectedBench", axis: "Axis") -> float:
+    """A short way and back, to whichever side is free; the way, mm or rad.
 
     Raises:
         NotHomedError: its place is not known.
@@ -70,6 +82,7 @@ def _jog(connected: "ConnectedBench", axis: "Axis") -> None:
         connected.check_way(axis.name, [start + way])
     axis.move_to(start + way).wait()
     axis.move_to(start).wait()
+    return way
 
 
 def _require_yes(question: str) -> None:
@@ -83,8 +96,24 @@ def with_serial(text: str, path: tuple[str, ...], serial: str) -> str:
     """A bench file's text with the serial number of a device; every other character stays.
 
     Raises:
-        InputError: the text has no such device.
+        InputError: the text has no such device, or others share its keys.
     """
+    changed = _changed(text, path, serial)
+    if yaml.safe_load(changed) != _with(yaml.safe_load(text), path, serial):
+        raise InputError(
+            f"{'.'.join(path)}: its serial number would be other devices', too (an anchor?); write"
+            f" serial: {json.dumps(serial)} into the file by hand"
+        )
+    return changed
+
+
+def _with(data: Any, path: tuple[str, ...], serial: str) -> Any:
+    if not path:
+        return {**data, "serial": serial}
+    return {**data, path[0]: _with(data[path[0]], path[1:], serial)}
+
+
+def _changed(text: str, path: tuple[str, ...], serial: str) -> str:
     node = yaml.compose(text, Loader=yaml.SafeLoader)
     for part in path:
         entries = node.value if isinstance(node, yaml.MappingNode) else []
@@ -93,7 +122,9 @@ def with_serial(text: str, path: tuple[str, ...], serial: str) -> str:
         raise InputError(f"{'.'.join(path)}: there is no such device in the file")
     for key, value in node.value:
         if key.value == "serial":
-            return text[: value.start_mark.index] + f'"{serial}"' + text[value.end_mark.index :]
+            return (
+                text[: value.start_mark.index] + json.dumps(serial) + text[value.end_mark.index :]
+            )
     first = node.value[0][0].start_mark
     behind = ", " if node.flow_style else "\n" + " " * first.column
-    return f'{text[: first.index]}serial: "{serial}"{behind}{text[first.index :]}'
+    return f"{text[: first.index]}serial: {json.dumps(serial)}{behind}{text[first.index :]}"
