@@ -250,7 +250,7 @@ def test_a_vertical_axis_whose_controller_lets_go_of_it_at_rest_is_refused(
 
     try:
         if vertical:
-            with pytest.raises(DeviceError, match="it is vertical.*would fall.*XILab"):
+            with pytest.raises(DeviceError, match=r"it is vertical.*would fall.*XILab"):
                 open_axis("stage", described, keys, share)
         else:
             open_axis("stage", described, keys, share)

@@ -14,7 +14,8 @@ PROGRAM = textwrap.dedent("""
     from flflab.workers import results
 
     if __name__ == "__main__":
-        import time
+        import signal, time
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # who runs the tests may have it ignored
         from busily import busy
 
         function, given = (time.sleep, (600,)) if sys.argv[1] == "sleeping" else (busy, ())
@@ -66,17 +67,20 @@ def test_no_worker_outlives_a_killed_program(
     program.write_text(PROGRAM)
     (tmp_path / "busily.py").write_text(BUSY)
     with subprocess.Popen([sys.executable, str(program), work], cwd=tmp_path) as process:
-        started: set[int] = set()
-        wait_until = time.monotonic() + 60
-        # one worker a core and the tracker of what they share
-        while len(started) < 2 and time.monotonic() < wait_until:
-            time.sleep(0.05)
+        try:
+            started: set[int] = set()
+            wait_until = time.monotonic() + 60
+            # one worker a core and the tracker of what they share
+            while len(started) < 2 and time.monotonic() < wait_until:
+                time.sleep(0.05)
+                started = children(process.pid)
+            time.sleep(1.0)  # they are at work
             started = children(process.pid)
-        time.sleep(1.0)  # they are at work
-        started = children(process.pid)
-        assert len(started) >= 2
-        process.send_signal(ending)
-        process.wait(30)
+            assert len(started) >= 2
+            process.send_signal(ending)
+            process.wait(30)
+        finally:
+            process.kill()
         wait_until = time.monotonic() + 30
         while alive(started) and time.monotonic() < wait_until:
             time.sleep(0.05)
