@@ -10,12 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from flflab.calibration.refit import Refit, depend_on_selection, refit_distances, state_refit
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
+from flflab.cli.terminal import Terminal
 from flflab.errors import MeasurementError
 from flflab.observations.agreement import (
     Findings,
@@ -72,7 +72,7 @@ def compare(
     if json:
         print_json(result)
         return
-    console = Console()
+    console = Terminal()
     console.print(frame_table(found.frames))
     for sentence in found.sentences:
         console.print(sentence, highlight=False)

@@ -5,13 +5,13 @@ from typing import Annotated
 
 import cv2
 import typer
-from rich.console import Console
 
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
 from flflab.cli.measured import contrasts_table, dots_table, print_lattice, print_white
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
+from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
 from flflab.image_file import Declared, read_declared
 from flflab.measurement.measure import measure as measure_picture
@@ -111,7 +111,7 @@ def measure(
     if json:
         print_json(result)
         return
-    console = Console()
+    console = Terminal()
     print_lattice(console, result["lattice"])
     if result["dots"]:
         console.print(dots_table(result["dots"]))
@@ -142,4 +142,4 @@ def _measure_blind(
     if json:
         print_json(found.json())
         return
-    print_white(Console(), found)
+    print_white(Terminal(), found)

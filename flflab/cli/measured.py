@@ -5,14 +5,14 @@ from statistics import fmean, median, pstdev
 from typing import Any
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
+from flflab.cli.terminal import Terminal
 from flflab.measurement.lattice.kernel import LIGHT
 from flflab.measurement.white import BlindWhite
 
 
-def print_white(console: Console, found: BlindWhite) -> None:
+def print_white(console: Terminal, found: BlindWhite) -> None:
     """Ten lines: what was found, how sure, and remarks."""
     lattice, white = found.json()["lattice"], found.white
     sure = lattice["uncertainty"]
@@ -47,7 +47,7 @@ def _with_doubt(value: float, doubt: float) -> str:
     return f"{value:.{digits}f} ± {doubt:.{digits}f}"
 
 
-def print_lattice(console: Console, lattice: dict[str, Any]) -> None:
+def print_lattice(console: Terminal, lattice: dict[str, Any]) -> None:
     """The lattice measured with a camera file."""
     table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
     table.add_row("layout", str(lattice["layout"]))
