@@ -111,6 +111,29 @@ def measured_profile(
     return Profile(float(radius), step, table)
 
 
+def above_ground(profile: Profile) -> Profile:
+    """The profile without a level beneath all of it, where each micro-image has its own ground.
+
+    A level is one that half of what lies between the rims shows.
+    """
+    r = np.arange(len(profile.table)) * profile.step
+    around = (r > profile.radius) & (r < r[-1] - 3 * max(KNOTS_PX, r[-1] / MOST_KNOTS))
+    light = profile.table[around, 0]
+    level = float(light.min(initial=1.0))
+    flat = np.count_nonzero(light < level + FAINT)
+    if level < FAINT or flat < max(1, len(light)) / 2:
+        return profile
+    table = profile.table / (1 - level)
+    table[:, 0] = np.maximum(0.0, table[:, 0] - level / (1 - level))
+    last = int(np.flatnonzero(table[:, 0] > FAINT)[-1])
+    table = table[: last + 2]
+    table[-2:] = 0.0
+    above = int(np.flatnonzero(table[:, 0] >= 0.5)[-1])
+    here, there = table[above, 0], table[min(above + 1, len(table) - 1), 0]
+    radius = (above + (here - 0.5) / max(here - there, 1e-12)) * profile.step
+    return Profile(float(radius), profile.step, table)
+
+
 def recentred(values: Array, profile: Profile, before: Profile, members: Whole) -> Array:
     """Values that belong to a new profile: as wide and soft on average as it is."""
     found = values.copy()

@@ -12,7 +12,12 @@ from flflab.measurement.lattice.find import RoughLattice, find_lattice
 from flflab.measurement.lattice.grid import Grid, grid_through
 from flflab.measurement.lattice.index import FEWEST, index_lattice, looks_right
 from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, WIDER, X, Y
-from flflab.measurement.lattice.mean_profile import Profile, measured_profile, recentred
+from flflab.measurement.lattice.mean_profile import (
+    Profile,
+    above_ground,
+    measured_profile,
+    recentred,
+)
 from flflab.measurement.lattice.micro_images import (
     BLOB,
     DISC,
@@ -105,6 +110,8 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
         _require_enough(inner)
         members, before = np.flatnonzero(inner), profile
         profile = measured_profile(pixels, values, members, neighbours, before)
+        if indexed.ground is None:
+            profile = above_ground(profile)
         values = recentred(values, profile, before, members)
         if turn == LAST:
             values[:, SLOPE_X:] = slopes.mean
