@@ -9,6 +9,8 @@ from pathlib import Path
 
 from flflab.errors import FlflabError
 
+HEARD_S = 0.03  # in which an owner that lives has heard it; loading would keep the thread waiting
+
 
 def ask_to_stop_early(arguments: Sequence[str]) -> None:
     """Where these words are ``bench stop``, ask in a thread of its own; what comes of it is told
@@ -27,4 +29,6 @@ def ask_to_stop_early(arguments: Sequence[str]) -> None:
         with contextlib.suppress(FlflabError, OSError):
             ask_owners_to_stop(file)
 
-    threading.Thread(target=ask, name="ask owners early", daemon=True).start()
+    asking = threading.Thread(target=ask, name="ask owners early", daemon=True)
+    asking.start()
+    asking.join(HEARD_S)
