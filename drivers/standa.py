@@ -23,7 +23,6 @@ power settings say.
 
 import contextlib
 import math
-import threading
 import time
 from collections.abc import Callable
 from operator import methodcaller
@@ -33,6 +32,7 @@ from pydantic import Field
 
 from drivers.line import Line
 from drivers.transport import LostError
+from drivers.turns import Turns
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
 from flflab.errors import CommunicationError, DeviceError, NotHomedError
@@ -108,7 +108,7 @@ class StandaController:
         port = address if address.startswith("/") else "\\\\.\\" + address  # as Windows names ports
         uri = address if address.startswith("xi-") else f"xi-com:{port}"
         self._line = Line(lambda: Device(uri))
-        self._turn = threading.Lock()
+        self._turns = Turns()
 
     def ask(self, name: str, task: str, ask: Callable[[Any], Answer]) -> Answer:
         """Call the library.
@@ -117,7 +117,7 @@ class StandaController:
             LostError: the controller is gone.
             DeviceError: it refuses.
         """
-        with self._turn:
+        with self._turns.take():
             device = self._line.get(f"{name}: asked to {task}, ")
             try:
                 return ask(device.axis)
