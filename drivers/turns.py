@@ -1,6 +1,5 @@
-"""Turns on a line that several axes share, in the order in which they were asked for: a lock of
-Python's goes to whoever asks again first, so that one who asks without a pause keeps all others
-from the line.
+"""Turns on a line that several axes share, in the order in which they were asked for. No lock of
+Python's promises an order: one who asks without a pause may keep all others from the line.
 """
 
 import contextlib
