@@ -410,7 +410,7 @@ def part(bench_file: Path, number: int, count: int) -> Soak:
 
 
 def soak(bench_file: Path, count: int) -> None:
-    """So many faults on each of twenty benches side by side: most of the time goes by in waiting."""
+    """So many faults on each of twenty benches side by side: most of their time is waiting."""
     begin = time.perf_counter(), time.process_time()
     with ThreadPoolExecutor(PARTS) as pool:
         ended = list(pool.map(lambda number: part(bench_file, number, count), range(PARTS)))
