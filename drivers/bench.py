@@ -286,14 +286,16 @@ class ConnectedBench:
                 now = axis.count()
             except CommunicationError as error:
                 raise DeviceError(
-                    f"{name}: stopped, its neighbour does not answer: {error}"
+                    f"{name}: asked to move, stopped on the way, its neighbour does not answer:"
+                    f" {error}"
                 ) from error
             moved = abs(now - reading) > FOLLOWING[axis.coordinate.unit]
             if moved and axis.motions == begun[other]:
                 raise InterlockError(
-                    f"{name}: stopped on the way, for its neighbour {other} moved meanwhile, from"
-                    f" {axis.coordinate.show(reading)} to {axis.coordinate.show(now)}, and not from"
-                    " here; end whatever else drives it, perhaps on another computer"
+                    f"{name}: asked to move, stopped on the way, for its neighbour {other} moved"
+                    f" meanwhile, from {axis.coordinate.show(reading)} to"
+                    f" {axis.coordinate.show(now)}, and not from here; end whatever else drives it,"
+                    " perhaps on another computer, or look whether it lost its power"
                 )
 
     def _have_sentinel(self, name: str) -> None:

@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 
 from drivers.axis import Axis
 from drivers.camera import Camera
-from drivers.described import device_of, driver_of, path_of, spelt
+from drivers.described import device_of, driver_of, path_of
 from drivers.lost import Trust
+from drivers.places import spelt
 from drivers.registry import AxisDriver
 from drivers.serials import require_serial
 from drivers.setting import Setting

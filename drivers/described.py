@@ -133,14 +133,6 @@ def _place(bench: Bench, name: str, driver: Any) -> str | None:
     return None if driver.place is str else place
 
 
-def spelt(driver: str, address: str) -> str:
-    """The address of an axis spelt one way; as it is where it, or its driver, is none."""
-    try:
-        return AXES[driver].place(address)
-    except (KeyError, InputError):
-        return address
-
-
 def _in_words(stage: tuple[object, ...], apart: tuple[str, ...]) -> str:
     driver, place, *numbers = stage
     return ", ".join(

@@ -18,9 +18,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
-from drivers.described import spelt
-from flflab.description import read_yaml
+from drivers.places import spelt
 from flflab.errors import DeviceError
+from flflab.yaml_file import read_yaml
 
 PLACES = ("/run/lock", "/var/lock", "/dev/shm", "/tmp")  # noqa: S108 - found sticky before use
 PREFIX, LOCK, KEY, STOP = "flflab-bench-", ".lock", ".key", ".stop"

@@ -2,13 +2,11 @@
 values in pairs of registers.
 """
 
-import contextlib
 import logging
 import select
 import sys
-import threading
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 from pymodbus import FramerType, ModbusException
@@ -17,6 +15,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from drivers.forked import close_in_children
 from drivers.line import Line
 from drivers.transport import serial_place
+from drivers.turns import Turns
 from flflab.errors import CommunicationError, DeviceError
 
 EXCEPTIONS = {
@@ -65,8 +64,7 @@ class ModbusLine:
         self._make_client = make_client
         self._address = address
         self._quiet = quiet
-        self._changed = threading.Condition()
-        self._busy, self._urgent = False, 0
+        self._turns = Turns()
         self._failed = False
         self._line = Line(self._connect)
 
@@ -78,7 +76,7 @@ class ModbusLine:
             CommunicationError: no answer, or not a right one.
             DeviceError: the drive refuses.
         """
-        with self._turn():
+        with self._turns.take():
             try:
                 return self._pair(name, device, register)
             except CommunicationError:
@@ -94,7 +92,7 @@ class ModbusLine:
                 all the same.
             DeviceError: the drive refuses.
         """
-        with self._turn(urgent):
+        with self._turns.take(urgent=urgent):
             asked = (
                 f"{name} (slave {device}): wrote {len(values)} values from register {register:#06x}"
                 " on, "
@@ -107,20 +105,6 @@ class ModbusLine:
     def close(self) -> None:
         """Let go of the line."""
         self._line.close()
-
-    @contextlib.contextmanager
-    def _turn(self, urgent: bool = False) -> Generator[None]:
-        with self._changed:
-            self._urgent += urgent
-            self._changed.wait_for(lambda: not self._busy and (urgent or not self._urgent))
-            self._busy = True
-            self._urgent -= urgent
-        try:
-            yield
-        finally:
-            with self._changed:
-                self._busy = False
-                self._changed.notify_all()
 
     def _connect(self) -> Client:
         client = self._make_client()

@@ -8,7 +8,8 @@ from importlib import import_module
 from typing import Any, Protocol, TypeVar
 
 from drivers.commands import AxisCommands, SettingCommands
-from drivers.transport import serial_place, tcp_place
+from drivers.places import PLACES
+from drivers.transport import tcp_place
 from flflab.bench import ANGLE, LENGTH, AxisDescription, Coordinate
 from flflab.description import Description
 
@@ -56,7 +57,6 @@ class AxisDriver:
         counts: lengths or angles; None: either.
         apart: which of its own keys tell the axes at one address from each other; None where an
             address says nothing.
-        place: an address spelt one way; raises InputError where it is none.
         patience: how long an axis may be busy without progress, s.
     """
 
@@ -64,8 +64,12 @@ class AxisDriver:
     keys_named: str
     counts: Coordinate | None
     apart: tuple[str, ...] | None
-    place: Callable[[str], str] = serial_place
     patience: float = 3.0
+
+    @property
+    def place(self) -> Callable[[str], str]:
+        """Spells an address one way; raises InputError where it is none."""
+        return PLACES[self.module]
 
     @property
     def keys(self) -> type[Description]:
@@ -127,10 +131,8 @@ AXES: Mapping[str, AxisDriver] = {
     "zaber": AxisDriver("zaber", "ZaberKeys", LENGTH, ("device", "axis")),
     "thorlabs": AxisDriver("thorlabs", "ThorlabsKeys", ANGLE, ("channel",)),
     "oriental": AxisDriver("oriental", "OrientalKeys", ANGLE, ("device",)),
-    "standa": AxisDriver(
-        "standa", "StandaKeys", LENGTH, (), lambda address: Loaded("standa.place").get()(address)
-    ),
-    "manual": AxisDriver("manual", "ManualAxisKeys", None, None, str, patience=FOR_EVER),
+    "standa": AxisDriver("standa", "StandaKeys", LENGTH, ()),
+    "manual": AxisDriver("manual", "ManualAxisKeys", None, None, patience=FOR_EVER),
 }
 CAMERAS: Mapping[str, CameraDriver] = {
     "scpi": CameraDriver("cameras.scpi.ScpiCameraKeys", "cameras.scpi.open_camera", tcp_place),

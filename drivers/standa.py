@@ -23,8 +23,6 @@ power settings say.
 
 import contextlib
 import math
-import re
-import threading
 import time
 from collections.abc import Callable
 from operator import methodcaller
@@ -33,7 +31,8 @@ from typing import Annotated, Any, TypeVar
 from pydantic import Field
 
 from drivers.line import Line
-from drivers.transport import LostError, serial_place
+from drivers.transport import LostError
+from drivers.turns import Turns
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
 from flflab.errors import CommunicationError, DeviceError, NotHomedError
@@ -109,7 +108,7 @@ class StandaController:
         port = address if address.startswith("/") else "\\\\.\\" + address  # as Windows names ports
         uri = address if address.startswith("xi-") else f"xi-com:{port}"
         self._line = Line(lambda: Device(uri))
-        self._turn = threading.Lock()
+        self._turns = Turns()
 
     def ask(self, name: str, task: str, ask: Callable[[Any], Answer]) -> Answer:
         """Call the library.
@@ -118,7 +117,7 @@ class StandaController:
             LostError: the controller is gone.
             DeviceError: it refuses.
         """
-        with self._turn:
+        with self._turns.take():
             device = self._line.get(f"{name}: asked to {task}, ")
             try:
                 return ask(device.axis)
@@ -390,16 +389,6 @@ class StandaAxis:
                 f"{self._name}: asked for {wanted[0]} steps/s, it keeps {kept.Speed}; give a speed"
                 " the stage can reach"
             )
-
-
-def place(address: str) -> str:
-    """An address spelt one way; the library's own as they are, but for ports.
-
-    Raises:
-        InputError: it is neither a port nor one of the library's.
-    """
-    port = address.removeprefix("xi-com:")
-    return port if re.match(r"xi-(emu|net|tcp|udp):", port) else serial_place(port)
 
 
 def open_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> StandaAxis:

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from drivers import locks
 from drivers.owner import ask_owners_to_stop
+from drivers.places import spelt
 from drivers.registry import AXES
 from flflab.bench import AxisDescription
 from flflab.description import read_yaml
@@ -110,7 +111,7 @@ def stop_axes(axes: Mapping[str, AxisDescription]) -> dict[str, str]:
     lines: dict[str, _Line] = {}
     threads: list[threading.Thread] = []
     for name, axis in axes.items():
-        place = locks.spelt(axis.driver, axis.address)
+        place = spelt(axis.driver, axis.address)
         line = lines.setdefault(place, _Line())
 
         def stop(name: str = name, axis: AxisDescription = axis, line: _Line = line) -> None:

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 from drivers.axis import Axis
 from drivers.connection import Connection, can_outlive
-from drivers.described import device_of, require_drivable, spelt
+from drivers.described import device_of, require_drivable
 from drivers.owner import Owner
+from drivers.places import spelt
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
 from drivers.transport import what_to_check

@@ -26,7 +26,6 @@ the motor holds its place.
 
 import math
 import struct
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,6 +35,7 @@ from pydantic import Field
 
 from drivers.line import Line, stop_surely
 from drivers.transport import LONGEST_S, LostError, Wire, open_serial
+from drivers.turns import Turns
 from flflab.bench import AxisDescription
 from flflab.description import Description
 from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedError
@@ -161,7 +161,7 @@ class AptLink:
         self.heard: set[int] = set()
         self.line = Line(opener)
         self._timeout = timeout
-        self._turn = threading.RLock()
+        self._turns = Turns()
         self._in_step = False
 
     def tell(self, name: str, message: bytes) -> None:
@@ -190,7 +190,7 @@ class AptLink:
         Raises:
             CommunicationError: no answer, or not the one to this request.
         """
-        with self._turn:
+        with self._turns.take():
             try:
                 return self._exchange(name, message, answer, size)
             except CommunicationError:

@@ -20,7 +20,6 @@ Not confirmed from the manual: that ``stop`` raises the flag NI.
 """
 
 import re
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -39,6 +38,7 @@ from drivers.transport import (
     what_to_check,
     whole_number,
 )
+from drivers.turns import Turns
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
 from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedError
@@ -190,7 +190,7 @@ class ZaberChain:
         self.line = Line(opener)
         self._with_checksum = with_checksum
         self._timeout = timeout
-        self._turn = threading.Lock()
+        self._turns = Turns()
         self._ids = deque(range(STOP_ID))
         self._unanswered: deque[int] = deque()
         self._in_step = True
@@ -211,12 +211,12 @@ class ZaberChain:
             CommunicationError: no reply, or not the reply to this command.
         """
         try:
-            with self._turn:
+            with self._turns.take():
                 return self._exchange(name, device, axis, text)
         except CommunicationError:
             if not repeatable:
                 raise
-        with self._turn:
+        with self._turns.take():
             return self._exchange(name, device, axis, text)
 
     def stop(self, name: str, device: int, axis: int) -> None:

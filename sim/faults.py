@@ -146,6 +146,8 @@ class Faults:
 
     def late_answer(self) -> bytes:
         """The answer that was held back, once its time has come."""
+        if self._late is None:
+            return b""
         with self._lock:
             if self._late is None or time.monotonic() < self._late[0]:
                 return b""
@@ -167,6 +169,8 @@ class Faults:
 
     def _first(self, kind: str) -> bool:
         """True once for each fault of a kind whose time has come."""
+        if not self._faults:
+            return False
         with self._lock:
             due = [
                 fault

@@ -97,14 +97,12 @@ class Device:
 
     def alert(self) -> bytes:
         """The alert for a motion that has ended since the last look, where alerts are on."""
-        busy, was_busy = self.stage.busy(), self._was_busy
-        self._was_busy = busy
-        ended = was_busy and not busy and self.line.alert
-        return (
-            self._sealed(b"!", f"{self.line.number:02d} 1 {self._status()}", False)
-            if ended
-            else b""
-        )
+        if not self._was_busy or self.stage.busy():
+            return b""
+        self._was_busy = False
+        if not self.line.alert:
+            return b""
+        return self._sealed(b"!", f"{self.line.number:02d} 1 {self._status()}", False)
 
     def _sealed(self, kind: bytes, text: str, signed: bool) -> bytes:
         body = text.encode("ascii")

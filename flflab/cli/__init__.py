@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 
+from flflab.cli.early_stop import ask_to_stop_early
 from flflab.cli.ending import (
     INTERRUPTED,
     end_with_one_sentence,
@@ -56,6 +57,7 @@ def _command() -> int | str | None:
         stranger = stranger_among_packages()
         if stranger:
             raise FlflabError(stranger)
+        ask_to_stop_early(sys.argv[1:])
         from flflab.cli.app import app  # inside, so that Ctrl-C while it loads is heard as one
 
         app(standalone_mode=True)

@@ -1,10 +1,8 @@
 """``flflab bench ...``: look at a bench and move it by hand."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
-from rich.table import Table
 
 from flflab.bench import LENGTH
 from flflab.cli.connected import (
@@ -17,10 +15,11 @@ from flflab.cli.connected import (
 )
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
-from flflab.cli.pin import pin as pin_serials
-from flflab.cli.terminal import Terminal
 from flflab.errors import CommunicationError, DeviceError, InputError
 from flflab.units import parse_quantity
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 ELSEWHERE = (
     "axes behind a network: no lock keeps programs on other computers from them; approaches look"
@@ -62,6 +61,8 @@ def check(
 
     described = described_bench(bench)
     if pin:
+        from flflab.cli.pin import pin as pin_serials
+
         pin_serials(bench, described, replace=replace)
         return
     rows = survey(described)
@@ -187,10 +188,13 @@ app.command(
 )(scan)
 
 
-def _table(*headings: str) -> Table:
+def _table(*headings: str) -> "Table":
     """A table that 80 columns hold: what a device says of itself goes over as many lines as it
     takes, nothing is cut.
     """
+    from rich import box  # a stop waits for nothing that only tables need
+    from rich.table import Table
+
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in headings:
         number = heading in ("position", "reading", "in the world")
@@ -203,5 +207,7 @@ def _table(*headings: str) -> Table:
     return table
 
 
-def _print(table: Table) -> None:
+def _print(table: "Table") -> None:
+    from flflab.cli.terminal import Terminal
+
     Terminal(piped=PIPED).print(table)

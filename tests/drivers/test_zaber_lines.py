@@ -242,7 +242,7 @@ def test_a_stop_does_not_wait_for_another_exchange_and_its_reply_disturbs_none(
 ) -> None:
     stop = line("/1 1 99 stop")
     chain = chain_at(dialogue([(stop, line("@01 1 99 OK IDLE -- 0")), (FIRST, GOOD)]))
-    with chain._turn:  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
+    with chain._turns.take():  # noqa: SLF001  # pyright: ignore[reportPrivateUsage]
         stop_surely(chain.line, "stage", stop, lambda: None)
     assert chain.ask("array_stage", 2, 1, "get pos", repeatable=False).data == "5"
     chain.close()

@@ -8,7 +8,10 @@ from flflab.bench import read_bench
 from sim.serve import serve, write_bench
 
 HEAVY = ("cv2", "numba", "scipy", "matplotlib")
-LOADED = f"import sys, drivers; print([name for name in {HEAVY} if name in sys.modules])"
+LOADED = (
+    "import sys, drivers, flflab.cli.bench; drivers.connect;"
+    f" print([name for name in {HEAVY} if name in sys.modules])"
+)
 MOVES = f"""
 import sys
 class Fails:

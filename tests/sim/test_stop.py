@@ -288,7 +288,7 @@ def test_a_stop_waits_for_no_lock_of_the_program_that_drives(slow: tuple[Served,
             bench.axes[name].home().wait(20)
         status = bench.array_stage.move_to(18.0)
         chain = bench.array_stage._commands._chain  # noqa: SLF001  # pyright: ignore
-        with bench.array_stage._starting, bench._watching, chain._turn:  # noqa: SLF001  # pyright: ignore
+        with bench.array_stage._starting, bench._watching, chain._turns.take():  # noqa: SLF001  # pyright: ignore
             stopping = threading.Thread(target=bench.array_stage.stop)
             stopping.start()
             assert comes_to_rest(served)
