@@ -4,15 +4,16 @@ what was left running.
 
 import contextlib
 import getpass
+import importlib
 import multiprocessing
 import os
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
@@ -85,6 +86,24 @@ def temporary_files_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> It
         patch.setenv("TMPDIR", str(folder))
         patch.setattr(tempfile, "tempdir", str(folder))
         yield
+
+
+@pytest.fixture(scope="session")
+def trace_pixels() -> Callable[..., Any]:
+    """The slow reference of pictures, by rays refracted one by one; it lies beside the
+    benchmarks.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "benchmarks")
+        return importlib.import_module("reference_rays.pixels").trace_pixels
+
+
+@pytest.fixture(scope="session")
+def random_scene() -> Callable[..., Any]:
+    """Draws a random scene of a random camera."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "benchmarks")
+        return importlib.import_module("reference_rays.random_scene").random_scene
 
 
 @pytest.fixture(scope="session")
