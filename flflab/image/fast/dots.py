@@ -53,31 +53,41 @@ def add_dots(
     """
     xs, ys = places
     scale = abs(line.sensor)
-    if scale == 0.0:
-        return
-    reach = (radius + abs(line.pupil)) / scale + CORNER * how.pixel
     outer = lens.reach + abs(lens.slope) + CORNER * how.pixel
-    step = xs[1] - xs[0] if xs.size > 1 else 1.0
     for index in range(centres.shape[0]):
-        u = (centres[index, 0] - line.origin) / line.sensor
-        v = (centres[index, 1] - line.across) / line.across_sensor
-        x, y = u * line.cos - v * line.sin + lens.x, u * line.sin + v * line.cos + lens.y
-        start = max(lens.first_column, math.ceil((x - reach - xs[0]) / step))
-        end = min(lens.end_column, math.floor((x + reach - xs[0]) / step) + 1)
-        first = max(rows[0], lens.first_row, math.ceil((y - reach - ys[0]) / step))
-        last = min(rows[1], lens.end_row, math.floor((y + reach - ys[0]) / step) + 1)
+        du, dv = centres[index, 0] - line.origin, centres[index, 1] - line.across
+        aside = du * line.cos - dv * line.sin, du * line.sin + dv * line.cos
+        reach = (radius + abs(line.pupil)) / max(scale, 1e-12 * radius) + CORNER * how.pixel
+        x, y = lens.x, lens.y
+        if scale > 1e-12 * radius:
+            x, y = x + aside[0] / line.sensor, y + aside[1] / line.sensor
+        elif math.hypot(aside[0], aside[1]) >= radius + abs(line.pupil):
+            continue
+        start, end = _within(xs, x, reach, lens.first_column, lens.end_column)
+        top, bottom = max(rows[0], lens.first_row), min(rows[1], lens.end_row)
+        first, last = _within(ys, y, reach, top, bottom)
         for row in range(first, last):
             for column in range(start, end):
                 ex, ey = xs[column] - lens.x, ys[row] - lens.y
                 away = math.hypot(xs[column] - x, ys[row] - y)
                 if away >= reach or math.hypot(ex, ey) >= outer:
                     continue
-                dot = (xs[column] - x, ys[row] - y, radius / scale)
                 if sharp:
+                    dot = (xs[column] - x, ys[row] - y, radius / scale)
                     light = _sharp(lens, line, dot, table, ex, ey, how)
                 else:
-                    light = _blurred(lens, line, dot, ex, ey, how)
+                    light = _blurred(lens, line, aside, radius, ex, ey, how)
                 image[row, column] += lens.level * light
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _within(places: Array, middle: float, reach: float, first: int, end: int) -> tuple[int, int]:
+    """The part of a range of pixels within a distance of a place."""
+    while first < end and places[first] < middle - reach:
+        first += 1
+    while first < end and places[end - 1] > middle + reach:
+        end -= 1
+    return first, end
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -146,22 +156,23 @@ def _centre_of_pupil(lens: Record, away: float) -> float:
 def _blurred(
     lens: Record,
     line: Record,
-    dot: tuple[float, float, float],
+    aside: tuple[float, float],
+    radius: float,
     ex: float,
     ey: float,
     how: Sampling,
 ) -> float:
-    """Share of the full cone, in the mean over a pixel, that comes from the dot."""
+    """Share of the full cone, in the mean over a pixel, that comes from a dot so far (mm) aside of
+    where the ray through both centres ends.
+    """
     total, side = 0.0, how.pixel / how.parts
-    turn = -line.sensor / line.pupil
-    size = dot[2] * abs(turn)
+    turn, size = line.sensor / line.pupil, radius / abs(line.pupil)
     wide = abs(lens.slope)
     for row in range(how.parts):
         down = side * (row + 0.5 - 0.5 * how.parts)
         for column in range(how.parts):
-            aside = side * (column + 0.5 - 0.5 * how.parts)
-            x, y = ex + aside, ey + down
-            at_x, at_y = (dot[0] + aside) * turn, (dot[1] + down) * turn
+            x, y = ex + side * (column + 0.5 - 0.5 * how.parts), ey + down
+            at_x, at_y = aside[0] / line.pupil - turn * x, aside[1] / line.pupil - turn * y
             away = math.hypot(x, y)
             if away >= lens.reach + wide:
                 continue

@@ -33,7 +33,7 @@ FALLOFF_LEAVES = 9e-3  # over the square of the strips
 FEWEST = 4  # strips, where one is not enough
 FINE = 1e-4  # tolerance below which pixels on a vignetting edge are cut into parts
 DOTS_LEAVE = 2.5e-2  # over the blur, up to WIDE pixels, and the square of a pixel's parts
-WIDE = 2.5
+WIDE, WIDEST = 2.5, 2000.0  # pixels: a wider blur is formed like this one
 NONE = np.zeros(0)
 EVEN = Profile(
     np.array([[-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros(1, dtype=np.int64), 1.0
@@ -86,16 +86,17 @@ def upright(
     half_height = plane.target.height / 2 if isinstance(plane.target, Bars) else math.inf
     blur = blur_of(lines, scene.camera.sensor.pixel)
     narrow = 2 * np.abs(lenses["slope"]) < STEEP * scene.camera.sensor.pixel
+    small = outside(lenses) < STEEP * scene.camera.sensor.pixel
     how = tuple(
         Sampling(
             strips_for(float(one), plane.target, tolerance, weighted),
-            parts_for(plane.target, tolerance, float(one), bool(edge)),
+            parts_for(plane.target, tolerance, float(one), bool(edge), bool(least)),
             pixel,
             smear,
             half_height,
             weighted,
         )
-        for one, edge in zip(blur, narrow, strict=True)
+        for one, edge, least in zip(blur, narrow, small, strict=True)
     )
     turned = float(np.abs(lines["sin"]).max(initial=0.0) * outside(lenses).max(initial=0.0))
     allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel
@@ -142,13 +143,15 @@ def strips_for(blur: float, target: Target, tolerance: float, weighted: bool) ->
     allowed = KEPT * tolerance
     if isinstance(target, White) or SHARP_LEAVES * blur <= allowed:
         return max(FEWEST, math.ceil(math.sqrt(FALLOFF_LEAVES / allowed))) if weighted else 1
+    blur = min(blur, WIDEST)
     leaves = STRIPS_LEAVE * min(1.0, blur) * (1 + blur / 18)
-    leaves *= OF_AN_EDGE if isinstance(target, Edge) else 1.0
+    if isinstance(target, Edge):  # fewer pixels see it
+        leaves *= min(1.0, OF_AN_EDGE * (1 + blur / 4))
     leaves += FALLOFF_LEAVES if weighted else 0.0
     return min(max(math.ceil(math.sqrt(leaves / allowed)), FEWEST), 1024)
 
 
-def parts_for(target: Target, tolerance: float, blur: float, narrow: bool) -> int:
+def parts_for(target: Target, tolerance: float, blur: float, narrow: bool, small: bool) -> int:
     """Parts of a pixel's side: everywhere for dots, else where one point does not stand for it.
 
     Args:
@@ -156,6 +159,7 @@ def parts_for(target: Target, tolerance: float, blur: float, narrow: bool) -> in
         tolerance: root mean square, of white.
         blur: of a point, pixels.
         narrow: whether the vignetting edge is narrower than a few pixels.
+        small: whether the whole micro-image is.
     """
     if isinstance(target, FourDot):
         leaves = DOTS_LEAVE / min(max(blur, SHARP), WIDE)
@@ -163,7 +167,7 @@ def parts_for(target: Target, tolerance: float, blur: float, narrow: bool) -> in
     if isinstance(target, White):
         return 16 if tolerance <= FINE else 6
     if narrow:
-        return 8 if tolerance < FINE else 4
+        return 16 if small else (8 if tolerance < FINE else 4)
     return 2
 
 

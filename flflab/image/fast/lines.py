@@ -34,6 +34,8 @@ ROOT3 = math.sqrt(3.0)
 OF_CHORD = 0.5 / ROOT3  # from its middle to Gauss's two points
 # for kernels in which nothing is infinite or not a number
 ELEMENTWISE = {"contract", "nsz", "nnan", "ninf"}
+BLURRED = 2.0  # pixels: a wider blur softens a target's ends more than the pixel does
+ENDLESS = 1e9
 CORNER = math.sqrt(0.5)  # of a pixel's side: from its middle to a corner
 # Along the target's direction a ray ends at origin + sensor e_u + pupil t_u, across it at across +
 # across_sensor e_v + across_pupil t_v; (cos, sin) is the direction u on the sensor.
@@ -322,9 +324,10 @@ def _half_chord(radius: float, off: float) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=ELEMENTWISE)
-def _sum_block(strips: Array, shadow: float, sums: Array) -> None:
+def _sum_block(strips: Array, shadow: float, ends: tuple[float, float], sums: Array) -> None:
     """What the strips of a block let through within the shadow centred at a height: light, area,
-    and what the shadow's edge bends, one after the other in ``sums``.
+    and what the shadow's edge bends, one after the other in ``sums``. Light comes from between the
+    ``ends`` of the target, as the pupil sees them.
     """
     sums[:] = 0.0
     for index in range(strips.shape[0]):
@@ -334,15 +337,21 @@ def _sum_block(strips: Array, shadow: float, sums: Array) -> None:
             high, low = min(half, shadow + cut), max(-half, shadow - cut)
             chord = max(0.0, high - low)
             edges = (1.0 if high < half else 0.0) + (1.0 if low > -half else 0.0)
-            sums[column] += chord * strip[LIGHT + column]
+            seen = max(0.0, min(high, ends[1]) - max(low, ends[0]))
+            sums[column] += seen * strip[LIGHT + column]
             sums[BLOCK + column] += chord * strip[WIDTH + column]
-            bend = strip[BENT + column] if chord > 0.0 else 0.0
+            bend = strip[BENT + column] if seen > 0.0 else 0.0
             sums[2 * BLOCK + column] += edges * bend
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=ELEMENTWISE)
 def _sum_weighted_block(
-    strips: Array, shadow: float, sums: Array, slope: float, spread: float
+    strips: Array,
+    shadow: float,
+    ends: tuple[float, float],
+    sums: Array,
+    slope: float,
+    spread: float,
 ) -> None:
     """The same with rays weighted by cos^4 = (1 + slope^2)^-2; the slope along the rows' axis is
     ``slope`` at the pupil's centre and changes by ``spread`` per unit of pupil.
@@ -357,9 +366,10 @@ def _sum_weighted_block(
             edges = (1.0 if high < half else 0.0) + (1.0 if low > -half else 0.0)
             along, aside = slope + 0.5 * spread * (high + low), OF_CHORD * spread * chord
             weight = mean_cos4(1.0 + strip[SLANT + column], along, aside)
-            sums[column] += weight * chord * strip[LIGHT + column]
+            seen = max(0.0, min(high, ends[1]) - max(low, ends[0]))
+            sums[column] += weight * seen * strip[LIGHT + column]
             sums[BLOCK + column] += chord * strip[WIDTH + column]
-            bend = strip[BENT + column] if chord > 0.0 else 0.0
+            bend = strip[BENT + column] if seen > 0.0 else 0.0
             sums[2 * BLOCK + column] += weight * edges * bend
 
 
@@ -387,13 +397,20 @@ def add_by_columns(
     wide, first, sums = abs(lens.slope), lens.first_column, np.zeros(3 * BLOCK)
     inner = max(0.0, lens.reach - wide - CORNER * how.pixel)
     outer = lens.reach + wide + CORNER * how.pixel
-    margin = abs(line.across_pupil) + abs(line.across_sensor) * how.pixel
+    tall = abs(line.across_sensor) * how.pixel
+    margin = abs(line.across_pupil) + tall
     for row in range(first_row, end_row):
         ey = ys[row] - lens.y
         beyond = abs(line.across + line.across_sensor * ey) - how.half_height
         if beyond >= margin:
             continue
-        if beyond > -margin:
+        ends = (-ENDLESS, ENDLESS)
+        if beyond > -margin and 2 * abs(line.across_pupil) > BLURRED * tall:
+            up = line.across + line.across_sensor * ey
+            middle = -up / line.across_pupil
+            half = abs(how.half_height / line.across_pupil)
+            ends = (middle - half, middle + half)
+        elif beyond > -margin:
             add_pixel_by_pixel(image, lens, line, profile, table, places, (row, row + 1), how)
             continue
         lit = _columns(lens, xs, outer * outer - ey * ey)
@@ -408,13 +425,13 @@ def add_by_columns(
             start, end = max(lit[0], block * BLOCK), min(lit[1], (block + 1) * BLOCK)
             if how.weighted:
                 slope = lens.slant_y + lens.slant_scale * ey
-                _sum_weighted_block(strips[block], shadow, sums, slope, lens.slant_spread)
-            elif whole[0] <= start and end <= whole[1]:
+                _sum_weighted_block(strips[block], shadow, ends, sums, slope, lens.slant_spread)
+            elif whole[0] <= start and end <= whole[1] and ends[1] == ENDLESS:
                 for column in range(start, end):
                     image[row, first + column] += lens.level * seen[column]
                 continue
             else:
-                _sum_block(strips[block], shadow, sums)
+                _sum_block(strips[block], shadow, ends, sums)
             for column in range(start, end):
                 ex, place = xs[first + column] - lens.x, column - block * BLOCK
                 inside = whole[0] <= column < whole[1]

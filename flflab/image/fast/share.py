@@ -32,11 +32,11 @@ def share_at(ex: float, ey: float, slope: float, reach: float) -> float:
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def share_in(ex: float, ey: float, side: float, slope: float, reach: float) -> float:
-    """Mean share over a square round a point; exact where the vignetting edge has no width."""
-    if slope != 0.0:
-        return share_at(ex, ey, slope, reach)
+    """Mean share over a square round a point; where the vignetting edge is narrower than the
+    square, the part of the square within the edge's middle.
+    """
     half = 0.5 * side
-    if half <= 0.0:
+    if half <= 0.0 or 2 * abs(slope) > side:
         return share_at(ex, ey, slope, reach)
     return disc_rectangle_area(reach, ex - half, ex + half, ey - half, ey + half) / (side * side)
 

@@ -34,7 +34,9 @@ Whole = npt.NDArray[np.int64]
 
 TOGETHER = 96  # rays a side of a tile, at most: they stay in the cache
 MOST_SIDE = 16  # points a side of the pupil
-PILOT = 3000  # pixels
+PILOT = 3000  # lit pixels
+MORE = 8  # times as many are looked at: targets may be dark in most
+LIT = 1e-3  # of white
 PILOT_SIDE = 10  # points a side of the pupil, for each quarter of a pixel, in either reference
 PILOT_TOLERANCE = 2e-3  # that they are good for; finer ones take more
 SHARED = 32  # pixels of a reference that share their points
@@ -133,9 +135,9 @@ def pilot(blocks: Blocks, tolerance: float, most_side: int = MOST_SIDE) -> Pilot
     Two independent references of each pixel are compared with the picture: the mean of (V - A)(V -
     B) is the mean squared error without bias.
     """
-    chosen = list(_chosen(blocks))
-    if not chosen or not blocks.surfaces:
-        return Pilot(1, 0.0, 0.0)
+    chosen = _lit(blocks)
+    if not chosen:
+        return Pilot(2, 0.0, 0.0)
     fine = math.ceil(PILOT_SIDE * min(max(math.sqrt(PILOT_TOLERANCE / tolerance), 1.0), 3.0))
     first, second = (
         np.concatenate(
@@ -172,6 +174,25 @@ def _tiles(
             yield (row, column), end
 
 
+def _lit(blocks: Blocks) -> list[tuple[int, tuple[Array, Array]]]:
+    """Random lit pixels: microlens, and places in few enough groups to share points."""
+    found: list[tuple[int, tuple[Array, Array]]] = []
+    coarse, count = grid(2), 0
+    for index, (x, y) in _chosen(blocks):
+        light = _values(blocks, index, coarse, (x, y)) > LIT
+        count += int(light.sum())
+        found.append((index, (x[light], y[light])))
+    kept = np.random.default_rng(2).random(count) < PILOT / max(count, 1)
+    parts: list[tuple[int, tuple[Array, Array]]] = []
+    start = 0
+    for index, (x, y) in found:
+        here, start = kept[start : start + len(x)], start + len(x)
+        for first in range(0, int(here.sum()), SHARED):
+            group = slice(first, first + SHARED)
+            parts.append((index, (x[here][group], y[here][group])))
+    return parts
+
+
 def _chosen(blocks: Blocks) -> Iterator[tuple[int, tuple[Array, Array]]]:
     """Places of random pixels that microlenses light, mm from their micro-images' centres, in
     proportion to the area of each.
@@ -181,7 +202,7 @@ def _chosen(blocks: Blocks) -> Iterator[tuple[int, tuple[Array, Array]]]:
     lenses, sensor = blocks.surfaces[0].lenses, blocks.scene.camera.sensor
     rng = np.random.default_rng(0)
     area = outside(lenses) ** 2
-    counts = np.ceil(PILOT * area / max(float(area.sum()), 1e-300)).astype(np.int64)
+    counts = np.ceil(MORE * PILOT * area / max(float(area.sum()), 1e-300)).astype(np.int64)
     xs, ys = pixel_positions(sensor)
     for index, lens in enumerate(lenses):
         reach = float(outside(lenses)[index])
@@ -192,9 +213,7 @@ def _chosen(blocks: Blocks) -> Iterator[tuple[int, tuple[Array, Array]]]:
         here = (columns >= 0) & (columns < len(xs)) & (rows >= 0) & (rows < len(ys))
         if here.any():
             columns, rows = columns[here].astype(np.int64), rows[here].astype(np.int64)
-            x, y = xs[columns] - lens["x"], ys[rows] - lens["y"]
-            for start in range(0, len(x), SHARED):
-                yield index, (x[start : start + SHARED], y[start : start + SHARED])
+            yield index, (xs[columns] - lens["x"], ys[rows] - lens["y"])
 
 
 def _rays(blocks: Blocks, lens: Record, points: Points, places: tuple[Array, Array]) -> Rays:
