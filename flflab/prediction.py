@@ -16,9 +16,10 @@ import numpy.typing as npt
 from flflab.bench import Bench, Element, Turn
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import transfer
+from flflab.optics.neighbours import neighbours_of
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms, camera_smms, image_offset
-from flflab.optics.useful import fields_of, in_useful, neighbours_of, select, sensor_fields
+from flflab.optics.useful import fields_of, in_useful, select, sensor_fields
 from flflab.optics.views import chief_crossings, chief_view_indices
 
 Array = npt.NDArray[np.float64]

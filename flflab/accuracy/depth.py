@@ -19,9 +19,10 @@ from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.profile import defocused_dot
 from flflab.optics.camera import Camera
 from flflab.optics.focus import blur, magnification, microlens_limits, sharp_vergence
+from flflab.optics.neighbours import neighbours_of
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import camera_smms, image_offset
-from flflab.optics.useful import fields_of, neighbours_of
+from flflab.optics.useful import fields_of
 from flflab.optics.views import chief_crossings, seen_by
 from flflab.targets import FourDot, White
 

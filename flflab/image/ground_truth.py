@@ -12,8 +12,9 @@ from flflab.image.microlenses import axis_microlens, scattered
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, Sensor, microlens_indices
 from flflab.optics.focus import magnification, sharp_vergence
+from flflab.optics.neighbours import neighbours_of
 from flflab.optics.smms import Smms, camera_smms
-from flflab.optics.useful import SensorFields, fields_of, neighbours_of, select
+from flflab.optics.useful import SensorFields, fields_of, select
 from flflab.optics.views import chief_crossings, seen_by
 from flflab.targets import FourDot, Picture, Target
 

@@ -13,6 +13,9 @@ from flflab.errors import InputError
 
 Array = npt.NDArray[np.float64]
 Layout = Literal["square", "hexagonal"]
+# Widest micro-image in pitches: a point of the sensor then has the light of some 500 microlenses,
+# which no camera has use for.
+WIDEST = 25.0
 ApertureShape = Literal["round", "square"]
 
 
@@ -135,7 +138,8 @@ class Camera:
         if self.sensor.distance <= self.array.distance:
             raise InputError(
                 f"camera: sensor.distance is {self.sensor.distance:g} mm, in front of or on the"
-                f" array at {self.array.distance:g} mm; the sensor lies behind the array"
+                f" array at {self.array.distance:g} mm; the sensor lies behind the"
+                f" array{_units_in_doubt(self.sensor.distance, self.array.distance)}"
             )
         plate = self.array.substrate
         if plate is not None and plate.thickness < 0:
@@ -152,7 +156,8 @@ class Camera:
         if self.array.aperture > nearest * (1 + 1e-9):
             raise InputError(
                 f"camera: microlens_array.aperture is {self.array.aperture:g} mm, wider than the"
-                f" {nearest:g} mm between neighbours; the pitch at most is allowed"
+                f" {nearest:g} mm between neighbours; the pitch at most is"
+                f" allowed{_units_in_doubt(self.array.aperture, nearest)}"
             )
         types = len(self.array.focal_lengths)
         if not self.array.pattern or any(
@@ -171,6 +176,7 @@ class Camera:
         ):
             if not 0 <= share <= 1:
                 raise InputError(f"camera: useful.{path} is {share:g}; a share from 0 to 1 is due")
+        _refuse_boundless_light(self)
 
     @property
     def gap(self) -> float:
@@ -200,6 +206,55 @@ def nearest_neighbour(array: MicrolensArray) -> float:
     """Distance between the centres of the nearest two places of the lattice, mm."""
     x, y = array.pitch
     return min(x, math.hypot(x / 2, y * math.sqrt(0.75)) if array.layout == "hexagonal" else y)
+
+
+def _units_in_doubt(value: float, other: float) -> str:
+    """How a sentence about two lengths ends where one is about a thousand times the other."""
+    doubtful = 300 * value < other < 3000 * value or 300 * other < value < 3000 * other
+    return "; check the units of both" if doubtful else ""
+
+
+def _refuse_boundless_light(camera: Camera) -> None:
+    """Refuse micro-images that cover a large part of the array: with a length in the wrong unit
+    each lies in the light of all others.
+
+    The total field is A b/L + d |1 + b/L - b/f| wide, the pitch of the micro-images p (1 + b/L).
+
+    Raises:
+        InputError: a micro-image is wider than ``WIDEST`` pitches.
+    """
+    given = {
+        "main_lens.focal_length": camera.main_lens.focal_length,
+        "microlens_array.focal_length": min(camera.array.focal_lengths, key=abs),
+        "microlens_array.pitch": nearest_neighbour(camera.array),
+        "microlens_array.distance": camera.optical_distance,
+        "sensor.distance": camera.optical_distance + camera.optical_gap,
+    }
+
+    def judge(F: float, f: float, p: float, L: float, behind: float) -> tuple[float, float]:
+        """Width in pitches, and how far it, L/F and b/f are from 1."""
+        b = behind - L
+        if b <= 0:
+            return math.inf, math.inf
+        d = min(camera.array.aperture, p)
+        field = F / camera.main_lens.f_number * b / L + d * abs(1 + b / L - b / f)
+        width = field / (p * (1 + b / L))
+        return width, sum(abs(math.log(abs(part) + 1e-300)) for part in (width, L / F, b / f))
+
+    width, _ = judge(*given.values())
+    if width <= WIDEST or not math.isfinite(width):
+        return
+    slips = [
+        (judge(*{**given, name: value * factor}.values())[1], name, value, factor)
+        for name, value in given.items()
+        for factor in (1e3, 1e-3)
+    ]
+    _, name, value, factor = min(slips)
+    raise InputError(
+        f"camera: a micro-image would be {width:,.0f} pitches of the array wide, {WIDEST:g} at most"
+        f" is allowed: {name} is {value:g} mm; was {value * factor:g} mm meant (um for mm, or mm"
+        " for um)?"
+    )
 
 
 def _numbers(part: Any, path: str) -> list[tuple[str, float]]:

@@ -217,7 +217,8 @@ def properties_of(
         np.where(per_shift > 0, u / np.where(per_shift > 0, per_shift, 1.0), np.inf),
     )
     R_u = _useful_pixels(u, P, pixel, columns, pixels) * useful
-    mean = 2 * reach / p
+    lit = _lit_columns(P, pixels * pixel / 2, columns)
+    mean = np.minimum(2 * reach / p, lit)
     half = reach / p * (1 + _ROUNDOFF) + _ROUNDOFF
     # Columns are centred: an odd number has one on the axis, an even one has two half a pitch
     # beside it.
@@ -228,7 +229,9 @@ def properties_of(
         np.abs(np.sinc(frequency * pixel) * disc_transfer(blur, frequency)),
         0.0,
     )
-    near, far = _stereo(kappa, bend, A, d, p, 2 * u / ratio, L)
+    edge = pixels * pixel / 2 - (lit - 1) / 2 * P
+    outer = np.minimum(np.where(lit == columns, h - least * narrow, u), edge)
+    near, far = _stereo(kappa, bend, p / _stereo_base(A, u / ratio, outer / ratio, lit), L)
     return {
         "arrangement": np.where(b == f, 2, np.where(b > f, 0, 1)),
         "sharp_vergence": bend + sharp_x / L,
@@ -245,7 +248,7 @@ def properties_of(
         "elr": np.where(depth > 0, R_u / depth, np.inf),
         "elr_by_views": np.where((mean >= 1) & useful, R_u / mean, np.inf),
         "contrast": np.where(given["cycles_per_mm"] == 0, 1.0, contrast),
-        "views": np.where(useful, np.minimum(views, columns), 0.0),
+        "views": np.where(useful, np.minimum(views, lit), 0.0),
     }
 
 
@@ -269,17 +272,32 @@ def _depth_of_field(
     return np.maximum(bend + low / L, 0.0), bend + high / L
 
 
-def _stereo(
-    kappa: Array, bend: Array, A: Array, d: Array, p: Array, base: Array, L: Array
-) -> tuple[Array, Array]:
-    """(nearest, farthest) vergences with |x| >= p / A_u on the side of focus; see
+def _lit_columns(P: Array, half: Array, columns: int) -> Array:
+    """Micro-images of the row whose centre lies on the sensor, of half width ``half``."""
+    reached = half / P * (1 + _ROUNDOFF)
+    on_sensor = 2 * np.floor(reached) + 1 if columns % 2 else 2 * np.floor(reached + 0.5)
+    return np.minimum(on_sensor, columns)
+
+
+def _stereo_base(A: Array, side: Array, outer: Array, lit: Array) -> Array:
+    """Width of the main lens over which two micro-images side by side can share a point; 0 where
+    there are no two.
+
+    ``side`` is the half width that a micro-image uses, ``outer`` that of the outermost ones away
+    from the others.
+    """
+    inner, last = np.minimum(A / 2, side), np.minimum(A / 2, outer)
+    base = np.where(lit >= 4, inner + np.maximum(inner, last), inner + last)
+    return np.where(lit >= 3, base, np.where(lit == 2, 2 * last, 0.0))
+
+
+def _stereo(kappa: Array, bend: Array, least: Array, L: Array) -> tuple[Array, Array]:
+    """(nearest, farthest) vergences with |x| >= ``least`` on the side of focus; see
     ``resolution.stereo``.
     """
-    least = p / np.minimum(A, base)
-    least = np.where(d >= p, np.minimum(least, p / base), least)
     edge = bend + np.where(kappa < 0, -least, least) / L
     near, far = np.where(kappa < 0, edge, np.inf), np.where(kappa < 0, 0.0, np.maximum(edge, 0.0))
-    none = (near <= 0) | (base <= 0) | (kappa == 0) | ~np.isfinite(edge)
+    none = (near <= 0) | (kappa == 0) | ~np.isfinite(edge)
     return np.where(none, 0.0, near), np.where(none, np.inf, far)
 
 

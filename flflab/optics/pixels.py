@@ -5,6 +5,8 @@ behind it as seen from the micro-image's centre, is convex and meets the row in 
 pixels are counted by intervals, not one by one.
 """
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -50,17 +52,18 @@ def _round_pixels(camera: Camera, fields: SensorFields) -> int:
     members, (columns, rows), pixel = _lit(fields), camera.sensor.resolution, camera.sensor.pixel
     if len(members) == 0:
         return 0
-    height = int(np.ceil(2 * fields.radius.max() / pixel)) + 2
+    height = min(math.ceil(2 * float(fields.radius.max()) / pixel) + 2, rows)
     step = max(1, _CHUNK // (height * max(1, fields.neighbours.shape[1])))
     total = 0
     for start in range(0, len(members), step):
         part = members[start : start + step]
         centre, radius = fields.centre[part], fields.radius[part][:, None]
-        row = np.floor((centre[:, 1:] - radius - fields.low[1]) / pixel - 0.5) + np.arange(height)
+        lowest = np.floor((centre[:, 1:] - radius - fields.low[1]) / pixel - 0.5)
+        row = np.clip(lowest, 0, rows - height) + np.arange(height)
         up = fields.low[1] + (row + 0.5) * pixel - centre[:, 1:]
         with np.errstate(invalid="ignore"):
             half = np.sqrt((radius - np.abs(up)) * (radius + np.abs(up)))
-        exists = (row >= 0) & (row < rows) & (np.abs(up) <= radius)
+        exists = np.abs(up) <= radius
         # The rim of the total field is dark and no longer useful.
         dark = (radius >= fields.smms.outside_radius[part][:, None]).astype(np.float64)
         place = (centre[:, :1] - fields.low[0]) / pixel - 0.5
@@ -88,8 +91,10 @@ def _hidden(
     other = fields.neighbours[part]
     if other.shape[1] == 0:
         return np.zeros(up.shape)
-    gap = fields.centre[other] - fields.centre[part][:, None]
-    radius = np.where(other >= 0, fields.blocked[other], 0.0)
+    present = other >= 0
+    # What stands where there is no neighbour hides nothing, but must lie beside the centre.
+    gap = np.where(present[..., None], fields.centre[other] - fields.centre[part][:, None], 1.0)
+    radius = np.where(present, fields.blocked[other], 0.0)
     reach = np.hypot(gap[..., 0], gap[..., 1])
     side = np.sqrt(np.maximum((reach - radius) * (reach + radius), 0.0))
     # Tangents from the centre: the shadow's straight edges, beginning where they touch.
@@ -112,7 +117,7 @@ def _hidden(
             share = t / edge[:, None, :, 1]
             ends.append(np.where(share >= 1, share * edge[:, None, :, 0], np.nan))
     found = np.stack(ends)
-    some = ~np.all(np.isnan(found), axis=0) & (other >= 0)[:, None, :]
+    some = ~np.all(np.isnan(found), axis=0) & present[:, None, :]
     low = np.where(some, np.where(np.isnan(found), np.inf, found).min(axis=0), np.inf)
     high = np.where(some, np.where(np.isnan(found), -np.inf, found).max(axis=0), -np.inf)
     # A row along which the shadow never ends: the direction of x lies between the tangents.
@@ -152,6 +157,7 @@ def _square_pixels(camera: Camera, fields: SensorFields) -> int:
         x, y = (
             low[axis] + (np.arange(first[axis], last[axis] + 1) + 0.5) * pixel for axis in (0, 1)
         )
-        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        total += int(np.count_nonzero(in_useful(fields, np.full(len(points), i), points)))
+        for some in np.array_split(y, 1 + len(x) * len(y) // _CHUNK):
+            points = np.stack(np.meshgrid(x, some), axis=-1).reshape(-1, 2)
+            total += int(np.count_nonzero(in_useful(fields, np.full(len(points), i), points)))
     return total

@@ -13,12 +13,14 @@ import numpy.typing as npt
 
 from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits, sharp_vergence, virtual_depth
+from flflab.optics.neighbours import even_points
 from flflab.optics.smms import Smms, camera_smms, image_offset
-from flflab.optics.useful import RowFields, SensorFields, in_useful, row_fields, select
-from flflab.optics.views import chief_crossings
+from flflab.optics.useful import RowFields, SensorFields, row_fields, select
+from flflab.optics.views import chief_seen_by, row_chief_views
 
 Array = npt.NDArray[np.float64]
-_GRID = 201
+# Pairs of an object point and a microlens for a mean number of views, and fewest points.
+_PAIRS, _FEWEST = 40_000, 16
 
 
 @dataclass(frozen=True)
@@ -50,58 +52,67 @@ def central_smms(camera: Camera) -> Smms:
     )
 
 
-def mean_row_views(row: RowFields, pitch: float, vergence: float) -> float:
-    """Mean number of chief views along the row over one period, for the microlens nearest the axis
-    and its likes.
+def mean_row_views(row: RowFields, camera: Camera, vergence: float) -> float:
+    """Mean number of chief views along the row over one period of the lattice round the axis.
 
-    2/p min(max(A |x|, d)/2, reach) with reach the half width, at the array, of the rays that land
-    in the useful interval.
+    A microlens sees the points whose shift y + o V L lies within max(A |x|, d)/2 and brings their
+    chief rays into its useful interval; the mean is the sum of these lengths within the period,
+    over the period. Without an end of the lattice it is (2/p) min(max(A |x|, d)/2, reach).
     """
-    middle = int(np.argmin(np.abs(row.centre)))
-    if np.isnan(row.useful[middle, 0]):
-        return 0.0
-    smms = select(row.smms, np.array([middle]))
-    return float(
-        _reach_lengths(smms, vergence, row.centre[middle], row.useful[middle]).sum() / pitch
-    )
+    smms = row.smms
+    size = np.abs(image_offset(smms, vergence))
+    stop = np.maximum(smms.lens_aperture * size, smms.aperture) / 2
+    by_microlens = microlens_limits(smms, vergence)
+    # The chief ray of a shift lands at the micro-image's centre less this times the shift.
+    ratio = smms.gap / np.where(by_microlens, image_offset(smms, vergence), 1.0) / smms.distance
+    per_shift = np.where(by_microlens, ratio, smms.kappa)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort((row.centre[:, None] - row.useful) / per_shift[:, None], axis=1)
+    # Where no shift moves the landing point, all of them land on the micro-image's centre.
+    ends = np.where((per_shift == 0)[:, None], np.array([-np.inf, np.inf]), ends)
+    low, high = np.maximum(ends[:, 0], -stop), np.minimum(ends[:, 1], stop)
+    half = _period(camera)[0] * smms.distance / camera.optical_distance / 2
+    seen = np.minimum(high - smms.centre_x, half) - np.maximum(low - smms.centre_x, -half)
+    lit = ~np.isnan(row.useful[:, 0])
+    return float(np.sum(np.maximum(seen, 0.0)[lit] / (2 * half[lit])))
 
 
-def _reach_lengths(smms: Smms, vergence: float, centre: float, useful: Array) -> Array:
-    """Lengths, on both sides of the microlens, of the shifts y + o V L whose chief ray lands in the
-    useful interval.
-    """
-    x = float(image_offset(smms, vergence)[0])
-    stop = max(float(smms.lens_aperture[0]) * abs(x), float(smms.aperture[0])) / 2
-    by_microlens = bool(microlens_limits(smms, vergence)[0])
-    per_shift = (
-        float(smms.gap[0] / smms.distance[0]) / abs(x)
-        if by_microlens
-        else abs(float(smms.kappa[0]))
-    )
-    with np.errstate(divide="ignore"):
-        sides = np.abs(useful - centre) / np.float64(per_shift)
-    return np.minimum(sides, stop)
+def _period(camera: Camera) -> tuple[float, float]:
+    """(x, y) of the rectangle in which lattice and microlens types repeat, mm."""
+    array = camera.array
+    columns, rows = len(array.pattern[0]), len(array.pattern)
+    if array.layout == "hexagonal":
+        return columns * array.pitch[0], math.lcm(rows, 2) * array.pitch[1] * math.sqrt(0.75)
+    return columns * array.pitch[0], rows * array.pitch[1]
 
 
 def mean_sensor_views(fields: SensorFields, camera: Camera, vergence: float) -> float:
-    """Mean number of chief views on the sensor over one cell of the lattice, by counting a 201 x
-    201 grid of object points.
+    """Mean number of chief views on the sensor over one period of the lattice round the axis, by
+    counting on object points that fill it evenly.
     """
-    middle = int(np.argmin(np.round(np.hypot(fields.smms.centre_x, fields.smms.centre_y), 12)))
-    owner = np.full(_GRID**2, middle)
-    smms = select(fields.smms, owner)
-    x = float(image_offset(smms, vergence)[0])
-    reach = max(float(smms.lens_aperture[0]) * abs(x), float(smms.aperture[0])) / 2
-    steps = (np.arange(_GRID) + 0.5) / _GRID * 2 - 1
-    shift = reach * np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    own = np.stack([smms.centre_x, smms.centre_y], axis=1)
-    _, passes, landing = chief_crossings(
-        smms, vergence, (shift - own) / smms.distance[:, None], own, fields.shape
+    smms = fields.smms
+    x = np.abs(image_offset(smms, vergence))
+    period = np.array(_period(camera))
+    corner = 1.0 if fields.shape == "round" else math.sqrt(2.0)
+    reach = np.maximum(smms.lens_aperture * x, smms.aperture) / 2 * corner
+    members = np.flatnonzero(
+        (np.hypot(smms.centre_x, smms.centre_y) <= reach + np.hypot(*period))
+        & np.all((fields.centre >= fields.low) & (fields.centre <= fields.high), axis=1)
     )
-    seen = passes & in_useful(fields, owner, landing)
-    pitch_x, pitch_y = camera.array.pitch
-    cell = pitch_x * pitch_y * (math.sqrt(3) / 2 if camera.array.layout == "hexagonal" else 1.0)
-    return float(np.mean(seen)) * (2 * reach) ** 2 / cell
+    if len(members) == 0:
+        return 0.0
+    count = max(_PAIRS // len(members), _FEWEST)
+    at = even_points(count) - 0.5
+    turn = camera.array.roll
+    axes = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    angle = (at * period) @ axes / camera.optical_distance
+    seen = chief_seen_by(
+        fields,
+        np.tile(members, count),
+        vergence,
+        np.repeat(angle, len(members), axis=0),
+    )
+    return float(np.count_nonzero(seen)) / count
 
 
 def effective_resolution(
@@ -120,46 +131,32 @@ def effective_resolution(
 
 
 def stereo(camera: Camera) -> Stereo:
-    """The stereo condition of the row: |x| >= p / A_u on the side of focus, for the first point
-    seen twice.
+    """The stereo condition of the row on the side of focus: from where on two of its micro-images
+    see one and the same point.
 
-    A_u = min(max(A, d/|x|), 2 u L/b) is the base over which a point's chief rays are useful.
+    The chief rays that land in a useful interval cross the main lens from m1 to m2 and meet the
+    object plane at o V = m W - y/L. As |W| grows, micro-images side by side are the first that
+    share a point; of equal ones in a boundless row at |x| = p / min(A, 2 u L/b).
     """
     row = row_fields(camera)
-    middle = int(np.argmin(np.abs(row.centre)))
-    if np.isnan(row.useful[middle, 0]):
-        return Stereo(
-            None, None, None, None, "the micro-image nearest the axis has no useful interval"
+    lit = np.flatnonzero(~np.isnan(row.useful[:, 0]))
+    if len(lit) < 2:
+        return _no_stereo(
+            "no micro-image of the row has a useful interval"
+            if len(lit) == 0
+            else "only one micro-image of the row has a useful interval"
         )
-    smms = select(row.smms, np.array([middle]))
-    length, gap, kappa = float(smms.distance[0]), float(smms.gap[0]), float(smms.kappa[0])
-    aperture, d = float(smms.lens_aperture[0]), float(smms.aperture[0])
+    smms = select(row.smms, lit)
+    middle = int(np.argmin(np.abs(row.centre[lit])))
+    kappa = float(smms.kappa[middle])
     if kappa == 0:
-        return Stereo(
-            None, None, None, None, "the sensor lies in the exit pupil and no target is in focus"
-        )
-    pitch = camera.array.pitch[0]
-    base = float(np.ptp(row.useful[middle])) * length / gap
-    # |x| min(max(A, d/|x|), B) >= p; the branch d/|x| has |x| A_u = d < p unless the microlenses
-    # touch.
-    candidates = [pitch / min(aperture, base)]
-    if d >= pitch and base > 0:
-        candidates.append(pitch / base)
-    least = min(candidates) if base > 0 else math.inf
-    focal = float(smms.lens_focal[0])
-
-    def vergence(x: float) -> float:
-        return 1 / focal - (1 - x) / length
-
-    side = math.copysign(1.0, kappa)
-    nearest, farthest = (
-        (vergence(side * least), 0.0) if side < 0 else (math.inf, vergence(side * least))
-    )
-    if nearest <= 0 or nearest < max(farthest, 0.0):
-        return Stereo(
-            None, None, None, None, "no real distance is seen by two micro-images of a row"
-        )
-    sharp = float(sharp_vergence(smms)[0])
+        return _no_stereo("the sensor lies in the exit pupil and no target is in focus")
+    limit = _shared_from(smms, row.centre[lit], row.useful[lit], kappa > 0)
+    # W rises with the vergence: a Keplerian camera shares points at all distances beyond.
+    nearest, farthest = (limit, 0.0) if kappa < 0 else (math.inf, limit)
+    if nearest <= 0 or farthest == math.inf:
+        return _no_stereo("no real distance is seen by two micro-images of a row")
+    sharp = float(sharp_vergence(smms)[middle])
     angle = _stereo_angle(row, sharp) if sharp > 0 else None
     return Stereo(
         nearest=0.0 if math.isinf(nearest) else 1 / nearest,
@@ -172,18 +169,38 @@ def stereo(camera: Camera) -> Stereo:
     )
 
 
+def _no_stereo(reason: str) -> Stereo:
+    return Stereo(None, None, None, None, reason)
+
+
+def _shared_from(smms: Smms, centre: Array, useful: Array, above: bool) -> float:
+    """The vergence at which two micro-images side by side begin to share a point, as it rises
+    (``above``) or falls from that of the array's own conjugate; infinite of that sign where they
+    never do.
+    """
+    half = smms.lens_aperture / 2
+    m = (centre[:, None] - useful) * (smms.distance / smms.gap)[:, None]
+    first, last = np.clip(np.sort(m, axis=1), -half[:, None], half[:, None]).T
+    bend, place = 1 / smms.distance - 1 / smms.lens_focal, -smms.centre_x / smms.distance
+    order = np.argsort(place)
+    lower, upper = order[:-1], order[1:]
+    # Of the lower one the upper edge, of the upper one the lower edge: m W + place.
+    near, far = (last[lower], first[upper]) if above else (first[lower], last[upper])
+    base = near - far
+    with np.errstate(divide="ignore", invalid="ignore"):
+        limits = (place[upper] - place[lower] + far * bend[upper] - near * bend[lower]) / base
+    limits = np.where(base == 0, np.inf if above else -np.inf, limits)
+    return float(limits.min() if above else limits.max())
+
+
 def _stereo_angle(row: RowFields, vergence: float) -> float | None:
     """2 atan(B / 2D) with B between the outermost chief rays' crossings of the main lens, for the
     point on the axis.
     """
-    crossing, passes, landing = chief_crossings(
-        row.smms, vergence, np.zeros(1), row.smms.centre_x[:, None]
-    )
-    with np.errstate(invalid="ignore"):
-        seen = passes & (landing[:, 0] >= row.useful[:, 0]) & (landing[:, 0] <= row.useful[:, 1])
+    crossing, seen = row_chief_views(row, vergence, 0.0)
     if np.count_nonzero(seen) < 2:
         return None
-    return 2 * math.atan(float(np.ptp(crossing[seen, 0])) * vergence / 2)
+    return 2 * math.atan(float(np.ptp(crossing[seen])) * vergence / 2)
 
 
 def _field_angle(row: RowFields) -> float | None:

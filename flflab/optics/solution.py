@@ -183,7 +183,7 @@ def solve_distance(
     cycles_per_px = np.linspace(0.0, 1.0, FREQUENCIES)
     on_target = cycles_per_px * enlarged / camera.sensor.pixel
     resolution = effective_resolution(camera, vergence, useful)
-    mean_row = mean_row_views(row, camera.array.pitch[0], vergence)
+    mean_row = mean_row_views(row, camera, vergence)
     mean_sensor = mean_sensor_views(fields, camera, vergence)
     return DistanceSolution(
         distance=distance,

@@ -51,6 +51,27 @@ def _extent(shift: Array, shape: ApertureShape) -> Array:
     return np.linalg.norm(shift, axis=-1) if shape == "round" else np.abs(shift).max(axis=-1)
 
 
+def _roundoff(
+    smms: Smms, vergence: Array | float, angle: Array, centre: Array
+) -> tuple[Array, Array]:
+    """What rounding can do to y + o V L against the stops' edges and to a landing point, mm: units
+    of roundoff of the sums of |terms|.
+
+    Args:
+        smms: systems, fields of shape (N,).
+        vergence: V = 1/D, 1/mm, one number or one a system.
+        angle: size of o V of the object point, one number or one a system.
+        centre: size of the microlens's centre, shape (N,), mm.
+    """
+    ratio = smms.gap / smms.distance
+    terms = smms.distance * (np.abs(vergence) + 1 / np.abs(smms.lens_focal)) + 1
+    at_array = centre + angle * smms.distance + (smms.lens_aperture * terms + smms.aperture) / 2
+    size = np.maximum(np.abs(image_offset(smms, vergence)), smms.aperture / smms.lens_aperture)
+    steep = np.maximum(np.abs(smms.kappa), ratio / size)
+    widths = smms.lens_width + smms.aperture * (1 + ratio + smms.gap / np.abs(smms.focal))
+    return _ROUNDOFF * at_array, _ROUNDOFF * (centre * (1 + ratio) + widths + steep * at_array)
+
+
 def chief_crossings(
     smms: Smms, vergence: Array | float, angle: Array, centre: Array, shape: ApertureShape = "round"
 ) -> tuple[Array, Flags, Array]:
@@ -68,17 +89,41 @@ def chief_crossings(
         Main-lens crossings (N, k), whether the ray passes both apertures (N,), landing points on
         the sensor (N, k).
     """
-    x, slope, inverse = _scalars(smms, vergence)
+    crossing, passes, landing, _ = _chief(smms, vergence, angle, centre, shape)
+    return crossing, passes, landing
+
+
+def _chief(
+    smms: Smms, vergence: Array | float, angle: Array, centre: Array, shape: ApertureShape
+) -> tuple[Array, Flags, Array, Array]:
+    """``chief_crossings``, and by how much rounding can move the landing points (N,)."""
+    x, _, inverse = _scalars(smms, vergence)
     shift = centre + angle * smms.distance[:, None]
+    slack, on_sensor = _roundoff(smms, vergence, _extent(angle, shape), _extent(centre, shape))
+    stop = np.maximum(smms.lens_aperture * np.abs(x), smms.aperture) / 2
+    passes = _extent(shift, shape) <= stop + slack
     by_microlens = microlens_limits(smms, vergence)[:, None]
     crossing = np.where(by_microlens, shift * inverse[:, None], 0.0)
-    slack = _ROUNDOFF * (_extent(centre, shape) + _extent(angle, shape) * smms.distance)
-    passes = (
-        _extent(shift, shape)
-        <= np.maximum(smms.lens_aperture * np.abs(x), smms.aperture) / 2 + slack
+    # From the micro-image's centre: few terms, none of them much larger than their sum.
+    offset = np.where(
+        by_microlens,
+        (smms.gap / smms.distance)[:, None] * crossing,
+        smms.kappa[:, None] * shift,
     )
-    base = (smms.gap / smms.focal)[:, None] * centre - (smms.kappa * smms.distance)[:, None] * angle
-    return crossing, passes, slope[:, None] * crossing + base
+    return crossing, passes, smms.image_scale[:, None] * centre - offset, on_sensor
+
+
+def row_chief_views(row: RowFields, vergence: float, angle: float) -> tuple[Array, Flags]:
+    """Main-lens crossings of the row's chief rays of the object point with o V = ``angle``, and
+    which of them are views; both of shape (n,).
+    """
+    crossing, passes, landing, slack = _chief(
+        row.smms, vergence, np.array([angle]), row.smms.centre_x[:, None], "square"
+    )
+    with np.errstate(invalid="ignore"):
+        inside = landing[:, 0] >= row.useful[:, 0] - slack
+        inside &= landing[:, 0] <= row.useful[:, 1] + slack
+    return crossing[:, 0], passes & inside
 
 
 def row_views(row: RowFields, vergence: float, angle: float) -> Views:
@@ -90,29 +135,20 @@ def row_views(row: RowFields, vergence: float, angle: float) -> Views:
     x, slope, inverse = _scalars(smms, vergence)
     shift = smms.centre_x + angle * smms.distance
     base = smms.gap / smms.focal * smms.centre_x - smms.kappa * smms.distance * angle
+    lens, microlens = smms.lens_aperture * np.abs(x) / 2, smms.aperture / 2
+    slack, on_sensor = _roundoff(smms, vergence, np.abs(angle), np.abs(smms.centre_x))
     half_lens = smms.lens_aperture / 2
-    centre = shift * inverse
-    half = np.where(
-        x == 0,
-        np.where(np.abs(shift) <= smms.aperture / 2, np.inf, -np.inf),
-        smms.aperture / 2 * np.abs(inverse),
-    )
-    low, high = np.maximum(-half_lens, centre - half), np.minimum(half_lens, centre + half)
+    half = np.where(x == 0, np.inf, microlens * np.abs(inverse))
+    middle = np.clip(shift * inverse, -half_lens - half, half_lens + half)
+    low, high = np.maximum(-half_lens, middle - half), np.minimum(half_lens, middle + half)
     ends = np.sort(np.stack([slope * low + base, slope * high + base]), axis=0)
-    slack = _ROUNDOFF * (
-        np.abs(base)
-        + np.abs(smms.kappa * smms.distance * angle)
-        + smms.lens_width
-        + smms.microlens_width
-    )
-    first, last = row.useful[:, 0] - slack, row.useful[:, 1] + slack
+    first, last = row.useful[:, 0] - on_sensor, row.useful[:, 1] + on_sensor
     with np.errstate(invalid="ignore"):
-        total = (low <= high) & (ends[0] <= last) & (ends[1] >= first)
-        full = high - low >= limiting_aperture(smms, vergence) * (1 - 1e-15)
-        bright = (low <= high) & full & (ends[0] >= first) & (ends[1] <= last)
-    _, passes, landing = chief_crossings(smms, vergence, np.array([angle]), smms.centre_x[:, None])
-    with np.errstate(invalid="ignore"):
-        chief = passes & (landing[:, 0] >= first) & (landing[:, 0] <= last)
+        some = np.abs(shift) <= lens + microlens + slack
+        total = some & (ends[0] <= last) & (ends[1] >= first)
+        full = np.abs(shift) <= np.abs(lens - microlens) + slack
+        bright = full & (ends[0] >= first) & (ends[1] <= last)
+    _, chief = row_chief_views(row, vergence, angle)
     return Views(int(total.sum()), int(bright.sum()), int(chief.sum()))
 
 
@@ -122,10 +158,10 @@ def chief_view_indices(
     """Positions in the camera's list of the microlenses that see the point with o V = ``angle`` (x,
     y) by a chief ray.
     """
-    centre = np.stack([fields.smms.centre_x, fields.smms.centre_y], axis=1)
-    _, passes, landing = chief_crossings(fields.smms, vergence, angle, centre, fields.shape)
-    members = np.flatnonzero(passes)
-    return members[in_useful(fields, members, landing[members])]
+    every = np.arange(len(fields.radius))
+    return np.flatnonzero(
+        chief_seen_by(fields, every, vergence, np.broadcast_to(angle, (len(every), 2)))
+    )
 
 
 def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
@@ -135,11 +171,12 @@ def sensor_views(fields: SensorFields, vergence: float, angle: Array) -> Views:
     over the light that passes (exact otherwise to the grid's step of 1/6 of the footprint's radius
     at its rim).
     """
-    centre = np.stack([fields.smms.centre_x, fields.smms.centre_y], axis=1)
-    shift = centre + angle * fields.smms.distance[:, None]
-    x = image_offset(fields.smms, vergence)
-    reach = (fields.smms.lens_aperture * np.abs(x) + fields.smms.aperture) / 2
-    members = np.flatnonzero(_extent(shift, fields.shape) <= reach)
+    smms, shape = fields.smms, fields.shape
+    centre = np.stack([smms.centre_x, smms.centre_y], axis=1)
+    shift = centre + angle * smms.distance[:, None]
+    slack, _ = _roundoff(smms, vergence, _extent(angle, shape), _extent(centre, shape))
+    reach = (smms.lens_aperture * np.abs(image_offset(smms, vergence)) + smms.aperture) / 2
+    members = np.flatnonzero(_extent(shift, shape) <= reach + slack)
     if len(members) == 0:
         return Views(0, 0, 0)
     total, bright, chief = seen_by(
@@ -160,25 +197,24 @@ def seen_by(
         vergence: V = 1/D, 1/mm.
         angle: o V (x, y) of the point for each of them, shape (K, 2).
     """
-    smms = select(fields.smms, members)
+    smms, shape = select(fields.smms, members), fields.shape
     x, slope, inverse = _scalars(smms, vergence)
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1)
     shift = centre + angle * smms.distance[:, None]
     base = (smms.gap / smms.focal)[:, None] * centre - (smms.kappa * smms.distance)[:, None] * angle
-    crossing, passes, landing = chief_crossings(smms, vergence, angle, centre, fields.shape)
-    chief = passes & in_useful(fields, members, landing)
-    full = (
-        _extent(shift, fields.shape) <= np.abs(smms.lens_aperture * np.abs(x) - smms.aperture) / 2
-    )
-    bright = full & in_useful(
-        fields, members, landing, np.abs(slope) * limiting_aperture(smms, vergence) / 2
-    )
-    rays = _rays(crossing, shift * inverse[:, None], smms, x, shift, fields.shape)
+    crossing, passes, landing, slack = _chief(smms, vergence, angle, centre, shape)
+    chief = passes & in_useful(fields, members, landing, slack=slack)
+    at_array, _ = _roundoff(smms, vergence, _extent(angle, shape), _extent(centre, shape))
+    least = np.abs(smms.lens_aperture * np.abs(x) - smms.aperture) / 2
+    full = _extent(shift, shape) <= least + at_array
+    footprint = np.abs(slope) * limiting_aperture(smms, vergence) / 2
+    bright = full & in_useful(fields, members, landing, footprint, slack)
+    rays = _rays(crossing, shift * inverse[:, None], smms, x, shift, shape)
     landed = slope[:, None, None] * rays + base[:, None, :]
     lit = ~np.isnan(landed[..., 0])
-    owner = np.repeat(members, landed.shape[1])[lit.ravel()]
+    place = np.repeat(np.arange(len(members)), landed.shape[1])[lit.ravel()]
     hit = np.zeros(lit.shape, dtype=np.bool_)
-    hit[lit] = in_useful(fields, owner, landed[lit])
+    hit[lit] = in_useful(fields, members[place], landed[lit], slack=slack[place])
     return hit.any(axis=1) | chief, bright, chief
 
 
@@ -188,9 +224,9 @@ def chief_seen_by(
     """The chief views of ``seen_by`` alone, without tracing rays."""
     smms = select(fields.smms, members)
     centre = np.stack([smms.centre_x, smms.centre_y], axis=1)
-    _, passes, landing = chief_crossings(smms, vergence, angle, centre, fields.shape)
+    _, passes, landing, slack = _chief(smms, vergence, angle, centre, fields.shape)
     passed = np.flatnonzero(passes)
-    passes[passed] = in_useful(fields, members[passed], landing[passed])
+    passes[passed] = in_useful(fields, members[passed], landing[passed], slack=slack[passed])
     return passes
 
 

@@ -14,17 +14,17 @@ import numpy.typing as npt
 from flflab.optics.area import NEAREST, Rule, sharp_ranges
 from flflab.optics.camera import Camera
 from flflab.optics.focus import merge_intervals
+from flflab.optics.neighbours import even_points, pairs_within
 from flflab.optics.smms import image_offset
-from flflab.optics.useful import SensorFields, pairs_within, select, sensor_fields
+from flflab.optics.useful import SensorFields, select, sensor_fields
 from flflab.optics.views import chief_seen_by, seen_by
 
 Array = npt.NDArray[np.float64]
 # Gauss-Legendre's six nodes and weights on (-1, 1); Abramowitz and Stegun, table 25.4.
 _NODES = np.array([0.2386191860831969, 0.6612093864662645, 0.9324695142031521])
 _WEIGHTS = np.array([0.4679139345726910, 0.3607615730481386, 0.1713244923791704])
-# Fractional steps of the additive sequence whose points fill a square most evenly: powers of the
-# plastic number's inverse.
-_STEPS = np.array([0.7548776662466927, 0.5698402909980532])
+# Pairs of an object point and a microlens at a time.
+_PAIRS = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -130,18 +130,21 @@ def _counts(
     low, high = (centre - reach[:, None]).min(axis=0), (centre + reach[:, None]).max(axis=0)
     scale = float(smms.distance.mean())
     low, high = low - 0.01 * (high - low), high + 0.01 * (high - low)
-    at = low + (high - low) * np.mod(0.5 + np.arange(1, points + 1)[:, None] * _STEPS, 1.0)
-    pairs = pairs_within(
-        at, centre, float(reach.max() + np.abs(smms.distance / scale - 1).max() * np.abs(at).max())
-    )
-    angle = -at[pairs[:, 0]] / scale
-    owner = members[pairs[:, 1]]
-    hit = chief_seen_by(fields, owner, vergence, angle)
-    count = np.bincount(pairs[hit, 0], minlength=points)
-    if by == "total":
-        # Rays are traced only where chief views, which are total views too, do not decide.
-        near = np.bincount(pairs[:, 0], minlength=points)
-        open_pairs = np.flatnonzero(~hit & ((count < views) & (near >= views))[pairs[:, 0]])
-        traced = seen_by(fields, owner[open_pairs], vergence, angle[open_pairs])[0]
-        count += np.bincount(pairs[open_pairs[traced], 0], minlength=points)
-    return count >= views, float(np.prod(high - low)) / scale**2
+    at = low + (high - low) * even_points(points)
+    near = float(reach.max() + np.abs(smms.distance / scale - 1).max() * np.abs(at).max())
+    seen: list[npt.NDArray[np.bool_]] = []
+    expected = points * len(members) * min(1.0, (2 * near) ** 2 / float(np.prod(high - low)))
+    for some in np.array_split(at, 1 + int(expected) // _PAIRS):
+        pairs = pairs_within(some, centre, near)
+        owner, angle = members[pairs[:, 1]], -some[pairs[:, 0]] / scale
+        hit = chief_seen_by(fields, owner, vergence, angle)
+        count = np.bincount(pairs[hit, 0], minlength=len(some))
+        if by == "total":
+            # Rays are traced only where chief views, which are total views too, do not decide.
+            possible = np.bincount(pairs[:, 0], minlength=len(some))
+            undecided = ((count < views) & (possible >= views))[pairs[:, 0]]
+            rest = np.flatnonzero(~hit & undecided)
+            traced = seen_by(fields, owner[rest], vergence, angle[rest])[0]
+            count += np.bincount(pairs[rest[traced], 0], minlength=len(some))
+        seen.append(count >= views)
+    return np.concatenate(seen), float(np.prod(high - low)) / scale**2

@@ -13,9 +13,10 @@ import numpy.typing as npt
 from flflab.measurement.dots.views import DotViews
 from flflab.measurement.lattice.white import Lattice
 from flflab.optics.focus import magnification
+from flflab.optics.illumination import illumination_radius
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import camera_smms
-from flflab.optics.useful import illumination_radius, select
+from flflab.optics.useful import select
 from flflab.optics.views import chief_crossings
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted

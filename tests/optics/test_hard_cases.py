@@ -11,9 +11,10 @@ from flflab.errors import InputError
 from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.contrast import contrast_paper, dimming_disc_transfer, disc_transfer
 from flflab.optics.focus import blur, depth_of_field, image_distance, virtual_depth
+from flflab.optics.illumination import illumination_radius
 from flflab.optics.resolution import central_smms
 from flflab.optics.solution import array_arrangement, solve_camera
-from flflab.optics.useful import illumination_radius, row_fields, sensor_fields
+from flflab.optics.useful import row_fields, sensor_fields
 from flflab.optics.views import row_views, sensor_views
 
 

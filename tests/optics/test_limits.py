@@ -1,3 +1,4 @@
+# longer than 450 lines because hard cases stand together
 """The hard cases by name, against 50-digit arithmetic on the same doubles, with floating-point
 errors raised; and properties of all.
 """
@@ -312,6 +313,32 @@ def test_an_array_tilted_into_the_sensor_is_refused(laboratory: Build) -> None:
         camera_smms(replace(camera, array=replace(camera.array, tilt=(0.3, 0.0))))
 
 
+@pytest.mark.parametrize(
+    ("part", "changes", "meant"),
+    [
+        ("array", {"focal_lengths": (0.000917,)}, "focal_length is 0.000917 mm; was 0.917 mm"),
+        ("array", {"focal_lengths": (0.9, 0.00095)}, "focal_length is 0.00095 mm; was 0.95 mm"),
+        ("array", {"distance": 0.06}, "microlens_array.distance is 0.06 mm; was 60 mm"),
+        (
+            "array",
+            {"pitch": (4e-4, 4e-4), "aperture": 3.36e-4},
+            "microlens_array.pitch is 0.0004 mm; was 0.4 mm",
+        ),
+        ("sensor", {"distance": 61150.0}, "sensor.distance is 61150 mm; was 61.15 mm"),
+        ("main_lens", {"focal_length": 50e3}, "main_lens.focal_length is 50000 mm; was 50 mm"),
+        ("sensor", {"distance": 0.06115}, "lies behind the array; check the units of both"),
+        ("array", {"pitch": (4e-4, 4e-4)}, "is allowed; check the units of both"),
+    ],
+)
+def test_a_length_in_the_wrong_unit_is_refused_with_what_was_meant(
+    part: str, changes: dict[str, Any], meant: str, laboratory: Build
+) -> None:
+    camera = laboratory()
+    with pytest.raises(InputError) as error:
+        replace(camera, **{part: replace(getattr(camera, part), **changes)})
+    assert meant in str(error.value)
+
+
 def test_a_camera_of_one_pixel_and_one_microlens_is_answered(laboratory: Build) -> None:
     camera = laboratory()
     tiny = replace(
@@ -353,12 +380,17 @@ def test_mirrored_points_have_mirrored_views(
 def test_the_lattice_s_symmetries_are_the_views_(
     camera: Camera, distance: float, x: float, y: float
 ) -> None:
-    fields = sensor_fields(camera)
+    # A sensor wider than high shows more columns of micro-images than rows.
+    fields = sensor_fields(replace(camera, sensor=replace(camera.sensor, resolution=(3664, 3664))))
     point = np.array([x, y]) / distance
-    turned = [sensor_views(fields, 1 / distance, np.array(one)) for one in (point[::-1], -point)]
-    first = sensor_views(fields, 1 / distance, point)
-    # The sensor is wider than high; only points near its edges could tell.
-    assert {views.chief for views in (first, *turned)} == {first.chief}
+    turned = [
+        sensor_views(fields, 1 / distance, one)
+        for part in (point, point[::-1])
+        for one in (part, -part, part * [1, -1], part * [-1, 1])
+    ]
+    assert {(views.bright, views.chief) for views in turned} == {
+        (turned[0].bright, turned[0].chief)
+    }
 
 
 @settings(max_examples=40, deadline=None)

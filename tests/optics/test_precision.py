@@ -18,9 +18,9 @@ import pytest
 
 from flflab.optics.discs import three_disc_area, two_disc_areas
 from flflab.optics.focus import depth_of_field
+from flflab.optics.illumination import illumination_radius
 from flflab.optics.overlap import common_area
 from flflab.optics.smms import Smms
-from flflab.optics.useful import illumination_radius
 
 Array = npt.NDArray[np.float64]
 UNIT = 2.0**-53
