@@ -195,7 +195,7 @@ def light_of(
             if share > 0.0:
                 seen, bend = seen_through(lens, line, profile, x, y, side, how)
                 total += share * seen + bend
-    return lens.level * total / (parts * parts)
+    return lens.level * max(0.0, total) / (parts * parts)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -236,7 +236,7 @@ def add_pixel_by_pixel(
                 share = look_up(table, squared)
             if share > 0.0:
                 seen, bend = seen_through(lens, line, profile, ex, ey, how.pixel, how)
-                image[row, column] += lens.level * (share * seen + bend)
+                image[row, column] += lens.level * max(0.0, share * seen + bend)
 
 
 # The strips of a column lie in blocks of columns, [block, strip, field and column]: a block's loop
@@ -443,7 +443,7 @@ def add_by_columns(
                     light = seen_through(lens, line, profile, ex, ey, how.pixel, how)[0] * share
                 if not inside and near[column] != 0.0:
                     light += slope_of(table, ex * ex + ey * ey) * near[column]
-                image[row, first + column] += lens.level * light
+                image[row, first + column] += lens.level * max(0.0, light)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
