@@ -101,30 +101,33 @@ def _sharp(
     how: Sampling,
 ) -> float:
     """Share of a pixel's light where the blur is below a pixel: its square, or that of each of its
-    parts, sees the target through the centre of its part of the pupil.
+    parts, sees the target through the centre of its part of the pupil, widened by the blur.
     """
     shift, turn = 0.0, -line.pupil / line.sensor
     if turn != 0.0 and lens.slope != 0.0:
         away = math.hypot(ex, ey)
         shift = turn * _centre_of_pupil(lens, away) / max(away, 1e-300)
     x, y = dot[0] - shift * ex, dot[1] - shift * ey
-    half = 0.5 * how.pixel
+    # A part's square is widened until it has the variance of the part and of the pupil's disc.
+    side = how.pixel / how.parts
+    wide = math.sqrt(side * side + 3.0 * turn * turn)
+    half = 0.5 * (how.pixel - side + wide)
     far, near = math.hypot(abs(x) + half, abs(y) + half), math.hypot(x, y) - 2 * half
     if near >= dot[2]:
         return 0.0
     weight = mean_weight(lens, ex, ey, (0.0, 0.0, 2.0)) if how.weighted else 1.0
     if far <= dot[2] and table.size > 0:
         return weight * look_up(table, ex * ex + ey * ey)
-    total, side = 0.0, how.pixel / how.parts
+    total = 0.0
     for row in range(how.parts):
         down = side * (row + 0.5 - 0.5 * how.parts)
         for column in range(how.parts):
             aside = side * (column + 0.5 - 0.5 * how.parts)
             at_x, at_y = x + aside, y + down
-            if side > 0.0:
+            if wide > 0.0:
                 part = disc_rectangle_area(
-                    dot[2], at_x - side / 2, at_x + side / 2, at_y - side / 2, at_y + side / 2
-                ) / (side * side)
+                    dot[2], at_x - wide / 2, at_x + wide / 2, at_y - wide / 2, at_y + wide / 2
+                ) / (wide * wide)
             else:
                 part = 1.0 if at_x * at_x + at_y * at_y <= dot[2] * dot[2] else 0.0
             if part > 0.0:

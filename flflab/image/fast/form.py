@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from flflab.image.bands import in_bands
 from flflab.image.effects.motion import Motion
+from flflab.image.fast.columns import add_by_columns
 from flflab.image.fast.dots import add_dots
-from flflab.image.fast.lines import LINE, SHARP, Lines, Sampling, add_by_columns, add_pixel_by_pixel
+from flflab.image.fast.lines import LINE, SHARP, Lines, Sampling, add_pixel_by_pixel
 from flflab.image.fast.profile import Profile, profile_of
 from flflab.image.fast.share import STEEP, share_table
 from flflab.image.landing import linearised
@@ -33,6 +34,7 @@ FALLOFF_LEAVES = 9e-3  # over the square of the strips
 FEWEST = 4  # strips, where one is not enough
 FINE = 1e-4  # tolerance below which pixels on a vignetting edge are cut into parts
 DOTS_LEAVE = 2.5e-2  # over the blur, up to WIDE pixels, and the square of a pixel's parts
+DOTS_SHARP_LEAVE = 0.03  # over the square of the blur, seen through the middle of the pupil
 WIDE, WIDEST = 2.5, 2000.0  # pixels: a wider blur is formed like this one
 NONE = np.zeros(0)
 EVEN = Profile(
@@ -51,6 +53,7 @@ class Upright:
         how: the sampling of each microlens.
         by_columns: whether the target varies along the sensor's columns alone.
         fine: whether every pixel on a vignetting edge is cut into parts.
+        sharp: which microlenses see dots through the middle of the pupil.
     """
 
     target: Target
@@ -59,6 +62,7 @@ class Upright:
     how: tuple[Sampling, ...]
     by_columns: bool
     fine: bool
+    sharp: npt.NDArray[np.bool_]
 
 
 def upright(
@@ -101,7 +105,8 @@ def upright(
     turned = float(np.abs(lines["sin"]).max(initial=0.0) * outside(lenses).max(initial=0.0))
     allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel
     by_columns = (bounded and turned <= allowed) or isinstance(plane.target, White)
-    return Upright(plane.target, lenses, lines, how, by_columns, tolerance < FINE)
+    sharp = DOTS_SHARP_LEAVE * blur**2 <= KEPT * tolerance
+    return Upright(plane.target, lenses, lines, how, by_columns, tolerance < FINE, sharp)
 
 
 def lines_of(scene: Scene, plane: Plane, lenses: Lenses) -> Lines:
@@ -187,10 +192,9 @@ def add_upright(image: Array, scene: Scene, made: Upright) -> None:
             if lens["first_row"] >= last or lens["end_row"] <= first:
                 continue
             if isinstance(target, FourDot):
-                sharp = blur_of(made.lines[index], scene.camera.sensor.pixel) <= SHARP
                 add_dots(
                     image, lens, line, target.centres, target.diameter / 2, tables[index], places,
-                    (first, last), how, bool(sharp),
+                    (first, last), how, bool(made.sharp[index]),
                 )  # fmt: skip
             else:
                 one_by_one(image, lens, line, profile, tables[index], places, (first, last), how)

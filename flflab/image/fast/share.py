@@ -83,10 +83,11 @@ def share_table(slope: float, reach: float, pixel: float) -> Array:
         away = table[0] + index / table[1]
         x, y = away * math.cos(SIDEWAYS), away * math.sin(SIDEWAYS)
         total = 0.0
-        for row, weight in zip(PLACES, WEIGHTS):
-            up = y + pixel * row
-            for column, other in zip(PLACES, WEIGHTS):
-                across = x + pixel * column
-                total += weight * other * look_up(points, across * across + up * up)
+        for row in range(len(PLACES)):
+            up = y + pixel * PLACES[row]
+            for column in range(len(PLACES)):
+                across = x + pixel * PLACES[column]
+                seen = look_up(points, across * across + up * up)
+                total += WEIGHTS[row] * WEIGHTS[column] * seen
         table[index + 2] = total
     return table

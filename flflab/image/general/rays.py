@@ -240,7 +240,7 @@ def land(
         rays: the rays.
         moved: across the axis, mm.
     """
-    u, v = np.empty(rays.weight.shape), np.empty(rays.weight.shape)
+    u, v = np.empty_like(rays.weight), np.empty_like(rays.weight)
     x, y = plane.x + moved[0], plane.y + moved[1]
     for point in range(u.shape[0]):
         for index in range(u.shape[1]):
