@@ -5,8 +5,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.image.render import render
-from flflab.image.scene import Scene
+from flflab.image.render import render, render_light
+from flflab.image.scene import ALL, Scene
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 
 Array = npt.NDArray[np.float64]
@@ -64,3 +64,19 @@ def typical_difference(trace_pixels: Callable[..., tuple[Array, Array]]) -> Diff
         return float(np.sqrt(np.mean(np.maximum(apart - 4 * uncertainty, 0.0) ** 2)))
 
     return compare
+
+
+@pytest.fixture(scope="session")
+def allowed() -> Difference:
+    """Largest root mean square that a few pixels may show: the tolerance where closed forms make
+    the picture; where rays do, twice what the picture states of itself, which is bounded too.
+    """
+
+    def of(scene: Scene, tolerance: float = 0.002) -> float:
+        light = render_light(scene, tolerance, ALL)
+        if light.pilot is None:
+            return tolerance
+        assert light.pilot.rms < 8 * tolerance  # what 256 rays a pixel reach at steep tilts
+        return 2 * max(tolerance, light.pilot.rms)
+
+    return of
