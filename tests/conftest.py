@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
@@ -150,6 +150,24 @@ def other_address() -> Iterator[Callable[[str], str]]:
             return forwarder.address
 
         yield forward
+
+
+@pytest.fixture(scope="session")
+def trace_pixels() -> Callable[..., Any]:
+    """The slow reference of pictures, by rays refracted one by one; it lies beside the
+    benchmarks.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "benchmarks")
+        return importlib.import_module("reference_rays.pixels").trace_pixels
+
+
+@pytest.fixture(scope="session")
+def random_scene() -> Callable[..., Any]:
+    """Draws a random scene of a random camera."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "benchmarks")
+        return importlib.import_module("reference_rays.random_scene").random_scene
 
 
 @pytest.fixture(scope="session")

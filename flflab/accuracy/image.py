@@ -12,9 +12,9 @@ from flflab.accuracy.chords import integrate_pixels
 from flflab.accuracy.ray_sums import grid_rays, random_rays
 from flflab.accuracy.scenes import RESOLUTION, bench_scenes
 from flflab.accuracy.work_precision import Answer, Method, Problem, Row, work_precision
-from flflab.image.estimate import estimate_error
+from flflab.image.picture import take_picture
 from flflab.image.render import render
-from flflab.image.scene import ALL, Scene
+from flflab.image.scene import Scene
 
 PIXELS = 200  # of each scene, that the methods are judged by
 NEAR = 3  # pixels round what is lit from which they are drawn
@@ -74,7 +74,7 @@ def _render(problem: Problem, tolerance: float) -> Answer:
 
 def _estimate(problem: Problem, tolerance: float) -> float:
     """What ``flflab image`` prints as its error estimate."""
-    return estimate_error(problem.scene, render(problem.scene, tolerance=tolerance), tolerance, ALL)
+    return take_picture(problem.scene, tolerance=tolerance).error_estimate
 
 
 def _answer(values: npt.NDArray[np.float64]) -> Answer:

@@ -17,9 +17,9 @@ from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
 from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
+from flflab.image.accuracy import TOLERANCE
 from flflab.image.ground_truth import ground_truth
-from flflab.image.picture import Report, Told, take_picture
-from flflab.image.render import TOLERANCE
+from flflab.image.picture import EffectReport, Report, take_picture
 from flflab.image.scene import Plane
 from flflab.image.scene_file import PicturedScene, read_scene, short_scene, wavelength_from
 from flflab.image.sensor.raw_picture import neutral
@@ -78,7 +78,8 @@ def image(
     tolerance: Annotated[
         float | None,
         typer.Option(
-            help=f"largest error asked for, as a share of white level; without it {TOLERANCE:g}"
+            help="root mean square of the error asked for, as a share of white level; without it"
+            f" {TOLERANCE:g}"
         ),
     ] = None,
     time_budget: Annotated[
@@ -154,12 +155,13 @@ def image(
     console.width = min(console.width, WIDTH)
     if explain:
         console.print(_table(report, console.width))
+        console.print(f"Formed by {report.path}: {report.why_path}.", highlight=False)
         absent = [effect.name for effect in report.effects if not effect.on and not effect.unit]
         if absent:
             console.print(f"Not in this scene: {', '.join(absent)}.", highlight=False)
     said = (
-        f"error below {report.error_estimate:.2g} of white level, {report.time_ms:.0f} ms; ground"
-        f" truth in {truth_file}"
+        f"error below {report.error_estimate:.2g} of white level (root mean square over lit"
+        f" pixels), {report.time_ms:.0f} ms; ground truth in {truth_file}"
     )
     console.print(f"{out}: {said}", highlight=False, soft_wrap=True)
 
@@ -189,7 +191,7 @@ def _bent(wavelength: str) -> float:
         raise InputError(f"--wavelength {error}") from error
 
 
-def _keys(effect: Told) -> dict[str, Any]:
+def _keys(effect: EffectReport) -> dict[str, Any]:
     return {
         "name": effect.name,
         "on": effect.on,

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.image.effects.distortion import Distortion
-from flflab.image.geometry.pupil import axis_microlens, scattered
+from flflab.image.microlenses import axis_microlens, scattered
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera, Sensor, microlens_indices
 from flflab.optics.focus import magnification, sharp_vergence

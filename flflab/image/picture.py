@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.image.accuracy import TOLERANCE
 from flflab.image.budget import affordable_tolerance
-from flflab.image.chooser import LEVELS, NOISE, Choice, Decision, choose, named
+from flflab.image.choose import LEVELS, NOISE, Choice, Decision, choose, named
 from flflab.image.effects.effect import Effect
-from flflab.image.estimate import estimate_error
+from flflab.image.path import Light
 from flflab.image.regime import Regime
-from flflab.image.render import TOLERANCE, render
+from flflab.image.render import render_light
 from flflab.image.scene import Scene
 from flflab.image.sensor.random_numbers import noise_key
 from flflab.image.sensor.response import SensorResponse, digitise, read_out
@@ -26,7 +27,7 @@ BRIGHTEST = 0.7  # of saturation: the exposure rule of the bench
 
 
 @dataclass(frozen=True)
-class Told:
+class EffectReport:
     """One effect: whether the picture holds it, its size in ``unit``, most that leaving it out can
     change (of white), why, milliseconds.
 
@@ -44,16 +45,27 @@ class Told:
 
 @dataclass(frozen=True)
 class Report:
-    """A picture in units of the white level, its effects, an estimate of its largest error but for
-    noise, and the time it took.
+    """A picture, and what is in it.
 
-    ``choice`` is what was chosen of the effects of the light, ``tolerance`` what was asked for or
-    could be afforded.
+    Attributes:
+        image: in units of the white level, [row, column].
+        effects: every effect.
+        error_estimate: root mean square of the error over lit pixels, noise aside, of white.
+        percentile_99: of the error's size over lit pixels, measured where rays formed the picture;
+            else None.
+        path: closed forms, rays or waves.
+        why_path: what decided that.
+        time_ms: all that it took.
+        tolerance: what was asked for or could be afforded.
+        choice: of the effects of the light.
     """
 
     image: Array
-    effects: tuple[Told, ...]
+    effects: tuple[EffectReport, ...]
     error_estimate: float
+    percentile_99: float | None
+    path: str
+    why_path: str
     time_ms: float
     tolerance: float
     choice: Choice
@@ -73,7 +85,7 @@ def take_picture(
 
     Args:
         scene: what is pictured.
-        tolerance: largest error asked for, of white.
+        tolerance: root mean square of the error over lit pixels, of white.
         effects: ``auto``, ``fast``, ``reference``, or names joined by commas.
         seed: of the noise; without one the picture has none.
         response: the sensor; by default one of 12 bits.
@@ -91,21 +103,36 @@ def take_picture(
         tolerance = affordable_tolerance(scene, budget, effects)
     choice = choose(scene, tolerance, effects)
     forming = time.perf_counter()
-    image = render(scene, tolerance=choice.tolerance, effects=choice.formed)
-    formed = time.perf_counter()
-    estimate = min(estimate_error(scene, image, choice.tolerance, choice.effects), choice.promised)
+    light = render_light(scene, choice.tolerance, choice.formed)
     reading = time.perf_counter()
-    sensor = response or SensorResponse()
-    electrons = electrons_at_white
+    image, sensor, electrons = light.image, response or SensorResponse(), electrons_at_white
     if electrons is None:
         electrons = BRIGHTEST * sensor.saturation_e / max(1.0, float(image.max()))
-    told = _told(choice.decisions, 1e3 * (formed - forming))
+    reported = _reported(choice.decisions, 1e3 * (reading - forming))
     if noise:
         image = _read(image, electrons, sensor, noise, seed)
     ended = time.perf_counter()
     decisions = _noise_decisions(sensor, noise, replace(choice.regime, electrons=electrons), seed)
-    told += _told(decisions, 1e3 * (ended - reading))
-    return Report(image, told, estimate, 1e3 * (ended - started), tolerance, choice)
+    reported += _reported(decisions, 1e3 * (ended - reading))
+    return Report(
+        image=image,
+        effects=reported,
+        error_estimate=estimate(choice, light),
+        percentile_99=None if light.pilot is None else light.pilot.percentile_99,
+        path=light.path,
+        why_path=light.why,
+        time_ms=1e3 * (ended - started),
+        tolerance=tolerance,
+        choice=choice,
+    )
+
+
+def estimate(choice: Choice, light: Light) -> float:
+    """Root mean square of a picture's error, of white: what its path was formed to or a pilot
+    measured, and the bounds of what was left out.
+    """
+    formed = choice.tolerance if light.pilot is None else light.pilot.rms
+    return formed + choice.left_out
 
 
 def _noise(effects: str, seed: int | None) -> frozenset[str]:
@@ -158,29 +185,19 @@ def _noise_decisions(
         why = effect.why(regime) + (
             "" if name in noise else ": no seed was given" if seed is None else ": not asked for"
         )
-        cost = effect.cost(regime)
-        decisions.append(
-            Decision(
-                name,
-                name in noise,
-                effect.size(regime),
-                effect.unit,
-                effect.bound(regime),
-                why,
-                cost,
-            )
-        )
+        size, bound, cost = effect.size(regime), effect.bound(regime), effect.cost(regime)
+        decisions.append(Decision(name, name in noise, size, effect.unit, bound, why, cost))
     return tuple(decisions)
 
 
-def _told(decisions: tuple[Decision, ...], ms: float) -> tuple[Told, ...]:
-    """The decisions with the time measured shared out by the costs expected; what is off is told at
-    the same rate.
+def _reported(decisions: tuple[Decision, ...], ms: float) -> tuple[EffectReport, ...]:
+    """The decisions with the time measured shared out by what effects cost; what is off is reported
+    at the same rate.
     """
     total = sum(decision.cost for decision in decisions if decision.on)
     rate = ms / total if total > 0 else 1.0
     return tuple(
-        Told(
+        EffectReport(
             one.name,
             one.on,
             one.size if one.size is not None and math.isfinite(one.size) else None,

@@ -1,4 +1,4 @@
-"""From a scene to its regime: what its pupils say about blur, rims, overlap and steepness, without
+"""From a scene to its regime: what its lenses say about blur, rims, overlap and steepness, without
 forming a picture.
 """
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.image.geometry.pupil import Pupils, camera_pupils
+from flflab.image.microlenses import Lenses, camera_lenses, outside
 from flflab.image.regime import Change, PlaneRegime, Regime
 from flflab.image.scene import ALL, Plane, Scene, without
 from flflab.optics.camera import Camera
@@ -26,11 +26,11 @@ def survey(scene: Scene) -> Regime:
         InputError: a tilted array reaches through the sensor.
     """
     camera, pixel = scene.camera, scene.camera.sensor.pixel
-    pupils = camera_pupils(camera, 1 / scene.planes[0].distance, scene.scatter)
-    seen = _reaching_the_sensor(camera, pupils)
-    radius, slope = pupils.outside[seen], np.abs(pupils.slope[seen])
-    level = float(pupils.level[seen].max(initial=0.0))
-    gap, crosstalk, reaching = _neighbours(pupils, seen, pixel)
+    lenses = camera_lenses(camera, 1 / scene.planes[0].distance, scene.scatter)
+    seen = _reaching_the_sensor(camera, lenses)
+    radius, slope = outside(lenses)[seen], np.abs(lenses["slope"][seen])
+    level = float(lenses["level"][seen].max(initial=0.0))
+    gap, crosstalk, reaching = _neighbours(lenses, seen, pixel)
     light = level + crosstalk
     width = 2 * slope / pixel
     rim_steepness = (
@@ -40,7 +40,7 @@ def survey(scene: Scene) -> Regime:
     )
     planes = tuple(_plane(scene, plane, seen, light, reaching * level) for plane in scene.planes)
     columns, rows = camera.sensor.resolution
-    kinds = np.unique(np.stack([slope, pupils.reach[seen]], axis=1), axis=0)
+    kinds = np.unique(np.stack([slope, lenses["reach"][seen]], axis=1), axis=0)
     return Regime(
         planes=planes,
         pixels=columns * rows,
@@ -56,35 +56,35 @@ def survey(scene: Scene) -> Regime:
         gap=gap,
         crosstalk=crosstalk,
         airy=0.61
-        / max(float(np.abs(pupils.slant_spread[seen]).min(initial=math.inf)), 1e-300)
+        / max(float(np.abs(lenses["slant_spread"][seen]).min(initial=math.inf)), 1e-300)
         / pixel,
-        slope=_steepest_ray(pupils, seen),
+        slope=_steepest_ray(lenses, seen),
         at_once=scene.diffraction is not None,
         misaligned=_misaligned(scene, seen),
         scattered=_scattered(scene, seen),
     )
 
 
-def _reaching_the_sensor(camera: Camera, pupils: Pupils) -> Flags:
+def _reaching_the_sensor(camera: Camera, lenses: Lenses) -> Flags:
     """Which micro-images lie on the sensor at least in part."""
     sensor = camera.sensor
     away = [
         np.maximum(np.abs(centre - middle) - count * sensor.pixel / 2, 0)
         for centre, middle, count in zip(
-            (pupils.centre_x, pupils.centre_y), sensor.offset, sensor.resolution, strict=True
+            (lenses["x"], lenses["y"]), sensor.offset, sensor.resolution, strict=True
         )
     ]
-    return np.hypot(away[0], away[1]) <= pupils.outside
+    return np.hypot(away[0], away[1]) <= outside(lenses)
 
 
-def _neighbours(pupils: Pupils, seen: Flags, pixel: float) -> tuple[float, float, int]:
+def _neighbours(lenses: Lenses, seen: Flags, pixel: float) -> tuple[float, float, int]:
     """Gap between neighbouring micro-images in pixels, most light that a pixel has from neighbours,
     most micro-images on a pixel.
 
     A pixel belongs to the micro-image whose centre is nearest, so no neighbour's centre is nearer
     than half the way between the two.
     """
-    places = np.stack([pupils.centre_x, pupils.centre_y], axis=1)
+    places = np.stack([lenses["x"], lenses["y"]], axis=1)
     owners = np.flatnonzero(seen)
     if len(places) < 2 or not len(owners):
         return math.inf, 0.0, 1
@@ -95,17 +95,17 @@ def _neighbours(pupils: Pupils, seen: Flags, pixel: float) -> tuple[float, float
     gap, crosstalk, reaching = math.inf, 0.0, 1
     for owner in owners:
         apart = np.hypot(*(places - places[owner]).T)
-        others = (apart > 0) & (apart / 2 - pixel < pupils.outside)
+        others = (apart > 0) & (apart / 2 - pixel < outside(lenses))
         gap = min(
-            gap, float((apart - pupils.outside[owner] - pupils.outside)[apart > 0].min()) / pixel
+            gap, float((apart - outside(lenses)[owner] - outside(lenses))[apart > 0].min()) / pixel
         )
         nearest = np.maximum(apart[others] / 2 - pixel / math.sqrt(2), 0)
-        slope = np.maximum(np.abs(pupils.slope[others]), 1e-9)
+        slope = np.maximum(np.abs(lenses["slope"][others]), 1e-9)
         shares = [
             two_disc_area(1.0, *pair) / math.pi
-            for pair in zip(pupils.reach[others] / slope, nearest / slope, strict=True)
+            for pair in zip(lenses["reach"][others] / slope, nearest / slope, strict=True)
         ]
-        crosstalk = max(crosstalk, float(np.dot(shares, pupils.level[others])))
+        crosstalk = max(crosstalk, float(np.dot(shares, lenses["level"][others])))
         reaching = max(reaching, 1 + int(others.sum()))
     return gap, crosstalk, reaching
 
@@ -115,11 +115,11 @@ def _plane(scene: Scene, plane: Plane, seen: Flags, light: float, reaching: floa
     level.
     """
     camera, pixel = scene.camera, scene.camera.sensor.pixel
-    pupils = camera_pupils(camera, 1 / plane.distance, scene.scatter)
-    spread, scale = np.abs(pupils.spread[seen]), np.abs(pupils.scale[seen]) * pixel
-    outside = np.minimum(pupils.outside[seen] / pixel, math.hypot(*camera.sensor.resolution) + 1)
+    lenses = camera_lenses(camera, 1 / plane.distance, scene.scatter)
+    spread, scale = np.abs(lenses["spread"][seen]), np.abs(lenses["scale"][seen]) * pixel
+    away = np.minimum(outside(lenses)[seen] / pixel, math.hypot(*camera.sensor.resolution) + 1)
     field = float(
-        (np.hypot(pupils.direction_x, pupils.direction_y)[seen] + scale * outside + spread).max(
+        (np.hypot(lenses["direction_x"], lenses["direction_y"])[seen] + scale * away + spread).max(
             initial=0.0
         )
     )
@@ -173,33 +173,37 @@ def _brightest(plane: Plane) -> float:
     return 0.0 if isinstance(plane.target, Black) else 1.0
 
 
-def _steepest_ray(pupils: Pupils, seen: Flags) -> float:
+def _steepest_ray(lenses: Lenses, seen: Flags) -> float:
     """Largest slope of a ray that reaches the sensor."""
     slant = (
-        np.hypot(pupils.slant_x, pupils.slant_y)
-        + np.abs(pupils.slant_scale) * pupils.outside
-        + np.abs(pupils.slant_spread)
+        np.hypot(lenses["slant_x"], lenses["slant_y"])
+        + np.abs(lenses["slant_scale"]) * outside(lenses)
+        + np.abs(lenses["slant_spread"])
     )
     return float(slant[seen].max(initial=0.0))
 
 
-def _changed(old: Pupils, new: Pupils, seen: Flags, pixel: float) -> Change:
-    """What becomes of the rays and rims of the micro-images seen when these are the pupils
+def _changed(old: Lenses, new: Lenses, seen: Flags, pixel: float) -> Change:
+    """What becomes of the rays and rims of the micro-images seen when these are the lenses
     instead.
     """
-    if np.any((old.lens_scale == 0) != (new.lens_scale == 0)):
+    if np.any((old["lens_scale"] == 0) != (new["lens_scale"] == 0)):
         return Change(
             math.inf, math.inf, 0.0, 1.0
         )  # another aperture limits: the two descriptions cannot be compared
-    step = np.hypot(new.centre_x - old.centre_x, new.centre_y - old.centre_y)
-    turned = np.hypot(new.direction_x - old.direction_x, new.direction_y - old.direction_y)
-    apart = np.abs(new.spread - old.spread) + np.abs(new.scale - old.scale) * old.outside
-    rims = step + np.abs(new.slope - old.slope) + np.abs(new.reach - old.reach)
+    step = np.hypot(new["x"] - old["x"], new["y"] - old["y"])
+    turned = np.hypot(
+        new["direction_x"] - old["direction_x"], new["direction_y"] - old["direction_y"]
+    )
+    apart = np.abs(new["spread"] - old["spread"]) + np.abs(new["scale"] - old["scale"]) * outside(
+        old
+    )
+    rims = step + np.abs(new["slope"] - old["slope"]) + np.abs(new["reach"] - old["reach"])
     return Change(
         rim=float(rims[seen].max(initial=0.0)) / pixel,
-        shift=float((turned + np.abs(new.scale) * step)[seen].max(initial=0.0)),
+        shift=float((turned + np.abs(new["scale"]) * step)[seen].max(initial=0.0)),
         stretch=float(apart[seen].max(initial=0.0)),
-        level=float(np.abs(new.level / old.level - 1)[seen].max(initial=0.0)),
+        level=float(np.abs(new["level"] / old["level"] - 1)[seen].max(initial=0.0)),
     )
 
 
@@ -223,11 +227,11 @@ def _misaligned(scene: Scene, seen: Flags) -> Change:
     changes: list[Change] = []
     for plane in scene.planes:
         old, new = (
-            camera_pupils(camera, 1 / plane.distance, scene.scatter)
+            camera_lenses(camera, 1 / plane.distance, scene.scatter)
             for camera in (scene.camera, ideal)
         )
         change = _changed(old, new, seen | _reaching_the_sensor(ideal, new), pixel)
-        turned = step * float(np.abs(old.scale).max())  # the sensor's own offset moves all alike
+        turned = step * float(np.abs(old["scale"]).max())  # the sensor's own offset moves all alike
         changes.append(replace(change, rim=change.rim + step / pixel, shift=change.shift + turned))
     return _worst(changes)
 
@@ -238,8 +242,8 @@ def _scattered(scene: Scene, seen: Flags) -> Change:
     camera, pixel = scene.camera, scene.camera.sensor.pixel
     pairs = [
         (
-            camera_pupils(camera, 1 / plane.distance, scene.scatter),
-            camera_pupils(camera, 1 / plane.distance),
+            camera_lenses(camera, 1 / plane.distance, scene.scatter),
+            camera_lenses(camera, 1 / plane.distance),
         )
         for plane in scene.planes
     ]

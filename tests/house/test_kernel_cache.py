@@ -14,7 +14,7 @@ import pytest
 import flflab
 
 SAY = (
-    "from flflab.image.geometry.clipping import clip; clip(9.0, 0.0, 1.0, 0.0, 0.5, 1.0); import"
+    "from flflab.image.fast.share import share_at; share_at(0.5, 0.0, 0.5, 0.5); import"
     " os; print(os.environ['NUMBA_CACHE_DIR'])"
 )
 SHARE = f"""

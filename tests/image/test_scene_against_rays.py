@@ -3,6 +3,7 @@ planes one by one, here.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 import pytest
 from scipy.stats import qmc
 
+from flflab.image.accuracy import TOLERANCE
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.scatter import Scatter
@@ -22,7 +24,7 @@ pytestmark = pytest.mark.ci
 
 Array = npt.NDArray[np.float64]
 
-ALLOWED = 0.002 + 0.0012  # the tolerance, and the scatter of the rays
+SCATTER = 5e-4  # of the rays
 SAMPLES: Array = qmc.Sobol(4, rng=3).random(2**15)
 PICTURE = Picture(np.random.default_rng(0).random((60, 80)), 20.0)
 
@@ -218,24 +220,26 @@ NAMES = (
     "turned array",
     "substrate",
     "scatter",
-    pytest.param("card", marks=pytest.mark.ci),
+    "card",
     "card through the axis",
     "card just in front",
     "card before infinity",
-    pytest.param("tilted card", marks=pytest.mark.ci),
-    pytest.param("two cards", marks=pytest.mark.ci),
+    "tilted card",
+    "two cards",
 )
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_scene_is_pictured_as_rays_draw_it(small: Camera, name: str) -> None:
+def test_a_scene_is_pictured_as_rays_draw_it(
+    small: Camera, name: str, allowed: Callable[..., float]
+) -> None:
+    """Over random lit pixels; each is within ten times the tolerance in closed forms."""
     scene = scene_named(name, small)
     image = render(scene)
-    rng = np.random.default_rng(11)
-    steepness = np.abs(np.gradient(image)).sum(axis=0)
-    places = [np.argwhere(image > 0), np.argwhere(steepness > 0.5 * steepness.max())]
-    chosen = np.concatenate([place[rng.integers(0, len(place), 6)] for place in places])
+    places = np.argwhere(image > 0)
+    chosen = places[np.random.default_rng(11).integers(0, len(places), 30)]
+    apart = image[chosen[:, 0], chosen[:, 1]] - by_rays(scene, chosen[:, ::-1])
+    most = allowed(scene)
     assert image.max() > 0.2
-    assert (
-        np.abs(image[chosen[:, 0], chosen[:, 1]] - by_rays(scene, chosen[:, ::-1])).max() < ALLOWED
-    )
+    assert np.sqrt(np.mean(apart**2)) < most + SCATTER
+    assert most > TOLERANCE or np.abs(apart).max() < 10 * TOLERANCE

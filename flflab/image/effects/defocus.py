@@ -2,6 +2,7 @@
 other.
 """
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -37,8 +38,9 @@ class Defocus:
         )
 
     def cost(self, regime: Regime) -> float:
-        """Strips across the pupil grow with the root of the blur."""
-        return 1e-4 * regime.pixels * regime.lit * (2 + 2 * min(regime.blur, 100.0) ** 0.5)
+        """Half a nanosecond a strip, of which wide blurs take more."""
+        strips = 10 * math.sqrt(min(regime.blur, 1.0) * (1 + regime.blur / 18))
+        return 5e-7 * regime.pixels * regime.lit * min(strips, 1e3)
 
     def why(self, regime: Regime) -> str:
         """What a blur below half a pixel does, or that the target is out of focus."""

@@ -53,8 +53,8 @@ class Distortion:
         )
 
     def cost(self, regime: Regime) -> float:
-        """Micro-images are formed in parts, each with a map of its own."""
-        return 1e-4 * regime.pixels * regime.lit
+        """Where no map of a micro-image holds, rays: four or more a lit pixel, 350 ns."""
+        return 3.5e-4 * regime.pixels * regime.lit
 
     def why(self, regime: Regime) -> str:
         """Up to which angle."""

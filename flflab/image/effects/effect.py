@@ -22,7 +22,7 @@ class Effect(Protocol):
         ...
 
     def cost(self, regime: Regime) -> float:
-        """Milliseconds it is expected to take on one core."""
+        """Milliseconds it takes on one core: counts times what each was measured to take."""
         ...
 
     def why(self, regime: Regime) -> str:

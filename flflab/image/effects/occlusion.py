@@ -22,8 +22,8 @@ class Occlusion:
         return (len(regime.planes) - 1) * regime.brightest
 
     def cost(self, regime: Regime) -> float:
-        """Each plane is formed once more, through what the nearer ones leave."""
-        return 2e-4 * regime.pixels * regime.lit * (len(regime.planes) - 1)
+        """Rays, once more for each plane."""
+        return 3.5e-4 * regime.pixels * regime.lit * (len(regime.planes) - 1)
 
     def why(self, regime: Regime) -> str:
         """How many planes."""

@@ -13,12 +13,14 @@ class Scatter:
     """Independent normal errors of every microlens, drawn once from a ``seed``.
 
     ``focal_length`` is the standard deviation relative to the focal length, ``position`` that of
-    each coordinate in mm.
+    each coordinate in mm,
+    ``brightness`` that of the light relative to the mean.
     """
 
     focal_length: float = 0.0
     position: float = 0.0
     seed: int = 0
+    brightness: float = 0.0
     name: ClassVar[str] = "scatter"
     unit: ClassVar[str] = "px"
 
@@ -48,8 +50,8 @@ class Scatter:
         return regime.changed(regime.scattered)
 
     def cost(self, regime: Regime) -> float:
-        """Every microlens has a rim of its own."""
-        return 0.4 * regime.microlenses
+        """A table of shares for every microlens."""
+        return 0.02 * regime.microlenses
 
     def why(self, regime: Regime) -> str:
         """Of what."""

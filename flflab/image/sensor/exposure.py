@@ -6,7 +6,7 @@ import math
 
 from flflab.errors import InputError
 from flflab.image.effects.falloff import Falloff
-from flflab.image.geometry.pupil import axis_microlens
+from flflab.image.microlenses import axis_microlens
 from flflab.optics.camera import Camera
 from flflab.optics.smms import camera_smms
 

@@ -1,0 +1,235 @@
+"""Which effects a picture needs to be right to a tolerance, and what they leave of the tolerance
+for forming it.
+
+An effect's bound holds whichever of the others are left out, so the picture without some of them is
+off by at most the sum of their bounds. An effect is left out where its bound is within its share
+and that saves time: its share of the tolerance is its share of the time. An effect whose absence
+lets closed forms take the place of rays saves the difference.
+"""
+
+import math
+from dataclasses import dataclass
+
+from flflab.errors import InputError
+from flflab.image.accuracy import FAST, LEAST_TOLERANCE, LEFT_OUT, check_tolerance, for_forming
+from flflab.image.effects.defocus import Defocus
+from flflab.image.effects.effect import Effect
+from flflab.image.effects.misalignment import Misalignment
+from flflab.image.effects.occlusion import Occlusion
+from flflab.image.effects.overlap import Overlap
+from flflab.image.effects.pixel import Pixel
+from flflab.image.effects.vignetting import Vignetting
+from flflab.image.path import path_of
+from flflab.image.regime import Regime
+from flflab.image.scene import ALL, Scene, without
+from flflab.image.survey import survey
+
+LEVELS = ("auto", "fast", "reference")
+WORTH = 0.1  # of the time: what saves less is not left out
+PATH = ("distortion", "misalignment", "motion")  # effects for whose sake a scene may need rays
+LIGHT = (
+    "defocus",
+    "vignetting",
+    "overlap",
+    "pixel",
+    "diffraction",
+    "falloff",
+    "distortion",
+    "misalignment",
+    "occlusion",
+    "scatter",
+    "stray-light",
+    "colour-filter",
+    "motion",
+)
+NOISE = (
+    "shot-noise",
+    "read-noise",
+    "dark-current",
+    "fixed-pattern",
+    "dead-pixels",
+    "saturation",
+    "quantisation",
+)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether an effect is in the picture, and what speaks for it; a size of None: the scene has no
+    such effect.
+    """
+
+    name: str
+    on: bool
+    size: float | None
+    unit: str
+    bound: float
+    why: str
+    cost: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a picture is formed of: every effect of the light, the tolerance left for forming it,
+    the error promised, and the sum of the bounds of what is left out.
+    """
+
+    decisions: tuple[Decision, ...]
+    tolerance: float
+    promised: float
+    left_out: float
+    regime: Regime
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """The names of what is on."""
+        return frozenset(decision.name for decision in self.decisions if decision.on)
+
+    @property
+    def formed(self) -> frozenset[str]:
+        """Those that ``render`` can leave out; cards hide what is behind them always."""
+        return self.effects & ALL
+
+
+def effects_of(scene: Scene) -> tuple[Effect, ...]:
+    """The effects of the light that a scene has; misalignment and occlusion only where something is
+    out of line or hides something.
+    """
+    turned = tuple((plane.roll, math.hypot(*plane.tilt)) for plane in scene.planes)
+    described = (
+        scene.diffraction,
+        scene.falloff,
+        scene.distortion,
+        scene.scatter,
+        scene.stray_light,
+        scene.colour_filter,
+        scene.motion,
+    )
+    array, sensor = scene.camera.array, scene.camera.sensor
+    out_of_line = any(
+        (
+            *array.offset,
+            array.roll,
+            *array.tilt,
+            *sensor.offset,
+            *(part for plane in turned for part in plane),
+        )
+    )
+    return (
+        Defocus(),
+        Vignetting(),
+        Overlap(),
+        Pixel(),
+        *([Misalignment(turned, scene.camera.main_lens.aperture)] if out_of_line else []),
+        *([Occlusion()] if len(scene.planes) > 1 else []),
+        *(effect for effect in described if effect is not None),
+    )
+
+
+def choose(scene: Scene, tolerance: float, asked: str = "auto") -> Choice:
+    """Choose the effects of a picture.
+
+    Args:
+        scene: what is pictured.
+        tolerance: root mean square of the error asked for, of white.
+        asked: ``auto``, ``fast`` (five times the tolerance), ``reference`` (all the scene has, as
+            finely as it goes), or names of effects joined by commas; those of the noise are passed
+            over.
+
+    Raises:
+        InputError: an unknown name, or a tolerance that is not a share of white or below what the
+            quadrature can keep.
+    """
+    check_tolerance(tolerance)
+    regime = survey(scene)
+    present = {effect.name: effect for effect in effects_of(scene)}
+    bounds = {name: effect.bound(regime) for name, effect in present.items()}
+    if asked in LEVELS:
+        allowed = LEAST_TOLERANCE
+        left_out: set[str] = set()
+        if asked != "reference":
+            allowed = min(tolerance * (FAST if asked == "fast" else 1.0), 0.5)
+            costs = _costs(scene, present, regime, allowed)
+            shares = _shares(costs, allowed)
+            worth = WORTH * sum(costs.values())
+            possible = {name: bounds[name] for name in present.keys() & ALL if costs[name] > worth}
+            left_out = _left_out(possible, shares, LEFT_OUT * allowed)
+        rest = for_forming(allowed, sum(bounds[name] for name in left_out))
+        on = present.keys() - left_out
+    else:
+        on, rest, allowed = present.keys() & named(asked), tolerance, math.inf
+        for name in sorted(present.keys() - ALL - on):
+            raise InputError(
+                f"effects: '{name}' cannot be left out of this scene; add it to the list"
+            )
+    decisions = [
+        _decide(name, present.get(name), name in on, bounds.get(name, 0.0), asked, regime)
+        for name in LIGHT
+    ]
+    lost = sum(bounds[name] for name in present.keys() - on) if asked in LEVELS else 0.0
+    return Choice(tuple(decisions), rest, allowed, lost, regime)
+
+
+def named(asked: str) -> frozenset[str]:
+    """The names in a list of effects.
+
+    Raises:
+        InputError: one of them is unknown or stands alone, or there is none.
+    """
+    names = frozenset(name.strip() for name in asked.split(",") if name.strip())
+    allowed = f"one of {', '.join(LEVELS)}, or a list of {', '.join((*LIGHT, *NOISE))}"
+    if names & {*LEVELS}:
+        raise InputError(
+            f"effects: '{asked}' is a list; {', '.join(LEVELS)} stand alone; give {allowed}"
+        )
+    for name in sorted(names - {*LIGHT, *NOISE}):
+        raise InputError(f"effects: there is no '{name}'; allowed: {allowed}")
+    if not names:
+        raise InputError(f"effects: the list is empty; give {allowed}")
+    return names
+
+
+def _costs(
+    scene: Scene, present: dict[str, Effect], regime: Regime, tolerance: float
+) -> dict[str, float]:
+    """What each effect costs, ms on one core; one for whose sake no rays are needed costs
+    nothing.
+    """
+    costs = {name: effect.cost(regime) for name, effect in present.items()}
+    by_rays = path_of(scene, tolerance) == "rays"
+    for name in present.keys() & set(PATH):
+        needed = by_rays and path_of(without(scene, ALL - {name}), tolerance) != "rays"
+        costs[name] = costs[name] if needed else 0.0
+    return costs
+
+
+def _shares(costs: dict[str, float], allowed: float) -> dict[str, float]:
+    """Each effect's share of the tolerance, which is its share of the time."""
+    total = max(sum(costs.values()), 1e-300)
+    return {name: allowed * cost / total for name, cost in costs.items()}
+
+
+def _left_out(bounds: dict[str, float], shares: dict[str, float], most: float) -> set[str]:
+    """The effects whose bounds are within their shares, the smallest first, as long as the bounds'
+    sum is no larger than ``most``.
+    """
+    out: set[str] = set()
+    total = 0.0
+    for name, bound in sorted(bounds.items(), key=lambda item: item[1]):
+        if bound <= shares[name] and total + bound <= most:
+            total += bound
+            out.add(name)
+    return out
+
+
+def _decide(
+    name: str, effect: Effect | None, on: bool, bound: float, asked: str, regime: Regime
+) -> Decision:
+    if effect is None:
+        return Decision(name, False, None, "", 0.0, "the scene has none", 0.0)
+    why = effect.why(regime)
+    if not on:
+        why += ": too little to matter" if asked in LEVELS else ": not asked for"
+    elif asked not in ("auto", "fast") and bound < LEAST_TOLERANCE:
+        why += ": too little to matter, but asked for"
+    return Decision(name, on, effect.size(regime), effect.unit, bound, why, effect.cost(regime))

@@ -1,0 +1,1 @@
+"""Closed forms for one flat target whose maps leave it upright."""

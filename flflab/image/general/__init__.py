@@ -1,0 +1,1 @@
+"""Any scene, by blocks of rays."""

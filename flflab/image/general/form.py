@@ -1,0 +1,320 @@
+"""Any scene by blocks of rays: textures, tilted targets, cards that hide others, a lens that
+distorts, motion. A pilot on some pixels finds how many rays a pixel needs, and measures the error.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.image.bands import in_bands
+from flflab.image.effects.motion import Motion
+from flflab.image.fast.profile import Profile
+from flflab.image.general.rays import (
+    Points,
+    Rays,
+    grid,
+    land,
+    lit_pixels,
+    plane_record,
+    rays_of,
+    shifted_grid,
+)
+from flflab.image.general.targets import Boxes, Summed, add_light, covered, known_of, seen
+from flflab.image.landing import Landing, linearised
+from flflab.image.microlenses import Lenses, Record, outside
+from flflab.image.scene import Plane, Scene
+from flflab.optics.camera import pixel_positions
+from flflab.targets import Bars, FourDot, Picture
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+TOGETHER = 96  # rays a side of a tile, at most: they stay in the cache
+MOST_SIDE = 16  # points a side of the pupil
+PILOT = 3000  # lit pixels
+MORE = 8  # times as many are looked at: targets may be dark in most
+LIT = 1e-3  # of white
+PILOT_SIDE = 10  # points a side of the pupil, for each quarter of a pixel, in either reference
+PILOT_TOLERANCE = 2e-3  # that they are good for; finer ones take more
+SHARED = 32  # pixels of a reference that share their points
+STILL = 0.5  # of a pixel's footprint: motion up to it widens a ray's box
+MOST_MOMENTS = 64
+KEPT = 0.85  # of the tolerance: what the pilot's estimate must be within
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A target ready for rays.
+
+    Attributes:
+        plane: the target.
+        record: the plane as kernels take it.
+        lenses: ``MICROLENS`` records made for its distance, the same microlenses for all targets.
+        landing: first order of each microlens's map to it.
+        known: what is worked out once of what is on it.
+    """
+
+    plane: Plane
+    record: Record
+    lenses: Lenses
+    landing: Landing
+    known: Profile | Summed | None
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A scene ready to be formed by rays.
+
+    Attributes:
+        scene: what is pictured.
+        surfaces: its targets, the nearest first; those that are no points at infinity.
+        pixel: side over which a pixel gathers light, mm; 0 for its centre alone.
+        defocus: whether rays through one pixel differ.
+    """
+
+    scene: Scene
+    surfaces: tuple[Surface, ...]
+    pixel: float
+    defocus: bool
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What a pilot found: points a side of the pupil, and the error's root mean square and 99th
+    percentile over lit pixels, of white.
+    """
+
+    side: int
+    rms: float
+    percentile_99: float
+
+
+def blocks_of(scene: Scene, lenses: tuple[Lenses, ...], *, defocus: bool, pixel: float) -> Blocks:
+    """Prepare a scene; ``lenses`` are those that light the sensor, for each plane's distance."""
+    surfaces: list[Surface] = []
+    for plane, own in zip(scene.planes, lenses, strict=True):
+        if math.isinf(plane.distance) and isinstance(plane.target, FourDot | Bars | Picture):
+            continue
+        if not defocus:
+            own = own.copy()
+            own["spread"] = own["lens_spread"] = 0.0
+        landing = linearised(own, plane, scene.distortion, np.zeros((len(own), 2)))
+        record = plane_record(plane, scene.distortion)
+        surfaces.append(Surface(plane, record, own, landing, known_of(plane.target)))
+    return Blocks(scene, tuple(surfaces), pixel, defocus)
+
+
+def add_rays(image: Array, blocks: Blocks, side: int) -> None:
+    """Add the light of a scene to a picture, with so many points a side of every pupil."""
+    if not blocks.surfaces:
+        return
+    xs, ys = pixel_positions(blocks.scene.camera.sensor)
+    points, lenses = grid(side if blocks.defocus else 1), blocks.surfaces[0].lenses
+
+    def form(first: int, last: int) -> None:
+        for index, lens in enumerate(lenses):
+            for start, end in _tiles(lens, first, last, max(TOGETHER // side, 8)):
+                rows, columns = lit_pixels(
+                    lens, xs, ys, blocks.scene.camera.sensor.pixel, start, end
+                )
+                if len(rows):
+                    places = xs[columns] - lens["x"], ys[rows] - lens["y"]
+                    rays = _rays(blocks, lens, points, places)
+                    light = _light(blocks, index, rays, points)
+                    add_light(image, rows, columns, light, rays.weight, float(lens["level"]))
+
+    in_bands(form, image.shape[0])
+
+
+def pilot(blocks: Blocks, tolerance: float, most_side: int = MOST_SIDE) -> Pilot:
+    """The fewest points whose error stays within a tolerance, by a look at random lit pixels.
+
+    Two independent references of each pixel are compared with the picture: the mean of (V - A)(V -
+    B) is the mean squared error without bias.
+    """
+    chosen = _lit(blocks)
+    if not chosen:
+        return Pilot(2, 0.0, 0.0)
+    fine = math.ceil(PILOT_SIDE * min(max(math.sqrt(PILOT_TOLERANCE / tolerance), 1.0), 3.0))
+    first, second = (
+        np.concatenate(
+            [_values(blocks, index, shifted_grid(fine, rng), places)
+             for index, places in chosen]
+        )
+        for rng in np.random.default_rng(1).spawn(2)
+    )  # fmt: skip
+    found = Pilot(1, math.inf, math.inf)
+    for side in range(2 if blocks.defocus else 1, most_side + 1):
+        points = grid(side)
+        values = np.concatenate(
+            [_values(blocks, index, points, places) for index, places in chosen]
+        )
+        squared = float(np.mean((values - first) * (values - second)))
+        apart = np.abs(values - (first + second) / 2)
+        rms = math.sqrt(max(squared, 0.0))
+        found = Pilot(side, rms, float(np.percentile(apart, 99)))
+        if rms <= KEPT * tolerance or not blocks.defocus:
+            break
+    return found
+
+
+def _tiles(
+    lens: Record, first: int, last: int, side: int
+) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """First and end (row, column) of the tiles, so many pixels a side, of a window within a band
+    of rows.
+    """
+    top, bottom = max(int(lens["first_row"]), first), min(int(lens["end_row"]), last)
+    for row in range(top, bottom, side):
+        for column in range(int(lens["first_column"]), int(lens["end_column"]), side):
+            end = min(row + side, bottom), min(column + side, int(lens["end_column"]))
+            yield (row, column), end
+
+
+def _lit(blocks: Blocks) -> list[tuple[int, tuple[Array, Array]]]:
+    """Random lit pixels: microlens, and places in few enough groups to share points."""
+    found: list[tuple[int, tuple[Array, Array]]] = []
+    coarse, count = grid(2), 0
+    for index, (x, y) in _chosen(blocks):
+        light = _values(blocks, index, coarse, (x, y)) > LIT
+        count += int(light.sum())
+        found.append((index, (x[light], y[light])))
+    kept = np.random.default_rng(2).random(count) < PILOT / max(count, 1)
+    parts: list[tuple[int, tuple[Array, Array]]] = []
+    start = 0
+    for index, (x, y) in found:
+        here, start = kept[start : start + len(x)], start + len(x)
+        for first in range(0, int(here.sum()), SHARED):
+            group = slice(first, first + SHARED)
+            parts.append((index, (x[here][group], y[here][group])))
+    return parts
+
+
+def _chosen(blocks: Blocks) -> Iterator[tuple[int, tuple[Array, Array]]]:
+    """Places of random pixels that microlenses light, mm from their micro-images' centres, in
+    proportion to the area of each.
+    """
+    if not blocks.surfaces:
+        return
+    lenses, sensor = blocks.surfaces[0].lenses, blocks.scene.camera.sensor
+    rng = np.random.default_rng(0)
+    area = outside(lenses) ** 2
+    counts = np.ceil(MORE * PILOT * area / max(float(area.sum()), 1e-300)).astype(np.int64)
+    xs, ys = pixel_positions(sensor)
+    for index, lens in enumerate(lenses):
+        reach = float(outside(lenses)[index])
+        away = reach * np.sqrt(rng.random(counts[index]))
+        turn = 2 * np.pi * rng.random(counts[index])
+        columns = np.rint((lens["x"] + away * np.cos(turn) - xs[0]) / sensor.pixel)
+        rows = np.rint((lens["y"] + away * np.sin(turn) - ys[0]) / sensor.pixel)
+        here = (columns >= 0) & (columns < len(xs)) & (rows >= 0) & (rows < len(ys))
+        if here.any():
+            columns, rows = columns[here].astype(np.int64), rows[here].astype(np.int64)
+            yield index, (xs[columns] - lens["x"], ys[rows] - lens["y"])
+
+
+def _rays(blocks: Blocks, lens: Record, points: Points, places: tuple[Array, Array]) -> Rays:
+    return rays_of(lens, points, *places, blocks.pixel, blocks.scene.falloff is not None)
+
+
+def _values(blocks: Blocks, index: int, points: Points, places: tuple[Array, Array]) -> Array:
+    """Light of single pixels through one microlens, of white."""
+    lens = blocks.surfaces[0].lenses[index]
+    rays = _rays(blocks, lens, points, places)
+    return float(lens["level"]) * (rays.weight * _light(blocks, index, rays, points)).sum(axis=0)
+
+
+def _light(blocks: Blocks, index: int, rays: Rays, points: Points) -> Array:
+    """What every ray through a microlens sees, the nearest target first; shape (N, P)."""
+    moments = _moments(blocks, index)
+    total = np.zeros(rays.weight.shape)
+    for moved, left_x, left_y in moments:
+        light, free = np.zeros_like(total), np.ones_like(total)
+        for place, surface in enumerate(blocks.surfaces):
+            boxes = _boxes(blocks, surface, index, rays, points, (left_x, left_y))
+            u, v = land(surface.lenses[index], surface.record, rays, moved)
+            here = seen(surface.plane.target, surface.known, u, v, boxes)
+            if surface.plane.size is not None:
+                width, height = surface.plane.size
+                part = covered(u, v, boxes, width / 2, height / 2)
+                here *= part
+                light += free * here
+                free *= 1 - part
+            else:
+                light += free * here
+            if place == len(blocks.surfaces) - 1:
+                break
+        total += light
+    return total / len(moments)
+
+
+def _boxes(
+    blocks: Blocks,
+    surface: Surface,
+    index: int,
+    rays: Rays,
+    points: Points,
+    motion: tuple[float, float],
+) -> Boxes:
+    """The box of each pixel's rays on a target: the pixel, the pupil's cell, what motion is
+    left.
+    """
+    by_sensor, by_pupil = surface.landing.by_sensor[index], surface.landing.by_pupil[index]
+    by_motion = surface.landing.by_motion[index]
+    share = rays.share if points.exact else rays.weight.sum(axis=0)
+    side = blocks.pixel if points.exact else blocks.pixel / 2
+    cell = math.pi * np.minimum(share, 1.0) / len(points.across)
+    pixel = side * np.sqrt((by_sensor**2).sum(axis=1))
+    other = (by_pupil**2).sum(axis=1)[:, None] * cell
+    other += ((by_motion**2) @ np.square(motion))[:, None]
+    every = np.ones_like(cell)
+    return Boxes(pixel[0] * every, pixel[1] * every, np.sqrt(other[0]), np.sqrt(other[1]))
+
+
+def _moments(blocks: Blocks, index: int) -> list[tuple[tuple[float, float], float, float]]:
+    """Moments of equal shares of the exposure: how far the targets have moved, and the sides of the
+    box that the motion within each adds, mm.
+    """
+    motion = blocks.scene.motion
+    finite = [one for one in blocks.surfaces if math.isfinite(one.plane.distance)]
+    if motion is None or not finite:
+        return [((0.0, 0.0), 0.0, 0.0)]
+    footprint = min(
+        math.hypot(
+            blocks.pixel * float(np.abs(one.landing.by_sensor[index]).max()),
+            float(np.abs(one.landing.by_pupil[index]).max()),
+        )
+        for one in finite
+    )
+    return _shared_out(motion, STILL * footprint)
+
+
+def _shared_out(motion: Motion, still: float) -> list[tuple[tuple[float, float], float, float]]:
+    ways = [(np.asarray(motion.drift), _even), (2 * np.asarray(motion.vibration), _swinging)]
+    counts = [
+        min(math.ceil(float(np.hypot(*way)) / still), MOST_MOMENTS) if still > 0 else 1
+        for way, _ in ways
+    ]
+    counts = [max(count, 1) for count in counts]
+    found: list[tuple[tuple[float, float], float, float]] = []
+    (drift, _), (swing, _) = ways
+    for first in _even(counts[0]):
+        for second in _swinging(counts[1]):
+            at = first * drift + second * swing
+            inside = (drift / counts[0]) ** 2
+            inside = inside + (1.5 * swing**2 if counts[1] == 1 else (swing / counts[1]) ** 2)
+            found.append(((float(at[0]), float(at[1])), *np.sqrt(inside).tolist()))
+    return found
+
+
+def _even(count: int) -> Array:
+    """Middles of equal shares of an even way from -1/2 to 1/2."""
+    return (np.arange(count) + 0.5) / count - 0.5
+
+
+def _swinging(count: int) -> Array:
+    """Places of equal shares of a sine's time, from -1/2 to 1/2."""
+    return np.cos(np.pi * (np.arange(count) + 0.5) / count) / 2

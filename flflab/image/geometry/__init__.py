@@ -1,1 +1,0 @@
-"""What every micro-image looks at: its pupil, what cuts it, and where its rays end on a target."""

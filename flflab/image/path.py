@@ -1,0 +1,172 @@
+"""Which of the two paths forms a scene: closed forms for one flat target that its maps leave
+upright, else blocks of rays; and the picture by it.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.errors import InputError
+from flflab.image.accuracy import MISFIT, MOVED
+from flflab.image.fast.form import Upright, add_upright, upright
+from flflab.image.general.form import Pilot, add_rays, blocks_of, pilot
+from flflab.image.general.maps import misfit
+from flflab.image.landing import linearised
+from flflab.image.microlenses import Lenses, camera_lenses
+from flflab.image.scene import Plane, Scene
+from flflab.image.waves import add_with_waves
+from flflab.targets import Bars, Black, Edge, FourDot, Picture, White
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Light:
+    """The light of a scene before what multiplies or blurs a finished picture.
+
+    Attributes:
+        image: of white, [row, column].
+        path: how it was formed: closed forms, rays or waves.
+        why: what decided that.
+        pilot: what the pilot of the rays found.
+    """
+
+    image: Array
+    path: str
+    why: str
+    pilot: Pilot | None = None
+
+
+def form(scene: Scene, tolerance: float, effects: frozenset[str]) -> Light:
+    """Form the light of a scene.
+
+    Args:
+        scene: what is pictured; what is None is ideal.
+        tolerance: root mean square of the error over lit pixels, of white.
+        effects: the effects of the light that are formed.
+
+    Raises:
+        InputError: a distortion or tilt that no picture shows, or waves where only rays can be
+            formed.
+    """
+    columns, rows = scene.camera.sensor.resolution
+    image = np.zeros((rows, columns))
+    planes = tuple(plane for plane in scene.planes if not _is_dark(plane, scene))
+    if not planes:
+        return Light(image, "closed forms", "nothing shines")
+    lenses = _lenses(scene, "overlap" in effects, "vignetting" in effects)
+    if not len(lenses[0]):
+        return Light(image, "closed forms", "no light meets the sensor")
+    pixel = scene.camera.sensor.pixel if "pixel" in effects else 0.0
+    defocus = "defocus" in effects
+    made, why = _upright(scene, lenses, tolerance, defocus=defocus, pixel=pixel)
+    if scene.diffraction is not None and not all(
+        isinstance(plane.target, White) and plane.size is None for plane in scene.planes
+    ):
+        if made is None:
+            raise InputError(
+                f"render: light of one wavelength is formed for one upright target, and {why};"
+                " leave the wavelength out"
+            )
+        return _with_waves(image, scene, made, pixel)
+    if made is not None:
+        add_upright(image, scene, made)
+        return Light(image, "closed forms", why)
+    blocks = blocks_of(scene, lenses, defocus=defocus, pixel=pixel)
+    found = pilot(blocks, tolerance)
+    add_rays(image, blocks, found.side)
+    return Light(image, "rays", why, found)
+
+
+def path_of(scene: Scene, tolerance: float) -> str:
+    """By which path a scene is formed with all its effects: closed forms, waves or rays."""
+    planes = tuple(plane for plane in scene.planes if not _is_dark(plane, scene))
+    lenses = _lenses(scene, overlap=True, vignetting=True) if planes else ()
+    if not lenses or not len(lenses[0]):
+        return "closed forms"
+    pixel = scene.camera.sensor.pixel
+    if _upright(scene, lenses, tolerance, defocus=True, pixel=pixel)[0] is None:
+        return "rays"
+    return "closed forms" if scene.diffraction is None else "waves"
+
+
+def _is_dark(plane: Plane, scene: Scene) -> bool:
+    """Whether no light comes from a target that hides none either."""
+    a_point = math.isinf(plane.distance) and isinstance(plane.target, FourDot | Bars | Picture)
+    return a_point or (isinstance(plane.target, Black) and len(scene.planes) == 1)
+
+
+def _lenses(scene: Scene, overlap: bool, vignetting: bool) -> tuple[Lenses, ...]:
+    """The microlenses that light the sensor, for the distance of each target."""
+    found = [
+        camera_lenses(scene.camera, 1 / plane.distance, scene.scatter, overlap)
+        for plane in scene.planes
+    ]
+    windows = found[0]
+    seen = (windows["first_column"] < windows["end_column"]) & (
+        windows["first_row"] < windows["end_row"]
+    )
+    kept = tuple(lenses[seen] for lenses in found)
+    if not vignetting:
+        for lenses in kept:
+            lenses["slope"] = 0.0
+    return kept
+
+
+def _upright(
+    scene: Scene, lenses: tuple[Lenses, ...], tolerance: float, *, defocus: bool, pixel: float
+) -> tuple[Upright | None, str]:
+    """The scene's target for closed forms, or None, and why."""
+    plane = scene.planes[0]
+    if len(scene.planes) > 1 or plane.size is not None:
+        return None, "a card hides what is behind it"
+    linearised(lenses[0], plane, scene.distortion, np.zeros((len(lenses[0]), 2)))  # or refuses
+    if isinstance(plane.target, White):
+        flat = replace(plane, tilt=(0.0, 0.0), roll=0.0)
+        even = replace(scene, planes=(flat,), distortion=None, motion=None)
+        made = upright(even, flat, lenses[0], tolerance, defocus=defocus, pixel=pixel)
+        return made, "white is alike wherever rays end"
+    if isinstance(plane.target, Picture):
+        return None, "the target is a texture"
+    made = upright(scene, plane, lenses[0], tolerance, defocus=defocus, pixel=pixel)
+    off = misfit(scene, plane, lenses[0], made.lines)
+    if off > MISFIT * tolerance:
+        return None, f"tilt and distortion move rays by {off:.2g} of an edge's width"
+    way = moved(scene, plane, made)
+    allowed = 0.0 if isinstance(plane.target, FourDot) else MOVED
+    if way > allowed and not way * way <= tolerance:
+        return None, f"the target moves by {way:.2g} of an edge's width"
+    return made, "one upright target"
+
+
+def moved(scene: Scene, plane: Plane, made: Upright) -> float:
+    """How far a target moves during the exposure, over the width to which pixel and pupil blur
+    it.
+    """
+    if scene.motion is None or math.isinf(plane.distance):
+        return 0.0
+    pixel = scene.camera.sensor.pixel
+    width = np.hypot(made.lines["sensor"] * pixel, made.lines["pupil"]).min()
+    way = math.hypot(*scene.motion.drift) + 2 * math.hypot(*scene.motion.vibration)
+    return way / max(float(width), 1e-300)
+
+
+def _with_waves(image: Array, scene: Scene, made: Upright, pixel: float) -> Light:
+    """The picture in light of one wavelength; fall-off, to first order, by the ratio of two
+    whites.
+    """
+    add_with_waves(image, scene, made, pixel)
+    if scene.falloff is not None:
+        white = replace(made, target=White(), by_columns=True)
+        for name in ("origin", "sensor", "pupil"):
+            white.lines[name] = 0.0
+        with_falloff, without = np.zeros_like(image), np.zeros_like(image)
+        add_upright(with_falloff, scene, white)
+        even = tuple(one._replace(weighted=False) for one in white.how)
+        add_upright(without, scene, replace(white, how=even))
+        image *= np.where(without > 0, with_falloff / np.where(without > 0, without, 1.0), 1.0)
+    if isinstance(made.target, Edge | Bars | FourDot):
+        return Light(image, "waves", "light of one wavelength")
+    return Light(image, "closed forms", "white does not bend")
