@@ -1,0 +1,132 @@
+"""The microlenses behind a picture: where the white picture has their micro-images, and where they
+stand on the array by that.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.errors import MeasurementError
+from flflab.measurement.lattice.registration import (
+    lattice_behind,
+    microlens_type_of,
+    nominal_pitch_px,
+    sensor_position,
+)
+from flflab.measurement.micro_images import every_micro_image
+from flflab.measurement.sensor.noise import SensorNoise
+from flflab.measurement.spots.fit import light_level
+from flflab.optics.camera import Camera
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+KNOWN_PX = 0.5  # a centre less certain than this is taken from the lattice
+UNLIKE = 0.02  # of the pitch: more is another camera's white picture
+
+
+@dataclass(frozen=True)
+class WhiteLenses:
+    """What a white picture says about every microlens; one entry each.
+
+    Attributes:
+        index: (i, j) in the lattice, shape (n, 2).
+        place: where its chief ray through the main lens's centre meets the sensor, (x, y) in px,
+            shape (n, 2).
+        place_uncertainty: standard uncertainty of each coordinate, px, shape (n,).
+        softness: width of its vignetting edge, px or any other unit, shape (n,); NaN where not
+            known.
+        light: white level, DN, shape (n,).
+        type: index into the camera's focal lengths, shape (n,).
+    """
+
+    index: Whole
+    place: Array
+    place_uncertainty: Array
+    softness: Array
+    light: Array
+    type: Whole
+
+
+def lenses_of_white(white: Array, noise: SensorNoise, camera: Camera) -> WhiteLenses:
+    """Every micro-image of a white picture: the one place that knows how a lattice is found.
+
+    Args:
+        white: DN, [row, col].
+        noise: of the sensor.
+        camera: layout, rough pitch and types are taken from it.
+
+    Raises:
+        MeasurementError: there is no lattice in the picture, or that of another camera.
+    """
+    lattice = lattice_behind(camera, white, noise)
+    due = nominal_pitch_px(camera)
+    if abs(lattice.pitch_px / due - 1) > UNLIKE:
+        raise MeasurementError(
+            f"white picture: its micro-images lie {lattice.pitch_px:.2f} px apart, the camera file"
+            f" makes it {due:.2f} px; take the white picture of this camera, or check pitch, pixel"
+            " and distances in the file"
+        )
+    each = every_micro_image(white, lattice, noise)
+    spread = np.sqrt(np.trace(each.covariance_px[:, :2, :2], axis1=1, axis2=2) / 2)
+    known = np.isfinite(each.centres_px[:, 0]) & (spread < KNOWN_PX)
+    place = np.where(known[:, None], each.centres_px, lattice.centres_px)
+    focal = np.asarray(camera.array.focal_lengths)
+    types = np.argmin(np.abs(focal[None, :] - microlens_type_of(lattice, camera)[:, None]), axis=1)
+    light = light_level(lattice, place, (white.shape[0], white.shape[1]))
+    return WhiteLenses(
+        lattice.indices,
+        place,
+        np.where(known, spread, KNOWN_PX),
+        np.where(known, each.radii_px.min(axis=1), np.nan),
+        light,
+        types.astype(np.int64),
+    )
+
+
+@dataclass(frozen=True)
+class Lenses:
+    """Microlenses as the kernels take them, in order of ``y``; lengths in pixels of the sensor.
+
+    Attributes:
+        x: centre on the array, from the axis, shape (n,).
+        y: the same.
+        column: of the micro-image's centre on the sensor, px.
+        row: the same.
+        kind: index into the kinds of microlenses.
+        rise: how much further from the main lens than the array's middle.
+        variance: of the micro-image's centre along each axis, px^2.
+    """
+
+    x: Array
+    y: Array
+    column: Array
+    row: Array
+    kind: Whole
+    rise: Array
+    variance: Array
+
+
+def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
+    """Where microlenses stand by their micro-images, y = c/(1 + b/L), each with its own L and b
+    where the array is tilted.
+    """
+    on_sensor = sensor_position(camera.sensor, white.place)
+    rise = np.zeros(len(on_sensor))
+    stand = on_sensor
+    for _ in range(3):
+        distance = camera.optical_distance + rise
+        stand = on_sensor / (1 + (camera.optical_gap - rise) / distance)[:, None]
+        rise = stand @ np.asarray(camera.array.tilt)
+    order = np.argsort(stand[:, 1], kind="stable")
+    pixel = camera.sensor.pixel
+    return Lenses(
+        x=stand[order, 0] / pixel,
+        y=stand[order, 1] / pixel,
+        column=white.place[order, 0].copy(),
+        row=white.place[order, 1].copy(),
+        kind=white.type[order].copy(),
+        rise=rise[order] / pixel,
+        variance=white.place_uncertainty[order] ** 2,
+    )
