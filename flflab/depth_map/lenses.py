@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from flflab.depth_map.geometry import KAPPA_STEPS
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.registration import (
     lattice_behind,
@@ -23,6 +24,8 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
 KNOWN_PX = 0.5  # a centre less certain than this is taken from the lattice
+FEWEST = 8  # microlenses of a type, for a median
+MOST_SCATTER = 0.08  # robust, of the edges' widths of one type
 UNLIKE = 0.02  # of the pitch: more is another camera's white picture
 
 
@@ -94,7 +97,8 @@ class Lenses:
         y: the same.
         column: of the micro-image's centre on the sensor, px.
         row: the same.
-        kind: index into the kinds of microlenses.
+        kind: index into ``kinds_of_microlens``.
+        kappa_factor: its kappa over that of its type.
         rise: how much further from the main lens than the array's middle.
         variance: of the micro-image's centre along each axis, px^2.
     """
@@ -104,6 +108,7 @@ class Lenses:
     column: Array
     row: Array
     kind: Whole
+    kappa_factor: Array
     rise: Array
     variance: Array
 
@@ -119,6 +124,7 @@ def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
         distance = camera.optical_distance + rise
         stand = on_sensor / (1 + (camera.optical_gap - rise) / distance)[:, None]
         rise = stand @ np.asarray(camera.array.tilt)
+    kind, factor = _kinds(white)
     order = np.argsort(stand[:, 1], kind="stable")
     pixel = camera.sensor.pixel
     return Lenses(
@@ -126,7 +132,31 @@ def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
         y=stand[order, 1] / pixel,
         column=white.place[order, 0].copy(),
         row=white.place[order, 1].copy(),
-        kind=white.type[order].copy(),
+        kind=kind[order],
+        kappa_factor=factor[order],
         rise=rise[order] / pixel,
         variance=white.place_uncertainty[order] ** 2,
     )
+
+
+def _kinds(white: WhiteLenses) -> tuple[Whole, Array]:
+    """Kind of every microlens, and its kappa over that of its type.
+
+    A vignetting edge is as wide as d |kappa|, so one that is 2 % wider than its type's has a kappa
+    2 % larger. Only ratios count. Where the edges scatter more than lenses can, they are not known
+    well enough and every lens gets its type's kappa.
+    """
+    steps = np.asarray(KAPPA_STEPS)
+    kind = white.type * len(steps) + len(steps) // 2
+    factor = np.ones(len(kind))
+    for one in np.unique(white.type):
+        own = (white.type == one) & np.isfinite(white.softness)
+        if np.count_nonzero(own) < FEWEST:
+            continue
+        relative = white.softness[own] / np.median(white.softness[own]) - 1
+        if 1.48 * np.median(np.abs(relative)) > MOST_SCATTER:
+            continue
+        relative = np.clip(relative, steps[0], steps[-1])
+        kind[own] = one * len(steps) + np.argmin(np.abs(relative[:, None] - steps), axis=1)
+        factor[own] = 1 + relative
+    return kind, factor

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.depth_map.geometry import MicrolensKind
+from flflab.depth_map.geometry import KAPPA_STEPS, MicrolensKind
 from flflab.depth_map.kernels import LENS, OPTICS, SUMS, sum_costs, sum_scores
 from flflab.depth_map.lenses import Lenses
 from flflab.depth_map.normalise import Normalised
@@ -128,9 +128,12 @@ def views_of(
     table = np.zeros(len(lenses.x), dtype=LENS)
     for name in ("x", "y", "column", "row", "rise", "kind", "variance"):
         table[name] = getattr(lenses, name)
-    for name in ("kappa", "reach", "skew"):
+    for name in ("reach", "skew"):
         table[name] = np.array([getattr(kind, name) for kind in kinds])[lenses.kind]
-    end = kinds[0].table_end
+    middle = len(KAPPA_STEPS) // 2
+    own = np.array([kind.kappa for kind in kinds])[middle :: len(KAPPA_STEPS)]
+    table["kappa"] = own[lenses.kind // len(KAPPA_STEPS)] * lenses.kappa_factor
+    end = max(kind.table_end for kind in kinds)
     tables = np.stack(
         [
             np.interp(
