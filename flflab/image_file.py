@@ -1,8 +1,11 @@
-"""Pictures in files: .npy, .png, .tiff (LZW too), .h5, raw and .dng in; .npy, .png, .tiff, .dng
-out. Always one plane, [row, col].
+"""Pictures in files: .npy, .png, .tiff, .bmp, .pgm, .jpg, .h5, raw and .dng in; .npy, .png, .tiff,
+.dng out. Always one plane, [row, col].
 """
 
+import contextlib
 import io
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,21 +13,44 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from flflab.bitmap_file import by_content, read_bmp, read_jpeg, read_pgm, read_png
 from flflab.errors import InputError
 from flflab.raw_file import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
-from flflab.tiff_pages import CMYK, read_pages
+from flflab.remark import Remark
+from flflab.sensor_picture import SensorPicture, declare, from_raw, with_dark
+from flflab.stored_picture import StoredPicture
+from flflab.tiff_file import read_tiff
 from flflab.whole_file import require_writable, write_whole
 
 Picture = npt.NDArray[Any]
 
 WRITABLE = (".npy", ".png", ".tif", ".tiff", ".dng")
+TIFF = (".tif", ".tiff")
 HDF5 = (".h5", ".hdf5")
-READABLE = WRITABLE[:-1] + HDF5 + RAW
+JPEG = (".jpg", ".jpeg")
+PGM = (".pgm", ".ppm", ".pnm")
+READABLE = (".npy", ".png", *TIFF, ".bmp", *PGM, *JPEG, *HDF5, *RAW)
+COLOURS = ("red", "green", "blue")
 WHITE_DN = (
     16384  # what 1.0 becomes in 16 bits: room for four times the white level where light overlaps
 )
-PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
-PNG_END = b"IEND\xaeB`\x82"
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What an operator says of a picture; None says nothing.
+
+    Attributes:
+        mosaic: the filters of a two by two mosaic, row by row, as ``rggb``.
+        channel: which one of a colour picture, as of ``read_sensor_picture``.
+        full_scale: what a saturated pixel reads, DN as stored.
+        dark: a picture taken in the dark with the same settings.
+    """
+
+    mosaic: str | None = None
+    channel: str | None = None
+    full_scale: float | None = None
+    dark: Path | None = None
 
 
 def read_picture(file: Path, number: int | None = None) -> Picture:
@@ -37,47 +63,89 @@ def read_picture(file: Path, number: int | None = None) -> Picture:
         number: which one of a file of several pictures, from 0; None where there is only one.
 
     Returns:
-        The numbers as stored, shape (rows, columns): uint8, uint16 or floating point.
+        The numbers as stored, shape (rows, columns): whole or floating point.
 
     Raises:
-        InputError: no such file, unknown ending, damaged or cut short, a colour picture, one of
-            several without its number, or 8 bits stretched to 16.
+        InputError: as ``read_sensor_picture``.
+    """
+    return read_sensor_picture(file, number).values
+
+
+def read_sensor_picture(
+    file: Path, number: int | None = None, channel: str | None = None
+) -> SensorPicture:
+    """Read one picture with what its file says of it.
+
+    Args:
+        file: its ending says what it is.
+        number: which one of a file of several pictures, from 0; None where there is only one.
+        channel: which one of a colour picture: red, green, blue, or its number from 0; None for a
+            grey picture or one whose channels are all equal.
+
+    Raises:
+        InputError: no such file, unknown ending, damaged or cut short, a colour picture without a
+            channel, one of several without its number, 8 bits stretched to 16, or numbers that are
+            not a sensor's.
     """
     file = Path(file)
     ending = file.suffix.lower()
     if ending not in READABLE:
-        raise InputError(f"{file}: pictures are read from files ending in {', '.join(READABLE)}")
+        raise InputError(
+            f"{file}: pictures are read from files ending in {', '.join(READABLE)}; save it as"
+            " 16-bit .tiff or .png, or numbers without a header as .npy"
+        )
     if ending in RAW:
+        if channel is not None:
+            raise InputError(
+                f"{file}: a raw file holds one number a pixel, of whatever filter lies there; leave"
+                " --channel out"
+            )
         _choose(file, 1, number)
-        return read_raw(file).values
+        return from_raw(read_raw(file))
     require_file(file)
     try:
-        picture = _read(file, ending, number)
-    except (OSError, ValueError, EOFError, KeyError, cv2.error) as error:
+        stored = _read(file, ending, number)
+    except (OSError, ValueError, EOFError, KeyError) as error:
         raise InputError(
-            f"{file}: cannot be read as a {ending} picture ({error}); is it whole?"
+            f"{file}: cannot be read as a {ending} picture ({_why(file, ending, error)}); is it"
+            " whole?"
         ) from error
-    if picture.ndim == 3 and picture.shape[2] in (3, 4):
-        if not (
-            np.array_equal(picture[..., 0], picture[..., 1])
-            and np.array_equal(picture[..., 0], picture[..., 2])
-        ):
-            raise InputError(
-                f"{file}: it holds a picture of {picture.shape[2]} colours; the sensor's own"
-                " numbers are due, as a grey picture or as a raw file with its mosaic"
-            )
-        picture = picture[..., 0]
-    if picture.ndim != 2 or picture.size == 0 or picture.dtype.kind not in "uif":
+    values, remarks = _plane(file, stored, channel)
+    if values.ndim != 2 or values.size == 0 or values.dtype.kind not in "uif":
         raise InputError(
-            f"{file}: a grey picture of rows and columns is due, not shape {picture.shape} of"
-            f" {picture.dtype}"
+            f"{file}: a grey picture of rows and columns is due, not shape {values.shape} of"
+            f" {values.dtype}"
         )
-    if _stretched(picture):
+    if _stretched(values):
         raise InputError(
             f"{file}: its 16 bits hold numbers of 8 bits, stretched; the sensor's own numbers are"
             " due, linear in light, as they were read"
         )
-    return picture
+    return SensorPicture(
+        np.ascontiguousarray(values, values.dtype.newbyteorder("=")),
+        stored.pattern,
+        full_scale=stored.full_scale,
+        remarks=(*stored.remarks, *remarks),
+    )
+
+
+def read_declared(file: Path, number: int | None, said: Declared) -> SensorPicture:
+    """Read one picture with what its file and its operator say of it.
+
+    Raises:
+        InputError: as ``read_sensor_picture``, or what was said cannot be true of the file.
+    """
+    if said.mosaic is not None and said.channel is not None:
+        raise InputError(
+            f"{file}: --mosaic is of a file with one number a pixel, --channel of one with a colour"
+            " in each; give the one that is true of it"
+        )
+    picture = read_sensor_picture(file, number, said.channel)
+    picture = declare(picture, str(file), said.mosaic, said.full_scale)
+    if said.dark is None:
+        return picture
+    dark = read_sensor_picture(said.dark, None, said.channel)
+    return with_dark(picture, str(file), dark, str(said.dark))
 
 
 def write_picture(
@@ -152,38 +220,82 @@ def _stretched(picture: Picture) -> bool:
     return any(not (picture % step).any() for step in (256, 257)) and len(np.unique(picture)) > 2
 
 
-def _read(file: Path, ending: str, number: int | None) -> Picture:
+def _plane(
+    file: Path, stored: StoredPicture, channel: str | None
+) -> tuple[Picture, tuple[Remark, ...]]:
+    """One channel of what was stored, and a remark on the others."""
+    values = stored.values
+    if values.ndim != 3:
+        if channel is not None:
+            raise InputError(f"{file}: it holds one channel, in grey; leave --channel out")
+        return values, ()
+    count = values.shape[2]
+    names = dict(zip(COLOURS, range(3), strict=True)) if count == 3 else {}
+    names |= {str(place): place for place in range(count)}
+    if channel is None:
+        if (values == values[..., :1]).all():
+            return values[..., 0], ()
+        raise InputError(
+            f"{file}: it holds a picture of {count} colours; the sensor's own numbers are due: save"
+            " the camera's raw file or its mosaic in grey (--mosaic), or name the channel to"
+            f" measure (--channel {' or '.join(names)})"
+        )
+    if channel not in names:
+        raise InputError(f"{file}: it has no channel {channel!r}; allowed are {', '.join(names)}")
+    return values[..., names[channel]], (
+        Remark(
+            "one-channel",
+            f"channel {channel} of {count} was measured; colours are as a rule interpolated from a"
+            " mosaic, so that the noise of neighbouring pixels is alike and uncertainties are too"
+            " small",
+        ),
+    )
+
+
+def _why(file: Path, ending: str, error: Exception) -> str:
+    """What is wrong with a file, its name first where that is what is wrong."""
+    with contextlib.suppress(OSError), file.open("rb") as stream:
+        found = by_content(stream.read(16))
+        kinds = {".tiff": ".tif", ".jpeg": ".jpg", ".ppm": ".pgm", ".pnm": ".pgm", ".hdf5": ".h5"}
+        if found and found != kinds.get(ending, ending):
+            return f"its content is that of a {found} file: rename it"
+    return str(error)
+
+
+def _read(file: Path, ending: str, number: int | None) -> StoredPicture:
+    if ending in TIFF:
+        return _numbered(read_tiff, file, number)
     if ending in HDF5:
-        return _read_hdf5(file, number)
+        return _numbered(_read_hdf5, file, number)
+    _choose(file, 1, number)
     if ending == ".npy":
-        _choose(file, 1, number)
-        return np.asarray(np.load(file, allow_pickle=False))
-    # cv2.imread takes no path outside the locale's encoding; the bytes always work
+        return StoredPicture(np.asarray(np.load(file, allow_pickle=False)))
     content = file.read_bytes()
     if ending == ".png":
-        _choose(file, 1, number)
-        if not content.startswith(PNG_BEGIN):
-            raise ValueError("it does not begin as a PNG file does")
-        if PNG_END not in content[-64:]:
-            raise ValueError("it ends before the picture does")
-        page = 0
-    else:
-        pages = read_pages(content)
-        page = _choose(file, len(pages), number)
-        if pages[page].photometric == CMYK:
-            raise InputError(
-                f"{file}: it holds a picture in printing colours (CMYK); the sensor's own numbers"
-                " in grey are due"
-            )
-    done, pictures = cv2.imdecodemulti(
-        np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED, range=(page, page + 1)
-    )
-    if not done:
-        raise ValueError("not decodable")
-    return np.asarray(pictures[0])
+        return read_png(file, content)
+    if ending == ".bmp":
+        return read_bmp(file, content)
+    return read_jpeg(content) if ending in JPEG else read_pgm(content)
 
 
-def _read_hdf5(file: Path, number: int | None) -> Picture:
+def _numbered(
+    read: Callable[[Path, Callable[[int], int]], StoredPicture], file: Path, number: int | None
+) -> StoredPicture:
+    """One picture of a file that may hold several, and a remark that says which."""
+    counted = list[int]()
+
+    def choose(count: int) -> int:
+        counted.append(count)
+        return _choose(file, count, number)
+
+    stored = read(file, choose)
+    if counted[-1] == 1:
+        return stored
+    which = Remark("one-of-several", f"picture {number} of {counted[-1]} was read, counted from 0")
+    return replace(stored, remarks=(*stored.remarks, which))
+
+
+def _read_hdf5(file: Path, choose: Callable[[int], int]) -> StoredPicture:
     """A picture of the file's only set of pictures, as in a run's frames.h5."""
     import h5py  # only those who read such files pay for its start-up
 
@@ -202,9 +314,9 @@ def _read_hdf5(file: Path, number: int | None) -> Picture:
                 f"{file}: one set of pictures is due, of two or three dimensions; found: {names}"
             )
         if found[0].ndim == 2:
-            _choose(file, 1, number)
-            return np.asarray(found[0])
-        return np.asarray(found[0][_choose(file, len(found[0]), number)])
+            choose(1)
+            return StoredPicture(np.asarray(found[0]))
+        return StoredPicture(np.asarray(found[0][choose(len(found[0]))]))
 
 
 def _choose(file: Path, count: int, number: int | None) -> int:
@@ -212,7 +324,10 @@ def _choose(file: Path, count: int, number: int | None) -> int:
     if number is None and count == 1:
         return 0
     if number is None:
-        raise InputError(f"{file}: it holds {count} pictures; say which, from 0 to {count - 1}")
+        raise InputError(
+            f"{file}: it holds {count} pictures; say which, from 0 to {count - 1} (--number), or"
+            " save that one to a file of its own"
+        )
     if not 0 <= number < count:
         raise InputError(
             f"{file}: picture {number} was asked for; it holds {count}, counted from 0"

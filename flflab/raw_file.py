@@ -5,17 +5,23 @@ and out.
 import struct
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.remark import Remark
+from flflab.stored_picture import MOSAICS, orientation_remarks
+from flflab.tiff_file import filter_repeat, require_whole_strips
 from flflab.whole_file import write_whole
 
 RAW = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef")
 FULL_DN = 65535
-MOSAICS = ("rggb", "bggr", "grbg", "gbrg")
 PLACES = (b"strip", b"notes")  # in place of what is known only when everything has its place
+FLIPS = {3: 3, 5: 8, 6: 6}  # LibRaw's, as orientations of TIFF
+LEFT_EMPTY = 0.01  # of the rows: a file that ends early leaves more
+PERIODS = 12  # rows and columns in which mosaics of 2, 4 and 6 repeat
 SMALLEST = 22  # rows and columns; LibRaw takes nothing smaller for a raw file
 
 
@@ -33,6 +39,7 @@ class RawPicture:
         neutral: what a white target gives in red, green and blue, of the largest of the three.
         exposure_s: exposure time, s; 0 where the file does not say.
         iso: speed it was taken at; 0 where the file does not say.
+        remarks: what else the file says that a reader of its numbers should know.
     """
 
     values: npt.NDArray[np.uint16]
@@ -42,6 +49,7 @@ class RawPicture:
     neutral: tuple[float, float, float] = (1.0, 1.0, 1.0)
     exposure_s: float = 0.0
     iso: float = 0.0
+    remarks: tuple[Remark, ...] = ()
 
 
 def read_raw(file: Path) -> RawPicture:
@@ -51,61 +59,118 @@ def read_raw(file: Path) -> RawPicture:
         file: a raw file of one number a pixel, with a mosaic of two by two filters or none.
 
     Raises:
-        InputError: no such file, not a raw file, damaged, or of another kind.
+        InputError: no such file, not a raw file, damaged, without pixels, or of another kind; or
+            the library that reads raw files is not installed.
     """
-    import rawpy  # only raw files pay for its start-up
-
     file = Path(file)
     if file.suffix.lower() not in RAW:
         raise InputError(f"{file}: raw pictures are read from files ending in {', '.join(RAW)}")
     require_file(file)
     try:
+        import rawpy  # only raw files pay for its start-up
+    except ImportError as error:
+        raise InputError(
+            f"{file}: raw files are read through rawpy, which cannot be loaded here ({error});"
+            " install it (pip install rawpy), or convert the file to .tiff without demosaicing"
+            " and name its mosaic (--mosaic)"
+        ) from error
+    try:
+        if file.suffix.lower() == ".dng":
+            require_whole_strips(file)  # LibRaw prints a line of its own where they are not
         with rawpy.imread(str(file)) as raw:
-            if raw.raw_type != rawpy.RawType.Flat:
-                raise InputError(
-                    f"{file}: it holds several numbers a pixel; one number a pixel is due"
-                )
-            values, levels, white = (
-                np.array(raw.raw_image_visible),
-                raw.black_level_per_channel,
-                int(raw.white_level),
-            )
-            exposure_s, iso = (
-                float(f"{told:.7g}") for told in (raw.other.shutter_speed, raw.other.iso_speed)
-            )  # single precision
-            if raw.num_colors == 1:
-                black = int(levels[0])
-                return RawPicture(
-                    values,
-                    None,
-                    (black, black, black, black),
-                    white,
-                    exposure_s=exposure_s,
-                    iso=iso,
-                )
-            if raw.raw_pattern is None or raw.raw_pattern.shape != (2, 2):
-                raise InputError(
-                    f"{file}: its mosaic is not one of two by two filters; such a one, or none,"
-                    " is due"
-                )
-            colours = [int(colour) for colour in raw.raw_colors_visible[:2, :2].ravel()]
-            a, b, c, d = (int(levels[colour]) for colour in colours)
-            pattern = "".join(chr(raw.color_desc[colour]) for colour in colours).lower()
-            return RawPicture(
-                values,
-                pattern,
-                (a, b, c, d),
-                white,
-                _neutral(raw.camera_whitebalance),
-                exposure_s,
-                iso,
-            )
+            return _facts(file, raw, rawpy.RawType.Flat)
     except (OSError, ValueError, rawpy.LibRawError) as error:
         said = error.args[0] if error.args else ""
         why = said.decode() if isinstance(said, bytes) else str(error)
         raise InputError(
             f"{file}: cannot be read as a raw picture ({why}); is it whole?"
         ) from error
+
+
+def _facts(file: Path, raw: Any, flat: Any) -> RawPicture:
+    """Numbers and facts of an opened raw file."""
+    if raw.raw_type != flat:
+        raise InputError(
+            f"{file}: it holds several numbers a pixel, as after demosaicing; one number a pixel"
+            " is due, save the raw file as the camera wrote it"
+        )
+    values, levels = np.array(raw.raw_image_visible), raw.black_level_per_channel
+    _require_pixels(file, values, max(int(level) for level in levels))
+    # single precision
+    exposure_s, iso = (
+        float(f"{noted:.7g}") for noted in (raw.other.shutter_speed, raw.other.iso_speed)
+    )
+    pattern, balance = None, (1.0, 1.0, 1.0)
+    places = [0, 0, 0, 0]
+    if raw.num_colors > 1:
+        pattern, places = _mosaic(file, raw), raw.raw_colors_visible[:2, :2].ravel()
+        balance = _neutral(raw.camera_whitebalance)
+    a, b, c, d = (int(levels[int(place)]) for place in places)
+    return RawPicture(
+        values,
+        pattern,
+        (a, b, c, d),
+        int(raw.white_level),
+        balance,
+        exposure_s,
+        iso,
+        orientation_remarks(FLIPS.get(int(raw.sizes.flip), 1)),
+    )
+
+
+def _require_pixels(file: Path, values: npt.NDArray[np.uint16], black: int) -> None:
+    """Refuse a header that LibRaw fills with zeros: no pixel takes less than a bit, and a sensor
+    in the dark reads its black level.
+
+    Raises:
+        InputError: there are no pixels, or none below some row.
+    """
+    size = file.stat().st_size
+    dark = values == 0
+    if dark.all() and (black > 0 or 8 * size < values.size):
+        raise InputError(
+            f"{file}: it holds no picture: all of its {values.shape[1]} x {values.shape[0]} pixels"
+            f" are 0, in a file of {size} bytes; a copy or a download that ended after the header?"
+        )
+    last = len(values) - int(np.argmin(dark[::-1].all(axis=1)))
+    if black > 0 and len(values) - last > LEFT_EMPTY * len(values):
+        raise InputError(
+            f"{file}: all its pixels below row {last - 1} are 0, where darkness reads {black} DN; a"
+            " copy or a download that ended before the picture did?"
+        )
+
+
+def _mosaic(file: Path, raw: Any) -> str:
+    """The mosaic of two by two filters, a letter a filter.
+
+    Raises:
+        InputError: it is of another size, or of other filters.
+    """
+    repeat = filter_repeat(file) if file.suffix.lower() == ".dng" else None
+    colours = np.asarray(raw.raw_colors_visible[:PERIODS, :PERIODS])
+    if repeat is None:
+        repeat = next(
+            (
+                (side, side)
+                for side in (2, 4, 6)
+                if (colours[side:] == colours[:-side]).all()
+                and (colours[:, side:] == colours[:, :-side]).all()
+            ),
+            (PERIODS, PERIODS),
+        )
+    letters = "".join(chr(raw.color_desc[int(place)]) for place in colours[:2, :2].ravel()).lower()
+    if repeat == (2, 2) and letters in MOSAICS:
+        return letters
+    if repeat == (2, 2):
+        name = f"of the filters {letters}"
+    else:
+        known = {4: "quad-Bayer, ", 6: "X-Trans, "}.get(repeat[0], "")
+        name = f"{known}{repeat[0]} x {repeat[1]} filters"
+    raise InputError(
+        f"{file}: its mosaic is {name}; two by two filters of red, green and blue are due"
+        f" ({', '.join(MOSAICS)}), or none. Let the camera write a Bayer or monochrome raw file, or"
+        " measure one colour of a developed picture (--channel green)"
+    )
 
 
 def write_raw(file: Path, raw: RawPicture) -> None:

@@ -14,14 +14,17 @@ from flflab.cli.ending import print_json
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
-from flflab.image_file import Picture, read_picture
+from flflab.image_file import Declared, read_declared
 from flflab.measurement.measure import measure as measure_picture
-from flflab.raw_file import RAW, RawPicture, read_raw
+from flflab.stored_picture import Filters
 
 
 def measure(
     frame: Annotated[
-        Path, typer.Argument(help="picture: .npy, .png, .tiff, .h5, .dng or another raw file")
+        Path,
+        typer.Argument(
+            help="picture: .npy, .png, .tiff, .bmp, .pgm, .h5, .dng or another raw file"
+        ),
     ],
     camera: Annotated[Path, typer.Option(help="camera file (YAML) of the camera that took it")],
     target: Annotated[
@@ -45,6 +48,26 @@ def measure(
     number: Annotated[
         int | None, typer.Option(help="which picture of a file of several (.h5, .tiff), from 0")
     ] = None,
+    mosaic: Annotated[
+        Filters | None,
+        typer.Option(help="colour filters of a grey file's pixels [0, 0], [0, 1], [1, 0], [1, 1]"),
+    ] = None,
+    channel: Annotated[
+        str | None,
+        typer.Option(
+            metavar="red|green|blue|N", help="which channel of a colour picture (N counts from 0)"
+        ),
+    ] = None,
+    full_scale: Annotated[
+        float | None,
+        typer.Option(metavar="N", help="what a saturated pixel reads, where no file says it"),
+    ] = None,
+    dark: Annotated[
+        Path | None,
+        typer.Option(
+            help="picture taken in the dark with the same settings, to subtract (from --white too)"
+        ),
+    ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="one JSON object on standard output (pixels, mm)")
     ] = False,
@@ -57,7 +80,9 @@ def measure(
         raise InputError(
             f"--distance {distance}: a distance in front of the main lens is above 0 mm"
         )
-    picture, beside = _read(frame, number), None if white is None else _read(white, None)
+    said = Declared(mosaic, channel, full_scale, dark)
+    picture = read_declared(frame, number, said)
+    beside = None if white is None else read_declared(white, None, said)
     result = measure_picture(picture, read_camera(camera), read_target(target), away, white=beside)
     if json:
         print_json(result)
@@ -70,15 +95,6 @@ def measure(
         console.print(_contrasts(result["mtf"]))
     for remark in result["remarks"]:
         console.print(f"Note: {remark}.", highlight=False)
-
-
-def _read(file: Path, number: int | None) -> Picture | RawPicture:
-    """One picture; a raw file as the sensor read it."""
-    return (
-        read_raw(file)
-        if file.suffix.lower() in RAW and number in (None, 0)
-        else read_picture(file, number)
-    )
 
 
 def _print_lattice(console: Console, lattice: dict[str, Any]) -> None:

@@ -1,106 +1,270 @@
-"""A picture of any origin as the fits take it: DN above black, the noise of its pixels, and in
-sentences what was guessed on the way.
+"""A picture of any origin as the fits take it: DN above black, the noise of its pixels, and remarks
+on what was guessed on the way.
 """
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
-from flflab.measurement.lattice.registration import require_picture, require_shape
-from flflab.measurement.sensor.cut_darkness import mend_darkness, remark_on
-from flflab.measurement.sensor.mosaic import Mosaic, from_raw
-from flflab.measurement.sensor.noise import SensorNoise, estimate_noise
+from flflab.measurement.lattice.registration import require_shape
+from flflab.measurement.sensor.cut_darkness import (
+    CutDarkness,
+    find_cut,
+    mend,
+    quiet_pixels,
+    remark_on,
+)
+from flflab.measurement.sensor.mosaic import (
+    Mosaic,
+    brightest_filter,
+    measure_gains,
+    require_no_filters,
+)
+from flflab.measurement.sensor.noise import FULL_SCALES, SensorNoise, estimate_noise
+from flflab.measurement.sensor.saturation import common_step, saturation_level
 from flflab.optics.camera import Camera
 from flflab.raw_file import RawPicture
-
-Array = npt.NDArray[np.float64]
+from flflab.remark import Remark
+from flflab.sensor_picture import SensorPicture, from_raw
 
 SCALED_WHITE_DN = 4000.0
 NEXT_TO_NONE = 5e-4  # of the brightest light: no sensor has less noise in a single picture
+FEWEST_CUT = 1e-3  # of the pixels at the lowest number: with fewer nothing is cut
+BELOW_BLACK = 0.01  # of the light: gaps that read less than that below black
 
 
 def as_read(
-    picture: npt.NDArray[np.generic] | RawPicture,
-    camera: Camera,
+    picture: npt.NDArray[Any] | RawPicture | SensorPicture,
+    camera: Camera | None,
     kind: str,
     noise: SensorNoise | None,
-) -> tuple[Mosaic, list[str]]:
+) -> tuple[Mosaic, list[Remark]]:
     """The picture above its black level, and remarks.
 
     Args:
         picture: [row, col]; DN, or any other unit where ``noise`` is None.
-        camera: nominal.
+        camera: whose picture it is; None where nothing is known of it.
         kind: of the target that stood there.
         noise: of the sensor; None estimates it from the picture.
 
     Raises:
-        MeasurementError: of another shape than the camera's, or no numbers of light.
+        MeasurementError: of another shape than the camera's, no numbers of light, or a mosaic of
+            filters that nothing names.
     """
-    remarks = list[str]()
-    if isinstance(picture, RawPicture):
-        require_shape(picture.values, camera, kind)
-        mosaic = from_raw(picture, noise)
-        if mosaic.gains is not None:
-            share = ", ".join(f"{gain:.4f}" for gain in mosaic.gains.ravel())
-            remarks.append(
-                f"the mosaic {picture.pattern} was measured as four sub-lattices of gains {share}"
-            )
-    else:
-        mosaic = _grey(require_picture(picture, camera, kind), np.asarray(picture), noise, remarks)
+    given = _sensor_picture(picture)
+    if camera is not None:
+        require_shape(given.values, camera, kind)
+    _require_finite(given.values, kind)
+    remarks = list(given.remarks)
     if noise is None:
-        if (mended := mend_darkness(mosaic)) is not None:
-            mosaic = mended
-            remarks.append(remark_on(mosaic))
+        given = _in_steps_of_one(given, remarks)
+    if given.pattern is None:
+        require_no_filters(given.values)
+    full = _full_scale(given, noise, remarks)
+    numbers, full = _above_black(given, full)
+    known_black = given.dark is not None or given.black_level is not None
+    if noise is None:
+        plane = numbers if given.pattern is None else brightest_filter(numbers)
+        found = estimate_noise(plane)
+        remarks += _remarks_on_black(found, plane) if known_black else []
+    else:
+        found = noise
+    found = replace(
+        found,
+        offset_dn=0.0 if known_black else found.offset_dn,
+        full_scale_dn=found.full_scale_dn if full is None else full,
+    )
+    mosaic = _through_filters(numbers, given.pattern, found, remarks)
+    if noise is None:
+        if given.dark is not None:
+            remarks += _remarks_on_cut_dark(given)
+        elif (cut := _cut(mosaic.values)) is not None:
+            mosaic = mend(mosaic, cut)
+            remarks.append(remark_on(cut))
         remarks.append(_remark_on_noise(mosaic))
     return mosaic, remarks
 
 
-def _remark_on_noise(mosaic: Mosaic) -> str:
-    """Where the noise comes from that uncertainties count, and when that is next to nothing."""
-    light = float(mosaic.values.max()) - mosaic.noise.offset_dn
-    share = math.sqrt(float(mosaic.noise.variance(light + mosaic.noise.offset_dn))) / max(
-        light, 1e-300
-    )
-    if share >= NEXT_TO_NONE:
-        return "the sensor's noise was estimated from the picture itself"
-    return (
-        f"there is next to no noise in the picture, {share:.1g} of its light: uncertainties count"
-        " that and nothing else that may be wrong with it; a simulated picture has noise with"
-        " --seed"
-    )
+def _sensor_picture(picture: npt.NDArray[Any] | RawPicture | SensorPicture) -> SensorPicture:
+    if isinstance(picture, RawPicture):
+        return from_raw(picture)
+    return picture if isinstance(picture, SensorPicture) else SensorPicture(np.asarray(picture))
 
 
-def _grey(
-    values: Array, picture: npt.NDArray[np.generic], noise: SensorNoise | None, remarks: list[str]
-) -> Mosaic:
-    """A picture without filters, in steps of one."""
-    if noise is None and picture.dtype.kind == "f":
+def _require_finite(values: npt.NDArray[Any], kind: str) -> None:
+    if strange := values.size - np.count_nonzero(np.isfinite(values)):
+        raise MeasurementError(
+            f"{kind} picture: {strange} of its {values.size} pixels are not finite numbers, as"
+            " programs mark missing or masked ones; save the numbers as the sensor read them"
+        )
+
+
+def _in_steps_of_one(given: SensorPicture, remarks: list[Remark]) -> SensorPicture:
+    """Bits that were shifted up shifted back, and floating point of any unit brought to numbers of
+    which the rounding of whole ones is a small part.
+
+    Raises:
+        MeasurementError: all numbers are below 0.
+    """
+    if given.black_level is not None:
+        return given
+    values, dark, factor = given.values, given.dark, 1.0
+    if values.dtype.kind == "f":
         top = float(values.max())
         if top < 0:
             raise MeasurementError(
                 f"picture: all its numbers are below 0, from {values.min():.4g}; light from 0 up"
                 " is due"
             )
-        # in units of the white level the rounding of whole numbers would count as noise; dots may
-        # cover less than a thousandth
-        values = values * (SCALED_WHITE_DN / top if top > 0 else 1.0)
-    if noise is None and picture.dtype.kind == "u":
-        step = int(np.gcd.reduce(picture.ravel().astype(np.int64))) or 1
+        # dots may cover less than a thousandth
+        factor = SCALED_WHITE_DN / top if top > 0 else 1.0
+    elif values.dtype.kind == "u":
+        step = common_step(values) if dark is None else math.gcd(*map(common_step, (values, dark)))
         if step > 1 and step & (step - 1) == 0:
-            values = values / step
-            picture = values.astype(np.uint16)
+            factor = 1 / step
             remarks.append(
-                f"every number of the picture is a multiple of {step}: fewer bits, shifted up; they"
-                " were shifted back"
+                Remark(
+                    "bits-shifted",
+                    f"every number of the picture is a multiple of {step}: fewer bits, shifted up;"
+                    " they were shifted back",
+                )
             )
-    return Mosaic(
-        values,
-        (
-            estimate_noise(picture if picture.dtype.kind == "u" else values)
-            if noise is None
-            else noise
-        ),
-        None,
+    if factor == 1:
+        return given
+    return replace(
+        given,
+        values=_scaled(values, factor),
+        dark=None if dark is None else _scaled(dark, factor),
+        full_scale=None if given.full_scale is None else given.full_scale * factor,
+    )
+
+
+def _scaled(values: npt.NDArray[Any], factor: float) -> npt.NDArray[Any]:
+    return (values * factor).astype(np.float64 if values.dtype.kind == "f" else values.dtype)
+
+
+def _full_scale(
+    given: SensorPicture, noise: SensorNoise | None, remarks: list[Remark]
+) -> float | None:
+    """What a saturated pixel reads, as stored: where pixels pile up, else what is said, else the
+    largest number of some bits; None where nothing tells.
+    """
+    values = given.values
+    if noise is not None:
+        return noise.full_scale_dn if given.full_scale is None else given.full_scale
+    level = saturation_level(values if given.pattern is None else brightest_filter(values))
+    if level is not None and not level >= (given.full_scale or math.inf):
+        share = float(np.mean(values >= level))
+        expected = given.full_scale is None and values.dtype.kind != "f" and level in FULL_SCALES
+        if not expected:
+            below = f", below the full scale of {given.full_scale:g}" if given.full_scale else ""
+            remarks.append(
+                Remark(
+                    "saturation-found",
+                    f"{100 * share:.2g} % of the pixels pile up at {level:g} DN{below}: taken for"
+                    " saturated; expose shorter, or give what a saturated pixel reads"
+                    " (--full-scale)",
+                )
+            )
+        return level
+    if given.full_scale is not None:
+        return given.full_scale
+    top = float(values.max())
+    return top if values.dtype.kind in "ui" and top in FULL_SCALES else None
+
+
+def _above_black(
+    given: SensorPicture, full: float | None
+) -> tuple[npt.NDArray[np.floating], float | None]:
+    """Numbers above black, and what a saturated pixel reads there, which all of them do."""
+    plain = given.pattern is None and given.black_level is None
+    numbers = given.values.astype(np.float64 if plain else np.float32)
+    black = 0.0
+    if given.dark is not None:
+        numbers -= given.dark
+        black = float(np.median(given.dark))
+    elif given.black_level is not None:
+        levels = np.array(given.black_level, dtype=numbers.dtype).reshape(2, 2)
+        for row, column in np.ndindex(2, 2):
+            numbers[row::2, column::2] -= levels[row, column]
+        black = float(levels.max())
+    if full is None:
+        return numbers, None
+    numbers[given.values >= full] = full - black
+    return numbers, full - black
+
+
+def _remarks_on_black(found: SensorNoise, numbers: npt.NDArray[np.floating]) -> list[Remark]:
+    """A remark where the gaps are darker than black."""
+    light = float(numbers.max()) - found.offset_dn
+    if -found.offset_dn < max(BELOW_BLACK * light, 3 * found.dark_variance**0.5):
+        return []
+    return [
+        Remark(
+            "black-level",
+            f"the gaps between micro-images read {-found.offset_dn:.4g} DN less than black: the"
+            " black level of the file or the dark frame is too high; was the dark frame exposed"
+            " longer, or did light fall on it?",
+        )
+    ]
+
+
+def _through_filters(
+    numbers: npt.NDArray[np.floating],
+    pattern: str | None,
+    noise: SensorNoise,
+    remarks: list[Remark],
+) -> Mosaic:
+    """The picture with its filters' gains, which are of light alone."""
+    if pattern is None:
+        return Mosaic(numbers, noise, None)
+    offset = noise.offset_dn
+    noise = replace(noise, offset_dn=0.0, full_scale_dn=noise.full_scale_dn - offset)
+    numbers = numbers - numbers.dtype.type(offset)
+    gains = measure_gains(numbers, pattern, noise)
+    share = ", ".join(f"{gain:.4f}" for gain in gains.ravel())
+    remarks.append(
+        Remark("mosaic", f"the mosaic {pattern} was measured as four sub-lattices of gains {share}")
+    )
+    return Mosaic(numbers, noise, gains)
+
+
+def _cut(values: npt.NDArray[np.floating]) -> CutDarkness | None:
+    """Where darkness is cut, judged by the pixels whose neighbours are darkest."""
+    if np.mean(values == values.min()) < FEWEST_CUT:
+        return None
+    return find_cut(values[quiet_pixels(values)])
+
+
+def _remarks_on_cut_dark(given: SensorPicture) -> list[Remark]:
+    """A remark where the dark frame subtracts what noise that was cut does not have."""
+    if _cut(given.values) is None:
+        return []
+    return [
+        Remark(
+            "darkness-cut",
+            "the darkness of the picture is cut at its lowest number, and that of the dark frame"
+            " perhaps too: noise below it was lost, dim light reads too much; save pictures with a"
+            " black level above 0",
+        )
+    ]
+
+
+def _remark_on_noise(mosaic: Mosaic) -> Remark:
+    """Where the noise comes from that uncertainties count, and when that is next to nothing."""
+    light = float(mosaic.values.max()) - mosaic.noise.offset_dn
+    share = math.sqrt(float(mosaic.noise.variance(light + mosaic.noise.offset_dn))) / max(
+        light, 1e-300
+    )
+    if share >= NEXT_TO_NONE:
+        return Remark("noise-estimated", "the sensor's noise was estimated from the picture itself")
+    return Remark(
+        "next-to-no-noise",
+        f"there is next to no noise in the picture, {share:.1g} of its light: uncertainties count"
+        " that and nothing else that may be wrong with it; a simulated picture has noise with"
+        " --seed",
     )

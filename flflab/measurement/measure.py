@@ -40,6 +40,7 @@ from flflab.optics.focus import sharp_vergence
 from flflab.optics.per_type import type_smms
 from flflab.optics.resolution import central_smms
 from flflab.raw_file import RawPicture
+from flflab.sensor_picture import SensorPicture
 from flflab.targets import Bars, Chirp, Edge, FourDot, Target, White
 
 Array = npt.NDArray[np.float64]
@@ -50,12 +51,12 @@ NOMINAL_UNCERTAINTY_PX = 1.0
 
 
 def measure(
-    picture: npt.NDArray[np.generic] | RawPicture,
+    picture: npt.NDArray[np.generic] | RawPicture | SensorPicture,
     camera: Camera,
     target: Target | None = None,
     distance: float | None = None,
     noise: SensorNoise | None = None,
-    white: npt.NDArray[np.generic] | RawPicture | None = None,
+    white: npt.NDArray[np.generic] | RawPicture | SensorPicture | None = None,
 ) -> dict[str, Any]:
     """Measure one frame.
 
@@ -91,7 +92,8 @@ def measure(
             "measure: a white picture beside a white one; it belongs beside a picture of another"
             " target"
         )
-    mosaic, remarks = as_read(picture, camera, target.kind, noise)
+    mosaic, read = as_read(picture, camera, target.kind, noise)
+    remarks = [remark.sentence for remark in read]
     values, evened = mosaic.even()
     require_light(values, evened, target)
     result: dict[str, Any] = {"dots": [], "mtf": []}
@@ -110,7 +112,7 @@ def measure(
         lattice = _lattice_without_white(values, evened, camera, target, away, remarks)
     else:
         beside, notes = as_read(white, camera, White.kind, noise)
-        remarks += [f"white picture: {note}" for note in notes]
+        remarks += [f"white picture: {note.sentence}" for note in notes]
         require_light(*beside.even(), White())
         lattice = _lattice_of_white(*beside.even(), camera, remarks)
     if isinstance(target, FourDot):

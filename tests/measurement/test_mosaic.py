@@ -13,12 +13,13 @@ import pytest
 from flflab.errors import MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.measurement.as_read import as_read
 from flflab.measurement.contrast.curve import fit_contrast
 from flflab.measurement.dots.views import count_views
 from flflab.measurement.edges.views import measure_edges
 from flflab.measurement.lattice.white import find_lattice
 from flflab.measurement.measure import measure, nominal_lattice
-from flflab.measurement.sensor.mosaic import Mosaic, from_raw
+from flflab.measurement.sensor.mosaic import Mosaic
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.raw_file import RawPicture, read_raw, write_raw
 from flflab.targets import Bars, FourDot
@@ -28,6 +29,10 @@ RESOLUTION = (760, 520)
 FOCUS = 506.7016
 FILTERS = np.array([[0.55, 1.0], [1.0, 0.4]])
 BLACK = (64, 60, 61, 70)
+
+
+def read(raw: RawPicture, noise: SensorNoise) -> Mosaic:
+    return as_read(raw, None, "white", noise)[0]
 
 
 def through_filters(image: Array, bits: int, seed: int) -> tuple[RawPicture, SensorNoise]:
@@ -48,7 +53,7 @@ def through_filters(image: Array, bits: int, seed: int) -> tuple[RawPicture, Sen
 def test_the_filters_gains_come_out_of_the_picture_itself(brute: Any, bits: int) -> None:
     white = brute.white_picture(RESOLUTION[::-1], "square", 120.0, 0.0, (379.5, 259.5), 40.0, 10.0)
     raw, noise = through_filters(white, bits, 1)
-    mosaic = from_raw(raw, noise)
+    mosaic = read(raw, noise)
     assert mosaic.gains is not None
     assert mosaic.gains == pytest.approx(FILTERS, rel=2e-3)
     even, evened = mosaic.even()
@@ -62,7 +67,7 @@ def test_contrast_through_filters_is_the_closed_form_within_its_uncertainty(brut
     camera = brute.camera(4.0, RESOLUTION)
     _, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
     raw, noise = through_filters(bars, 12, 2)
-    mosaic = from_raw(raw, noise)
+    mosaic = read(raw, noise)
     curve = fit_contrast(
         mosaic.values,
         nominal_lattice(camera, 3000.0),
@@ -87,7 +92,7 @@ def test_a_raw_white_picture_gives_the_same_lattice_as_a_grey_one(
     )
     raw, noise = through_filters(white, 14, 3)
     write_raw(tmp_path / "white.dng", raw)
-    even, evened = from_raw(read_raw(tmp_path / "white.dng"), noise).even()
+    even, evened = read(read_raw(tmp_path / "white.dng"), noise).even()
     lattice = find_lattice(even, "square", 245.0, evened)
     assert lattice.pitch_px == pytest.approx(245.5825, rel=2e-5)
     assert lattice.origin_px == pytest.approx([379.5, 259.5], abs=0.02)
@@ -102,7 +107,7 @@ def read_back(image: Array, bits: int, file: Path) -> Mosaic:
     write_raw(file, raw)
     back = read_raw(file)
     assert np.array_equal(back.values, raw.values)
-    return from_raw(back, noise)
+    return read(back, noise)
 
 
 @pytest.mark.ci
@@ -157,7 +162,7 @@ def test_lattice_contrast_dots_and_edges_come_out_of_raw_files_of_any_bits_withi
 def test_saturated_pixels_stay_saturated_whatever_their_filter() -> None:
     values = np.full((40, 40), 1000, dtype=np.uint16)
     values[:20:2, ::2] = 4095
-    mosaic = from_raw(RawPicture(values, "rggb", BLACK, 4095), SensorNoise(0.3, 2.0, 0.0, 4095.0))
+    mosaic = read(RawPicture(values, "rggb", BLACK, 4095), SensorNoise(0.3, 2.0, 0.0, 4095.0))
     even, evened = mosaic.even()
     assert evened.saturated(even)[:20:2, ::2].all()
     assert np.count_nonzero(evened.saturated(even)) == 200
@@ -167,6 +172,4 @@ def test_light_that_a_filter_does_not_pass_is_named() -> None:
     values = np.full((40, 40), 64, dtype=np.uint16)
     values[::2, 1::2] = values[1::2, ::2] = 3000
     with pytest.raises(MeasurementError, match="r 0, g 1, g 1, b 0"):
-        from_raw(
-            RawPicture(values, "rggb", (64, 64, 64, 64), 4095), SensorNoise(0.3, 2.0, 0.0, 4095.0)
-        )
+        read(RawPicture(values, "rggb", (64, 64, 64, 64), 4095), SensorNoise(0.3, 2.0, 0.0, 4095.0))

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
-from flflab.measurement.sensor.noise import SensorNoise, estimate_noise
-from flflab.raw_file import RawPicture
+from flflab.measurement.sensor.noise import SensorNoise
 
 Array = npt.NDArray[np.float64]
 
@@ -22,6 +21,12 @@ LEAST_GAIN = 0.02  # of the strongest: a filter that passes less tells nothing
 # standard deviations of a dark pixel: quads of four pixels dimmer than that do not count towards
 # the gains
 LIT = 10.0
+FEWEST_QUADS = 200  # lit squares of four pixels, in which filters are looked for
+LIT_SHARE = 0.1  # of the brightest light, in a square of four pixels
+MOST_QUADS = 0.65  # of the lit ones; lattices of any pitch from 5 px stay below 0.6
+ALIKE, UNLIKE = 0.08, 0.15  # how far two greens are apart, and a red or blue from them
+# of four pixels row by row: the greens, the others, and what such a mosaic is called
+DIAGONALS = (([1, 2], [0, 3], "rggb or bggr"), ([0, 3], [1, 2], "grbg or gbrg"))
 
 
 @dataclass(frozen=True)
@@ -61,46 +66,20 @@ class Mosaic:
         )
 
 
-def from_raw(raw: RawPicture, noise: SensorNoise | None = None) -> Mosaic:
-    """Subtract black, mark saturated pixels, and measure the filters' gains from the picture
-    itself.
+def measure_gains(values: npt.NDArray[np.floating], pattern: str, noise: SensorNoise) -> Array:
+    """The filters' gains, from the light of a picture itself; shape (2, 2), the strongest 1.
 
     Args:
-        raw: the sensor's own numbers.
-        noise: of the sensor; None estimates it from the sub-lattice with the most light.
+        values: DN above black, saturated pixels at ``noise.full_scale_dn``.
+        pattern: the mosaic's letters, for messages.
+        noise: of a pixel.
 
     Raises:
         MeasurementError: no light, or a filter that passes next to none.
     """
-    values = raw.values.astype(np.float32)
-    black = np.array(raw.black_level, dtype=np.float32).reshape(2, 2)
-    for row, column in np.ndindex(2, 2):
-        values[row::2, column::2] -= black[row, column]
-    full = float(raw.white_level - black.max())
-    values[raw.values >= raw.white_level] = full
-    if raw.pattern is None:
-        return Mosaic(
-            values,
-            (
-                _noise(values, full)
-                if noise is None
-                else replace(noise, offset_dn=0.0, full_scale_dn=full)
-            ),
-            None,
-        )
-    planes = {place: values[place[0] :: 2, place[1] :: 2] for place in np.ndindex(2, 2)}
-    brightest = max(planes.values(), key=lambda plane: float(plane.mean()))
-    found = (
-        _noise(brightest, full)
-        if noise is None
-        else replace(noise, offset_dn=0.0, full_scale_dn=full)
-    )
-    rows, columns = values.shape[0] // 2, values.shape[1] // 2
-    quads = np.stack(
-        [plane[:rows, :columns] - np.float32(found.offset_dn) for plane in planes.values()]
-    )
-    lit = (quads.sum(axis=0) > LIT * 2 * found.dark_variance**0.5) & (
-        quads.max(axis=0) < full - found.offset_dn
+    quads = _quads(values)
+    lit = (quads.sum(axis=0) > LIT * 2 * noise.dark_variance**0.5) & (
+        quads.max(axis=0) < noise.full_scale_dn
     )
     if not lit.any():
         raise MeasurementError(
@@ -111,16 +90,64 @@ def from_raw(raw: RawPicture, noise: SensorNoise | None = None) -> Mosaic:
     if not (light > LEAST_GAIN * light.max(initial=0.0)).all():
         share = ", ".join(
             f"{letter} {part:.3g}"
-            for letter, part in zip(
-                raw.pattern, light / max(float(light.max()), 1e-300), strict=True
-            )
+            for letter, part in zip(pattern, light / max(float(light.max()), 1e-300), strict=True)
         )
         raise MeasurementError(
             f"raw picture: its filters' light is {share} of the strongest's; {LEAST_GAIN:g} or more"
             " is due of each; check the exposure, and whether the light is white"
         )
-    return Mosaic(values, found, (light / light.max()).reshape(2, 2))
+    return (light / light.max()).reshape(2, 2)
 
 
-def _noise(plane: npt.NDArray[np.float32], full: float) -> SensorNoise:
-    return replace(estimate_noise(plane), full_scale_dn=full)
+def brightest_filter(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    """The pixels of the filter with the most light, as a picture of half the size."""
+    planes = [values[row::2, column::2] for row, column in np.ndindex(2, 2)]
+    return max(planes, key=lambda plane: float(plane.mean()))
+
+
+def require_no_filters(values: npt.NDArray[np.floating]) -> None:
+    """Refuse a picture of which nothing says that it is a mosaic, and whose pixels do.
+
+    Two filters of four lie on a diagonal and pass the same light, one of the others passes far less
+    or more: on average, and in most squares of four pixels by itself. Of a lattice of micro-images
+    with a pitch of a few whole pixels the first may hold, the second does not.
+
+    Args:
+        values: numbers as read, finite.
+
+    Raises:
+        MeasurementError: neighbouring pixels differ as colour filters make them.
+    """
+    black, top = float(np.quantile(values[::3, ::5], 0.001)), float(values.max())
+    quads = _quads(values)
+    lit = (quads.mean(axis=0) > black + LIT_SHARE * (top - black)) & (quads.max(axis=0) < top)
+    if np.count_nonzero(lit) < FEWEST_QUADS:
+        return
+    quads = quads[:, lit]
+    light = quads.mean(axis=1, dtype=np.float64) - black
+    for greens, others, patterns in DIAGONALS:
+        if not _as_filters(light[greens], light[others]):
+            continue
+        least, most = quads[greens].min(axis=0), quads[greens].max(axis=0)
+        shares = [np.mean(beyond) for n in others for beyond in (quads[n] < least, quads[n] > most)]
+        if max(shares) > MOST_QUADS:
+            found = ", ".join(f"{share:.2g}" for share in light / light.max())
+            raise MeasurementError(
+                "picture: neighbouring pixels differ as the colour filters of a mosaic make them"
+                f" (of four in a square, row by row: {found} of the brightest); name the mosaic"
+                f" (--mosaic {patterns})"
+            )
+
+
+def _as_filters(green: Array, others: Array) -> bool:
+    """Whether two pixels pass the same light and one of two others far less or more."""
+    mean = float(green.mean())
+    apart = float(np.abs(green - mean).max())
+    unlike = float(np.abs(others - mean).max())
+    return 2 * apart < ALIKE * mean and unlike > UNLIKE * mean and unlike > 3 * apart
+
+
+def _quads(values: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    """Squares of two by two pixels, row by row; shape (4, rows // 2, columns // 2)."""
+    rows, columns = (size // 2 * 2 for size in values.shape)
+    return np.stack([values[row:rows:2, column:columns:2] for row, column in np.ndindex(2, 2)])
