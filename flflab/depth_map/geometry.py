@@ -24,7 +24,7 @@ from flflab.optics.smms import Smms
 
 Array = npt.NDArray[np.float64]
 
-TABLE_STEPS = 400  # of the distance from a micro-image's centre
+TABLE_STEPS = 200  # of the distance from a micro-image's centre
 CHORDS = 200  # across the cut aperture
 KAPPA_STEPS = tuple(0.02 * step for step in range(-8, 9))  # of itself
 _HEIGHTS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -165,7 +165,7 @@ def _shift_ratio(smms: Smms, places: Array) -> Array:
     for index, place in enumerate(places[1:], start=1):
         middle = place / kappa if abs(kappa) > 1e-12 else 0.0
         low, high = max(-own, middle - shadow), min(own, middle + shadow)
-        if high <= low:  # beyond the total field: what its edge has
+        if high - low < 1e-6 * own:  # beyond the total field: what its edge has
             ratio[index] = ratio[index - 1] * places[index - 1] / place
             continue
         q = low + (high - low) * nodes

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 
-from flflab.depth_map.kernels import BY_PLACES, INFORMATION, MISFIT, PRETENDED, SCORE, VIEWS
+from flflab.depth_map.kernels import BY_PLACES, INFORMATION, PRETENDED, SCORE, VIEWS
+from flflab.depth_map.steps import jumps, settle_steps
 from flflab.depth_map.sweep import WINDOW, Swept
 from flflab.depth_map.views import Views
 
@@ -60,19 +61,20 @@ def refine(
     sums = np.zeros(0)
     for index in range(ROUNDS):
         sums = views.scores(delta)
-        step = _box(sums[SCORE], delta) / _box(sums[INFORMATION], delta)
-        moved = _box(sums[INFORMATION] * np.nan_to_num(delta) + sums[SCORE], delta) / _box(
-            sums[INFORMATION], delta
-        )
+        information = _box(sums[INFORMATION], delta)
+        weighted = _box(sums[INFORMATION] * np.nan_to_num(delta) + sums[SCORE], delta)
         most = LARGEST_STEP_PX / pitch_px
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", divide="ignore"):
+            step = _box(sums[SCORE], delta) / information
+            moved = weighted / information
             near = np.abs(moved - delta) < 4 * most
         moved = np.where(near, moved, delta + np.clip(step, -most, most))
         delta = np.where(np.isfinite(moved), moved, np.nan)
         progress((index + 1) / (ROUNDS + 1))
     sums = views.scores(delta)
-    jump = _jumps(delta, JUMP_PX / pitch_px)
-    sigma = np.sqrt(_sigma(sums, delta, jump) ** 2 + sums[BY_PLACES] + (floor_px / pitch_px) ** 2)
+    least = JUMP_PX / pitch_px
+    mixed = jumps(delta, least)
+    sigma = np.sqrt(_sigma(sums, delta, mixed) ** 2 + sums[BY_PLACES] + (floor_px / pitch_px) ** 2)
     information = _box(sums[INFORMATION], delta)
     pretended = _box(sums[PRETENDED], delta)
     with np.errstate(invalid="ignore"):
@@ -83,7 +85,9 @@ def refine(
             & (sums[VIEWS] >= 2)
             & np.isfinite(delta)
         )
-    delta, sigma, trusted = _at_steps(delta, sigma, trusted, sums, jump)
+    delta, sigma, trusted = settle_steps(
+        views, delta, sigma, trusted, sums, mixed, least, WINDOW
+    )
     progress(1.0)
     return Refined(
         np.where(trusted, delta, np.nan),
@@ -135,45 +139,3 @@ def _sigma(sums: Array, delta: Array, jump: Flags) -> Array:
 
 def _whole(values: Array) -> Array:
     return WINDOW**2 * uniform_filter(values, WINDOW, mode="constant")
-
-
-def _jumps(delta: Array, least: float) -> Flags:
-    """Places where the disparity steps against a neighbour."""
-    high = maximum_filter(np.where(np.isfinite(delta), delta, -np.inf), 3)
-    low = minimum_filter(np.where(np.isfinite(delta), delta, np.inf), 3)
-    with np.errstate(invalid="ignore"):
-        return (high - low > least) & np.isfinite(delta)
-
-
-def _at_steps(
-    delta: Array, sigma: Array, trusted: Flags, sums: Array, jump: Flags
-) -> tuple[Array, Array, Flags]:
-    """Where a window holds a step in depth, take the best whole window that holds the place; else
-    no value.
-    """
-    half = WINDOW // 2
-    tainted = maximum_filter(jump, WINDOW)
-    if not tainted.any():
-        return delta, sigma, trusted
-    free = np.maximum(sums[VIEWS] - 1, 0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cost = uniform_filter(sums[MISFIT], WINDOW) / uniform_filter(free, WINDOW)
-    cost = np.where(trusted & ~tainted & np.isfinite(cost), cost, np.inf)
-    padded = np.pad(cost, half, constant_values=np.inf)
-    rows, columns = np.nonzero(tainted)
-    best = np.full(len(rows), np.inf)
-    place = np.zeros((2, len(rows)), dtype=np.int64)
-    for down in range(WINDOW):
-        for along in range(WINDOW):
-            there = padded[rows + down, columns + along]
-            better = there < best
-            best[better] = there[better]
-            place[0][better] = rows[better] + down - half
-            place[1][better] = columns[better] + along - half
-    found = np.isfinite(best)
-    delta, sigma, trusted = delta.copy(), sigma.copy(), trusted.copy()
-    trusted[rows, columns] = found
-    source = (place[0][found], place[1][found])
-    delta[rows[found], columns[found]] = delta[source]
-    sigma[rows[found], columns[found]] = sigma[source]
-    return delta, sigma, trusted

@@ -16,7 +16,7 @@ from flflab.optics.camera import Camera
 Array = npt.NDArray[np.float64]
 
 WINDOW = 9  # places a side over which costs are averaged
-STEP_PX = 1.5  # between hypotheses, at the longest baseline
+STEP_PX = 2.0  # between hypotheses, at the longest baseline
 FEWEST_VIEWS = 0.6  # pitches that a microlens reaches on the array, at the nearest distance
 MOST_BLUR = 0.45  # of a micro-image's used width
 LEAST_DISPARITY = 1e-3
