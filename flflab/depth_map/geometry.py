@@ -5,12 +5,14 @@ distance, a = L - D'. The **virtual disparity** is delta = b/a - b/L. The chief 
 point through the main lens's centre crosses the array at t = -o L/D; the microlens at y, whose
 micro-image is centred at c = y (1 + b/L), sees the point at
 
-    s = c + delta (y - t) + (kappa + delta) shift(s - c),
+    s = c + delta (y - t) + (kappa + delta) shift(s - c) + inside(s - c),
 
 linear in delta, the same for Keplerian (delta > 0) and Galilean cameras (delta < 0). ``shift`` is
 the centroid, on the array, of the microlens's aperture as the main lens's stop cuts it for the
 sensor's point, weighted by cos^4 of the ray's slope: what a picture divided by a white one shows is
-the target's mean over that cut aperture.
+the target's mean over that cut aperture. ``inside`` is how far the light of a pixel lies inside the
+pixel's centre where the light falls towards a micro-image's edge; it counts where micro-images are
+a few pixels wide.
 """
 
 from dataclasses import dataclass, replace
@@ -27,6 +29,9 @@ Array = npt.NDArray[np.float64]
 TABLE_STEPS = 200  # of the distance from a micro-image's centre
 CHORDS = 200  # across the cut aperture
 KAPPA_STEPS = tuple(0.02 * step for step in range(-8, 9))  # of itself
+SMOOTHING_PX = 0.7  # Gaussian that pictures are smoothed with
+_PIXEL, _PIXEL_WEIGHTS = np.polynomial.legendre.leggauss(3)
+_BELL, _BELL_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 _HEIGHTS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 
@@ -91,7 +96,8 @@ class MicrolensKind:
         blur: clear aperture; times |kappa + delta| it is the blur of a point.
         reach: how far from a micro-image's centre pixels are used.
         shift: shift(e)/e at ``TABLE_STEPS`` + 1 even steps of e from 0 to ``table_end``.
-        table_end: where the table ends.
+        inside: how far the light of a pixel lies inside its centre, over e, at the same steps.
+        table_end: where the tables end.
         skew: what the fall-off of an off-axis microlens adds to the shift, times y.
     """
 
@@ -99,6 +105,7 @@ class MicrolensKind:
     blur: float
     reach: float
     shift: Array
+    inside: Array
     table_end: float
     skew: float
 
@@ -129,7 +136,10 @@ def kinds_of_microlens(
         reach = min(outside - least_illumination * rim, pitch - widest)
         table_end = max(outside, pixel)
         places = np.linspace(0, table_end, TABLE_STEPS + 1)
-        ratio = _shift_ratio(smms, places) if cut_aperture else np.zeros_like(places)
+        light, centroid = _cut_aperture(smms, places)
+        shift, inside = _as_seen(places / pixel, light, centroid / pixel, SMOOTHING_PX)
+        if not cut_aperture:
+            shift, inside = np.zeros_like(shift), np.zeros_like(inside)
         limiting = float(smms.limiting_radius)
         skew = limiting**2 / float(smms.distance * smms.gap) if cut_aperture else 0.0
         kinds.append(
@@ -137,7 +147,8 @@ def kinds_of_microlens(
                 kappa=float(smms.kappa),
                 blur=float(smms.aperture) / pixel,
                 reach=reach / pixel,
-                shift=ratio,
+                shift=shift,
+                inside=inside,
                 table_end=table_end / pixel,
                 skew=skew,
             )
@@ -151,8 +162,8 @@ def off_kappa(smms: Smms, relative: float) -> Smms:
     return replace(smms, focal=focal)
 
 
-def _shift_ratio(smms: Smms, places: Array) -> Array:
-    """Centroid of the cut aperture over the distance e from the micro-image's centre.
+def _cut_aperture(smms: Smms, places: Array) -> tuple[Array, Array]:
+    """Light and centroid of the cut aperture at distances e from the micro-image's centre.
 
     The aperture's point q (from the microlens's centre) is lit where |q| <= d/2 and
     |kappa q - e| <= A b/(2 L); its ray has the slope (e - q)/b, its light cos^4 of it.
@@ -161,20 +172,48 @@ def _shift_ratio(smms: Smms, places: Array) -> Array:
     own = float(smms.aperture) / 2
     shadow = float(smms.lens_width) / 2 / max(abs(kappa), 1e-12)
     nodes = (np.arange(CHORDS) + 0.5) / CHORDS
-    ratio = np.zeros_like(places)
-    for index, place in enumerate(places[1:], start=1):
+    light, centroid = np.zeros_like(places), np.zeros_like(places)
+    for index, place in enumerate(places):
         middle = place / kappa if abs(kappa) > 1e-12 else 0.0
         low, high = max(-own, middle - shadow), min(own, middle + shadow)
         if high - low < 1e-6 * own:  # beyond the total field: what its edge has
-            ratio[index] = ratio[index - 1] * places[index - 1] / place
+            centroid[index] = centroid[index - 1]
             continue
         q = low + (high - low) * nodes
-        chord = np.sqrt(
-            np.maximum(np.minimum(own**2 - q**2, shadow**2 - (q - middle) ** 2), 0.0)
-        )
-        across = chord[:, None] * _HEIGHTS
-        slope2 = ((place - q)[:, None] ** 2 + across**2) / gap**2
-        light = chord * ((1 + slope2) ** -2 @ _WEIGHTS)
-        ratio[index] = float(light @ q / light.sum()) / place
-    ratio[0] = ratio[1]
-    return ratio
+        chord = np.sqrt(np.maximum(np.minimum(own**2 - q**2, shadow**2 - (q - middle) ** 2), 0.0))
+        slope2 = ((place - q)[:, None] ** 2 + (chord[:, None] * _HEIGHTS) ** 2) / gap**2
+        part = chord * ((1 + slope2) ** -2 @ _WEIGHTS)
+        light[index] = part.sum() * (high - low)
+        centroid[index] = float(part @ q / part.sum())
+    return light / light.max(), centroid
+
+
+def _as_seen(places: Array, light: Array, centroid: Array, smoothing: float) -> tuple[Array, Array]:
+    """Means over a pixel, weighted by its light, and over the smoothing of the picture, of which no
+    light is weighed: of the centroid, and of how far the light's place lies inside the pixel's
+    centre; both over e.
+
+    Args:
+        places: e, px, from 0.
+        light: at these.
+        centroid: at these, px.
+        smoothing: standard deviation of the Gaussian, px.
+    """
+
+    def mean(points: Array, weights: Array, weigh: Array, radial: Array) -> Array:
+        along = places[:, None, None] + points[None, :, None]
+        away = np.hypot(along, points[None, None, :])
+        share = np.interp(away, places, weigh) * weights[:, None] * weights[None, :]
+        toward = np.interp(away, places, radial) * along / np.maximum(away, 1e-9)
+        total = share.sum(axis=(1, 2))
+        return np.where(total > 0, (share * toward).sum(axis=(1, 2)) / np.maximum(total, 1e-30), 0)
+
+    flat = np.ones_like(places)
+    within, spread = 0.5 * _PIXEL, smoothing * _BELL
+    lit = np.maximum(light, 1e-6)
+    shift = mean(spread, _BELL_WEIGHTS, flat, mean(within, _PIXEL_WEIGHTS, lit, centroid))
+    seen = mean(spread, _BELL_WEIGHTS, flat, mean(within, _PIXEL_WEIGHTS, lit, places))
+    even = mean(spread, _BELL_WEIGHTS, flat, mean(within, _PIXEL_WEIGHTS, flat, places))
+    ratios = np.stack([shift, even - seen])[:, 1:] / places[1:]
+    ratios = np.concatenate([ratios[:, :1], ratios], axis=1)
+    return ratios[0], ratios[1]

@@ -42,6 +42,10 @@ OPTICS = np.dtype(
 # information, variance of the disparity by what the microlenses' places are uncertain
 INFORMATION, SCORE, MISFIT, VIEWS, VALUE, PRETENDED, BY_PLACES = range(7)
 SUMS = 7
+# sums over the views of a place: weight, v, v^2, gradient, d, d d, v d, number, and of the lens's
+# variance with the squared weight: 1, d, d^2
+(WEIGHT, V, VV, GX, GY, DX, DY, DXX, DXY, DYY, VDX, VDY, NUMBER, U, UX, UY, UU) = range(17)
+SLOTS = 17
 # variance of the derivative of smoothed noise (SMOOTHING_PX), cubic interpolation, over its own
 NOISE_SLOPE = 0.72
 
@@ -61,18 +65,20 @@ def _seen(lens, optics, tables, delta, tx, ty):  # noqa: ANN001, ANN202
         stretch = (distance + rise) / distance
     away_x, away_y = lens.x - tx * stretch, lens.y - ty * stretch
     x0, y0 = own * away_x, own * away_y
-    table = tables[lens.kind]
-    last = len(table) - 2
+    shift, inside = tables[0, lens.kind], tables[1, lens.kind]
+    last = len(shift) - 2
     defocus = lens.kappa + own
     place = math.hypot(x0, y0) * optics.per_table
-    cell = min(int(place), last)
+    first = min(int(place), last)
+    part = min(place - first, 1.0)
+    ratio = shift[first] + part * (shift[first + 1] - shift[first])
+    near = inside[first] + part * (inside[first + 1] - inside[first])
+    place *= 1 + defocus * ratio + near
+    cell = min(max(int(place), 0), last)
     part = min(place - cell, 1.0)
-    ratio = table[cell] + part * (table[cell + 1] - table[cell])
-    place *= 1 + defocus * ratio
-    cell = min(int(place), last)
-    part = min(place - cell, 1.0)
-    ratio = table[cell] + part * (table[cell + 1] - table[cell])
-    factor = 1 / (1 - defocus * ratio)
+    ratio = shift[cell] + part * (shift[cell + 1] - shift[cell])
+    near = inside[cell] + part * (inside[cell + 1] - inside[cell])
+    factor = 1 / (1 - defocus * ratio - near)
     x = x0 * factor + defocus * lens.skew * lens.x
     y = y0 * factor + defocus * lens.skew * lens.y
     return x, y, slope * (away_x * factor + ratio * x), slope * (away_y * factor + ratio * y)
@@ -161,8 +167,10 @@ def sum_scores(lenses, optics, tables, value, weight, delta, first, last, out): 
     """Of rows ``first`` to ``last`` of the map, at each place's own disparity: what its views say
     about it, out (SUMS, rows, columns). NaN disparities are left alone.
 
-    With v the views, g their slopes against delta, w their weights and m = sum w v / sum w:
-    information sum w g^2 - (sum w g)^2/sum w, score sum w g (m - v), misfit sum w (v - m)^2.
+    With v the views, d how they move with delta, w their weights, m the views' weighted mean and G
+    that of their gradients: g = G d, information sum w g^2 - (sum w g)^2/sum w, score
+    sum w g (m - v), misfit sum w (v - m)^2. The mean gradient, not each view's own: views are
+    blurred differently, and own gradients draw towards disparities where they are blurred alike.
     """
     columns = out.shape[2]
     rows, cols = value.shape
@@ -170,7 +178,7 @@ def sum_scores(lenses, optics, tables, value, weight, delta, first, last, out): 
     reach = 0.0
     for index in range(len(lenses)):
         reach = max(reach, lenses[index].reach)
-    s = np.zeros((14, columns))
+    s = np.zeros((SLOTS, columns))
     for line in range(first, last):
         s[:] = 0.0
         least = np.inf
@@ -204,38 +212,45 @@ def sum_scores(lenses, optics, tables, value, weight, delta, first, last, out): 
                 if w <= 0:
                     continue
                 v, vx, vy = _cubic(value, r, c, px - c, py - r)
-                g = vx * dx + vy * dy
-                s[0, across] += w
-                s[1, across] += w * v
-                s[2, across] += w * v * v
-                s[3, across] += w * g
-                s[4, across] += w * g * v
-                s[5, across] += w * g * g
-                s[6, across] += 1
-                s[7, across] += dx
-                s[8, across] += dy
-                s[9, across] += dx * dx + dy * dy
-                s[10, across] += lens.variance * dx
-                s[11, across] += lens.variance * dy
-                s[12, across] += lens.variance * (dx * dx + dy * dy)
-                s[13, across] += lens.variance
+                s[WEIGHT, across] += w
+                s[V, across] += w * v
+                s[VV, across] += w * v * v
+                s[GX, across] += w * vx
+                s[GY, across] += w * vy
+                s[DX, across] += w * dx
+                s[DY, across] += w * dy
+                s[DXX, across] += w * dx * dx
+                s[DXY, across] += w * dx * dy
+                s[DYY, across] += w * dy * dy
+                s[VDX, across] += w * v * dx
+                s[VDY, across] += w * v * dy
+                s[NUMBER, across] += 1
+                uncertain = lens.variance * w * w
+                s[U, across] += uncertain
+                s[UX, across] += uncertain * dx
+                s[UY, across] += uncertain * dy
+                s[UU, across] += uncertain * (dx * dx + dy * dy)
         for across in range(columns):
-            if s[6, across] < 2:
-                continue
-            total = s[0, across]
-            mean = s[1, across] / total
-            out[0, line, across] = s[5, across] - s[3, across] ** 2 / total
-            out[1, line, across] = mean * s[3, across] - s[4, across]
-            out[2, line, across] = max(s[2, across] - mean * s[1, across], 0.0)
-            out[3, line, across] = s[6, across]
-            out[4, line, across] = mean
-            bx, by = s[7, across] / s[6, across], s[8, across] / s[6, across]
-            spread = s[9, across] - s[6, across] * (bx * bx + by * by)
-            uncertain = (
-                s[12, across]
-                - 2 * (bx * s[10, across] + by * s[11, across])
-                + (bx * bx + by * by) * s[13, across]
-            )
-            out[5, line, across] = NOISE_SLOPE * spread
-            out[6, line, across] = uncertain / max(spread, 1e-300) ** 2
+            if s[NUMBER, across] > 0:
+                _conclude(s[:, across], out[:, line, across])
 
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _conclude(s, out):  # noqa: ANN001, ANN202
+    """From the sums over a place's views to what they say, see ``sum_scores``."""
+    total = s[WEIGHT]
+    mean = s[V] / total
+    out[VIEWS] = s[NUMBER]
+    out[VALUE] = mean
+    if s[NUMBER] < 2:
+        return
+    gx, gy = s[GX] / total, s[GY] / total
+    mx, my = s[DX] / total, s[DY] / total
+    xx, xy, yy = s[DXX] - mx * s[DX], s[DXY] - mx * s[DY], s[DYY] - my * s[DY]
+    spread = xx + yy
+    out[INFORMATION] = gx * gx * xx + 2 * gx * gy * xy + gy * gy * yy
+    out[SCORE] = gx * (mean * s[DX] - s[VDX]) + gy * (mean * s[DY] - s[VDY])
+    out[MISFIT] = max(s[VV] - mean * s[V], 0.0)
+    out[PRETENDED] = NOISE_SLOPE / total * spread
+    uncertain = s[UU] - 2 * (mx * s[UX] + my * s[UY]) + (mx * mx + my * my) * s[U]
+    out[BY_PLACES] = uncertain / max(spread, 1e-300) ** 2

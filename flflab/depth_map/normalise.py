@@ -8,13 +8,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation, gaussian_filter
 
+from flflab.depth_map.geometry import SMOOTHING_PX
 from flflab.measurement.sensor.noise import SensorNoise
 
 Array = npt.NDArray[np.float64]
 Pixels = npt.NDArray[np.float32]
 
-SMOOTHING_PX = 0.7
 LEFT_OF_NOISE = 0.17  # share of a pixel's variance that the smoothing leaves
+EVENED_PX = 1.5
+TINY = 1e-12  # variance of a picture without noise
 LEAST_LIGHT = 0.1  # of the white picture's bright level
 
 
@@ -58,7 +60,14 @@ def normalise(
     share = gaussian_filter(good.astype(np.float32), SMOOTHING_PX)
     smooth = gaussian_filter(value.astype(np.float32), SMOOTHING_PX)
     used = ~binary_dilation(~good, np.ones((3, 3), dtype=np.bool_))
-    weight = np.where(used, 1 / (LEFT_OF_NOISE * gaussian_filter(variance, 2.0)), 0.0)
+    even = _mean_of(np.where(good, variance, 0.0), good)
+    weight = np.where(used, 1 / (LEFT_OF_NOISE * even), 0.0)
     return Normalised(
         np.ascontiguousarray(smooth / np.maximum(share, 1e-3)), weight.astype(np.float32)
     )
+
+
+def _mean_of(values: Array, good: npt.NDArray[np.bool_]) -> Array:
+    """Mean of the good pixels round each: a pixel's own variance would weigh dark noise more."""
+    share = gaussian_filter(good.astype(np.float64), EVENED_PX)
+    return gaussian_filter(values, EVENED_PX) / np.maximum(share, 1e-3) + TINY

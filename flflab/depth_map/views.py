@@ -65,7 +65,7 @@ class Views:
         picture: the normalised picture.
         lenses: a table of the microlenses, sorted by y.
         optics: lengths of the whole camera and the grid.
-        tables: of every kind of microlens the shift of its cut aperture, shape (kinds, steps).
+        tables: ``shift`` and ``inside`` of every kind of microlens, shape (2, kinds, steps).
         kinds: the kinds of microlenses.
         grid: the places of the map.
     """
@@ -134,14 +134,15 @@ def views_of(
     own = np.array([kind.kappa for kind in kinds])[middle :: len(KAPPA_STEPS)]
     table["kappa"] = own[lenses.kind // len(KAPPA_STEPS)] * lenses.kappa_factor
     end = max(kind.table_end for kind in kinds)
-    tables = np.stack(
+    steps = len(kinds[0].shift)
+    even = np.linspace(0, end, steps)
+    tables = np.array(
         [
-            np.interp(
-                np.linspace(0, end, len(kind.shift)),
-                np.linspace(0, kind.table_end, len(kind.shift)),
-                kind.shift,
+            [np.interp(even, np.linspace(0, kind.table_end, steps), values) for kind, values in one]
+            for one in (
+                [(kind, kind.shift) for kind in kinds],
+                [(kind, kind.inside) for kind in kinds],
             )
-            for kind in kinds
         ]
     )
     optics = np.zeros(1, dtype=OPTICS)
@@ -149,5 +150,5 @@ def views_of(
     optics["gap"] = camera.optical_gap / pixel
     optics["first_x"], optics["first_y"] = grid.first
     optics["step"] = grid.step
-    optics["per_table"] = (tables.shape[1] - 1) / end
+    optics["per_table"] = (steps - 1) / end
     return Views(picture, table, optics, tables, kinds, grid)
