@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
-from drivers.commands import AxisCommands, at_the_other_end
+from drivers.commands import FOLLOWING, AxisCommands, at_the_other_end
+from drivers.lost import Trust
 from drivers.status import Status
 from flflab.bench import LENGTH, Coordinate
 from flflab.errors import (
@@ -24,10 +25,27 @@ from flflab.errors import (
     NotHomedError,
 )
 
-Guard = Callable[[str, float | None, float | None], None]
 POLL_S = 0.02
+REACTION_S = 0.25  # from a guard's look at the neighbours until the motion shows at the device
 CLOSE_S = 0.003  # between looks when it is about to arrive
 LEAST_PROGRESS = 1e-4  # mm or rad
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """What a motion towards a neighbour relies on, which another computer may drive.
+
+    Args:
+        check: raises InterlockError where a neighbour does not stand where it stood.
+        halt: the reading to rest at and look again before the motion goes on; None where it may go
+            on to its end.
+    """
+
+    check: Callable[[], None]
+    halt: float | None = None
+
+
+Guard = Callable[[str, float | None, float | None], Clearance | None]
 
 
 def unguarded(name: str, start: float | None, end: float | None) -> None:
@@ -36,13 +54,16 @@ def unguarded(name: str, start: float | None, end: float | None) -> None:
 
 @dataclass
 class Motion:
-    """A motion under way: from, to (None: not known, looking for the reference), and how it is to
-    end if it is stopped.
+    """A motion under way: from, to (None: not known, looking for the reference), how many stops
+    came before it, what it relies on, and how it is to end if it is stopped.
     """
 
     start: float | None
     end: float | None
     status: Status
+    stops: int = 0
+    clearance: Clearance | None = None
+    sent: bool = False
     stopped: bool = False
     stopped_as_planned: bool = False
 
@@ -59,12 +80,13 @@ class Axis:
         limits: soft limits, readings; the device's own travel is checked beside them.
         speed: mm/s or rad/s, told to readers; the vendor's file sets it.
         guard: called as ``guard(name, start, end)`` before motion, readings; raises InterlockError
-            to refuse. ``end`` is None when the axis looks for its reference, ``start`` is None when
-            its position is not known.
+            to refuse, and returns what has to hold on the way. ``end`` is None when the axis looks
+            for its reference, ``start`` is None when its position is not known.
         coordinate: whether it counts lengths or angles.
         patience: how long the axis may stay busy without coming nearer to its end, s.
         homes_up: whether its reference lies at the high end of its travel; None where that is not
             known.
+        trust: whether its counter can be trusted.
     """
 
     parent = None
@@ -80,19 +102,22 @@ class Axis:
         coordinate: Coordinate = LENGTH,
         patience: float = 3.0,
         homes_up: bool | None = None,
+        trust: Trust | None = None,
     ) -> None:
         self.name = name
         self.limits = limits
         self.speed = speed
         self.guard = guard
         self.coordinate = coordinate
+        self.interrupted: Callable[[], bool] = lambda: False
         self._commands = commands
+        self._trust = trust or Trust()
         self._patience = patience
         self._homes_up = homes_up
         self._starting = threading.Lock()
         self._motion: Motion | None = None
         self._watcher: threading.Thread | None = None
-        self._stops = 0
+        self._stops = self._motions = 0
         self._closed = False
 
     def __repr__(self) -> str:
@@ -177,19 +202,44 @@ class Axis:
             CommunicationError: it does not answer.
         """
         reading = self._commands.reading()
-        if reading is None:
-            raise NotHomedError(
-                f"{self.name}: asked where it is, but it has no reference; home it first"
-            )
+        if reading is None or self._trust.lost:
+            raise NotHomedError(f"{self.name}: asked where it is, but {self._no_reference}")
         return reading
+
+    def count(self) -> float:
+        """What the device counts, reference or not."""
+        return self._commands.position()
+
+    @property
+    def _no_reference(self) -> str:
+        return (
+            "a motion of it failed and its counter may have lost steps; home it first"
+            if self._trust.lost
+            else "it has no reference; home it first"
+        )
+
+    def _reading(self) -> float | None:
+        """Where it stands, None where nobody knows."""
+        return None if self._trust.lost else self._commands.reading()
 
     def is_homed(self) -> bool:
         """Whether the reading means anything."""
-        return self._commands.is_homed()
+        return not self._trust.lost and self._commands.is_homed()
 
     def is_moving(self) -> bool:
         """Whether a motion of ours is under way, or the device moves for another reason."""
         return self._present_motion() is not None or self._commands.is_busy()
+
+    @property
+    def motions(self) -> int:
+        """How many motions were begun here."""
+        return self._motions
+
+    def is_under_way(self) -> bool:
+        """Whether a motion that was begun here is under way, or failed and was not seen to rest;
+        nothing is asked.
+        """
+        return self._motion is not None
 
     def _present_motion(self) -> Motion | None:
         """The motion under way; one that failed counts until the device says it rests."""
@@ -212,10 +262,14 @@ class Axis:
                 if motion.start is None or motion.end is None
                 else (min(motion.start, motion.end), max(motion.start, motion.end))
             )
+        before = self._reading()
         if self._commands.is_busy():
             return None
-        reading = self._commands.reading()
-        return None if reading is None else (reading, reading)
+        reading = self._reading()  # the same again: it did not move in between
+        still = FOLLOWING[self.coordinate.unit]
+        if before is None or reading is None or abs(reading - before) > still:
+            return None
+        return reading, reading
 
     def identity(self) -> str:
         """Maker, model, serial number and firmware as far as the device tells."""
@@ -311,28 +365,29 @@ class Axis:
                 raise DeviceError(
                     f"{self.name}: asked to move while it moves; wait for it or stop it first"
                 )
-            start = self._commands.reading()
+            start = self._reading()
             if end is not None and start is None:
                 raise NotHomedError(
-                    f"{self.name}: asked to go to {self.coordinate.show(end)}, but it has no"
-                    " reference; home it first, nothing moved"
+                    f"{self.name}: asked to go to {self.coordinate.show(end)}, but"
+                    f" {self._no_reference}, nothing moved"
                 )
-            motion = Motion(start, end, Status(task))
+            motion = Motion(start, end, Status(task), stops)
             # Seen by the neighbours' guards before our own guard looks at them: of two that start
             # at once, one sees the other.
             self._motion = motion
+            looked = time.monotonic()
             try:
-                self.guard(self.name, motion.start, end)
-                if end is None:
-                    self._commands.start_home()
-                else:
-                    self._commands.start_move(end)
-                if self._stops != stops:
-                    motion.stopped = True
-                    self._commands.stop()
+                motion.clearance = self.guard(self.name, motion.start, end)
+                halt = motion.clearance.halt if motion.clearance else None
+                self._start(motion, end if halt is None else halt)
+                if motion.clearance and time.monotonic() - looked > REACTION_S:
+                    motion.clearance.check()
             except BaseException as fault:
-                if isinstance(fault, FlflabError) and not isinstance(fault, CommunicationError):
-                    self._motion = None  # refused
+                refused = isinstance(fault, FlflabError) and not isinstance(
+                    fault, CommunicationError
+                )
+                if refused and not motion.sent:
+                    self._motion = None
                 else:  # the command may have arrived: never repeated, and stopped
                     self._stop_quietly()
                     motion.status.complete()
@@ -346,18 +401,66 @@ class Axis:
     def _watch(self, motion: Motion) -> None:
         """See a motion to its end."""
         try:
-            self._until_idle(motion)
-            error = self._judge(motion)
+            error = self._see_through(motion)
         except Exception as fault:
             # Nobody knows what it does: stopped if it still listens, and held for moving until it
             # says it rests.
             self._stop_quietly()
+            if isinstance(fault, MotionError):
+                self._lose_place()
+            if isinstance(fault, FlflabError) and self.interrupted():
+                fault = MotionError(  # two programs on one line garble each other's replies
+                    f"{motion.status.task}: another program had this bench stopped; {fault}"
+                )
             motion.status.complete(fault)
-        else:
-            self._motion = None
-            motion.status.complete(error)
+            return
+        if error is None:
+            if motion.end is None and not motion.stopped:
+                self._trust.find()
+        elif not motion.stopped:  # whatever ended it, it may go on
+            self._stop_quietly()
+            self._lose_place()
+        self._motion = None
+        motion.status.complete(error)
 
-    def _until_idle(self, motion: Motion) -> None:
+    def _start(self, motion: Motion, end: float | None) -> None:
+        """Have the device start; stopped again where a stop came while it was sent."""
+        self._motions += 1
+        if end is None:
+            self._commands.start_home()
+        else:
+            self._commands.start_move(end)
+        motion.sent = True
+        if self._stops != motion.stops:
+            motion.stopped = True
+            self._commands.stop()
+
+    def _see_through(self, motion: Motion) -> MotionError | None:
+        """See a motion to its end, over the halt where its neighbours are looked at again; what to
+        say of it.
+        """
+        halt = motion.clearance.halt if motion.clearance else None
+        if motion.clearance and halt is not None:
+            begun = time.monotonic()
+            self._until_idle(motion, halt)
+            error = self._judge(motion, halt)
+            while not motion.stopped and time.monotonic() < begun + REACTION_S:
+                time.sleep(CLOSE_S)
+            if error or motion.stopped:
+                return error or self._judge(motion, halt)
+            motion.clearance.check()
+            self._start(motion, motion.end)
+        self._until_idle(motion, motion.end)
+        return self._judge(motion, motion.end)
+
+    def _lose_place(self) -> None:
+        """After a motion that failed a counter of steps says nothing any more; one that measures
+        does.
+        """
+        if not self._commands.measured:
+            self._trust.lose()
+
+    def _until_idle(self, motion: Motion, end: float | None) -> None:
         nearest, began = math.inf, time.monotonic()
         whole = self.travel[1] - self.travel[0]
         longest_search = self._patience * (
@@ -369,18 +472,20 @@ class Axis:
             if time.monotonic() < look:  # about to arrive: only whether it still moves
                 time.sleep(wait)
                 continue
+            if motion.clearance:
+                motion.clearance.check()
             look, position = time.monotonic() + 0.8 * POLL_S, self._commands.position()
-            if motion.end is None or motion.stopped:
+            if end is None or motion.stopped:
                 progress = last is None or abs(position - last) >= LEAST_PROGRESS
             else:
-                progress = abs(position - motion.end) <= nearest - LEAST_PROGRESS
+                progress = abs(position - end) <= nearest - LEAST_PROGRESS
             if progress:
                 moved, last, nearest = (
                     time.monotonic(),
                     position,
-                    abs(position - (motion.end or 0.0)),
+                    abs(position - (end or 0.0)),
                 )
-            if motion.end is None and time.monotonic() - began > longest_search:
+            if end is None and time.monotonic() - began > longest_search:
                 raise MotionError(
                     f"{motion.status.task}: still moving long after a whole travel; stopped, look"
                     " at its home sensor"
@@ -395,15 +500,16 @@ class Axis:
                     f"{motion.status.task}: no progress for {self._patience:g} s, {where}; stopped,"
                     " look what holds it"
                 )
-            left = POLL_S if motion.end is None else abs(position - motion.end) / self.speed / 2
+            left = POLL_S if end is None else abs(position - end) / self.speed / 2
             wait = min(max(left, CLOSE_S), POLL_S)
             time.sleep(wait)
 
-    def _judge(self, motion: Motion) -> MotionError | None:
+    def _judge(self, motion: Motion, end: float | None) -> MotionError | None:
         """What to say of a motion after it ended."""
         position = self._commands.position()
         homed = self._commands.is_homed()
         task = motion.status.task
+        motion.stopped = motion.stopped or self.interrupted()
         if motion.stopped:
             where = (
                 f"at {self.coordinate.show(position)}"
@@ -417,7 +523,7 @@ class Axis:
             )
         faults = "; ".join(self._commands.faults())
         if not homed:
-            lost = "did not find it" if motion.end is None else "lost its reference on the way"
+            lost = "did not find it" if end is None else "lost its reference on the way"
             return MotionError(
                 f"{task}: {lost} ({faults or 'was it switched off?'}); look what holds it, then"
                 " home it again"
@@ -427,7 +533,7 @@ class Axis:
                 f"{task}: ended at {self.coordinate.show(position)} ({faults}); look what holds it,"
                 " then home it again"
             )
-        told = motion.end is None and self.coordinate is LENGTH
+        told = end is None and self.coordinate is LENGTH
         if (
             told
             and self._homes_up is not None
@@ -439,7 +545,7 @@ class Axis:
                 f" travel, where `home_towards` and `sign` of the bench file have the {due} one;"
                 " correct them before anything else moves, the rule of the gap relies on them"
             )
-        if motion.end is not None and abs(position - motion.end) > 1.01 * self._commands.resolution:
+        if end is not None and abs(position - end) > 1.01 * self._commands.resolution:
             return MotionError(
                 f"{task}: ended at {self.coordinate.show(position)} instead; look what holds it,"
                 " then home it again"

@@ -2,26 +2,31 @@
 stop for all.
 """
 
+import os
 import threading
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
-from drivers.axis import Axis
+from drivers.axis import Axis, Clearance
 from drivers.camera import CameraDevice, Detector
+from drivers.commands import FOLLOWING
 from drivers.connection import Connection, can_outlive
 from drivers.described import device_of, one_instrument, require_drivable
-from drivers.interlocks import check_motion, gap_rule, least_gap, order_moves, retreats
+from drivers.interlocks import check_motion, gap_rules, half_way, order_moves, retreats
 from drivers.owner import Owner
 from drivers.sentinel import Sentinel
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
 from drivers.survey import Identity, look
 from flflab.bench import Bench, Moved, read_bench
-from flflab.errors import CommunicationError, DeviceError, InputError
+from flflab.errors import CommunicationError, DeviceError, InputError, InterlockError
 
 STOP_TIMEOUT_S = 5.0
+REST_S = 3.0  # for braking
+LOOK_S = 0.005
 
 
 class ConnectedBench:
@@ -39,6 +44,7 @@ class ConnectedBench:
         iris: Setting[float],
         target: Setting[str],
         addresses: Mapping[str, str],
+        owner: Owner | None,
         sentinels: ExitStack,
         resources: ExitStack,
     ) -> None:
@@ -48,20 +54,24 @@ class ConnectedBench:
         self.detector = Detector(camera)
         self.iris = iris
         self.target = target
-        self.gap_rule = gap_rule(described, {name: axis.travel for name, axis in self.axes.items()})
+        self.gaps = gap_rules(described, {name: axis.travel for name, axis in self.axes.items()})
         self._addresses = addresses
+        self._process = os.getpid()
+        self._owner = owner
         self._sentinels = sentinels
         self._resources = resources
         self._told_to_stop = False
         self._watching = threading.Lock()
         self._sentinel: Sentinel | None = None
+        self._moved: set[str] = set()
         self._outliving = {
-            name: addresses[name]
+            name: axis.model_copy(update={"address": addresses[name]})
             for name, axis in described.description.axes.items()
             if can_outlive(axis)
         }
         for axis in self.axes.values():
             axis.guard = self._guard
+            axis.interrupted = self.told_to_stop
 
     def __getattr__(self, name: str) -> Axis:
         try:
@@ -80,9 +90,11 @@ class ConnectedBench:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        if os.getpid() != self._process:
+            return  # a forked child: what moves is its parent's
         try:
             if error is not None:
-                self.stop()
+                self._stop([axis for axis in self.axes.values() if axis.is_under_way()])
         except DeviceError as not_stopped:
             raise DeviceError(
                 f"{error or 'interrupted'}; and then not every axis took the stop: {not_stopped}"
@@ -96,22 +108,27 @@ class ConnectedBench:
         Raises:
             DeviceError: at least one axis did not take the command; each is named.
         """
+        self._stop(self.axes.values())
+
+    def _stop(self, axes: Collection[Axis]) -> None:
+        described = self.described.description.axes
         faults: dict[str, str] = {
-            name: f"{name}: no answer to the stop within {STOP_TIMEOUT_S:g} s; cut its power"
-            for name in self.axes
+            axis.name: f"{axis.name}: no answer to the stop within {STOP_TIMEOUT_S:g} s;"
+            f" {described[axis.name].cut_its_power}"
+            for axis in axes
         }
 
         def stop(axis: Axis) -> None:
             try:
                 axis.stop()
             except Exception as error:
-                faults[axis.name] = f"{error}; it may still move, cut its power"
+                faults[axis.name] = f"{error}; {described[axis.name].cut_its_power}"
             else:
                 del faults[axis.name]
 
         threads = [
             threading.Thread(target=stop, args=(axis,), name=f"stop {axis.name}", daemon=True)
-            for axis in self.axes.values()
+            for axis in axes
         ]
         for thread in threads:
             thread.start()
@@ -121,14 +138,31 @@ class ConnectedBench:
             raise DeviceError("\n".join(faults.values()))
 
     def stop_for_good(self) -> None:
-        """Stop every axis as ``stop`` does, for somebody else: no axis moves over this connection
-        any more, also where all stood just then.
+        """Stop every axis as ``stop`` does, for somebody else, and see that it rests: no axis moves
+        over this connection any more, also where all stood just then.
 
         Raises:
-            DeviceError: at least one axis did not take the command; each is named.
+            DeviceError: at least one axis did not take the command, or does not come to rest; each
+                is named.
         """
         self._told_to_stop = True
         self.stop()
+        deadline = time.monotonic() + REST_S
+        moving = list(self.axes.values())
+        while moving := [axis for axis in moving if axis.is_moving()]:
+            if time.monotonic() > deadline:
+                raise DeviceError(
+                    "\n".join(
+                        f"{axis.name}: still moves after the stop; cut its power" for axis in moving
+                    )
+                )
+            time.sleep(LOOK_S)
+
+    def told_to_stop(self) -> bool:
+        """Whether somebody else had this bench stopped since it was connected."""
+        if not self._told_to_stop and self._owner is not None:
+            self._told_to_stop = self._owner.told_to_stop()
+        return self._told_to_stop
 
     def close(self) -> None:
         """Let go of everything, in the reverse order of opening; may be called again."""
@@ -164,7 +198,7 @@ class ConnectedBench:
         for name, target in targets.items():
             self.axes[name].check_value(target)
         return order_moves(
-            self.gap_rule, {name: axis.reach() for name, axis in self.axes.items()}, targets
+            self.gaps, {name: axis.reach() for name, axis in self.axes.items()}, targets
         )
 
     def check_way(self, name: str, readings: Sequence[float]) -> None:
@@ -181,8 +215,7 @@ class ConnectedBench:
             axis.check_value(reading)
         start, others = axis.position(), self._reaches(besides=name)
         for reading in readings:
-            if self.gap_rule is not None and name in self.gap_rule.movers:
-                check_motion(self.gap_rule, name, start, reading, others)
+            check_motion(self.gaps, name, start, reading, others)
             start = reading
 
     def least_gap(self) -> float | None:
@@ -192,7 +225,8 @@ class ConnectedBench:
         Raises:
             CommunicationError: an axis does not answer.
         """
-        return None if self.gap_rule is None else least_gap(self.gap_rule, self._reaches())
+        gap = next((gap for gap in self.gaps if gap.names == ("array", "sensor")), None)
+        return None if gap is None else gap.smallest(self._reaches())
 
     def identities(self) -> list[Identity]:
         """What stands on the bench, one line a device; a device that fails says so in its line."""
@@ -202,35 +236,83 @@ class ConnectedBench:
             for name, instrument in instruments.items()
         ]
 
-    def _guard(self, name: str, start: float | None, end: float | None) -> None:
-        if self._told_to_stop:
+    def _guard(self, name: str, start: float | None, end: float | None) -> Clearance | None:
+        if os.getpid() != self._process:
+            raise DeviceError(
+                f"{name}: asked to move, nothing moved: the process that connected the bench moves"
+                " it, not one that it forked"
+            )
+        if self.told_to_stop():
             raise DeviceError(
                 f"{name}: asked to move, nothing moved: another program had this bench stopped;"
                 " connect again when it may move"
             )
-        self._have_sentinel()
-        rule = self.gap_rule
-        if rule is not None and name in rule.movers and not retreats(rule, name, start, end):
+        self._have_sentinel(name)
+        if retreats(self.gaps, name, start, end):
+            return None
+        begun = {other: axis.motions for other, axis in self.axes.items()}
+        try:
+            others = self._reaches(besides=name)
+        except CommunicationError as error:
+            raise DeviceError(
+                f"{name}: asked to move, nothing moved, its neighbour does not answer: {error}"
+            ) from error
+        check_motion(self.gaps, name, start, end, others)
+        stood = {
+            other: reach[0]
+            for other, reach in others.items()
+            if reach and reach[0] == reach[1] and other in self._outliving
+        }
+        if not stood:
+            return None
+        halt = None if start is None else half_way(self.gaps, name, start, end, others)
+        return Clearance(lambda: self._require_standing(name, stood, begun), halt)
+
+    def _require_standing(
+        self, name: str, stood: Mapping[str, float], begun: Mapping[str, int]
+    ) -> None:
+        """Refuse to go on where a neighbour is not where it stood and was not moved from here: no
+        lock reaches another computer.
+
+        Raises:
+            InterlockError: it moved.
+            DeviceError: it does not answer.
+        """
+        for other, reading in stood.items():
+            axis = self.axes[other]
+            if axis.motions != begun[other]:
+                continue  # its own guard counted this motion
             try:
-                others = self._reaches(besides=name)
+                now = axis.count()
             except CommunicationError as error:
                 raise DeviceError(
-                    f"{name}: asked to move, nothing moved, its neighbour does not answer: {error}"
+                    f"{name}: stopped, its neighbour does not answer: {error}"
                 ) from error
-            check_motion(rule, name, start, end, others)
+            moved = abs(now - reading) > FOLLOWING[axis.coordinate.unit]
+            if moved and axis.motions == begun[other]:
+                raise InterlockError(
+                    f"{name}: stopped on the way, for its neighbour {other} moved meanwhile, from"
+                    f" {axis.coordinate.show(reading)} to {axis.coordinate.show(now)}, and not from"
+                    " here; end whatever else drives it, perhaps on another computer"
+                )
 
-    def _have_sentinel(self) -> None:
+    def _have_sentinel(self, name: str) -> None:
         """Before a motion a sentinel begins to watch over the axes that could outlive this process,
-        unless one does.
+        unless one does, and hears which one is to move.
         """
         with self._watching:
-            if self._outliving and (self._sentinel is None or not self._sentinel.watches()):
-                self._sentinel = Sentinel(self.described, self._outliving)
+            if name not in self._outliving:
+                return
+            if self._sentinel is None or not self._sentinel.watches():
+                self._sentinel = Sentinel(self.described.file, self._outliving)
                 self._sentinels.callback(self._sentinel.close)
+            self._moved.add(name)
+            for moved in self._moved:
+                self._sentinel.starts(moved)
 
     def _reaches(self, besides: str = "") -> dict[str, tuple[float, float] | None]:
-        """Between which readings the axes of the gap rule are until they rest."""
-        movers = self.gap_rule.movers if self.gap_rule else {}
+        """Between which readings the axes that the gaps depend on are until they rest."""
+        movers = {name for gap in self.gaps for name in gap.movers}
         return {name: self.axes[name].reach() for name in movers if name != besides}
 
 
@@ -279,6 +361,7 @@ def connect_described(described: Bench) -> ConnectedBench:
             iris,
             target,
             connection.addresses,
+            owner,
             sentinels,
             resources.pop_all(),
         )

@@ -2,21 +2,27 @@
 facts of its noise.
 """
 
+import logging
 import math
+import sys
 import threading
 import time
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.camera_commands import CameraCommands, Taken
 from drivers.status import Status
 from flflab.errors import CommunicationError, DeviceError, LimitError
 
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+LOG = logging.getLogger(__name__)
 LOOK_S = 0.005
+NOISY_DN = 0.5  # from here on no two frames are alike
 
 
 def nothing() -> None:
@@ -34,7 +40,7 @@ class Frame:
     ``BayerRG12``.
     """
 
-    picture: npt.NDArray[np.uint16]
+    picture: "npt.NDArray[np.uint16]"
     exposure_s: float
     gain: float
     timestamp: float
@@ -127,6 +133,8 @@ class Camera:
         self._number = self._dropped = 0
         self._armed = self._exposing = False
         self._shape: tuple[int, ...] | None = None
+        self._before: tuple[float, int] | None = None  # stamp and sum of the last frame
+        self._said = set[str]()
 
     @property
     def exposure_limits(self) -> tuple[float, float]:
@@ -252,6 +260,7 @@ class Camera:
             try:
                 taken = self._guarded(self._commands.fetch)
                 self._check(taken)
+                self._remark(taken)
             except BaseException:
                 self._dropped += 1
                 raise
@@ -317,6 +326,35 @@ class Camera:
                 " due; see who else sets the camera up, then take it again"
             )
         self._shape = shape
+
+    def _remark(self, taken: Taken) -> None:
+        """Say, once each, what no camera in order does: pixels that are those of the frame before,
+        noise and all, and a clock that goes back.
+        """
+        import numpy as np  # who only moves a stage does not wait for it
+
+        pixels = np.ascontiguousarray(taken.picture)
+        now = taken.timestamp, zlib.crc32(pixels.data)
+        before, self._before = self._before, now
+        if before is None:
+            return
+        noisy = self.read_noise_dn >= NOISY_DN and pixels.min() < pixels.max()
+        for holds, words in (
+            (
+                noisy and before[1] == now[1],
+                "the frame has the pixels of the one before, noise and all, under a new number; see"
+                " whether the camera sends an old picture",
+            ),
+            (
+                now[0] < before[0],
+                f"its clock went back by {before[0] - now[0]:.3g} s between two frames; see what"
+                " sets it",
+            ),
+        ):
+            if holds and words.partition(" ")[0] not in self._said:
+                self._said.add(words.partition(" ")[0])
+                LOG.info("%s: frame %d: %s", self.name, self._number, words)
+                sys.stderr.write(f"flflab: {self.name}: frame {self._number}: {words}\n")
 
 
 class Detector:

@@ -3,13 +3,15 @@ and the keys most drivers share.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated, Protocol
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from flflab.description import Description
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Setup:
 class Taken:
     """A picture as a driver delivers it; see ``Frame``."""
 
-    picture: npt.NDArray[np.uint16]
+    picture: "npt.NDArray[np.uint16]"
     exposure_s: float
     gain: float
     timestamp: float

@@ -3,6 +3,7 @@
 import math
 from typing import Protocol, TypeVar
 
+FOLLOWING = {"mm": 0.01, "rad": 2e-4}  # how far an axis may be from where it counts
 Value = TypeVar("Value", float, str)
 
 
@@ -24,6 +25,11 @@ class AxisCommands(Protocol):
     Every method may raise CommunicationError; the two that start motion may raise DeviceError where
     the device refuses.
     """
+
+    @property
+    def measured(self) -> bool:
+        """Whether its reading is measured by an encoder, not counted from the steps it was sent."""
+        ...
 
     @property
     def travel(self) -> tuple[float, float]:

@@ -8,7 +8,10 @@ from typing import Any, TypeVar
 
 from drivers.axis import Axis
 from drivers.camera import Camera
-from drivers.described import device_of, driver_of, path_of
+from drivers.described import device_of, driver_of, path_of, spelt
+from drivers.lost import Trust
+from drivers.registry import AxisDriver
+from drivers.serials import require_serial
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
 from flflab.bench import AxisDescription, Bench
@@ -56,6 +59,7 @@ class Connection:
             self.addresses[name] = device.address
             opened = self._open(driver, name, device, keys, simulated=simulated)
             self._resources.callback(opened.close)
+            require_serial(name, device, opened)
             return opened
         except FlflabError as fault:
             # what is wrong with the whole simulated bench is told once, and not of each device
@@ -85,6 +89,7 @@ class Connection:
             return Axis(
                 name, commands, device.limits, device.speed,
                 coordinate=device.coordinate, patience=driver.patience, homes_up=device.homes_up,
+                trust=Trust(self._stage(name, driver, keys)),
             )  # fmt: skip
         opened = driver.open(device.address, keys, share)
         if name == "camera":
@@ -94,6 +99,16 @@ class Connection:
                 else Camera(name, opened)
             )
         return Setting[Any](name, opened, timeout=driver.timeout)
+
+    def _stage(self, name: str, driver: AxisDriver, keys: Any) -> str:
+        """What tells the stage of an axis from every other; empty where no other program reaches
+        it.
+        """
+        device = device_of(self._described, name)
+        if not isinstance(device, AxisDescription) or not can_outlive(device):
+            return ""
+        numbers = (getattr(keys, key) for key in driver.apart or ())
+        return "|".join(map(str, (driver.module, spelt(device.driver, device.address), *numbers)))
 
     def _share(self, address: str, opener: Callable[[], Opened], /) -> Opened:
         if address not in self._shared:

@@ -5,7 +5,7 @@ address of each device, no stage twice.
 from collections.abc import Mapping
 from typing import Any
 
-from drivers.interlocks import Mover, gap_rule, least_gap
+from drivers.interlocks import Mover, Standing, gap_rules
 from drivers.registry import AXES, CAMERAS, IRISES, TARGETS
 from flflab.bench import AxisDescription, Bench, DeviceDescription
 from flflab.errors import InputError
@@ -91,27 +91,29 @@ def require_drivable(bench: Bench) -> None:
 
 
 def _require_homing_free(bench: Bench) -> None:
-    """Refuse array or sensor that look for their reference towards each other and cannot, though
-    the other one is homed and out of the way.
+    """Refuse what looks for its reference towards a neighbour and cannot, though that one is homed
+    and out of the way.
 
     Raises:
         InputError: with file, line and field.
     """
-    rule = gap_rule(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
-    if rule is None:
-        return
-    for part, other, away in ((rule.array, rule.sensor, "-z"), (rule.sensor, rule.array, "+z")):
-        if not isinstance(part, Mover) or part.axis.home_towards == away:
-            continue
-        homed = {other.name: (other.homed, other.homed)} if isinstance(other, Mover) else {}
-        if not least_gap(rule, homed) >= rule.minimum_gap:
-            where = bench.where("axes", part.name, "home_towards")
-            raise InputError(
-                f"{where}: {part.name} would look for its reference towards"
-                f" {part.axis.home_towards} and could leave {least_gap(rule, homed):.3f} mm between"
-                f" array and sensor; at least {rule.minimum_gap:g} mm are kept: let it home towards"
-                f" {away}, or correct its limits"
-            )
+    for gap in gap_rules(
+        bench, {name: axis.limits for name, axis in bench.description.axes.items()}
+    ):
+        for part, other, away in ((gap.before, gap.behind, "-z"), (gap.behind, gap.before, "+z")):
+            if not isinstance(part, Mover) or part.axis.home_towards == away:
+                continue
+            if isinstance(other, Standing) and other.at is None:
+                continue  # nothing says where it stands: refused when it is to move
+            homed = {other.name: (other.homed, other.homed)} if isinstance(other, Mover) else {}
+            if not gap.smallest(homed) >= gap.least:
+                where = bench.where("axes", part.name, "home_towards")
+                raise InputError(
+                    f"{where}: {part.name} would look for its reference towards"
+                    f" {part.axis.home_towards} and could leave {gap.smallest(homed):.3f} mm"
+                    f" between {gap}; at least {gap.least:g} mm are kept: let it home towards"
+                    f" {away}, or correct its limits"
+                )
 
 
 def _place(bench: Bench, name: str, driver: Any) -> str | None:

@@ -1,25 +1,29 @@
-"""The rule across axes: array and sensor never nearer than the minimum gap. Pure functions over
-readings and world places.
+# longer than 450 lines because the rule of the gap is one subject read downwards
+"""The rules across axes: two neighbours along the light never nearer than their minimum gap. Pure
+functions over readings and world places.
 
 Each axis may be anywhere between its readings (one reading at rest, start to end under way, its
 whole travel when unknown), widened by three standard uncertainties of its place and by the
-following error. A tilted array reaches out of its plane as far as the circle about the main axis
-does that holds its corners, however it is rolled; its size and how it was set are doubted as the
-bench file says.
+following error. What no axis moves stands where the bench file states it, or anywhere. A tilted
+array reaches out of its plane as far as the circle about the main axis does that holds its corners,
+however it is rolled; its size and how it was set are doubted as the bench file says.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from flflab.bench import AxisDescription, Bench, OpticsUncertaintyDescription
+from drivers.commands import FOLLOWING
+from flflab.bench import AxisDescription, Bench, Moved, OpticsUncertaintyDescription
 from flflab.errors import InterlockError
-from flflab.optics.camera import MicrolensArray
+
+if TYPE_CHECKING:
+    from flflab.optics.camera import MicrolensArray
 
 Interval = tuple[float, float]
 Readings = Mapping[str, Interval | None]
 COVERAGE = 3.0
-FOLLOWING = {"mm": 0.01, "rad": 2e-4}
 
 
 @dataclass(frozen=True)
@@ -65,17 +69,42 @@ class Mover:
 
 
 @dataclass(frozen=True)
+class Standing:
+    """What no axis moves, or the array's tilt that no axis turns.
+
+    Args:
+        moved: what an axis would move.
+        at: world z, mm, or angle, rad; None where nothing states it.
+        uncertainty: standard uncertainty of it.
+        remedy: what to add to the bench file where nothing states it.
+    """
+
+    moved: Moved
+    at: float | None
+    uncertainty: float = 0.0
+    remedy: str = ""
+
+    def place(self, readings: Interval | None = None) -> Interval:
+        """Between which world places it stands; it has no readings."""
+        if self.at is None:
+            return -math.inf, math.inf
+        return self.at - COVERAGE * self.uncertainty, self.at + COVERAGE * self.uncertainty
+
+
+Part = Mover | Standing
+
+
+@dataclass(frozen=True)
 class Plate:
     """The array as a stiff plate that tilts about where the main axis meets it.
 
     Args:
         radius: of the circle about that point that holds its corners, mm.
-        tilt: along (x, y) what tilts it (yaw, pitch), or the steepest slope that the camera file
-            may mean where nothing does.
+        tilt: along (x, y) what tilts it (yaw, pitch).
     """
 
-    radius: float
-    tilt: tuple[Mover | float, Mover | float]
+    radius: float = 0.0
+    tilt: tuple[Part, ...] = ()
 
     def reach(self, readings: Readings) -> float:
         """How far it may reach out of the plane through its middle, mm: radius * sine of the
@@ -86,65 +115,105 @@ class Plate:
 
 
 @dataclass(frozen=True)
-class GapRule:
-    """The array rides before the sensor, at least ``minimum_gap`` away; a float stands for one that
-    no axis moves, at this world z.
+class Gap:
+    """Two neighbours along the light, at least ``least`` mm apart.
+
+    Args:
+        names: of the two, the one nearer to the target first.
+        least: the minimum gap, mm.
+        before: what places the first.
+        behind: what places the second.
+        metal: how far what they are made of stands out of their planes into the gap, mm.
+        plate: the array where it is one of the two, which may tilt.
     """
 
-    minimum_gap: float
-    array: Mover | float
-    sensor: Mover | float
-    plate: Plate = Plate(0.0, (0.0, 0.0))
+    names: tuple[str, str]
+    least: float
+    before: Part
+    behind: Part
+    metal: float = 0.0
+    plate: Plate = Plate()
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All that decides the gap."""
+        return (self.before, self.behind, *self.plate.tilt)
 
     @property
     def movers(self) -> dict[str, Mover]:
         """The axes it concerns by name."""
-        return {
-            part.name: part
-            for part in (self.array, self.sensor, *self.plate.tilt)
-            if isinstance(part, Mover)
-        }
+        return {part.name: part for part in self.parts if isinstance(part, Mover)}
+
+    def smallest(self, readings: Readings) -> float:
+        """The smallest gap possible when axes are between these readings (None or missing:
+        anywhere), mm.
+        """
+        before, behind = (part.place(_of(part, readings)) for part in (self.before, self.behind))
+        return behind[0] - before[1] - self.metal - self.plate.reach(readings)
+
+    def __str__(self) -> str:
+        return " and ".join(self.names)
 
 
-def gap_rule(bench: Bench, travels: Mapping[str, Interval]) -> GapRule | None:
-    """The rule of a bench; what nothing moves stands where the camera file has it, the main lens at
-    world z = 0.
+def gap_rules(bench: Bench, travels: Mapping[str, Interval]) -> tuple[Gap, ...]:
+    """The gaps that the axes of a bench could close.
 
     Args:
         bench: the bench file.
         travels: all that each axis can reach, readings.
-
-    Returns:
-        None where no axis moves or tilts either of the two.
     """
     description, array = bench.description, bench.optics.array
-    doubt = description.optics_uncertainty
+    doubt, stated = description.optics_uncertainty, description.fixed.stated()
 
-    def mover(element: str, otherwise: float, set_by: float = 0.0) -> Mover | float:
-        found = next(
-            ((name, axis) for name, axis in description.axes.items() if axis.moves == element), None
-        )
-        return Mover(*found, travels[found[0]], set_by) if found else otherwise
+    def part(moved: Moved, otherwise: Standing, set_by: float = 0.0) -> Part:
+        if found := description.axis_of(moved):
+            return Mover(*found, travels[found[0]], set_by)
+        if moved in stated:
+            return Standing(moved, stated[moved].at, stated[moved].uncertainty)
+        return otherwise
 
-    def tilt(turn: str, slope: float) -> Mover | float:
-        steepest = math.atan(abs(slope)) + COVERAGE * doubt.array_tilt
-        return mover(
-            turn, math.tan(steepest) if steepest < math.pi / 2 else math.inf, doubt.array_tilt
-        )
+    def element(moved: Moved, example: float) -> Part:
+        remedy = _remedy(bench, moved, f"{example:g} mm, uncertainty: 0.1 mm")
+        return part(moved, Standing(moved, None, remedy=remedy))
 
-    rule = GapRule(
-        description.minimum_gap,
-        mover("array.z", array.distance),
-        mover("sensor.z", bench.optics.sensor.distance),
-        Plate(
-            corner_radius(array, doubt),
-            (tilt("array.yaw", array.tilt[0]), tilt("array.pitch", array.tilt[1])),
-        ),
+    def tilt(turn: Moved, slope: float) -> Part:
+        angle = math.atan(slope)
+        if description.turns_the_array():
+            # another axis turns it, so the camera file does not say how it stands
+            remedy = _remedy(bench, turn, f"{math.degrees(angle):g} deg, uncertainty: 0.03 deg")
+            return part(turn, Standing(turn, None, remedy=remedy), doubt.array_tilt)
+        return part(turn, Standing(turn, angle, doubt.array_tilt))
+
+    envelopes, least = description.envelopes, description.gaps
+    plate = Plate(
+        max(corner_radius(array, doubt), envelopes.array.radius),
+        (tilt("array.yaw", array.tilt[0]), tilt("array.pitch", array.tilt[1])),
     )
-    return rule if rule.movers else None
+    target = element("target.z", -500.0)
+    lens = element("main_lens.z", 0.0)
+    lenses = element("array.z", array.distance)
+    pixels = element("sensor.z", bench.optics.sensor.distance)
+    gaps = [
+        Gap(
+            ("array", "sensor"), least.array_sensor, lenses, pixels,
+            envelopes.array.rear + envelopes.sensor.front, plate,
+        ),
+        Gap(
+            ("main lens", "array"), least.lens_array or least.array_sensor, lens, lenses,
+            envelopes.main_lens.rear + envelopes.array.front, plate,
+        ),
+    ]  # fmt: skip
+    if least.target_lens is not None:
+        metal = envelopes.target.rear + envelopes.main_lens.front
+        gaps.append(Gap(("target", "main lens"), least.target_lens, target, lens, metal))
+    return tuple(gap for gap in gaps if gap.movers)
 
 
-def corner_radius(array: MicrolensArray, doubt: OpticsUncertaintyDescription) -> float:
+def _remedy(bench: Bench, moved: Moved, place: str) -> str:
+    return f"state where it stands in {bench.file}, `fixed: {{{moved}: {{at: {place}}}}}`"
+
+
+def corner_radius(array: "MicrolensArray", doubt: OpticsUncertaintyDescription) -> float:
     """Radius of the circle about the main axis that holds the array's corners, mm, were it as large
     as is doubted.
     """
@@ -156,22 +225,74 @@ def corner_radius(array: MicrolensArray, doubt: OpticsUncertaintyDescription) ->
     return math.hypot(*sides) / 2 + math.hypot(*array.offset)
 
 
-def least_gap(rule: GapRule, readings: Readings) -> float:
-    """The smallest gap possible between array and sensor when axes are between these readings (None
-    or missing: anywhere), mm.
+def retreats(gaps: Sequence[Gap], name: str, start: float | None, end: float | None) -> bool:
+    """Whether a motion can only widen every gap, whatever the true zeros are; ``end`` None: it
+    looks for its reference.
     """
-    return (
-        _place(rule.sensor, readings)[0]
-        - _place(rule.array, readings)[1]
-        - rule.plate.reach(readings)
+    readings = None if start is None else (start, start)
+    return all(
+        _retreats(gap, gap.movers[name], readings, end) for gap in gaps if name in gap.movers
     )
 
 
-def retreats(rule: GapRule, name: str, start: float | None, end: float | None) -> bool:
-    """Whether a motion can only widen the gap, whatever the true zeros are; ``end`` None: it looks
-    for its reference.
+def homing_order(gaps: Sequence[Gap]) -> tuple[tuple[str, ...], ...]:
+    """Which axes that shift something look for their reference together, group after group: first
+    those that only lead away from their neighbours, then one by one what these leave free.
+
+    Whatever has no reference yet may be anywhere, farther out than its limits too.
     """
-    return _retreats(rule, rule.movers[name], None if start is None else (start, start), end)
+    movers = {name: mover for gap in gaps for name, mover in gap.movers.items() if not mover.tilts}
+    first = tuple(name for name in movers if retreats(gaps, name, None, None))
+    known: dict[str, Interval] = dict.fromkeys(movers, (-math.inf, math.inf))
+    known |= {name: (movers[name].homed, movers[name].homed) for name in first}
+    waiting = [name for name in movers if name not in first]
+    order = [first] if first else []
+    while waiting:
+        # where none is free the first is tried, and refused with what is in its way
+        free = (name for name in waiting if _allows(gaps, name, None, None, known))
+        name = next(free, waiting[0])
+        waiting.remove(name)
+        known[name] = (movers[name].homed, movers[name].homed)
+        order.append((name,))
+    return tuple(order)
+
+
+def half_way(
+    gaps: Sequence[Gap], name: str, start: float, end: float | None, readings: Readings
+) -> float | None:
+    """The reading at which an axis has used up half of what it may take from a gap; None where it
+    stays before it, or its way is not known.
+
+    Whoever else drives the neighbour may take the other half meanwhile.
+    """
+    share = 1.0
+    for gap in gaps:
+        mover = gap.movers.get(name)
+        if mover is None or _retreats(gap, mover, (start, start), end):
+            continue
+        if end is None and mover.tilts:
+            return None
+        last = mover.homed if end is None else end
+        present = gap.smallest({**readings, name: (start, start)})
+        half = gap.least + (present - gap.least) / 2
+        share = min(share, free_share(gap, mover, start, last, readings, half) or 0.0)
+        end = last
+    return None if end is None or share == 1.0 else start + share * (end - start)
+
+
+def goes_any_time(gaps: Sequence[Gap], name: str, start: float, end: float) -> bool:
+    """Whether a motion keeps every gap wherever the other axes are or go meanwhile."""
+    return _allows(gaps, name, (start, start), end, {})
+
+
+def _allows(
+    gaps: Sequence[Gap], name: str, start: Interval | None, end: float | None, readings: Readings
+) -> bool:
+    try:
+        _check(gaps, name, start, end, readings)
+    except InterlockError:
+        return False
+    return True
 
 
 def swept(mover: Mover, start: Interval | None, end: float | None) -> Interval:
@@ -187,35 +308,35 @@ def swept(mover: Mover, start: Interval | None, end: float | None) -> Interval:
 
 
 def check_motion(
-    rule: GapRule, name: str, start: float | None, end: float | None, readings: Readings
+    gaps: Sequence[Gap], name: str, start: float | None, end: float | None, readings: Readings
 ) -> None:
-    """Refuse a motion that could bring array and sensor too near to each other.
+    """Refuse a motion that could bring two neighbours too near to each other.
 
     A motion that only leads away is never refused: it is what makes a gap that is too small, or not
     known, safe again.
 
     Args:
-        rule: the rule.
-        name: the axis that is to move; others than the rule's are never refused.
+        gaps: the rules.
+        name: the axis that is to move; others than the rules' are never refused.
         start: its reading, None where it has no reference.
         end: where it is to go, None where it looks for its reference.
         readings: between which readings the other axes may be until they rest; None or missing:
             anywhere in their travel.
 
     Raises:
-        InterlockError: the gap could become smaller than the minimum.
+        InterlockError: a gap could become smaller than the minimum.
     """
-    _check(rule, name, None if start is None else (start, start), end, readings)
+    _check(gaps, name, None if start is None else (start, start), end, readings)
 
 
 def order_moves(
-    rule: GapRule | None, readings: Readings, targets: Mapping[str, float]
+    gaps: Sequence[Gap], readings: Readings, targets: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """In which order axes can go to their targets, one after the other, so that the gap holds on
+    """In which order axes can go to their targets, one after the other, so that the gaps hold on
     the way.
 
     Args:
-        rule: the rule, None where there is none.
+        gaps: the rules.
         readings: where each axis may be now; None: not known.
         targets: where each is to go; kept in this order where it does not matter.
 
@@ -230,8 +351,7 @@ def order_moves(
         refusals: list[InterlockError] = []
         for name in waiting:
             try:
-                if rule is not None:
-                    _check(rule, name, now.get(name), targets[name], now)
+                _check(gaps, name, now.get(name), targets[name], now)
             except InterlockError as refusal:
                 refusals.append(refusal)
                 continue
@@ -245,52 +365,72 @@ def order_moves(
 
 
 def _check(
-    rule: GapRule, name: str, start: Interval | None, end: float | None, readings: Readings
+    gaps: Sequence[Gap], name: str, start: Interval | None, end: float | None, readings: Readings
 ) -> None:
-    mover = rule.movers.get(name)
-    if mover is None or _retreats(rule, mover, start, end):
-        return
-    gap = least_gap(rule, {**readings, name: swept(mover, start, end)})
-    if not gap >= rule.minimum_gap:
+    for gap in gaps:
+        mover = gap.movers.get(name)
+        if mover is None or _retreats(gap, mover, start, end):
+            continue
+        smallest = gap.smallest({**readings, name: swept(mover, start, end)})
+        if smallest >= gap.least:
+            continue
         task = (
             "look for its reference"
             if end is None
             else f"move to {mover.axis.coordinate.show(end)}"
         )
+        unstated = [part for part in gap.parts if isinstance(part, Standing) and part.at is None]
+        if unstated:
+            raise InterlockError(
+                f"{name}: asked to {task}, nothing moved: no axis moves {unstated[0].moved}, and"
+                f" nothing says where it stands; {unstated[0].remedy}, or give its axis"
+            )
         raise InterlockError(
-            f"{name}: asked to {task}, which could leave {gap:.3f} mm between array and sensor,"
-            f" uncertainties counted {COVERAGE:g} times ({_others(rule, name, readings)}); at least"
-            f" {rule.minimum_gap:g} mm are kept, nothing"
-            f" moved{_farthest(rule, mover, start, end, readings)}"
+            f"{name}: asked to {task}, which could leave {smallest:.3f} mm between {gap},"
+            f" uncertainties counted {COVERAGE:g} times ({_others(gap, name, readings)}); at least"
+            f" {gap.least:g} mm are kept, nothing"
+            f" moved{_farthest(gap, mover, start, end, readings)}"
         )
 
 
 def _farthest(
-    rule: GapRule, mover: Mover, start: Interval | None, end: float | None, readings: Readings
+    gap: Gap, mover: Mover, start: Interval | None, end: float | None, readings: Readings
 ) -> str:
     """The nearest reading that is allowed on the way, for people, rounded towards the start; empty
     where none is.
     """
     if start is None or end is None or start[0] != start[1]:
         return ""
-
-    def free(share: float) -> bool:
-        way = swept(mover, start, start[0] + share * (end - start[0]))
-        return least_gap(rule, {**readings, mover.name: way}) >= rule.minimum_gap
-
-    near, far = 0.0, 1.0
-    if not free(near):
+    share = free_share(gap, mover, start[0], end, readings, gap.least)
+    if share is None:
         return ""
-    for _ in range(50):
-        middle = (near + far) / 2
-        near, far = (middle, far) if free(middle) else (near, middle)
     coordinate = mover.axis.coordinate
-    shown = (start[0] + near * (end - start[0])) * coordinate.per_unit
+    shown = (start[0] + share * (end - start[0])) * coordinate.per_unit
     rounded = (math.floor if end > start[0] else math.ceil)(shown * 1000) / 1000
     return f"; it may go as far as {rounded:.3f} {coordinate.shown}"
 
 
-def _retreats(rule: GapRule, mover: Mover, start: Interval | None, end: float | None) -> bool:
+def free_share(
+    gap: Gap, mover: Mover, start: float, end: float, readings: Readings, least: float
+) -> float | None:
+    """Which share of a way keeps a gap of ``least`` mm; None where its start does not."""
+
+    def free(share: float) -> bool:
+        way = swept(mover, (start, start), start + share * (end - start))
+        return gap.smallest({**readings, mover.name: way}) >= least
+
+    near, far = 0.0, 1.0
+    if free(far):
+        return far
+    if not free(near):
+        return None
+    for _ in range(50):
+        middle = (near + far) / 2
+        near, far = (middle, far) if free(middle) else (near, middle)
+    return near
+
+
+def _retreats(gap: Gap, mover: Mover, start: Interval | None, end: float | None) -> bool:
     if mover.tilts:
         # Towards flat for every zero error that is possible: |end + error| <= |start + error|.
         if start is None or end is None or start[0] != start[1]:
@@ -299,7 +439,7 @@ def _retreats(rule: GapRule, mover: Mover, start: Interval | None, end: float | 
         return (here - there) * (here + there) >= 0 and abs(here + there) >= 2 * mover.spread(
             (start[0], end)
         )
-    away = -1 if mover == rule.array else 1
+    away = -1 if mover == gap.before else 1
     if end is None:
         return mover.axis.home_towards == ("-z" if away < 0 else "+z")
     return start is not None and all(
@@ -307,14 +447,13 @@ def _retreats(rule: GapRule, mover: Mover, start: Interval | None, end: float | 
     )
 
 
-def _others(rule: GapRule, name: str, readings: Readings) -> str:
+def _others(gap: Gap, name: str, readings: Readings) -> str:
     """Where the other parts are, for people."""
+    sides = zip(gap.names, (gap.before, gap.behind), strict=True)
     parts = [
-        f"the {side}, which nothing moves"
-        for side in ("array", "sensor")
-        if not isinstance(getattr(rule, side), Mover)
+        f"the {side}, which nothing moves" for side, part in sides if isinstance(part, Standing)
     ]
-    for other in rule.movers.values():
+    for other in gap.movers.values():
         if other.name != name:
             low, high = readings.get(other.name) or (math.nan, math.nan)
             show = other.axis.coordinate.show
@@ -326,13 +465,11 @@ def _others(rule: GapRule, name: str, readings: Readings) -> str:
     return "; ".join(parts)
 
 
-def _steepest(part: Mover | float, readings: Readings) -> float:
+def _of(part: Part, readings: Readings) -> Interval | None:
+    return readings.get(part.name) if isinstance(part, Mover) else None
+
+
+def _steepest(part: Part, readings: Readings) -> float:
     """The largest slope, infinite from a right angle on."""
-    if not isinstance(part, Mover):
-        return abs(part)
-    angle = max(abs(end) for end in part.place(readings.get(part.name)))
+    angle = max(abs(end) for end in part.place(_of(part, readings)))
     return math.tan(angle) if angle < math.pi / 2 else math.inf
-
-
-def _place(part: Mover | float, readings: Readings) -> Interval:
-    return part.place(readings.get(part.name)) if isinstance(part, Mover) else (part, part)

@@ -140,6 +140,8 @@ class ManualAxis:
 
     resolution = 1e-6
 
+    measured = True  # a person reads its scale
+
     def __init__(
         self,
         name: str,
@@ -285,8 +287,11 @@ def open_axis(name: str, axis: AxisDescription, keys: ManualAxisKeys, share: Sha
     return ManualAxis(name, axis.limits, share("terminal", Terminal), axis.coordinate, home)
 
 
-def stop_axis(name: str, axis: AxisDescription, keys: ManualAxisKeys, share: Share) -> None:
+def stop_axis(
+    name: str, axis: AxisDescription, keys: ManualAxisKeys, share: Share
+) -> Callable[[], bool]:
     """Nothing: who is not asked any more moves nothing."""
+    return lambda: False
 
 
 def open_iris(address: str, keys: ManualIrisKeys, share: Share) -> ManualSetting[float]:

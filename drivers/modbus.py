@@ -5,6 +5,7 @@ values in pairs of registers.
 import contextlib
 import logging
 import select
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -13,7 +14,9 @@ from typing import Any, TypeAlias
 from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
+from drivers.forked import close_in_children
 from drivers.line import Line
+from drivers.transport import serial_place
 from flflab.errors import CommunicationError, DeviceError
 
 EXCEPTIONS = {
@@ -23,6 +26,7 @@ EXCEPTIONS = {
     4: "it cannot do this now",
 }
 
+LOG = logging.getLogger(__name__)
 logging.getLogger("pymodbus").addHandler(
     logging.NullHandler()
 )  # what no handler takes Python prints, beside our own sentence
@@ -128,6 +132,7 @@ class ModbusLine:
             raise CommunicationError(
                 f"{self._address}: cannot be opened; check the address, and who else holds it"
             )
+        close_in_children(client)
         if self._failed:
             time.sleep(self._quiet)
             self._failed = False
@@ -182,13 +187,79 @@ def _first_line(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
-def make_client(address: str, baud: int, parity: str, timeout: float) -> Client:
+class BesideOthers(ModbusSerialClient):
+    """A client on a serial port that another program may have for itself: pymodbus's own would
+    insist on being alone.
+    """
+
+    def connect(self) -> bool:
+        """Open the port; whether it is."""
+        import serial
+
+        how = self.comm_params
+        try:
+            self.socket = serial.Serial(
+                how.host, how.baudrate, how.bytesize, how.parity, how.stopbits,
+                timeout=how.timeout_connect, write_timeout=how.timeout_connect,
+            )  # fmt: skip
+            self.socket.inter_byte_timeout = self.inter_byte_timeout
+        except (OSError, ValueError):
+            self.close()
+        return self.socket is not None
+
+
+def make_client(
+    address: str, baud: int, parity: str, timeout: float, *, alone: bool = True
+) -> Client:
     """A client for a serial port, or for a line behind a network (``socket://host:port``,
     ``host:port``), RTU frames on both.
+
+    Raises:
+        InputError: the address is none.
     """
+    serial_place(address)
+    passed = Echo(address).pass_over
     host, _, port = address.removeprefix("socket://").rpartition(":")
     if host and port.isdigit() and "/" not in host:
         return ModbusTcpClient(
-            host, port=int(port), framer=FramerType.RTU, timeout=timeout, retries=0
-        )
-    return ModbusSerialClient(address, baudrate=baud, parity=parity, timeout=timeout, retries=0)
+            host, port=int(port), framer=FramerType.RTU, timeout=timeout, retries=0,
+            trace_packet=passed,
+        )  # fmt: skip
+    kind = ModbusSerialClient if alone else BesideOthers
+    return kind(
+        address, baudrate=baud, parity=parity, timeout=timeout, retries=0, trace_packet=passed
+    )
+
+
+class Echo:
+    """Passes over what an adapter hands back: two-wire RS-485 adapters hear what they send.
+
+    No answer begins as its question does: that to a reading tells fewer bytes than were asked for,
+    that to a writing is shorter.
+
+    Args:
+        address: for the operator.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self._sent = b""
+        self._said = False
+
+    def pass_over(self, sending: bool, packet: bytes) -> bytes:
+        """What was sent as it is; what came, without what was sent last."""
+        if sending:
+            self._sent = packet
+            return packet
+        if packet and self._sent.startswith(packet):
+            return b""  # the rest of it is still to come
+        if self._sent and packet.startswith(self._sent):
+            if not self._said:
+                words = (
+                    f"{self._address}: its adapter hands back what is sent, which is passed over"
+                )
+                LOG.info(words)
+                sys.stderr.write(f"flflab: {words}\n")
+                self._said = True
+            return packet[len(self._sent) :]
+        return packet

@@ -8,6 +8,8 @@ cite it:
   operation: data number, type, position in steps, speed in Hz, starting and stopping rate in Hz/s,
   current in 0.1 %, trigger. Type 1 goes to an absolute position, type 8 to one within the wrap
   range.
+- Speeds go to 4,000,000 Hz and rates to 1,000,000,000 Hz/s; more is acknowledged and raises alarm
+  70 when it is to be carried out.
 - 0x007D takes inputs, 0x007F gives outputs, one bit each; which bit is what is a setting of the
   drive. By default inputs are 4 ZHOME, 5 STOP, 7 ALM-RST; outputs 5 READY, 7 ALM-A, 13 MOVE.
 - 0x0080 is the present alarm, 0x00C6 and 0x00CC are the commanded and the measured position, bit 1
@@ -42,7 +44,7 @@ OVERTRAVEL, UPPER_LIMIT, LOWER_LIMIT = 0x0386, 0x0388, 0x038A
 ABSOLUTE, WITHIN_WRAP, ALL_AT_ONCE = 1, 8, 1
 HAS_REFERENCE = 1 << 17  # ABSPEN, bit 1 of the upper word
 START_S = 0.5  # until a motion shows
-MOST = 2**31 - 1  # a value of two registers
+FASTEST, STEEPEST = 4_000_000, 10**9  # Hz and Hz/s; more is acknowledged, and ends in alarm 70
 ALARMS = {
     0x10: "position deviation: the load is too heavy or blocked; free it, then reset",
     0x20: "overcurrent: check the motor cable, then switch the drive off and on",
@@ -139,21 +141,23 @@ class OrientalAxis:
         DeviceError: it refuses.
     """
 
+    measured = True
+
     def __init__(self, name: str, line: ModbusLine, keys: OrientalKeys, speed: float) -> None:
         self._name = name
         self._line = line
         self._keys = keys
         self._step = math.pi / 180 / keys.steps_per_degree
         self._speed, self._rate = round(speed / self._step), round(speed / self._step / keys.ramp)
-        if not 1 <= self._speed <= MOST:
+        if not 1 <= self._speed <= FASTEST:
             raise DeviceError(
                 f"{name}: asked for {math.degrees(speed):g} deg/s, {self._speed} steps/s of a drive"
-                f" that takes 1 to {MOST}; correct `speed` or `steps_per_degree`"
+                f" that does 1 to {FASTEST}; correct `speed` or `steps_per_degree`"
             )
-        if not 1 <= self._rate <= MOST:
+        if not 1 <= self._rate <= STEEPEST:
             raise DeviceError(
                 f"{name}: asked to reach its speed in {keys.ramp:g} s, {self._rate} steps/s^2 of a"
-                f" drive that takes 1 to {MOST}; correct `ramp`"
+                f" drive that does 1 to {STEEPEST}; correct `ramp`"
             )
         self.resolution = keys.deadband * self._step
         limited = self._read(OVERTRAVEL) != -1
@@ -300,19 +304,23 @@ class OrientalAxis:
 
 def open_axis(name: str, axis: AxisDescription, keys: OrientalKeys, share: Share) -> OrientalAxis:
     """Open one drive; drives at one address share the line."""
-    return OrientalAxis(name, _line(axis, keys, share), keys, axis.speed)
+    return OrientalAxis(name, _line(axis, keys, share, alone=True), keys, axis.speed)
 
 
-def stop_axis(name: str, axis: AxisDescription, keys: OrientalKeys, share: Share) -> None:
-    """Stop one drive, asked for nothing before."""
-    _stop(_line(axis, keys, share), name, keys)
+def stop_axis(
+    name: str, axis: AxisDescription, keys: OrientalKeys, share: Share
+) -> Callable[[], bool]:
+    """Stop one drive, asked for nothing before; what is returned tells whether it still moves."""
+    line = _line(axis, keys, share, alone=False)
+    _stop(line, name, keys)
+    return lambda: bool(line.read(name, keys.device, OUTPUTS) >> keys.moving_output & 1)
 
 
-def _line(axis: AxisDescription, keys: OrientalKeys, share: Share) -> ModbusLine:
+def _line(axis: AxisDescription, keys: OrientalKeys, share: Share, *, alone: bool) -> ModbusLine:
     return share(
         axis.address,
         lambda: ModbusLine(
-            lambda: make_client(axis.address, keys.baud, keys.parity, keys.timeout),
+            lambda: make_client(axis.address, keys.baud, keys.parity, keys.timeout, alone=alone),
             axis.address,
             keys.timeout,
         ),

@@ -1,68 +1,47 @@
-"""One owner of a bench: who drives it holds a lock on a file and answers at a loopback port to
-those who want it stopped.
-
-The system frees the lock when the owner ends, however it ends.
+"""One owner of a bench: who drives it holds a lock on a file for each of its lines and answers at a
+loopback port to those who want it stopped.
 """
 
 import contextlib
-import hashlib
-import json
 import os
 import secrets
+import selectors
 import socket
-import sys
-import tempfile
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
-from drivers.described import spelt
-from flflab.description import read_yaml
+from drivers import locks
+from drivers.forked import close_in_children
+from drivers.locks import lock_files
 from flflab.errors import DeviceError, InputError
 
-HEARD_TIMEOUT_S = 2.0
+__all__ = ["Owner", "ask_owners_to_stop", "lock_files"]
+
+HEARD_TIMEOUT_S = 1.0
 STOP_TIMEOUT_S = 10.0
 HEARD, STOPPED = b"heard\n", b"stopped\n"
-LOCK = "flflab-bench-"
-LOCKED_BYTE = 1 << 20  # far behind what is written: a locked byte cannot be read on Windows
+MOST_SILENT = 32  # connections that say nothing; of more the oldest is let go
 
 
-def lock_files(bench_file: Path) -> dict[str, tuple[Path, ...]]:
-    """Where the owner of a bench writes its port, by axis: files of a user and a line, beside the
-    system's temporary files.
+class _Held:
+    """Open files of an owner, closed together."""
 
-    A line is known by its address, whatever file says so: a run's copy of the bench file is the
-    same bench, and one that names some of its axes reaches the same stages. Nothing else in the
-    file needs to be right, so that a bench can be stopped while its file is being edited. One file
-    is for the address spelt one way, one, where that differs, for what is written: what a link
-    leads to is not known while a cable is out.
-    """
-    axes = read_yaml(bench_file)[0].get("axes")
-    described = (
-        {
-            str(name): cast(dict[str, Any], axis)
-            for name, axis in axes.items()
-            if isinstance(axis, dict)
-        }
-        if isinstance(axes, dict)
-        else {}
-    )
-    reached = {
-        name: (str(axis.get("driver")), str(axis.get("address", "")))
-        for name, axis in described.items()
-    }
-    return {
-        name: tuple(dict.fromkeys(_lock_file(place) for place in (spelt(driver, address), address)))
-        for name, (driver, address) in reached.items()
-        if driver != "manual" and address not in ("", "simulated")
-    }
+    def __init__(self) -> None:
+        self.files: list[int] = []
+        self.listener: socket.socket | None = None
+        close_in_children(self)
 
-
-def _lock_file(place: str) -> Path:
-    whose = os.path.expanduser("~")  # pathlib fails where nobody knows it
-    name = hashlib.blake2b(f"{whose}|{place}".encode(), digest_size=12).hexdigest()
-    return Path(tempfile.gettempdir()) / f"{LOCK}{name}.lock"
+    def close(self) -> None:
+        """Close them, and free the locks with that."""
+        for file in self.files:
+            with contextlib.suppress(OSError):
+                os.close(file)
+        self.files = []
+        if self.listener is not None:
+            self.listener.close()
 
 
 class Owner:
@@ -80,27 +59,46 @@ class Owner:
         self._ended = False
         self._thread: threading.Thread | None = None
         self._name = bench_file.name
-        with contextlib.ExitStack() as held:
-            lines = sorted({file for files in lock_files(bench_file).values() for file in files})
-            files = [_held(file, bench_file, held) for file in lines]
-            try:
-                self._listener = held.enter_context(socket.create_server(("127.0.0.1", 0)))
-                says = {
-                    "process": os.getpid(),
-                    "port": self._listener.getsockname()[1],
-                    "token": self._token,
-                    "bench": _named(bench_file),
-                }
-                text = json.dumps(says)
-                for file in files:
-                    os.ftruncate(file, 0)
-                    os.write(file, text.encode())
-            except OSError as error:
-                raise DeviceError(
-                    f"{bench_file}: it cannot be noted who drives the bench ({error}); make room in"
-                    f" {tempfile.gettempdir()}"
-                ) from error
-            self._held = held.pop_all()
+        self._files = sorted({file for files in lock_files(bench_file).values() for file in files})
+        self._held = _Held()
+        with contextlib.ExitStack() as undo:
+            undo.callback(self._held.close)
+            for file in self._files:
+                self._held.files.append(_take(file, bench_file))
+                undo.callback(file.unlink, missing_ok=True)
+            # files of this process are locked first: of two users at once, one sees the other
+            for file in self._files:
+                if whose := locks.others_lock(file):
+                    raise DeviceError(_driven_already(bench_file, f"of user {whose}"))
+            self._listener = socket.create_server(("127.0.0.1", 0))
+            self._held.listener = self._listener
+            self._note(bench_file)
+            undo.pop_all()
+
+    def _note(self, bench_file: Path) -> None:
+        says = {
+            "process": os.getpid(),
+            "port": self._listener.getsockname()[1],
+            "bench": _named(bench_file),
+        }
+        try:
+            for file, held in zip(self._files, self._held.files, strict=True):
+                file.with_suffix(locks.STOP).unlink(missing_ok=True)  # meant for another owner
+                key = locks.open_own(file.with_suffix(locks.KEY), create=True, secret=True)
+                if key is None:
+                    raise OSError(f"{file.with_suffix(locks.KEY)} cannot be used")
+                try:
+                    os.chmod(file.with_suffix(locks.KEY), 0o600)
+                    locks.write(key, {"token": self._token})
+                finally:
+                    os.close(key)
+                os.chmod(file, 0o644)
+                locks.write(held, says)
+        except OSError as error:
+            raise DeviceError(
+                f"{bench_file}: it cannot be noted who drives the bench ({error}); make room in"
+                f" {locks.folder()}"
+            ) from error
 
     def stops_with(self, stop: Callable[[], None]) -> None:
         """From now on another process that asks has every axis stopped: ``stop`` is called from a
@@ -110,6 +108,15 @@ class Owner:
             target=self._listen, args=(stop,), name=f"owner of {self._name}", daemon=True
         )
         self._thread.start()
+
+    def told_to_stop(self) -> bool:
+        """Whether somebody had this bench stopped since it was connected, perhaps while this
+        process could hear nothing.
+        """
+        return any(
+            locks.read_own(file.with_suffix(locks.STOP)).get("token") == self._token
+            for file in self._files
+        )
 
     def close(self) -> None:
         """Own it no longer."""
@@ -121,20 +128,53 @@ class Owner:
             ):
                 pass  # wakes the thread that waits for somebody
             self._thread.join()
+        for file in self._files:
+            for kind in (locks.STOP, locks.KEY, locks.LOCK):
+                with contextlib.suppress(OSError):
+                    file.with_suffix(kind).unlink(missing_ok=True)
         self._held.close()
 
     def _listen(self, stop: Callable[[], None]) -> None:
-        while not self._ended:
-            with contextlib.suppress(OSError):
-                link, _ = self._listener.accept()
-                with link:
-                    link.settimeout(1.0)
-                    self._answer(link, stop)
+        """Hear all who connect at once: who says nothing keeps nobody waiting."""
+        silent: list[socket.socket] = []
+        answering: list[threading.Thread] = []
+        with selectors.DefaultSelector() as ready:
+            ready.register(self._listener, selectors.EVENT_READ)
+            while not self._ended:
+                for key, _ in ready.select():
+                    link = cast(socket.socket, key.fileobj)
+                    if link is self._listener:
+                        with contextlib.suppress(OSError):
+                            silent.append(link.accept()[0])
+                            ready.register(silent[-1], selectors.EVENT_READ)
+                        continue
+                    ready.unregister(link)
+                    silent.remove(link)
+                    if self._knows_token(link):
+                        thread = threading.Thread(target=_answer, args=(link, stop), daemon=True)
+                        thread.start()
+                        answering.append(thread)
+                while len(silent) > MOST_SILENT:
+                    ready.unregister(silent[0])
+                    silent.pop(0).close()
+        for link in silent:
+            link.close()
+        for thread in answering:
+            thread.join()
 
-    def _answer(self, link: socket.socket, stop: Callable[[], None]) -> None:
-        if not secrets.compare_digest(link.recv(200).strip(), self._token.encode()):
-            return
-        with contextlib.suppress(OSError):  # who asked may be gone: it stops all the same
+    def _knows_token(self, link: socket.socket) -> bool:
+        """Whether who connected may read this user's files; one who may not is let go."""
+        with contextlib.suppress(OSError):
+            if secrets.compare_digest(link.recv(200).strip(), self._token.encode()):
+                return True
+        link.close()
+        return False
+
+
+def _answer(link: socket.socket, stop: Callable[[], None]) -> None:
+    with link, contextlib.suppress(OSError):  # who asked may be gone: it stops all the same
+        link.settimeout(1.0)
+        with contextlib.suppress(OSError):
             link.sendall(HEARD)
         try:
             stop()
@@ -145,39 +185,75 @@ class Owner:
 
 def ask_owners_to_stop(bench_file: Path) -> dict[str, str | None]:
     """Have those who own lines of a bench, or began with its file whatever stands in it now, stop
-    every axis of theirs.
+    every axis of theirs; all are asked at once, and none of them moves an axis afterwards.
+
+    Only programs of this user are asked: files of others are not opened.
 
     Returns:
         Of each axis that is not simulated or moved by hand, and of each further owner by process:
-        None where nobody owns its line, nothing where its owner says that all stopped, else a
-        sentence that says what is wrong.
+        None where nobody owns its line, nothing where its owner says that all rest, else a sentence
+        that says what is wrong.
 
     Raises:
         InputError: the file cannot be read, and nobody who drives a bench began with it.
-        DeviceError: a lock file cannot be opened.
     """
-    answers: dict[str, str | None] = {}
-    asked: dict[str, str] = {}
-
-    def ask(owner: dict[str, Any]) -> str:
-        if str(owner) not in asked:  # one may own several lines
-            asked[str(owner)] = _ask_to_stop(owner, bench_file)
-        return asked[str(owner)]
-
-    for file in Path(tempfile.gettempdir()).glob(f"{LOCK}*"):
-        owner = _read(file)
-        if owner.get("bench") == _named(bench_file) and not _is_free(file):
-            answers[f"process {owner.get('process')}"] = ask(owner)
+    owners: dict[str, dict[str, Any]] = {}
+    for file in locks.own_files():
+        owner = _owner(file)
+        if owner.get("bench") == _named(bench_file):
+            _latch(file, owner)
+            owners[f"process {owner.get('process')}"] = owner
+    unreadable: InputError | None = None
+    names: dict[str, None] = {}
     try:
-        lines = lock_files(bench_file)
-    except InputError:
-        if not asked:
-            raise
-        return answers
-    for name, files in lines.items():
-        taken = next((file for file in files if not _is_free(file)), None)
-        answers[name] = None if taken is None else ask(_read(taken))
+        for name, files in lock_files(bench_file).items():
+            names[name] = None
+            for file in files:
+                if owner := _owner(file):
+                    _latch(file, owner)
+                    owners[name] = owner
+    except InputError as error:
+        unreadable = error
+    answers = _ask_all({str(owner): owner for owner in owners.values()}, bench_file)
+    if unreadable is not None and not owners:
+        raise unreadable
+    return {**names, **{name: answers[str(owner)] for name, owner in owners.items()}}
+
+
+def _ask_all(owners: dict[str, dict[str, Any]], bench_file: Path) -> dict[str, str]:
+    """Ask each owner once, all at the same time."""
+    answers: dict[str, str] = {}
+
+    def ask(known: str, owner: dict[str, Any]) -> None:
+        answers[known] = _ask_to_stop(owner, bench_file)
+
+    threads = [
+        threading.Thread(target=ask, args=item, name="ask an owner", daemon=True)
+        for item in owners.items()
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
     return answers
+
+
+def _owner(file: Path) -> dict[str, Any]:
+    """Who holds a lock file of this user's; nothing where nobody does."""
+    says = locks.read_own(file)
+    if not says or not locks.locked(file):
+        return {}
+    token = locks.read_own(file.with_suffix(locks.KEY)).get("token", "")
+    return {**says, "token": str(token)}
+
+
+def _latch(file: Path, owner: dict[str, Any]) -> None:
+    """Leave word for an owner that hears nothing now: it reads it before it moves the next time."""
+    opened = locks.open_own(file.with_suffix(locks.STOP), create=True, secret=True)
+    if opened is not None:
+        with contextlib.suppress(OSError):
+            locks.write(opened, {"token": owner["token"]})
+        os.close(opened)
 
 
 def _named(bench_file: Path) -> str:
@@ -185,15 +261,17 @@ def _named(bench_file: Path) -> str:
 
 
 def _ask_to_stop(owner: dict[str, Any], bench_file: Path) -> str:
-    """Nothing where an owner stopped, else what is wrong."""
+    """Nothing where an owner's axes rest, else what is wrong."""
     try:
         with socket.create_connection(("127.0.0.1", int(owner["port"])), 1.0) as link:
             link.settimeout(HEARD_TIMEOUT_S)
             link.sendall(str(owner["token"]).encode() + b"\n")
             answer = link.recv(4096)
+            ends = time.monotonic() + STOP_TIMEOUT_S
             link.settimeout(STOP_TIMEOUT_S)
-            answer += b"".join(iter(lambda: link.recv(4096), b""))
-    except (OSError, KeyError, ValueError) as error:
+            while (more := link.recv(4096)) and time.monotonic() < ends:
+                answer += more
+    except (OSError, KeyError, ValueError, TypeError, OverflowError) as error:
         who = owner.get("process", "unknown")
         return (
             f"{bench_file}: process {who} drives this bench and does not answer ({error}); end it,"
@@ -208,60 +286,22 @@ def _ask_to_stop(owner: dict[str, Any], bench_file: Path) -> str:
     )
 
 
-def _held(file: Path, bench_file: Path, held: contextlib.ExitStack) -> int:
-    """A lock file opened and locked until the end of what is held.
+def _driven_already(bench_file: Path, who: str) -> str:
+    return (
+        f"{bench_file}: another program drives this bench ({who}), perhaps somebody"
+        f" else's run; wait for its end: `flflab bench stop --bench {bench_file}` would stop"
+        " its axes and with them what it does"
+    )
+
+
+def _take(file: Path, bench_file: Path) -> int:
+    """A lock file, opened and locked.
 
     Raises:
         DeviceError: another process has it, or it cannot be opened.
     """
-    locked = _open_locked(file)
-    if locked is None:
-        who = _read(file).get("process", "unknown")
-        raise DeviceError(
-            f"{bench_file}: another program drives this bench (process {who}), perhaps somebody"
-            f" else's run; wait for its end: `flflab bench stop --bench {bench_file}` would stop"
-            " its axes and with them what it does"
-        )
-    held.callback(os.close, locked)
-    held.callback(os.ftruncate, locked, 0)
-    return locked
-
-
-def _is_free(file: Path) -> bool:
-    opened = _open_locked(file)
-    if opened is not None:
-        os.close(opened)
-    return opened is not None
-
-
-def _open_locked(file: Path) -> int | None:
-    """The file opened and locked for this process, None where another one has it."""
-    try:
-        opened = os.open(file, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
-    except OSError as error:
-        raise DeviceError(
-            f"{file}: cannot be opened ({error}); it says who drives the bench, make it writable"
-        ) from error
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            os.lseek(opened, LOCKED_BYTE, os.SEEK_SET)
-            msvcrt.locking(opened, msvcrt.LK_NBLCK, 1)
-            os.lseek(opened, 0, os.SEEK_SET)
-        else:
-            import fcntl
-
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(opened)
-        return None
-    return opened
-
-
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        found: Any = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return cast(dict[str, Any], found) if isinstance(found, dict) else {}
+    held = locks.hold(file)
+    if held is None:
+        who = locks.read_own(file).get("process", "unknown")
+        raise DeviceError(_driven_already(bench_file, f"process {who}"))
+    return held

@@ -1,12 +1,12 @@
-"""Which drivers there are: one line each."""
+"""Which drivers there are: one line each. A driver's own file, and what it needs, is loaded when
+the bench has such a device: a stage moves also where no picture can be read.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, Protocol, TypeVar
 
-from drivers import manual, oriental, scpi_settings, standa, thorlabs, zaber
-from drivers.camera_commands import CameraCommands
-from drivers.cameras import folder, genicam, gphoto2, opencv, pylon, scpi
 from drivers.commands import AxisCommands, SettingCommands
 from drivers.transport import serial_place, tcp_place
 from flflab.bench import ANGLE, LENGTH, AxisDescription, Coordinate
@@ -25,16 +25,34 @@ class Share(Protocol):
 
 
 @dataclass(frozen=True)
-class AxisDriver:
-    """A driver of axes.
+class Loaded:
+    """A name in a driver's file.
 
     Args:
-        keys: the model of its own keys in the bench file.
-        open: opens one axis, given its name, description, own keys and what opens or shares the
-            line at its address; raises CommunicationError where nobody answers, DeviceError where
-            the device refuses a setting.
-        stop: given the same, stops one axis that was not opened: nothing that it could refuse is
-            asked of it before.
+        name: with its module, as ``zaber.ZaberKeys``.
+    """
+
+    name: str
+
+    def get(self) -> Any:
+        """What has this name; its module is loaded."""
+        module, _, name = self.name.rpartition(".")
+        return getattr(import_module(f"drivers.{module}"), name)
+
+
+@dataclass(frozen=True)
+class AxisDriver:
+    """A driver of axes: a file with ``open_axis`` and ``stop_axis``.
+
+    The first opens one axis, given its name, description, own keys and what opens or shares the
+    line at its address; it raises CommunicationError where nobody answers, DeviceError where the
+    device refuses a setting. The second, given the same, stops one axis that was not opened, beside
+    whoever drives it, and returns what tells whether it still moves: nothing that it could refuse
+    is asked of it before.
+
+    Args:
+        module: in ``drivers``.
+        keys_named: the model of its own keys in the bench file.
         counts: lengths or angles; None: either.
         apart: which of its own keys tell the axes at one address from each other; None where an
             address says nothing.
@@ -42,75 +60,92 @@ class AxisDriver:
         patience: how long an axis may be busy without progress, s.
     """
 
-    keys: type[Description]
-    open: Callable[[str, AxisDescription, Any, Share], AxisCommands]
-    stop: Callable[[str, AxisDescription, Any, Share], None]
+    module: str
+    keys_named: str
     counts: Coordinate | None
     apart: tuple[str, ...] | None
     place: Callable[[str], str] = serial_place
     patience: float = 3.0
 
+    @property
+    def keys(self) -> type[Description]:
+        """The model of its own keys."""
+        return Loaded(f"{self.module}.{self.keys_named}").get()
+
+    @property
+    def open(self) -> Callable[[str, AxisDescription, Any, Share], AxisCommands]:
+        """``open_axis`` of its file."""
+        return Loaded(f"{self.module}.open_axis").get()
+
+    @property
+    def stop(self) -> Callable[[str, AxisDescription, Any, Share], Callable[[], bool]]:
+        """``stop_axis`` of its file."""
+        return Loaded(f"{self.module}.stop_axis").get()
+
 
 @dataclass(frozen=True)
-class SettingDriver:
-    """A driver of an iris or a target holder: its own keys, how it is opened and spells an address,
-    how long a change may take, s.
+class _Driver:
+    """A driver of one device besides the axes.
+
+    Args:
+        keys_named: the model of its own keys, with its module.
+        open_named: what opens one, given address, keys and what shares a line.
+        place: how it spells an address.
+        timeout: how long a change of an iris or target holder may take, s.
     """
 
-    keys: type[Description]
-    open: Callable[[str, Any, Share], SettingCommands[Any]]
+    keys_named: str
+    open_named: str
     place: Callable[[str], str] = str
     timeout: float = 60.0
 
+    @property
+    def keys(self) -> type[Description]:
+        """The model of its own keys."""
+        return Loaded(self.keys_named).get()
 
-@dataclass(frozen=True)
-class CameraDriver:
-    """A driver of cameras: the model of its own keys, how a camera is opened, how it spells an
-    address.
-    """
 
-    keys: type[Description]
-    open: Callable[[str, Any, Share], CameraCommands]
-    place: Callable[[str], str] = str
+class SettingDriver(_Driver):
+    """A driver of an iris or a target holder."""
+
+    @property
+    def open(self) -> Callable[[str, Any, Share], SettingCommands[Any]]:
+        """What opens one."""
+        return Loaded(self.open_named).get()
+
+
+class CameraDriver(_Driver):
+    """A driver of cameras."""
+
+    @property
+    def open(self) -> Callable[[str, Any, Share], Any]:
+        """What opens one."""
+        return Loaded(self.open_named).get()
 
 
 AXES: Mapping[str, AxisDriver] = {
-    "zaber": AxisDriver(
-        zaber.ZaberKeys, zaber.open_axis, zaber.stop_axis, LENGTH, ("device", "axis")
-    ),
-    "thorlabs": AxisDriver(
-        thorlabs.ThorlabsKeys, thorlabs.open_axis, thorlabs.stop_axis, ANGLE, ("channel",)
-    ),
-    "oriental": AxisDriver(
-        oriental.OrientalKeys, oriental.open_axis, oriental.stop_axis, ANGLE, ("device",)
-    ),
+    "zaber": AxisDriver("zaber", "ZaberKeys", LENGTH, ("device", "axis")),
+    "thorlabs": AxisDriver("thorlabs", "ThorlabsKeys", ANGLE, ("channel",)),
+    "oriental": AxisDriver("oriental", "OrientalKeys", ANGLE, ("device",)),
     "standa": AxisDriver(
-        standa.StandaKeys, standa.open_axis, standa.stop_axis, LENGTH, (), standa.place
+        "standa", "StandaKeys", LENGTH, (), lambda address: Loaded("standa.place").get()(address)
     ),
-    "manual": AxisDriver(
-        manual.ManualAxisKeys,
-        manual.open_axis,
-        manual.stop_axis,
-        None,
-        None,
-        str,
-        patience=FOR_EVER,
-    ),
+    "manual": AxisDriver("manual", "ManualAxisKeys", None, None, str, patience=FOR_EVER),
 }
 CAMERAS: Mapping[str, CameraDriver] = {
-    "scpi": CameraDriver(scpi.ScpiCameraKeys, scpi.open_camera, tcp_place),
-    "folder": CameraDriver(folder.FolderKeys, folder.open_camera),
-    "gphoto2": CameraDriver(gphoto2.GphotoKeys, gphoto2.open_camera),
-    "opencv": CameraDriver(opencv.OpencvKeys, opencv.open_camera),
-    "genicam": CameraDriver(genicam.GenicamKeys, genicam.open_camera),
-    "pylon": CameraDriver(pylon.PylonKeys, pylon.open_camera),
+    "scpi": CameraDriver("cameras.scpi.ScpiCameraKeys", "cameras.scpi.open_camera", tcp_place),
+    "folder": CameraDriver("cameras.folder.FolderKeys", "cameras.folder.open_camera"),
+    "gphoto2": CameraDriver("cameras.gphoto2.GphotoKeys", "cameras.gphoto2.open_camera"),
+    "opencv": CameraDriver("cameras.opencv.OpencvKeys", "cameras.opencv.open_camera"),
+    "genicam": CameraDriver("cameras.genicam.GenicamKeys", "cameras.genicam.open_camera"),
+    "pylon": CameraDriver("cameras.pylon.PylonKeys", "cameras.pylon.open_camera"),
 }
 IRISES: Mapping[str, SettingDriver] = {
-    "scpi": SettingDriver(scpi_settings.ScpiSettingKeys, scpi_settings.open_iris, tcp_place),
-    "gphoto2": SettingDriver(gphoto2.GphotoIrisKeys, gphoto2.open_iris),
-    "manual": SettingDriver(manual.ManualIrisKeys, manual.open_iris, timeout=FOR_EVER),
+    "scpi": SettingDriver("scpi_settings.ScpiSettingKeys", "scpi_settings.open_iris", tcp_place),
+    "gphoto2": SettingDriver("cameras.gphoto2.GphotoIrisKeys", "cameras.gphoto2.open_iris"),
+    "manual": SettingDriver("manual.ManualIrisKeys", "manual.open_iris", timeout=FOR_EVER),
 }
 TARGETS: Mapping[str, SettingDriver] = {
-    "scpi": SettingDriver(scpi_settings.ScpiSettingKeys, scpi_settings.open_target, tcp_place),
-    "manual": SettingDriver(manual.ManualTargetKeys, manual.open_target, timeout=FOR_EVER),
+    "scpi": SettingDriver("scpi_settings.ScpiSettingKeys", "scpi_settings.open_target", tcp_place),
+    "manual": SettingDriver("manual.ManualTargetKeys", "manual.open_target", timeout=FOR_EVER),
 }

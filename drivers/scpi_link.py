@@ -7,12 +7,14 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.transport import Wire, open_tcp, show
+from drivers.transport import Wire, open_tcp, real_number, show
 from flflab.errors import CommunicationError, DeviceError
+from flflab.printable import shortened
 
 Device = TypeVar("Device")
+MOST_CHARACTERS = 200  # of an error
 AGAIN = "check the line, then ask again"
-ERROR = re.compile(r'(-?\d+),"((?:[^"]|"")*)"')
+ERROR = re.compile(r'(-?[0-9]{1,9}),"((?:[^"]|"")*)"')
 
 
 class ScpiLink:
@@ -51,8 +53,8 @@ class ScpiLink:
         if len(answers) != len(queries) + 1:
             self.drop()
             raise CommunicationError(
-                f"{self._says(queries)}, got {len(answers) - 1} answers, {answers}; check model and"
-                " firmware"
+                f"{self._says(queries)}, got {len(answers) - 1} answers, {shortened(answers)};"
+                " check model and firmware"
             )
         return answers[:-1]
 
@@ -82,13 +84,14 @@ class ScpiLink:
     def numbers(self, *queries: str) -> list[float]:
         """Answers that have to be numbers; errors as ``query``."""
         answers = self.query(*queries)
-        try:
-            return [float(answer) for answer in answers]
-        except ValueError as error:
-            self.drop()
-            raise CommunicationError(
-                f"{self._says(queries)}, got {answers}, not numbers; check model and firmware"
-            ) from error
+        numbers = [one for answer in answers if (one := real_number(answer)) is not None]
+        if len(numbers) == len(answers):
+            return numbers
+        self.drop()
+        raise CommunicationError(
+            f"{self._says(queries)}, got {shortened(answers)}, not finite numbers; check model and"
+            " firmware"
+        )
 
     def block(self, query: str, fields: int, most: int, timeout: float) -> tuple[list[str], bytes]:
         """Ask for numbers followed by one IEEE 488.2 definite-length block.
@@ -174,7 +177,8 @@ class ScpiLink:
                 f"{self._says(('SYST:ERR?',))}, got {answer[:80]!r}, not an error's number and text"
             )
         number, text = found.groups()
-        return "" if int(number) == 0 else f"{number} {text.replace(2 * chr(34), chr(34))}"
+        text = text.replace(2 * chr(34), chr(34))[:MOST_CHARACTERS]
+        return "" if int(number) == 0 else f"{number} {text}"
 
     def _refuse_error(self, answer: str, asked: str) -> None:
         if fault := self._read_error(answer):

@@ -8,6 +8,7 @@ from pydantic import Field
 from drivers.scpi_link import ScpiLink, on_link, quote, unquote
 from flflab.description import Description
 from flflab.errors import CommunicationError
+from flflab.printable import shortened
 
 
 def busy(link: ScpiLink, query: str) -> bool:
@@ -37,6 +38,11 @@ class ScpiIris:
     def __init__(self, link: ScpiLink) -> None:
         self._link = link
         least, most = link.numbers("LENS:FNUM? MIN", "LENS:FNUM? MAX")
+        if not 0 < least <= most:
+            raise CommunicationError(
+                f"iris: says that its f-numbers go from {least:g} to {most:g}; check model and"
+                " firmware"
+            )
         self.allowed = (least, most)
 
     def start(self, value: float) -> None:
@@ -82,7 +88,8 @@ class ScpiTarget:
         self.allowed = tuple(unquote(name) for name in re.findall(r'"(?:[^"]|"")*"', catalogue))
         if not self.allowed:
             raise CommunicationError(
-                f"target: asked for its names, got {catalogue!r}; check what stands at this address"
+                f"target: asked for its names, got {shortened(catalogue)}; check what stands"
+                " at this address"
             )
 
     def start(self, value: str) -> None:

@@ -23,6 +23,7 @@ power settings say.
 
 import contextlib
 import math
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -37,6 +38,7 @@ from flflab.bench import AxisDescription
 from flflab.description import Description, Length
 from flflab.errors import CommunicationError, DeviceError, NotHomedError
 
+POWER_OFF_AT_REST = 2
 STEPPER, ENCODERS = 3, (1, 6)  # kind of motor; feedbacks whose positions are counts of an encoder
 RUNNING, FAILED, COMMAND, HOME = 0x80, 0x40, 0x3F, 6
 HOMED, ALARM, LEFT_SWITCH, RIGHT_SWITCH = 0x20, 0x40, 0x2, 0x1
@@ -162,6 +164,8 @@ class StandaAxis:
         CommunicationError: the controller does not answer.
         DeviceError: it counts encoder pulses, homes the other way, or does not take a setting.
     """
+
+    measured = False
 
     def __init__(
         self,
@@ -395,17 +399,38 @@ def place(address: str) -> str:
         InputError: it is neither a port nor one of the library's.
     """
     port = address.removeprefix("xi-com:")
-    return port if port.startswith("xi-") else serial_place(port)
+    return port if re.match(r"xi-(emu|net|tcp|udp):", port) else serial_place(port)
 
 
 def open_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> StandaAxis:
-    """Open the axis of one controller."""
-    return StandaAxis(name, _controller(axis, share), keys, axis.speed, homes_up=axis.homes_up)
+    """Open the axis of one controller.
+
+    Raises:
+        DeviceError: a vertical axis would fall at rest.
+    """
+    controller = _controller(axis, share)
+    if axis.vertical:
+        power = controller.ask(name, "say its power", lambda device: device.get_power_settings())
+        if int(power.PowerFlags) & POWER_OFF_AT_REST:
+            raise DeviceError(
+                f"{name}: it is vertical, and its controller switches the motor's current off at"
+                " rest, so it would fall; switch that off in the maker's XILab"
+            )
+    return StandaAxis(name, controller, keys, axis.speed, homes_up=axis.homes_up)
 
 
-def stop_axis(name: str, axis: AxisDescription, keys: StandaKeys, share: Share) -> None:
-    """Stop one axis, asked for nothing and told nothing before."""
-    _controller(axis, share).stop(name)
+def stop_axis(
+    name: str, axis: AxisDescription, keys: StandaKeys, share: Share
+) -> Callable[[], bool]:
+    """Stop one axis, told nothing before; what is returned tells whether it still moves."""
+    controller = _controller(axis, share)
+    controller.stop(name)
+
+    def moves(device: Any) -> bool:
+        status = device.get_status()
+        return bool(int(status.MvCmdSts) & RUNNING or int(status.MoveSts))
+
+    return lambda: controller.ask(name, "say whether it moves", moves)
 
 
 def _controller(axis: AxisDescription, share: Share) -> StandaController:

@@ -19,6 +19,8 @@ from flflab.errors import FlflabError
 
 TIMEOUT_S = 10.0
 SILENT = "does not answer"
+MOST_CHARACTERS = 200  # of what a device says of itself
+FALLS = "vertical: without current it falls unless it has a brake, see that it has one"
 
 
 class Identity(NamedTuple):
@@ -41,16 +43,24 @@ def look(name: str, device: DeviceDescription, instrument: Any, address: str) ->
     """The line of a device that is open."""
     position, state, serial = None, "", ""
     try:
-        identity = instrument.identity()
+        identity = in_a_line(instrument.identity())
         if isinstance(instrument, Axis):
             serial = instrument.serial()
             position = instrument.position() if instrument.is_homed() else None
-            state = "; ".join(("moving",) * instrument.is_moving() + instrument.warnings())
+            falls = getattr(device, "vertical", False)
+            state = "; ".join(
+                ("moving",) * instrument.is_moving() + instrument.warnings() + (FALLS,) * falls
+            )
         elif isinstance(instrument, Setting):
-            state = str(instrument.value())
+            state = in_a_line(str(instrument.value()))
     except FlflabError as error:
         identity, state = SILENT, str(error)
     return Identity(name, device.driver, address, identity, position, state, serial)
+
+
+def in_a_line(said: str) -> str:
+    """What a device said, as a line of a table can hold it."""
+    return said if len(said) <= MOST_CHARACTERS else f"{said[:MOST_CHARACTERS]}..."
 
 
 def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:

@@ -6,7 +6,8 @@ What this file relies on, from Thorlabs' "Host-Controller Communications Protoco
 
 - A message is six bytes, little-endian: id, two parameters, destination, source. Where bit 7 of the
   destination is set the parameters are the length of data that follow. Host 0x01, a controller on
-  USB 0x50; 115200 baud, RTS/CTS.
+  USB 0x50; 115200 baud, RTS/CTS. Some controllers (a TDC001 was reported) name 0x00 as source and
+  destination.
 - Nothing acknowledges a move: it is over when a status says so (bits 4 to 7 moving, 9 homing, 10
   homed, 31 enabled), beside messages that come unasked when it ends. So a command that got lost is
   found by asking for the state until the motion shows.
@@ -34,7 +35,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from drivers.line import Line, stop_surely
-from drivers.transport import LostError, Wire, open_serial
+from drivers.transport import LONGEST_S, LostError, Wire, open_serial
 from flflab.bench import AxisDescription
 from flflab.description import Description
 from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedError
@@ -62,6 +63,7 @@ STATES = {
     1: "at the reverse limit switch",
     24: "motor current at its limit",
 }
+MOST_MESSAGES = 100  # before the one that is waited for
 START_S = 0.5  # until a motion shows
 LONGEST = 255  # bytes of data, as the manual has it
 MOST = 2**31 - 1  # a position or a speed in a message
@@ -126,7 +128,9 @@ def read_message(take: Callable[[int], bytes]) -> Message:
     """
     header = take(6)
     message_id, length, destination, source = struct.unpack("<HHBB", header)
-    if destination & ~WITH_DATA not in (0, HOST) or not source:
+    to_host = destination & ~WITH_DATA in (0, HOST) and source != HOST
+    handed_back = (destination & ~WITH_DATA, source) == (CONTROLLER, HOST)  # by an adapter
+    if not (to_host or handed_back) or not message_id:
         raise CommunicationError(
             f"got {header.hex(' ')}, which begins no message to this computer; check cable, port"
             " and protocol"
@@ -253,15 +257,17 @@ class AptLink:
     def _until(self, wire: Wire, last: int) -> dict[int, bytes]:
         """Data by id of all messages up to one; of several with the same id the last counts."""
         came: dict[int, bytes] = {}
-        deadline = time.monotonic() + self._timeout
-        while time.monotonic() < deadline:
+        ends = time.monotonic() + self._timeout + LONGEST_S
+        for _ in range(MOST_MESSAGES):
+            if time.monotonic() > ends:
+                break
             message = read_message(lambda count: wire.read_exactly(count, self._timeout))
             came[message.id] = message.data
             self.heard.add(message.id)
             if message.id == last:
                 return came
         raise CommunicationError(
-            f"{wire.address}: other messages only within {self._timeout:g} s; close other programs"
+            f"{wire.address}: other messages only, {len(came)} kinds of them; close other programs"
             " on this port"
         )
 
@@ -284,6 +290,8 @@ class ThorlabsAxis:
     """
 
     travel = (-math.inf, math.inf)  # it turns for ever
+
+    measured = True
 
     def __init__(self, name: str, link: AptLink, keys: ThorlabsKeys, speed: float) -> None:
         self._name = name
@@ -450,18 +458,23 @@ def _phrases(bits: int, known: dict[int, str]) -> tuple[str, ...]:
 
 def open_axis(name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> ThorlabsAxis:
     """Open the axis of one controller, which has its line for itself."""
-    return ThorlabsAxis(name, _link(axis, keys, share), keys, axis.speed)
+    return ThorlabsAxis(name, _link(axis, keys, share, alone=True), keys, axis.speed)
 
 
-def stop_axis(name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> None:
-    """Stop one axis, told nothing before."""
-    _link(axis, keys, share).stop(name, keys.channel)
+def stop_axis(
+    name: str, axis: AxisDescription, keys: ThorlabsKeys, share: Share
+) -> Callable[[], bool]:
+    """Stop one axis, told nothing before; what is returned tells whether it still moves."""
+    link = _link(axis, keys, share, alone=False)
+    link.stop(name, keys.channel)
+    return lambda: link.state(name, keys.channel).busy
 
 
-def _link(axis: AxisDescription, keys: ThorlabsKeys, share: Share) -> AptLink:
+def _link(axis: AxisDescription, keys: ThorlabsKeys, share: Share, *, alone: bool) -> AptLink:
     return share(
         axis.address,
         lambda: AptLink(
-            lambda: open_serial(axis.address, keys.baud, handshake=keys.handshake), keys.timeout
+            lambda: open_serial(axis.address, keys.baud, handshake=keys.handshake, alone=alone),
+            keys.timeout,
         ),
     )

@@ -3,6 +3,9 @@ read with deadlines.
 """
 
 import contextlib
+import functools
+import ipaddress
+import math
 import os
 import re
 import socket
@@ -10,9 +13,16 @@ import threading
 import time
 from collections.abc import Callable
 
-from flflab.errors import CommunicationError, InputError
+from drivers.forked import close_in_children
+from flflab.errors import CommunicationError, InputError, reason
 
 SLICE_S = 0.02
+LONGEST_S = 10.0  # more than a silence, for a whole line that comes byte by byte
+_OPTION = r"(ign_set_control|poll_modem|timeout=\d+)"
+URL = re.compile(  # the one of pyserial's that leads to an instrument: others write files
+    rf"rfc2217://[^\s/?:@]+:\d+(\?{_OPTION}(&{_OPTION})*)?", re.IGNORECASE
+)
+LOOPBACK = "127.0.0.1"
 MOST_UNREAD = 1 << 16
 
 
@@ -58,6 +68,7 @@ class Wire:
         self._shut = shut
         self._come = bytearray()
         self._writing = threading.Lock()
+        close_in_children(self)
 
     def write(self, message: bytes) -> None:
         """Write a whole message; may be called from any thread at any time.
@@ -70,18 +81,20 @@ class Wire:
                 self._send(message)
         except (OSError, TypeError) as error:
             raise LostError(
-                f"{self.address}: cannot write ({error}); {what_to_check(self.address)}"
+                f"{self.address}: cannot write ({reason(error)}); {what_to_check(self.address)}"
             ) from error
 
     def read_until(self, end: bytes, timeout: float) -> bytes:
-        """What comes up to an end mark, without it.
+        """What comes up to an end mark, without it; the time counts from the last byte that came.
 
         Raises:
             CommunicationError: it did not come in time, far too much came without it, or the
                 connection is gone.
         """
         deadline, seen = time.monotonic() + timeout, 0
+        ends = deadline + LONGEST_S
         while (at := self._come.find(end, seen)) < 0:
+            have = len(self._come)
             seen = max(0, len(self._come) - len(end) + 1)
             if len(self._come) > MOST_UNREAD:
                 raise CommunicationError(
@@ -89,6 +102,13 @@ class Wire:
                     " baud rate"
                 )
             self._wait_for_more(deadline, timeout)
+            if len(self._come) > have:
+                deadline = time.monotonic() + timeout
+            if time.monotonic() > ends:
+                raise CommunicationError(
+                    f"{self.address}: {show(self._come)} came within {timeout + LONGEST_S:g} s,"
+                    f" and no end of it; {what_to_check(self.address)}"
+                )
         line = bytes(self._come[:at])
         del self._come[: at + len(end)]
         return line
@@ -139,7 +159,8 @@ class Wire:
             more = self._receive()
         except (OSError, TypeError) as error:
             raise LostError(
-                f"{self.address}: the connection is gone ({error}); {what_to_check(self.address)}"
+                f"{self.address}: the connection is gone ({reason(error)});"
+                f" {what_to_check(self.address)}"
             ) from error
         self._come += more
         return bool(more)
@@ -150,25 +171,31 @@ def show(message: bytes | bytearray, most: int = 60) -> str:
     return repr(bytes(message[:most])) + ("..." if len(message) > most else "")
 
 
-def open_serial(address: str, baud: int, *, parity: str = "N", handshake: bool = False) -> Wire:
+def open_serial(
+    address: str, baud: int, *, parity: str = "N", handshake: bool = False, alone: bool = True
+) -> Wire:
     """Open a serial line.
 
     Args:
-        address: a port (``COM3``, ``/dev/ttyUSB0``, a pty's path), a URL of pyserial, or one behind
-            a network: ``host:port`` and ``socket://host:port`` are TCP without pyserial, which
-            reads them byte by byte and takes 0.3 s to close.
+        address: as ``serial_place`` takes it: a port (``COM3``, ``/dev/ttyUSB0``, a pty's path), a
+            URL of pyserial, or one behind a network: ``host:port`` and ``socket://host:port`` are
+            TCP without pyserial, which reads them byte by byte and takes 0.3 s to close.
         baud: bits per second; TCP has none.
         parity: N, E or O.
         handshake: RTS and CTS say when to send.
+        alone: keep others from the port by an advisory lock, which they may pass over: so does who
+            only stops.
 
     Raises:
+        InputError: the address is none.
         CommunicationError: there is no such port, or it is in use.
     """
+    serial_place(address)
     if address.startswith("socket://") or _is_host_and_port(address):
         return open_tcp(address)
     import serial
 
-    own: dict[str, bool] = {} if "://" in address else {"exclusive": True}
+    own: dict[str, bool] = {"exclusive": True} if alone and "://" not in address else {}
     try:
         port = serial.serial_for_url(
             address,
@@ -181,7 +208,8 @@ def open_serial(address: str, baud: int, *, parity: str = "N", handshake: bool =
         )
     except (OSError, ValueError) as error:
         raise CommunicationError(
-            f"{address}: cannot be opened ({error}); check the address, and who else holds it"
+            f"{address}: cannot be opened ({reason(error)}); check the address, and who else holds"
+            " it"
         ) from error
     return Wire(address, port.write, lambda: port.read(max(1, port.in_waiting)), port.close)
 
@@ -193,12 +221,11 @@ def open_tcp(address: str, timeout: float = 5.0) -> Wire:
         InputError: the address is not one.
         CommunicationError: nobody listens there.
     """
-    host, _, number = tcp_place(address).rpartition(":")
     try:
-        link = socket.create_connection((host.strip("[]"), int(number)), timeout)
+        link = socket.create_connection(_host_and_port(address), timeout)
     except (OSError, OverflowError) as error:
         raise CommunicationError(
-            f"{address}: cannot be reached ({error}); check power, network and address"
+            f"{address}: cannot be reached ({reason(error)}); check power, network and address"
         ) from error
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     link.settimeout(SLICE_S)
@@ -223,23 +250,58 @@ def open_tcp(address: str, timeout: float = 5.0) -> Wire:
 
 
 def tcp_place(address: str) -> str:
-    """A network address spelt one way, ``host:port``.
+    """A network address spelt one way, ``host:port``: the number of the host, and one for this
+    machine whatever it is called; a name that nobody knows as it is.
 
     Raises:
         InputError: it is none.
     """
+    host, port = _host_and_port(address)
+    return f"{_one_name(host)}:{port}"
+
+
+def _host_and_port(address: str) -> tuple[str, int]:
     host, _, port = address.removeprefix("socket://").rpartition(":")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+    host = host.strip("[]").lower()
+    if not host or not re.fullmatch("[0-9]{1,9}", port) or not 0 < int(port) < 65536:
         raise InputError(
             f"{address!r} is not an address; give host:port, such as 127.0.0.1:5025, with a port"
             " from 1 to 65535"
         )
-    return f"{'127.0.0.1' if host.lower() == 'localhost' else host.lower()}:{int(port)}"
+    return host, int(port)
+
+
+@functools.lru_cache(maxsize=256)
+def _one_name(host: str) -> str:
+    try:
+        found = {str(info[4][0]) for info in socket.getaddrinfo(host, None)}
+    except (OSError, UnicodeError):
+        return host
+    numbers = sorted(
+        (ipaddress.ip_address(number.partition("%")[0]) for number in found),
+        key=lambda number: (number.version, number),
+    )
+    return LOOPBACK if any(map(_is_here, numbers)) else str(numbers[0])
+
+
+def _is_here(number: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
+    """Whether it is a number of this machine: a socket can be bound to no other."""
+    if isinstance(number, ipaddress.IPv6Address) and number.ipv4_mapped:
+        number = number.ipv4_mapped
+    if number.is_loopback or number.is_unspecified:
+        return True
+    family = socket.AF_INET if number.version == 4 else socket.AF_INET6
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.bind((str(number), 0))
+    except OSError:
+        return False
+    return True
 
 
 def serial_place(address: str) -> str:
-    """The address of a serial line spelt one way: links followed to the port they lead to; URLs of
-    pyserial as they are.
+    """The address of a serial line spelt one way: links followed to the port they lead to; of
+    the URLs of pyserial a network's (``rfc2217://``) is allowed.
 
     macOS has two files for a port, /dev/tty.X that waits for a carrier and /dev/cu.X that does not:
     the second stands for both.
@@ -251,16 +313,31 @@ def serial_place(address: str) -> str:
         return tcp_place(address)
     if port := re.fullmatch(r"(?:\\\\\.\\)?(COM\d+)", address, re.IGNORECASE):
         return port[1].upper()
-    if "://" in address:
+    if URL.fullmatch(address):
         return address
     if address.startswith("/"):
         return re.sub(r"^/dev/tty\.", "/dev/cu.", os.path.realpath(address))
     raise InputError(
-        f"{address!r} is not an address; give a serial port, such as /dev/ttyUSB0 or COM3, or"
-        " socket://host:port"
+        f"{address!r} is not an address; give a serial port, such as /dev/ttyUSB0 or COM3,"
+        " socket://host:port, or rfc2217://host:port"
     )
 
 
 def _is_host_and_port(address: str) -> bool:
     host, colon, number = address.rpartition(":")
     return bool(colon and host and number.isdigit()) and "/" not in address
+
+
+def whole_number(said: str) -> int | None:
+    """The whole number that a device said; None where it said none, or one with more digits than
+    any device counts.
+    """
+    return int(said) if re.fullmatch(r"[+-]?[0-9]{1,18}", said) else None
+
+
+def real_number(said: str) -> float | None:
+    """The finite number that a device said; None where it said none."""
+    if not re.fullmatch(r"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*", said[:60]):
+        return None
+    value = float(said) if len(said) <= 60 else math.inf
+    return value if math.isfinite(value) else None

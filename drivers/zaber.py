@@ -9,30 +9,40 @@ What this file relies on, from the ASCII protocol manual (firmware 6 and 7):
   colon. A command with a wrong checksum is ignored, so it shows as silence.
 - Positions are whole microsteps, ``maxspeed`` is microsteps/s times 1.6384. An empty command
   answers the state.
-- ``warnings`` answers a count and flags; WR and WH say that the axis has no reference.
+- A reply carries a checksum where the command did, unless the device's ``comm.checksum`` is 0; the
+  maker's client takes replies without one too.
+- ``warnings`` answers a count and flags; WR and WH say that the axis has no reference, WM that it
+  was displaced at rest, FS that it stalled: its place is then not known either.
 - ``home`` goes to the home sensor, towards lower positions, and counts from ``limit.home.preset``
   there.
 
-Not confirmed from the manual: that a reply carries a checksum whenever the command did (what the
-vendor's client expects; where a device does not, set its ``comm.checksum`` to 1 or give ``checksum:
-false``), and that ``stop`` raises the flag NI.
+Not confirmed from the manual: that ``stop`` raises the flag NI.
 """
 
 import re
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from drivers.commands import at_the_other_end
 from drivers.line import Line, stop_surely
-from drivers.transport import LostError, Wire, open_serial, show
+from drivers.transport import (
+    LostError,
+    Wire,
+    open_serial,
+    show,
+    what_to_check,
+    whole_number,
+)
 from flflab.bench import AxisDescription
 from flflab.description import Description, Length
 from flflab.errors import CommunicationError, DeviceError, LimitError, NotHomedError
+from flflab.printable import shortened
 
 SPEED_UNIT = 1.6384
 STOP_ID = 99
@@ -40,8 +50,9 @@ STOP_ID = 99
 # any more
 FEWEST_IDS = 50
 REPLY = re.compile(r"@(\d\d) (\d) (\d\d) (OK|RJ) (BUSY|IDLE) (--|[A-Z]{2}) ([^:]*)")
-NO_REFERENCE = ("WR", "WH")
+NO_REFERENCE = ("WR", "WH", "WM", "FS")
 PRESET = "limit.home.preset"
+STAGE_SERIAL = "peripheral.serial"
 FLAGS = {
     "FF": "critical system error", "FN": "peripheral not supported", "FZ": "peripheral inactive",
     "FH": "hardware emergency stop",
@@ -91,7 +102,7 @@ class ZaberKeys(Description):
     microstep: Annotated[Length, Field(gt=0)]
     microsteps_per_step: Annotated[int, Field(ge=1)] = 64
     baud: Annotated[int, Field(ge=9600)] = 115200
-    checksum: bool = True
+    checksum: Literal["accepted", "required"] = "accepted"
     timeout: Annotated[float, Field(gt=0)] = 0.5
 
 
@@ -121,8 +132,8 @@ def encode(device: int, axis: int, message_id: int, text: str = "") -> bytes:
     return f"/{body}:{checksum(body.encode('ascii'))}\r\n".encode("ascii")
 
 
-def parse(line: bytes, with_checksum: bool = True) -> Reply | None:
-    """Read one line; None for information and alerts.
+def parse(line: bytes, with_checksum: bool = False) -> Reply | None:
+    """Read one line; None for information and alerts, and for a command that an adapter hands back.
 
     Args:
         line: without its CR LF.
@@ -140,12 +151,12 @@ def parse(line: bytes, with_checksum: bool = True) -> Reply | None:
             )
     elif with_checksum and line[:1] == b"@":
         raise CommunicationError(
-            f"got {show(line)} without a checksum; set comm.checksum of the device to 1, or give"
-            " `checksum: false`"
+            f"got {show(line)} without a checksum; set comm.checksum of the device to 1, or do"
+            " without `checksum: required`"
         )
     else:
         body = line
-    if body[:1] in (b"#", b"!"):
+    if body[:1] in (b"#", b"!", b"/"):
         return None
     found = REPLY.fullmatch(body.decode("ascii", "replace"))
     if found is None:
@@ -173,7 +184,7 @@ class ZaberChain:
     """
 
     def __init__(
-        self, opener: Callable[[], Wire], with_checksum: bool = True, timeout: float = 0.5
+        self, opener: Callable[[], Wire], with_checksum: bool = False, timeout: float = 0.5
     ) -> None:
         self.unasked: deque[str] = deque(maxlen=100)
         self.line = Line(opener)
@@ -183,6 +194,7 @@ class ZaberChain:
         self._ids = deque(range(STOP_ID))
         self._unanswered: deque[int] = deque()
         self._in_step = True
+        self._summed: set[int] = set()
 
     def ask(self, name: str, device: int, axis: int, text: str, *, repeatable: bool) -> Reply:
         """Send a command and return its reply, accepted or not.
@@ -259,14 +271,34 @@ class ZaberChain:
         return reply
 
     def _next_reply(self, wire: Wire, message_id: int) -> Reply:
-        """The next one that is no stop's and none that was given up."""
-        while True:
-            line = wire.read_until(b"\n", self._timeout).rstrip(b"\r")
+        """The next one that is no stop's and none that was given up; what else comes gives it no
+        more time.
+        """
+        deadline = time.monotonic() + self._timeout
+        left = self._timeout
+        while left > 0:
+            line = wire.read_until(b"\n", left).rstrip(b"\r")
             reply = parse(line, self._with_checksum)
             if reply is None:
                 self.unasked.append(line.decode("ascii", "replace"))
             elif reply.id == message_id or reply.id not in (STOP_ID, *self._unanswered):
+                self._require_sum_as_before(reply, line)
                 return reply
+            left = deadline - time.monotonic()
+        raise CommunicationError(
+            f"{wire.address}: no answer within {self._timeout:g} s, though other lines came;"
+            f" {what_to_check(wire.address)}"
+        )
+
+    def _require_sum_as_before(self, reply: Reply, line: bytes) -> None:
+        """Refuse a reply without checksum of a device that sent one before: its end is lost."""
+        if b":" in line:
+            self._summed.add(reply.device)
+        elif reply.device in self._summed:
+            raise CommunicationError(
+                f"got {show(line)} without the checksum that it sent before; check cable and baud"
+                " rate"
+            )
 
 
 class ZaberAxis:
@@ -286,17 +318,27 @@ class ZaberAxis:
             speed.
     """
 
+    measured = False
+
     def __init__(
         self, name: str, chain: ZaberChain, keys: ZaberKeys, speed: float, *, homes_up: bool
     ) -> None:
         self._name = name
         self._chain = chain
         self._keys = keys
-        self.resolution = keys.microstep * keys.microsteps_per_step / self._setting("resolution")
-        self.travel = (
-            self._setting("limit.min") * self.resolution,
-            self._setting("limit.max") * self.resolution,
-        )
+        if (steps := self._setting("resolution")) < 1:
+            raise CommunicationError(
+                f"{name}: the device says that a full step has {steps} microsteps; at least 1 is"
+                " due, check model and firmware"
+            )
+        self.resolution = keys.microstep * keys.microsteps_per_step / steps
+        low, high = self._setting("limit.min"), self._setting("limit.max")
+        if low > high:
+            raise DeviceError(
+                f"{name}: the device's own limits are {low} to {high} microsteps, the low one above"
+                " the high one; set limit.min and limit.max anew"
+            )
+        self.travel = (low * self.resolution, high * self.resolution)
         self._require_reference(homes_up)
         maxspeed = round(speed / self.resolution * SPEED_UNIT)
         if self._setting("maxspeed") != maxspeed:
@@ -350,7 +392,7 @@ class ZaberAxis:
         return self._command("", repeatable=True).busy
 
     def is_homed(self) -> bool:
-        """Whether neither WR nor WH is raised."""
+        """Whether no flag says that its place is not known."""
         return not any(flag in NO_REFERENCE for flag in self._flags())
 
     def stop(self) -> None:
@@ -377,9 +419,18 @@ class ZaberAxis:
         return f"Zaber device {kind}, serial {serial}, firmware {version}, at {self._keys.device}"
 
     def serial(self) -> str:
-        """The device's serial number, with the axis where it is not its first."""
-        return self._device_setting("system.serial") + (
-            f" axis {self._keys.axis}" if self._keys.axis > 1 else ""
+        """The device's serial number, with the axis where it is not its first, and that of a stage
+        that is not built in and tells it.
+        """
+        asked = f"get {STAGE_SERIAL}"
+        reply = self._chain.ask(
+            self._name, self._keys.device, self._keys.axis, asked, repeatable=True
+        )
+        stage = reply.data if reply.accepted and reply.data.strip("0") else ""
+        return (
+            self._device_setting("system.serial")
+            + (f" axis {self._keys.axis}" if self._keys.axis > 1 else "")
+            + (f" stage {stage}" if stage else "")
         )
 
     def close(self) -> None:
@@ -408,12 +459,12 @@ class ZaberAxis:
         return self._number(setting, self._command(f"get {setting}", repeatable=True))
 
     def _number(self, setting: str, reply: Reply) -> int:
-        if not re.fullmatch(r"-?\d+", reply.data):
+        if (value := whole_number(reply.data)) is None:
             raise CommunicationError(
-                f"{self._name}: asked for {setting}, got {reply.data!r}, not a whole number; check"
-                " model and firmware"
+                f"{self._name}: asked for {setting}, got {shortened(reply.data)}, not a whole"
+                " number; check model and firmware"
             )
-        return int(reply.data)
+        return value
 
     def _device_setting(self, setting: str) -> str:
         return self._command(f"get {setting}", repeatable=True, axis=0).data
@@ -421,13 +472,12 @@ class ZaberAxis:
     def _flags(self) -> list[str]:
         data = self._command("warnings", repeatable=True).data
         count, *flags = data.split() or [""]
-        if (
-            not count.isdigit()
-            or int(count) != len(flags)
-            or any(not re.fullmatch(r"[A-Z]{2}", flag) for flag in flags)
+        if whole_number(count) != len(flags) or any(
+            not re.fullmatch(r"[A-Z]{2}", flag) for flag in flags
         ):
             raise CommunicationError(
-                f"{self._name}: asked for its warnings, got {data!r}, not a count and as many flags"
+                f"{self._name}: asked for its warnings, got {shortened(data)}, not a count and"
+                " as many flags"
             )
         return flags
 
@@ -453,18 +503,28 @@ def _phrase(flag: str) -> str:
 
 def open_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberAxis:
     """Open one axis; axes at one address share the chain."""
-    return ZaberAxis(name, _chain(axis, keys, share), keys, axis.speed, homes_up=axis.homes_up)
+    chain = _chain(axis, keys, share, alone=True)
+    return ZaberAxis(name, chain, keys, axis.speed, homes_up=axis.homes_up)
 
 
-def stop_axis(name: str, axis: AxisDescription, keys: ZaberKeys, share: Share) -> None:
-    """Stop one axis, asked for nothing and told nothing before."""
-    _chain(axis, keys, share).stop(name, keys.device, keys.axis)
+def stop_axis(
+    name: str, axis: AxisDescription, keys: ZaberKeys, share: Share
+) -> Callable[[], bool]:
+    """Stop one axis, asked for nothing and told nothing before; what is returned tells whether it
+    still moves.
+    """
+    chain = _chain(axis, keys, share, alone=False)
+    numbers = keys.device, keys.axis
+    chain.stop(name, *numbers)
+    return lambda: _accepted(name, "", chain.ask(name, *numbers, "", repeatable=True)).busy
 
 
-def _chain(axis: AxisDescription, keys: ZaberKeys, share: Share) -> ZaberChain:
+def _chain(axis: AxisDescription, keys: ZaberKeys, share: Share, *, alone: bool) -> ZaberChain:
     return share(
         axis.address,
         lambda: ZaberChain(
-            lambda: open_serial(axis.address, keys.baud), keys.checksum, keys.timeout
+            lambda: open_serial(axis.address, keys.baud, alone=alone),
+            keys.checksum == "required",
+            keys.timeout,
         ),
     )

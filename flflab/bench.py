@@ -1,25 +1,38 @@
+# longer than 450 lines because every field of the bench file stands in one place
 """The bench file: what stands on the bench, where it is reached, how far it may go, and how well
 its zeros are known.
 """
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    model_validator,
+)
 
-from flflab.camera_file import read_camera
-from flflab.description import Angle, Description, Length, Ratio, check, line_of, read_yaml
+from flflab.description import Angle, Description, Length, Ratio, check, line_of
 from flflab.errors import InputError
-from flflab.optics.camera import Camera
 from flflab.units import Dimension, parse_quantity
+from flflab.yaml_file import read_yaml
+
+if TYPE_CHECKING:
+    from flflab.optics.camera import Camera
 
 Element = Literal["main_lens.z", "array.z", "sensor.z", "target.z"]
 Turn = Literal["array.pitch", "array.yaw", "array.roll"]
 Moved = Literal[Element, Turn]
 Own = TypeVar("Own", bound=BaseModel)
+OTHER_NAMES = ("camera", "iris", "target")  # of what stands on a bench beside axes
 
 
 @dataclass(frozen=True)
@@ -54,14 +67,15 @@ ANGLE = Coordinate("angle", "angular speed", "rad", "deg", 180 / math.pi)
 
 
 class DeviceDescription(BaseModel):
-    """Any device: the driver's name and where the device is reached; further keys belong to its
-    driver.
+    """Any device: the driver's name, where the device is reached, and the serial number that it is
+    to have there; further keys belong to its driver.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
     driver: str
     address: str = ""
+    serial: Annotated[str, BeforeValidator(lambda given: str(given))] = ""
 
 
 def coordinate_of(moves: Moved) -> Coordinate:
@@ -90,6 +104,83 @@ Place = Annotated[float, _quantity_of_the_axis(rate=False)]
 Rate = Annotated[float, _quantity_of_the_axis(rate=True)]
 
 
+class EnvelopeDescription(Description):
+    """How far metal and glass stand out of the plane that an element's place names: towards the
+    target and away from it.
+    """
+
+    front: Annotated[Length, Field(ge=0)] = 0.0
+    rear: Annotated[Length, Field(ge=0)] = 0.0
+
+
+class ArrayEnvelopeDescription(EnvelopeDescription):
+    """The same of the array's holder, and how far it reaches from the main axis."""
+
+    radius: Annotated[Length, Field(ge=0)] = 0.0
+
+
+class EnvelopesDescription(Description):
+    """The envelopes of what stands on the axis: the principal plane of the main lens, the plane of
+    the microlenses, that of the pixels.
+    """
+
+    target: EnvelopeDescription = EnvelopeDescription()
+    main_lens: EnvelopeDescription = EnvelopeDescription()
+    array: ArrayEnvelopeDescription = ArrayEnvelopeDescription()
+    sensor: EnvelopeDescription = EnvelopeDescription()
+
+
+class MinimumGaps(Description):
+    """The smallest gap allowed between neighbours, from metal to metal; one number is for array and
+    sensor.
+
+    Main lens and array are kept as far apart as array and sensor unless stated; target and main
+    lens only where stated.
+    """
+
+    array_sensor: Annotated[Length, Field(gt=0)] = Field(alias="array-sensor")
+    lens_array: Annotated[Length, Field(gt=0)] | None = Field(None, alias="lens-array")
+    target_lens: Annotated[Length, Field(gt=0)] | None = Field(None, alias="target-lens")
+
+
+def _of_array_and_sensor(given: object) -> object:
+    return given if isinstance(given, dict) else {"array-sensor": given}
+
+
+class FixedPlace(Description):
+    """Where something stands that no axis shifts, world z, and its standard uncertainty."""
+
+    at: Length
+    uncertainty: Annotated[Length, Field(ge=0)]
+
+
+class FixedTurn(Description):
+    """How the array is turned where no axis turns it, and the standard uncertainty."""
+
+    at: Annotated[Angle, Field(gt=-math.pi / 2, lt=math.pi / 2)]
+    uncertainty: Annotated[Angle, Field(ge=0)]
+
+
+class FixedDescription(Description):
+    """What no axis moves, by the name that an axis's ``moves`` has for it."""
+
+    main_lens_z: FixedPlace | None = Field(None, alias="main_lens.z")
+    array_z: FixedPlace | None = Field(None, alias="array.z")
+    sensor_z: FixedPlace | None = Field(None, alias="sensor.z")
+    target_z: FixedPlace | None = Field(None, alias="target.z")
+    array_pitch: FixedTurn | None = Field(None, alias="array.pitch")
+    array_yaw: FixedTurn | None = Field(None, alias="array.yaw")
+    array_roll: FixedTurn | None = Field(None, alias="array.roll")
+
+    def stated(self) -> dict[Moved, FixedPlace | FixedTurn]:
+        """Those that the file states."""
+        names: tuple[Moved, ...] = (*get_args(Element), *get_args(Turn))
+        places: dict[Moved, FixedPlace | FixedTurn | None] = {
+            name: getattr(self, name.replace(".", "_")) for name in names
+        }
+        return {name: place for name, place in places.items() if place is not None}
+
+
 class AxisDescription(DeviceDescription):
     """An axis: the place of what it moves = zero + sign * reading, in mm, or in rad for one that
     turns the array.
@@ -109,6 +200,7 @@ class AxisDescription(DeviceDescription):
     limits: tuple[Place, Place]
     speed: Annotated[Rate, Field(gt=0)]
     home_towards: Literal["-z", "+z", "-pitch", "+pitch", "-yaw", "+yaw", "-roll", "+roll"]
+    vertical: bool = False
 
     @model_validator(mode="after")
     def _limits_rise(self) -> "AxisDescription":
@@ -132,6 +224,16 @@ class AxisDescription(DeviceDescription):
     def homes_up(self) -> bool:
         """Whether it looks for its reference towards higher readings."""
         return (self.home_towards[0] == "+") == (self.sign == 1)
+
+    @property
+    def cut_its_power(self) -> str:
+        """What an operator does with an axis that did not stop."""
+        if self.vertical is True:  # a file whose axis is wrong elsewhere is stopped too
+            return (
+                "it may still move; hold up what it carries, then cut its power: without current"
+                " it falls"
+            )
+        return "it may still move, cut its power"
 
     def world(self, reading: float) -> float:
         """Place in the world, mm or rad, of a reading."""
@@ -204,14 +306,31 @@ class ModelUncertaintyDescription(Description):
     distance: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
 
 
+def _axis_name(given: str) -> str:
+    """A name that can stand in every record, on a command line, and for nothing else."""
+    if found := re.search(r"[./]|^\s|\s$|^$|^-", given):
+        what = f"{found[0]!r} has no place in it" if found[0] else "it is empty"
+        raise ValueError(f"{given!r} cannot be an axis's name: {what}; give words, digits, _ and -")
+    if given in OTHER_NAMES or given.startswith("world_"):
+        raise ValueError(f"{given!r} is the name of something else of the bench; give another")
+    return given
+
+
+AxisName = Annotated[str, AfterValidator(_axis_name)]
+
+
 class BenchDescription(Description):
     """A bench file."""
 
-    axes: dict[str, AxisDescription]
+    file_kind = "bench"
+
+    axes: dict[AxisName, AxisDescription]
     camera: DeviceDescription
     iris: DeviceDescription
     target: DeviceDescription
-    minimum_gap: Annotated[Length, Field(gt=0)]
+    gaps: Annotated[MinimumGaps, BeforeValidator(_of_array_and_sensor)] = Field(alias="minimum_gap")
+    envelopes: EnvelopesDescription = EnvelopesDescription()
+    fixed: FixedDescription = Field(default_factory=lambda: FixedDescription.model_validate({}))
     optics: str
     optics_uncertainty: OpticsUncertaintyDescription = OpticsUncertaintyDescription()
     model_uncertainty: ModelUncertaintyDescription = ModelUncertaintyDescription()
@@ -225,6 +344,11 @@ class BenchDescription(Description):
         for element in moved:
             if moved.count(element) > 1:
                 raise ValueError(f"two axes move {element}; one axis moves one element")
+            if element in self.fixed.stated():
+                raise ValueError(
+                    f"fixed states where {element} stands, but an axis moves it; keep one of the"
+                    " two"
+                )
         array, sensor = self.axis_of("array.z"), self.axis_of("sensor.z")
         if array and sensor and array[1].home_towards == "+z" and sensor[1].home_towards == "-z":
             raise ValueError(
@@ -232,6 +356,11 @@ class BenchDescription(Description):
                 " towards -z or the sensor towards +z only"
             )
         return self
+
+    @property
+    def minimum_gap(self) -> float:
+        """The smallest gap allowed between array and sensor, mm."""
+        return self.gaps.array_sensor
 
     def axis_of(self, element: Moved) -> tuple[str, AxisDescription] | None:
         """Name and description of the axis that moves an element or turns the array, or None where
@@ -241,6 +370,10 @@ class BenchDescription(Description):
             ((name, axis) for name, axis in self.axes.items() if axis.moves == element), None
         )
 
+    def turns_the_array(self) -> bool:
+        """Whether an axis turns the array in any way."""
+        return any(axis.moves in get_args(Turn) for axis in self.axes.values())
+
 
 @dataclass(frozen=True)
 class Bench:
@@ -249,7 +382,7 @@ class Bench:
     description: BenchDescription
     file: Path
     lines: Mapping[tuple[str | int, ...], int]
-    optics: Camera
+    optics: "Camera"
 
     def where(self, *path: str | int) -> str:
         """Where a field stands, as errors begin: file, line and field."""
@@ -287,7 +420,29 @@ def read_bench(file: Path) -> Bench:
             f"{file}:{lines.get(('optics',), 1)}: optics: there is no camera file {optics}; give"
             " its path relative to the bench file"
         )
-    return Bench(description, file, lines, read_camera(optics))
+    from flflab.camera_file import read_camera  # numpy, which who only stops a stage does not need
+
+    bench = Bench(description, file, lines, read_camera(optics))
+    _require_one_attitude(bench)
+    return bench
+
+
+def _require_one_attitude(bench: Bench) -> None:
+    """Refuse a fixed turn of the array that the camera file has otherwise: the model reads the
+    camera file, the rule of the gap the bench file.
+
+    Raises:
+        InputError: with file, line and field.
+    """
+    array = bench.optics.array
+    yaw, pitch = (math.atan(slope) for slope in array.tilt)
+    described = {"array.yaw": yaw, "array.pitch": pitch, "array.roll": array.roll}
+    for moved, place in bench.description.fixed.stated().items():
+        if moved in described and abs(place.at - described[moved]) > 3 * place.uncertainty + 1e-9:
+            raise InputError(
+                f"{bench.where('fixed', moved, 'at')}: {ANGLE.show(place.at, 'g')}, but the camera"
+                f" file has {ANGLE.show(described[moved], 'g')}; make both the same"
+            )
 
 
 def with_seed(bench: Bench, seed: int | None) -> Bench:

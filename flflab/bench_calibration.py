@@ -21,12 +21,12 @@ from flflab.calibration.fit import BARELY, Fit, Hiding, hidings
 from flflab.calibration.from_pictures import Pictures, calibrate
 from flflab.calibration.least_squares import Direction
 from flflab.calibration.quantities import Quantities
-from flflab.description import read_yaml
 from flflab.errors import RecordError
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.record import FrameRecord, Run
 from flflab.study import Study
-from flflab.whole_file import write_whole
+from flflab.whole_file import write_own
+from flflab.yaml_file import read_yaml
 
 Array = npt.NDArray[np.float64]
 
@@ -209,7 +209,7 @@ def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[P
     for name, text in zip(
         FILES, (json.dumps(result, indent=1) + "\n", camera, described), strict=True
     ):
-        write_whole(folder / name, text)
+        write_own(folder / name, text)
     written = [folder / name for name in FILES]
     return written[0], written[1], written[2]
 

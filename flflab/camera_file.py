@@ -148,6 +148,8 @@ class UsefulDescription(Description):
 class CameraDescription(Description):
     """A camera file."""
 
+    file_kind = "camera"
+
     main_lens: MainLensDescription
     microlens_array: ArrayDescription
     sensor: SensorDescription

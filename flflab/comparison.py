@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.whole_file import write_csv
+from flflab.whole_file import in_csv, write_own
 
 Array = npt.NDArray[np.float64]
 
@@ -174,4 +174,4 @@ def write_rows(rows: tuple[Row, ...], file: Path) -> None:
         ]
         for row in rows
     )
-    write_csv(file, [[field.name for field in fields(Row)], *told])
+    write_own(file, in_csv([[field.name for field in fields(Row)], *told]))

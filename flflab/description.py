@@ -6,16 +6,14 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast
+from typing import Annotated, Any, ClassVar, TypeVar, cast
 
-import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from flflab.errors import InputError
+from flflab.printable import nearest, shortened
 from flflab.units import Dimension, parse_quantity
-
-Path_ = tuple[str | int, ...]
-Lines = dict[Path_, int]
+from flflab.yaml_file import Path_, read_yaml
 
 LEAST, MOST = (
     1e-15,
@@ -63,78 +61,27 @@ Speed = Annotated[float, quantity("speed")]
 Ratio = Annotated[float, quantity("ratio")]
 
 
-class Description(BaseModel):
-    """A frozen part of a description; a field it does not know is an error."""
+KINDS = {  # of files, by fields that no other kind has
+    "camera": ("main_lens", "microlens_array"),
+    "bench": ("axes", "optics"),
+    "study": ("name", "configurations"),
+    "scene": ("planes",),
+    "requirements": ("measure", "parts"),
+    "target": ("kind",),
+}
 
+
+class Description(BaseModel):
+    """A frozen part of a description; a field it does not know is an error.
+
+    ``file_kind`` is one of ``KINDS`` where the description is a whole file.
+    """
+
+    file_kind: ClassVar[str] = ""
     model_config = ConfigDict(extra="forbid", frozen=True, strict=False, allow_inf_nan=False)
 
 
 Part = TypeVar("Part", bound=BaseModel)
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """A safe loader; numbers such as 1e-5 are numbers, a key given twice is an error."""
-
-
-_UniqueKeyLoader.add_implicit_resolver(  # pyright: ignore[reportUnknownMemberType]
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("-+0123456789."),
-)
-
-
-def _collect_lines(node: yaml.Node, path: Path_, lines: Lines, file: str) -> None:
-    lines[path] = node.start_mark.line + 1
-    if isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
-        for key, value in node.value:
-            name = str(key.value)
-            if name in seen:
-                raise InputError(
-                    f"{file}:{key.start_mark.line + 1}: the field '{name}' is given twice; keep one"
-                )
-            seen.add(name)
-            _collect_lines(value, (*path, name), lines, file)
-            lines[(*path, name)] = key.start_mark.line + 1
-    elif isinstance(node, yaml.SequenceNode):
-        for index, value in enumerate(node.value):
-            _collect_lines(value, (*path, index), lines, file)
-
-
-def read_yaml(file: Path) -> tuple[dict[str, Any], Lines]:
-    """Read a YAML mapping and the line each field stands on.
-
-    Raises:
-        InputError: the file is missing, unreadable, not in UTF-8, not YAML, or not a mapping of
-            fields.
-    """
-    try:
-        text = Path(file).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(
-            f"{file}: cannot be read ({error.strerror or error}); give the path of a YAML file"
-        ) from error
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        raise InputError(f"{file}:{line}: not text in UTF-8; save the file as UTF-8") from error
-    try:
-        node = yaml.compose(text, Loader=_UniqueKeyLoader)
-        # the loader is a SafeLoader
-        data: Any = yaml.load(text, Loader=_UniqueKeyLoader)  # noqa: S506
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = mark.line + 1 if mark else 1
-        raise InputError(f"{file}:{line}: not YAML: {getattr(error, 'problem', error)}") from error
-    lines: Lines = {}
-    if node is not None:
-        _collect_lines(node, (), lines, str(file))
-    if data is None:
-        raise InputError(
-            f"{file}:1: the file is empty; fields are due, `flflab new` writes a file to begin from"
-        )
-    if not isinstance(data, dict):
-        raise InputError(f"{file}:1: a mapping of fields is due here, not {type(data).__name__}")
-    return cast(dict[str, Any], data), lines
 
 
 def line_of(path: Path_, lines: Mapping[Path_, int]) -> int:
@@ -144,6 +91,18 @@ def line_of(path: Path_, lines: Mapping[Path_, int]) -> int:
     return lines.get(path, 1)
 
 
+def require_kind(data: object, due: str, file: str) -> None:
+    """Refuse a file of another kind, in one sentence instead of one for each of its fields.
+
+    Raises:
+        InputError: its fields are those of another kind than is due.
+    """
+    fields = cast(dict[str, Any], data) if isinstance(data, dict) else {}
+    looks = [kind for kind, own in KINDS.items() if all(field in fields for field in own)]
+    if due and looks and due not in looks:
+        raise InputError(f"{file} is a {looks[0]} file; a {due} file is expected here")
+
+
 def check(
     data: object, kind: type[Part], file: str, lines: Mapping[Path_, int], under: Path_ = ()
 ) -> Part:
@@ -151,8 +110,11 @@ def check(
     and field.
 
     Raises:
-        InputError: at least one field is missing, unknown, of the wrong kind or impossible.
+        InputError: at least one field is missing, unknown, of the wrong kind or impossible, or the
+            file is one of another kind.
     """
+    if not under and issubclass(kind, Description):
+        require_kind(data, kind.file_kind, file)
     try:
         found = kind.model_validate(data)
         wrong = [
@@ -174,36 +136,36 @@ def check(
     except ValidationError as error:
         faults: list[str] = []
         for fault in error.errors():
-            path = _given((*under, *fault["loc"]), lines)
+            place = tuple(part for part in fault["loc"] if part != "[key]")  # of a field's name
+            path, given = _given((*under, *place), lines), shortened(fault["input"])
             message = fault["msg"].removeprefix("Value error, ")
             if (about := (*path, *message.partition(" ")[0].split("."))) in lines:
                 path = about  # a rule between fields begins with the one to change
             field = ".".join(str(part) for part in path) or "(file)"
             if fault["type"] == "missing" and isinstance(fault["loc"][-1], int):
-                message = f"fewer values than are due here: {fault['input']!r}"
+                message = f"fewer values than are due here: {given}"
             elif fault["type"] == "missing":
                 message = "this field is missing"
             elif fault["type"] == "extra_forbidden":
+                allowed = _fields_at(kind, fault["loc"][:-1])
+                near = nearest(str(fault["loc"][-1]), allowed)
                 message = (
-                    "there is no such field; allowed here:"
-                    f" {', '.join(_fields_at(kind, fault['loc'][:-1]))}"
+                    f"there is no such field{f', did you mean {near}?' if near else ';'} allowed"
+                    f" here: {', '.join(allowed)}"
                 )
             elif fault["type"] in ("model_type", "model_attributes_type", "dict_type"):
                 allowed = ", ".join(_fields_at(kind, fault["loc"]))
-                message = (
-                    f"fields are due here{f' ({allowed})' if allowed else ''}, not"
-                    f" {fault['input']!r}"
-                )
+                message = f"fields are due here{f' ({allowed})' if allowed else ''}, not {given}"
             elif fault["type"] in ("tuple_type", "list_type"):
-                message = f"values in brackets are due here, [..., ...], not {fault['input']!r}"
+                message = f"values in brackets are due here, [..., ...], not {given}"
             elif fault["type"] == "too_long":
-                message = f"more values than are allowed here: {fault['input']!r}"
+                message = f"more values than are allowed here: {given}"
             elif fault["type"] == "too_short" and not fault["input"]:
                 message = "the list is empty; give at least one entry"
             elif fault["type"] in NUMBERS:
-                message = f"{NUMBERS[fault['type']]} is due here, not {fault['input']!r}"
+                message = f"{NUMBERS[fault['type']]} is due here, not {given}"
             elif fault["type"] != "value_error":
-                message = f"{message[0].lower()}{message[1:]}, not {fault['input']!r}"
+                message = f"{message[0].lower()}{message[1:]}, not {given}"
             faults.append(f"{file}:{line_of(path, lines)}: {field}: {message}")
         raise InputError("\n".join(dict.fromkeys(faults))) from error
 
@@ -261,7 +223,8 @@ def _fields_at(kind: type[BaseModel], path: Path_) -> list[str]:
             and part in current.model_fields
         ):
             current = _model_in(current.model_fields[part].annotation)
-    return list(current.model_fields) if hasattr(current, "model_fields") else []
+    fields = current.model_fields if hasattr(current, "model_fields") else {}
+    return [field.alias or name for name, field in fields.items()]
 
 
 def _model_in(annotation: Any) -> Any:

@@ -1,5 +1,19 @@
 """Every error this project raises on purpose; each message is one sentence for an operator."""
 
+import re
+
+_NUMBERED = re.compile(r"\[(?:Errno|WinError) -?\d+\] ([^:\n]+)|\(-?\d+, '([^']*)'\)")
+
+
+def reason(error: BaseException) -> str:
+    """Why something could not be done, in words, once and in one line: without the number and the
+    path that the system and the libraries around it say several times.
+    """
+    said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    found = _NUMBERED.search(said)
+    words = (found[1] or found[2]) if found else said
+    return " ".join(words.split()) or type(error).__name__
+
 
 class FlflabError(Exception):
     """Base of all deliberate errors: the message says who, what was asked, what is allowed and what

@@ -23,7 +23,7 @@ from flflab.properties.depth import dot_distances, lateral_resolution
 from flflab.properties.fields import fields, overlap
 from flflab.properties.focus import depth_of_field
 from flflab.properties.light import light
-from flflab.properties.measured import Measured, measure_configuration
+from flflab.properties.measured import Measured, measure_configuration, recorded
 from flflab.properties.predicted import Predicted, predict
 from flflab.properties.values import Values, differences, ratios, rows, verdict
 from flflab.properties.views import views
@@ -86,7 +86,7 @@ def tell_nobody(done: int, total: int) -> None:
 def evaluate(
     run: Run, study: Study, bench: Bench, seed: int = 0, tell: Tell = tell_nobody
 ) -> Evaluation:
-    """Measure and predict every configuration of a run, and compare.
+    """Measure and predict every configuration of a run that was recorded, and compare.
 
     Args:
         run: the record.
@@ -97,19 +97,21 @@ def evaluate(
             after each.
 
     Raises:
-        MeasurementError: a configuration's frames are missing or do not show what they should.
+        MeasurementError: no configuration's frames are complete, or they do not show what they
+            should.
     """
     # The measurement's kernels let other threads run, so every core measures a configuration of its
     # own.
     measured: list[Measured] = []
-    tell(0, len(study.configurations))
+    configurations = recorded(run, study)
+    tell(0, len(configurations))
     with measuring_threads() as pool:
         for one in pool.map(
             lambda configuration: measure_configuration(run, configuration, study, bench),
-            study.configurations,
+            configurations,
         ):
             measured.append(one)
-            tell(len(measured), len(study.configurations))
+            tell(len(measured), len(configurations))
     return evaluate_measured(tuple(measured), study, bench, seed)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.bitmap_file import by_content, read_bmp, read_jpeg, read_pgm, read_png
-from flflab.errors import InputError
+from flflab.errors import InputError, reason
 from flflab.raw_file import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
 from flflab.remark import Remark
 from flflab.sensor_picture import SensorPicture, declare, from_raw, with_dark
@@ -259,7 +259,7 @@ def _why(file: Path, ending: str, error: Exception) -> str:
         kinds = {".tiff": ".tif", ".jpeg": ".jpg", ".ppm": ".pgm", ".pnm": ".pgm", ".hdf5": ".h5"}
         if found and found != kinds.get(ending, ending):
             return f"its content is that of a {found} file: rename it"
-    return str(error)
+    return reason(error)
 
 
 def _read(file: Path, ending: str, number: int | None) -> StoredPicture:
@@ -299,7 +299,9 @@ def _read_hdf5(file: Path, choose: Callable[[int], int]) -> StoredPicture:
     """A picture of the file's only set of pictures, as in a run's frames.h5."""
     import h5py  # only those who read such files pay for its start-up
 
-    with h5py.File(file, "r") as content:
+    from flflab.hdf5_file import opened_hdf5, require_own_numbers
+
+    with opened_hdf5(file) as content:
         found: list[Any] = []
         content.visititems(
             lambda _, item: (
@@ -313,6 +315,7 @@ def _read_hdf5(file: Path, choose: Callable[[int], int]) -> StoredPicture:
             raise InputError(
                 f"{file}: one set of pictures is due, of two or three dimensions; found: {names}"
             )
+        require_own_numbers(found[0], file)
         if found[0].ndim == 2:
             choose(1)
             return StoredPicture(np.asarray(found[0]))

@@ -112,9 +112,14 @@ def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
     uncertainties.
     """
     stages: dict[Element, tuple[Array, Array]] = {}
+    fixed = bench.description.fixed.stated()
     for element in ELEMENTS:
         axis = bench.description.axis_of(element)
-        zero, scale = (axis[1].zero_uncertainty, axis[1].scale_uncertainty) if axis else (0.0, 0.0)
+        zero, scale = (
+            (axis[1].zero_uncertainty, axis[1].scale_uncertainty)
+            if axis
+            else (fixed[element].uncertainty if element in fixed else 0.0, 0.0)
+        )
         stages[element] = (rng.normal(0.0, 1.0, draws) * zero, rng.normal(0.0, 1.0, draws) * scale)
     doubt = bench.description.optics_uncertainty
     lens, f_number, focal, aperture, pitch = (
@@ -150,7 +155,11 @@ def attitude_uncertainty(bench: Bench) -> Array:
         ("array.roll", doubt.array_roll), ("array.yaw", doubt.array_tilt),
         ("array.pitch", doubt.array_tilt),
     )  # fmt: skip
-    axes = [(bench.description.axis_of(turn), set_by) for turn, set_by in turns]
+    fixed = bench.description.fixed.stated()
+    axes = [
+        (bench.description.axis_of(turn), fixed[turn].uncertainty if turn in fixed else set_by)
+        for turn, set_by in turns
+    ]
     return np.array(
         [math.hypot(axis[1].zero_uncertainty, set_by) if axis else set_by for axis, set_by in axes]
     )

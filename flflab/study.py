@@ -11,21 +11,13 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BeforeValidator, Field, model_validator
 
 from flflab.comparison import PROPERTY_NAMES
-from flflab.description import (
-    Angle,
-    Description,
-    Length,
-    Lines,
-    Ratio,
-    check,
-    read_yaml,
-    written_as,
-)
+from flflab.description import Angle, Description, Length, Ratio, check, written_as
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.optics.focus import vergence_of
 from flflab.target_file import target_from
 from flflab.targets import Bars, FourDot
+from flflab.yaml_file import Lines, read_yaml
 
 
 def _as_list(given: object) -> object:
@@ -94,6 +86,8 @@ class ExposureDescription(Description):
 
 class StudyDescription(Description):
     """A study file."""
+
+    file_kind = "study"
 
     name: Annotated[
         str,

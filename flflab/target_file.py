@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field
 
-from flflab.description import Angle, Description, Frequency, Length, check, read_yaml
-from flflab.errors import InputError
+from flflab.description import Angle, Description, Frequency, Length, check, require_kind
+from flflab.errors import InputError, reason
 from flflab.targets import Bars, Black, Chirp, Edge, FourDot, Picture, Target, White
+from flflab.yaml_file import read_yaml
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 
@@ -108,6 +109,7 @@ def load_target(file: Path) -> Target:
         InputError: as ``target_from``, with file and line.
     """
     data, lines = read_yaml(file)
+    require_kind(data, "target", str(file))
     return _made(data, str(file), lines, Path(file).parent)
 
 
@@ -158,7 +160,8 @@ def _read_picture(file: Path, width: float) -> Picture:
         )
     except (OSError, ValueError, cv2.error) as error:
         raise InputError(
-            f"the picture {file} cannot be read ({error}); give a .png, .tiff, .jpg or .npy file"
+            f"the picture {file} cannot be read ({reason(error)}); give a .png, .tiff, .jpg or .npy"
+            " file"
         ) from error
     if values is None:
         raise InputError(

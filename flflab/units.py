@@ -7,18 +7,19 @@ import re
 from typing import Literal
 
 from flflab.errors import InputError
+from flflab.printable import shortened
 
 Dimension = Literal[
     "length", "angle", "time", "frequency", "speed", "angular speed", "acceleration", "ratio"
 ]
+
+MICRO = str.maketrans("µμ", "uu")  # the micro sign and the Greek letter that Unicode prefers to it
 
 # Factors to the unit used inside: mm, rad, s, cycles/mm, mm/s, rad/s, mm/s^2, 1.
 FACTORS: dict[Dimension, dict[str, float]] = {
     "length": {
         "nm": 1e-6,
         "um": 1e-3,
-        "µm": 1e-3,
-        "μm": 1e-3,
         "mm": 1.0,
         "cm": 10.0,
         "m": 1e3,
@@ -32,9 +33,9 @@ FACTORS: dict[Dimension, dict[str, float]] = {
         "arcmin": math.pi / 10800,
         "arcsec": math.pi / 648000,
     },
-    "time": {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0},
+    "time": {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0},
     "frequency": {"cycles/mm": 1.0, "lp/mm": 1.0, "1/mm": 1.0, "cycles/um": 1e3, "cycles/m": 1e-3},
-    "speed": {"um/s": 1e-3, "µm/s": 1e-3, "mm/s": 1.0, "m/s": 1e3},
+    "speed": {"um/s": 1e-3, "mm/s": 1.0, "m/s": 1e3},
     "angular speed": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180},
     "acceleration": {"mm/s^2": 1.0, "mm/s2": 1.0, "m/s^2": 1e3, "m/s2": 1e3},
     "ratio": {"%": 1e-2, "ppm": 1e-6},
@@ -77,10 +78,10 @@ def parse_quantity(given: object, dimension: Dimension) -> float:
         if given == 0 or (dimension == "ratio" and math.isfinite(given)):
             return float(given)
         raise InputError(
-            f"{given!r} has no unit; {example}, for instance '{given} {next(iter(units))}'"
+            f"{shortened(given)} has no unit; {example}, for instance '{given} {next(iter(units))}'"
         )
     if not isinstance(given, str):
-        raise InputError(f"{given!r} is not a quantity; {example}")
+        raise InputError(f"{shortened(given)} is not a quantity; {example}")
     if dimension == "length" and given.strip() in ("infinity", "inf"):
         return math.inf
     found = _QUANTITY.fullmatch(given)
@@ -88,18 +89,18 @@ def parse_quantity(given: object, dimension: Dimension) -> float:
         try:
             bare = float(given)
         except ValueError:
-            raise InputError(f"{given!r} is not a quantity; {example}") from None
+            raise InputError(f"{shortened(given)} is not a quantity; {example}") from None
         if bare == 0 or (dimension == "ratio" and math.isfinite(bare)):
             return bare
-        raise InputError(f"{given!r} has no unit; {example}")
-    number, unit = found[1], found[2] or found[3]
+        raise InputError(f"{shortened(given)} has no unit; {example}")
+    number, unit = found[1], (found[2] or found[3]).translate(MICRO)
     if unit not in units:
         kind = next((name for name, table in FACTORS.items() if unit in table), None)
         reason = f"{unit!r} is a unit of {kind}" if kind else f"{unit!r} is not a unit known here"
-        raise InputError(f"{given!r}: {reason}; {example}")
+        raise InputError(f"{shortened(given)}: {reason}; {example}")
     value = float(number) * units[unit]
     if not math.isfinite(value):
-        raise InputError(f"{given!r} is too large; {example}")
+        raise InputError(f"{shortened(given)} is too large; {example}")
     return value
 
 

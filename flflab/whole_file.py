@@ -10,19 +10,19 @@ import io
 import os
 import secrets
 import shutil
-import sys
 from collections.abc import Generator, Iterable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 from flflab.errors import InputError
+from flflab.file_lock import try_lock
 
 FULL = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
 
 
 def write_whole(file: Path, content: str | bytes | memoryview) -> None:
     """Write a file, or leave what was there as it was; a device or a pipe takes the bytes as they
-    come.
+    come, and of a link the file that it leads to is written.
 
     Args:
         file: is overwritten.
@@ -32,31 +32,82 @@ def write_whole(file: Path, content: str | bytes | memoryview) -> None:
         InputError: the disk is full, the file or its folder cannot be written, or its text holds a
             name that is not UTF-8.
     """
-    try:
-        content = content.encode("utf-8") if isinstance(content, str) else content
-    except UnicodeEncodeError as error:
-        raise InputError(
-            f"{file}: would hold a file's name that is not UTF-8; give names that are"
-        ) from error
+    content = _in_bytes(file, content)
     try:
         _require_place(file)
         if _special(file):
             file.write_bytes(content)
         else:
-            with (
-                part_of(file.resolve()) as part,
-                part.open("wb") as stream,
-            ):  # the file that a link leads to, not the link
-                stream.write(content)
+            _put(file.resolve(), content)
     except OSError as error:
         raise _unwritten(file, error, len(content)) from error
 
 
+def write_own(file: Path, content: str | bytes) -> None:
+    """Write a file of a run's folder, whole or not at all. A link in its place is replaced and not
+    followed: the folder may be somebody else's, and its links may lead anywhere.
+
+    Args:
+        file: is overwritten.
+        content: text is written as UTF-8, its line ends as they are.
+
+    Raises:
+        InputError: as ``write_whole``.
+    """
+    whole = _in_bytes(file, content)
+    try:
+        if not file.is_symlink():
+            _require_place(file)
+        _put(file, whole)
+    except OSError as error:
+        raise _unwritten(file, error, len(whole)) from error
+
+
+def open_own(file: Path, mode: str) -> IO[Any]:
+    """Open a file of a run's folder for writing, which has to be no link (see ``write_own``); text
+    in UTF-8, bytes without a buffer.
+
+    Raises:
+        OSError: it is a link, or cannot be opened.
+    """
+    if file.is_symlink():
+        raise OSError(errno.ELOOP, f"{file} is a link, and links are not written through")
+    no_follow = getattr(os, "O_NOFOLLOW", 0)
+    binary = "b" in mode
+    return open(
+        file,
+        mode,
+        buffering=0 if binary else -1,
+        encoding=None if binary else "utf-8",
+        newline=None if binary else "\n",
+        opener=lambda path, flags: os.open(path, flags | no_follow, 0o666),
+    )
+
+
+def _put(file: Path, content: bytes | memoryview) -> None:
+    with part_of(file) as part, part.open("wb") as stream:
+        stream.write(content)
+
+
+def _in_bytes(file: Path, content: str | bytes | memoryview) -> bytes | memoryview:
+    try:
+        return content.encode("utf-8") if isinstance(content, str) else content
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"{file}: would hold a file's name that is not UTF-8; give names that are"
+        ) from error
+
+
 def write_csv(file: Path, rows: Iterable[Iterable[Any]]) -> None:
     """Write rows as CSV, the first one the heads; raises as ``write_whole``."""
+    write_whole(file, in_csv(rows))
+
+
+def in_csv(rows: Iterable[Iterable[Any]]) -> str:
+    """Rows as CSV, the first one the heads."""
     text = io.StringIO(newline="")
     csv.writer(text).writerows(rows)
-    write_whole(file, text.getvalue())
+    return text.getvalue()
 
 
 def require_writable(file: Path) -> None:
@@ -69,6 +120,11 @@ def require_writable(file: Path) -> None:
         _require_place(file)
     except OSError as error:
         raise _unwritten(file, error, 0) from error
+
+
+def require_own_writable(file: Path) -> None:
+    """As ``require_writable``, of a file of a run's folder (``write_own``)."""
+    require_writable(file.parent / "any" if file.is_symlink() else file)
 
 
 def make_folder(folder: Path, asked: str) -> None:
@@ -120,9 +176,9 @@ def part_of(file: Path) -> Generator[Path]:
     part = file.with_name(f"{own}.{secrets.token_hex(8)}.part")
     try:
         with part.open("xb") as held:
-            _hold(held)
+            try_lock(held)  # from removal by others; one that cannot be locked nobody removes
             yield part
-        if file.exists():
+        if file.exists() and not file.is_symlink():
             shutil.copymode(file, part)
         os.replace(part, file)
     finally:
@@ -131,24 +187,9 @@ def part_of(file: Path) -> Generator[Path]:
 
 def _remove_unless_held(part: Path) -> None:
     with contextlib.suppress(OSError), part.open("r+b") as left:
-        if _hold(left):
+        if try_lock(left) == "by us":
             left.close()
             part.unlink()
-
-
-def _hold(part: BinaryIO) -> bool:
-    """Keep a part from others' removal until it is closed, however this program ends; False where
-    another one keeps it, or none can.
-    """
-    if sys.platform == "win32":
-        return True  # what is open cannot be removed there
-    import fcntl
-
-    try:
-        fcntl.flock(part, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False  # or a disk on the network that knows no locks
-    return True
 
 
 def _unwritten(file: Path, error: OSError, needed: int) -> InputError:

@@ -4,10 +4,13 @@ results either way.
 
 import contextlib
 import multiprocessing
+import os
 import socket
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import islice
+from multiprocessing import connection
 from typing import Any, TypeVar
 
 from flflab.errors import InputError
@@ -50,12 +53,28 @@ def _on_this_machine(
     function: Callable[..., Result], calls: list[tuple[Any, ...]]
 ) -> Iterator[Result]:
     # Started afresh: a fork would copy the threads' locks of the process that asks.
-    with ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")) as pool:
+    afresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(mp_context=afresh, initializer=_end_with_the_parent) as pool:
         try:
             for future in as_completed([pool.submit(function, *call) for call in calls]):
                 yield future.result()
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _end_with_the_parent() -> None:
+    """Let this worker end when the program that started it does, however it ends: the pool itself
+    ends its workers only where it can still speak to them.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        connection.wait([parent.sentinel])
+        os._exit(1)  # what a worker computes nobody waits for any more
+
+    threading.Thread(target=watch, name="watch the parent", daemon=True).start()
 
 
 @contextlib.contextmanager

@@ -213,6 +213,7 @@ def resume(
     about = metadata(bench, study, len(back) + len(to_do)) | {
         "plan_name": run.start["plan_name"],
         "resumes": _latest(run),
+        **({"retakes": list(run.lost)} if run.lost else {}),
     }
     perform(plan(tell), plan(tell_nobody), about, bench, recording)
 

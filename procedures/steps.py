@@ -6,9 +6,9 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, get_args
 
-from drivers.interlocks import gap_rule, order_moves
+from drivers.interlocks import gap_rules, goes_any_time, homing_order, order_moves
 from flflab.bench import ANGLE, LENGTH, AxisDescription, Bench, Element, Turn
 from flflab.errors import InputError, InterlockError, LimitError
 from flflab.study import Configuration, Study
@@ -143,21 +143,13 @@ Readings = Mapping[str, float]
 
 
 def home_steps(bench: Bench) -> tuple[Home, ...]:
-    """Array and sensor first, what homes away from its neighbour before what homes towards it; the
-    other axes then.
+    """What shifts main lens, array and sensor first, each while its neighbours are out of its way;
+    the other axes then.
     """
     axes = bench.description.axes
-    away = {"array.z": "-z", "sensor.z": "+z"}
-    retreating = tuple(
-        name for name, axis in axes.items() if away.get(axis.moves) == axis.home_towards
-    )
-    approaching = tuple(
-        name for name, axis in axes.items() if axis.moves in away and name not in retreating
-    )
-    others = tuple(name for name, axis in axes.items() if axis.moves not in away)
-    return tuple(
-        Home(group) for group in (retreating, *((name,) for name in approaching), others) if group
-    )
+    order = homing_order(gap_rules(bench, {name: axis.limits for name, axis in axes.items()}))
+    others = tuple(name for name in axes if not any(name in group for group in order))
+    return tuple(Home(group) for group in (*order, others) if group)
 
 
 def homed_readings(bench: Bench) -> dict[str, float]:
@@ -298,11 +290,11 @@ def move_step(
         _require_within(configuration, name, axis, reading)
         if name in unsure or abs(reading - now[name]) > NOT_MOVED:
             wanted[name] = reading
-    rule = gap_rule(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
-    free = {name: mm for name, mm in wanted.items() if rule is None or name not in rule.movers}
+    gaps = gap_rules(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
+    free = {name: mm for name, mm in wanted.items() if goes_any_time(gaps, name, now[name], mm)}
     bound = {name: mm for name, mm in wanted.items() if name not in free}
     try:
-        order = order_moves(rule, {name: (mm, mm) for name, mm in now.items()}, bound)
+        order = order_moves(gaps, {name: (mm, mm) for name, mm in {**now, **free}.items()}, bound)
     except InterlockError as error:
         raise InterlockError(f"configuration {configuration.index}: {error}") from error
     groups = tuple(group for group in (free, *({name: bound[name]} for name in order)) if group)
@@ -351,18 +343,19 @@ def _place(configuration: Configuration) -> tuple[float, ...]:
 
 
 def standing(bench: Bench) -> dict[Element, float]:
-    """World z in mm of what no axis moves: as the camera file has it, the main lens at 0; of the
-    target nobody knows.
+    """World z in mm of what no axis moves: as the bench file states it, else as the camera file
+    has it, the main lens at 0; of the target nobody knows.
     """
-    places: dict[Element, float] = {
+    places: dict[str, float] = {
         "main_lens.z": 0.0,
         "array.z": bench.optics.array.distance,
         "sensor.z": bench.optics.sensor.distance,
+        **{moved: place.at for moved, place in bench.description.fixed.stated().items()},
     }
     return {
-        element: world
-        for element, world in places.items()
-        if bench.description.axis_of(element) is None
+        element: places[element]
+        for element in get_args(Element)
+        if element in places and bench.description.axis_of(element) is None
     }
 
 

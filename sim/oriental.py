@@ -21,6 +21,7 @@ from sim.stage import Stage
 SILENCE = 0.05  # s after which what has come is no beginning of a message any more
 LENGTHS = {0x03: 8, 0x06: 8, 0x08: 8}  # bytes of a request; 0x10 and 0x17 say theirs
 MOST_REGISTERS = 125
+FASTEST = 4_000_000  # Hz; more is taken and raises an alarm
 OPERATION, TRIGGER = 0x0058, 0x0066
 PULSES, INPUTS, OUTPUTS = 0x0078, 0x007C, 0x007E
 ALARM_RESET = 0x0180
@@ -93,9 +94,12 @@ class Drive:
         self._monitors: Mapping[int, Callable[[], int]] = {
             INPUTS: lambda: self._inputs, OUTPUTS: self._outputs, 0x0080: lambda: self._alarm,
             0x00AC: lambda: 0,
-            0x00C6: self._command_position, 0x00C8: self._speed, 0x00CC: self._position,
-            0x00CE: self._speed, 0x00D4: lambda: 0,
-            0x00D6: lambda: 0, 0x00F8: lambda: 305, 0x00FA: lambda: 312,
+            **dict.fromkeys(range(0x0082, 0x0096, 2), lambda: 0),  # past alarms
+            0x00C6: self._command_position, 0x00C8: self._speed, 0x00CA: self._speed_hz,
+            0x00CC: self._position, 0x00CE: self._speed, 0x00D0: self._speed_hz,
+            0x00D4: lambda: 0, 0x00D6: lambda: 0,
+            0x00F8: lambda: 305, 0x00FA: lambda: 312,  # 0.1 degrees C of drive and motor
+            0x00FC: lambda: 0, 0x00FE: lambda: 0,  # turns in all and since a reset
             0x0120: self.stage.position, 0x0178: self._internal,
             ALARM_RESET: lambda: self._reset,
         }  # fmt: skip
@@ -195,7 +199,7 @@ class Drive:
             return
         wrap = bool(self._parameters[WRAP])
         if (
-            speed <= 0
+            not 0 < speed <= FASTEST
             or kind not in (ABSOLUTE, BY_COMMAND, BY_FEEDBACK, *WRAP_TYPES)
             or (kind in WRAP_TYPES) > wrap
         ):
@@ -271,6 +275,9 @@ class Drive:
 
     def _speed(self) -> int:
         return round(60 * self.stage.velocity() / self._turn)  # r/min of the table
+
+    def _speed_hz(self) -> int:
+        return round(self.stage.velocity())
 
     def _outputs(self) -> int:
         busy, wiring = self.stage.busy(), self.wiring

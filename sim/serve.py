@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from flflab.bench import Bench, DeviceDescription, fields_of
-from flflab.errors import InputError
+from flflab.errors import InputError, reason
 from sim.camera import SimulatedCamera
 from sim.clock import Clock, RunningClock
 from sim.faults import Faults
@@ -295,7 +295,7 @@ def main(
         served = serve(bench, port, pty=pty)
     except OSError as error:
         raise InputError(
-            f"the simulated bench cannot listen ({error}); try another --port"
+            f"the simulated bench cannot listen ({reason(error)}); try another --port"
         ) from error
     with listening_for_the_end() as wait_for_the_end, served:
         if write_bench_file:

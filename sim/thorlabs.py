@@ -2,10 +2,11 @@
 
 From Thorlabs' "Host-Controller Communications Protocol": six-byte messages, data after those with
 bit 7 of the destination set, no checksum and no acknowledgement; ends of motion are told unasked.
-Start-up values as the maker's software sends them for a PRM1-Z8. Not confirmed from the manual:
-what becomes of a move without a reference (here: it is done, counted from where the motor was
-switched on) and of a message of unknown id (here: nothing). The backlash correction is kept as a
-number and not made.
+Start-up values as the maker's software sends them for a PRM1-Z8. What the protocol calls forward
+(0x0457 with 1, status bit 4) lowers the counts, as public clients of TDC001 and KDC101 have it. Not
+confirmed from the manual: what becomes of a move without a reference (here: it is done, counted
+from where the motor was switched on) and of a message of unknown id (here: nothing). The backlash
+correction is kept as a number and not made.
 """
 
 import math
@@ -26,6 +27,7 @@ TOP_SPEED, TOP_ACCELERATION = 25.0, 50.0  # degrees/s, degrees/s^2
 PRM1_Z8 = 6  # the stage's number in the controller's own list
 LONGEST = 255
 BACKLASH, JOG, HOME_PARAMETERS, LIMIT_SWITCHES = "<Hl", "<HHllllH", "<HHHll", "<HHHllH"
+PANEL, TRIGGERS, POSITION_TRIGGERS = "<HHllHll3H", "<6H", "<H8l"  # of a K-cube alone
 
 
 def encode(message_id: int, data: bytes = b"", first: int = 0, second: int = 0) -> bytes:
@@ -53,7 +55,8 @@ class Controller:
             0x0490: self._status, 0x046B: self._suspend, 0x046C: self._resume,
             **self._kept("backlash", 0x043A), **self._kept("jog", 0x0416),
             **self._kept("home", 0x0440),
-            **self._kept("limit switches", 0x0423),
+            **self._kept("limit switches", 0x0423), **self._kept("panel", 0x0520),
+            **self._kept("triggers", 0x0523), **self._kept("position triggers", 0x0526),
         }  # fmt: skip
         self.power_up()
 
@@ -62,9 +65,16 @@ class Controller:
         self.stage.power_up()
         self._parameters = {
             "backlash": struct.pack(BACKLASH, 1, round(COUNTS_PER_DEGREE)),
-            "jog": struct.pack(JOG, 1, 2, _counts(5), 0, _speed(15), _acceleration(15), 2),
+            "jog": struct.pack(JOG, 1, 2, _counts(5), 0, _acceleration(15), _speed(15), 2),
             "home": struct.pack(HOME_PARAMETERS, 1, 2, 1, _speed(10), _counts(4)),
             "limit switches": struct.pack(LIMIT_SWITCHES, 1, 4, 1, 1920, 1920, 1),
+            "panel": struct.pack(
+                PANEL, 1, 1, _speed(10), _acceleration(10), 1, _counts(0), _counts(10), 60, 5, 2
+            ),
+            "triggers": struct.pack(TRIGGERS, 1, 0, 1, 0, 1, 0),
+            "position triggers": struct.pack(
+                POSITION_TRIGGERS, 1, 0, _counts(1), 1, 0, _counts(1), 1, 50_000, 1
+            ),
         }
         self._tells_ends = True
         self._ending = 0
@@ -157,7 +167,7 @@ class Controller:
         return b""
 
     def _run(self, message: bytes) -> bytes:
-        self._go(self.stage.upper if message[3] == 1 else self.stage.lower)
+        self._go(self.stage.lower if message[3] == 1 else self.stage.upper)
         return b""
 
     def _go(self, counts: int) -> None:
@@ -201,14 +211,14 @@ class Controller:
         return struct.pack("<HlhHL", 1, self.stage.position(), velocity, 0, self._status_bits())
 
     def _status_bits(self) -> int:
-        """Bits 0 on a switch, 4 and 5 moving to and fro, 8 connected, 9 homing, 10 homed, 13
-        settled, 14 motion error, 31 enabled.
+        """Bits 0 on a switch, 4 moving to lower counts and 5 to higher ones, 8 connected, 9
+        homing, 10 homed, 13 settled, 14 motion error, 31 enabled.
         """
         flags, velocity = self.stage.flags(), self.stage.velocity()
         busy = self.stage.busy()
         bits = {
             0: "WL" in flags,
-            4: busy and velocity >= 0, 5: busy and velocity < 0, 8: True, 9: self.stage.homing(),
+            4: busy and velocity < 0, 5: busy and velocity >= 0, 8: True, 9: self.stage.homing(),
             10: self.stage.reference == "homed",
             13: not busy, 14: "FS" in flags, 31: self.stage.enabled,
         }  # fmt: skip

@@ -147,7 +147,12 @@ class World:
             "target.z": -sharp_distance(bench.optics),
             **_turns(bench.optics.array),
         }
-        self._fixed = left_at | _turns(self.optics.array)
+        fixed = {
+            moved: place.at
+            + float(keyed(simulated.seed, "fixed", moved).normal()) * place.uncertainty
+            for moved, place in bench.description.fixed.stated().items()
+        }
+        self._fixed = left_at | _turns(self.optics.array) | fixed
         doubt = bench.description.optics_uncertainty
         set_by = {
             "array.pitch": doubt.array_tilt,
@@ -175,6 +180,7 @@ class World:
         self._lamp_unsure = bench.description.light_uncertainty
         self._iris_scale = _planted(simulated.truths, "iris.scale", "ratio", float(drawn))
         self.targets = wheel_targets(bench)
+        self._envelopes = bench.description.envelopes
 
     def elements(self, instant: float) -> dict[str, float]:
         """True world z of every element, mm."""
@@ -193,11 +199,25 @@ class World:
         }
 
     def gap(self, instant: float) -> float:
-        """True distance from the array's nearest corner to the sensor, mm; negative where they have
-        met.
+        """True distance from the array to the sensor, metal and glass counted, mm; negative where
+        they have met.
         """
-        places = self._places(instant)
-        return places["sensor.z"] - places["array.z"] - corner_reach(self.optics.array, places)
+        places, array, sensor = self._places(instant), self._envelopes.array, self._envelopes.sensor
+        reach = plate_reach(self.optics.array, places, array.rear, array.radius)
+        return places["sensor.z"] - sensor.front - places["array.z"] - reach
+
+    def lens_gap(self, instant: float) -> float:
+        """True distance from the main lens to the array as ``gap`` has it of array and sensor,
+        mm.
+        """
+        places, array, lens = (
+            self._places(instant),
+            self._envelopes.array,
+            self._envelopes.main_lens,
+        )
+        mirrored = places | {turn: -places[turn] for turn in ("array.yaw", "array.pitch")}
+        reach = plate_reach(self.optics.array, mirrored, array.front, array.radius)
+        return places["array.z"] - reach - places["main_lens.z"] - lens.rear
 
     def _places(self, instant: float) -> dict[str, float]:
         with self.lock:
@@ -265,12 +285,14 @@ def _turns(array: MicrolensArray) -> dict[str, float]:
     }
 
 
-def corner_reach(array: MicrolensArray, angles: Mapping[str, float]) -> float:
-    """How far the foremost corner of the turned array stands out of the plane through its middle
-    towards the sensor, mm.
+def plate_reach(
+    array: MicrolensArray, angles: Mapping[str, float], thickness: float = 0.0, radius: float = 0.0
+) -> float:
+    """How far the foremost corner of the turned array, or the rim of its holder, stands out of the
+    plane through its middle towards the sensor, mm.
 
     The array is a stiff plate that is rolled about its middle, shifted by its offset and then
-    tilted about where the main axis meets it.
+    tilted about where the main axis meets it; its holder is round about that point.
     """
     x, y = (
         (count * pitch + array.aperture) / 2
@@ -284,7 +306,8 @@ def corner_reach(array: MicrolensArray, angles: Mapping[str, float]) -> float:
         for a in (-x, x)
         for b in (-y, y)
     )
-    return (rolled + slope_x * array.offset[0] + slope_y * array.offset[1]) / steepness
+    corner = rolled + slope_x * array.offset[0] + slope_y * array.offset[1]
+    return (max(corner, radius * math.hypot(slope_x, slope_y)) + thickness) / steepness
 
 
 def true_axis(

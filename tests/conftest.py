@@ -7,11 +7,13 @@ import getpass
 import importlib
 import multiprocessing
 import os
+import select
+import socket
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from pathlib import Path
 from types import ModuleType
@@ -80,14 +82,74 @@ def r12a() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def temporary_files_of_their_own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Where every bench that was ever driven has a lock file, those of the tests are not left
-    behind.
+    """What a test leaves among the temporary files, and the lock files of programs that a test
+    killed, are not left behind.
     """
+    from drivers import locks  # tests of the model alone need no drivers
+
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("temporary")
         patch.setenv("TMPDIR", str(folder))
         patch.setattr(tempfile, "tempdir", str(folder))
         yield
+    for file in locks.folder().glob(f"{locks.PREFIX}*.{locks.user()}.lost"):
+        file.unlink(missing_ok=True)
+    for file in locks.own_files():
+        if not locks.locked(file):
+            for kind in (locks.LOCK, locks.KEY, locks.STOP):
+                file.with_suffix(kind).unlink(missing_ok=True)
+
+
+class Forwarder:
+    """Another address of a TCP server, as another computer or a converter would have it."""
+
+    def __init__(self, address: str) -> None:
+        host, _, port = address.removeprefix("socket://").rpartition(":")
+        self._to = host, int(port)
+        self._over = False
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.address = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        ends: dict[socket.socket, socket.socket] = {}
+        while not self._over:
+            for ready in select.select([self._server, *ends], [], [], 0.05)[0]:
+                with contextlib.suppress(OSError):
+                    if ready is self._server:
+                        here, there = self._server.accept()[0], socket.create_connection(self._to)
+                        ends |= {here: there, there: here}
+                    elif ready in ends:
+                        more = ready.recv(4096)
+                        if more:
+                            ends[ready].sendall(more)
+                            continue
+                        other = ends.pop(ready)
+                        del ends[other]
+                        ready.close()
+                        other.close()
+        for end in ends:
+            end.close()
+        self._server.close()
+
+    def end(self) -> None:
+        """Leave no thread and no connection."""
+        self._over = True
+        self._thread.join()
+
+
+@pytest.fixture
+def other_address() -> Iterator[Callable[[str], str]]:
+    """Gives a TCP address another one, which nothing shows to be the same."""
+    with contextlib.ExitStack() as ends:
+
+        def forward(address: str) -> str:
+            forwarder = Forwarder(address)
+            ends.callback(forwarder.end)
+            return forwarder.address
+
+        yield forward
 
 
 @pytest.fixture(scope="session")

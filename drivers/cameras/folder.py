@@ -16,7 +16,7 @@ from pydantic import Field
 from drivers.camera_commands import SensorKeys, Setup, Taken
 from drivers.raw_file import taken_from
 from flflab.description import Time
-from flflab.errors import CommunicationError, DeviceError, InputError
+from flflab.errors import CommunicationError, DeviceError, InputError, reason
 from flflab.image_file import read_picture
 from flflab.raw_file import RAW, RawPicture, read_raw
 
@@ -111,7 +111,7 @@ class FolderCamera:
             (self._folder / ".request").replace(self._folder / REQUEST)
         except OSError as error:
             raise CommunicationError(
-                f"{self._who}: {REQUEST} cannot be written ({error}); check the folder"
+                f"{self._who}: {REQUEST} cannot be written ({reason(error)}); check the folder"
             ) from error
 
     def exposing(self) -> None:
@@ -230,8 +230,8 @@ class FolderCamera:
             names = [path.name for path in self._folder.iterdir()]
         except OSError as error:
             raise CommunicationError(
-                f"{self._who}: the folder cannot be read ({error}); check path, network and card"
-                " reader"
+                f"{self._who}: the folder cannot be read ({reason(error)}); check path, network"
+                " and card reader"
             ) from error
         return [
             name

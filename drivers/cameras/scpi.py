@@ -9,10 +9,13 @@ from pydantic import Field
 
 from drivers.camera_commands import Setup, Taken
 from drivers.scpi_link import ScpiLink, on_link, unquote
+from drivers.transport import real_number, whole_number
 from flflab.description import Description
 from flflab.errors import CommunicationError
+from flflab.printable import shortened
 
 SLACK_S = 60.0
+MOST_PIXELS = 500_000_000  # of a frame, 1 GB
 
 
 class ScpiCamera:
@@ -74,15 +77,13 @@ class ScpiCamera:
         fields, block = self._link.block(
             "FETC?", 7, 2 * self.columns * self.rows, expected + self._readout + self._slack
         )
-        try:
-            number, timestamp, exposure, gain, columns, rows, dropped = (
-                float(field) for field in fields
-            )
-        except ValueError as error:
+        numbers = [one for field in fields if (one := real_number(field)) is not None]
+        if len(numbers) != len(fields):
             raise CommunicationError(
-                f"{self._link}: {fields} before a frame, seven numbers are due; take the picture"
-                " again"
-            ) from error
+                f"{self._link}: {shortened(fields)} before a frame, seven finite numbers are due;"
+                " take the picture again"
+            )
+        number, timestamp, exposure, gain, columns, rows, dropped = numbers
         if not block:
             reason = self._link.error()
             raise CommunicationError(
@@ -145,19 +146,44 @@ class ScpiCamera:
         self._full_scale, self._offset, self._readout = int(numbers[0]), numbers[1], numbers[2]
         self.exposure_limits = (numbers[3], numbers[4])
         self.gain_limits = (numbers[5], numbers[6])
+        self._refuse_impossible()
         size, pixel_format = self._link.query("SENS:SIZE?", "FORM?")
         self._pixel_format = unquote(pixel_format).capitalize()
-        columns, comma, rows = size.partition(",")
-        if not (comma and columns.isdigit() and rows.isdigit()):
+        columns, rows = (whole_number(one) or 0 for one in (*size.split(",", 1), "")[:2])
+        if min(columns, rows) < 1 or columns * rows > MOST_PIXELS:
             raise CommunicationError(
-                f"{self._link}: asked for its size, got {size!r}, not columns,rows; check what"
-                " stands at this address"
+                f"{self._link}: asked for its size, got {shortened(size)}, not columns,rows of at"
+                f" least 1,1 and at most {MOST_PIXELS / 1e6:g} megapixels; check what stands at"
+                " this address"
             )
-        self.columns, self.rows = int(columns), int(rows)
+        self.columns, self.rows = columns, rows
         if self._prepared is None:
             self._read_back()
         else:
             self._apply()
+
+    def _refuse_impossible(self) -> None:
+        """Refuse a camera whose numbers no camera has.
+
+        Raises:
+            CommunicationError: they are named.
+        """
+        (shortest, longest), (least, most) = self.exposure_limits, self.gain_limits
+        wrong = [
+            words
+            for words, holds in (
+                (f"full scale {self._full_scale} DN", 1 <= self._full_scale <= 65535),
+                (f"exposures of {shortest:g} s to {longest:g} s", 0 < shortest <= longest),
+                (f"gains of {least:g} to {most:g}", 0 < least <= most),
+                (f"a read-out of {self._readout:g} s", self._readout >= 0),
+            )
+            if not holds
+        ]
+        if wrong:
+            raise CommunicationError(
+                f"{self._link}: the camera says of itself {', '.join(wrong)}, which no camera has;"
+                " check model and firmware"
+            )
 
     def _apply(self) -> None:
         if self._prepared is not None:
@@ -173,6 +199,10 @@ class ScpiCamera:
             raise CommunicationError(
                 f"{self._link}: says that a DN is {electrons_per_dn:g} electrons; a number above 0"
                 " is due"
+            )
+        if noise < 0:
+            raise CommunicationError(
+                f"{self._link}: says that its noise is {noise:g} electrons; 0 or more is due"
             )
         per_electron = 1 / electrons_per_dn
         self.setup = Setup(

@@ -15,6 +15,7 @@ from flflab.cli.ending import (
     is_interruption,
     lost_output,
 )
+from flflab.cli.saying import replace_what_the_terminal_lacks
 from flflab.errors import FlflabError
 from flflab.house import stranger_among_packages
 from flflab.kernel_cache import remove_temporary_kernels
@@ -29,6 +30,7 @@ def main() -> None:
     ):  # so starts a shell a job in the background; who moves hears an interrupt
         signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.unraisablehook = again_if_an_interruption
+    replace_what_the_terminal_lacks()
     try:
         code = _command()
         if sys.stdout is not None:  # None where it was closed beforehand

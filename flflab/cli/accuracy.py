@@ -14,11 +14,11 @@ from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from flflab.accuracy.page import Page, write_page
 from flflab.accuracy.page import Table as PlainTable
+from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.whole_file import make_folder
@@ -72,8 +72,8 @@ def accuracy(
         )
     make_folder(out, f"--out {out}")
     page_file, table_file = (out / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
-    console = Console(soft_wrap=True)
-    with Console(stderr=True).status(f"accuracy {what}") as status:
+    console = Terminal(soft_wrap=True)
+    with Terminal(stderr=True).status(f"accuracy {what}") as status:
         ways = {
             What.IMAGE: _image,
             What.MEASURE: _measure,

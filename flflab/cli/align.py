@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import ANGLE, LENGTH, Bench, with_seed
@@ -18,10 +17,11 @@ from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.new import Kind, built_in
 from flflab.cli.quantities import option_quantity
-from flflab.cli.run import with_descriptions
+from flflab.cli.run import say_remark, with_descriptions
+from flflab.cli.terminal import Terminal
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
-from flflab.whole_file import write_whole
+from flflab.whole_file import write_own
 
 if TYPE_CHECKING:
     from procedures.align import Outcome
@@ -79,6 +79,7 @@ def align(
         recording = with_descriptions(
             Recording(folder, most_frames(request), (rows, columns)), described, None
         )
+        say_remark(recording)
         try:
             outcomes = run(connected, request, recording, _tell)
         except FlflabError as error:
@@ -90,11 +91,11 @@ def align(
         raise typer.Exit(INTERRUPTED)
     if failure is not None:
         raise failure
-    write_whole(
+    write_own(
         folder / "alignment.json", json.dumps([asdict(one) for one in outcomes], indent=1) + "\n"
     )
-    write_whole(folder / "alignment.yaml", zeros_as_text(outcomes, described))
-    console = Console(width=None if Console().is_terminal else 140)
+    write_own(folder / "alignment.yaml", zeros_as_text(outcomes, described))
+    console = Terminal(piped=140)
     console.print(table_of(outcomes))
     for one in outcomes:
         console.print(ending_of(one), highlight=False)

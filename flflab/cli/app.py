@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 
 from flflab.cli.ending import InterruptedCommandError, is_interruption
 from flflab.cli.quantities import where_quotes_are_missing
+from flflab.printable import nearest
 
 COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 columns
     "validate": "Run a study on a bench and hold the camera against its model.",
@@ -32,8 +33,8 @@ COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 col
     "new": "Write a commented copy of a built-in file to begin from.",
 }
 GIVEN = "flflab.given"  # where a context keeps the words of the command line
-UNUSABLE = (
-    typer.BadParameter.__base__
+UNUSABLE = cast(
+    type[Exception], typer.BadParameter.__base__
 )  # click's UsageError, which a word too many raises; typer names its kinds alone
 
 
@@ -61,6 +62,15 @@ class Commands(TyperGroup):
         command.name = cmd_name
         command.short_help = COMMANDS[cmd_name]
         return command
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that was given; where there is none of that name, the nearest is named."""
+        try:
+            return super().resolve_command(ctx, args)
+        except UNUSABLE as error:
+            if near := nearest(args[0] if args else "", COMMANDS):
+                cast(Any, error).message += f" Did you mean '{near}'?"
+            raise
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Keep what was given, for ``invoke``."""

@@ -7,8 +7,9 @@ import threading
 from collections.abc import Generator
 
 from numba.core.event import install_recorder
-from rich.console import Console
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
+
+from flflab.cli.terminal import Terminal
 
 SILENCE_S = 2.0
 WORDS = "still at work"
@@ -22,11 +23,11 @@ def told_at_work() -> Generator[None]:
     elsewhere standard error is for errors.
     """
     ended = threading.Event()
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     if not console.is_terminal:
         yield
         return
-    columns = TimeElapsedColumn(), TextColumn("{task.description}")
+    columns = TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
     recorder = install_recorder("numba:compile")
     with (
         recorder as compiled,

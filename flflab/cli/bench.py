@@ -1,14 +1,12 @@
 """``flflab bench ...``: look at a bench and move it by hand."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
-from flflab.bench import LENGTH, read_bench
+from flflab.bench import LENGTH
 from flflab.cli.connected import (
     AxisName,
     BenchFile,
@@ -19,9 +17,15 @@ from flflab.cli.connected import (
 )
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
+from flflab.cli.pin import pin as pin_serials
+from flflab.cli.terminal import Terminal
 from flflab.errors import CommunicationError, DeviceError, InputError
 from flflab.units import parse_quantity
 
+ELSEWHERE = (
+    "axes behind a network: no lock keeps programs on other computers from them; approaches look"
+    " at their neighbours again on the way, homing and tilting cannot"
+)
 PIPED = 400  # columns that any line may take where no terminal folds it
 
 app = typer.Typer(
@@ -36,14 +40,30 @@ app = typer.Typer(
 
 
 @app.command(short_help="Ask every device who it is, where it stands, what it warns of.")
-def check(bench: BenchFile) -> None:
+def check(
+    bench: BenchFile,
+    pin: Annotated[
+        bool,
+        typer.Option(
+            "--pin",
+            help="jog each axis, ask whether the right one moved, write the serial numbers",
+        ),
+    ] = False,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="with --pin: over other numbers, too")
+    ] = False,
+) -> None:
     """Ask every device, all lines at once, who it is, where it stands and what it warns of; all
-    faults in one run.
+    faults in one run. With --pin each axis is moved by 1 mm or 1 degree and back, and the bench
+    file keeps the serial numbers that a person confirmed.
     """
     from drivers.described import one_instrument
     from drivers.survey import SILENT, survey
 
     described = described_bench(bench)
+    if pin:
+        pin_serials(bench, described, replace=replace)
+        return
     rows = survey(described)
     table = _table("device", "position", "identity", "state")
     for row in rows:
@@ -59,6 +79,8 @@ def check(bench: BenchFile) -> None:
         )
         table.add_row(row.name, position, row.identity, row.state if answers else "")
     _print(table)
+    if any(not row.address.startswith(("/", "COM", "sim")) for row in rows if row.position):
+        typer.echo(ELSEWHERE, err=True)
     if twice := one_instrument({row.name: (row.driver, row.serial) for row in rows}):
         raise DeviceError("\n".join(twice))
     if silent := [row.state for row in rows if row.identity == SILENT]:
@@ -139,40 +161,24 @@ def jog(
 
 @app.command(short_help="Stop every axis.")
 def stop(bench: BenchFile) -> None:
-    """Stop every axis: the program that drives the bench is told to; where it does not, or there is
-    none, this one opens the ports.
+    """Stop every axis and wait until each reads at rest: the program that drives the bench is asked
+    to, and the lines are opened past it at the same time. It moves nothing any more.
     """
-    from drivers.owner import ask_owners_to_stop
-    from drivers.sentinel import stop_axes
+    from drivers.stopping import stop_bench
 
     try:
-        answers = ask_owners_to_stop(bench)
+        stopped = stop_bench(bench)
     except InputError as unreadable:
-        raise InputError(f"{unreadable}\n{_by_hand('no axis', bench)}") from unreadable
-    faults = [answer for answer in dict.fromkeys(answers.values()) if answer]
-    if left := {name: answer for name, answer in answers.items() if answer != ""}:
-        try:
-            described = read_bench(bench)
-            addresses = {
-                name: described.description.axes[name].address
-                for name in left
-                if name in described.description.axes
-            }
-            untold = stop_axes(described, addresses)
-            faults += untold or (["past it every axis was told to stop"] if faults else [])
-        except InputError as unreadable:
-            faults += [str(unreadable), _by_hand(f"none of {', '.join(left)}", bench)]
-    if faults:
-        raise DeviceError("\n".join(faults))
-    typer.echo("every axis took the stop")
-
-
-def _by_hand(told: str, bench: Path) -> str:
-    return (
-        f"{told} was told to stop: no running program began with {bench}, and what is in it does"
-        " not say how to reach the stages; stop them by hand, by the emergency stop or by their"
-        " power, then correct the file"
-    )
+        raise InputError(
+            f"{unreadable}\nno axis was stopped: no running program began with {bench}, and what is"
+            " in it does not say how to reach the stages; stop them by hand, by the emergency stop"
+            " or by their power, then correct the file"
+        ) from unreadable
+    if stopped.faults:
+        raise DeviceError("\n".join(stopped.faults))
+    for remark in stopped.remarks:
+        typer.echo(remark, err=True)
+    typer.echo("All axes stopped.")
 
 
 app.command(short_help="Take one picture, or one after the other with a figure of focus.")(snap)
@@ -198,4 +204,4 @@ def _table(*headings: str) -> Table:
 
 
 def _print(table: Table) -> None:
-    Console(width=None if Console().is_terminal else PIPED).print(table)
+    Terminal(piped=PIPED).print(table)

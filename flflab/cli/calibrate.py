@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from flflab.bench import read_bench
@@ -21,6 +20,7 @@ from flflab.bench_calibration import (
 )
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
+from flflab.cli.terminal import Terminal
 from flflab.record import Run
 from flflab.study import read_study
 
@@ -67,7 +67,7 @@ def conclude(run: Run) -> Calibration:
     with measuring(run, "resume"):
         found = calibrate_run(run, read_study(run.folder / "study.yaml", bench.optics), bench)
     files = write_calibration(found, bench, run.folder)
-    console = Console(width=None if Console().is_terminal else 140)
+    console = Terminal(piped=140)
     console.print(table_of(found))
     for sentence in state_calibration(found):
         console.print(sentence, highlight=False)

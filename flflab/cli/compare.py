@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from flflab.calibration.refit import Refit, refit_distances, state_refit
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
+from flflab.cli.terminal import Terminal
 from flflab.errors import MeasurementError
 from flflab.observations.agreement import (
     FrameAgreement,
@@ -68,7 +68,7 @@ def compare(
     if json:
         print_json(result)
         return
-    console = Console()
+    console = Terminal()
     console.print(frame_table(found.frames))
     for sentence in found.sentences:
         console.print(sentence, highlight=False)

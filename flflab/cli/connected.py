@@ -2,16 +2,21 @@
 where it stands.
 """
 
+import os
 import re
+import signal
+import threading
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
-from flflab.errors import InputError
+from flflab.bench import Bench, read_bench
+from flflab.errors import DeviceError, InputError
 
 if TYPE_CHECKING:
     from drivers.base import Axis
@@ -36,12 +41,53 @@ class TakesReadings(TyperCommand):
 
 
 @contextmanager
-def connected_bench(bench: Path) -> Generator["ConnectedBench", None, None]:
-    """The bench connected; Ctrl-C and any fault stop every axis before it is let go."""
-    from drivers.bench import connect  # devices are loaded by those who use them
+def connected_bench(
+    bench: Path, *, without_serials: bool = False
+) -> Generator["ConnectedBench", None, None]:
+    """The bench connected; Ctrl-C and any fault stop every axis that moves before it is let go,
+    Ctrl-Z before the program sleeps.
 
-    with connect(bench) as connected:
+    Args:
+        bench: the bench file.
+        without_serials: take the devices that are there, whatever numbers the file expects.
+    """
+    from drivers.bench import connect_described  # devices are loaded by those who use them
+
+    described = read_bench(bench)
+    if without_serials:
+        described = _without_serials(described)
+    with connect_described(described) as connected, stopped_by_ctrl_z(connected):
         yield connected
+
+
+@contextmanager
+def stopped_by_ctrl_z(bench: "ConnectedBench") -> Generator[None, None, None]:
+    """Stop every axis before this program is suspended: it would see no motion to its end."""
+    if not hasattr(signal, "SIGTSTP") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop_and_sleep(number: int, frame: object) -> None:
+        with suppress(DeviceError):  # the sentinel stops them, too
+            bench.stop()
+        signal.signal(signal.SIGTSTP, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGTSTP)
+        signal.signal(signal.SIGTSTP, stop_and_sleep)  # it was woken
+
+    before = signal.signal(signal.SIGTSTP, stop_and_sleep)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTSTP, before)
+
+
+def _without_serials(bench: Bench) -> Bench:
+    description = bench.description
+    axes = {name: axis.model_copy(update={"serial": ""}) for name, axis in description.axes.items()}
+    camera = description.camera.model_copy(update={"serial": ""})
+    return replace(
+        bench, description=description.model_copy(update={"axes": axes, "camera": camera})
+    )
 
 
 def axis_named(bench: "ConnectedBench", name: str) -> "Axis":

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from flflab.cli.ending import print_json
+from flflab.cli.terminal import Terminal
 from flflab.design.answer import Option, answer, row
 from flflab.design.camera_text import camera_text
 from flflab.design.chunk_log import Found
@@ -61,7 +61,7 @@ def design(
             }
         )
         return
-    console = Console()
+    console = Terminal()
     console.print(summary(found), highlight=False)
     console.print(_table(wanted, named))
     for option in named:
@@ -84,7 +84,7 @@ def design(
 
 
 def _searched(wanted: Requirements, scheduler: str | None, log: Path, quiet: bool) -> Found:
-    with Progress(transient=True, disable=quiet, console=Console(stderr=True)) as progress:
+    with Progress(transient=True, disable=quiet, console=Terminal(stderr=True)) as progress:
         bar = progress.add_task("configurations", total=None)
 
         def tell(done: int, total: int) -> None:

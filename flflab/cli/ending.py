@@ -8,6 +8,7 @@ import sys
 from collections.abc import Generator
 from typing import Any
 
+from flflab.cli.saying import say
 from flflab.errors import FlflabError
 
 LOG = logging.getLogger(__name__)
@@ -33,7 +34,7 @@ def is_interruption(error: BaseException | None) -> bool:
 
 def end_with_one_sentence(error: FlflabError) -> int:
     """Print the error for the operator, log its causes, and return exit code 1."""
-    sys.stderr.write(f"flflab: {error}\n")
+    say(f"flflab: {error}")
     told: list[BaseException] = [error]
     while (cause := told[-1].__cause__) is not None and cause not in told:
         LOG.info("caused by %s: %s", type(cause).__name__, cause)

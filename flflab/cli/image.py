@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from flflab.camera_file import read_camera
@@ -16,6 +15,7 @@ from flflab.cli.at_work import told_at_work
 from flflab.cli.ending import print_json
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
+from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
 from flflab.image.ground_truth import ground_truth
 from flflab.image.picture import Report, Told, take_picture
@@ -150,8 +150,8 @@ def image(
     if json:
         print_json(told)
         return
-    terminal = Console()
-    console = Console(width=min(terminal.width, WIDTH) if terminal.is_terminal else WIDTH)
+    console = Terminal(piped=WIDTH)
+    console.width = min(console.width, WIDTH)
     if explain:
         console.print(_table(report, console.width))
         absent = [effect.name for effect in report.effects if not effect.on and not effect.unit]

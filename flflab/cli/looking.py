@@ -8,19 +8,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from flflab.cli.connected import AxisName, BenchFile, axis_named, connected_bench, say_places
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.quantities import option_quantity
+from flflab.cli.saying import say
 from flflab.errors import DeviceError, InputError
-from flflab.image_file import write_picture
-from flflab.measurement.focus import focus_figure, parabola_top
-from flflab.raw_file import RawPicture, write_raw
 from flflab.units import parse_quantity
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from drivers.base import CameraDevice, Frame
 
 ENDINGS = (".png", ".tiff", ".tif", ".dng")
@@ -86,6 +85,10 @@ def scan(
     """Move an axis through a range, take a picture at each reading, and show where it is
     sharpest.
     """
+    import numpy as np
+
+    from flflab.measurement.focus import parabola_top
+
     seconds = option_quantity("--exposure", exposure, "time")
     with connected_bench(bench) as connected:
         moved, camera = axis_named(connected, axis), connected.camera
@@ -120,7 +123,7 @@ def scan(
                 f"up to {saturated} pixels saturated: expose less, else the figure says little"
             )
         if best is None:
-            end = show(float(readings[int(np.argmax(figures))]), ".4f")
+            end = show(float(readings[int(figures.argmax())]), ".4f")
             typer.echo(f"sharpest at the end of the range, {end}: scan beyond it")
             return
         typer.echo(f"sharpest at {show(best, '.4f')}")
@@ -148,7 +151,7 @@ def _watch(camera: "CameraDevice", output: Path | None) -> None:
                 failed += 1
                 if failed == MOST_FAILED:
                     raise
-                sys.stderr.write(f"flflab: {error}\n")
+                say(f"flflab: {error}")
                 continue
             failed = 0
             figure = _figure(frame, camera)
@@ -168,13 +171,15 @@ def _watch(camera: "CameraDevice", output: Path | None) -> None:
 
 
 def _figure(frame: "Frame", camera: "CameraDevice") -> float:
+    from flflab.measurement.focus import focus_figure  # a bench that stops waits for no kernels
+
     return focus_figure(
         frame.picture, camera.offset_dn, camera.dn_per_electron, camera.read_noise_dn
     )
 
 
 def _saturated(frame: "Frame", camera: "CameraDevice") -> int:
-    return int(np.count_nonzero(frame.picture >= camera.full_scale))
+    return int((frame.picture >= camera.full_scale).sum())
 
 
 def _bar(share: float) -> str:
@@ -191,6 +196,9 @@ def _curve(readings: list[str], figures: "np.ndarray") -> Iterator[str]:
 
 
 def _write(output: Path, frame: "Frame", camera: "CameraDevice") -> None:
+    from flflab.image_file import write_picture
+    from flflab.raw_file import RawPicture, write_raw
+
     if output.suffix.lower() == ".dng":
         mosaic = (
             frame.pixel_format.removeprefix("Bayer").rstrip("0123456789")

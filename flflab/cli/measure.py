@@ -1,22 +1,26 @@
 """``flflab measure FRAME``: lattice, views and contrast of one picture, whatever took it."""
 
 from pathlib import Path
-from statistics import fmean, median, pstdev
-from typing import Annotated, Any
+from typing import Annotated
 
+import cv2
 import typer
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
+from flflab.cli.measured import contrasts_table, dots_table, print_lattice, print_white
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
+from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
 from flflab.image_file import Declared, read_declared
 from flflab.measurement.measure import measure as measure_picture
+from flflab.measurement.overlay import overlay as overlay_of
+from flflab.measurement.white import measure_blind
+from flflab.sensor_picture import SensorPicture
 from flflab.stored_picture import Filters
+from flflab.targets import Target, White
+from flflab.whole_file import require_writable, write_whole
 
 
 def measure(
@@ -26,7 +30,12 @@ def measure(
             help="picture: .npy, .png, .tiff, .bmp, .pgm, .h5, .dng or another raw file"
         ),
     ],
-    camera: Annotated[Path, typer.Option(help="camera file (YAML) of the camera that took it")],
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            help="camera file (YAML) of the camera that took it; a white picture needs none"
+        ),
+    ] = None,
     target: Annotated[
         str, typer.Option(help="kind of target that stood there, or its YAML file")
     ] = "white",
@@ -68,6 +77,12 @@ def measure(
             help="picture taken in the dark with the same settings, to subtract (from --white too)"
         ),
     ] = None,
+    overlay: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.png", help="draw centres, radii, kinds and departures over a white one"
+        ),
+    ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="one JSON object on standard output (pixels, mm)")
     ] = False,
@@ -83,101 +98,48 @@ def measure(
     said = Declared(mosaic, channel, full_scale, dark)
     picture = read_declared(frame, number, said)
     beside = None if white is None else read_declared(white, None, said)
-    result = measure_picture(picture, read_camera(camera), read_target(target), away, white=beside)
+    standing = read_target(target)
+    if camera is None:
+        _measure_blind(picture, standing, white, overlay, json)
+        return
+    if overlay is not None:
+        raise typer.BadParameter(
+            "it draws what is measured without a camera file; leave --camera out",
+            param_hint="--overlay",
+        )
+    result = measure_picture(picture, read_camera(camera), standing, away, white=beside)
     if json:
         print_json(result)
         return
-    console = Console()
-    _print_lattice(console, result["lattice"])
+    console = Terminal()
+    print_lattice(console, result["lattice"])
     if result["dots"]:
-        console.print(_dots(result["dots"]))
+        console.print(dots_table(result["dots"]))
     if result["mtf"]:
-        console.print(_contrasts(result["mtf"]))
+        console.print(contrasts_table(result["mtf"]))
     for remark in result["remarks"]:
         console.print(f"Note: {remark}.", highlight=False)
 
 
-def _print_lattice(console: Console, lattice: dict[str, Any]) -> None:
-    table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
-    table.add_row("layout", str(lattice["layout"]))
-    table.add_row("pitch", f"{lattice['pitch_px']:.5f} px")
-    table.add_row("angle", f"{lattice['angle_deg']:.5f} deg")
-    table.add_row("origin (x, y)", "{:.4f}, {:.4f} px".format(*lattice["origin_px"]))
-    table.add_row(
-        "inside, outside radius",
-        f"{lattice['inside_radius_px']:.3f}, {lattice['outside_radius_px']:.3f} px",
-    )
-    table.add_row("micro-images", str(len(lattice["centres_px"])))
-    console.print(table)
-    if lattice.get("micro_images"):
-        console.print(_radii(lattice["micro_images"]))
-
-
-def _radii(each: list[dict[str, Any]]) -> Table:
-    """The bright and total field of the micro-images one by one, those of one kind of microlens
-    together; ``--json`` lists them all.
-    """
-    table = Table(title="Radii of single micro-images, px", box=box.SIMPLE)
-    for head in ("field", "model", "mean", "scatter", "stated", "least", "most", "seen"):
-        table.add_column(head, justify="right")
-    for name, key in (("bright", "inside_radius_px"), ("total", "outside_radius_px")):
-        for due in sorted({one["model"][key] for one in each}):
-            kind = [one for one in each if one["model"][key] == due]
-            found = [(one[key], one["uncertainty"][key]) for one in kind if one[key] is not None]
-            if not found:
-                table.add_row(name, f"{due:.3f}", *["none"] * 5, f"0 of {len(kind)}")
-                continue
-            radii, doubts = zip(*found, strict=True)
-            figures = fmean(radii), pstdev(radii), median(doubts), min(radii), max(radii)
-            table.add_row(
-                name,
-                f"{due:.3f}",
-                *(f"{value:.3f}" for value in figures),
-                f"{len(found)} of {len(kind)}",
-            )
-    return table
-
-
-def _dots(dots: list[dict[str, Any]]) -> Table:
-    table = Table(title="Dots", box=box.SIMPLE)
-    for head in ("dot", "views", "uncertain", "x mm", "y mm", "z mm"):
-        table.add_column(head, justify="right")
-    for dot in dots:
-        position = [
-            "none" if value is None or sigma is None else f"{value:.3f} ± {sigma:.3f}"
-            for value, sigma in zip(
-                dot["position_mm"] or [None] * 3, dot["uncertainty_mm"] or [None] * 3, strict=True
-            )
-        ]
-        table.add_row(str(dot["dot"]), str(dot["views"]), str(dot["views_uncertain"]), *position)
-    return table
-
-
-def _contrasts(points: list[dict[str, Any]]) -> Table:
-    """Of several kinds of microlenses a curve each; the classic reading, (max - min)/(max + min),
-    with its bias.
-    """
-    table = Table(title="Contrast against frequency", box=box.SIMPLE)
-    kinds = dict.fromkeys(point.get("microlens_focal_length_mm") for point in points)
-    classic = any("classic" in point for point in points)
-    heads = (
-        ["microlens mm"] * (len(kinds) > 1)
-        + ["cycles/px", "contrast"]
-        + ["views", "max, min", "its bias"] * classic
-    )
-    for head in heads:
-        table.add_column(head, justify="right")
-    for point in points:
-        row = [f"{point['microlens_focal_length_mm']:g}"] if len(kinds) > 1 else []
-        row += [
-            f"{point['cycles_per_px']:.4f}",
-            f"{point['contrast']:.5f} ± {point['uncertainty']:.5f}",
-        ]
-        if classic:
-            row += [str(len(point["views"]))]
-            row += [
-                "none" if value is None else f"{value:+.3f}"
-                for value in (point["classic"], point["classic_bias"])
-            ]
-        table.add_row(*row)
-    return table
+def _measure_blind(
+    picture: SensorPicture, target: Target, white: Path | None, drawn: Path | None, json: bool
+) -> None:
+    """A white picture, whatever took it."""
+    if target.kind != White.kind or white is not None:
+        raise typer.BadParameter(
+            "without a camera file a white picture is measured; name the camera file of a picture"
+            " of another target",
+            param_hint="--camera",
+        )
+    if drawn is not None:
+        if drawn.suffix.lower() != ".png":
+            raise typer.BadParameter("a file ending in .png is due", param_hint="--overlay")
+        require_writable(drawn)
+    found = measure_blind(picture)
+    if drawn is not None:
+        canvas = overlay_of(found.picture, found.white, found.types)
+        write_whole(drawn, cv2.imencode(".png", canvas)[1].tobytes())
+    if json:
+        print_json(found.json())
+        return
+    print_white(Terminal(), found)

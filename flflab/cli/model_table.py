@@ -3,9 +3,9 @@
 import math
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
+from flflab.cli.terminal import Terminal
 from flflab.optics.area import MeasurementArea
 from flflab.optics.per_type import TypeSolution
 from flflab.optics.solution import CameraSolution, DistanceSolution
@@ -35,7 +35,7 @@ def print_tables(
     remarks: tuple[str, ...],
 ) -> None:
     """Print the camera's properties, then a line for each target distance."""
-    console = Console()
+    console = Terminal()
     for remark in remarks:
         console.print(f"Note: {remark}.")
     console.print(solution.reference_planes)

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -15,6 +14,7 @@ from flflab.bench import Bench
 from flflab.cli.described import described_bench
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import in_words
+from flflab.cli.terminal import Terminal
 from flflab.expectation import Expectation, expect_all
 from flflab.study import Study, read_study
 from flflab.whole_file import require_writable, write_csv
@@ -59,7 +59,7 @@ def plan(
         table.add_row(str(number), str(step), f"{seconds:.2f}")
     most = most_frames(to_do)
     columns, rows = described.optics.sensor.resolution
-    console = Console(width=None if Console().is_terminal else 140)
+    console = Terminal(piped=140)
     console.print(table)
     console.print(_expected_table(expected, read))
     console.print(
@@ -74,9 +74,9 @@ def _expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Exp
         BarColumn(bar_width=20),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )
-    with Progress(*columns, transient=True, console=Console(stderr=True)) as progress:
+    with Progress(*columns, transient=True, console=Terminal(stderr=True)) as progress:
         bar = progress.add_task(
             "configurations drawn and measured", total=len(study.configurations)
         )

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from flflab.errors import InputError
-from flflab.units import FACTORS, SHOWN_UNITS, Dimension, parse_quantity
+from flflab.units import FACTORS, MICRO, SHOWN_UNITS, Dimension, parse_quantity
 
 _NUMBER = re.compile(
     r"(?P<option>--?[a-z][\w-]*=)?(?P<number>[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)"
@@ -39,7 +39,7 @@ def where_quotes_are_missing(given: Sequence[str]) -> str:
     """
     units = {unit for table in FACTORS.values() for unit in table}
     for before, word, unit in zip(("", *given), given, given[1:], strict=False):
-        if unit in units and (found := _NUMBER.fullmatch(word)):
+        if unit.translate(MICRO) in units and (found := _NUMBER.fullmatch(word)):
             option = found["option"] or (
                 f"{before} " if re.fullmatch(r"--?[a-z][\w-]*", before) else ""
             )

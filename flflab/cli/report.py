@@ -7,14 +7,15 @@ from typing import Annotated, NamedTuple
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from flflab.cli.ending import reader_may_go
+from flflab.cli.terminal import Terminal
 from flflab.cli.validate import REJECTED, conclude, judged
 from flflab.errors import FlflabError, InputError
 from flflab.record import read_run
+from flflab.whole_file import make_folder
 from flflab.workers import results
 
 
@@ -39,16 +40,22 @@ def report(
         str | None,
         typer.Option(help="address of a Dask scheduler whose workers share several runs"),
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="folder for table and page of one run; the run's own without it"),
+    ] = None,
 ) -> None:
     """Measure and compare recorded runs again and rewrite their tables and reports."""
     if len(runs) == 1 and scheduler is None:
-        conclude(read_run(runs[0]), bench)
+        if out is not None:
+            make_folder(out, f"--out {out}")
+        conclude(read_run(runs[0]), bench, out)
         return
-    if bench is not None:
+    if bench is not None or out is not None:
         raise InputError(
-            "report: --bench holds one run against another bench; give one run, without --scheduler"
+            "report: --bench and --out are for one run; give one run, without --scheduler"
         )
-    with Progress(transient=True, console=Console(stderr=True)) as progress:
+    with Progress(transient=True, console=Terminal(stderr=True)) as progress:
         bar = progress.add_task("runs", total=len(runs))
         found: list[Analysed] = []
         for one in results(
@@ -62,7 +69,7 @@ def report(
     for one in sorted(found):
         table.add_row(str(one.folder), "; ".join(one.sentences))
     with reader_may_go():
-        Console(width=None if Console().is_terminal else 140).print(table)
+        Terminal(piped=140).print(table)
     if not all(one.accepted for one in found):
         raise typer.Exit(REJECTED)
 

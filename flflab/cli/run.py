@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from flflab.bench import Bench, read_bench, with_seed
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
+from flflab.cli.saying import say
+from flflab.cli.terminal import Terminal
 from flflab.errors import CommunicationError, FlflabError, InputError, RecordError
 from flflab.record import (
     ContinuedRecording,
@@ -67,11 +68,12 @@ def run_study(
     study = read_study(study_file, bench.optics)
     steps(study, bench)  # refused here, before anything connects
     for sentence in unlike_the_wheel(study, bench):
-        sys.stderr.write(f"flflab: {sentence}\n")
+        say(f"flflab: {sentence}")
     with run_folder(folder, study.description.name) as place, connect_described(bench) as connected:
         recording = with_descriptions(
             begin_recording(connected, study, place), bench, study_file, study
         )
+        say_remark(recording)
         failure = failure_of(place, lambda: take_study(connected, study, recording, tell, name))
     return ended(place, failure)
 
@@ -139,11 +141,23 @@ def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:
             f"the same bench at other addresses is given with `flflab resume {folder} --bench FILE`"
         )
         raise CommunicationError(f"{error}\n{there}") from error
+
+    def go_on() -> None:
+        recording = ContinuedRecording(folder)
+        say_remark(recording)
+        resume(connected, study, run, rest, recording, tell)
+
+    if run.lost:
+        say(f"flflab: {folder}: {run.loss}; what was lost is taken again")
     with connected:
-        failure = failure_of(
-            folder, lambda: resume(connected, study, run, rest, ContinuedRecording(folder), tell)
-        )
+        failure = failure_of(folder, go_on)
     return ended(folder, failure)
+
+
+def say_remark(recording: Recording) -> None:
+    """Say what the disk of a record cannot promise."""
+    if recording.remark:
+        say(f"flflab: {recording.remark}")
 
 
 def require_same_bench(recorded: Bench, given: Bench) -> None:
@@ -203,7 +217,7 @@ def ended(folder: Path, failure: FlflabError | None) -> Run:
     from procedures.engine import RunInterruptedError
 
     if isinstance(failure, RunInterruptedError):
-        sys.stderr.write(f"flflab: {failure}\n")
+        say(f"flflab: {failure}")
         raise typer.Exit(INTERRUPTED)
     if failure is not None:
         raise failure
@@ -215,16 +229,21 @@ def measuring(run: Run, command: str) -> Generator[Callable[[int, int], None]]:
     """Says what it is at, of how many configurations as far as it is told; at Ctrl-C, with which
     command the run is measured again.
     """
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     console.print(
         f"{'all recorded' if run.complete else 'not recorded to its end'}; measuring and comparing",
         highlight=False,
     )
+    if run.lost:
+        sys.stderr.write(
+            f"flflab: {run.loss}; what was lost is left out, `flflab resume {run.folder}` takes it"
+            " again\n"
+        )
     columns = (
         BarColumn(bar_width=20),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )
     try:
         with Progress(
@@ -249,7 +268,7 @@ def progress_shown() -> Generator["Tell", None, None]:
     """Shows on standard error how far a procedure is: a bar on a terminal, one line a recorded
     point elsewhere.
     """
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     if not console.is_terminal:
         yield _lines()
         return
@@ -257,7 +276,7 @@ def progress_shown() -> Generator["Tell", None, None]:
         BarColumn(bar_width=20),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("connect", total=None)
@@ -271,10 +290,10 @@ def progress_shown() -> Generator["Tell", None, None]:
                 task,
                 total=step.total,
                 completed=step.done,
-                description=f"{now}  [dim]{left}  {step.last}[/dim]",
+                description=f"{now}  {left}  {step.last}",
             )
             if step.shows and step.shows != shows:
-                bar.console.print(step.shows, style="dim", highlight=False, markup=False)
+                bar.console.print(step.shows, style="dim", highlight=False)
             shows = step.shows
 
         yield tell

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import progress_shown, run_study
+from flflab.cli.terminal import Terminal
 from flflab.record import Run
 
 
@@ -33,7 +33,7 @@ def sweep(
 
 def tell_of(run: Run) -> None:
     """Say what a run holds, and which points are less sure than was asked for."""
-    console = Console()
+    console = Terminal()
     configurations = {
         frame.configuration for frame in run.frames if frame.configuration is not None
     }

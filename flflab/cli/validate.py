@@ -7,19 +7,21 @@ from typing import Annotated
 
 import typer
 from rich import box
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from flflab.bench import read_bench
 from flflab.cli.ending import reader_may_go
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
+from flflab.cli.terminal import Terminal
 from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent, write_rows
 from flflab.diagnosis import not_told_apart
 from flflab.errors import InputError
 from flflab.evaluation import Evaluation, Tell, evaluate, tell_nobody
 from flflab.record import Run
 from flflab.study import read_study
+from flflab.whole_file import require_own_writable
 
 REJECTED = 3
 
@@ -56,15 +58,16 @@ def validate(
 
 
 def judged(
-    run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody
+    run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody, out: Path | None = None
 ) -> tuple[Evaluation, Path]:
-    """Evaluate a run and write its table and page beside it.
+    """Evaluate a run and write its table and page.
 
     Args:
         run: the record.
         bench_file: the bench to hold it against, a calibrated one for instance; the recorded one
             without it.
         tell: called with how many configurations are measured, of how many.
+        out: folder for table and page; the run's own without it.
 
     Returns:
         What was found, and the page.
@@ -80,22 +83,25 @@ def judged(
             f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} without a study"
             " has nothing to compare"
         )
+    besides = f"-{bench_file.stem}" if bench_file else ""
+    place = out or run.folder
+    table, page = place / f"comparison{besides}.csv", place / f"report{besides}.html"
+    for file in (table, page):  # before the pictures are measured, which takes its time
+        require_own_writable(file)
     bench = read_bench(bench_file or run.folder / "bench.yaml")
     study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
     evaluation = evaluate(run, study, bench, tell=tell)
-    besides = f"-{bench_file.stem}" if bench_file else ""
-    write_rows(evaluation.comparison.rows, run.folder / f"comparison{besides}.csv")
-    page = run.folder / f"report{besides}.html"
+    write_rows(evaluation.comparison.rows, table)
     write_report(evaluation, run, study, bench, page)
     return evaluation, page
 
 
-def conclude(run: Run, bench_file: Path | None = None) -> None:
-    """Evaluate a run, write its table and page, print the verdict; exit 3 where the model is
-    rejected.
+def conclude(run: Run, bench_file: Path | None = None, out: Path | None = None) -> None:
+    """Evaluate a run, write its table and page (into ``out``, or the run's folder), print the
+    verdict; exit 3 where the model is rejected.
     """
     with measuring(run, "report") as tell:
-        evaluation, page = judged(run, bench_file, tell)
+        evaluation, page = judged(run, bench_file, tell, out)
     with reader_may_go():
         _tell(evaluation, page)
     if not evaluation.comparison.accepted:
@@ -104,7 +110,7 @@ def conclude(run: Run, bench_file: Path | None = None) -> None:
 
 def _tell(evaluation: Evaluation, page: Path) -> None:
     """Print tables, verdict, what would explain it, and where the page is."""
-    console = Console()
+    console = Terminal()
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
     accepted = evaluation.comparison.accepted
@@ -141,7 +147,7 @@ def _verdicts(evaluation: Evaluation) -> Table:
             PROPERTY_NAMES.get(one.quantity, one.quantity),
             str(one.rows),
             *shares,
-            "agrees" if one.accepted else "[bold]rejected[/bold]",
+            "agrees" if one.accepted else Text("rejected", style="bold"),
         )
     return table
 

@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, PositiveInt, model_validator
 
 from flflab.bench import read_bench
-from flflab.description import Angle, Description, Frequency, Length, Ratio, check, read_yaml
+from flflab.description import Angle, Description, Frequency, Length, Ratio, check
 from flflab.errors import InputError
+from flflab.yaml_file import read_yaml
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 Objective = Literal["area", "elr", "contrast", "light"]
@@ -152,6 +153,8 @@ class SearchDescription(Description):
 
 class Requirements(Description):
     """A requirements file."""
+
+    file_kind = "requirements"
 
     measure: MeasureDescription
     require: RequireDescription = RequireDescription()

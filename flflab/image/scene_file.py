@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BeforeValidator, Field
 
 from flflab.camera_file import read_camera
-from flflab.description import Angle, Description, Length, Lines, Ratio, Time, check, read_yaml
+from flflab.description import Angle, Description, Length, Ratio, Time, check
 from flflab.errors import InputError
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.effects.dark_current import DarkCurrent
@@ -32,6 +32,7 @@ from flflab.image.sensor.response import SensorResponse
 from flflab.optics.camera import Camera
 from flflab.target_file import target_from
 from flflab.units import parse_quantity
+from flflab.yaml_file import Lines, read_yaml
 
 Pair = tuple[Length, Length]
 LIGHT = (100e-6, 20e-3)  # mm: shortest and longest wavelength
@@ -176,6 +177,8 @@ class SceneDescription(Description):
     """A scene file; without a ``wavelength`` light is rays and nothing bends, ``camera`` is a
     camera file relative to this one.
     """
+
+    file_kind = "scene"
 
     camera: Path | None = None
     planes: list[PlaneDescription]

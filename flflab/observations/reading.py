@@ -18,8 +18,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from flflab.description import Description, check, read_yaml, written_as
-from flflab.errors import InputError
+from flflab.description import Description, check, written_as
+from flflab.errors import InputError, reason
+from flflab.yaml_file import read_yaml
 
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.int64]
@@ -228,7 +229,7 @@ def _rows(file: Path) -> Iterator[tuple[int, tuple[int, ...], tuple[float, float
                 )
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            f"{file}: cannot be read ({error}); a table of views with a header line is due"
+            f"{file}: cannot be read ({reason(error)}); a table of views with a header line is due"
         ) from error
 
 

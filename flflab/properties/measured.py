@@ -87,6 +87,20 @@ def measure_configuration(
     )
 
 
+def recorded(run: Run, study: Study) -> tuple[Configuration, ...]:
+    """The configurations of which every picture that the study shows was recorded; all of them
+    where none was, or where the run was taken to its end.
+    """
+    have = {(frame.configuration, frame.target) for frame in run.frames}
+    due = ("white", *study.shown)
+    found = tuple(
+        one
+        for one in study.configurations
+        if run.complete or all((one.index, target) in have for target in due)
+    )
+    return found or study.configurations
+
+
 def measure_pictures(
     pictures: Mapping[str, Array],
     noises: Mapping[str, SensorNoise],

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.errors import RecordError
+from flflab.errors import InputError, RecordError
+from flflab.whole_file import write_own
 
 SUMS = "SHA256SUMS"
 
@@ -36,12 +37,9 @@ def write_sums(folder: Path, names: Iterable[str]) -> None:
     """
     lines = [f"{_of_file(folder / name)}  {name}\n" for name in names if (folder / name).is_file()]
     try:
-        (folder / SUMS).write_text("".join(lines), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise RecordError(
-            f"{folder / SUMS}: cannot be written ({error.strerror or error}); the record is whole"
-            " but for its sums, make room"
-        ) from error
+        write_own(folder / SUMS, "".join(lines))
+    except InputError as error:
+        raise RecordError(f"{error}; the record is whole but for its sums") from error
 
 
 def verify_sums(folder: Path) -> None:

@@ -15,9 +15,11 @@ from pathlib import Path
 import yaml
 
 from flflab.bench import Bench, fields_of
-from flflab.description import read_yaml
-from flflab.errors import RecordError
+from flflab.errors import FlflabError, RecordError
 from flflab.record.checksums import SUMS, write_sums
+from flflab.record.durable import force_to_disk
+from flflab.whole_file import write_own
+from flflab.yaml_file import read_yaml
 
 DOCUMENTS, FRAMES, DATASET = "documents.jsonl", "frames.h5", "frames"
 VERSIONS = "versions.json"
@@ -130,15 +132,19 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
             fields | {"optics": "camera.yaml"}, sort_keys=False, allow_unicode=True
         )
     try:
-        (folder / "bench.yaml").write_text(copied, encoding="utf-8")
-        shutil.copyfile(bench.file.parent / bench.description.optics, folder / "camera.yaml")
+        optics = (bench.file.parent / bench.description.optics).read_bytes()
+        write_own(folder / "bench.yaml", copied)
+        write_own(folder / "camera.yaml", optics)
         if study_file is not None:
-            shutil.copyfile(study_file, folder / "study.yaml")
+            write_own(folder / "study.yaml", study_file.read_bytes())
         else:
             (folder / "study.yaml").unlink(missing_ok=True)  # of a run that never began
-        (folder / VERSIONS).write_text(json.dumps(versions(), indent=1) + "\n", encoding="utf-8")
+        write_own(folder / VERSIONS, json.dumps(versions(), indent=1) + "\n")
         write_sums(folder, DESCRIPTIONS)
-    except RecordError:
+        for name in (*BEFORE, "."):  # frames without their descriptions would be worth nothing
+            if (folder / name).exists():
+                force_to_disk(folder / name)
+    except FlflabError:
         forget_descriptions(folder)
         raise
     except OSError as error:

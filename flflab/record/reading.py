@@ -5,18 +5,18 @@ sum recorded with it.
 import contextlib
 import json
 import os
-import re
-from collections.abc import Generator, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
 import h5py
 import numpy as np
 import numpy.typing as npt
 
 from flflab.bench import ANGLE, LENGTH, Element
-from flflab.errors import RecordError
+from flflab.errors import InputError, RecordError
+from flflab.hdf5_file import CutShort, cut_short, member, opened_hdf5
 from flflab.record.checksums import checksum, verify_sums
 from flflab.record.folder import DATASET, DOCUMENTS, FRAMES
 
@@ -25,6 +25,7 @@ ACCURACY = (  # the column that tells an event of accuracy from one of a frame
     "mtf_standard_uncertainty"
 )
 Picture = npt.NDArray[np.uint16]
+Document = tuple[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,9 @@ class Run:
             without one.
         accuracy: how the uncertainty fell with the frames taken.
         turning: names of the axes whose readings are in rad; those of the others are in mm.
+        lost: keys of the last points recorded, where the pixels of none of them are as they were
+            recorded, as after a power cut; they are not among ``frames``.
+        documents: how many documents there are before those of the lost points.
     """
 
     folder: Path
@@ -124,11 +128,27 @@ class Run:
     cut: tuple[Mapping[str, Any] | None, ...] = ()
     accuracy: tuple[AccuracyRecord, ...] = ()
     turning: frozenset[str] = frozenset()
+    lost: tuple[str, ...] = ()
+    documents: int = 0
 
     @property
     def complete(self) -> bool:
-        """Whether it was taken to its end."""
-        return self.stop is not None and self.stop["exit_status"] == "success"
+        """Whether it was taken to its end, and nothing was lost there since."""
+        return self.stop is not None and self.stop["exit_status"] == "success" and not self.lost
+
+    @property
+    def loss(self) -> str:
+        """What was lost at its end, for a sentence; empty where nothing was."""
+        if not self.lost:
+            return ""
+        if len(self.lost) == 1:
+            return (
+                f"the last frame ({self.lost[0]}) is not as it was recorded, as after a power cut"
+            )
+        return (
+            f"the last {len(self.lost)} frames ({self.lost[0]} and after) are not as they were"
+            " recorded, as after a power cut"
+        )
 
     @property
     def sensor_noise(self) -> dict[str, float]:
@@ -161,6 +181,7 @@ class Run:
                     f"{self.folder / FRAMES}: holds {len(frames)} frames and not {record.key}; take"
                     " it from a copy"
                 )
+            _require_room(self.folder / FRAMES, frames, record)
             picture = np.asarray(frames[record.index], dtype=np.uint16)
         if record.crc32 and checksum(picture) != record.crc32:
             raise RecordError(
@@ -169,6 +190,21 @@ class Run:
                 " the disk"
             )
         return picture
+
+
+def _require_room(file: Path, frames: h5py.Dataset, record: FrameRecord) -> None:
+    """Refuse a frame that lies beyond the end of a file that was cut short."""
+    start, size = frames.id.get_offset(), file.stat().st_size
+    picture = frames.dtype.itemsize * int(np.prod(frames.shape[1:]))
+    if start is not None and start + (record.index + 1) * picture > size:
+        whole = CutShort(size, start + len(frames) * picture)
+        raise RecordError(
+            f"{file}: is cut short, {_of(whole)}, and not {record.key}; take it from a copy"
+        )
+
+
+def _of(short: CutShort) -> str:
+    return f"{short.there / 1e6:.3g} of {short.whole / 1e6:.3g} MB are there"
 
 
 @contextlib.contextmanager
@@ -180,24 +216,23 @@ def opened_frames(folder: Path) -> Generator[h5py.Dataset]:
     """
     file = folder / FRAMES
     try:
-        with h5py.File(file, "r") as opened:
-            yield cast(h5py.Dataset, opened[DATASET])
+        with opened_hdf5(file) as opened:
+            frames = member(opened, DATASET, file)
+            if frames.ndim != 3 or frames.dtype != np.dtype("<u2"):
+                raise KeyError(DATASET)
+            yield frames
+    except InputError as error:
+        raise RecordError(str(error)) from error
     except (OSError, KeyError) as error:
-        whole = re.search(r"stored_eof = (\d+)", str(error))
+        number = getattr(error, "errno", None)
         if not file.exists():
             why = "is missing"
-        elif whole is not None:
-            why = (
-                f"is cut short, {file.stat().st_size / 1e6:.3g} of {int(whole[1]) / 1e6:.3g} MB are"
-                " there"
-            )
+        elif (short := cut_short(file)) is not None:
+            why = f"is cut short, {_of(short)}"
+        elif number:
+            why = f"cannot be read ({os.strerror(number)})"
         else:
-            number = getattr(error, "errno", None)
-            why = (
-                f"cannot be read ({os.strerror(number)})"
-                if number
-                else "is damaged, or no file of frames"
-            )
+            why = "is damaged, or no file of frames"
         raise RecordError(f"{file}: {why}; take it from a copy") from error
 
 
@@ -241,6 +276,52 @@ def read_run(folder: Path) -> Run:
         RecordError: the folder holds no run, or one that was changed after it was written.
     """
     folder = Path(folder)
+    documents = list(read_documents(folder))
+    whole = _run_of(folder, documents)
+    verify_sums(folder)
+    lost = _lost_at_the_end(whole)
+    if not lost:
+        return whole
+    kept = _documents_before(lost[0], documents)
+    return replace(
+        _run_of(folder, documents[:kept]),
+        stop=None,
+        lost=tuple(frame.key for frame in lost),
+        documents=kept,
+    )
+
+
+def _lost_at_the_end(run: Run) -> tuple[FrameRecord, ...]:
+    """The last frames of a run that are not as they were recorded, up to the last one that is;
+    none where the file of frames cannot be read, or was packed, which is done with whole ones.
+    """
+    lost: list[FrameRecord] = []
+    try:
+        with opened_frames(run.folder) as pictures:
+            if pictures.chunks is not None:
+                return ()
+            for frame in reversed(run.frames):
+                if not frame.crc32 or (
+                    frame.index < len(pictures)
+                    and checksum(np.asarray(pictures[frame.index])) == frame.crc32
+                ):
+                    break
+                lost.insert(0, frame)
+    except (RecordError, OSError):
+        return ()
+    return tuple(lost)
+
+
+def _documents_before(frame: FrameRecord, documents: Sequence[Document]) -> int:
+    """How many documents there are before those of a frame."""
+    for number, (name, doc) in enumerate(documents):
+        if name == "event" and doc["data"].get("point") == frame.key:
+            return number - (documents[number - 1][0] == "stream_datum")
+    return len(documents)
+
+
+def _run_of(folder: Path, documents: Sequence[Document]) -> Run:
+    """A run as its documents have it."""
     starts: list[dict[str, Any]] = []
     stop: dict[str, Any] | None = None
     cut: list[dict[str, Any] | None] = []
@@ -248,7 +329,7 @@ def read_run(folder: Path) -> Run:
     accuracy: list[AccuracyRecord] = []
     turning = frozenset[str]()
     place = -1
-    for name, doc in read_documents(folder):
+    for name, doc in documents:
         try:
             if name == "start":
                 cut += [stop] if starts else []
@@ -268,7 +349,7 @@ def read_run(folder: Path) -> Run:
                 turning = frozenset(
                     axis for axis in frame.readings if ANGLE.column(axis) in doc["data"]
                 )
-        except (KeyError, TypeError, ValueError) as error:
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise RecordError(
                 f"{folder / DOCUMENTS}: a {name} document lacks {error}; it is not a run of flflab"
             ) from error
@@ -277,7 +358,6 @@ def read_run(folder: Path) -> Run:
             f"{folder / DOCUMENTS}: holds no start of a run: nothing was recorded; begin it again"
             " in another folder"
         )
-    verify_sums(folder)
     return Run(
         folder,
         starts[0],
@@ -287,6 +367,7 @@ def read_run(folder: Path) -> Run:
         tuple(cut),
         tuple(accuracy),
         turning,
+        documents=len(documents),
     )
 
 

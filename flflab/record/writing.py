@@ -1,5 +1,5 @@
-"""Writes a run as it goes, in a thread of its own: every frame before the event that names it,
-documents forced to the disk one by one.
+"""Writes a run as it goes, in a thread of its own: every frame is forced to the disk before the
+event that names it, and so is every document.
 
 The dataset of frames is allocated at its full size before the first frame: adding a frame changes
 nothing else in the file, so it can be read whenever the writer was killed, and gone on with. Pixels
@@ -11,7 +11,6 @@ import json
 import os
 import queue
 import shutil
-import sys
 import threading
 from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
@@ -21,13 +20,21 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from flflab.errors import RecordError
+from flflab.errors import RecordError, reason
+from flflab.file_lock import try_lock
+from flflab.hdf5_file import cut_short
 from flflab.record.checksums import write_sums
+from flflab.record.durable import force_data, force_to_disk
 from flflab.record.folder import DATASET, DESCRIPTIONS, DOCUMENTS, FRAMES
-from flflab.record.reading import opened_frames, read_run
+from flflab.record.reading import Run, opened_frames, read_run
 from flflab.waiting import wait_for
+from flflab.whole_file import open_own
 
-BEYOND = 2**31 - 2
+UNLOCKED = (
+    "{}: this disk knows no locks, so nothing keeps a second program from writing the same run;"
+    " start no other on it"
+)
+LOST = "lost.jsonl"
 SPARE_BYTES = 50_000_000  # documents, log, report
 Picture = npt.NDArray[np.uint16]
 
@@ -44,6 +51,9 @@ class Recording:
         folder: the run's, made before.
         frames: how many frames there may be at most.
         shape: (rows, columns) of each.
+
+    Attributes:
+        remark: a sentence on what the disk cannot promise; empty where there is nothing to say.
 
     Raises:
         RecordError: there is a run already, too little space, or no permission.
@@ -64,9 +74,11 @@ class Recording:
         at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
         with _beginning(folder):
             documents = (folder / DOCUMENTS).open("x", encoding="utf-8", newline="\n")
-            _keep_for_oneself(documents, folder)
-            with h5py.File(folder / FRAMES, "x") as file:
+            self.remark = _keep_for_oneself(documents, folder)
+            with h5py.File(folder / FRAMES, "x", locking=False) as file:
                 file.create_dataset(DATASET, (frames, *shape), "<u2", dcpl=at_once)
+            force_to_disk(folder / FRAMES)  # a power cut must not shorten what events point into
+            force_to_disk(folder)
             self._begin(folder, documents)
         self.recorded, self.empty = 0, True
 
@@ -74,11 +86,13 @@ class Recording:
         self.folder = folder
         self._documents = documents
         with opened_frames(folder) as dataset:
+            if dataset.chunks is not None:
+                raise RecordError(f"{folder}: its frames are packed, and a packed run has ended")
             self._shape, self._start = (
                 cast(tuple[int, int, int], dataset.shape),
                 cast(int, dataset.id.get_offset()),
             )
-        self._pixels = (folder / FRAMES).open("r+b", buffering=0)
+        self._pixels = open_own(folder / FRAMES, "r+b")
         self._ended = False
         self._fault: RecordError | None = None
         self._todo: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -164,7 +178,7 @@ class Recording:
             # whatever it is, the thread goes on, or those who wait for it would for ever
             except Exception as error:
                 self._fault = RecordError(
-                    f"{self.folder}: {what} could not be written ({_in_a_line(error)}); make room"
+                    f"{self.folder}: {what} could not be written ({reason(error)}); make room"
                     " before you go on"
                 )
 
@@ -174,6 +188,7 @@ class Recording:
         self._pixels.seek(self._start + place * len(left))
         while left:
             left = left[self._pixels.write(left) :]
+        force_data(self._pixels.fileno())  # its event is on the disk with the next document
 
     def _write_document(self, name: str, line: str) -> None:
         self._documents.write(line + "\n")
@@ -217,7 +232,7 @@ class Recording:
             self._documents.close()
         except OSError as error:
             raise RecordError(
-                f"{self.folder}: its files could not be closed ({_in_a_line(error)}); make room,"
+                f"{self.folder}: its files could not be closed ({reason(error)}); make room,"
                 " the record is whole"
             ) from error
 
@@ -232,44 +247,29 @@ def _beginning(folder: Path) -> Generator[None]:
         ) from error
     except OSError as error:
         raise RecordError(
-            f"{folder}: a record cannot be begun there ({error}); give another folder"
+            f"{folder}: a record cannot be begun there ({reason(error)}); give another folder"
         ) from error
 
 
-def _keep_for_oneself(documents: Any, folder: Path) -> None:
-    """Let no other program write this record; the system lets it go when this one ends, however it
-    ends.
+def _keep_for_oneself(documents: Any, folder: Path) -> str:
+    """Let no other program write this record; a remark where the disk cannot promise that.
 
     Raises:
         RecordError: another one writes it.
     """
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            documents.seek(BEYOND)  # a locked byte cannot be read there: one that no record reaches
-            msvcrt.locking(documents.fileno(), msvcrt.LK_NBLCK, 1)
-            documents.seek(0, os.SEEK_END)
-        else:
-            import fcntl
-
-            fcntl.flock(documents, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError) as error:
+    held = try_lock(documents)
+    if held == "by another":
         raise RecordError(
             f"{folder}: another program is writing this run; wait for its end, or interrupt it"
             " first"
-        ) from error
-    except OSError:
-        pass  # a disk on the network that knows no locks
-
-
-def _in_a_line(error: BaseException) -> str:
-    return " ".join(str((isinstance(error, OSError) and error.strerror) or error).split())
+        )
+    return UNLOCKED.format(folder) if held == "unknown" else ""
 
 
 class ContinuedRecording(Recording):
-    """Goes on with a record that was cut short: what was recorded stays, a last line without its
-    end goes.
+    """Goes on with a record that was cut short: what was recorded stays, but for a last line
+    without its end and for the last points whose pixels were lost (``Run.lost``). Their documents
+    go to ``lost.jsonl``, and their places are written again.
 
     Args:
         folder: of a run that did not end well.
@@ -281,15 +281,16 @@ class ContinuedRecording(Recording):
     def __init__(self, folder: Path) -> None:
         file = folder / DOCUMENTS
         with _beginning(folder):
-            documents = file.open("a", encoding="utf-8", newline="\n")
+            documents = open_own(file, "a")
         try:
-            _keep_for_oneself(documents, folder)
+            self.remark = _keep_for_oneself(documents, folder)
             run = read_run(folder)
             with _beginning(folder):
                 write_sums(
                     folder, DESCRIPTIONS
                 )  # the documents grow: theirs are written anew at the end
-                documents.truncate(file.read_bytes().rfind(b"\n") + 1)
+                documents.truncate(_set_lost_aside(folder, run))
+                _lengthen(folder / FRAMES)
                 self._begin(folder, documents)
         except RecordError:
             documents.close()
@@ -302,6 +303,26 @@ class ContinuedRecording(Recording):
     def discard(self) -> None:
         """Close it; nothing was added."""
         self.close()
+
+
+def _set_lost_aside(folder: Path, run: Run) -> int:
+    """Keep the documents of lost points in a file of their own; returns how many bytes of the
+    documents stay.
+    """
+    lines = (folder / DOCUMENTS).read_bytes().split(b"\n")[:-1]
+    kept, lost = lines[: run.documents], lines[run.documents :]
+    if run.lost:
+        with open_own(folder / LOST, "a") as aside:
+            aside.writelines(line.decode("utf-8", errors="replace") + "\n" for line in lost)
+            aside.flush()
+            os.fsync(aside.fileno())
+    return sum(len(line) + 1 for line in kept)
+
+
+def _lengthen(frames: Path) -> None:
+    """Give a file of frames that was cut short its whole size again; what it lacked is zeros."""
+    if (short := cut_short(frames)) is not None:
+        os.truncate(frames, short.whole)
 
 
 def _plain(value: object) -> object:

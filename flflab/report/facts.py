@@ -123,13 +123,14 @@ def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[
     """What a reader should know before signing; empty where nothing is amiss."""
     found: list[str] = [parts(run)] if run.resumed else []
     if run.stop is None:
-        found.append(
+        found += _lost(run) or [
             "The run has no stop document: it never ended properly, and is reported as far as it"
             " was recorded."
-        )
+        ]
     elif run.stop.get("exit_status", "success") != "success":
         reason = run.stop.get("reason") or "no reason given"
         found.append(f"The run ended with status {run.stop['exit_status']}: {reason}.")
+    found += _unmeasured(evaluation, study)
     found += [
         f"{sentence[0].upper()}{sentence[1:]}." for sentence in unlike_the_wheel(study, bench)
     ]
@@ -150,6 +151,19 @@ def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[
             " there."
         )
     return found
+
+
+def _lost(run: Run) -> list[str]:
+    """What a loss of power took from the end of a record."""
+    left = "what was lost is left out, and `flflab resume` takes it again."
+    return [f"{run.loss[0].upper()}{run.loss[1:]}; {left}"] if run.lost else []
+
+
+def _unmeasured(evaluation: Evaluation, study: Study) -> list[str]:
+    """Which configurations the record lacks."""
+    measured = {one.configuration.index for one in evaluation.measured}
+    missing = [one.index for one in study.configurations if one.index not in measured]
+    return [f"Not recorded, and left out: configurations {listed(missing)}."] if missing else []
 
 
 def parts(run: Run) -> str:

@@ -18,7 +18,7 @@ from flflab.properties.predicted import Predicted
 from flflab.record import Run
 from flflab.report import charts, facts, frames, tables
 from flflab.study import Study
-from flflab.whole_file import write_whole
+from flflab.whole_file import write_own
 
 ELSEWHERE = (
     "time",
@@ -123,7 +123,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         light=bench.description.light_uncertainty,
         significance=study.description.significance,
     )
-    write_whole(file, text)
+    write_own(file, text)
 
 
 def _template() -> Template:

@@ -37,7 +37,7 @@ from flflab import cli
 from flflab.cli import report, validate
 
 accepted, printing = sys.argv[1:]
-report.read_run = lambda folder: SimpleNamespace(folder=folder, complete=True)
+report.read_run = lambda folder: SimpleNamespace(folder=folder, complete=True, lost=())
 validate.judged = lambda *_: (SimpleNamespace(comparison=SimpleNamespace(accepted=accepted == "yes")), "page")
 validate._tell = lambda *_: (print if printing == "plain" else Console().print)("a table")
 sys.argv = ["flflab", "report", "run"]

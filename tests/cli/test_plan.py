@@ -58,7 +58,7 @@ def test_a_plan_out_of_reach_ends_in_one_sentence(
         (
             "device: 2",
             "devise: 2",
-            "axes.array_stage.devise: there is no such field; allowed here: device",
+            "axes.array_stage.devise: there is no such field, did you mean device?",
         ),
         (
             "address: simulated",

@@ -130,6 +130,12 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     )
     assert (out / "report-bench.html").exists()
     assert (out / "comparison.csv").read_bytes() == before
+    names = {one.name for one in out.iterdir()}
+    elsewhere = flflab("report", out, "--out", tmp_path / "else" / "where")
+    assert elsewhere.code == 0
+    assert {one.name for one in out.iterdir()} == names
+    assert (tmp_path / "else" / "where" / "comparison.csv").read_bytes() == before
+    assert (tmp_path / "else" / "where" / "report.html").exists()
     script = [sys.executable, str(EXAMPLES / "scripts" / "look_at_a_run.py"), str(out)]
     looked = subprocess.run(
         script, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120

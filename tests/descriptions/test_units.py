@@ -5,7 +5,7 @@ import math
 import pytest
 
 from flflab.errors import InputError
-from flflab.units import parse_quantity, show_quantity
+from flflab.units import Dimension, parse_quantity, show_quantity
 
 
 @pytest.mark.parametrize(
@@ -52,3 +52,15 @@ def test_what_is_no_quantity_is_refused_and_says_what_is_allowed(
 def test_infinity_is_shown_in_words() -> None:
     assert show_quantity(math.inf, "mm") == "infinity"
     assert show_quantity(506.7016, "mm") == "506.702 mm"
+
+
+@pytest.mark.parametrize("letter", ["\u00b5", "\u03bc", "u"], ids=["micro sign", "Greek mu", "u"])
+@pytest.mark.parametrize(
+    ("unit", "dimension"), [("m", "length"), ("s", "time"), ("m/s", "speed"), ("rad", "angle")]
+)
+def test_both_letters_mu_stand_for_a_millionth_in_every_unit(
+    letter: str, unit: str, dimension: Dimension
+) -> None:
+    inside = {"length": 1e-3, "time": 1e-6, "speed": 1e-3, "angle": 1e-6}[dimension]
+    for space in ("", " "):
+        assert parse_quantity(f"5{space}{letter}{unit}", dimension) == pytest.approx(5 * inside)

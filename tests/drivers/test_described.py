@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any, cast
 
 import pytest
@@ -17,10 +18,11 @@ import drivers
 from drivers.connection import Connection
 from drivers.described import one_instrument, require_drivable
 from drivers.registry import AXES, AxisDriver
-from drivers.sentinel import stop_axes
 from drivers.simulated import SimulatedOnDemand
+from drivers.stopping import axes_to_stop, stop_axes
 from drivers.survey import survey
 from drivers.transport import serial_place
+from drivers.zaber import ZaberKeys
 from flflab.bench import read_bench
 from flflab.errors import DeviceError, InputError
 from sim.serve import serve, write_bench
@@ -233,10 +235,10 @@ def test_a_sensor_homes_towards_the_array_only_where_it_ends_clear_of_a_homed_on
 
 
 @pytest.fixture
-def spelt_twice(root: Path, tmp_path: Path) -> Iterator[Path]:
-    """A served bench whose array's axis leads to the main lens's stage by another spelling of the
-    address.
-    """
+def reached_twice(
+    root: Path, tmp_path: Path, other_address: Callable[[str], str]
+) -> Iterator[Path]:
+    """A served bench whose array's axis leads to the main lens's stage by another address."""
     bench = read_bench(root / "examples" / "benches" / "simulated.yaml")
     with serve(bench) as served:
         write_bench(bench, served, tmp_path / "served.yaml")
@@ -244,7 +246,7 @@ def spelt_twice(root: Path, tmp_path: Path) -> Iterator[Path]:
         stage = data["axes"]["main_lens_stage"]
         data["axes"]["array_stage"] |= {
             "device": stage["device"],
-            "address": stage["address"].replace("127.0.0.1", "127.1"),
+            "address": other_address(stage["address"]),
         }
         (tmp_path / "served.yaml").write_text(
             yaml.safe_dump(data, sort_keys=False), encoding="utf-8"
@@ -253,7 +255,7 @@ def spelt_twice(root: Path, tmp_path: Path) -> Iterator[Path]:
 
 
 def test_one_instrument_that_answers_for_two_axes_is_refused_before_anything_can_move(
-    spelt_twice: Path,
+    reached_twice: Path,
 ) -> None:
     with pytest.raises(
         DeviceError,
@@ -262,8 +264,8 @@ def test_one_instrument_that_answers_for_two_axes_is_refused_before_anything_can
             r" both; "
         ),
     ):
-        drivers.connect(spelt_twice)
-    serials = {row.name: row.serial for row in survey(read_bench(spelt_twice))}
+        drivers.connect(reached_twice)
+    serials = {row.name: row.serial for row in survey(read_bench(reached_twice))}
     assert serials["array_stage"] == serials["main_lens_stage"] == "100001"
     assert (serials["sensor_stage"], serials["camera"]) == ("100003", "")
 
@@ -279,7 +281,7 @@ def test_two_spellings_of_one_line_are_one_connection(
     with ExitStack() as opened:
         connection = Connection(bench, opened, SimulatedOnDemand(bench, opened))
         assert [connection.open(name).is_moving() for name in ("one", "two")] == [False, False]
-    assert stop_axes(bench, {"one": here, "two": there}) == []
+    assert stop_axes(axes_to_stop(bench.file)) == {}
 
 
 def test_an_axis_that_could_not_be_set_up_is_stopped_all_the_same(
@@ -295,7 +297,7 @@ def test_an_axis_that_could_not_be_set_up_is_stopped_all_the_same(
     bench = read_bench(
         pair(ZABER | {"address": address, "device": 1}, ZABER | {"address": address, "device": 2})
     )
-    assert stop_axes(bench, {"one": address, "two": address}) == []
+    assert stop_axes(axes_to_stop(bench.file)) == {}
     assert not unknown.busy
     assert not stubborn.busy
 
@@ -309,8 +311,11 @@ def test_an_axis_whose_driver_fails_as_nobody_foresaw_keeps_the_next_of_its_line
     def stop(name: str, *_: object) -> None:
         raise ZeroDivisionError(f"{name} divided by nothing")
 
+    careless = ModuleType("drivers.careless")
+    vars(careless).update(ZaberKeys=ZaberKeys, stop_axis=stop)
+    monkeypatch.setitem(sys.modules, "drivers.careless", careless)
     monkeypatch.setitem(
-        cast(dict[str, AxisDriver], AXES), "careless", replace(AXES["zaber"], stop=stop)
+        cast(dict[str, AxisDriver], AXES), "careless", replace(AXES["zaber"], module="careless")
     )
     stages = still_moving, stopped = toy_stage(speed=10.0), toy_stage(speed=10.0)
     for stage in stages:
@@ -322,9 +327,9 @@ def test_an_axis_whose_driver_fails_as_nobody_foresaw_keeps_the_next_of_its_line
             ZABER | {"address": address, "device": 2},
         )
     )
-    assert stop_axes(bench, {"one": address, "two": address}) == [
-        "one divided by nothing; it may still move, cut its power"
-    ]
+    assert stop_axes(axes_to_stop(bench.file)) == {
+        "one": "one divided by nothing; it may still move, cut its power"
+    }
     assert still_moving.busy
     assert not stopped.busy
 

@@ -15,13 +15,13 @@ from hypothesis import strategies as st
 
 from drivers.interlocks import (
     FOLLOWING,
-    GapRule,
+    Gap,
     Interval,
     Mover,
     Plate,
+    Standing,
     check_motion,
     corner_radius,
-    least_gap,
     order_moves,
     retreats,
 )
@@ -30,6 +30,7 @@ from flflab.errors import InterlockError
 from flflab.optics.camera import MicrolensArray
 
 LEAST_MM = 0.3
+SIDES = ("array", "sensor")
 TRAVEL = (0.0, 50.0)
 STEP_MM = 0.05
 
@@ -44,10 +45,11 @@ def axis(element: str, home_towards: str, sign: int, zero: str) -> AxisDescripti
     )  # fmt: skip
 
 
-def rule(array_home: str = "-z", sensor_home: str = "+z", sensor_sign: int = -1) -> GapRule:
+def rule(array_home: str = "-z", sensor_home: str = "+z", sensor_sign: int = -1) -> Gap:
     """Array from z = 40 to 90 mm; sensor over the same stretch, mounted either way round."""
     sensor = axis("sensor.z", sensor_home, sensor_sign, "92 mm" if sensor_sign < 0 else "42 mm")
-    return GapRule(
+    return Gap(
+        SIDES,
         LEAST_MM,
         Mover("array", axis("array.z", array_home, 1, "40 mm"), TRAVEL),
         Mover("sensor", sensor, TRAVEL),
@@ -99,7 +101,7 @@ class Stage:
 
 @dataclass
 class World:
-    rule: GapRule
+    rule: Gap
     stages: dict[str, Stage]
     least_seen: float = field(default=math.inf)
 
@@ -114,7 +116,7 @@ class World:
             return False
         try:
             check_motion(
-                self.rule,
+                (self.rule,),
                 name,
                 stage.reading if stage.homed else None,
                 goal,
@@ -159,11 +161,11 @@ commands = st.tuples(
 
 
 def world(
-    rule_: GapRule, errors: tuple[float, ...], begin: tuple[float, float], homed: tuple[bool, bool]
+    rule_: Gap, errors: tuple[float, ...], begin: tuple[float, float], homed: tuple[bool, bool]
 ) -> World:
     stages = {
         name: Stage(part, 0.06 * errors[2 * k], 3e-4 * errors[2 * k + 1], begin[k], homed[k])
-        for k, (name, part) in enumerate((("array", rule_.array), ("sensor", rule_.sensor)))
+        for k, (name, part) in enumerate((("array", rule_.before), ("sensor", rule_.behind)))
         if isinstance(part, Mover)
     }
     return World(rule_, stages)
@@ -208,10 +210,10 @@ def test_an_order_is_found_exactly_where_one_keeps_the_gap_in_the_worst_case(
     rule_ = rule()
     array, sensor = (
         _without_scale_uncertainty(part)
-        for part in (rule_.array, rule_.sensor)
+        for part in (rule_.before, rule_.behind)
         if isinstance(part, Mover)
     )
-    exact = GapRule(LEAST_MM, array, sensor)
+    exact = Gap(SIDES, LEAST_MM, array, sensor)
     nearest = 2 * (0.06 + FOLLOWING["mm"])
     wanted: dict[str, float] = dict(zip(("array", "sensor"), targets, strict=True))
     asked = dict(reversed(wanted.items())) if swap else wanted
@@ -232,10 +234,10 @@ def test_an_order_is_found_exactly_where_one_keeps_the_gap_in_the_worst_case(
         name: (reading, reading) for name, reading in zip(("array", "sensor"), begin, strict=True)
     }
     if kept:
-        assert order_moves(exact, places, asked) in kept
+        assert order_moves((exact,), places, asked) in kept
     else:
         with pytest.raises(InterlockError, match="between array and sensor"):
-            order_moves(exact, places, asked)
+            order_moves((exact,), places, asked)
 
 
 def _without_scale_uncertainty(part: Mover) -> Mover:
@@ -248,31 +250,31 @@ def test_going_up_together_the_sensor_goes_first_and_back_the_array() -> None:
         name: {axis: (value, value) for axis, value in place.items()}
         for name, place in (("low", low), ("high", high))
     }
-    assert order_moves(rule(), at["low"], high) == ("sensor", "array")
-    assert order_moves(rule(), at["high"], low) == ("array", "sensor")
+    assert order_moves((rule(),), at["low"], high) == ("sensor", "array")
+    assert order_moves((rule(),), at["high"], low) == ("array", "sensor")
 
 
 def test_axes_the_rule_does_not_concern_keep_their_turn() -> None:
-    assert order_moves(rule(), {"target": None}, {"target": 3.0}) == ("target",)
-    assert order_moves(None, {}, {"b": 1.0, "a": 2.0}) == ("b", "a")
+    assert order_moves((rule(),), {"target": None}, {"target": 3.0}) == ("target",)
+    assert order_moves((), {}, {"b": 1.0, "a": 2.0}) == ("b", "a")
 
 
 def test_an_approach_beside_an_unknown_neighbour_is_refused_and_says_what_to_do() -> None:
     with pytest.raises(
         InterlockError, match="sensor, without a reference: home it first"
     ) as caught:
-        check_motion(rule(), "array", 10.0, 11.0, {"sensor": None})
+        check_motion((rule(),), "array", 10.0, 11.0, {"sensor": None})
     assert "at least 0.3 mm are kept, nothing moved" in str(caught.value)
-    check_motion(rule(), "array", 10.0, 9.0, {})
+    check_motion((rule(),), "array", 10.0, 9.0, {})
 
 
 def test_homing_away_is_free_and_homing_towards_needs_a_neighbour_known_and_clear() -> None:
-    check_motion(rule(), "array", None, None, {})
-    check_motion(rule(), "sensor", None, None, {})
+    check_motion((rule(),), "array", None, None, {})
+    check_motion((rule(),), "sensor", None, None, {})
     for neighbour in (None, (30.0, 30.0), (0.0, 2.0)):
         with pytest.raises(InterlockError, match="asked to look for its reference"):
-            check_motion(rule(array_home="+z"), "array", None, None, {"sensor": neighbour})
-    check_motion(rule(array_home="+z"), "array", None, None, {"sensor": (0.0, 1.0)})
+            check_motion((rule(array_home="+z"),), "array", None, None, {"sensor": neighbour})
+    check_motion((rule(array_home="+z"),), "array", None, None, {"sensor": (0.0, 1.0)})
 
 
 def turn(element: str, zero_uncertainty: str = "0.02 deg") -> AxisDescription:
@@ -290,17 +292,25 @@ KNOWN = OpticsUncertaintyDescription()  # of its size nothing is doubted
 TILTS = (-math.radians(10), math.radians(10))
 
 
-def tilted_rule() -> GapRule:
+FLAT = Standing("array.pitch", 0.0)
+
+
+def tilted_rule() -> Gap:
     yaw, pitch = (Mover(name, turn(f"array.{name}"), TILTS) for name in ("yaw", "pitch"))
-    return GapRule(
-        LEAST_MM, rule().array, rule().sensor, Plate(corner_radius(ARRAY, KNOWN), (yaw, pitch))
+    return Gap(
+        SIDES,
+        LEAST_MM,
+        rule().before,
+        rule().behind,
+        0.0,
+        Plate(corner_radius(ARRAY, KNOWN), (yaw, pitch)),
     )
 
 
 def test_the_circle_round_the_corners_of_a_tilted_array_reaches_out() -> None:
     radius = 1.55 * math.sqrt(2)
     assert corner_radius(ARRAY, KNOWN) == pytest.approx(radius)
-    fixed = Plate(radius, (math.tan(math.radians(1)), 0.0))
+    fixed = Plate(radius, (Standing("array.yaw", math.radians(1)), FLAT))
     assert fixed.reach({}) == pytest.approx(radius * math.sin(math.radians(1)))
     rule_, flat = tilted_rule(), rule()
     at = {
@@ -310,27 +320,27 @@ def test_the_circle_round_the_corners_of_a_tilted_array_reaches_out() -> None:
         "pitch": (0.0, 0.0),
     }
     steepest = math.hypot(math.tan(math.radians(2.06) + 2e-4), math.tan(math.radians(0.06) + 2e-4))
-    assert least_gap(flat, at) - least_gap(rule_, at) == pytest.approx(
+    assert flat.smallest(at) - rule_.smallest(at) == pytest.approx(
         radius * math.sin(math.atan(steepest))
     )
 
 
 def test_a_tilt_that_nobody_knows_may_be_anything_even_of_a_stage_that_turns_for_ever() -> None:
     endless = Mover("yaw", turn("array.yaw"), (-math.inf, math.inf))
-    assert Plate(2.0, (endless, 0.0)).reach({}) == 2.0
-    rule_ = GapRule(LEAST_MM, rule().array, rule().sensor, Plate(2.0, (endless, 0.0)))
+    assert Plate(2.0, (endless, FLAT)).reach({}) == 2.0
+    rule_ = Gap(SIDES, LEAST_MM, rule().before, rule().behind, 0.0, Plate(2.0, (endless, FLAT)))
     near = {"array": (20.0, 20.0), "sensor": (30.0, 30.0)}
     with pytest.raises(InterlockError, match="yaw: asked to look for its reference"):
-        check_motion(rule_, "yaw", None, None, near)
-    check_motion(rule_, "yaw", None, None, {"array": (20.0, 20.0), "sensor": (29.0, 29.0)})
+        check_motion((rule_,), "yaw", None, None, near)
+    check_motion((rule_,), "yaw", None, None, {"array": (20.0, 20.0), "sensor": (29.0, 29.0)})
     with pytest.raises(InterlockError, match=r"array: .*yaw, without a reference: home it first"):
-        check_motion(rule_, "array", 20.0, 20.5, near)
+        check_motion((rule_,), "array", 20.0, 20.5, near)
 
 
 def test_a_tilt_is_refused_where_its_corners_would_come_too_near_and_the_way_back_is_free() -> None:
     rule_ = tilted_rule()
     at = {"array": (20.0, 20.0), "sensor": (31.4, 31.4), "pitch": (0.0, 0.0), "yaw": (0.0, 0.0)}
-    check_motion(rule_, "pitch", 0.0, math.radians(2), at)
+    check_motion((rule_,), "pitch", 0.0, math.radians(2), at)
     with pytest.raises(
         InterlockError,
         match=(
@@ -338,29 +348,29 @@ def test_a_tilt_is_refused_where_its_corners_would_come_too_near_and_the_way_bac
             r" sensor, uncertainties counted 3"
         ),
     ) as refused:
-        check_motion(rule_, "pitch", 0.0, math.radians(-9), at)
+        check_motion((rule_,), "pitch", 0.0, math.radians(-9), at)
     told = re.search(r"nothing moved; it may go as far as (-\d\.\d{3}) deg$", str(refused.value))
     assert told is not None
-    check_motion(rule_, "pitch", 0.0, math.radians(float(told[1])), at)
+    check_motion((rule_,), "pitch", 0.0, math.radians(float(told[1])), at)
     with pytest.raises(InterlockError):
-        check_motion(rule_, "pitch", 0.0, math.radians(float(told[1]) - 0.002), at)
+        check_motion((rule_,), "pitch", 0.0, math.radians(float(told[1]) - 0.002), at)
     too_near = at | {"sensor": (31.8, 31.8)}
-    check_motion(rule_, "pitch", math.radians(-9), math.radians(-1), too_near)
+    check_motion((rule_,), "pitch", math.radians(-9), math.radians(-1), too_near)
     with pytest.raises(InterlockError):
-        check_motion(rule_, "pitch", math.radians(-9), math.radians(9), too_near)
+        check_motion((rule_,), "pitch", math.radians(-9), math.radians(9), too_near)
 
 
 def test_levelling_counts_as_a_way_back_only_where_the_true_tilt_shrinks_whatever_its_zero() -> (
     None
 ):
     rule_ = tilted_rule()
-    assert retreats(rule_, "pitch", math.radians(-9), math.radians(-1))
-    assert retreats(rule_, "pitch", math.radians(9), 0.0)
+    assert retreats((rule_,), "pitch", math.radians(-9), math.radians(-1))
+    assert retreats((rule_,), "pitch", math.radians(9), 0.0)
     assert not retreats(
-        rule_, "pitch", math.radians(0.05), 0.0
+        (rule_,), "pitch", math.radians(0.05), 0.0
     )  # its zero may be off by 0.06 degrees
-    assert not retreats(rule_, "pitch", math.radians(1), math.radians(-0.99))
-    assert not retreats(rule_, "pitch", math.radians(1), math.radians(2))
+    assert not retreats((rule_,), "pitch", math.radians(1), math.radians(-0.99))
+    assert not retreats((rule_,), "pitch", math.radians(1), math.radians(2))
 
 
 @settings(max_examples=150)
@@ -431,7 +441,7 @@ def test_no_corner_of_a_tilting_array_ever_comes_nearer_than_the_minimum(
         }
         if name not in ways:
             try:
-                check_motion(rule_, name, now[name], goal, others)
+                check_motion((rule_,), name, now[name], goal, others)
                 ways[name] = (now[name], goal)
             except InterlockError:
                 pass
@@ -447,8 +457,17 @@ def test_no_corner_of_a_tilting_array_ever_comes_nearer_than_the_minimum(
     assert least >= LEAST_MM - 1e-12
 
 
-def test_an_element_that_nothing_moves_stands_where_the_camera_file_has_it() -> None:
-    fixed = GapRule(LEAST_MM, 60.0, rule().sensor)
-    check_motion(fixed, "sensor", 20.0, 31.0, {})
+def test_an_element_that_nothing_moves_stands_where_the_bench_file_states_it_or_anywhere() -> None:
+    standing = Standing("array.z", 60.0, 0.1)
+    fixed = Gap(SIDES, LEAST_MM, standing, rule().behind)
+    check_motion((fixed,), "sensor", 20.0, 31.0, {})
     with pytest.raises(InterlockError, match="the array, which nothing moves"):
-        check_motion(fixed, "sensor", 20.0, 31.7, {})
+        check_motion((fixed,), "sensor", 20.0, 31.4, {})
+    exact = Gap(SIDES, LEAST_MM, Standing("array.z", 60.0), rule().behind)
+    check_motion((exact,), "sensor", 20.0, 31.4, {})
+    unstated = Gap(SIDES, LEAST_MM, Standing("array.z", None, remedy="state it"), rule().behind)
+    check_motion((unstated,), "sensor", 20.0, 19.0, {})
+    with pytest.raises(
+        InterlockError, match=r"no axis moves array\.z, and nothing says where.*state"
+    ):
+        check_motion((unstated,), "sensor", 20.0, 20.1, {})

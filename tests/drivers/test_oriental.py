@@ -294,11 +294,12 @@ def test_more_steps_than_the_drive_can_count_are_refused(axes: Axes) -> None:
             1e-3,
             "0.2 s",
             (
-                r"tilt: asked for 0\.001 deg/s, 0 steps/s of a drive that takes 1 to 2147483647;"
+                r"tilt: asked for 0\.001 deg/s, 0 steps/s of a drive that does 1 to 4000000;"
                 r" correct `speed` or"
             ),
         ),
         (1e9, "0.2 s", r"tilt: asked for 1e\+09 deg/s, 100000000000 steps/s of a drive"),
+        (40_001.0, "0.2 s", r"tilt: asked for 40001 deg/s, 4000100 steps/s of a drive that"),
         (
             10.0,
             "100 ns",

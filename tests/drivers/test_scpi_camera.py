@@ -162,7 +162,10 @@ FAULTS: dict[str, tuple[object, str]] = {
     "an indefinite block": (frame(head="#0"), "not one of at most 12 bytes"),
     "a length that is not a number": (frame(head="#2x2"), "not one of at most 12 bytes"),
     "a field too few": (frame().replace(b"1,1700000000.25,", b"1,"), "where 7 fields are due"),
-    "a field that is no number": (frame().replace(b"0.01", b"oops"), "seven numbers are due"),
+    "a field that is no number": (
+        frame().replace(b"0.01", b"oops"),
+        "seven finite numbers are due",
+    ),
     "a frame lost before it": (
         frame(number=2, dropped=1),
         "frame number 2 instead of 1, dropped frames 1 instead of 0",
@@ -313,3 +316,77 @@ def test_camera_iris_and_wheel_satisfy_blueskys_promises(dialogue: Play) -> None
     assert detector.read().keys() == detector.describe().keys()
     for device in (camera, iris, target):
         device.close()
+
+
+def taken_in_a_row(dialogue: Play, *frames: bytes) -> Camera:
+    pairs: list[tuple[bytes, object]] = [*BEGIN]
+    for came in frames:
+        pairs += [*INIT, (b"FETC?\n", came)]
+    camera = camera_at(dialogue(pairs))
+    for _ in frames:
+        camera.grab()
+    camera.close()
+    return camera
+
+
+def stamped(number: int, stamp: str, pixels: bytes = BLOCK) -> bytes:
+    return f"{number},{stamp},0.01,1,3,2,0,#212".encode() + pixels + b"\n"
+
+
+def test_an_old_picture_under_a_new_number_is_said_once(
+    dialogue: Play, capsys: pytest.CaptureFixture[str]
+) -> None:
+    taken_in_a_row(dialogue, *(stamped(number, f"{number}.5") for number in (1, 2, 3)))
+    said = capsys.readouterr().err
+    assert said.startswith("flflab: camera: frame 2: the frame has the pixels of the one before")
+    assert said.count("\n") == 1
+
+
+def test_a_clock_that_goes_back_is_said(dialogue: Play, capsys: pytest.CaptureFixture[str]) -> None:
+    other = bytes((1,)) + BLOCK[1:]
+    taken_in_a_row(dialogue, stamped(1, "1700000000.25"), stamped(2, "1699996400.25", other))
+    assert capsys.readouterr().err == (
+        "flflab: camera: frame 2: its clock went back by 3.6e+03 s between two frames; see what"
+        " sets it\n"
+    )
+
+
+def test_pictures_without_anything_in_them_may_be_alike(
+    dialogue: Play, capsys: pytest.CaptureFixture[str]
+) -> None:
+    taken_in_a_row(dialogue, stamped(1, "1.5", bytes(12)), stamped(2, "2.5", bytes(12)))
+    assert capsys.readouterr().err == ""
+
+
+IMPOSSIBLE = {
+    "no full scale": (b"4095;64", b"0;64", "full scale 0 DN, which no camera has"),
+    "a full scale of nan": (b"4095;64", b"nan;64", "not finite numbers"),
+    "a full scale of inf": (b"4095;64", b"inf;64", "not finite numbers"),
+    "exposures turned round": (b"1e-05;10", b"10;1e-05", "exposures of 10 s to 1e-05 s"),
+    "no gain": (b"1;16;", b"0;0;", "gains of 0 to 0"),
+    "no pixels": (b'3,2;"MONO12"', b'0,0;"MONO12"', "got '0,0', not columns,rows of at least 1,1"),
+    "too many pixels": (b"3,2;", b"1000000,1000000;", "at most 500 megapixels"),
+    "a size of letters": (b"3,2;", b"64,4x;", "got '64,4x', not columns,rows"),
+    "a size of digits of another script": (b"3,2;", "3,²;".encode(), "which is no text"),
+    "5,000 digits": (b"3,2;", b"9" * 5000 + b",2;", r"got '9+\.\.\., not columns,rows"),
+    "noise below 0": (b"0.01;1;4;3;", b"0.01;1;4;-1;", "its noise is -1 electrons; 0 or more is"),
+    "electrons without end": (b"0.01;1;4;3;", b"0.01;1;inf;3;", "not finite numbers"),
+    "an exposure of nan": (b"0.01;1;4;3;", b"nan;1;4;3;", "not finite numbers"),
+    "an endless error": (b'0,"No', b"-" + b"9" * 5000 + b',"No', "not an error's number and text"),
+}
+
+
+@pytest.mark.parametrize("fault", IMPOSSIBLE)
+def test_what_no_camera_says_of_itself_is_refused_in_one_sentence(
+    fault: str, dialogue: Play
+) -> None:
+    old, new, says = IMPOSSIBLE[fault]
+    pairs: list[tuple[bytes, object]] = []
+    for due, reply in BEGIN:
+        changed = bytes(reply).replace(old, new) if isinstance(reply, bytes) else reply
+        pairs.append((due, changed))
+        if changed != reply:
+            break
+    with pytest.raises(CommunicationError, match=says) as refusal:
+        camera_at(dialogue(pairs))
+    assert len(str(refusal.value)) < 400

@@ -8,7 +8,8 @@ import libximc.highlevel as ximc
 import pytest
 
 from drivers.axis import Axis
-from drivers.standa import StandaAxis, StandaController, StandaKeys
+from drivers.standa import StandaAxis, StandaController, StandaKeys, open_axis
+from flflab.bench import AxisDescription
 from flflab.errors import CommunicationError, DeviceError, MotionError, NotHomedError
 
 STEP = 0.0025  # mm, of an 8MT175
@@ -222,3 +223,37 @@ def test_nobody_at_the_address_is_said() -> None:
         CommunicationError, match="xi-com:/dev/no-such-port: cannot be opened; check the address"
     ):
         StandaController("/dev/no-such-port")
+
+
+@pytest.mark.parametrize("vertical", [True, False])
+def test_a_vertical_axis_whose_controller_lets_go_of_it_at_rest_is_refused(
+    vertical: bool, emulated: Callable[..., str]
+) -> None:
+    def save_power(axis: Any) -> None:
+        power = axis.get_power_settings()
+        power.PowerFlags |= ximc.PowerFlags.POWER_OFF_ENABLED
+        axis.set_power_settings(power)
+
+    described = AxisDescription.model_validate(
+        {
+            "driver": "standa", "address": emulated(save_power), "moves": "sensor.z", "sign": -1,
+            "zero": "80 mm", "limits": ["0 mm", "25 mm"], "speed": "2 mm/s", "home_towards": "+z",
+            "zero_uncertainty": "0.1 mm", "scale_uncertainty": 0, "vertical": vertical,
+        }
+    )  # fmt: skip
+    keys = StandaKeys.model_validate({"step": "2.5 um"})
+    opened: list[Any] = []
+
+    def share(address: str, opener: Callable[[], Any], /) -> Any:
+        opened.append(opener())
+        return opened[-1]
+
+    try:
+        if vertical:
+            with pytest.raises(DeviceError, match=r"it is vertical.*would fall.*XILab"):
+                open_axis("stage", described, keys, share)
+        else:
+            open_axis("stage", described, keys, share)
+    finally:
+        for controller in opened:
+            controller.close()

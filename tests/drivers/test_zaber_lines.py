@@ -2,14 +2,16 @@
 against a scripted peer.
 """
 
+import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
 from drivers.line import stop_surely
-from drivers.transport import open_serial
-from drivers.zaber import ZaberChain, checksum, encode, parse
+from drivers.transport import Wire, open_serial
+from drivers.zaber import ZaberAxis, ZaberChain, ZaberKeys, checksum, encode, parse
 from flflab.errors import CommunicationError
 
 Play = Callable[[list[tuple[bytes, object]]], str]
@@ -59,7 +61,6 @@ def test_information_and_alerts_are_not_replies(unasked: bytes) -> None:
         b"",
         b"@",
         b"@01 1 42 OK IDLE -- 0:07",
-        b"@01 1 42 OK IDLE -- 0",
         b"@1 1 42 OK IDLE",
         b"\xff\x00\x80",
         b"HTTP/1.1 400 Bad Request",
@@ -70,12 +71,66 @@ def test_what_is_not_this_protocol_is_refused(garbage: bytes) -> None:
         parse(garbage)
 
 
+def test_a_reply_without_checksum_is_taken_unless_one_is_required_or_was_sent_before(
+    dialogue: Play,
+) -> None:
+    bare = b"@02 1 00 OK IDLE -- 5"
+    taken = parse(bare)
+    assert taken is not None
+    assert taken.data == "5"
+    with pytest.raises(CommunicationError, match="without a checksum"):
+        parse(bare, with_checksum=True)
+    chain = chain_at(
+        dialogue(
+            [(FIRST, bare + b"\r\n"), (AGAIN, GOOD_AGAIN), (THIRD, b"@02 1 02 OK IDLE -- 51\r\n")]
+        )
+    )
+    for _ in range(2):
+        assert chain.ask("array_stage", 2, 1, "get pos", repeatable=False).data == "5"
+    with pytest.raises(CommunicationError, match="without the checksum that it sent before"):
+        chain.ask("array_stage", 2, 1, "get pos", repeatable=False)
+    chain.close()
+
+
+@pytest.mark.parametrize("unasked", [b"!03 1 IDLE --\r\n", b"#02 1 hello\r\n"])
+def test_alerts_and_information_without_end_are_no_reply(unasked: bytes) -> None:
+    over = threading.Event()
+
+    def receive() -> bytes:
+        time.sleep(0.001)
+        return unasked
+
+    wire = Wire("line", lambda _: None, receive, over.set)
+    chain = ZaberChain(lambda: wire, timeout=0.1)
+    with pytest.raises(
+        CommunicationError, match=r"no answer within 0\.1 s, though other lines came"
+    ):
+        chain.ask("array_stage", 2, 1, "get pos", repeatable=True)
+    chain.close()
+
+
+@pytest.mark.parametrize("flag", ["WM", "FS"])
+def test_a_stage_that_was_displaced_or_stalled_has_no_known_place(
+    flag: str, toy_stage: type[Any], toy_chain: Callable[..., str]
+) -> None:
+    stage = toy_stage()
+    keys = ZaberKeys.model_validate({"device": 1, "microstep": "0.5 um"})
+    chain = chain_at(toy_chain(stage))
+    axis = ZaberAxis("array_stage", chain, keys, 10.0, homes_up=False)
+    assert axis.reading() == 0
+    stage.flags.add(flag)
+    assert axis.reading() is None
+    assert not axis.is_homed()
+    chain.close()
+
+
 def chain_at(address: str) -> ZaberChain:
     return ZaberChain(lambda: open_serial(address, 115200), timeout=0.15)
 
 
 FIRST = line("/2 1 00 get pos")
 AGAIN = line("/2 1 01 get pos")
+THIRD = line("/2 1 02 get pos")
 GOOD = line("@02 1 00 OK IDLE -- 5")
 GOOD_AGAIN = line("@02 1 01 OK IDLE -- 5")
 FAULTS = {

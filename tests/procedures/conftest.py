@@ -33,6 +33,7 @@ class MemoryAxis:
     resolution: float = 1e-3
     place: float = 0.0
     homed: bool = False
+    measured: bool = True
     heard: list[tuple[str, float]] = field(default_factory=list[tuple[str, float]])
 
     def start_home(self) -> None:
@@ -211,6 +212,7 @@ def in_memory() -> Callable[[Bench, MemoryCamera], ConnectedBench]:
             iris,
             target,
             dict.fromkeys((*axes, "camera", "iris", "target"), ""),
+            None,
             ExitStack(),
             ExitStack(),
         )

@@ -61,6 +61,8 @@ class Loose:
     element truly is.
     """
 
+    measured = True
+
     def __init__(self, travel: tuple[float, float], step: float, backlash: float) -> None:
         self.travel, self.resolution, self._backlash = travel, step, backlash
         self.place = self.true = 0.0
@@ -215,6 +217,7 @@ def in_memory(
         iris,
         target,
         dict.fromkeys((*axes, "camera", "iris", "target"), ""),
+        None,
         ExitStack(),
         ExitStack(),
     ) as bench:

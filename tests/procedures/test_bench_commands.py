@@ -62,7 +62,7 @@ def test_home_move_jog_and_where(told: Told, bench: tuple[Served, Path]) -> None
     assert "44.5" in line
     world, now = bench[0].world, bench[0].world.clock.now()
     assert world.elements(now)["array.z"] == pytest.approx(44.5, abs=0.02)
-    assert "every axis took the stop" in told("stop")
+    assert "All axes stopped" in told("stop")
 
 
 def test_what_is_not_possible_is_refused(told: Told) -> None:
@@ -92,6 +92,6 @@ def test_a_plan_is_told_without_a_bench(write: Callable[..., tuple[Path, Path]])
     study, bench = write()
     result = CliRunner().invoke(app, ["plan", str(study), "--bench", str(bench)])
     assert result.exit_code == 0
-    assert "home array_stage, sensor_stage" in result.output
+    assert "home sensor_stage, main_lens_stage" in result.output
     assert "c1/bars/0: take a frame" in result.output
     assert "at most 8 frames" in result.output

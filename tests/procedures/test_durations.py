@@ -130,8 +130,9 @@ def test_homing_begins_where_the_camera_file_has_everything(
         if isinstance(step, Home)
     ]
     assert homes == pytest.approx(
-        [2.0 + START_S, 3.0], abs=0.1
-    )  # 20 mm at 10 mm/s; the target from the middle of 150 mm at 25 mm/s
+        [1.885 + START_S, 2.0, 3.0], abs=0.1
+    )  # the sensor, 18.85 mm at 10 mm/s, beside the lens; the array, 20 mm; the target from the
+    # middle of 150 mm at 25 mm/s
 
 
 def test_what_moves_after_a_frame_takes_no_longer_for_its_read_out(
@@ -169,7 +170,7 @@ def test_what_is_left_learns_from_motions_and_frames_apart_how_long_they_take(
     read: Callable[..., tuple[Study, Bench]],
 ) -> None:
     """Frames that are drawn for four seconds more and motions that take as long as they should,
-    after a third of the steps.
+    after half of the steps.
     """
     study, bench = read()
     to_do = steps(study, bench)
@@ -179,7 +180,7 @@ def test_what_is_left_learns_from_motions_and_frames_apart_how_long_they_take(
         for step, seconds in zip(to_do, said, strict=True)
     ]
     assert sum(took) > 1.5 * sum(said)
-    done = len(to_do) // 3
+    done = len(to_do) // 2
     assert seconds_left(to_do, said, took[:done]) == pytest.approx(sum(took[done:]), rel=0.05)
     assert seconds_left(to_do, said, []) == pytest.approx(sum(said))
     assert seconds_left(to_do, said, [0.0] * (len(to_do) - 1)) >= 0.0

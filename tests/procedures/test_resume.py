@@ -119,6 +119,37 @@ def test_wherever_a_run_is_cut_it_is_taken_to_its_end_with_each_point_once(
         event_model.schema_validators[event_model.DocumentNames[name]].validate(document)
 
 
+@pytest.mark.parametrize("lost", [1, 4, 14])
+def test_frames_that_a_power_cut_took_are_taken_again(
+    lost: int,
+    described: Described,
+    in_memory: Connect,
+    memory_camera: Callable[..., Any],
+    tmp_path: Path,
+) -> None:
+    study, described_bench = described(study=TWO)
+    bench = in_memory(described_bench, memory_camera(shape=(90, 120)))
+    take_study(bench, study, begin_recording(bench, study, tmp_path), tell_nobody, "sweep")
+    whole = read_run(tmp_path)
+    pixels, size = (tmp_path / "frames.h5").read_bytes(), 2 * 90 * 120
+    first = pixels.index(whole.picture(whole.frames[14 - lost]).astype("<u2").tobytes())
+    (tmp_path / "frames.h5").write_bytes(
+        pixels[:first] + bytes(lost * size) + pixels[first + lost * size :]
+    )
+    cut = read_run(tmp_path)
+    assert cut.lost == tuple(frame.key for frame in whole.frames[14 - lost :])
+    require_unfinished(cut)
+    another = in_memory(described_bench, memory_camera(shape=(90, 120)))
+    rest = rest_of(cut, study, described_bench)
+    resume(another, study, cut, rest, ContinuedRecording(tmp_path), tell_nobody)
+    run = read_run(tmp_path)
+    assert (run.complete, run.lost) == (True, ())
+    assert [frame.key for frame in run.frames] == [frame.key for frame in whole.frames]
+    assert run.resumed[-1]["retakes"] == list(cut.lost)
+    for frame in run.frames:
+        run.picture(frame)
+
+
 def test_the_report_of_a_run_that_was_cut_says_so_and_how_to_go_on(
     described: Described,
     in_memory: Connect,

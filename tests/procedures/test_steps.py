@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from flflab.bench import Bench
+from flflab.bench import Bench, FixedDescription
 from flflab.errors import InputError, InterlockError, LimitError
 from flflab.study import Study
 from procedures.durations import SETTLE_S, durations
@@ -55,11 +55,11 @@ def test_every_point_is_taken_once_and_its_exposure_is_found_before(described: D
     assert most_frames(steps(study, bench)) == 5 * 3 * 2 + 5 * 2
 
 
-def test_array_and_sensor_home_first_and_together_where_they_home_away_from_each_other(
+def test_what_homes_away_from_its_neighbours_homes_first_and_together(
     described: Described,
 ) -> None:
     homes = [step.axes for step in steps(*described()) if isinstance(step, Home)]
-    assert homes == [("array_stage", "sensor_stage"), ("main_lens_stage", "target_stage")]
+    assert homes == [("sensor_stage", "main_lens_stage"), ("array_stage",), ("target_stage",)]
 
 
 def test_what_homes_towards_its_neighbour_homes_after_it(described: Described) -> None:
@@ -68,7 +68,7 @@ def test_what_homes_towards_its_neighbour_homes_after_it(described: Described) -
         for step in steps(*described(axes={"sensor_stage": {"home_towards": "-z"}}))
         if isinstance(step, Home)
     ]
-    assert homes == [("array_stage",), ("sensor_stage",), ("main_lens_stage", "target_stage")]
+    assert homes == [("main_lens_stage",), ("array_stage",), ("sensor_stage",), ("target_stage",)]
 
 
 def test_axes_stand_where_the_configuration_asks(described: Described) -> None:
@@ -145,9 +145,23 @@ def test_an_element_that_nothing_moves_must_stand_where_the_study_wants_it(
         for name, axis in bench.description.axes.items()
         if axis.moves not in ("array.z", "main_lens.z")
     }
-    fixed = Bench(
-        bench.description.model_copy(update={"axes": axes}), bench.file, bench.lines, bench.optics
+    stated = FixedDescription.model_validate(
+        {
+            "array.z": {"at": "60 mm", "uncertainty": "1 um"},
+            "main_lens.z": {"at": "0 mm", "uncertainty": "1 um"},
+        }
     )
+    partial, fixed = (
+        Bench(
+            bench.description.model_copy(update={"axes": axes} | update),
+            bench.file,
+            bench.lines,
+            bench.optics,
+        )
+        for update in ({}, {"fixed": stated})
+    )
+    with pytest.raises(InterlockError, match=r"`fixed: \{array\.z: \{at: 60 mm, uncertainty"):
+        steps(study, partial)
     assert any(isinstance(step, Move) for step in steps(study, fixed))
     elsewhere, _ = described(
         study={"configurations": [{"f_number": 4, "distance": "507 mm", "array": "59 mm"}]}

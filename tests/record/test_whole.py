@@ -237,11 +237,10 @@ def test_where_the_disk_takes_no_packed_file_the_raw_frames_are_left(whole: Path
     ("left", "says"),
     [
         (None, "is missing"),
-        (20_000, "is cut short, 0.02 of 0.0452 MB are there"),
         (0, "is damaged, or no file of frames"),
     ],
 )
-def test_frames_that_are_missing_or_cut_short_are_told_alike_to_who_reads_packs_exports_or_goes_on(
+def test_a_file_of_frames_that_is_gone_is_told_alike_to_who_reads_packs_or_goes_on(
     whole: Path, left: int | None, says: str
 ) -> None:
     run, file = read_run(whole), whole / "frames.h5"

@@ -15,7 +15,14 @@ import pytest
 
 from flflab.errors import InputError
 from flflab.image_file import write_picture
-from flflab.whole_file import part_of, require_writable, write_csv, write_whole
+from flflab.whole_file import (
+    open_own,
+    part_of,
+    require_writable,
+    write_csv,
+    write_own,
+    write_whole,
+)
 
 POSIX = pytest.mark.skipif(
     sys.platform == "win32", reason="limits the size of files, and names devices, the POSIX way"
@@ -173,3 +180,25 @@ def test_a_name_that_is_not_utf_8_does_not_get_into_a_file(tmp_path: Path) -> No
     ):
         write_whole(file, f"optics: {os.fsdecode(bytes([0x63, 0xE9]))}.yaml")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_in_a_runs_folder_a_link_is_replaced_and_what_it_leads_to_is_left(tmp_path: Path) -> None:
+    victim, run = tmp_path / "victim", tmp_path / "run"
+    victim.write_text("mine")
+    run.mkdir()
+    for target in (victim, tmp_path / "not there"):
+        (run / "report.html").unlink(missing_ok=True)
+        (run / "report.html").symlink_to(target)
+        write_own(run / "report.html", "page")
+        assert not (run / "report.html").is_symlink()
+        assert (run / "report.html").read_text() == "page"
+    assert victim.read_text() == "mine"
+    assert {one.name for one in tmp_path.iterdir()} == {"victim", "run"}
+
+
+@pytest.mark.parametrize("mode", ["a", "r+b"])
+def test_in_a_runs_folder_a_link_is_not_opened_for_writing(tmp_path: Path, mode: str) -> None:
+    (tmp_path / "victim").write_text("mine")
+    (tmp_path / "log.txt").symlink_to(tmp_path / "victim")
+    with pytest.raises(OSError, match="is a link, and links are not written through"):
+        open_own(tmp_path / "log.txt", mode)

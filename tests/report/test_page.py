@@ -240,6 +240,16 @@ def test_an_unfinished_run_of_one_configuration_is_reported_as_such(
     assert "5 in configuration 0" in text
 
 
+def test_a_run_that_lost_its_end_says_which_frames_and_which_configurations_it_lacks(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
+    cut = replace(run, stop=None, lost=("c1/bars/0", "c2/bars/0"))
+    write_report(single, cut, study, bench, tmp_path / "report.html")
+    text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    assert "The last 2 frames (c1/bars/0 and after) are not as they were recorded" in text
+    assert "Not recorded, and left out: configurations 1 and 2." in text
+
+
 def test_a_run_in_several_parts_says_when_and_why_it_was_cut(
     single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
 ) -> None:
@@ -266,6 +276,16 @@ def test_a_report_that_cannot_be_written_is_refused_in_one_sentence(
 ) -> None:
     with pytest.raises(InputError, match="cannot be written"):
         write_report(single, run, study, bench, tmp_path / "missing" / "report.html")
+
+
+def test_a_link_in_the_place_of_a_report_is_not_followed(
+    single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
+    (tmp_path / "victim").write_text("mine", encoding="utf-8")
+    (tmp_path / "report.html").symlink_to(tmp_path / "victim")
+    write_report(single, run, study, bench, tmp_path / "report.html")
+    assert (tmp_path / "victim").read_text(encoding="utf-8") == "mine"
+    assert "</html>" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_report_that_finds_the_disk_full_leaves_the_older_one(

@@ -148,6 +148,30 @@ def test_an_unknown_register_is_an_exception_and_an_absent_slave_is_silent(
         minimalmodbus.Instrument(slaves[0].serial, 3).read_register(0x007F)
 
 
+@pytest.mark.parametrize(("first", "count"), [(0x00C6, 12), (0x00F8, 8), (0x0080, 22)])
+def test_blocks_of_monitors_that_public_programs_read_are_answered(
+    first: int, count: int, slaves: list[Any]
+) -> None:
+    home(slaves[0])
+    operate(slaves[0], 1, 5000, speed=50_000)
+    words = slaves[0].read_registers(first, count)
+    assert len(words) == count
+    arrive(slaves[0])
+    if first == 0x00C6:
+        position = slaves[0].read_registers(first, count)
+        assert position[1] == position[7] == 5000
+        assert position[4:6] == position[10:12] == [0, 0]  # at rest
+
+
+def test_a_speed_that_no_drive_does_is_taken_and_raises_the_manuals_alarm(
+    slaves: list[Any],
+) -> None:
+    slave = slaves[0]
+    home(slave)
+    operate(slave, 1, 100, speed=4_000_001)
+    assert slave.read_long(0x0080) == 0x70
+
+
 def test_published_messages_get_the_published_answers() -> None:
     """An absolute move and a read as public drivers of these drives send them."""
     move = bytes.fromhex(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import yaml
 
+from drivers.stopping import axes_to_stop, stop_axes
 from drivers.survey import SILENT, survey
 from flflab.bench import Bench, read_bench
 from sim.serve import serve, write_bench
@@ -54,3 +55,21 @@ def test_whoever_takes_too_long_is_said_to(write_bench_file: WriteBench, tmp_pat
         )
         for row in rows
     )
+
+
+def test_a_vertical_axis_is_said_to_fall_without_current(
+    write_bench_file: WriteBench, tmp_path: Path
+) -> None:
+    bench = write_bench_file("full")
+    with serve(bench) as served:
+        write_bench(bench, served, tmp_path / "served.yaml")
+        data = yaml.safe_load((tmp_path / "served.yaml").read_text())
+        data["axes"]["target_stage"]["vertical"] = True
+        (tmp_path / "served.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
+        states = {row.name: row.state for row in survey(read_bench(tmp_path / "served.yaml"))}
+        served.stop()
+        faults = stop_axes(axes_to_stop(tmp_path / "served.yaml"))
+    assert "unless it has a brake" in states["target_stage"]
+    assert "brake" not in states["array_stage"]
+    assert "hold up what it carries, then cut its power" in faults["target_stage"]
+    assert faults["array_stage"].endswith("it may still move, cut its power")

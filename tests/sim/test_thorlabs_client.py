@@ -83,7 +83,7 @@ def test_the_client_sets_a_speed_and_stops_a_motion(client: Any) -> None:
     until(lambda: client.status["homed"], 30)
     client.move_absolute(round(300 * DEGREE))
     until(lambda: client.status["position"] > DEGREE)
-    assert client.status["moving_forward"] or client.status["moving_reverse"]
+    assert (client.status["moving_forward"], client.status["moving_reverse"]) == (True, False)
     client.stop()
     until(lambda: not client.status["moving_forward"] and not client.status["moving_reverse"])
     assert DEGREE < client.status["position"] < 300 * DEGREE
@@ -133,7 +133,7 @@ def test_every_answer_is_what_the_independent_decoder_expects() -> None:
     session.receive(apt.mot_move_absolute(dest=0x50, source=1, chan_ident=1, position=-38393))
     clock.step(1)
     (state,) = read(session.receive(apt.mot_req_dcstatusupdate(dest=0x50, source=1, chan_ident=1)))
-    assert state.moving_reverse
+    assert (state.moving_forward, state.moving_reverse) == (True, False)  # as on the real cubes
     assert state.velocity < 0
     clock.step(60)
     (ended,) = read(session.unasked())
@@ -182,3 +182,43 @@ def test_a_jammed_stage_says_so_and_loses_its_reference() -> None:
     assert state.motion_error
     assert not state.homed
     assert state.position == pytest.approx(0.5 * DEGREE, abs=1)
+
+
+@no_pty
+@pytest.mark.parametrize(("direction", "sign"), [("forward", 1), ("reverse", -1)])
+def test_the_client_knows_which_way_a_stage_turns(client: Any, direction: str, sign: int) -> None:
+    client.home()
+    until(lambda: client.status["homed"])
+    client.move_velocity(direction)
+    until(lambda: sign * client.status["position"] > 0.1 * DEGREE)
+    moving = {1: "moving_forward", -1: "moving_reverse"}
+    assert (client.status[moving[sign]], client.status[moving[-sign]]) == (True, False)
+    client.stop()
+
+
+def test_jog_parameters_come_in_the_order_of_the_makers_friends_clients() -> None:
+    session = ControllerSession(controller(SteppedClock()))
+    (jog,) = read(session.receive(apt.mot_req_jogparams(dest=0x50, source=1, chan_ident=1)))
+    assert (jog.step_size, jog.min_velocity) == (pytest.approx(5 * DEGREE, abs=1), 0)
+    assert jog.acceleration == pytest.approx(15 * 14.6574, abs=1)
+    assert jog.max_velocity == pytest.approx(15 * 42941.66, abs=1)
+
+
+def test_what_a_client_asks_a_k_cube_at_its_start_is_answered_and_kept() -> None:
+    session = ControllerSession(controller(SteppedClock()))
+    to = {"dest": 0x50, "source": 1, "chan_ident": 1}
+    (panel,) = read(session.receive(apt.mot_req_kcubemmiparams(**to)))
+    (triggers,) = read(session.receive(apt.mot_req_kcubetrigconfig(**to)))
+    (pulses,) = read(session.receive(apt.mot_req_kcubeposttrigparams(**to)))
+    assert (panel.msg, triggers.msg, pulses.msg) == (
+        "mot_get_kcubemmiparams",
+        "mot_get_kcubetrigconfig",
+        "mot_get_kcubeposttrigparams",
+    )
+    assert panel.max_vel == pytest.approx(10 * 42941.66, abs=1)
+    told = {
+        "trig1_mode": 3, "trig1_polarity": 1, "trig2_mode": 4, "trig2_polarity": 2,
+    }  # fmt: skip
+    assert session.receive(apt.mot_set_kcubetrigioconfig(**to, **told)) == b""
+    (triggers,) = read(session.receive(apt.mot_req_kcubetrigconfig(**to)))
+    assert {name: getattr(triggers, name) for name in told} == told

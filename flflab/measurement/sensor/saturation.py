@@ -41,7 +41,7 @@ def saturation_level(picture: npt.NDArray[np.generic]) -> float | None:
     return float(level) if _noisy(np.minimum(values, level)) else None
 
 
-def _top_number(values: npt.NDArray[np.generic]) -> Any:
+def _top_number(values: npt.NDArray[Any]) -> Any:
     """The largest number that many pixels read, hot pixels above it left out; None where none
     does.
     """

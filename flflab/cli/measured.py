@@ -1,0 +1,135 @@
+"""Terminal tables of what was measured in one picture."""
+
+import math
+from statistics import fmean, median, pstdev
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+from flflab.cli.terminal import Terminal
+from flflab.measurement.lattice.kernel import LIGHT
+from flflab.measurement.white import BlindWhite
+
+
+def print_white(console: Terminal, found: BlindWhite) -> None:
+    """Ten lines: what was found, how sure, and remarks."""
+    lattice, white = found.json()["lattice"], found.white
+    sure = lattice["uncertainty"]
+    whole, seen = int(white.whole.sum()), int(white.found.sum())
+    light = white.values[white.whole, LIGHT]
+    table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
+    table.add_row("layout", str(lattice["layout"]))
+    table.add_row("pitch", f"{_with_doubt(lattice['pitch_px'], sure['pitch_px'])} px")
+    table.add_row("angle", f"{_with_doubt(lattice['angle_deg'], sure['angle_deg'])} deg")
+    origin = ", ".join(map(_with_doubt, lattice["origin_px"], sure["origin_px"]))
+    table.add_row("origin (x, y)", f"{origin} px")
+    table.add_row("micro-images", f"{seen} seen, {whole} of them whole")
+    radii = ", ".join(f"{kind['radius_px']:.2f}" for kind in lattice["types"])
+    table.add_row("radius at half light", f"{radii} px, soft over {lattice['softness_px']:.2f} px")
+    table.add_row("light", f"{light.min():.4g} to {light.max():.4g} DN, median {median(light):.4g}")
+    kinds = len(lattice["types"])
+    table.add_row("kinds of microlens", f"{kinds}" + (", by radius or light" if kinds > 1 else ""))
+    table.add_row(
+        "off the lattice",
+        f"{lattice['residual_px']:.2g} px (rms), of it placement {lattice['scatter_px']:.2g} px;"
+        f" smooth bend {lattice['distortion']['bend_px']:.2g} px",
+    )
+    table.add_row("left of the light", f"{100 * white.misfit:.1f} % beside a common profile")
+    console.print(table)
+    for remark in found.remarks:
+        console.print(f"Note: {remark.sentence}.", highlight=False)
+
+
+def _with_doubt(value: float, doubt: float) -> str:
+    """A number and its standard uncertainty of two significant digits."""
+    digits = max(0, 1 - math.floor(math.log10(doubt))) if doubt > 0 else 4
+    return f"{value:.{digits}f} ± {doubt:.{digits}f}"
+
+
+def print_lattice(console: Terminal, lattice: dict[str, Any]) -> None:
+    """The lattice measured with a camera file."""
+    table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
+    table.add_row("layout", str(lattice["layout"]))
+    table.add_row("pitch", f"{lattice['pitch_px']:.5f} px")
+    table.add_row("angle", f"{lattice['angle_deg']:.5f} deg")
+    table.add_row("origin (x, y)", "{:.4f}, {:.4f} px".format(*lattice["origin_px"]))
+    table.add_row(
+        "inside, outside radius",
+        f"{lattice['inside_radius_px']:.3f}, {lattice['outside_radius_px']:.3f} px",
+    )
+    table.add_row("micro-images", str(len(lattice["centres_px"])))
+    console.print(table)
+    if lattice.get("micro_images"):
+        console.print(_radii(lattice["micro_images"]))
+
+
+def _radii(each: list[dict[str, Any]]) -> Table:
+    """The bright and total field of the micro-images one by one, those of one kind of microlens
+    together; ``--json`` lists them all.
+    """
+    table = Table(title="Radii of single micro-images, px", box=box.SIMPLE)
+    for head in ("field", "model", "mean", "scatter", "stated", "least", "most", "seen"):
+        table.add_column(head, justify="right")
+    for name, key in (("bright", "inside_radius_px"), ("total", "outside_radius_px")):
+        for due in sorted({one["model"][key] for one in each}):
+            kind = [one for one in each if one["model"][key] == due]
+            found = [(one[key], one["uncertainty"][key]) for one in kind if one[key] is not None]
+            if not found:
+                table.add_row(name, f"{due:.3f}", *["none"] * 5, f"0 of {len(kind)}")
+                continue
+            radii, doubts = zip(*found, strict=True)
+            figures = fmean(radii), pstdev(radii), median(doubts), min(radii), max(radii)
+            table.add_row(
+                name,
+                f"{due:.3f}",
+                *(f"{value:.3f}" for value in figures),
+                f"{len(found)} of {len(kind)}",
+            )
+    return table
+
+
+def dots_table(dots: list[dict[str, Any]]) -> Table:
+    """Views and places of dots."""
+    table = Table(title="Dots", box=box.SIMPLE)
+    for head in ("dot", "views", "uncertain", "x mm", "y mm", "z mm"):
+        table.add_column(head, justify="right")
+    for dot in dots:
+        position = [
+            "none" if value is None or sigma is None else f"{value:.3f} ± {sigma:.3f}"
+            for value, sigma in zip(
+                dot["position_mm"] or [None] * 3, dot["uncertainty_mm"] or [None] * 3, strict=True
+            )
+        ]
+        table.add_row(str(dot["dot"]), str(dot["views"]), str(dot["views_uncertain"]), *position)
+    return table
+
+
+def contrasts_table(points: list[dict[str, Any]]) -> Table:
+    """Of several kinds of microlenses a curve each; the classic reading, (max - min)/(max + min),
+    with its bias.
+    """
+    table = Table(title="Contrast against frequency", box=box.SIMPLE)
+    kinds = dict.fromkeys(point.get("microlens_focal_length_mm") for point in points)
+    classic = any("classic" in point for point in points)
+    heads = (
+        ["microlens mm"] * (len(kinds) > 1)
+        + ["cycles/px", "contrast"]
+        + ["views", "max, min", "its bias"] * classic
+    )
+    for head in heads:
+        table.add_column(head, justify="right")
+    for point in points:
+        row = [f"{point['microlens_focal_length_mm']:g}"] if len(kinds) > 1 else []
+        row += [
+            f"{point['cycles_per_px']:.4f}",
+            f"{point['contrast']:.5f} ± {point['uncertainty']:.5f}",
+        ]
+        if classic:
+            row += [str(len(point["views"]))]
+            row += [
+                "none" if value is None else f"{value:+.3f}"
+                for value in (point["classic"], point["classic_bias"])
+            ]
+        table.add_row(*row)
+    return table

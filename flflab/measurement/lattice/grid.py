@@ -1,0 +1,224 @@
+"""The lattice through measured centres: straight vectors, how it bends, how far micro-images
+scatter about it, and how sure all of that is.
+
+The vectors are those of the straight lattice nearest to the centres of all whole micro-images; a
+bend is what a polynomial leaves of it. Uncertainties follow how the centres really depart, over
+blocks of neighbours.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.measurement.lattice.find import pitch_and_angle
+from flflab.measurement.lattice.index import terms
+from flflab.optics.camera import Layout
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+HIGHEST = 5  # degree of a bend
+CUT = 4.0  # robust deviations beyond which a centre stands off
+PER_TERM = 4  # centres that a term of a bend needs
+BLOCKS = 5  # along either side, whose departures count as independent
+FEWEST_BLOCKS = 9
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A lattice; pixels, (x, y).
+
+    Attributes:
+        layout: square or hexagonal.
+        coefficients: of the smooth map by ``terms``, shape (terms, 2).
+        degree: of that map; 1 where nothing bends.
+        scale: by which indices are divided in it.
+        origin_px: of index (0, 0) on the straight lattice, shape (2,).
+        vectors_px: a, b of the straight lattice as columns, shape (2, 2).
+        covariance_px: of (origin x, y, a x, y, b x, y), by the centres' departures; shape (6, 6).
+        freedom: effective degrees of freedom of that.
+        common_px: covariance of the same by the bend and by how a centre is defined, shape (6, 6).
+        residual_px: robust rms of the centres off the smooth map.
+        scatter_px: how far micro-images scatter about it, their own uncertainty taken off.
+        bend_px: rms of the smooth map off the straight lattice.
+        off: which of the centres stand off, shape (n,).
+    """
+
+    layout: Layout
+    coefficients: Array
+    degree: int
+    scale: float
+    origin_px: Array
+    vectors_px: Array
+    covariance_px: Array
+    freedom: float
+    common_px: Array
+    residual_px: float
+    scatter_px: float
+    bend_px: float
+    off: Flags
+
+    def centres(self, indices: Whole) -> Array:
+        """Where micro-images of these indices lie on the smooth map, px, shape (n, 2)."""
+        design = terms(indices.astype(np.float64), self.degree, self.scale)
+        return design @ self.coefficients
+
+    def straight(self, indices: Whole) -> Array:
+        """The same on the straight lattice."""
+        return self.origin_px + indices @ self.vectors_px.T
+
+
+def grid_through(
+    layout: Layout,
+    indices: Whole,
+    centres: Array,
+    doubt: Array,
+    places: list[Whole],
+    aside: list[Array],
+) -> Grid:
+    """Fit a lattice to centres.
+
+    Args:
+        layout: of the array.
+        indices: (i, j) of whole micro-images, shape (n, 2).
+        centres: measured, shape (n, 2).
+        doubt: standard uncertainty of each coordinate, shape (n, 2).
+        places: indices of all that should lie wholly on the picture, found or not: of these the
+            straight lattice is the nearest, shape (m, 2); then those of others that might count.
+        aside: ways in which all centres may lie aside together, each of shape (n, 2).
+    """
+    scale = float(np.abs(indices).max()) + 1.0
+    index = indices.astype(np.float64)
+    weight = 1 / (np.hypot(*doubt.T) / math.sqrt(2) + 1e-9) ** 2
+    good = np.ones(len(centres), dtype=np.bool_)
+    degree, coefficients, scatter = 1, np.zeros((3, 2)), 0.0
+    for _ in range(4):
+        degree, coefficients = _smooth(index, centres, weight, good, scale)
+        rest = centres - terms(index, degree, scale) @ coefficients
+        own = np.mean(doubt**2, axis=1)
+        size = np.hypot(*rest.T)
+        # the median of a Rayleigh distribution is 1.18 of its parameter
+        limit = CUT * np.sqrt(own + max(float(np.median(size[good]) / 1.18) ** 2, 1e-12)) * 1.3
+        good = size < limit
+        freedom = max(2 * np.count_nonzero(good) - 2 * len(coefficients), 1)
+        total = float(np.sum(rest[good] ** 2)) / freedom
+        scatter = math.sqrt(max(total - float(own[good].mean()), 0.0))
+        weight = 1 / (own + scatter**2 + 1e-12)
+    straight, *others = (
+        _straight(one.astype(np.float64), degree, scale, coefficients) for one in places
+    )
+    rest = centres - terms(index, degree, scale) @ coefficients
+    residual = float(np.sqrt(np.sum(rest[good] ** 2) / (2 * max(np.count_nonzero(good), 1))))
+    bend = (terms(index, degree, scale) @ coefficients - terms(index, 1, scale) @ straight)[good]
+    covariance, freedom = _sureness(index, rest, doubt, weight, good, scatter, degree, scale)
+    apart = [other - straight for other in others]
+    apart += [_least_squares(terms(index, 1, scale), one, weight * good) for one in aside]
+    common = np.zeros((6, 6))
+    for one in apart:
+        moved = (one / np.array([1.0, scale, scale])[:, None]).ravel()
+        common += np.outer(moved, moved)
+    return Grid(
+        layout=layout,
+        coefficients=coefficients,
+        degree=degree,
+        scale=scale,
+        origin_px=straight[0],
+        vectors_px=straight[1:].T / scale,
+        covariance_px=covariance,
+        freedom=freedom,
+        common_px=common,
+        residual_px=residual,
+        scatter_px=scatter,
+        bend_px=float(np.sqrt(np.mean(bend**2) * 2)),
+        off=~good,
+    )
+
+
+def _straight(index: Array, degree: int, scale: float, coefficients: Array) -> Array:
+    """The straight lattice nearest to a smooth map at these places."""
+    smooth = terms(index, degree, scale) @ coefficients
+    return _least_squares(terms(index, 1, scale), smooth, np.ones(len(index)))
+
+
+def _least_squares(design: Array, seen: Array, weight: Array) -> Array:
+    root = np.sqrt(weight)[:, None]
+    return np.asarray(np.linalg.lstsq(design * root, seen * root, rcond=None)[0], dtype=np.float64)
+
+
+def _smooth(
+    index: Array, centres: Array, weight: Array, good: Flags, scale: float
+) -> tuple[int, Array]:
+    """The degree and coefficients that the Bayesian information criterion prefers."""
+    count = np.count_nonzero(good)
+    best: tuple[float, int, Array] | None = None
+    for degree in range(1, HIGHEST + 1):
+        design = terms(index, degree, scale)
+        if degree > 1 and count < PER_TERM * design.shape[1]:
+            break
+        found = _least_squares(design, centres, weight * good)
+        rest = (centres - design @ found)[good]
+        left = float(np.sum(rest**2 * weight[good, None])) + 1e-300
+        score = 2 * count * math.log(left) + 2 * design.shape[1] * math.log(2 * count)
+        if best is None or score < best[0]:
+            best = score, degree, found
+    assert best is not None  # noqa: S101
+    return best[1], best[2]
+
+
+def _sureness(
+    index: Array,
+    rest: Array,
+    doubt: Array,
+    weight: Array,
+    good: Flags,
+    scatter: float,
+    degree: int,
+    scale: float,
+) -> tuple[Array, float]:
+    """Covariance of (origin, a, b) of the straight lattice, and its degrees of freedom: as if each
+    centre departed by itself, or as blocks of neighbours do, whichever is larger.
+    """
+    design = terms(index, 1, scale)[good]
+    normal = np.linalg.inv((design * weight[good, None]).T @ design)
+    variance = doubt[good] ** 2 + scatter**2
+    covariance = np.zeros((6, 6))
+    units = np.array([1.0, 1 / scale, 1 / scale])
+    bins = _blocks(index[good])
+    count = int(bins.max()) + 1
+    freedom = float(max(np.count_nonzero(good) - 3, 1))
+    for axis in range(2):
+        single = (design * (weight[good] ** 2 * variance[:, axis])[:, None]).T @ design
+        own = normal @ single @ normal
+        grown = np.ones(3)
+        spare = count - (degree + 1) * (degree + 2) // 2
+        if count >= FEWEST_BLOCKS and spare >= FEWEST_BLOCKS // 2:
+            scores = np.zeros((count, 3))
+            np.add.at(scores, bins, design * (weight[good] * rest[good, axis])[:, None])
+            blocks = normal @ (scores.T @ scores) @ normal * count / spare
+            grown = np.sqrt(np.maximum(np.diag(blocks) / np.diag(own), 1.0))
+            freedom = min(freedom, float(spare))
+        of_axis = own * np.outer(grown, grown) * np.outer(units, units)
+        covariance[np.ix_([axis, 2 + axis, 4 + axis], [axis, 2 + axis, 4 + axis])] = of_axis
+    return covariance, freedom
+
+
+def _blocks(index: Array) -> Whole:
+    """Number of the block that each micro-image belongs to, from 0 up without gaps."""
+    low, high = index.min(axis=0), index.max(axis=0)
+    part = np.floor((index - low) / (high - low + 1e-9) * BLOCKS).astype(np.int64)
+    return np.unique(part[:, 0] * BLOCKS + part[:, 1], return_inverse=True)[1]
+
+
+def by_vectors(layout: Layout, vectors: Array) -> Array:
+    """How pitch and angle move with (origin x, y, a x, y, b x, y), shape (2, 6)."""
+    pitch, angle = pitch_and_angle(layout, vectors)
+    moved = np.zeros((2, 6))
+    for n, (row, column) in enumerate([(0, 0), (1, 0), (0, 1), (1, 1)]):
+        nudged = vectors.copy()
+        nudged[row, column] += 1e-4 * pitch
+        there = pitch_and_angle(layout, nudged)
+        moved[:, 2 + n] = (there[0] - pitch) / (1e-4 * pitch), (there[1] - angle) / (1e-4 * pitch)
+    return moved

@@ -1,0 +1,204 @@
+"""A white picture measured blind: every micro-image by itself, and the lattice through them."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from flflab.errors import MeasurementError
+from flflab.measurement.lattice.find import RoughLattice, find_lattice
+from flflab.measurement.lattice.grid import Grid, grid_through
+from flflab.measurement.lattice.index import FEWEST, index_lattice, looks_right
+from flflab.measurement.lattice.kernel import GROUND, LIGHT, SLOPE_X, WIDER, X, Y
+from flflab.measurement.lattice.mean_profile import Profile, measured_profile, recentred
+from flflab.measurement.lattice.micro_images import (
+    BLOB,
+    DISC,
+    Expected,
+    Model,
+    expected,
+    fit,
+    neighbours_within,
+    with_ground,
+)
+from flflab.measurement.lattice.pixels import Pixels, finer
+from flflab.measurement.lattice.slopes import (
+    Slopes,
+    asides,
+    course_of_slopes,
+    definition_of_centres,
+    unknown_slopes,
+)
+from flflab.measurement.lattice.spread import Spread, spread
+from flflab.measurement.sensor.noise import SensorNoise
+
+Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+START_MISFIT = 0.03  # share of the light by which pixels may depart from the first profile
+LEAST_MISFIT = 2e-3  # the same of the last one
+JOINTLY = 50  # pixels along a radius where many micro-images overlap
+RIM = 0.05  # of the light: where a micro-image ends
+SPARSE = 12  # pixels along a radius that are enough to begin with
+TURNS = (BLOB, 3), (DISC, 3), (DISC, 3), (DISC, 2)  # what is fitted in how many steps
+LAST = len(TURNS) - 1
+
+
+@dataclass(frozen=True)
+class WhitePicture:
+    """A white picture as measured.
+
+    Attributes:
+        rough: what was found blind.
+        indices: of every micro-image that any part of is seen, shape (n, 2).
+        values: of each, as ``kernel`` names them, shape (n, VALUES).
+        found: which were seen well enough to be measured.
+        whole: which lie wholly on the picture.
+        profile: the light across them.
+        spread: how sure the values are.
+        slopes: of their light, as they go over the picture.
+        grid: the lattice through the whole ones.
+        definition_px: standard uncertainty of each centre's coordinates by what counts as the
+            centre of light that is not as the profile has it, alike among neighbours, shape (n,).
+        misfit: rms of what is left of the light, as a share of it.
+    """
+
+    rough: RoughLattice
+    indices: Whole
+    values: Array
+    found: Flags
+    whole: Flags
+    profile: Profile
+    spread: Spread
+    slopes: Slopes
+    grid: Grid
+    definition_px: Array
+    misfit: float
+
+
+def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> WhitePicture:
+    """Measure every micro-image of a white picture, of which nothing but the noise is known.
+
+    Args:
+        picture: DN, [row, col].
+        noise: of the sensor.
+
+    Raises:
+        MeasurementError: no lattice of bright micro-images is in it, or fewer than six whole ones.
+    """
+    rough = find_lattice(picture)
+    _require_contrast(rough, noise)
+    pixels = Pixels(picture, noise, START_MISFIT, max(1, int(rough.radius / SPARSE)))
+    indexed = index_lattice(pixels, rough)
+    profile, joint = indexed.profile, indexed.joint
+    values = _with_light_around(indexed.values, indexed.found)
+    kept = _touching(values, picture.shape, profile.end)
+    indices, values, found = indexed.indices[kept], values[kept], indexed.found[kept]
+    every, shape = np.arange(len(values)), picture.shape
+    neighbours = neighbours_within(values[:, :2], 2 * profile.end)
+    slopes, misfit, doubt = unknown_slopes(len(values)), START_MISFIT, None
+    for turn, (size, rounds) in enumerate(TURNS):
+        inner = found & _inside(values, shape, profile.end)
+        _require_enough(inner)
+        members, before = np.flatnonzero(inner), profile
+        profile = measured_profile(pixels, values, members, neighbours, before)
+        values = recentred(values, profile, before, members)
+        if turn == LAST:
+            values[:, SLOPE_X:] = slopes.mean
+            closest = max(1, round(profile.radius / JOINTLY)) if joint else 1
+            pixels = finer(pixels, pixels.misfit, closest)
+        prior = _expected(values, profile, rough.pitch, indexed.ground, slopes)
+        model = Model(profile, neighbours, prior, size, joint)
+        values = fit(pixels, values, every, model, 2 * rounds if joint else rounds)
+        doubt = spread(pixels, values, every, model)
+        if turn == LAST - 1:
+            slopes = course_of_slopes(indices, values, doubt, inner, slopes)
+        misfit = float(np.median(doubt.misfit[inner]))
+        pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
+    assert doubt is not None  # noqa: S101 - there are turns
+    there = _inside(values, shape, profile.reaches(RIM) + 0.5)
+    found &= looks_right(values, doubt, profile, rough.pitch)
+    whole = found & there
+    _require_enough(whole)
+    between = 0.0 if joint else _light_between(rough, profile)
+    definition = definition_of_centres(doubt, slopes, profile, between)
+    ways = asides(indices, float(np.median(definition[whole])))
+    grid = grid_through(
+        rough.layout,
+        indices[whole],
+        values[whole, :2],
+        np.sqrt(doubt.covariance[:, [X, Y], [X, Y]])[whole],
+        [indices[there], indices[_inside(values, shape, 0.0)]],
+        [one[whole] for one in ways],
+    )
+    return WhitePicture(
+        rough,
+        indices,
+        values,
+        found,
+        whole,
+        profile,
+        doubt,
+        slopes,
+        grid,
+        definition,
+        misfit,
+    )
+
+
+def _require_contrast(rough: RoughLattice, noise: SensorNoise) -> None:
+    spread = math.sqrt(float(noise.variance(rough.light + rough.background)))
+    if rough.light < spread:
+        raise MeasurementError(
+            f"white picture: it is even; what repeats in it is {rough.light / spread:.1g} standard"
+            " deviations of one pixel's noise, and more than 1 is due; is the microlens array in"
+            " the camera?"
+        )
+
+
+def _require_enough(whole: Flags) -> None:
+    if np.count_nonzero(whole) < FEWEST:
+        raise MeasurementError(
+            f"white picture: only {np.count_nonzero(whole)} micro-images lie wholly on it,"
+            f" {FEWEST} are needed; show more of the array"
+        )
+
+
+def _light_between(rough: RoughLattice, profile: Profile) -> float:
+    """Share of a micro-image's light in the middle between it and its neighbours."""
+    middle = rough.pitch / math.sqrt(2 if rough.layout == "square" else 3)
+    return float(profile.table[min(int(middle / profile.step), len(profile.table) - 1), 0])
+
+
+def _with_light_around(values: Array, found: Flags) -> Array:
+    """Values with light and ground of those not seen taken from the nearest that were."""
+    filled = values.copy()
+    _, nearest = KDTree(values[found, :2]).query(values[~found, :2])
+    for one in (LIGHT, GROUND, WIDER):
+        filled[~found, one] = values[found][nearest, one]
+    return filled
+
+
+def _touching(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
+    """Which micro-images reach the picture."""
+    top = np.array([shape[1], shape[0]]) - 0.5
+    off = values[:, :2] - np.clip(values[:, :2], -0.5, top)
+    return np.hypot(*off.T) < reach
+
+
+def _inside(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
+    """Which lie wholly on it."""
+    top = np.array([shape[1], shape[0]]) - 0.5
+    return np.all((values[:, :2] > reach - 0.5) & (values[:, :2] < top - reach), axis=1)
+
+
+def _expected(
+    values: Array, profile: Profile, pitch: float, ground: float | None, slopes: Slopes
+) -> Expected:
+    prior = expected(values, profile, pitch)
+    prior.mean[:, SLOPE_X:] = slopes.mean
+    prior.spread[:, SLOPE_X:] = slopes.apart
+    return prior if ground is None else with_ground(prior, ground)

@@ -1,0 +1,235 @@
+"""What a white picture shows beside its lattice, in sentences for an operator."""
+
+import math
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from flflab.errors import MeasurementError
+from flflab.measurement.lattice.find import stretch
+from flflab.measurement.lattice.kernel import LIGHT, WIDER, draw
+from flflab.measurement.lattice.mean_profile import soft_disc
+from flflab.measurement.lattice.micro_images import extents_of
+from flflab.measurement.lattice.white_picture import WhitePicture
+from flflab.measurement.sensor.noise import SensorNoise
+from flflab.remark import Remark
+
+Array = npt.NDArray[np.float64]
+Picture = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+SATURATED = 1e-4  # of the pixels
+MOST_SATURATED = 0.25  # of them: no plateau is left
+MISFIT = 0.05  # of the light: white pictures leave 1 or 2 %
+MOST_SCATTER = 0.03  # of the pitch, by which micro-images may stand off
+MOST_OFF = 0.25  # of them, far off
+DEAD_LIGHT = 0.5  # of what the lenses round it get
+PLATEAU = 0.6  # of the radius, within which light is even
+WARM, LEAST_WARM, OFTEN = 8.0, 0.02, 1e-5  # standard deviations, of the light; share of the pixels
+LINES = 3.0  # times as far as noise scatters the means of columns
+STEP, LEAST_STEP = 8.0, 2e-3  # the same of a single one, and of the light
+FEWEST, FEWEST_DARK = 30, 300  # pixels
+BENT_PX = 0.05
+SHEARED = 1.0005  # stretch along one direction against that across it
+SECOND_STOP = 0.02  # of their radius, by which micro-images narrow towards the corners
+QUIETER = 0.7  # of the noise of dark pixels that bright ones have
+
+
+def require_white(white: WhitePicture, saturated: float) -> None:
+    """Refuse a picture whose lattice is none of micro-images in even light.
+
+    Args:
+        white: what was measured.
+        saturated: share of the pixels.
+
+    Raises:
+        MeasurementError: see there.
+    """
+    if saturated > MOST_SATURATED:
+        raise MeasurementError(
+            f"white picture: {100 * saturated:.0f} % of its pixels are saturated, at most"
+            f" {100 * MOST_SATURATED:.0f} % are allowed; expose it shorter"
+        )
+    pitch, off = white.rough.pitch, float(np.mean(white.grid.off))
+    scatter = white.grid.scatter_px / pitch
+    if scatter > MOST_SCATTER or off > MOST_OFF:
+        raise MeasurementError(
+            f"white picture: it is probably none; bright spots repeat every {pitch:.1f} px, but"
+            f" they stand {100 * scatter:.1f} % of that off a lattice ({100 * MOST_SCATTER:.0f} %"
+            f" are allowed) and {100 * off:.0f} % of them far off; take an evenly lit target"
+        )
+
+
+def remarks_on_white(picture: Picture, noise: SensorNoise, white: WhitePicture) -> list[Remark]:
+    """Remarks on the picture, its lenses and its lattice.
+
+    Args:
+        picture: DN, [row, col].
+        noise: of the sensor.
+        white: what was measured.
+    """
+    every = [_on_saturation(picture, noise), _on_misfit(white), _on_dead(white)]
+    if white.misfit < MISFIT:  # else what follows is the scene
+        light, flat = float(np.median(white.values[white.whole, LIGHT])), _plateaus(picture, white)
+        every += [
+            _on_bend(white),
+            _on_stop(white),
+            _on_lines(picture, flat, noise, light),
+            _on_warm(picture, noise, light),
+            _on_gamma(picture, flat, noise, light),
+        ]
+    return [remark for remark in every if remark is not None]
+
+
+def _plateaus(picture: Picture, white: WhitePicture) -> Mask:
+    """Pixels in the even middle of micro-images."""
+    drawn = np.zeros_like(picture)
+    inner = white.values[white.found].copy()
+    inner[:, LIGHT] = 1.0
+    inner[:, WIDER:] = 0.0
+    disc = soft_disc(PLATEAU * white.profile.radius, 0.05)
+    draw(drawn, inner, extents_of(inner, disc), (disc.table, disc.radius, disc.step))
+    return drawn > 0.5
+
+
+def _on_saturation(picture: Picture, noise: SensorNoise) -> Remark | None:
+    share = float(np.mean(picture >= noise.saturated_dn))
+    if share < SATURATED:
+        return None
+    return Remark(
+        "saturated",
+        f"{100 * share:.2g} % of the pixels are saturated and were left out; from 2 % on radii,"
+        " light and softness are off by more than is stated; expose it shorter",
+    )
+
+
+def _on_misfit(white: WhitePicture) -> Remark | None:
+    if white.misfit < MISFIT:
+        return None
+    return Remark(
+        "misfit",
+        f"light within micro-images departs by {100 * white.misfit:.0f} % from their common"
+        " profile, 1 or 2 % are usual: was the target evenly lit and the picture left as it was"
+        " read?",
+    )
+
+
+def _on_dead(white: WhitePicture) -> Remark | None:
+    """Lenses that are dark or missing amid others."""
+    light = white.values[:, LIGHT]
+    usual = float(np.median(light[white.whole]))
+    dark = ~white.found | (light < DEAD_LIGHT * usual)
+    inner = (
+        np.abs(white.indices) <= np.quantile(np.abs(white.indices[white.whole]), 0.7, axis=0)
+    ).all(axis=1)
+    lost = np.count_nonzero(~white.found & inner)
+    off = np.count_nonzero(white.grid.off)
+    if lost + off == 0 or not dark.any():
+        return None
+    return Remark(
+        "lenses-off",
+        f"{lost} micro-images amid others are dark or missing, {off} stand off the lattice by more"
+        " than the others scatter: dust or broken microlenses",
+    )
+
+
+def _on_bend(white: WhitePicture) -> Remark | None:
+    grid = white.grid
+    grown = stretch(grid.layout, grid.vectors_px)
+    parts = list[str]()
+    if grid.bend_px > BENT_PX:
+        parts.append(f"it bends by {grid.bend_px:.2g} px (rms, degree {grid.degree})")
+    if grown > SHEARED:
+        parts.append(f"it is {100 * (grown - 1):.2g} % longer along one direction than across it")
+    if not parts:
+        return None
+    return Remark(
+        "lattice-bent",
+        f"the lattice is no exact one: {' and '.join(parts)}; pitch and angle are those of the"
+        " nearest exact lattice",
+    )
+
+
+def _on_stop(white: WhitePicture) -> Remark | None:
+    """Whether micro-images narrow towards the corners, as where a second stop cuts the cone."""
+    whole = white.values[white.whole]
+    away = whole[:, :2] - np.median(whole[:, :2], axis=0)
+    far = np.sum(away**2, axis=1) / max(float(np.max(np.sum(away**2, axis=1))), 1e-9)
+    if len(far) < 30:
+        return None
+    design = np.stack([np.ones(len(far)), far], axis=1)
+    found, *_ = np.linalg.lstsq(design, whole[:, WIDER], rcond=None)
+    rest = whole[:, WIDER] - design @ found
+    doubt = float(np.std(rest) * math.sqrt(np.linalg.inv(design.T @ design)[1, 1]))
+    narrower = -float(found[1]) / white.profile.radius
+    if narrower < SECOND_STOP or -found[1] < 5 * doubt:
+        return None
+    return Remark(
+        "second-stop",
+        f"micro-images are {100 * narrower:.1f} % narrower in the corners: a second stop probably"
+        " cuts them there, and what is called their centre lies aside of the lens's",
+    )
+
+
+def _on_lines(picture: Picture, flat: Mask, noise: SensorNoise, light: float) -> Remark | None:
+    """Whether columns or rows differ by more than noise, by second differences across them."""
+    for name, values, inside in (("columns", picture, flat), ("rows", picture.T, flat.T)):
+        three = inside[:, 2:] & inside[:, 1:-1] & inside[:, :-2]
+        step = np.where(three, values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2], 0.0)
+        usual = three & (
+            np.abs(step) < 6 * math.sqrt(6 * float(noise.variance(light + noise.offset_dn)))
+        )
+        count = usual.sum(axis=0)
+        enough = count > FEWEST
+        if np.count_nonzero(enough) < FEWEST:
+            continue
+        means = np.where(usual, step, 0.0).sum(axis=0)[enough] / count[enough]
+        means -= np.median(means)
+        due = np.sqrt(6 * float(noise.variance(light + noise.offset_dn)) / count[enough])
+        found = 1.48 * float(np.median(np.abs(means)))
+        steps = np.abs(means) > np.maximum(STEP * np.maximum(due, found), LEAST_STEP * light)
+        if found > LINES * float(np.median(due)) or steps.any():
+            size = max(found / math.sqrt(6), float(np.abs(means[steps]).max(initial=0.0)) / 2)
+            return Remark(
+                "fixed-pattern",
+                f"{name} differ by up to {100 * size / light:.2g} % of the light, more than noise"
+                " makes them: a fixed pattern of the sensor, which no uncertainty counts; subtract"
+                " a dark frame (--dark)",
+            )
+    return None
+
+
+def _on_warm(picture: Picture, noise: SensorNoise, light: float) -> Remark | None:
+    """Single pixels far brighter than all of their neighbours."""
+    around = np.ones((3, 3), dtype=np.uint8)
+    around[1, 1] = 0
+    above = picture - cv2.dilate(picture, around)
+    share = float(np.mean(above > WARM * np.sqrt(noise.variance(picture)) + LEAST_WARM * light))
+    if share < OFTEN:
+        return None
+    return Remark(
+        "warm-pixels",
+        f"{100 * share:.2g} % of the pixels read far more than their neighbours (warm or hot ones);"
+        " they were left out",
+    )
+
+
+def _on_gamma(picture: Picture, flat: Mask, noise: SensorNoise, light: float) -> Remark | None:
+    """Whether bright pixels are quieter than dark ones, which no sensor's are."""
+    step = np.abs(np.diff(picture, n=2, axis=1))
+    square = np.ones((5, 5), dtype=np.uint8)
+    spread = (cv2.dilate(picture, square) - cv2.erode(picture, square))[:, 1:-1]
+    above = picture[:, 1:-1] - noise.offset_dn
+    dark = (np.abs(above) < 0.1 * light) & (spread < 0.1 * light)
+    bright = flat[:, 1:-1] & (spread < 0.2 * light)
+    if min(np.count_nonzero(dark), np.count_nonzero(bright)) < FEWEST_DARK:
+        return None
+    noises = [float(np.median(step[some])) for some in (dark, bright)]
+    if noises[0] <= 1 or noises[1] > QUIETER * noises[0]:
+        return None
+    return Remark(
+        "gamma",
+        "bright pixels are quieter than dark ones, as where a picture was developed (gamma) or"
+        " smoothed: radii and light are not the sensor's; save the numbers as the sensor read them",
+    )
