@@ -2,28 +2,27 @@
 stand on the array by that.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
 
 from flflab.depth_map.geometry import KAPPA_STEPS
 from flflab.errors import MeasurementError
-from flflab.measurement.lattice.registration import (
-    lattice_behind,
-    microlens_type_of,
-    nominal_pitch_px,
-    sensor_position,
-)
-from flflab.measurement.micro_images import every_micro_image
+from flflab.measurement.lattice.kernel import LIGHT, SOFTER, X, Y
+from flflab.measurement.lattice.registration import sensor_pixel, sensor_position
+from flflab.measurement.lattice.white_picture import measure_white
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.measurement.spots.fit import light_level
-from flflab.optics.camera import Camera
+from flflab.measurement.white_remarks import require_white
+from flflab.optics.camera import Camera, microlens_centres, microlens_types
+from flflab.optics.per_type import type_smms
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-KNOWN_PX = 0.5  # a centre less certain than this is taken from the lattice
+KNOWN_PX = 0.5  # stated of a centre that is less certain
 FEWEST = 8  # microlenses of a type, for a median
 MOST_SCATTER = 0.08  # robust, of the edges' widths of one type
 UNLIKE = 0.02  # of the pitch: more is another camera's white picture
@@ -52,40 +51,76 @@ class WhiteLenses:
     type: Whole
 
 
-def lenses_of_white(white: Array, noise: SensorNoise, camera: Camera) -> WhiteLenses:
+def lenses_of_white(
+    white: npt.NDArray[np.floating], noise: SensorNoise, camera: Camera
+) -> WhiteLenses:
     """Every micro-image of a white picture: the one place that knows how a lattice is found.
 
     Args:
         white: DN, [row, col].
         noise: of the sensor.
-        camera: layout, rough pitch and types are taken from it.
+        camera: which type stands where, and how fall-off moves the light, are taken from it.
 
     Raises:
         MeasurementError: there is no lattice in the picture, or that of another camera.
     """
-    lattice = lattice_behind(camera, white, noise)
-    due = nominal_pitch_px(camera)
-    if abs(lattice.pitch_px / due - 1) > UNLIKE:
-        raise MeasurementError(
-            f"white picture: its micro-images lie {lattice.pitch_px:.2f} px apart, the camera file"
-            f" makes it {due:.2f} px; take the white picture of this camera, or check pitch, pixel"
-            " and distances in the file"
-        )
-    each = every_micro_image(white, lattice, noise)
-    spread = np.sqrt(np.trace(each.covariance_px[:, :2, :2], axis1=1, axis2=2) / 2)
-    known = np.isfinite(each.centres_px[:, 0]) & (spread < KNOWN_PX)
-    place = np.where(known[:, None], each.centres_px, lattice.centres_px)
-    focal = np.asarray(camera.array.focal_lengths)
-    types = np.argmin(np.abs(focal[None, :] - microlens_type_of(lattice, camera)[:, None]), axis=1)
-    light = light_level(lattice, place, (white.shape[0], white.shape[1]))
+    numbers = np.ascontiguousarray(white, dtype=np.float32)
+    saturated = float(np.mean(numbers >= noise.saturated_dn))
+    found = measure_white(numbers, noise)
+    require_white(found, saturated)
+    _require_pitch(found.grid.vectors_px, camera)
+    spread = np.sqrt(np.trace(found.spread.covariance[:, :2, :2], axis1=1, axis2=2) / 2)
+    known = found.found & np.isfinite(spread) & (spread < KNOWN_PX)
+    seen = found.values[:, [X, Y]]
+    kind = _types(seen, camera)
     return WhiteLenses(
-        lattice.indices,
-        place,
-        np.where(known, spread, KNOWN_PX),
-        np.where(known, each.radii_px.min(axis=1), np.nan),
-        light,
-        types.astype(np.int64),
+        index=found.indices,
+        place=_chief(seen, kind, camera),
+        place_uncertainty=np.where(known, spread, KNOWN_PX),
+        softness=np.where(known, np.exp(found.values[:, SOFTER]), np.nan),
+        light=found.values[:, LIGHT],
+        type=kind,
     )
+
+
+def _require_pitch(vectors_px: Array, camera: Camera) -> None:
+    array = camera.array
+    cell = math.sqrt(abs(float(np.linalg.det(vectors_px))))
+    shape = math.sqrt(math.sqrt(3) / 2) if array.layout == "hexagonal" else 1.0
+    scale = 1 + camera.optical_gap / camera.optical_distance
+    due = shape * math.sqrt(array.pitch[0] * array.pitch[1]) * scale / camera.sensor.pixel
+    if abs(cell / due - 1) > UNLIKE:
+        raise MeasurementError(
+            f"white picture: its micro-images lie {cell / shape:.2f} px apart, the camera file"
+            f" makes it {due / shape:.2f} px; take the white picture of this camera, or check"
+            " pitch, pixel and distances in the file"
+        )
+
+
+def _types(seen: Array, camera: Camera) -> Whole:
+    """Type of the microlens that the camera's description has nearest to each micro-image."""
+    if len(camera.array.focal_lengths) == 1:
+        return np.zeros(len(seen), dtype=np.int64)
+    scale = 1 + camera.optical_gap / camera.optical_distance
+    nominal = sensor_pixel(camera.sensor, microlens_centres(camera.array) * scale)
+    _, nearest = KDTree(nominal).query(seen)
+    return microlens_types(camera.array)[nearest]
+
+
+def _chief(seen: Array, kind: Whole, camera: Camera) -> Array:
+    """Where chief rays land, from where the light does.
+
+    Fall-off across a microlens's aperture of radius r moves the half-light contour of the one at y
+    by kappa y r^2/(L b).
+    """
+    L, b, pixel = camera.optical_distance, camera.optical_gap, camera.sensor.pixel
+    moved = [
+        float(one.kappa) * float(one.limiting_radius) ** 2 / (L * b) / (1 + b / L)
+        for one in type_smms(camera)
+    ]
+    middle = sensor_position(camera.sensor, seen) / pixel
+    factor = np.array(moved)[kind][:, None]
+    return seen - middle * factor
 
 
 @dataclass(frozen=True)
