@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from flflab.depth_map.chief_places import edge_width, predicted_white
 from flflab.depth_map.geometry import KAPPA_STEPS
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.kernel import LIGHT, SOFTER, X, Y
@@ -17,12 +18,12 @@ from flflab.measurement.lattice.white_picture import measure_white
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.white_remarks import require_white
 from flflab.optics.camera import Camera, microlens_centres, microlens_types
-from flflab.optics.per_type import type_smms
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-KNOWN_PX = 0.5  # stated of a centre that is less certain
+KNOWN_PX = 0.5  # a centre less certain than this tells nothing of its own
+LEAST_SCATTER_PX = 0.005  # of microlenses about their lattice, px
 FEWEST = 8  # microlenses of a type, for a median
 MOST_SCATTER = 0.08  # robust, of the edges' widths of one type
 UNLIKE = 0.02  # of the pitch: more is another camera's white picture
@@ -37,8 +38,8 @@ class WhiteLenses:
         place: where its chief ray through the main lens's centre meets the sensor, (x, y) in px,
             shape (n, 2).
         place_uncertainty: standard uncertainty of each coordinate, px, shape (n,).
-        softness: width of its vignetting edge, px or any other unit, shape (n,); NaN where not
-            known.
+        softness: width of its vignetting edge over that of the predicted white picture, shape
+            (n,); NaN where not known.
         light: white level, DN, shape (n,).
         type: index into the camera's focal lengths, shape (n,).
     """
@@ -71,15 +72,22 @@ def lenses_of_white(
     _require_pitch(found.grid.vectors_px, camera)
     spread = np.sqrt(np.trace(found.spread.covariance[:, :2, :2], axis1=1, axis2=2) / 2)
     known = found.found & np.isfinite(spread) & (spread < KNOWN_PX)
-    seen = found.values[:, [X, Y]]
-    kind = _types(seen, camera)
+    # each centre as sure as its light makes it, beside the lattice as sure as lenses keep to it
+    own = np.where(known, spread, KNOWN_PX) ** 2
+    apart = max(found.grid.scatter_px, LEAST_SCATTER_PX) ** 2
+    share = (apart / (apart + own))[:, None]
+    seen = share * found.values[:, [X, Y]] + (1 - share) * found.grid.centres(found.indices)
+    due = predicted_white(camera)
+    middle = sensor_position(camera.sensor, seen) / camera.sensor.pixel
     return WhiteLenses(
         index=found.indices,
-        place=_chief(seen, kind, camera),
-        place_uncertainty=np.where(known, spread, KNOWN_PX),
-        softness=np.where(known, np.exp(found.values[:, SOFTER]), np.nan),
+        place=seen - due.excess * middle,
+        place_uncertainty=np.sqrt(apart * own / (apart + own)),
+        softness=np.where(
+            known, np.exp(found.values[:, SOFTER]) * edge_width(found.profile) / due.edge_px, np.nan
+        ),
         light=found.values[:, LIGHT],
-        type=kind,
+        type=_types(seen, camera),
     )
 
 
@@ -105,22 +113,6 @@ def _types(seen: Array, camera: Camera) -> Whole:
     nominal = sensor_pixel(camera.sensor, microlens_centres(camera.array) * scale)
     _, nearest = KDTree(nominal).query(seen)
     return microlens_types(camera.array)[nearest]
-
-
-def _chief(seen: Array, kind: Whole, camera: Camera) -> Array:
-    """Where chief rays land, from where the light does.
-
-    Fall-off across a microlens's aperture of radius r moves the half-light contour of the one at y
-    by kappa y r^2/(L b).
-    """
-    L, b, pixel = camera.optical_distance, camera.optical_gap, camera.sensor.pixel
-    moved = [
-        float(one.kappa) * float(one.limiting_radius) ** 2 / (L * b) / (1 + b / L)
-        for one in type_smms(camera)
-    ]
-    middle = sensor_position(camera.sensor, seen) / pixel
-    factor = np.array(moved)[kind][:, None]
-    return seen - middle * factor
 
 
 @dataclass(frozen=True)
@@ -178,20 +170,25 @@ def _kinds(white: WhiteLenses) -> tuple[Whole, Array]:
     """Kind of every microlens, and its kappa over that of its type.
 
     A vignetting edge is as wide as d |kappa|, so one that is 2 % wider than its type's has a kappa
-    2 % larger. Only ratios count. Where the edges scatter more than lenses can, they are not known
-    well enough and every lens gets its type's kappa.
+    2 % larger. Where the edges scatter more than lenses can, they are not known well enough and
+    every lens gets its type's kappa. Where the median edge departs from the predicted one by more
+    than so many lenses can by chance, something else softens all edges, and only ratios count.
     """
     steps = np.asarray(KAPPA_STEPS)
     kind = white.type * len(steps) + len(steps) // 2
     factor = np.ones(len(kind))
     for one in np.unique(white.type):
         own = (white.type == one) & np.isfinite(white.softness)
-        if np.count_nonzero(own) < FEWEST:
+        count = np.count_nonzero(own)
+        if count < FEWEST:
             continue
-        relative = white.softness[own] / np.median(white.softness[own]) - 1
-        if 1.48 * np.median(np.abs(relative)) > MOST_SCATTER:
+        width = white.softness[own]
+        median = float(np.median(width))
+        spread = 1.48 * float(np.median(np.abs(width / median - 1)))
+        if spread > MOST_SCATTER:
             continue
-        relative = np.clip(relative, steps[0], steps[-1])
+        by_chance = len(np.unique(white.type)) == 1 and abs(median - 1) < 3 * spread / count**0.5
+        relative = np.clip(width / (1.0 if by_chance else median) - 1, steps[0], steps[-1])
         kind[own] = one * len(steps) + np.argmin(np.abs(relative[:, None] - steps), axis=1)
         factor[own] = 1 + relative
     return kind, factor

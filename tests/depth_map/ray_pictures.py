@@ -89,8 +89,8 @@ def texture(seed: int, width: float, texel: float, contrast: float = 0.2) -> Arr
     return np.clip(0.5 + contrast * total / np.std(total), 0, 1)
 
 
-@numba.njit(nogil=True, error_model="numpy")
-def _form(picture, first, last, lenses, sensor, points, cards, textures):  # noqa: ANN001, ANN202
+@numba.njit(nogil=True, error_model="numpy", fastmath=True)
+def _form(picture, first, last, lenses, sensor, sets, cards, textures):  # noqa: ANN001, ANN202
     pixel, left, top, F, half_stop, own = sensor
     columns = picture.shape[1]
     for index in range(len(lenses)):
@@ -104,16 +104,11 @@ def _form(picture, first, last, lenses, sensor, points, cards, textures):  # noq
             for c in range(c0, c1):
                 if (c - cx) ** 2 + (r - cy) ** 2 > (reach / pixel + 1) ** 2:
                     continue
-                turn = (r * 7919 + c * 104729) % 65536
+                rays = sets[(r * 7919 + c * 104729) % len(sets)]
                 total = 0.0
-                for k in range(len(points)):
-                    p0 = (points[k, 0] + turn * 0.6180339887) % 1.0
-                    p1 = (points[k, 1] + turn * 0.7548776662) % 1.0
-                    p2 = (points[k, 2] + turn * 0.5698402909) % 1.0
-                    p3 = (points[k, 3] + turn * 0.8191725134) % 1.0
-                    sx, sy = left + (c + p0 - 0.5) * pixel, top + (r + p1 - 0.5) * pixel
-                    rho, phi = own * np.sqrt(p2), 2 * np.pi * p3
-                    qx, qy = rho * np.cos(phi), rho * np.sin(phi)
+                for k in range(len(rays)):
+                    sx, sy = left + (c + rays[k, 0]) * pixel, top + (r + rays[k, 1]) * pixel
+                    qx, qy = own * rays[k, 2], own * rays[k, 3]
                     outx, outy = (sx - lx - qx) / b, (sy - ly - qy) / b
                     inx, iny = outx + qx / focal, outy + qy / focal
                     mx, my = lx + qx - L * inx, ly + qy - L * iny
@@ -143,10 +138,17 @@ def _form(picture, first, last, lenses, sensor, points, cards, textures):  # noq
                             + fy * ((1 - fx) * surface[i1, j] + fx * surface[i1, j1])
                         )
                         break
-                picture[r, c] += total / len(points)
+                picture[r, c] += total / len(rays)
 
 
-def form(built: Build, cards: Sequence[Card], rays: int = 64) -> Array:
+def _rays(seed: int, count: int) -> Array:
+    """Places in a pixel, from -1/2 to 1/2, and in a disc of radius 1; shape (count, 4)."""
+    points = qmc.Sobol(4, seed=seed).random(count)
+    rho, phi = np.sqrt(points[:, 2]), 2 * np.pi * points[:, 3]
+    return np.column_stack([points[:, :2] - 0.5, rho * np.cos(phi), rho * np.sin(phi)])
+
+
+def form(built: Build, cards: Sequence[Card], rays: int = 128) -> Array:
     """Light of a picture, [row, col], where full light through a microlens is 1; the nearest card
     first; no card: white.
     """
@@ -168,13 +170,13 @@ def form(built: Build, cards: Sequence[Card], rays: int = 64) -> Array:
         or [(500.0, 0.0, 0.0, np.inf, np.inf)]
     )
     textures = numba.typed.List([card.texture for card in cards] or [np.ones((1, 1))])
-    points = qmc.Sobol(4, seed=5).random(rays)
+    sets = np.stack([_rays(seed, rays) for seed in range(64)])
     picture = np.zeros((rows, columns))
     bands = [(at, min(at + 32, rows)) for at in range(0, rows, 32)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(
             pool.map(
-                lambda band: _form(picture, *band, lenses, sensor, points, described, textures),
+                lambda band: _form(picture, *band, lenses, sensor, sets, described, textures),
                 bands,
             )
         )
@@ -191,7 +193,7 @@ def expose(light: Array, full: float, seed: int) -> npt.NDArray[np.uint16]:
 
 
 def pair(
-    built: Build, cards: Sequence[Card], seed: int, rays: int = 64
+    built: Build, cards: Sequence[Card], seed: int, rays: int = 128
 ) -> tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16]]:
     """Picture of a scene and white picture, each with noise of its own."""
     white = form(built, [], rays)
