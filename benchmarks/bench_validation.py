@@ -356,7 +356,7 @@ def seen(
         worlds,
         study,
         bench.optics,
-        wavelength=bench.description.wavelength,
+        wavelength=bench.description.mean_wavelength,
     )
 
 

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivers.commands import FOLLOWING
-from flflab.bench import AxisDescription, Bench, Moved, OpticsUncertaintyDescription
+from flflab.bench import AxisDescription, Bench, Moved
+from flflab.bench_uncertainty import OpticsUncertaintyDescription
 from flflab.errors import InterlockError
 
 if TYPE_CHECKING:

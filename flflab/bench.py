@@ -20,8 +20,16 @@ from pydantic import (
     model_validator,
 )
 
+from flflab.bench_uncertainty import (
+    LightDescription,
+    MeasurementFloorDescription,
+    ModelUncertaintyDescription,
+    OpticsUncertaintyDescription,
+    WorkmanshipDescription,
+)
 from flflab.description import Angle, Description, Length, Ratio, check, line_of
 from flflab.errors import InputError
+from flflab.optics.light import Spectrum
 from flflab.units import Dimension, parse_quantity
 from flflab.yaml_file import read_yaml
 
@@ -275,37 +283,6 @@ class SimulatedDescription(Description):
     black_level: Annotated[float, Field(ge=0)] = 64.0
 
 
-class OpticsUncertaintyDescription(Description):
-    """How well the sizes in the camera file are known: standard uncertainties, each the same in
-    every configuration.
-
-    Sizes as shares. Angles of the array, where no axis turns it or beside what its axis states, are
-    those of an array set by eye against the micro-images' rows.
-    """
-
-    main_lens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
-    f_number: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
-    microlens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
-    microlens_aperture: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
-    pitch: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
-    array_roll: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
-    array_tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
-
-
-class ModelUncertaintyDescription(Description):
-    """How far a model of first order may be off for the bench's real lenses: standard
-    uncertainties, shares of what it says.
-
-    Each is the same in every configuration. ``flflab accuracy model`` shows their size for lenses
-    like yours.
-    """
-
-    contrast: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
-    widths: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
-    pitch: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
-    distance: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
-
-
 def _axis_name(given: str) -> str:
     """A name that can stand in every record, on a command line, and for nothing else."""
     if found := re.search(r"[./]|^\s|\s$|^$|^-", given):
@@ -334,7 +311,9 @@ class BenchDescription(Description):
     optics: str
     optics_uncertainty: OpticsUncertaintyDescription = OpticsUncertaintyDescription()
     model_uncertainty: ModelUncertaintyDescription = ModelUncertaintyDescription()
-    wavelength: Annotated[Length, Field(gt=0)] | None = None
+    workmanship: WorkmanshipDescription = WorkmanshipDescription()
+    measurement_floor: MeasurementFloorDescription = MeasurementFloorDescription()
+    light: LightDescription | None = None
     light_uncertainty: Annotated[Ratio, Field(ge=0, lt=1)] = 0.005
     simulated: SimulatedDescription = SimulatedDescription()
 
@@ -356,6 +335,16 @@ class BenchDescription(Description):
                 " towards -z or the sensor towards +z only"
             )
         return self
+
+    @property
+    def spectrum(self) -> Spectrum | None:
+        """The light's lines; None where light is rays."""
+        return None if self.light is None else self.light.lines
+
+    @property
+    def mean_wavelength(self) -> float | None:
+        """Of the light, mm; None where light is rays."""
+        return None if self.light is None else self.light.lines.mean
 
     @property
     def minimum_gap(self) -> float:

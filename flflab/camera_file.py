@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, PositiveInt, model_
 from flflab.description import Angle, Description, Length, Ratio, load
 from flflab.errors import InputError
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Substrate, Useful
+from flflab.optics.distortion import BrownDistortion
 
 PositiveLength = Annotated[Length, Field(gt=0)]
 Share = Annotated[Ratio, Field(ge=0, le=1)]
@@ -33,6 +34,37 @@ def _not_zero(focal: float) -> float:
     return focal
 
 
+def _coefficient(unit: str) -> BeforeValidator:
+    """A validator of a number in the one unit that a coefficient of distortion has."""
+
+    def read(given: object) -> float:
+        if isinstance(given, (int, float)) and given == 0:
+            return 0.0
+        number, _, rest = str(given).strip().partition(" ")
+        try:
+            value = float(number) if rest.strip() == unit else math.nan
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise ValueError(f"{given!r} given; a number and {unit} is due, such as '1e-6 {unit}'")
+        return value
+
+    return BeforeValidator(read)
+
+
+class DistortionDescription(Description):
+    """Distortion of the main lens, of its image points in mm (see ``BrownDistortion``)."""
+
+    radial: tuple[
+        Annotated[float, _coefficient("1/mm^2")],
+        Annotated[float, _coefficient("1/mm^4")],
+        Annotated[float, _coefficient("1/mm^6")],
+    ]
+    tangential: tuple[
+        Annotated[float, _coefficient("1/mm")], Annotated[float, _coefficient("1/mm")]
+    ] = (0.0, 0.0)
+
+
 class MainLensDescription(Description):
     """Main lens: focal length, f-number and, for a thick one, how far its rear principal plane lies
     behind its front one.
@@ -41,6 +73,7 @@ class MainLensDescription(Description):
     focal_length: PositiveLength
     f_number: Annotated[float, Field(gt=0)]
     principal_separation: Length = 0.0
+    distortion: DistortionDescription | None = None
 
 
 class SubstrateDescription(Description):
@@ -189,11 +222,13 @@ class CameraDescription(Description):
         """The frozen camera this file describes."""
         array, plate = self.microlens_array, self.microlens_array.substrate
         focal_lengths, aperture, _ = array.lenses()
+        bent = self.main_lens.distortion
         return Camera(
             MainLens(
                 self.main_lens.focal_length,
                 self.main_lens.f_number,
                 self.main_lens.principal_separation,
+                None if bent is None else BrownDistortion(bent.radial, bent.tangential),
             ),
             MicrolensArray(
                 layout=array.layout,
@@ -220,8 +255,16 @@ class CameraDescription(Description):
         )
 
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about figures that were given twice and disagree."""
-        return self.microlens_array.lenses()[2]
+        """Sentences about figures that were given twice and disagree, or that first order leaves
+        out.
+        """
+        remarks = self.microlens_array.lenses()[2]
+        if self.main_lens.distortion is not None:
+            remarks += (
+                "main_lens.distortion is left out: the model is of first order; only flflab"
+                " compare uses it",
+            )
+        return remarks
 
 
 def read_camera(file: Path) -> Camera:

@@ -21,6 +21,7 @@ from flflab.properties.attitude import attitude
 from flflab.properties.contrast import contrasts
 from flflab.properties.depth import dot_distances, lateral_resolution
 from flflab.properties.fields import fields, overlap
+from flflab.properties.floor import with_floor
 from flflab.properties.focus import depth_of_field
 from flflab.properties.light import light
 from flflab.properties.measured import Measured, measure_configuration, recorded
@@ -62,7 +63,9 @@ class Evaluation:
         values: the numbers behind the comparison.
         of_the_stages: the same with optics exactly as described and lenses of first order; says how
             much of an uncertainty is the stages'.
-        of_stages_and_optics: the same with lenses of first order.
+        of_stages_and_optics: the same with lenses of first order that are all equal.
+        of_equal_lenses: the same with microlenses that are all equal.
+        without_floor: the same without the floor of the measurement.
         suspects: where the model is rejected: single changes of the bench that would explain it,
             the best first.
     """
@@ -73,6 +76,8 @@ class Evaluation:
     values: tuple[Values, ...]
     of_the_stages: tuple[Values, ...]
     of_stages_and_optics: tuple[Values, ...]
+    of_equal_lenses: tuple[Values, ...]
+    without_floor: tuple[Values, ...]
     suspects: tuple[Suspect, ...]
 
 
@@ -139,6 +144,8 @@ def evaluate_measured(
     """
     rng = np.random.Generator(np.random.Philox(key=seed))
     errors = drawn_errors(bench, study.description.draws, rng)
+    bare, floor = measured, bench.description.measurement_floor
+    measured = tuple(with_floor(one, floor, bench.optics) for one in bare)
     predicted = tuple(predict(one, study, bench, errors) for one in measured)
     values = properties(measured, predicted, bench)
     comparison = compare(values, measured, predicted, study, rng)
@@ -158,8 +165,17 @@ def evaluate_measured(
             values, measured, study, bench, turned=_rejects(comparison, "array_attitude_mrad")
         )
     )
-    parts = without(errors.of_the_stages_alone()), without(errors.of_stages_and_optics())
-    return Evaluation(measured, predicted, comparison, values, *parts, suspects)
+    return Evaluation(
+        measured,
+        predicted,
+        comparison,
+        values,
+        of_the_stages=without(errors.of_the_stages_alone()),
+        of_stages_and_optics=without(errors.of_stages_and_optics()),
+        of_equal_lenses=without(errors.of_equal_lenses()) if errors.lenses.differ else values,
+        without_floor=properties(bare, predicted, bench),
+        suspects=suspects,
+    )
 
 
 def explain(

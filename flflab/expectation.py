@@ -24,6 +24,7 @@ from flflab.measurement.lattice.registration import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.sequential import Look, frames_due
 from flflab.optics.camera import Camera
+from flflab.optics.light import lines_of
 from flflab.prediction import contrast_draws, drawn_errors, placements
 from flflab.study import Configuration, Study
 from flflab.targets import White
@@ -40,8 +41,8 @@ class Expectation:
         configuration: its index.
         exposure_s: by the exposure rule.
         looks: frames of the bars and the largest standard uncertainty of the MTF in their mean, by
-            noise alone: the study's number of frames first, then those that the accuracy asked for
-            takes. Empty where the bars cannot be measured.
+            noise and the floor of the measurement: the study's number of frames first, then
+            those that the accuracy asked for takes. Empty where the bars cannot be measured.
         why: why they cannot be; else empty.
         by_stages: the largest standard uncertainty of the predicted MTF by what the stages may be
             off; nan where there are no looks.
@@ -84,14 +85,24 @@ def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectat
     camera, description = configuration.camera(bench.optics), study.description
     rng = np.random.Generator(np.random.Philox(key=configuration.index))
     real, distance = _as_it_may_stand(configuration, bench, rng)
-    noise, light = expected_noise(bench), bench.description.wavelength
+    noise, light = expected_noise(bench), bench.description.spectrum
+    floor = bench.description.measurement_floor.contrast
     electrons = description.exposure.level * bench.description.simulated.full_well_electrons
     exposure = expected_exposure(configuration, study, bench)
     white, bars = (
         noise.offset_dn
         + noise.dn_per_electron
         * electrons
-        * np.maximum(render(in_light(one_plane(real, target, distance), light)), 0.0)
+        * np.maximum(
+            np.sum(
+                [
+                    weight * render(in_light(one_plane(real, target, distance), wavelength))
+                    for wavelength, weight in lines_of(light)
+                ],
+                axis=0,
+            ),
+            0.0,
+        )
         for target in (White(), study.bars)
     )
     looks: tuple[Look, ...] = ()
@@ -111,9 +122,9 @@ def expect(configuration: Configuration, study: Study, bench: Bench) -> Expectat
                 study.bars,
                 configuration.distance,
                 noise.of_mean(due),
-                wavelength=light,
+                wavelength=bench.description.mean_wavelength,
             )
-            looks = (*looks, Look(due, float(curve.uncertainty.max())))
+            looks = (*looks, Look(due, math.hypot(float(curve.uncertainty.max()), floor)))
             by_stages = _by_stages(configuration, study, bench, curve.cycles_per_mm)
             if description.mtf_standard_uncertainty is not None:
                 due = frames_due(
@@ -135,7 +146,7 @@ def _by_stages(
     ).of_the_stages_alone()
     placement = placements(bench, _places(configuration), errors)
     draws = contrast_draws(
-        configuration.camera(bench.optics), placement, cycles_per_mm, bench.description.wavelength
+        configuration.camera(bench.optics), placement, cycles_per_mm, bench.description.spectrum
     )
     return float(draws.std(axis=0).max())
 

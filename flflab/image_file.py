@@ -105,7 +105,7 @@ def read_sensor_picture(
     require_file(file)
     try:
         stored = _read(file, ending, number)
-    except (OSError, ValueError, EOFError, KeyError) as error:
+    except (OSError, ValueError, EOFError, KeyError, RuntimeError) as error:
         raise InputError(
             f"{file}: cannot be read as a {ending} picture ({_why(file, ending, error)}); is it"
             " whole?"

@@ -8,124 +8,117 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from flflab.observations.agreement import FrameAgreement
-from flflab.observations.points import PredictedPoints, SeenPoints
+from flflab.observations.agreement import Findings, FrameAgreement
+from flflab.observations.detector import PossibleViews
 from flflab.whole_file import write_whole
 
 Array = npt.NDArray[np.float64]
-MEASURED, DESCRIBED, REFITTED = (
-    "black",
-    "#d55e00",
-    "#0072b2",
-)  # told apart by colour-blind readers too
+# Colours that colour-blind readers tell apart too.
+MEASURED, DESCRIBED, REFITTED = "black", "#d55e00", "#0072b2"
 
 
 def plot_compare(
     file: Path,
     frames: tuple[FrameAgreement, ...],
-    seen: SeenPoints,
-    predicted: PredictedPoints,
-    refit: PredictedPoints | None,
+    found: Findings,
+    possible: PossibleViews,
 ) -> None:
-    """Views of every frame, virtual depth against distance, and its relative deviation; written to
-    ``file``.
+    """Residual positions, share of views found, totals of every frame, and deviation of virtual
+    depth; written to ``file``.
     """
-    figure = Figure(figsize=(11, 5.2), layout="constrained")
-    grid = figure.add_gridspec(2, 2, height_ratios=[2, 1])
-    views, depth = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
-    deviation = figure.add_subplot(grid[1, 1])
-    models = [(predicted, DESCRIBED, "camera as described", "s")]
-    if refit is not None:
-        models.append((refit, REFITTED, "L and b refitted", "D"))
-    _draw_views(views, frames, seen, models)
-    known = seen.with_parallax
-    order = np.flatnonzero(known)[np.argsort(seen.position[known, 2])]
-    distance = seen.position[order, 2]
-    depth.plot(
-        distance,
-        seen.virtual_depth[order],
-        ".",
-        color=MEASURED,
-        markersize=4,
-        label="measured by parallax",
-    )
-    for model, colour, label, _ in models:
-        depth.plot(
-            distance, model.virtual_depth[order], ".", color=colour, markersize=2.5, label=label
-        )
-        share = 100 * (model.virtual_depth[order] / seen.virtual_depth[order] - 1)
-        deviation.plot(distance, share, ".", color=colour, markersize=3)
-    depth.set(ylabel="virtual depth v", title="Virtual depth of every point")
-    _logarithmic(depth)
-    depth.legend(frameon=False)
-    deviation.axhline(0, color="grey", linewidth=0.8)
-    deviation.set(
-        xlabel="distance D from the main lens, mm",
-        ylabel="deviation of v, %",
-        ylim=_limits(deviation),
-    )
-    depth.sharex(deviation)
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    axes: list[Axes] = list(np.ravel(figure.subplots(2, 2)))
+    _draw_positions(axes[0], frames)
+    _draw_detector(axes[1], found, possible)
+    _draw_totals(axes[2], frames, found.detector.scatter)
+    _draw_depths(axes[3], found)
     picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=150)
+    figure.savefig(picture, format="png", dpi=120)
     write_whole(file, picture.getbuffer())
 
 
-def _draw_views(
-    axes: Axes,
-    frames: tuple[FrameAgreement, ...],
-    seen: SeenPoints,
-    models: list[tuple[PredictedPoints, str, str, str]],
-) -> None:
-    """Median and range from the 10th to the 90th percentile of the number of views, frame by
-    frame.
-    """
-    numbers = [frame.frame for frame in frames]
-    places = np.arange(len(frames), dtype=np.float64)
-    series = [
-        (seen.views, MEASURED, "measured", "o"),
-        *((model.views, colour, label, mark) for model, colour, label, mark in models),
-    ]
-    for step, (counts, colour, label, mark) in enumerate(series):
-        low, middle, high = np.array(
-            [np.percentile(counts[seen.frame == frame], [10, 50, 90]) for frame in numbers]
-        ).T
-        shift = 0.2 * (step - (len(series) - 1) / 2)
-        axes.errorbar(
-            places + shift,
-            middle,
-            [middle - low, high - middle],
-            fmt=mark,
-            color=colour,
-            label=label,
-            capsize=2,
-            markersize=5,
-        )
-    _logarithmic(axes)
-    axes.grid(axis="y", alpha=0.3)
-    axes.set_xticks(places, [f"{frame.frame}\n{frame.tilt_deg:.0f}°" for frame in frames])
+def _name_frames(axes: Axes, frames: tuple[FrameAgreement, ...]) -> Array:
+    axes.set_xticks(
+        range(len(frames)), [f"{frame.frame}\n{frame.tilt_deg:.0f}°" for frame in frames]
+    )
+    axes.set_xlabel("frame, and tilt of the board")
+    return np.arange(len(frames), dtype=np.float64)
+
+
+def _draw_positions(axes: Axes, frames: tuple[FrameAgreement, ...]) -> None:
+    places = _name_frames(axes, frames)
+    axes.bar(places, [frame.residual_px for frame in frames], 0.6, color=DESCRIBED)
     axes.set(
-        xlabel="frame, and tilt of the board",
-        ylabel="views of a point",
-        title="Number of views: median, 10th to 90th percentile",
+        ylabel="measured less predicted, rms, px",
+        title="Where the views land, one rotation for all frames",
+    )
+
+
+def _draw_detector(axes: Axes, found: Findings, possible: PossibleViews) -> None:
+    """Share of the views that light can reach which were found, against their distance from the
+    centre of the micro-image.
+    """
+    distance = possible.from_centre / found.pixel
+    edges = np.linspace(0, distance.max(), 25)
+    number, _ = np.histogram(distance, edges)
+    hit, _ = np.histogram(distance[possible.found], edges)
+    some = number > 0
+    middle = (edges[1:] + edges[:-1]) / 2
+    axes.plot(middle[some], hit[some] / number[some], "o", color=MEASURED, label="found")
+    fine = np.linspace(0, edges[-1], 200)
+    axes.plot(
+        fine,
+        found.detector.share(fine * found.pixel),
+        color=DESCRIBED,
+        label=f"fitted: half at {found.detector.reach / found.pixel:.1f} px",
+    )
+    axes.axvline(edges[-1], color="grey", linestyle="--", label="edge of the model's total field")
+    axes.set(
+        xlabel="distance from the centre of the micro-image, px",
+        ylabel="share of views found",
+        title="Which views the detector finds",
+    )
+    axes.legend(frameon=False, loc="lower left")
+
+
+def _draw_totals(axes: Axes, frames: tuple[FrameAgreement, ...], scatter: float) -> None:
+    """Views of every frame over those expected, with two standard deviations of their scatter."""
+    places = _name_frames(axes, frames)
+    expected = np.array([frame.expected_total for frame in frames])
+    measured = np.array([frame.measured_total for frame in frames])
+    axes.axhline(1, color="grey", linewidth=0.8)
+    axes.errorbar(
+        places,
+        measured / expected,
+        2 * np.nan_to_num(scatter) / np.sqrt(expected),
+        fmt="o",
+        color=MEASURED,
+        capsize=3,
+    )
+    for place, frame, high in zip(places, frames, measured / expected, strict=True):
+        if frame.z is not None:
+            axes.annotate(
+                f"z = {frame.z:+.1f}", (place, high), (6, 4), textcoords="offset points", fontsize=8
+            )
+    axes.set_xlim(-0.5, len(frames))
+    axes.set(
+        ylabel="views found over views expected",
+        title="Views of a frame (bars: two standard deviations)",
+    )
+
+
+def _draw_depths(axes: Axes, found: Findings) -> None:
+    known, parallax = found.parallax.known, found.parallax.virtual_depth
+    models = [(found.predicted.virtual_depth, DESCRIBED, "camera as described")]
+    if found.refit_depth is not None:
+        models.append((found.refit_depth, REFITTED, "L and b refitted"))
+    for model, colour, label in models:
+        share = 100 * (model[known] / parallax[known] - 1)
+        axes.plot(parallax[known], share, ".", color=colour, markersize=4, label=label)
+    axes.axhline(0, color="grey", linewidth=0.8)
+    axes.set(
+        xlabel="virtual depth by parallax",
+        ylabel="model less parallax, %",
+        title="Virtual depth of every point",
     )
     axes.legend(frameon=False)
-
-
-def _logarithmic(axes: Axes) -> None:
-    """A logarithmic scale upwards with plain numbers at 1, 2, 5 and so on."""
-    axes.set_yscale("log")
-    low, high = axes.get_ylim()
-    ticks = [
-        count
-        for decade in (1, 10, 100, 1000)
-        for count in (decade, 2 * decade, 5 * decade)
-        if low <= count <= high
-    ]
-    axes.set_yticks(ticks, [str(count) for count in ticks])
-    axes.set_yticks([], minor=True)
-
-
-def _limits(axes: Axes) -> tuple[float, float]:
-    """The axis's limits, so far that 0 lies inside."""
-    low, high = axes.get_ylim()
-    return min(low, -1.0), max(high, 1.0)

@@ -14,8 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.bench import Bench, Element, Turn
+from flflab.lens_errors import EQUAL_LENSES, LensErrors, stated_lens_errors
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import transfer
+from flflab.optics.light import Spectrum, lines_of
 from flflab.optics.neighbours import neighbours_of
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms, camera_smms, image_offset
@@ -60,23 +62,31 @@ class Errors:
         optics: of lens and array.
         attitude: roll, yaw and pitch of the array beyond those described, shape (n, 3), rad.
         order: what first order leaves out.
+        lenses: how the microlenses differ from one another.
     """
 
     stages: dict[Element, tuple[Array, Array]]
     optics: OpticsFactors
     attitude: Array
     order: OrderFactors
+    lenses: LensErrors = EQUAL_LENSES
 
     def of_the_stages_alone(self) -> "Errors":
-        """The same draws with optics exactly as described and turned, and of first order."""
+        """The same draws with optics exactly as described and turned, of first order, all lenses
+        equal.
+        """
         count = len(self.optics.pitch)
         return Errors(
             self.stages, exact_optics(count), np.zeros_like(self.attitude), first_order(count)
         )
 
     def of_stages_and_optics(self) -> "Errors":
-        """The same draws with lenses of first order."""
-        return replace(self, order=first_order(len(self.optics.pitch)))
+        """The same draws with lenses of first order that are all equal."""
+        return replace(self, order=first_order(len(self.optics.pitch)), lenses=EQUAL_LENSES)
+
+    def of_equal_lenses(self) -> "Errors":
+        """The same draws with lenses that are all equal."""
+        return replace(self, lenses=EQUAL_LENSES)
 
 
 @dataclass(frozen=True)
@@ -121,7 +131,7 @@ def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
             else (fixed[element].uncertainty if element in fixed else 0.0, 0.0)
         )
         stages[element] = (rng.normal(0.0, 1.0, draws) * zero, rng.normal(0.0, 1.0, draws) * scale)
-    doubt = bench.description.optics_uncertainty
+    doubt, made = bench.description.optics_uncertainty, bench.description.workmanship
     lens, f_number, focal, aperture, pitch = (
         1 + rng.normal(0.0, 1.0, draws) * share
         for share in (
@@ -129,7 +139,7 @@ def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
             doubt.f_number,
             doubt.microlens_focal_length,
             doubt.microlens_aperture,
-            doubt.pitch,
+            math.hypot(doubt.pitch, made.scale),
         )
     )
     attitude = rng.normal(0.0, 1.0, (draws, 3)) * attitude_uncertainty(bench)
@@ -138,12 +148,16 @@ def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
         1 + rng.normal(0.0, 1.0, draws) * share
         for share in (order.contrast, order.widths, order.pitch, order.distance)
     )
-    return Errors(
+    found = Errors(
         stages,
         OpticsFactors(lens, lens / f_number, focal, aperture, pitch),
         attitude,
         OrderFactors(*factors),
     )
+    lenses = stated_lens_errors(made, 0)
+    if not lenses.differ:
+        return found
+    return replace(found, lenses=replace(lenses, seed=int(rng.integers(2**31))))
 
 
 def attitude_uncertainty(bench: Bench) -> Array:
@@ -211,18 +225,23 @@ def contrast_draws(
     camera: Camera,
     placement: Placement,
     cycles_per_mm: Array,
-    wavelength: float | None = None,
+    light: Spectrum | None = None,
     falloff: float = 0.0,
 ) -> Array:
     """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies); see
-    ``transfer`` for the light's arguments.
+    ``transfer`` for the fall-off. Light of several lines shows the mean of theirs.
     """
     drawn = drawn_systems(central_smms(camera), camera, placement)
     columns = Smms(**{field.name: getattr(drawn, field.name)[:, None] for field in fields(Smms)})
     vergence, nu = 1 / placement.distance[:, None], cycles_per_mm[None, :]
-    return transfer(
-        columns, vergence, camera.sensor.pixel, nu, wavelength=wavelength, falloff=falloff
-    )
+    parts = [
+        weight
+        * transfer(
+            columns, vergence, camera.sensor.pixel, nu, wavelength=wavelength, falloff=falloff
+        )
+        for wavelength, weight in lines_of(light)
+    ]
+    return np.sum(parts, axis=0)
 
 
 def predicted_view_indices(
@@ -236,7 +255,11 @@ def predicted_view_indices(
 
 
 def view_draws(
-    camera: Camera, placement: Placement, attitude: Array, points: Array
+    camera: Camera,
+    placement: Placement,
+    attitude: Array,
+    points: Array,
+    lenses: LensErrors = EQUAL_LENSES,
 ) -> npt.NDArray[np.int64]:
     """Number of chief views of each target point (x, y) mm for each draw, shape (draws, points).
 
@@ -245,8 +268,10 @@ def view_draws(
         placement: where the elements stand, fields of shape (draws,).
         attitude: roll, yaw and pitch of the array beyond those described, shape (draws, 3), rad.
         points: positions on the target, shape (P, 2), mm.
+        lenses: how the microlenses differ from one another.
     """
     smms = camera_smms(camera)
+    draws = len(placement.distance)
     neighbours = neighbours_of(smms, camera, slack=0.05)
     counts = np.zeros((len(placement.distance), len(points)), dtype=np.int64)
     for column, point in enumerate(points):
@@ -259,6 +284,7 @@ def view_draws(
             placement,
             attitude,
             point,
+            lenses.drawn(needed, draws) if lenses.differ else np.zeros((draws, len(needed), 5)),
         )
     return counts
 
@@ -303,9 +329,10 @@ def _count(
     placement: Placement,
     attitude: Array,
     point: Array,
+    own: Array,
 ) -> npt.NDArray[np.int64]:
     """Chief views in each draw among systems that are repeated once a draw, so that all draws are
-    one array.
+    one array; ``own`` are the lenses' own errors, shape (draws, systems, 5).
     """
     draws, systems = len(placement.distance), len(smms.focal)
     if systems == 0:
@@ -316,6 +343,8 @@ def _count(
         return np.tile(described, draws) * np.repeat(factor, systems)
 
     x, y = each(smms.centre_x, optics.pitch), each(smms.centre_y, optics.pitch)
+    own_x, own_y, aside_x, aside_y, longer = own.reshape(-1, 5).T
+    x, y = x + own_x + aside_x, y + own_y + aside_y
     roll, yaw, pitch = np.repeat(attitude, systems, axis=0).T
     x, y = np.cos(roll) * x - np.sin(roll) * y, np.sin(roll) * x + np.cos(roll) * y
     rise = (camera.array.tilt[0] + np.tan(yaw)) * x + (camera.array.tilt[1] + np.tan(pitch)) * y
@@ -327,7 +356,7 @@ def _count(
         - camera.array.distance
         + rise,
         gap=np.repeat(placement.gap, systems) + camera.optical_gap - camera.gap - rise,
-        focal=each(smms.focal, optics.focal),
+        focal=each(smms.focal, optics.focal) * (1 + longer),
         aperture=each(smms.aperture, optics.aperture),
         centre_x=x,
         centre_y=y,

@@ -2,6 +2,7 @@
 bench goes on.
 """
 
+import math
 import threading
 import time
 from concurrent.futures import Future
@@ -52,7 +53,8 @@ class Accuracy:
         places: dict[str, int],
     ) -> None:
         self._study, self._optics, self._camera = study, bench.optics, camera
-        self._wavelength = bench.description.wavelength
+        self._wavelength = bench.description.mean_wavelength
+        self._floor = bench.description.measurement_floor.contrast
         self._recording, self._places = recording, places
         self._lattices: dict[int, Future[Lattice]] = {}
         self.looks: dict[int, tuple[Look, ...]] = {}
@@ -143,7 +145,7 @@ class Accuracy:
                     noise,
                     wavelength=self._wavelength,
                 )
-                look = Look(frames, float(curve.uncertainty.max()))
+                look = Look(frames, math.hypot(float(curve.uncertainty.max()), self._floor))
                 self.looks[index] = (*self.looks.get(index, ()), look)
                 self._latest = (index, look, look.uncertainty <= step.mtf_standard_uncertainty)
             except Exception as error:

@@ -188,8 +188,10 @@ def sweep_steps(
     Raises:
         LimitError: a configuration is out of an axis's reach.
         InterlockError: array and sensor would come too near to each other.
-        InputError: a configuration needs an element moved that no axis moves.
+        InputError: a configuration needs an element moved that no axis moves, or the study asks
+            for an accuracy below the measurement's floor.
     """
+    _require_above_floor(study, bench)
     steps: list[Step] = []
     now = dict(start)
     by_iris = itertools.groupby(
@@ -368,6 +370,17 @@ def _require_standing_there(
         raise InputError(
             f"configuration {configuration.index} needs {element} at {world:g} mm, but {where} and"
             f" no axis of {bench.file} moves it; give the axis or change the study"
+        )
+
+
+def _require_above_floor(study: Study, bench: Bench) -> None:
+    wanted = study.description.mtf_standard_uncertainty
+    floor = bench.description.measurement_floor.contrast
+    if wanted is not None and wanted <= floor:
+        raise InputError(
+            f"the study asks for mtf_standard_uncertainty {wanted:g}, which no number of frames"
+            f" reaches: {bench.where('measurement_floor', 'contrast')} is {floor:g}; ask for more"
+            " than that"
         )
 
 

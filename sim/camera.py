@@ -26,6 +26,7 @@ from flflab.image.sensor.exposure import white_irradiance
 from flflab.image.sensor.random_numbers import noise_key
 from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.optics.camera import Camera
+from flflab.optics.light import lines_of
 from flflab.targets import Target, White
 from sim.faults import Faults
 from sim.scpi import (
@@ -324,9 +325,13 @@ class SimulatedCamera:
 
     def _drawn(self, camera: Camera, target: Target, distance: float) -> npt.NDArray[np.float64]:
         tolerance = WHITE_TOLERANCE if isinstance(target, White) else TOLERANCE
-        drawn = render(
-            in_light(one_plane(camera, target, distance), self._world.wavelength),
-            tolerance=tolerance,
+        scene = one_plane(camera, target, distance)
+        drawn = np.sum(
+            [
+                weight * render(in_light(scene, wavelength), tolerance=tolerance)
+                for wavelength, weight in lines_of(self._world.light)
+            ],
+            axis=0,
         )
         return np.maximum(drawn, 0.0)  # sums of strips leave a rounding error below black
 

@@ -139,7 +139,7 @@ class World:
         self.seed = simulated.seed
         check_truths(bench)
         self.optics = true_optics(bench, simulated.truths)
-        self.wavelength = bench.description.wavelength
+        self.light = bench.description.spectrum
         left_at = {
             "main_lens.z": 0.0,
             "array.z": bench.optics.array.distance,
@@ -363,7 +363,10 @@ def true_optics(bench: Bench, truths: Truths) -> Camera:
         drawn = float(keyed(seed, "optics", f"array.{name}").normal()) * uncertainty
         return _planted(truths, f"microlens_array.{name}", "angle", described + drawn)
 
-    focal, pitch = factor("focal", doubt.microlens_focal_length), factor("pitch", doubt.pitch)
+    focal, pitch = (
+        factor("focal", doubt.microlens_focal_length),
+        factor("pitch", math.hypot(doubt.pitch, bench.description.workmanship.scale)),
+    )
     first = _planted(
         truths, "microlens_array.focal_length", "length", array.focal_lengths[0] * focal
     )

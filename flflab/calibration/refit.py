@@ -2,7 +2,7 @@
 from parallax.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,9 @@ class Refit:
         points: number of points fitted.
         loosened: standard uncertainties of (L, b) in mm if one more parameter were fitted with
             them: ``focal_length`` of the main lens, or a ``distance_offset`` common to all D.
+        selection: change of (L, b) where only a part of the views is used, mm; 0 where no other
+            part was tried.
+        within: that part lies at most so far from the centres of the micro-images, mm.
     """
 
     camera: Camera
@@ -34,16 +37,25 @@ class Refit:
     scatter: float
     points: int
     loosened: dict[str, Array]
+    selection: Array = field(default_factory=lambda: np.zeros(2))
+    within: float = np.inf
+
+    @property
+    def own(self) -> Array:
+        """Standard uncertainties of (L, b) from the scatter of the points, mm."""
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def uncertainty(self) -> Array:
-        """Standard uncertainties of (L, b), mm."""
-        return np.sqrt(np.diag(self.covariance))
+        """Standard uncertainties of (L, b), mm: own, and the change with the selection of views as
+        the half width of a rectangular distribution (type B).
+        """
+        return np.sqrt(self.own**2 + self.selection**2 / 3)
 
     @property
     def correlation(self) -> float:
         """Correlation of L and b."""
-        return float(self.covariance[0, 1] / np.prod(self.uncertainty))
+        return float(self.covariance[0, 1] / np.prod(self.own))
 
     @property
     def directions(self) -> tuple[tuple[Array, float], tuple[Array, float]]:
@@ -132,18 +144,29 @@ def refit_distances(
     return Refit(fitted, covariance, scatter, len(slope), loosened)
 
 
+def depend_on_selection(refit: Refit, other: Refit, within: float) -> Refit:
+    """The refit, uncertain by how another one differs that uses only the views within so many mm of
+    the centres of their micro-images.
+    """
+    (L, b), (other_L, other_b) = (
+        (one.camera.array.distance, one.camera.gap) for one in (refit, other)
+    )
+    return replace(refit, selection=np.array([other_L - L, other_b - b]), within=within)
+
+
 def state_refit(before: Camera, refit: Refit) -> list[str]:
     """What the refit found, and what the data can and cannot tell, in sentences."""
-    camera, (u_L, u_b) = refit.camera, refit.uncertainty
+    camera, (u_L, u_b), (own_L, own_b) = refit.camera, refit.uncertainty, refit.own
     (best, known), (worst, unknown) = refit.directions
     by_focal, by_offset = refit.loosened["focal_length"], refit.loosened["distance_offset"]
-    return [
+    said = [
         (
             f"Refit of L and b alone to the parallax of {refit.points} points: L ="
             f" {camera.array.distance:.4f} mm, u = {u_L:.4f} mm (before:"
             f" {before.array.distance:.4f} mm); b = {camera.gap:.5f} mm, u = {u_b:.5f} mm (before:"
-            f" {before.gap:.5f} mm); correlation {refit.correlation:+.3f}; reduced chi-square"
-            f" {refit.scatter:.2f}, by which the uncertainties are scaled."
+            f" {before.gap:.5f} mm); correlation of what scatters {refit.correlation:+.3f}; reduced"
+            f" chi-square {refit.scatter:.2f}, by which that part is scaled. The poses are taken as"
+            " exact."
         ),
         (
             f"The data tell {_combination(best)} to {1e3 * known:.2g} um and {_combination(worst)}"
@@ -152,6 +175,15 @@ def state_refit(before: Camera, refit: Refit) -> list[str]:
             f" all distances D (with it free: {_both(by_offset)})."
         ),
     ]
+    if np.isfinite(refit.within):
+        move_L, move_b = refit.selection
+        said.append(
+            f"Which views are used decides: with those within {1e3 * refit.within:.1f} um of the"
+            f" centres of their micro-images alone, L changes by {move_L:+.4f} mm and b by"
+            f" {move_b:+.5f} mm; the scatter of the points alone would say u(L) = {own_L:.4f} mm,"
+            f" u(b) = {own_b:.5f} mm."
+        )
+    return said
 
 
 def _combination(direction: Array) -> str:

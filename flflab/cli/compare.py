@@ -1,30 +1,35 @@
-"""``flflab compare OBSERVATIONS --camera CAMERA``: views and virtual depths measured elsewhere
-against the model.
+"""``flflab compare OBSERVATIONS --camera CAMERA``: positions, views and virtual depths measured
+elsewhere against the model.
 """
 
 import json as json_text
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich import box
 from rich.table import Table
 
-from flflab.calibration.refit import Refit, refit_distances, state_refit
+from flflab.calibration.refit import Refit, depend_on_selection, refit_distances, state_refit
 from flflab.camera_file import read_camera
 from flflab.cli.ending import print_json
 from flflab.cli.terminal import Terminal
 from flflab.errors import MeasurementError
 from flflab.observations.agreement import (
+    Findings,
     FrameAgreement,
     compare_frames,
     depth_deviation,
     state_depths,
+    state_positions,
     state_views,
 )
-from flflab.observations.points import PredictedPoints, SeenPoints, measure_points, predict_points
-from flflab.observations.reading import Observations, read_observations
+from flflab.observations.detector import PossibleViews, fit_detector, possible_views
+from flflab.observations.points import Parallax, SeenPoints, measure_parallax, measure_points
+from flflab.observations.prediction import align, predict_depth, predict_points
+from flflab.observations.reading import Array, Observations, read_observations
 from flflab.optics.camera import Camera
 from flflab.whole_file import make_folder, write_csv, write_whole
 
@@ -36,10 +41,9 @@ class Comparison:
     """
 
     observations: Observations
-    seen: SeenPoints
-    predicted: PredictedPoints
+    found: Findings
+    possible: PossibleViews
     refit: Refit | None
-    refit_predicted: PredictedPoints | None
     frames: tuple[FrameAgreement, ...]
     sentences: tuple[str, ...]
 
@@ -58,8 +62,8 @@ def compare(
         Path | None, typer.Option(help="folder for compare.json, compare.csv and compare.png")
     ] = None,
 ) -> None:
-    """Hold view counts and virtual depths measured elsewhere against the model, and refit L and
-    b.
+    """Compare positions, view counts and virtual depths measured elsewhere with the model, and
+    refit L and b.
     """
     found = run_comparison(observations, read_camera(camera))
     result = as_json(found)
@@ -84,47 +88,89 @@ def run_comparison(folder: Path, camera: Camera) -> Comparison:
     """Read, measure, predict, refit and state; raises what these raise."""
     observations = read_observations(folder)
     seen = measure_points(observations, camera)
-    predicted = predict_points(camera, seen)
-    known = seen.with_parallax
+    parallax = measure_parallax(seen, camera)
+    alignment = align(camera, seen)
+    straight = replace(camera, main_lens=replace(camera.main_lens, distortion=None))
+    undistorted = None if camera.main_lens.distortion is None else align(straight, seen)
+    possible = possible_views(camera, seen, alignment.position)
+    predicted = predict_points(camera, seen, alignment.position)
     refit, after, refit_said = None, None, list[str]()
     try:
-        refit = refit_distances(
-            camera,
-            seen.position[known, 2],
-            seen.array_position[known],
-            seen.slope[known],
-            seen.slope_uncertainty[known],
-        )
+        refit = refit_camera(camera, seen, alignment.position[:, 2], parallax)
     except MeasurementError as error:
         refit_said = [f"There is no refit: {error}."]
     else:
-        after = predict_points(refit.camera, seen)
+        after = predict_depth(refit.camera, seen, alignment.position)
         refit_said = state_refit(camera, refit)
-    frames = compare_frames(observations, seen, predicted, after, camera.sensor.pixel)
-    before_v, after_v = (
-        depth_deviation(seen, predicted),
-        None if after is None else depth_deviation(seen, after),
-    )
-    said = [*state_views(frames), *state_depths(frames, before_v, after_v), *refit_said]
+    pixel = camera.sensor.pixel
+    detector = fit_detector(possible, seen, pixel)
+    found = Findings(seen, parallax, alignment, detector, predicted, after, pixel)
+    frames = compare_frames(observations, found)
+    before_v = depth_deviation(parallax, predicted.virtual_depth)
+    after_v = None if after is None else depth_deviation(parallax, after)
+    said = [
+        *state_positions(frames, found, undistorted),
+        *state_views(frames, found),
+        *state_depths(frames, before_v, after_v),
+        *refit_said,
+    ]
     if observations.empty_frames:
         said.append(
             f"Without observations: frame {', '.join(map(str, observations.empty_frames))}."
         )
-    return Comparison(observations, seen, predicted, refit, after, frames, tuple(said))
+    return Comparison(observations, found, possible, refit, frames, tuple(said))
 
 
-def as_json(found: Comparison) -> dict[str, Any]:
+def refit_camera(camera: Camera, seen: SeenPoints, distance: Array, parallax: Parallax) -> Refit:
+    """Refit L and b with all views, and once more with the inner half of them for how the result
+    depends on which views a detector finds.
+
+    Raises:
+        MeasurementError: the points leave L and b undetermined.
+    """
+
+    def fit(one: Parallax) -> Refit:
+        known = one.known
+        return refit_distances(
+            camera,
+            distance[known],
+            one.array_position[known],
+            one.slope[known],
+            one.uncertainty[known],
+        )
+
+    refit, within = fit(parallax), float(np.median(seen.from_centre))
+    try:
+        inner = fit(measure_parallax(seen, camera, within))
+    except MeasurementError:
+        return refit
+    return depend_on_selection(refit, inner, within)
+
+
+def as_json(compared: Comparison) -> dict[str, Any]:
     """The contract of ``compare --json``; null where a quantity is absent."""
-    refit = found.refit
+    refit, found = compared.refit, compared.found
+    pixel, detector, alignment = found.pixel, found.detector, found.alignment
     return {
-        "frames": [asdict(frame) for frame in found.frames],
-        "frames_without_observations": list(found.observations.empty_frames),
+        "frames": [asdict(frame) for frame in compared.frames],
+        "frames_without_observations": list(compared.observations.empty_frames),
+        "positions": {
+            "rms_px": alignment.rms / pixel,
+            "rotation_mrad": (1e3 * alignment.rotation).tolist(),
+            "uncertainty_mrad": (1e3 * alignment.uncertainty).tolist(),
+        },
+        "detector": {
+            "reach_px": detector.reach / pixel,
+            "softness_px": detector.softness / pixel,
+            "scatter": detector.scatter if np.isfinite(detector.scatter) else None,
+            "views_beyond_total_field": int(found.seen.beyond_field.sum()),
+        },
         "virtual_depth_deviation": {
-            "described": depth_deviation(found.seen, found.predicted),
+            "described": depth_deviation(found.parallax, found.predicted.virtual_depth),
             "refit": (
                 None
-                if found.refit_predicted is None
-                else depth_deviation(found.seen, found.refit_predicted)
+                if found.refit_depth is None
+                else depth_deviation(found.parallax, found.refit_depth)
             ),
         },
         "refit": (
@@ -134,28 +180,31 @@ def as_json(found: Comparison) -> dict[str, Any]:
                 "parameters": ["array_distance_mm", "gap_mm"],
                 "values": [refit.camera.array.distance, refit.camera.gap],
                 "uncertainties": refit.uncertainty.tolist(),
-                "covariance": refit.covariance.tolist(),
-                "correlation": refit.correlation,
+                "u_own": refit.own.tolist(),
+                "u_common": {"selection of views": (np.abs(refit.selection) / 3**0.5).tolist()},
+                "covariance_own": refit.covariance.tolist(),
+                "correlation_own": refit.correlation,
                 "reduced_chi_square": refit.scatter,
                 "points": refit.points,
             }
         ),
-        "sentences": list(found.sentences),
+        "sentences": list(compared.sentences),
     }
 
 
 def frame_table(frames: tuple[FrameAgreement, ...]) -> Table:
-    """One row a frame; ``rms`` is of the predicted positions on the sensor."""
+    """One row a frame; total of the model: as many as the fitted detector finds; ``rms`` is of the
+    predicted positions on the sensor.
+    """
     table = Table(
         title="Views of a point, and virtual depth v: medians over a frame's points",
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
     )
-    views = ("views\nseen", "views\nmodel", "total\nseen", "total\nmodel")
+    views = ("views\nseen", "views\nchief", "total\nseen", "total\nmodel", "z")
     for name in (
         "frame",
         "tilt\ndeg",
-        "points",
         *views,
         "v\nseen",
         "v\nmodel",
@@ -172,18 +221,18 @@ def frame_table(frames: tuple[FrameAgreement, ...]) -> Table:
         table.add_row(
             str(frame.frame),
             f"{frame.tilt_deg:.1f}",
-            str(frame.points),
             f"{frame.measured_median:g}",
             f"{frame.predicted_median:g}",
             str(frame.measured_total),
-            str(frame.predicted_total),
+            f"{frame.expected_total:.0f}",
+            "-" if frame.z is None else f"{frame.z:+.1f}",
             *("-" if depth is None else f"{depth:.2f}" for depth in depths),
             f"{frame.residual_px:.2f}",
         )
     return table
 
 
-def write_files(out: Path, found: Comparison, result: dict[str, Any]) -> None:
+def write_files(out: Path, compared: Comparison, result: dict[str, Any]) -> None:
     """Leave ``compare.json``, ``compare.csv`` (one row a point) and ``compare.png`` in a folder.
 
     Raises:
@@ -193,27 +242,26 @@ def write_files(out: Path, found: Comparison, result: dict[str, Any]) -> None:
         plot_compare,
     )  # matplotlib takes half a second that the other uses of the command line need not wait for
 
-    seen = found.seen
+    found = compared.found
+    seen, parallax = found.seen, found.parallax
     columns = {
         "frame": seen.frame,
         "point": seen.point,
-        "distance_mm": seen.position[:, 2],
+        "distance_mm": found.alignment.position[:, 2],
         "views_measured": seen.views,
         "views_predicted": found.predicted.views,
-        "parallax_slope": seen.slope,
-        "parallax_slope_uncertainty": seen.slope_uncertainty,
-        "virtual_depth_measured": seen.virtual_depth,
+        "views_expected": found.detector.expected,
+        "parallax_slope": parallax.slope,
+        "parallax_slope_uncertainty": parallax.uncertainty,
+        "virtual_depth_measured": parallax.virtual_depth,
         "virtual_depth_predicted": found.predicted.virtual_depth,
     }
-    if found.refit_predicted is not None:
-        columns |= {
-            "views_refit": found.refit_predicted.views,
-            "virtual_depth_refit": found.refit_predicted.virtual_depth,
-        }
+    if found.refit_depth is not None:
+        columns["virtual_depth_refit"] = found.refit_depth
     make_folder(out, f"--out {out}")
     write_whole(out / "compare.json", json_text.dumps(result, indent=2, allow_nan=False) + "\n")
     write_csv(
         out / "compare.csv",
         [columns, *zip(*(column.tolist() for column in columns.values()), strict=True)],
     )
-    plot_compare(out / "compare.png", found.frames, seen, found.predicted, found.refit_predicted)
+    plot_compare(out / "compare.png", compared.frames, found, compared.possible)

@@ -96,8 +96,8 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
     table = Table(
         box=box.SIMPLE_HEAD,
         title=(
-            f"Expected standard uncertainty of the MTF: by the frames' noise alone{asked}; what the"
-            " stages may be off comes on top"
+            "Expected standard uncertainty of the MTF: by the frames' noise and the measurement's"
+            f" floor{asked}; what the stages may be off comes on top"
         ),
     )
     for head in ("", "F/", "target mm", "array mm", "sensor mm", "exposure ms", "frames"):

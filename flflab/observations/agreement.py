@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flflab.observations.points import PredictedPoints, SeenPoints
+from flflab.observations.detector import Detector
+from flflab.observations.points import Parallax, SeenPoints
+from flflab.observations.prediction import Alignment, PredictedPoints
 from flflab.observations.reading import Array, Observations
 
-STEEP = math.radians(35.0)
-"""Boards tilted further are judged apart: their distances span what the depth of field does not."""
 VIEWS_SHARE, VIEWS_COUNT = 0.10, 1.0
 """Agreement of median view counts that is looked for: 10 %, or one view."""
 
@@ -21,10 +21,10 @@ class FrameAgreement:
     """One frame: medians and totals over its points; ``None`` where no point has the quantity.
 
     Attributes:
-        tilt_deg: between the board's normal and the axis.
-        residual_px: root mean square of measured less predicted positions on the sensor, after the
-            fit of two offsets.
-        offset_mm: those offsets (x, y).
+        tilt_deg: between the board's normal and the axis, after the rotation of all poses.
+        expected_total: views that the fitted detector finds of the model's.
+        z: measured less expected total over the scatter of as many views.
+        residual_px: root mean square of measured less predicted positions on the sensor.
     """
 
     frame: int
@@ -34,13 +34,12 @@ class FrameAgreement:
     predicted_median: float
     measured_total: int
     predicted_total: int
+    expected_total: float
+    z: float | None
     virtual_depth_measured: float | None
     virtual_depth_predicted: float | None
     virtual_depth_refit: float | None
-    predicted_median_refit: float | None
-    predicted_total_refit: int | None
     residual_px: float
-    offset_mm: tuple[float, float]
 
     @property
     def views_agree(self) -> bool:
@@ -59,57 +58,58 @@ class FrameAgreement:
         return self.virtual_depth_predicted / self.virtual_depth_measured - 1
 
 
-def compare_frames(
-    observations: Observations,
-    seen: SeenPoints,
-    predicted: PredictedPoints,
-    refit: PredictedPoints | None,
-    pixel: float,
-) -> tuple[FrameAgreement, ...]:
-    """Medians and totals of every frame that has observations.
+@dataclass(frozen=True)
+class Findings:
+    """What the frames are judged by: points as seen and as predicted.
 
-    Args:
-        observations: as read.
-        seen: its points as measured.
-        predicted: the same points by the camera as described.
-        refit: the same by the camera with refitted distances; ``None`` where the points allow no
-            refit.
+    Attributes:
+        refit_depth: virtual depth with refitted distances, shape (P,); ``None`` where the points
+            allow no refit.
         pixel: pixel size, mm.
     """
+
+    seen: SeenPoints
+    parallax: Parallax
+    alignment: Alignment
+    detector: Detector
+    predicted: PredictedPoints
+    refit_depth: Array | None
+    pixel: float
+
+
+def compare_frames(observations: Observations, found: Findings) -> tuple[FrameAgreement, ...]:
+    """Medians and totals of every frame that has observations."""
     return tuple(
         _one_frame(
-            frame, math.degrees(observations.poses[frame].tilt), seen, predicted, refit, pixel
+            frame, math.degrees(found.alignment.tilt(observations.poses[frame].normal)), found
         )
         for frame in observations.frames
     )
 
 
-def _one_frame(
-    frame: int,
-    tilt_deg: float,
-    seen: SeenPoints,
-    predicted: PredictedPoints,
-    refit: PredictedPoints | None,
-    pixel: float,
-) -> FrameAgreement:
+def _one_frame(frame: int, tilt_deg: float, found: Findings) -> FrameAgreement:
+    seen, predicted, detector = found.seen, found.predicted, found.detector
     of = seen.frame == frame
-    known = of & seen.with_parallax
-    x, y = predicted.offset[of][0]
+    known = of & found.parallax.known
+    total, expected = int(seen.views[of].sum()), float(detector.expected[of].sum())
+    z = detector.z(total, expected)
+    residual = found.alignment.residual[of[seen.owner]] / found.pixel
     return FrameAgreement(
         frame=frame,
         tilt_deg=tilt_deg,
         points=int(of.sum()),
         measured_median=float(np.median(seen.views[of])),
         predicted_median=float(np.median(predicted.views[of])),
-        measured_total=int(seen.views[of].sum()),
+        measured_total=total,
         predicted_total=int(predicted.views[of].sum()),
-        virtual_depth_measured=_median(seen.virtual_depth[known]),
+        expected_total=expected,
+        z=z if math.isfinite(z) else None,
+        virtual_depth_measured=_median(found.parallax.virtual_depth[known]),
         virtual_depth_predicted=_median(predicted.virtual_depth[known]),
-        virtual_depth_refit=None if refit is None else _median(refit.virtual_depth[known]),
-        predicted_median_refit=None if refit is None else float(np.median(refit.views[of])),
-        predicted_total_refit=None if refit is None else int(refit.views[of].sum()),
-        residual_px=float(np.sqrt(np.mean(predicted.residual[of[seen.owner]] ** 2))) / pixel,
-        offset_mm=(float(x), float(y)),
+        virtual_depth_refit=(
+            None if found.refit_depth is None else _median(found.refit_depth[known])
+        ),
+        residual_px=float(np.sqrt(np.mean(residual**2))),
     )
 
 
@@ -118,45 +118,62 @@ def _median(values: Array) -> float | None:
     return median if math.isfinite(median) else None
 
 
-def depth_deviation(seen: SeenPoints, predicted: PredictedPoints) -> float | None:
+def depth_deviation(parallax: Parallax, predicted: Array) -> float | None:
     """Median over all points of the deviation of predicted from measured virtual depth, relative
     and without sign.
     """
-    known = seen.with_parallax
-    return _median(np.abs(predicted.virtual_depth[known] / seen.virtual_depth[known] - 1))
+    known = parallax.known
+    return _median(np.abs(predicted[known] / parallax.virtual_depth[known] - 1))
 
 
-def state_views(frames: tuple[FrameAgreement, ...]) -> list[str]:
+def state_positions(
+    frames: tuple[FrameAgreement, ...], found: Findings, undistorted: Alignment | None
+) -> list[str]:
+    """Sentences on where the views land.
+
+    Args:
+        frames: the frames.
+        found: what they were judged by.
+        undistorted: the fit without the camera's distortion; ``None`` where it has none.
+    """
+    rms = [frame.residual_px for frame in frames]
+    turn, u = 1e3 * found.alignment.rotation, 1e3 * found.alignment.uncertainty
+    angles = ", ".join(f"{angle:+.2f} (u = {by:.2f})" for angle, by in zip(turn, u, strict=True))
+    said = (
+        f"Positions: {min(rms):.2f} to {max(rms):.2f} px rms a frame,"
+        f" {found.alignment.rms / found.pixel:.2f} px in all, after one rotation of all poses"
+        f" against the camera, {angles} mrad about x, y, z"
+    )
+    if undistorted is not None:
+        said += f"; without the lens's distortion {undistorted.rms / found.pixel:.2f} px in all"
+    return [said + "."]
+
+
+def state_views(frames: tuple[FrameAgreement, ...], found: Findings) -> list[str]:
     """Sentences on the number of views."""
-    said: list[str] = []
-    limit = f"{math.degrees(STEEP):.0f} degrees"
-    for steep, which in (
-        (False, f"tilted by less than {limit}"),
-        (True, f"tilted by {limit} or more"),
-    ):
-        group = [frame for frame in frames if (math.radians(frame.tilt_deg) >= STEEP) == steep]
-        if not group:
-            continue
-        worst = max(
-            group, key=lambda frame: abs(frame.predicted_median / frame.measured_median - 1)
-        )
-        astray = [str(frame.frame) for frame in group if not frame.views_agree]
-        verdict = (
-            "in every one"
-            if not astray
-            else f"in {len(group) - len(astray)} of them, not in frame {', '.join(astray)}"
-        )
-        measured, predicted = (
-            sum(getattr(frame, name) for frame in group)
-            for name in ("measured_total", "predicted_total")
-        )
+    seen, detector = found.seen, found.detector
+    astray = [str(frame.frame) for frame in frames if not frame.views_agree]
+    beyond = int(seen.beyond_field.sum())
+    said = [
+        f"Views: the detector finds half of them {detector.reach / found.pixel:.1f} px from the"
+        f" centre of a micro-image (softness {detector.softness / found.pixel:.2f} px), one curve"
+        f" for all frames. {beyond or 'None'} of {len(seen.owner)} views"
+        f" lie{'s' if beyond == 1 else ''} outside the total field of the model.",
+    ]
+    z = [frame.z for frame in frames if frame.z is not None]
+    if z:
+        worst = max((f for f in frames if f.z is not None), key=lambda f: abs(f.z or 0.0))
         said.append(
-            f"Views, {len(group)} frames {which}: the predicted median lies within 10 % or one view"
-            f" of the measured one {verdict}; worst is frame {worst.frame}"
-            f" ({worst.predicted_median:g} predicted, {worst.measured_median:g} measured); in all"
-            f" {predicted} views are predicted, {measured} measured"
-            f" ({predicted / measured - 1:+.1%})."
+            f"Totals of a frame stand {math.sqrt(sum(one**2 for one in z) / len(z)):.1f} rms of"
+            f" their scatter ({detector.scatter:.2f} sqrt(N), of points within a frame) from what"
+            f" that curve finds; worst is frame {worst.frame}: {worst.measured_total} found,"
+            f" {worst.expected_total:.0f} expected, z = {worst.z:+.1f}."
         )
+    said.append(
+        "The median number of the model's chief views, which knows of no detector, lies within"
+        " 10 % or one view of the measured one in"
+        f" {'all frames but ' + ', '.join(astray) if astray else 'every frame'}."
+    )
     return said
 
 

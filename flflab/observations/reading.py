@@ -56,19 +56,19 @@ class Pose:
     rotation: Array
     translation: Array
 
-    @property
-    def tilt(self) -> float:
-        """Angle between the board's normal and the axis, rad."""
-        return math.acos(min(abs(float(self.rotation[2, 2])), 1.0))
-
     def positions(self, points: Array) -> Array:
         """World (x, y, D) of points of the board, mm, shape (points, 3).
 
         The third coordinate of R (X - t) is the distance D in front of the lens. The other two run
-        against the sensor's columns and rows in the published poses, so they change sign here;
-        their origin is free (see ``docs/r12a.md``).
+        against the sensor's columns and rows in the published poses, so they change sign here
+        (see ``docs/r12a.md``).
         """
         return (points - self.translation) @ self.rotation.T * np.array([-1.0, -1.0, 1.0])
+
+    @property
+    def normal(self) -> Array:
+        """The board's normal in the world, shape (3,)."""
+        return self.rotation[:, 2] * np.array([-1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)

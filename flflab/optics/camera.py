@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.optics.distortion import BrownDistortion
 
 Array = npt.NDArray[np.float64]
 Layout = Literal["square", "hexagonal"]
@@ -25,12 +26,14 @@ class MainLens:
 
     Object distances count from its front principal plane, all distances behind it from its rear
     one, at z = 0. A thin lens has both in one place; ``principal_separation`` (rear minus front,
-    negative where they are crossed) only says how far apart they lie.
+    negative where they are crossed) only says how far apart they lie. ``distortion`` is beyond
+    first order: only positions measured elsewhere are compared with it.
     """
 
     focal_length: float
     f_number: float
     principal_separation: float = 0.0
+    distortion: BrownDistortion | None = None
 
     @property
     def aperture(self) -> float:

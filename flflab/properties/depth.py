@@ -49,7 +49,9 @@ def dot_distances(one: Measured, model: Predicted) -> Values:
     ]
     if not bool(microlens_limits(central_smms(model.camera), 1 / model.distance)):
         seen = []
-    read = distance_of(offset_read(model), model.camera) * model.stretches
+    # a parallax that is stretched reads as an x that is shrunk
+    x = offset_read(model)[:, None] / (1 + model.parallax_draws)
+    read = (distance_of(x, model.camera) * model.stretches[:, None])[:, [dot.dot for dot in seen]]
     common = (
         np.array([dot.common_mm[2] for dot in seen], dtype=np.float64) if seen else np.zeros((0, 1))
     )
@@ -62,8 +64,8 @@ def dot_distances(one: Measured, model: Predicted) -> Values:
         "four-dot",
         np.array([-dot.position_mm[2] for dot in seen], dtype=np.float64),
         np.diag(np.maximum(alone, 0.0)) + common @ common.T,
-        np.full(len(seen), read.mean()),
-        np.tile(read[:, None], (1, len(seen))),
+        read.mean(axis=0),
+        read,
         tuple(dot.dot for dot in seen),
         (None,) * len(seen),
     )
@@ -105,5 +107,6 @@ def lateral_resolution(one: Measured, model: Predicted) -> list[Values]:
     measured = useful / virtual
     uncertainty = measured * float(np.hypot(slope / virtual, edges / useful))
     drawn = useful_row(camera, model.inside_radii, model.outside_radii, model.pitches) / pixel
-    draws = drawn / depth(offset_read(model))
+    stretched = 1 + model.parallax_draws[:, [dot.dot for dot in one.dots]].mean(axis=1)
+    draws = drawn / depth(offset_read(model) / stretched)
     return [single(one.configuration.index, "elr_row_px", "four-dot", measured, uncertainty, draws)]

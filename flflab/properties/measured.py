@@ -83,7 +83,7 @@ def measure_configuration(
         bench.optics,
         first.exposure_s,
         max(frame.saturated for taken in frames.values() for frame in taken),
-        bench.description.wavelength,
+        bench.description.mean_wavelength,
     )
 
 

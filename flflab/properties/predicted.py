@@ -2,19 +2,22 @@
 as uncertainly as stated.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.bench import Bench
-from flflab.optics.camera import Camera
+from flflab.lens_errors import LensErrors
+from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.contrast import cone_half_angle
 from flflab.optics.focus import blur, magnification
+from flflab.optics.light import Spectrum
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms
 from flflab.prediction import (
     Errors,
+    Placement,
     contrast_draws,
     drawn_systems,
     placements,
@@ -25,6 +28,7 @@ from flflab.properties.measured import Measured, as_placed
 from flflab.study import Study
 
 Array = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,8 @@ class Predicted:
         pitches: of the micro-images for each draw, mm, shape (draws,).
         stretches: distances that real lenses make of the model's, as factors, shape (draws,).
         attitude_draws: roll, yaw and pitch of the array for each draw, rad, shape (draws, 3).
+        parallax_draws: share by which lenses of an array stretch each dot's parallax, shape (draws,
+            4).
     """
 
     camera: Camera
@@ -65,6 +71,7 @@ class Predicted:
     pitches: Array
     stretches: Array
     attitude_draws: Array
+    parallax_draws: Array
 
 
 def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> Predicted:
@@ -79,43 +86,107 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
     falloff = float(
         measured.lattice.slants[0]
     )  # as the white picture shows it: real cameras have it, pictures may be without
-    contrast = contrast_draws(
-        camera, placement, cycles_per_mm, bench.description.wavelength, falloff
+    lenses, draws = errors.lenses, len(placement.distance)
+
+    def longer(factor: float) -> Placement:
+        return replace(
+            placement, optics=replace(placement.optics, focal=placement.optics.focal * factor)
+        )
+
+    def radii(factor: float) -> Array:
+        drawn = drawn_systems(central_smms(camera), camera, longer(factor))
+        return np.stack([drawn.inside_radius, drawn.outside_radius], axis=1)
+
+    contrast = lenses.mean_of(
+        lambda factor: contrast_draws(
+            camera, longer(factor), cycles_per_mm, bench.description.spectrum, falloff
+        ),
+        len(measured.curve.views) if measured.curve else 1,
+        draws,
     )
+    centres = _seen_whole(camera)
+    inside, outside = lenses.mean_of(radii, len(centres), draws).T
+    scale, _, roll = lenses.of_the_lattice(centres, draws, _decentre_shown(camera)).T
     indices = tuple(predicted_view_indices(camera, distance, points))
     return Predicted(
         camera=camera,
         distance=distance,
         views=np.array([len(seen) for seen in indices]),
-        view_draws=view_draws(camera, placement, errors.attitude, points),
+        view_draws=view_draws(camera, placement, errors.attitude, points, lenses),
         view_indices=indices,
         contrast_draws=contrast * order.contrast[:, None],
-        waves_left=_waves_left(camera, distance, cycles_per_mm, bench.description.wavelength),
+        waves_left=_waves_left(camera, distance, cycles_per_mm, bench.description.spectrum),
         blur_px=float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel,
         systems=systems,
         vergences=1 / placement.distance,
-        inside_radii=systems.inside_radius * order.widths,
-        outside_radii=systems.outside_radius * order.widths,
-        pitches=camera.array.pitch[0] * placement.optics.pitch * systems.image_scale * order.pitch,
+        inside_radii=inside * order.widths,
+        outside_radii=outside * order.widths,
+        pitches=camera.array.pitch[0]
+        * placement.optics.pitch
+        * systems.image_scale
+        * order.pitch
+        * (1 + scale),
         stretches=order.distance,
         attitude_draws=np.array([camera.array.roll, *np.arctan(camera.array.tilt)])
-        + errors.attitude,
+        + errors.attitude
+        + roll[:, None] * [1.0, 0.0, 0.0],
+        parallax_draws=_parallax_errors(camera, lenses, indices, draws),
+    )
+
+
+def _seen_whole(camera: Camera) -> Array:
+    """Centres of the microlenses whose micro-images have their centres on the sensor, of all where
+    there is none; mm, shape (N, 2).
+    """
+    centres = microlens_centres(camera.array)
+    middles = centres * float(central_smms(camera).image_scale)
+    half = np.array(camera.sensor.resolution) * camera.sensor.pixel / 2
+    on = (np.abs(middles - camera.sensor.offset) <= half).all(axis=1)
+    return centres[on] if on.any() else centres
+
+
+def _decentre_shown(camera: Camera) -> float:
+    """Share of an aperture's decentre by which its micro-image seems to tell of the lens's place:
+    kappa/(1 + b/L).
+    """
+    smms = central_smms(camera)
+    return abs(float(smms.kappa / smms.image_scale))
+
+
+def _parallax_errors(
+    camera: Camera, lenses: LensErrors, seen_by: tuple[Whole, ...], draws: int
+) -> Array:
+    """Share by which decentred apertures stretch each dot's parallax, shape (draws, dots).
+
+    A ray through an aperture d aside of its lens meets the sensor (kappa + p) d aside, p =
+    -b/(L x) the parallax; the micro-image shows kappa d of it as a place of the lens. What is left
+    is p d (b/f)/(1 + b/L).
+    """
+    smms = central_smms(camera)
+    hidden = float(smms.gap / smms.focal / smms.image_scale)
+    centres = microlens_centres(camera.array)
+    return hidden * np.stack(
+        [lenses.of_the_parallax(centres[seen], seen, draws) for seen in seen_by], axis=1
     )
 
 
 def _waves_left(
-    camera: Camera, distance: float, cycles_per_mm: Array, wavelength: float | None
+    camera: Camera, distance: float, cycles_per_mm: Array, light: Spectrum | None
 ) -> Array:
     """Contrast that diffraction at the limiting stop leaves of what is sharp."""
     smms = central_smms(camera)
-    if wavelength is None:
+    if light is None:
         return np.ones(len(cycles_per_mm))
     from flflab.optics.diffraction import (
         pupil_transfer,
     )  # numba is loaded by those who ask for waves
 
     on_sensor = cycles_per_mm / float(magnification(smms, 1 / distance))
-    return pupil_transfer(
-        on_sensor * wavelength / float(cone_half_angle(smms, 1 / distance)),
-        np.zeros(len(on_sensor)),
-    ).real
+    half_angle, sharp = float(cone_half_angle(smms, 1 / distance)), np.zeros(len(on_sensor))
+    return np.sum(
+        [
+            weight * pupil_transfer(on_sensor * wavelength / half_angle, sharp).real
+            for wavelength, weight in zip(light.wavelengths, light.weights, strict=True)
+        ],
+        axis=0,
+    )

@@ -80,8 +80,8 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         simulated=f"{len(local)} of {devices} devices" if local else "",
         notes=facts.notes(evaluation, run, study, bench),
         statistics=tables.statistics_table(evaluation),
-        wavelength=bench.description.wavelength,
-        diffraction=diffraction_sentence(evaluation, bench.description.wavelength),
+        wavelength=bench.description.mean_wavelength,
+        diffraction=diffraction_sentence(evaluation, bench.description.mean_wavelength),
         panels=[_panel(evaluation, one, model, run, study) for one, model in pairs],
         configuration_count=len(evaluation.measured),
         suspects=[suspect.sentence for suspect in not_told_apart(evaluation.suspects)],
@@ -102,7 +102,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         colours=charts.DOTS,
         configurations=[
             tables.settings_table(
-                study, evaluation, bench.description.wavelength or facts.WAVELENGTH
+                study, evaluation, bench.description.mean_wavelength or facts.WAVELENGTH
             ),
             tables.micro_image_table(evaluation, run),
         ],
@@ -184,7 +184,8 @@ def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> st
         if wavelength
         else (
             "Where the sensor sees that, the contrast measured at high frequencies must lie below"
-            " the prediction: a wavelength in the bench file counts it."
+            " the prediction: add light: {wavelength: 550 nm} to the bench file"
+            " to include diffraction."
         )
     )
     return (

@@ -98,13 +98,21 @@ def budget_table(evaluation: Evaluation) -> Table:
     second digit of the whole.
     """
     found: dict[str, list[list[float]]] = {}
-    for whole, stages, optics in zip(
-        evaluation.values, evaluation.of_the_stages, evaluation.of_stages_and_optics, strict=True
+    for whole, bare, stages, optics, equal in zip(
+        evaluation.values,
+        evaluation.without_floor,
+        evaluation.of_the_stages,
+        evaluation.of_stages_and_optics,
+        evaluation.of_equal_lenses,
+        strict=True,
     ):
-        pixels = np.sqrt(np.diag(whole.noise))
-        by_optics = np.sqrt(np.maximum(optics.spread**2 - stages.spread**2, 0.0))
-        by_order = np.sqrt(np.maximum(whole.spread**2 - optics.spread**2, 0.0))
-        parts = np.stack([whole.uncertainty, pixels, stages.spread, by_optics, by_order], axis=1)
+        pixels = np.sqrt(np.diag(bare.noise))
+        floor = np.sqrt(np.maximum(np.diag(whole.noise) - np.diag(bare.noise), 0.0))
+        steps = [
+            np.sqrt(np.maximum(more.spread**2 - less.spread**2, 0.0))
+            for less, more in ((stages, optics), (optics, equal), (equal, whole))
+        ]
+        parts = np.stack([whole.uncertainty, pixels, floor, stages.spread, *steps], axis=1)
         found.setdefault(whole.quantity, []).extend(parts.tolist())
     rows: list[tuple[str, ...]] = []
     for quantity, parts in found.items():
@@ -122,9 +130,11 @@ def budget_table(evaluation: Evaluation) -> Table:
         "quantity",
         "standard uncertainty",
         "of the pictures",
+        "of the measurement's floor",
         "of the stages",
         "of the optics' sizes",
         "of the model's order",
+        "of how lenses differ",
     )
     return Table(
         "Where the uncertainties come from (medians; each part's own standard uncertainty)",

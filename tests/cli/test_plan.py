@@ -149,9 +149,9 @@ def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_i
         shown, progress = (
             re.sub(r"\x1b\[[\d;?]*\w", "", written) for written in (ended.out, ended.err)
         )
-        assert re.search(r"1/1\D+0:00:\d\d.*configurations drawn and measured", progress)
-        assert "by the frames' noise alone; what the stages may be off comes on top" in " ".join(
-            shown.split()
+        assert re.search(r"1/1\D+0:\d\d:\d\d.*configurations drawn and measured", progress)
+        assert "by the frames' noise and the measurement's floor; what the stages may be off" in (
+            " ".join(shown.split())
         )
         [told[name]] = csv.DictReader(
             (tmp_path / "plan.csv").read_text(encoding="utf-8").splitlines()

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.spatial.transform import Rotation
 
 Array = npt.NDArray[np.float64]
 
@@ -21,6 +22,7 @@ sensor: {{resolution: [1600, 1150], pixel: 5.5 um, distance: {sensor} mm, offset
 """  # noqa: E501
 FOCAL, APERTURE, DISTANCE, GAP, PIXEL = 50.0, 50.0 / 5.6, 56.5, 0.6, 0.0055
 BOARD, SPACING = (5, 4), 4.0
+TURN = (0.011, -0.024, 0.006)
 
 
 def rotation(about_x: float, about_y: float) -> Array:
@@ -82,7 +84,9 @@ def write_set(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], Pat
             3: ((-2.0, 5.0), 255.0),
             4: ((0.0, -40.0), 275.0),
         }
-        origin = {0: (3.0, -2.0), 1: (-1.0, 0.5), 3: (0.25, 7.0), 4: (0.0, 0.0)}
+        # The poses as published are turned against the camera by this rotation, in the world.
+        common = Rotation.from_rotvec(TURN).as_matrix()
+        flip = np.diag([-1.0, -1.0, 1.0])
         poses: dict[str, object] = {}
         lines = ["k,l,u,v,rho,cluster,frame"]
         depth: dict[str, float] = {}
@@ -104,9 +108,9 @@ def write_set(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], Pat
                 for microlens, (u, v) in zip(seeing, pixels, strict=True):
                     k, row = numbers[microlens]
                     lines.append(f"{k},{row},{u:.9f},{v:.9f},0,{corner},{frame}")
-            # The pose as published has another lateral origin than the board had.
-            shifted = middle - turn.T @ np.array([origin[frame][0], origin[frame][1], distance])
-            poses[str(frame)] = {"rotation": turn.tolist(), "translation_mm": shifted.tolist()}
+            shift = middle - turn.T @ np.array([0.0, 0.0, distance])
+            published = flip @ common.T @ flip @ turn
+            poses[str(frame)] = {"rotation": published.tolist(), "translation_mm": shift.tolist()}
         (folder / "observations.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
         (folder / "poses.json").write_text(json.dumps(poses, indent=1), encoding="utf-8")
         board = {
@@ -116,7 +120,7 @@ def write_set(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float], Pat
         (folder / "camera.yaml").write_text(
             CAMERA.format(distance=DISTANCE, sensor=DISTANCE + GAP), encoding="utf-8"
         )
-        truth = {"distance": DISTANCE, "gap": GAP, "origin": origin, "virtual_depth": depth}
+        truth = {"distance": DISTANCE, "gap": GAP, "virtual_depth": depth}
         (folder / "truth.json").write_text(json.dumps(truth), encoding="utf-8")
         return folder
 

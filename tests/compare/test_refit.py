@@ -6,10 +6,17 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.calibration.refit import Refit, parallax_slope, refit_distances, state_refit
+from flflab.calibration.refit import (
+    Refit,
+    depend_on_selection,
+    parallax_slope,
+    refit_distances,
+    state_refit,
+)
 from flflab.camera_file import read_camera
 from flflab.errors import MeasurementError
-from flflab.observations.points import measure_points
+from flflab.observations.points import measure_parallax, measure_points
+from flflab.observations.prediction import align
 from flflab.observations.reading import read_observations
 from flflab.optics.camera import Camera
 
@@ -55,8 +62,13 @@ def test_a_refit_from_a_wrong_camera_finds_the_distances_within_their_uncertaint
         sensor=replace(camera.sensor, distance=57.3),
     )
     seen = measure_points(read_observations(noisy), wrong)
+    slopes = measure_parallax(seen, wrong)
     found = refit_distances(
-        wrong, seen.position[:, 2], seen.array_position, seen.slope, seen.slope_uncertainty
+        wrong,
+        align(camera, seen).position[:, 2],
+        slopes.array_position,
+        slopes.slope,
+        slopes.uncertainty,
     )
     error = np.array(
         [found.camera.array.distance - camera.array.distance, found.camera.gap - camera.gap]
@@ -109,4 +121,22 @@ def test_a_further_free_parameter_loosens_both_distances(camera: Camera) -> None
     slope += 1e-3 * np.random.default_rng(1).standard_normal(len(slope))
     found = refit_to(slope, camera)
     for name in ("focal_length", "distance_offset"):
-        assert np.all(found.loosened[name] > found.uncertainty)
+        assert np.all(found.loosened[name] > found.own)
+
+
+def test_how_the_distances_change_with_the_views_used_is_part_of_their_uncertainty(
+    camera: Camera,
+) -> None:
+    slope = parallax_slope(
+        camera.array.distance, camera.gap, camera.main_lens.focal_length, DISTANCES
+    )
+    noisy = slope + 1e-3 * np.random.default_rng(1).standard_normal(len(slope))
+    found, other = refit_to(noisy, camera), refit_to(1.02 * noisy - 0.02, camera)
+    both = depend_on_selection(found, other, 0.03)
+    moved = np.array([other.camera.array.distance, other.camera.gap]) - [
+        found.camera.array.distance,
+        found.camera.gap,
+    ]
+    assert np.abs(moved[1]) > 3 * found.own[1]
+    assert both.uncertainty == pytest.approx(np.hypot(found.own, np.abs(moved) / np.sqrt(3)))
+    assert f"b by {moved[1]:+.5f} mm" in " ".join(state_refit(camera, both))

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.bench import OpticsUncertaintyDescription, read_bench
+from flflab.bench import read_bench
+from flflab.bench_uncertainty import OpticsUncertaintyDescription
 from flflab.optics.camera import MainLens, Substrate
 from flflab.prediction import (
     ELEMENTS,

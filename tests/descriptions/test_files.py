@@ -43,6 +43,24 @@ def changed(source: Path, folder: Path, old: str, new: str) -> tuple[Path, int]:
 
 CAMERA_FAULTS = [
     (
+        "f_number: 4",
+        "distortion: {radial: [1e-4, 0, 0]}\n  f_number: 4",
+        "main_lens.distortion.radial.0",
+        "0.0001 given; a number and 1/mm^2 is due, such as '1e-6 1/mm^2'",
+    ),
+    (
+        "f_number: 4",
+        "distortion: {radial: [1e-4 1/mm^2, 1e-6 1/mm^2, 0]}\n  f_number: 4",
+        "main_lens.distortion.radial.1",
+        "'1e-6 1/mm^2' given; a number and 1/mm^4 is due",
+    ),
+    (
+        "f_number: 4",
+        "distortion: {radial: [nan 1/mm^2, 0, 0]}\n  f_number: 4",
+        "main_lens.distortion.radial.0",
+        "a number and 1/mm^2 is due",
+    ),
+    (
         "focal_length: 0.917 mm",
         "focal_length: [1 mm, 0 mm]",
         "microlens_array.focal_length.1",
@@ -276,6 +294,90 @@ def test_figures_that_disagree_are_said_in_one_sentence(tmp_path: Path) -> None:
 
 BENCH_FAULTS = [
     (
+        "minimum_gap: 0.3 mm",
+        "workmanship: {microlens_position: 0.3}",
+        "workmanship.microlens_position",
+        "has no unit",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "workmanship: {microlens_position: 30 um}",
+        "workmanship.microlens_position",
+        "less than or equal to 0.02",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "workmanship: {lens_position: 0.3 um}",
+        "workmanship.lens_position",
+        "allowed here: microlens_position, aperture_decentre, microlens_focal_length,",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "workmanship: {microlens_focal_length: -1 %}",
+        "workmanship.microlens_focal_length",
+        "greater than or equal to 0",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "measurement_floor: {position: 0.02 um}",
+        "measurement_floor.position",
+        "'0.02 um' given; a number of pixels is due, such as '0.02 px'",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "measurement_floor: {radius: 0.05}",
+        "measurement_floor.radius",
+        "0.05 given; a number of pixels is due",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "measurement_floor: {contrast: 2}",
+        "measurement_floor.contrast",
+        "less than 0.5",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "light: {}",
+        "light",
+        "neither of wavelength and spectrum given; one of them is due",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "light: {wavelength: 550 nm, spectrum: [[450 nm, 1]]}",
+        "light",
+        "both of wavelength and spectrum given",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "light: {wavelength: 550 um}",
+        "light.wavelength",
+        "550000 nm given; light has a wavelength from 100 nm to 20 um",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "light: {spectrum: [[450 nm, 0.2], [550, 0.6]]}",
+        "light.spectrum.1.0",
+        "has no unit",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "light: {spectrum: [[450 nm, 0]]}",
+        "light.spectrum.0.1",
+        "greater than 0",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "light: {spectrum: [[450 nm, 1], [450 nm, 2]]}",
+        "light",
+        "a wavelength twice",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
+        "wavelength: 550 nm",
+        "wavelength",
+        "there is no such field",
+    ),
+    (
         "zero_uncertainty: 1 um",
         "zero_uncertainty: 1",
         "axes.main_lens_stage.zero_uncertainty",
@@ -488,3 +590,50 @@ def test_a_study_of_other_targets_than_the_simulated_wheel_holds_is_told(tmp_pat
         update={"target": bench.description.target.model_copy(update={"address": "/dev/ttyUSB0"})}
     )
     assert unlike_the_wheel(other, replace(bench, description=moved)) == []
+
+
+def test_a_distortion_is_read_and_the_model_says_that_it_leaves_it_out(tmp_path: Path) -> None:
+    file, _ = changed(
+        CAMERA,
+        tmp_path,
+        "f_number: 4",
+        "f_number: 4\n  distortion: {radial: [2e-4 1/mm^2, -3e-6 1/mm^4, 0],"
+        " tangential: [1e-5 1/mm, 0]}",
+    )
+    found = read_camera(file).main_lens.distortion
+    assert found is not None
+    assert (found.radial, found.tangential) == ((2e-4, -3e-6, 0.0), (1e-5, 0.0))
+    assert "left out: the model is of first order" in load(file, CameraDescription).remarks()[0]
+
+
+def test_what_a_bench_states_of_its_lenses_floor_and_light_is_read_in_the_units_used_inside(
+    tmp_path: Path,
+) -> None:
+    # as the comments of the built-in file give them
+    text = BENCH.read_text(encoding="utf-8").replace("../cameras/", f"{EXAMPLES / 'cameras'}/")
+    for key in ("workmanship", "measurement_floor", "light"):
+        assert text.count(f"# {key}: ") == 1
+        text = text.replace(f"# {key}: ", f"{key}: ")
+    (tmp_path / "bench.yaml").write_text(text, encoding="utf-8")
+    found = read_bench(tmp_path / "bench.yaml").description
+    made, floor = found.workmanship, found.measurement_floor
+    assert (made.microlens_position, made.aperture_decentre) == pytest.approx((3e-4, 1e-4))
+    assert (made.microlens_focal_length, made.microlens_brightness) == pytest.approx((0.01, 0.01))
+    assert made.scale == pytest.approx(1e-5)
+    assert (floor.contrast, floor.position, floor.radius) == (0.002, 0.02, 0.05)
+    assert found.mean_wavelength == pytest.approx(550e-6)
+
+
+def test_the_weights_of_a_spectrum_add_up_to_one(tmp_path: Path) -> None:
+    file, _ = changed(
+        BENCH,
+        tmp_path,
+        "minimum_gap: 0.3 mm",
+        "minimum_gap: 0.3 mm\nlight: {spectrum: [[600 nm, 3], [450 nm, 1]]}",
+    )
+    description = read_bench(file).description
+    assert description.spectrum is not None
+    assert description.spectrum.wavelengths == pytest.approx((450e-6, 600e-6))
+    assert description.spectrum.weights == pytest.approx((0.25, 0.75))
+    assert description.mean_wavelength == pytest.approx(562.5e-6)
+    assert read_bench(BENCH).description.spectrum is None

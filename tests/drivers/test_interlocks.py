@@ -25,7 +25,8 @@ from drivers.interlocks import (
     order_moves,
     retreats,
 )
-from flflab.bench import AxisDescription, OpticsUncertaintyDescription
+from flflab.bench import AxisDescription
+from flflab.bench_uncertainty import OpticsUncertaintyDescription
 from flflab.errors import InterlockError
 from flflab.optics.camera import MicrolensArray
 

@@ -3,11 +3,13 @@
 import itertools
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from flflab.bench import Bench, FixedDescription
+from flflab.bench_uncertainty import MeasurementFloorDescription
 from flflab.errors import InputError, InterlockError, LimitError
 from flflab.study import Study
 from procedures.durations import SETTLE_S, durations
@@ -187,3 +189,21 @@ def test_a_step_lasts_as_long_as_its_longest_axis(described: Described) -> None:
     # mm/s, one after the other
     sensor = first.groups[2]["sensor_stage"]
     assert seconds == pytest.approx(100 / 25 + 20 / 10 + sensor / 10 + 3 * SETTLE_S)
+
+
+def test_an_accuracy_below_the_measurement_s_floor_is_refused_before_anything_moves(
+    described: Described,
+) -> None:
+    asked = GRID | {"mtf_standard_uncertainty": 0.002}
+    study, bench = described(study=asked)
+
+    def with_floor(contrast: float) -> Bench:
+        floor = MeasurementFloorDescription(contrast=contrast)
+        stated = bench.description.model_copy(update={"measurement_floor": floor})
+        return replace(bench, description=stated)
+
+    with pytest.raises(
+        InputError, match=r"0\.002, which no number of frames reaches: .*floor\.contrast is 0\.002"
+    ):
+        steps(study, with_floor(0.002))
+    assert steps(study, with_floor(0.001))

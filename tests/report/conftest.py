@@ -89,7 +89,7 @@ def predict(configuration: Configuration, bench: Bench, study: Study) -> Predict
         camera, configuration.distance, views, np.tile(views, (101, 1)), indices, draws,
         np.ones(draws.shape[1]), 0.3,
         systems, 1 / placement.distance, systems.inside_radius, systems.outside_radius, pitches,
-        np.ones(101), np.zeros((101, 3)),
+        np.ones(101), np.zeros((101, 3)), np.zeros((101, 4)),
     )  # fmt: skip
 
 
@@ -176,7 +176,9 @@ def evaluation(bench: Bench, study: Study) -> Evaluation:
         Verdict("views", 12, 0.97, 0.025, True, "number of views: 12 values agree with the model"),
     )
     values = properties(measured, predicted, bench)
-    return Evaluation(measured, predicted, Comparison(rows, verdicts), values, values, values, ())
+    return Evaluation(
+        measured, predicted, Comparison(rows, verdicts), values, *(values,) * 4, suspects=()
+    )
 
 
 @pytest.fixture(scope="session")
@@ -190,7 +192,12 @@ def single(evaluation: Evaluation) -> Evaluation:
     values = tuple(one for one in evaluation.values if one.configuration == 0)
     comparison = Comparison(rows, evaluation.comparison.verdicts)
     return Evaluation(
-        evaluation.measured[:1], evaluation.predicted[:1], comparison, values, values, values, ()
+        evaluation.measured[:1],
+        evaluation.predicted[:1],
+        comparison,
+        values,
+        *(values,) * 4,
+        suspects=(),
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from flflab.bench import Bench
+from flflab.bench_uncertainty import LightDescription
 from flflab.comparison import PROPERTY_NAMES, Comparison
 from flflab.errors import InputError
 from flflab.evaluation import Evaluation
@@ -18,6 +19,8 @@ from flflab.report import write_report
 from flflab.study import Study
 
 VOID = {"meta", "image", "img", "br", "use", "circle", "polygon", "path", "rect"}
+
+GREEN = LightDescription.model_validate({"wavelength": "532 nm"})
 
 
 class Page(HTMLParser):
@@ -115,7 +118,7 @@ def test_the_page_says_what_the_model_leaves_out(page: Page) -> None:
 def test_in_light_of_a_wavelength_diffraction_is_in_the_model(
     single: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
 ) -> None:
-    green = replace(bench, description=bench.description.model_copy(update={"wavelength": 532e-6}))
+    green = replace(bench, description=bench.description.model_copy(update={"light": GREEN}))
     write_report(single, run, study, green, tmp_path / "report.html")
     text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
     assert "diffraction in the contrast" in text

@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pytest
 
 from flflab.bench import Bench, Element, read_bench
+from flflab.bench_uncertainty import LightDescription
 from flflab.evaluation import Evaluation, evaluate_measured
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
@@ -118,7 +119,12 @@ def one_run(
     file may say nothing.
     """
     bench = small(file)
-    description = bench.description.model_copy(update={"wavelength": wavelength if told else None})
+    light = (
+        LightDescription.model_validate({"wavelength": f"{wavelength} mm"})
+        if told and wavelength
+        else None
+    )
+    description = bench.description.model_copy(update={"light": light})
     bench = replace(bench, description=description, optics=described(bench.optics))
     study = study_of(bench, configurations)
     hidden = np.random.default_rng(10_000 + seed)
@@ -158,7 +164,7 @@ def one_run(
             worlds,
             study,
             bench.optics,
-            wavelength=description.wavelength,
+            wavelength=description.mean_wavelength,
         )
         measured.append(seen)
     return evaluate_measured(tuple(measured), study, bench, seed)

@@ -21,7 +21,6 @@ FEWEST_FLAT = 400
 STEEPEST = 4.0
 ROUNDS, SETTLED = 6, 0.01  # of finding which squares are flat, until the gain moves by less
 STEPS = 12  # of brightness
-MOST_PIXELS, BAND = 2_000_000, 24  # pixels that are looked at, in bands of so many rows
 FULL_SCALES = tuple(2.0**bits - 1 for bits in (8, 10, 12, 14, 16))
 
 
@@ -184,16 +183,6 @@ def _fitted(found: Array, weight: Array) -> tuple[float, float]:
     return max(float(dark), 0.0), float(gain)
 
 
-def _bands(picture: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-    """Bands of rows spread over a large picture, about two million pixels in all."""
-    rows, columns = picture.shape
-    count = max(1, MOST_PIXELS // (BAND * columns))
-    if rows <= count * BAND:
-        return picture
-    starts = np.linspace(0, rows - BAND, count).astype(np.int64)
-    return np.concatenate([picture[start : start + BAND] for start in starts])
-
-
 def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
     """Noise of a picture of which nothing else is known, from the differences of neighbouring
     pixels at each brightness.
@@ -207,12 +196,11 @@ def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
     Raises:
         MeasurementError: fewer than 3 x 3 pixels, or not finite.
     """
-    given = np.asarray(picture)
-    if given.ndim != 2 or min(given.shape) < 3 or not np.isfinite(given).all():
+    values = np.asarray(picture, dtype=np.float64)
+    if values.ndim != 2 or min(values.shape) < 3 or not np.isfinite(values).all():
         raise MeasurementError(
-            f"picture: at least 3 x 3 finite pixels are due, not shape {given.shape}"
+            f"picture: at least 3 x 3 finite pixels are due, not shape {values.shape}"
         )
-    values = _bands(given).astype(np.float64)
     mean = (values[1:, 1:] + values[1:, :-1] + values[:-1, 1:] + values[:-1, :-1]) / 4
     rough = np.abs(values[1:, 1:] - values[1:, :-1] - values[:-1, 1:] + values[:-1, :-1]) / 2
     low, high = (
@@ -223,8 +211,8 @@ def estimate_noise(picture: npt.NDArray[np.generic]) -> SensorNoise:
     )
     offset = float(np.median(mean[gaps])) if low < 0.2 * high else 0.0
     dark, gain = _line(mean - offset, rough, _steepness(values), gaps, high - offset)
-    top = float(given.max())
-    whole = given.dtype.kind == "u"
+    top = float(values.max())
+    whole = np.asarray(picture).dtype.kind == "u"
     full_scale = top if whole and top in FULL_SCALES else max(2 * top, offset + 1.0)
     return SensorNoise(
         max(float(gain), 1e-9 * max(top, 1.0)),

@@ -1,0 +1,138 @@
+"""What a bench file states about how well things are known: sizes of the optics, first order, how
+microlenses differ, a floor of every measurement, and the light.
+"""
+
+import math
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from flflab.description import Angle, Description, Length, Ratio
+from flflab.optics.light import Spectrum
+
+SHORTEST, LONGEST = 100e-6, 20e-3
+"""Wavelengths of light that a camera sees, mm."""
+MOST_LINES = 20
+
+
+class OpticsUncertaintyDescription(Description):
+    """How well the sizes in the camera file are known: standard uncertainties, each the same in
+    every configuration.
+
+    Sizes as shares. Angles of the array, where no axis turns it or beside what its axis states, are
+    those of an array set by eye against the micro-images' rows.
+    """
+
+    main_lens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    f_number: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    microlens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    microlens_aperture: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    pitch: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
+    array_roll: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
+    array_tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
+
+
+class ModelUncertaintyDescription(Description):
+    """How far a model of first order may be off for the bench's real lenses: standard
+    uncertainties, shares of what it says.
+
+    Each is the same in every configuration. ``flflab accuracy model`` shows their size for lenses
+    like yours.
+    """
+
+    contrast: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
+    widths: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
+    pitch: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
+    distance: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
+
+
+class WorkmanshipDescription(Description):
+    """How microlenses differ from one another: standard deviations from lens to lens, and ``scale``
+    of the whole array.
+
+    ``microlens_position`` is that of each coordinate of a lens with its aperture,
+    ``aperture_decentre`` that of each coordinate of the aperture against its lens.
+    """
+
+    microlens_position: Annotated[Length, Field(ge=0, le=0.02)] = 0.0
+    aperture_decentre: Annotated[Length, Field(ge=0, le=0.02)] = 0.0
+    microlens_focal_length: Annotated[Ratio, Field(ge=0, le=0.1)] = 0.0
+    microlens_brightness: Annotated[Ratio, Field(ge=0, le=0.2)] = 0.0
+    scale: Annotated[Ratio, Field(ge=0, lt=0.01)] = 0.0
+
+
+def _pixels(given: object) -> object:
+    """A number of pixels, such as ``0.02 px``; 0 needs no unit."""
+    if isinstance(given, (int, float)) and given == 0:
+        return 0.0
+    number, _, unit = str(given).strip().partition(" ")
+    try:
+        value = float(number) if unit.strip() == "px" else math.nan
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{given!r} given; a number of pixels is due, such as '0.02 px'")
+    return value
+
+
+Pixels = Annotated[float, BeforeValidator(_pixels), Field(ge=0, le=10)]
+
+
+class MeasurementFloorDescription(Description):
+    """What no frame and no pixel averages away of a measurement: standard uncertainties (type B),
+    fully correlated within a frame and quantity, independent from frame to frame.
+    """
+
+    contrast: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
+    position: Pixels = 0.0
+    radius: Pixels = 0.0
+
+
+def _of_light(wavelength: float) -> float:
+    if not SHORTEST <= wavelength <= LONGEST:
+        raise ValueError(
+            f"{1e6 * wavelength:g} nm given; light has a wavelength from {1e6 * SHORTEST:g} nm to"
+            f" {1e3 * LONGEST:g} um"
+        )
+    return wavelength
+
+
+Wavelength = Annotated[Length, AfterValidator(_of_light)]
+Weight = Annotated[float, Field(gt=0)]
+
+
+class LightDescription(Description):
+    """The light: one ``wavelength``, or a ``spectrum`` of wavelengths with what the sensor counts
+    of each; the weights need not add up to 1.
+    """
+
+    wavelength: Wavelength | None = None
+    spectrum: (
+        Annotated[list[tuple[Wavelength, Weight]], Field(min_length=1, max_length=MOST_LINES)]
+        | None
+    ) = None
+
+    @model_validator(mode="after")
+    def _is_one_light(self) -> "LightDescription":
+        if (self.wavelength is None) == (self.spectrum is None):
+            given = "neither" if self.wavelength is None else "both"
+            raise ValueError(
+                f"{given} of wavelength and spectrum given; one of them is due, such as"
+                " {wavelength: 550 nm} or {spectrum: [[450 nm, 0.2], [550 nm, 0.8]]}"
+            )
+        lengths = [wavelength for wavelength, _ in self.spectrum or []]
+        if len(set(lengths)) < len(lengths):
+            raise ValueError("spectrum holds a wavelength twice; give each once")
+        return self
+
+    @property
+    def lines(self) -> Spectrum:
+        """The light as the model takes it."""
+        if self.wavelength is not None:
+            return Spectrum((self.wavelength,), (1.0,))
+        lines = sorted(self.spectrum or [])
+        total = sum(weight for _, weight in lines)
+        return Spectrum(
+            tuple(wavelength for wavelength, _ in lines),
+            tuple(weight / total for _, weight in lines),
+        )

@@ -1,0 +1,100 @@
+"""The floor of a measurement: what the bench file states that no frame and no pixel averages away.
+
+Each is one error a frame and quantity, the same for all numbers of it: every contrast of a curve is
+off together, every position along the frame in proportion to where it lies (what would shift them
+all alike moves no property), every radius by the same.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.alignment import Attitude
+from flflab.bench_uncertainty import MeasurementFloorDescription
+from flflab.measurement.contrast.curve import ContrastCurve
+from flflab.measurement.dots.views import DotViews
+from flflab.measurement.lattice.white import Lattice
+from flflab.optics.camera import Camera
+from flflab.optics.resolution import central_smms
+from flflab.optics.smms import image_offset
+from flflab.properties.measured import Measured, as_placed
+
+Array = npt.NDArray[np.float64]
+
+
+def with_floor(one: Measured, floor: MeasurementFloorDescription, optics: Camera) -> Measured:
+    """What was measured, with the floor in all uncertainties.
+
+    Args:
+        one: as measured.
+        floor: as the bench file states it.
+        optics: the bench's camera.
+    """
+    camera, distance = as_placed(one.configuration, optics, one.worlds)
+    position = floor.position
+    return replace(
+        one,
+        lattice=_lattice(one.lattice, position, floor.radius),
+        attitude=None if one.attitude is None else _attitude(one.attitude, one.lattice, position),
+        dots=tuple(_dot(dot, camera, distance, position) for dot in one.dots),
+        curve=None if one.curve is None else _curve(one.curve, floor.contrast),
+    )
+
+
+def _curve(curve: ContrastCurve, floor: float) -> ContrastCurve:
+    return replace(
+        curve,
+        covariance=curve.covariance + floor**2,
+        extremes_uncertainty=np.hypot(curve.extremes_uncertainty, floor),
+    )
+
+
+def _spread(places: Array) -> float:
+    """Root mean square distance of places from their middle along one coordinate."""
+    if len(places) < 2:
+        return np.inf
+    return float(np.sqrt(np.mean((places - places.mean(axis=0)) ** 2)))
+
+
+def _lattice(lattice: Lattice, position: float, radius: float) -> Lattice:
+    turn = position / _spread(lattice.centres_px)
+    pitch = turn * lattice.pitch_px
+    sizes = np.zeros((3, 3))
+    sizes[:2, :2], sizes[2, 2] = radius**2, pitch**2
+    return replace(
+        lattice,
+        pitch_uncertainty_px=float(np.hypot(lattice.pitch_uncertainty_px, pitch)),
+        angle_uncertainty=float(np.hypot(lattice.angle_uncertainty, turn)),
+        origin_uncertainty_px=np.hypot(lattice.origin_uncertainty_px, position),
+        inside_uncertainty_px=float(np.hypot(lattice.inside_uncertainty_px, radius)),
+        outside_uncertainty_px=float(np.hypot(lattice.outside_uncertainty_px, radius)),
+        sizes_covariance_px=lattice.sizes_covariance_px + sizes,
+    )
+
+
+def _attitude(attitude: Attitude, lattice: Lattice, position: float) -> Attitude:
+    turned = np.diag([(position / _spread(lattice.centres_px)) ** 2, 0.0, 0.0])
+    return replace(attitude, covariance=attitude.covariance + turned)
+
+
+def _dot(dot: DotViews, camera: Camera, distance: float, position: float) -> DotViews:
+    """A dot whose views may lie ``position`` px off, rms, in proportion to where they lie.
+
+    The views of a dot lie b/((L + b) |x|) of their micro-images' distances aside of the centres,
+    and D = L/(x - 1 + L/F).
+    """
+    if position == 0 or len(dot.centres_px) < 2:
+        return dot
+    smms = central_smms(camera)
+    x = float(image_offset(smms, 1 / distance))
+    whole, gap = float(smms.distance + smms.gap), float(smms.gap)
+    share = position / _spread(dot.centres_px) * whole * abs(x) / gap
+    depth = distance**2 / float(smms.distance) * abs(x) * share
+    aside = np.abs(dot.position_mm[:2]) * depth / distance
+    moved = np.array([*aside, depth])
+    return replace(
+        dot,
+        uncertainty_mm=np.hypot(dot.uncertainty_mm, moved),
+        common_mm=np.concatenate([dot.common_mm, moved[:, None]], axis=1),
+    )
