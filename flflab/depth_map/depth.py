@@ -208,9 +208,7 @@ def _require_range(distances: tuple[float, float] | None) -> None:
         )
 
 
-def _remarks(
-    disparity: Array, camera: Camera, uncertainty: Mapping[str, float]
-) -> list[Remark]:
+def _remarks(disparity: Array, camera: Camera, uncertainty: Mapping[str, float]) -> list[Remark]:
     remarks: list[Remark] = []
     if not np.isfinite(disparity).any():
         remarks.append(
@@ -230,5 +228,3 @@ def _remarks(
             )
         )
     return remarks
-
-

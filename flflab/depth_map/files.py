@@ -1,4 +1,4 @@
-"""The files of a depth map: TIFF pages, total focus as PNG, point cloud as PLY, JSON and the page."""
+"""The files of a depth map: TIFF pages, total focus as PNG, cloud as PLY, JSON and the page."""
 
 import io
 import json

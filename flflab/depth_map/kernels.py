@@ -5,12 +5,14 @@ the sensor's point of ``geometry``. All views of a place are compared by weighte
 """
 
 import math
+from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Record = Any  # a row of such a table, as numba sees it
 Pixels = npt.NDArray[np.float32]
 
 LENS = np.dtype(
@@ -51,7 +53,9 @@ NOISE_SLOPE = 0.72
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _seen(lens, optics, tables, delta, tx, ty):  # noqa: ANN001, ANN202
+def _seen(
+    lens: Record, optics: Record, tables: Array, delta: float, tx: float, ty: float
+) -> tuple[float, float, float, float]:
     """Where the lens sees t at a disparity: (x, y from the micro-image's centre, their slopes
     against delta), px.
     """
@@ -85,7 +89,17 @@ def _seen(lens, optics, tables, delta, tx, ty):  # noqa: ANN001, ANN202
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def sum_costs(lenses, optics, tables, value, weight, delta, first, last, sums):  # noqa: ANN001, ANN201
+def sum_costs(
+    lenses: Record,
+    optics: Record,
+    tables: Array,
+    value: Pixels,
+    weight: Pixels,
+    delta: float,
+    first: int,
+    last: int,
+    sums: Array,
+) -> None:
     """Add up weight, value and value^2 of all views of rows ``first`` to ``last`` of the map at one
     disparity: sums (4, rows, columns) with the number of views last.
     """
@@ -111,7 +125,7 @@ def sum_costs(lenses, optics, tables, value, weight, delta, first, last, sums): 
                 if x * x + y * y > lens.reach**2:
                     continue
                 px, py = lens.column + x, lens.row + y
-                c, r = int(math.floor(px)), int(math.floor(py))
+                c, r = math.floor(px), math.floor(py)
                 if c < 0 or r < 0 or c + 1 >= cols or r + 1 >= rows:
                     continue
                 w = weight[r, c]
@@ -128,7 +142,7 @@ def sum_costs(lenses, optics, tables, value, weight, delta, first, last, sums): 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _cubic(value, r, c, fx, fy):  # noqa: ANN001, ANN202
+def _cubic(value: Pixels, r: int, c: int, fx: float, fy: float) -> tuple[float, float, float]:
     """Catmull-Rom interpolation with its derivatives along x and y."""
     wx = (
         fx * (-0.5 + fx * (1 - 0.5 * fx)),
@@ -163,7 +177,17 @@ def _cubic(value, r, c, fx, fy):  # noqa: ANN001, ANN202
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def sum_scores(lenses, optics, tables, value, weight, delta, first, last, out):  # noqa: ANN001, ANN201
+def sum_scores(
+    lenses: Record,
+    optics: Record,
+    tables: Array,
+    value: Pixels,
+    weight: Pixels,
+    delta: Array,
+    first: int,
+    last: int,
+    out: Array,
+) -> None:
     """Of rows ``first`` to ``last`` of the map, at each place's own disparity: what its views say
     about it, out (SUMS, rows, columns). NaN disparities are left alone.
 
@@ -198,14 +222,14 @@ def sum_scores(lenses, optics, tables, value, weight, delta, first, last, out): 
             right = min(int((lens.x - half - optics.first_x) / optics.step) + 2, columns)
             for across in range(left, right):
                 here = delta[line, across]
-                if not here == here:
+                if here != here:
                     continue
                 tx = optics.first_x + across * optics.step
                 x, y, dx, dy = _seen(lens, optics, tables, here, tx, ty)
                 if not x * x + y * y <= lens.reach**2:
                     continue
                 px, py = lens.column + x, lens.row + y
-                c, r = int(math.floor(px)), int(math.floor(py))
+                c, r = math.floor(px), math.floor(py)
                 if c < 1 or r < 1 or c + 2 >= cols or r + 2 >= rows:
                     continue
                 w = weight[r, c]
@@ -236,7 +260,7 @@ def sum_scores(lenses, optics, tables, value, weight, delta, first, last, out): 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _conclude(s, out):  # noqa: ANN001, ANN202
+def _conclude(s: Array, out: Array) -> None:
     """From the sums over a place's views to what they say, see ``sum_scores``."""
     total = s[WEIGHT]
     mean = s[V] / total

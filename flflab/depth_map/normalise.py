@@ -49,21 +49,17 @@ def normalise(
     """
     lit = white - white_noise.offset_dn
     bright = float(np.quantile(lit, 0.98))
-    good = (
-        (lit > LEAST_LIGHT * bright)
-        & ~white_noise.saturated(white)
-        & ~raw_noise.saturated(raw)
-    )
+    good = (lit > LEAST_LIGHT * bright) & ~white_noise.saturated(white) & ~raw_noise.saturated(raw)
     safe = np.where(good, lit, 1.0)
     value = np.where(good, (raw - raw_noise.offset_dn) / safe, 0.0)
     variance = (raw_noise.variance(raw) + value**2 * white_noise.variance(white)) / safe**2
     share = gaussian_filter(good.astype(np.float32), SMOOTHING_PX)
     smooth = gaussian_filter(value.astype(np.float32), SMOOTHING_PX)
-    used = ~binary_dilation(~good, np.ones((3, 3), dtype=np.bool_))
+    used = ~np.asarray(binary_dilation(~good, np.ones((3, 3))), dtype=np.bool_)
     even = _mean_of(np.where(good, variance, 0.0), good)
     weight = np.where(used, 1 / (LEFT_OF_NOISE * even), 0.0)
     return Normalised(
-        np.ascontiguousarray(smooth / np.maximum(share, 1e-3)), weight.astype(np.float32)
+        np.asarray(smooth / np.maximum(share, 1e-3), dtype=np.float32), weight.astype(np.float32)
     )
 
 

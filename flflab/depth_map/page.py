@@ -90,7 +90,7 @@ def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 def small_table(summary: Mapping[str, Any]) -> str:
     """An HTML table for notebooks."""
     cells = "".join(
-        f"<tr><th style='text-align:left'>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
+        f"<tr><th align='left'>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
         for name, value in summary_rows(summary)
     )
     return f"<table>{cells}</table>"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import uniform_filter, uniform_filter1d
 
 from flflab.depth_map.kernels import BY_PLACES, INFORMATION, PRETENDED, SCORE, VIEWS
 from flflab.depth_map.steps import jumps, settle_steps
@@ -85,9 +85,7 @@ def refine(
             & (sums[VIEWS] >= 2)
             & np.isfinite(delta)
         )
-    delta, sigma, trusted = settle_steps(
-        views, delta, sigma, trusted, sums, mixed, least, WINDOW
-    )
+    delta, sigma, trusted = settle_steps(views, delta, sigma, trusted, sums, mixed, least, WINDOW)
     progress(1.0)
     return Refined(
         np.where(trusted, delta, np.nan),
@@ -116,20 +114,17 @@ def _sigma(sums: Array, delta: Array, jump: Flags) -> Array:
     here = np.nan_to_num(delta)
     score = np.where(jump, 0.0, sums[SCORE])
     with np.errstate(invalid="ignore", divide="ignore"):
-        around = (
-            uniform_filter(information * here + score, SCATTER_WINDOW, mode="constant") / wide
-        )
+        around = uniform_filter(information * here + score, SCATTER_WINDOW, mode="constant") / wide
     score = score + information * (here - np.nan_to_num(around))
     worst = np.zeros_like(score)
     for shape in BLOCKS:
         number = shape[0] * shape[1]
-        block = number * uniform_filter(score, shape, mode="constant")
+        rows = uniform_filter1d(score, shape[0], axis=0, mode="constant")
+        block = number * uniform_filter1d(rows, shape[1], axis=1, mode="constant")
         worst = np.maximum(
             worst, uniform_filter(block**2 / number, SCATTER_WINDOW, mode="constant")
         )
-    told = WINDOW**2 * uniform_filter(
-        sums[INFORMATION] - sums[PRETENDED], WINDOW, mode="constant"
-    )
+    told = WINDOW**2 * uniform_filter(sums[INFORMATION] - sums[PRETENDED], WINDOW, mode="constant")
     with np.errstate(invalid="ignore", divide="ignore"):
         scatter = worst / wide
         return np.where(

@@ -23,8 +23,8 @@ def filled(disparity: Array, otherwise: float) -> Array:
         return np.full(disparity.shape, otherwise)
     if not missing.any():
         return disparity
-    _, nearest = distance_transform_edt(missing, return_indices=True)
-    full = disparity[tuple(nearest)]
+    nearest = distance_transform_edt(missing, return_distances=False, return_indices=True)
+    full = disparity[tuple(np.asarray(nearest))]
     return np.where(missing, median_filter(full, 5), disparity)
 
 
@@ -45,9 +45,9 @@ def refocus(views: Views, focus: Array, disparity: Array, wanted: float) -> Arra
     disparity.
 
     A place of another disparity is blurred by the disc that it makes there: a microlens at the edge
-    of the used aperture sees it \\|delta - wanted\\|/\\|wanted\\| of its own distance aside. The disc
-    is laid over the total focus; the views themselves, a few microlenses apart, would show the
-    place several times.
+    of the used aperture sees it aside by the difference of the disparities over the wanted one, of
+    its own distance. The disc is laid over the total focus; the views themselves, a few microlenses
+    apart, would show the place several times.
 
     Args:
         views: the picture.

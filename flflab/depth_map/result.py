@@ -93,9 +93,9 @@ class DepthMap:
         """
         rows, columns = self.grid.shape
         scale = self.camera.sensor.pixel / self.camera.optical_distance
-        x = -scale * (self.grid.first[0] + self.grid.step * np.arange(columns))
-        y = -scale * (self.grid.first[1] + self.grid.step * np.arange(rows))
-        return x, y
+        x = self.grid.first[0] + self.grid.step * np.arange(columns)
+        y = self.grid.first[1] + self.grid.step * np.arange(rows)
+        return -scale * x.astype(np.float64), -scale * y.astype(np.float64)
 
     def points(self) -> Array:
         """The cloud: object x, y, distance z, own sigma of z in mm, and intensity; shape (n, 5)."""

@@ -29,7 +29,7 @@ def jumps(disparity: Array, least: float) -> Flags:
     low = minimum_filter(np.where(np.isfinite(disparity), disparity, np.inf), 3)
     with np.errstate(invalid="ignore"):
         steep = (high - low > least) & np.isfinite(disparity)
-    return maximum_filter(steep, MARGIN)
+    return np.asarray(maximum_filter(steep, MARGIN), dtype=np.bool_)
 
 
 def settle_steps(
@@ -102,7 +102,7 @@ def _occluded(cost: Array, whole: Flags, mixed: Flags, window: int) -> Flags:
     wide = 3 * window
     with np.errstate(invalid="ignore", divide="ignore"):
         usual = uniform_filter(own, wide) / uniform_filter((own > 0).astype(np.float64), wide)
-        beside = maximum_filter(mixed, 2 * window + 1)
+        beside = np.asarray(maximum_filter(mixed, 2 * window + 1), dtype=np.bool_)
         return beside & (cost > WORSE * usual)
 
 

@@ -125,7 +125,7 @@ def sweep(views: Views, disparities: Array, progress: Callable[[float], None]) -
         progress(min(index + 1, len(disparities)) / len(disparities))
     best[~inside] = np.nan
     with np.errstate(invalid="ignore", divide="ignore"):
-        return Swept(best, second / first)
+        return Swept(best, np.asarray(second / first, dtype=np.float64))
 
 
 def cost_of(sums: Array) -> npt.NDArray[np.float32]:

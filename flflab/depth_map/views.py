@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.depth_map.geometry import KAPPA_STEPS, MicrolensKind
-from flflab.depth_map.kernels import LENS, OPTICS, SUMS, sum_costs, sum_scores
+from flflab.depth_map.kernels import LENS, OPTICS, SUMS, Pixels, sum_costs, sum_scores
 from flflab.depth_map.lenses import Lenses
 from flflab.depth_map.normalise import Normalised
 from flflab.errors import MeasurementError
@@ -84,7 +84,10 @@ class Views:
         sums = np.zeros((4, *self.grid.shape))
 
         def band(first: int, last: int) -> None:
-            sum_costs(*self._all(), disparity, first, last, sums)
+            table = np.rec.array(self.lenses)
+            sum_costs(
+                table, self.optics[0], self.tables, *self._pixels(), disparity, first, last, sums
+            )
 
         self._in_bands(band)
         return sums
@@ -96,14 +99,16 @@ class Views:
         sums = np.zeros((SUMS, *self.grid.shape))
 
         def band(first: int, last: int) -> None:
-            sum_scores(*self._all(), disparity, first, last, sums)
+            table = np.rec.array(self.lenses)
+            sum_scores(
+                table, self.optics[0], self.tables, *self._pixels(), disparity, first, last, sums
+            )
 
         self._in_bands(band)
         return sums
 
-    def _all(self) -> tuple[object, ...]:
-        lens = np.rec.array(self.lenses)
-        return lens, self.optics[0], self.tables, self.picture.value, self.picture.weight
+    def _pixels(self) -> tuple[Pixels, Pixels]:
+        return self.picture.value, self.picture.weight
 
     def _in_bands(self, work: Callable[[int, int], None]) -> None:
         rows = self.grid.shape[0]

@@ -86,11 +86,20 @@ def texture(seed: int, width: float, texel: float, contrast: float = 0.2) -> Arr
         for scale in (0.8, 2, 5, 14)
     ]
     total = sum(part / part.std() for part in parts)
-    return np.clip(0.5 + contrast * total / np.std(total), 0, 1)
+    return np.asarray(np.clip(0.5 + contrast * total / np.std(total), 0, 1), dtype=np.float64)
 
 
 @numba.njit(nogil=True, error_model="numpy", fastmath=True)
-def _form(picture, first, last, lenses, sensor, sets, cards, textures):  # noqa: ANN001, ANN202
+def _form(
+    picture: Array,
+    first: int,
+    last: int,
+    lenses: Array,
+    sensor: tuple[float, ...],
+    sets: Array,
+    cards: Array,
+    textures: tuple[Array, ...],
+) -> None:
     pixel, left, top, F, half_stop, own = sensor
     columns = picture.shape[1]
     for index in range(len(lenses)):
@@ -143,7 +152,7 @@ def _form(picture, first, last, lenses, sensor, sets, cards, textures):  # noqa:
 
 def _rays(seed: int, count: int) -> Array:
     """Places in a pixel, from -1/2 to 1/2, and in a disc of radius 1; shape (count, 4)."""
-    points = qmc.Sobol(4, seed=seed).random(count)
+    points = qmc.Sobol(4, rng=np.random.default_rng(seed)).random(count)
     rho, phi = np.sqrt(points[:, 2]), 2 * np.pi * points[:, 3]
     return np.column_stack([points[:, :2] - 0.5, rho * np.cos(phi), rho * np.sin(phi)])
 
@@ -163,20 +172,19 @@ def form(built: Build, cards: Sequence[Card], rays: int = 128) -> Array:
     b = camera.optical_gap - built.rise
     lenses = np.column_stack([built.centres, built.focal, built.light, L, b])
     described = np.array(
-        [
-            (c.distance, c.slope, c.texel, *(c.size or (np.inf, np.inf)))
-            for c in cards
-        ]
+        [(c.distance, c.slope, c.texel, *(c.size or (np.inf, np.inf))) for c in cards]
         or [(500.0, 0.0, 0.0, np.inf, np.inf)]
     )
-    textures = numba.typed.List([card.texture for card in cards] or [np.ones((1, 1))])
+    textures = tuple(card.texture for card in cards) or (np.ones((1, 1)),)
     sets = np.stack([_rays(seed, rays) for seed in range(64)])
     picture = np.zeros((rows, columns))
     bands = [(at, min(at + 32, rows)) for at in range(0, rows, 32)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(
             pool.map(
-                lambda band: _form(picture, *band, lenses, sensor, sets, described, textures),
+                lambda band: _form(
+                    picture, band[0], band[1], lenses, sensor, sets, described, textures
+                ),
                 bands,
             )
         )
@@ -184,7 +192,7 @@ def form(built: Build, cards: Sequence[Card], rays: int = 128) -> Array:
 
 
 def expose(light: Array, full: float, seed: int) -> npt.NDArray[np.uint16]:
-    """Numbers of 12 bits: ``WHITE_E`` electrons where the light is ``full``, shot and read noise."""
+    """Numbers of 12 bits: ``WHITE_E`` electrons where the light is ``full``, and noise."""
     rng = np.random.default_rng(seed)
     electrons = rng.poisson(np.maximum(light / full * WHITE_E, 0)) + READ_E * rng.standard_normal(
         light.shape
