@@ -146,8 +146,6 @@ class Faults:
 
     def late_answer(self) -> bytes:
         """The answer that was held back, once its time has come."""
-        if self._late is None:
-            return b""
         with self._lock:
             if self._late is None or time.monotonic() < self._late[0]:
                 return b""
