@@ -13,11 +13,11 @@ from rich import box
 from rich.table import Table
 
 from flflab.bench import ANGLE, LENGTH, Bench, with_seed
+from flflab.built_in import Kind, built_in
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
-from flflab.cli.new import Kind, built_in
 from flflab.cli.quantities import option_quantity
-from flflab.cli.run import say_remark, with_descriptions
+from flflab.cli.run import say_remark
 from flflab.cli.terminal import Terminal
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
@@ -62,6 +62,7 @@ def align(
     )  # the engine and the drivers are loaded by those who use them
     from procedures.align import Request, most_frames, require_reachable
     from procedures.align import align as run
+    from procedures.descriptions import with_descriptions
     from procedures.engine import RunInterruptedError
 
     if exit_pupil and overlap is not None:

@@ -124,14 +124,9 @@ def home(
     """Look for the reference of every axis, or of the ones named: array and sensor first, away from
     each other.
     """
-    from drivers.base import wait_all  # devices are loaded by those who use them
-    from procedures.steps import home_steps
-
     with connected_bench(bench) as connected:
-        named = [axis_named(connected, name).name for name in axes or connected.axes]
-        for step in home_steps(connected.described):
-            wait_all(*[connected.axes[name].home() for name in step.axes if name in named])
-        say_places(connected, *named)
+        connected.home(*axes or ())
+        say_places(connected, *axes or connected.axes)
 
 
 @app.command(cls=TakesReadings)
