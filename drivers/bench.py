@@ -12,10 +12,11 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from drivers.axis import Axis, Clearance
-from drivers.camera import CameraDevice, Detector
+from drivers.camera import CameraDevice
 from drivers.commands import FOLLOWING
 from drivers.connection import Connection, can_outlive
 from drivers.described import device_of, one_instrument, require_drivable
+from drivers.detector import Detector
 from drivers.interlocks import (
     check_motion,
     gap_rules,
@@ -195,6 +196,7 @@ class ConnectedBench:
 
     def close(self) -> None:
         """Let go of everything, in the reverse order of opening; may be called again."""
+        self.detector.close()
         self._resources.close()
 
     def axis_of(self, element: Moved) -> Axis | None:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.camera_commands import CameraCommands, Taken
-from drivers.status import Status
 from flflab.errors import CommunicationError, DeviceError, LimitError
 
 if TYPE_CHECKING:
@@ -355,61 +354,3 @@ class Camera:
                 self._said.add(words.partition(" ")[0])
                 LOG.info("%s: frame %d: %s", self.name, self._number, words)
                 sys.stderr.write(f"flflab: {self.name}: frame {self._number}: {words}\n")
-
-
-class Detector:
-    """A camera as bluesky triggers and reads it; ``latest`` is the frame of the last trigger.
-
-    Args:
-        camera: any camera.
-    """
-
-    parent = None
-
-    def __init__(self, camera: CameraDevice) -> None:
-        self.name = camera.name
-        self.camera = camera
-        self.latest: Frame | None = None
-
-    def trigger(self) -> Status:
-        """Take one picture in a thread."""
-        status = Status(f"{self.name}: take a picture")
-
-        def take() -> None:
-            try:
-                self.latest = self.camera.grab()
-            except Exception as error:
-                status.complete(error)
-            else:
-                status.complete()
-
-        threading.Thread(target=take, name=f"grab {self.name}", daemon=True).start()
-        return status
-
-    def read(self) -> dict[str, Any]:
-        """What the last picture was taken with; empty numbers before the first."""
-        now, frame = time.time(), self.latest
-        values = (
-            (0, 0, 0.0, 0.0)
-            if frame is None
-            else (frame.number, frame.dropped, frame.exposure_s, frame.gain)
-        )
-        return {
-            key: {"value": value, "timestamp": now}
-            for key, value in zip(self.describe(), values, strict=True)
-        }
-
-    def describe(self) -> dict[str, Any]:
-        """What ``read`` returns."""
-        source = f"camera {self.name}"
-        return {
-            f"{self.name}_number": {"source": source, "dtype": "integer", "shape": []},
-            f"{self.name}_dropped": {"source": source, "dtype": "integer", "shape": []},
-            f"{self.name}_exposure_s": {
-                "source": source,
-                "dtype": "number",
-                "shape": [],
-                "units": "s",
-            },
-            f"{self.name}_gain": {"source": source, "dtype": "number", "shape": []},
-        }
