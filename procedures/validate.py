@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from flflab.bench import read_bench, with_seed
+from flflab.bench import read_bench, seeded
 from flflab.built_in import Kind, built_in
 from flflab.comparison import write_rows
 from flflab.errors import InputError
@@ -59,7 +59,7 @@ def validate(
     from procedures.descriptions import with_descriptions
     from procedures.study import begin_recording, take_study, tell_nobody
 
-    described = with_seed(read_bench(Path(bench or built_in(Kind.BENCH))), seed)
+    described = seeded(read_bench(Path(bench or built_in(Kind.BENCH))), seed)
     study_file = Path(study or built_in(Kind.STUDY))
     read = read_study(study_file, described.optics)
     with (

@@ -12,7 +12,7 @@ import typer
 from rich import box
 from rich.table import Table
 
-from flflab.bench import ANGLE, LENGTH, Bench, with_seed
+from flflab.bench import ANGLE, LENGTH, Bench, seeded
 from flflab.built_in import Kind, built_in
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
@@ -69,7 +69,7 @@ def align(
         raise InputError(
             "align: --exit-pupil and --overlap are two places of the one sensor; give one of them"
         )
-    described = with_seed(described_bench(bench or built_in(Kind.BENCH)), seed)
+    described = seeded(described_bench(bench or built_in(Kind.BENCH)), seed)
     wanted = None if overlap is None else option_quantity("--overlap", overlap, "length")
     request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
     require_reachable(request, described)

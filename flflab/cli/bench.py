@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from flflab.bench import LENGTH
+from flflab.cli.by_hand import go, set_
 from flflab.cli.connected import (
     AxisName,
     BenchFile,
@@ -181,6 +182,10 @@ app.command(short_help="Take one picture, or one after the other with a figure o
 app.command(
     short_help="Take a picture at each reading of an axis; show the sharpest.", cls=TakesReadings
 )(scan)
+
+
+app.command("set", short_help="Turn the iris, or show a target.")(set_)
+app.command(short_help="Go to places of the world.", cls=TakesReadings)(go)
 
 
 def _table(*headings: str) -> "Table":

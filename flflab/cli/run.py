@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from flflab.bench import Bench, read_bench, with_seed
+from flflab.bench import Bench, read_bench, seeded
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.saying import say
@@ -63,7 +63,7 @@ def run_study(
     from procedures.steps import steps
     from procedures.study import begin_recording, take_study
 
-    bench = with_seed(described_bench(bench_file), seed)
+    bench = seeded(described_bench(bench_file), seed)
     study = read_study(study_file, bench.optics)
     steps(study, bench)  # refused here, before anything connects
     for sentence in unlike_the_wheel(study, bench):

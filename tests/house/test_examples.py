@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.ci, pytest.mark.timeout(600)]
 
 @pytest.fixture
 def folder(root: Path, tmp_path: Path) -> Path:
-    """A folder with the built-in bench where the examples expect it; its sensor has 244 x 183
+    """A folder with the built-in bench where the examples expect it; its sensor has 488 x 366
     pixels, its stages are fast.
     """
     benches, cameras = tmp_path / "examples" / "benches", tmp_path / "examples" / "cameras"
@@ -45,7 +45,8 @@ def test_the_scan_under_bluesky_leaves_three_readable_frames(root: Path, folder:
     said = run(folder, str(script), "examples/benches/simulated.yaml")
     assert "3 frames of 488 x 366 pixels" in said
     assert "sensor_stage_mm" in said
-    names = [json.loads(line)["name"] for line in (folder / "scan.jsonl").open(encoding="utf-8")]
+    lines = (folder / "scan.jsonl").read_text(encoding="utf-8").splitlines()
+    names = [json.loads(line)["name"] for line in lines]
     assert (names[0], names[-1], names.count("event")) == ("start", "stop", 3)
 
 
