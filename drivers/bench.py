@@ -11,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
 
+from drivers.answers import answers
 from drivers.axis import Axis, Clearance
 from drivers.camera import CameraDevice
 from drivers.commands import FOLLOWING
@@ -70,6 +71,7 @@ class ConnectedBench:
         self._owner = owner
         self._sentinels = sentinels
         self._resources = resources
+        self.doing = ""  # what a procedure does now, for who asks
         self._told_to_stop = False
         self._watching = threading.Lock()
         self._sentinel: Sentinel | None = None
@@ -407,5 +409,5 @@ def connect_as(kind: type[Connected], described: Bench) -> Connected:
             resources.pop_all(),
         )
     if owner is not None:
-        owner.stops_with(bench.stop_for_good)
+        owner.stops_with(bench.stop_for_good, answers(bench))
     return bench

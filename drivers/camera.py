@@ -120,6 +120,9 @@ class Camera:
         name: the name on the bench.
         commands: what speaks to it.
         wait_until_ready: called before it is armed; returns once it can take a picture.
+
+    Attributes:
+        last: the last frame fetched; None before the first.
     """
 
     def __init__(
@@ -134,6 +137,7 @@ class Camera:
         self._shape: tuple[int, ...] | None = None
         self._before: tuple[float, int] | None = None  # stamp and sum of the last frame
         self._said = set[str]()
+        self.last: Frame | None = None
 
     @property
     def exposure_limits(self) -> tuple[float, float]:
@@ -263,7 +267,7 @@ class Camera:
             except BaseException:
                 self._dropped += 1
                 raise
-            return Frame(
+            self.last = Frame(
                 taken.picture,
                 taken.exposure_s,
                 taken.gain,
@@ -272,6 +276,7 @@ class Camera:
                 self._dropped,
                 taken.pixel_format,
             )
+            return self.last
 
     def grab(self, exposed: Callable[[], None] = nothing) -> Frame:
         """Take one picture now: arm, trigger, fetch; ``exposed`` is called once its light is in,

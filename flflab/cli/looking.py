@@ -47,6 +47,10 @@ def snap(
         bool,
         typer.Option("--live", help="go on until Ctrl-C; -o then always holds the newest picture"),
     ] = False,
+    last: Annotated[
+        bool,
+        typer.Option("--last", help="the last frame of the run that is on, which goes on"),
+    ] = False,
 ) -> None:
     """Take one picture of whatever stands before the camera, or one after the other with a figure
     of focus.
@@ -56,6 +60,9 @@ def snap(
         raise InputError(f"{output}: a picture is written as .png, .tiff or .dng; give such a name")
     if output is None and not live:
         context.fail("give a file for the picture with -o, or look only with --live")
+    if last:
+        _write_last(bench, output)
+        return
     with connected_bench(bench) as connected:
         camera = connected.camera
         camera.prepare(seconds, gain)
@@ -226,6 +233,21 @@ def _curve(readings: list[str], figures: "np.ndarray") -> Iterator[str]:
     for reading, figure in zip(readings, figures, strict=True):
         share = (figure - least) / (most - least) if most > least else 1.0
         yield f"{reading.rjust(width)}  {figure:.5f}  {'#' * max(1, round(BAR * share))}"
+
+
+def _write_last(bench: Path, output: Path | None) -> None:
+    """Write the last frame of the program that drives the bench."""
+    from drivers.answers import ask_for_last_frame
+    from flflab.image_file import write_picture
+
+    facts, picture = ask_for_last_frame(bench)
+    if output is not None:
+        write_picture(output, picture, note=json.dumps(facts))
+    rows, columns = picture.shape
+    typer.echo(
+        f"{output}: {columns} x {rows} pixels, {facts['exposure_s']:g} s, frame {facts['number']}"
+        " of the run that is on"
+    )
 
 
 def _note(frame: "Frame", bench: "ConnectedBench") -> str:

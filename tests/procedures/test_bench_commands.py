@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Generator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,10 +15,12 @@ import tifffile
 from PIL import Image
 from typer.testing import CliRunner
 
+from drivers.bench import connect
 from flflab.bench import read_bench, seeded
 from flflab.cli.app import app
 from flflab.cli.connected import connected_bench
 from flflab.errors import InputError, InterlockError, LimitError, NotHomedError
+from flflab.image_file import read_picture
 from sim.serve import Served
 
 Told = Callable[..., str]
@@ -135,6 +139,37 @@ def test_a_snap_says_what_it_was_taken_with(told: Told, tmp_path: Path, ending: 
     assert note["readings"]["array_stage_mm"] == pytest.approx(20.0, abs=1e-3)
     age = datetime.now(UTC) - datetime.fromisoformat(note["taken"])
     assert 0 <= age.total_seconds() < 300
+
+
+@pytest.mark.ci
+def test_while_a_program_drives_the_bench_others_look_and_it_goes_on(
+    bench: tuple[Served, Path], tmp_path: Path
+) -> None:
+    file = bench[1]
+
+    def look(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-P", "-m", "flflab", "bench", *words, "--bench", str(file)]
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+
+    with connect(file) as driver:
+        driver.home("array_stage", "sensor_stage")
+        driver.doing = "step 3 of 8: home"
+        picture = str(tmp_path / "last.tiff")
+        early = look("snap", "--last", "-o", picture)
+        driver.camera.prepare(2e-3)
+        frame = driver.camera.grab()
+        where, status = look("where"), look("status")
+        last = look("snap", "--last", "-o", picture)
+        driver.array_stage.move_to(3.0).wait()  # nobody stopped it
+    assert (early.returncode, "has no frame yet" in early.stderr) == (1, True)
+    assert where.returncode == 0, where.stderr
+    assert re.search(r"array_stage +0\.0000 mm .* array\.z +40\.0000 mm", where.stdout)
+    assert re.search(r"target_stage +not homed", where.stdout)
+    assert "step 3 of 8: home" in where.stderr
+    assert status.stdout == "A program drives this bench: step 3 of 8: home.\nNothing moves.\n"
+    assert last.returncode == 0, last.stderr
+    assert (read_picture(Path(picture)) == frame.picture).all()
+    assert look("status").stdout == "No program of yours drives this bench.\n"
 
 
 def test_a_seed_that_nobody_would_obey_is_refused(bench: tuple[Served, Path]) -> None:
