@@ -20,7 +20,7 @@ SLICE_S = 0.02
 LONGEST_S = 10.0  # more than a silence, for a whole line that comes byte by byte
 _OPTION = r"(ign_set_control|poll_modem|timeout=\d+)"
 URL = re.compile(  # the one of pyserial's that leads to an instrument: others write files
-    rf"rfc2217://[^\s/?:@]+:\d+(\?{_OPTION}(&{_OPTION})*)?", re.IGNORECASE
+    rf"rfc2217://([^\s/?:@]+:\d+)(\?{_OPTION}(&{_OPTION})*)?", re.IGNORECASE
 )
 LOOPBACK = "127.0.0.1"
 MOST_UNREAD = 1 << 16
@@ -257,7 +257,7 @@ def tcp_place(address: str) -> str:
         InputError: it is none.
     """
     host, port = _host_and_port(address)
-    return f"{_one_name(host)}:{port}"
+    return f"{one_host(host)}:{port}"
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
@@ -272,7 +272,10 @@ def _host_and_port(address: str) -> tuple[str, int]:
 
 
 @functools.lru_cache(maxsize=256)
-def _one_name(host: str) -> str:
+def one_host(host: str) -> str:
+    """The number of a host, one for this machine whatever it is called; a name that nobody knows as
+    it is.
+    """
     try:
         found = {str(info[4][0]) for info in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError):
@@ -301,7 +304,8 @@ def _is_here(number: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
 
 def serial_place(address: str) -> str:
     """The address of a serial line spelt one way: links followed to the port they lead to; of
-    the URLs of pyserial a network's (``rfc2217://``) is allowed.
+    the URLs of pyserial a network's (``rfc2217://``) is allowed, which is its host and port
+    whatever options it has.
 
     macOS has two files for a port, /dev/tty.X that waits for a carrier and /dev/cu.X that does not:
     the second stands for both.
@@ -313,8 +317,8 @@ def serial_place(address: str) -> str:
         return tcp_place(address)
     if port := re.fullmatch(r"(?:\\\\\.\\)?(COM\d+)", address, re.IGNORECASE):
         return port[1].upper()
-    if URL.fullmatch(address):
-        return address
+    if remote := URL.fullmatch(address):
+        return tcp_place(remote[1])
     if address.startswith("/"):
         return re.sub(r"^/dev/tty\.", "/dev/cu.", os.path.realpath(address))
     raise InputError(

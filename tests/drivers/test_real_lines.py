@@ -14,6 +14,7 @@ import pytest
 
 from drivers.modbus import Echo, ModbusLine, make_client
 from drivers.oriental import OrientalAxis, OrientalKeys
+from drivers.places import ximc_place
 from drivers.thorlabs import AptLink, ThorlabsAxis, ThorlabsKeys
 from drivers.transport import (
     Wire,
@@ -275,8 +276,12 @@ def test_an_address_of_no_known_kind_is_refused_before_anything_is_opened(
 def test_addresses_of_known_kinds_are_spelt_one_way() -> None:
     assert serial_place("socket://LocalHost:07000") == "127.0.0.1:7000"
     assert serial_place("com3") == serial_place(r"\\.\COM3") == "COM3"
-    remote = "rfc2217://lab-server:4001?ign_set_control&timeout=3"
-    assert serial_place(remote) == remote
+    remote = "rfc2217://lab-server.invalid:4001?ign_set_control&timeout=3"
+    assert serial_place(remote) == "lab-server.invalid:4001"
+    assert serial_place("RFC2217://127.1:4001") == serial_place("rfc2217://localhost:4001")
+    assert ximc_place("xi-net://localhost/000A") == ximc_place("xi-net://127.1/000A")
+    assert ximc_place("xi-tcp://localhost:1820") == "xi-tcp://127.0.0.1:1820"
+    assert ximc_place("xi-emu:///a/virtual.bin") == "xi-emu:///a/virtual.bin"
 
 
 def test_why_a_port_cannot_be_opened_is_said_once() -> None:
