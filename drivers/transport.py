@@ -3,6 +3,7 @@ read with deadlines.
 """
 
 import contextlib
+import errno
 import functools
 import ipaddress
 import math
@@ -12,6 +13,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 from drivers.forked import close_in_children
 from flflab.errors import CommunicationError, InputError, reason
@@ -24,6 +26,7 @@ URL = re.compile(  # the one of pyserial's that leads to an instrument: others w
 )
 LOOPBACK = "127.0.0.1"
 MOST_UNREAD = 1 << 16
+LET_GO_S = 0.5  # a child of this program's holds its locks until it runs a program of its own
 
 
 def what_to_check(address: str) -> str:
@@ -193,18 +196,15 @@ def open_serial(
     serial_place(address)
     if address.startswith("socket://") or _is_host_and_port(address):
         return open_tcp(address)
-    import serial
-
-    own: dict[str, bool] = {"exclusive": True} if alone and "://" not in address else {}
     try:
-        port = serial.serial_for_url(
+        port = open_port(
             address,
+            alone=alone,
             baudrate=baud,
             parity=parity,
             rtscts=handshake,
             timeout=SLICE_S,
             write_timeout=2.0,
-            **own,
         )
     except (OSError, ValueError) as error:
         raise CommunicationError(
@@ -212,6 +212,25 @@ def open_serial(
             " it"
         ) from error
     return Wire(address, port.write, lambda: port.read(max(1, port.in_waiting)), port.close)
+
+
+def open_port(address: str, *, alone: bool, **settings: Any) -> Any:
+    """Open a port or a URL by pyserial, locked for this program or beside others (``alone``).
+
+    Raises:
+        OSError, ValueError: there is no such port, or it is in use.
+    """
+    import serial
+
+    own = {"exclusive": True} if alone and "://" not in address else {}
+    deadline = time.monotonic() + LET_GO_S
+    while True:
+        try:
+            return serial.serial_for_url(address, **own, **settings)
+        except OSError as error:
+            if error.errno != errno.EAGAIN or time.monotonic() > deadline:
+                raise
+        time.sleep(SLICE_S)
 
 
 def open_tcp(address: str, timeout: float = 5.0) -> Wire:

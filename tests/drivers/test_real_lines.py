@@ -4,8 +4,10 @@ one, controllers that name themselves otherwise, addresses that are none.
 
 import contextlib
 import math
+import os
 import socket
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -293,6 +295,47 @@ def test_why_a_port_cannot_be_opened_is_said_once() -> None:
     )
     with pytest.raises(CommunicationError, match=r"cannot be reached \(Connection refused\);"):
         open_tcp("127.0.0.1:1")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals there")
+@pytest.mark.parametrize("by_modbus", [False, True])
+def test_a_lock_that_a_child_holds_until_it_runs_its_own_program_is_waited_for(
+    by_modbus: bool,
+) -> None:
+    import fcntl
+
+    master, slave = os.openpty()
+    fcntl.flock(slave, fcntl.LOCK_EX)
+    letting_go = threading.Timer(0.1, os.close, (slave,))
+    letting_go.start()
+    try:
+        if by_modbus:
+            client = make_client(os.ttyname(slave), 9600, "N", 0.1)
+            assert client.connect()
+            client.close()
+        else:
+            open_serial(os.ttyname(slave), 9600).close()
+    finally:
+        letting_go.join()
+        os.close(master)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals there")
+def test_a_port_that_another_program_keeps_is_refused() -> None:
+    import fcntl
+
+    master, slave = os.openpty()
+    fcntl.flock(slave, fcntl.LOCK_EX)
+    try:
+        with pytest.raises(CommunicationError, match="who else holds it"):
+            open_serial(os.ttyname(slave), 9600)
+        assert not make_client(os.ttyname(slave), 9600, "N", 0.1).connect()
+        beside = make_client(os.ttyname(slave), 9600, "N", 0.1, alone=False)
+        assert beside.connect()  # who only stops
+        beside.close()
+    finally:
+        os.close(slave)
+        os.close(master)
 
 
 @pytest.mark.parametrize(

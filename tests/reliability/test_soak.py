@@ -327,7 +327,7 @@ class Soak:
     def _reconnect(self) -> None:
         self.bench.close()
         self._stopped = False
-        self.bench = connect(self.file)
+        self.bench = self._answer(lambda: connect(self.file))
 
     def _connect_again(self) -> None:
         """Let go and connect again; on pseudo terminals another program has a port at first."""
