@@ -63,6 +63,11 @@ def _command() -> int | str | None:
         app(standalone_mode=True)
     except FlflabError as error:
         return end_with_one_sentence(error)
+    except MemoryError as error:
+        why = f" ({error})" if str(error) else ""
+        return end_with_one_sentence(
+            FlflabError(f"not enough memory{why}; ask for less at once, or close other programs")
+        )
     except SystemExit as ending:
         if is_interruption(ending):  # typer makes such an ending of Ctrl-C while a command loads
             raise
