@@ -90,9 +90,9 @@ def axes_to_stop(bench_file: Path) -> dict[str, AxisDescription]:
         try:
             found[name] = AxisDescription.model_validate(axes[name])
         except ValidationError:
-            known = {str(key): value for key, value in axes[name].items()}
-            texts = {"driver": driver, "address": address}
-            found[name] = AxisDescription.model_construct(**known | texts)
+            known: dict[str, Any] = {str(key): value for key, value in axes[name].items()}
+            known |= {"driver": driver, "address": address}
+            found[name] = AxisDescription.model_construct(**known)
     return found
 
 
