@@ -97,10 +97,10 @@ def test_a_long_value_is_cut_in_a_sentence() -> None:
 def test_where_memory_runs_out_one_sentence_says_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def asks_for_too_much(_: object) -> None:
+    def asks_for_too_much() -> None:
         np.empty(1 << 60, np.uint8)
 
-    monkeypatch.setattr("flflab.cli.ask_to_stop_early", asks_for_too_much)
+    monkeypatch.setattr("flflab.cli.command.stranger_among_packages", asks_for_too_much)
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 1
