@@ -32,6 +32,7 @@ COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 col
     "export": "Write a recorded run as one file for other programs.",
     "bench": "Look at a bench and move it by hand.",
     "sim": "Serve a simulated bench until Ctrl-C.",
+    "target": "Write a target in its true size, to be printed.",
     "new": "Write a commented copy of a built-in file to begin from.",
 }
 GIVEN = "flflab.given"  # where a context keeps the words of the command line

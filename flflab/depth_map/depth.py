@@ -1,6 +1,5 @@
 """From a picture and a white picture to a depth map, and to refocused pictures."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -110,7 +109,9 @@ def prepare(
     _require_range(distances)
     kinds = kinds_of_microlens(camera, LEAST_ILLUMINATION, cut_aperture)
     tries = hypotheses(camera, kinds, distances)
-    grid = grid_behind(camera.sensor, camera, math.sqrt(float(tries[0] * tries[-1])))
+    sharp = float(np.mean([abs(kind.kappa) for kind in kinds]))
+    ends = np.sort(np.abs(tries[[0, -1]]))
+    grid = grid_behind(camera.sensor, camera, float(np.clip(sharp, *ends)))
     tell("reading", 0.0)
     read = readings(picture, white, camera)
     tell("microlenses", 0.0)

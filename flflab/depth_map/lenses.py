@@ -171,8 +171,8 @@ def _kinds(white: WhiteLenses) -> tuple[Whole, Array]:
 
     A vignetting edge is as wide as d |kappa|, so one that is 2 % wider than its type's has a kappa
     2 % larger. Where the edges scatter more than lenses can, they are not known well enough and
-    every lens gets its type's kappa. Where the median edge departs from the predicted one by more
-    than so many lenses can by chance, something else softens all edges, and only ratios count.
+    every lens gets its type's kappa. Only ratios to the median count: whatever softens all edges,
+    as the mean over unlike lenses does, says nothing of their kappa.
     """
     steps = np.asarray(KAPPA_STEPS)
     kind = white.type * len(steps) + len(steps) // 2
@@ -187,8 +187,7 @@ def _kinds(white: WhiteLenses) -> tuple[Whole, Array]:
         spread = 1.48 * float(np.median(np.abs(width / median - 1)))
         if spread > MOST_SCATTER:
             continue
-        by_chance = len(np.unique(white.type)) == 1 and abs(median - 1) < 3 * spread / count**0.5
-        relative = np.clip(width / (1.0 if by_chance else median) - 1, steps[0], steps[-1])
+        relative = np.clip(width / median - 1, steps[0], steps[-1])
         kind[own] = one * len(steps) + np.argmin(np.abs(relative[:, None] - steps), axis=1)
         factor[own] = 1 + relative
     return kind, factor

@@ -20,7 +20,8 @@ EVERY = 2  # places of the map to one of the sweep, each way
 STEP_PX = 2.0  # between hypotheses, at the longest baseline
 FEWEST_VIEWS = 0.6  # pitches that a microlens reaches on the array, at the nearest distance
 MOST_BLUR = 0.45  # of a micro-image's used width
-LEAST_DISPARITY = 1e-3
+LEAST_DISPARITY = 0.05  # a virtual depth of 20: hundreds of views, and their depth is lost
+IN_EXIT_PUPIL = 0.01  # of kappa
 UNFOCUSED = 0.02  # of the focal length: nearer to it is a gap of no focused camera
 
 
@@ -62,7 +63,7 @@ def hypotheses(
         )
     kappa = float(np.mean([kind.kappa for kind in kinds]))
     used = max(kind.reach for kind in kinds)
-    if abs(kappa) < LEAST_DISPARITY * 10:
+    if abs(kappa) < IN_EXIT_PUPIL:
         raise InputError(
             "camera: the sensor lies in the microlenses' exit pupil; no view is cut there and none"
             " is sharp: check the gap and the microlenses' focal length"

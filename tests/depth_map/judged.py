@@ -23,24 +23,32 @@ def osinski(columns: int = 1000, rows: int = 760) -> Camera:
 
 
 def raytrix_like(size: int = 420) -> Camera:
-    """Galilean, hexagonal, three focal lengths, micro-images of 23 pixels; as large as ``size``
-    pixels.
+    """Galilean, hexagonal, three focal lengths, micro-images of 23 pixels; a sensor of ``size``
+    pixels a side.
     """
-    pitch, pixel = 0.1265, 0.0055
+    pitch, pixel, gap = 0.127, 0.0055, 0.34
     count = round(size * pixel / pitch) + 6
+    # sharp where virtual depths are 2.2, 3.5 and 6
+    focal = tuple(gap * depth / (depth - 1) for depth in (2.2, 3.5, 6.0))
     return Camera(
-        MainLens(100.0, 4.0 * 150.0 / 100.0 / 1.5 * 1.0),
+        MainLens(50.0, 2.5),
         MicrolensArray(
             "hexagonal",
             (count, round(count * 1.2)),
             (pitch, pitch),
-            0.125,
-            (0.8, 0.9, 1.05),
-            133.5,
-            ((0, 1, 2), (1, 2, 0)),
+            0.12,
+            focal,
+            57.0,
+            ((0, 1, 2), (2, 0, 1)),
         ),
-        Sensor((size, size), pixel, 134.0),
+        Sensor((size, size), pixel, 57.0 + gap),
     )
+
+
+def at_virtual_depth(camera: Camera, depth: float) -> float:
+    """Distance in mm of a virtual depth behind the array of a Galilean camera."""
+    image = camera.optical_distance + depth * camera.optical_gap
+    return 1 / (1 / camera.main_lens.focal_length - 1 / image)
 
 
 @dataclass(frozen=True)
