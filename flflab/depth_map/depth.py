@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.depth_map.geometry import disparity_of, distance_of, kinds_of_microlens
+from flflab.depth_map.geometry import by_kappa, disparity_of, distance_of, kinds_of_microlens
 from flflab.depth_map.lenses import lenses_of_white, lenses_on_array
 from flflab.depth_map.normalise import normalise
 from flflab.depth_map.readings import Given, readings
@@ -30,10 +30,13 @@ FEW_PIXELS = 60  # pitches below this many pixels have the second floor
 
 @dataclass(frozen=True)
 class Prepared:
-    """A picture ready for the sweep, and the disparities to try."""
+    """A picture ready for the sweep, the disparities to try, and how uncertain, relative, kappa is
+    for all microlenses together.
+    """
 
     views: Views
     disparities: Array
+    kappa_doubt: float
     remarks: tuple[Remark, ...]
 
 
@@ -131,7 +134,8 @@ def prepare(
                 " distances out of focus are less certain than stated",
             )
         )
-    return Prepared(views_of(ratio, lenses, kinds, grid, camera), tries, tuple(remarks))
+    views = views_of(ratio, lenses, kinds, grid, camera)
+    return Prepared(views, tries, lenses.kappa_doubt, tuple(remarks))
 
 
 def map_of(
@@ -153,7 +157,9 @@ def map_of(
     ends = np.where(ends > 0, ends, np.inf)
     return DepthMap(
         disparity=found.disparity,
-        disparity_sigma=found.sigma,
+        disparity_sigma=np.hypot(
+            found.sigma, by_kappa(found.disparity, views.kinds, ready.kappa_doubt)
+        ),
         views=found.views.astype(np.int16),
         focus=focus,
         seen=seen | np.isfinite(found.disparity),

@@ -180,6 +180,28 @@ def kinds_of_microlens(
     return tuple(kinds)
 
 
+def by_kappa(disparity: Array, kinds: tuple[MicrolensKind, ...], doubt: float) -> Array:
+    """How far disparities are uncertain by a kappa that all microlenses share.
+
+    A view lies at s - c = delta (y - t)/(1 - (kappa + delta) r), r = shift/e: an error of kappa is
+    taken for one of delta, d delta = -r delta d kappa / (1 - kappa r).
+
+    Args:
+        disparity: of every place.
+        kinds: the kinds of microlenses.
+        doubt: standard uncertainty of kappa, relative.
+    """
+    middle = kinds[len(KAPPA_STEPS) // 2 :: len(KAPPA_STEPS)]
+    slopes: list[float] = []
+    for kind in middle:
+        even = np.linspace(0, kind.table_end, len(kind.shift))
+        used = (even > 0) & (even <= kind.reach)
+        # parallax counts as the square of the distance, and there are as many places as it is far
+        ratio = float(np.average(kind.shift[used], weights=even[used] ** 3))
+        slopes.append(abs(kind.kappa * ratio / (1 - kind.kappa * ratio)))
+    return np.abs(disparity) * doubt * float(np.mean(slopes))
+
+
 def off_kappa(smms: Smms, relative: float) -> Smms:
     """The system with another focal length, so that kappa is that share larger."""
     focal = smms.gap / (1 + smms.gap / smms.distance - smms.kappa * (1 + relative))

@@ -26,6 +26,7 @@ KNOWN_PX = 0.5  # a centre less certain than this tells nothing of its own
 LEAST_SCATTER_PX = 0.005  # of microlenses about their lattice, px
 FEWEST = 8  # microlenses of a type, for a median
 MOST_SCATTER = 0.08  # robust, of the edges' widths of one type
+MEDIAN_OVER_MEAN = 1.25  # of their standard errors
 UNLIKE = 0.02  # of the pitch: more is another camera's white picture
 
 
@@ -128,6 +129,7 @@ class Lenses:
         kappa_factor: its kappa over that of its type.
         rise: how much further from the main lens than the array's middle.
         variance: of the micro-image's centre along each axis, px^2.
+        kappa_doubt: standard uncertainty, relative, of kappa that all microlenses of a type share.
     """
 
     x: Array
@@ -138,6 +140,7 @@ class Lenses:
     kappa_factor: Array
     rise: Array
     variance: Array
+    kappa_doubt: float
 
 
 def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
@@ -151,7 +154,7 @@ def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
         distance = camera.optical_distance + rise
         stand = on_sensor / (1 + (camera.optical_gap - rise) / distance)[:, None]
         rise = stand @ np.asarray(camera.array.tilt)
-    kind, factor = _kinds(white)
+    kind, factor, doubt = _kinds(white)
     order = np.argsort(stand[:, 1], kind="stable")
     pixel = camera.sensor.pixel
     return Lenses(
@@ -163,11 +166,13 @@ def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
         kappa_factor=factor[order],
         rise=rise[order] / pixel,
         variance=white.place_uncertainty[order] ** 2,
+        kappa_doubt=doubt,
     )
 
 
-def _kinds(white: WhiteLenses) -> tuple[Whole, Array]:
-    """Kind of every microlens, and its kappa over that of its type.
+def _kinds(white: WhiteLenses) -> tuple[Whole, Array, float]:
+    """Kind of every microlens, its kappa over that of its type, and how uncertain, relative, their
+    median is by chance.
 
     A vignetting edge is as wide as d |kappa|, so one that is 2 % wider than its type's has a kappa
     2 % larger. Where the edges scatter more than lenses can, they are not known well enough and
@@ -177,6 +182,7 @@ def _kinds(white: WhiteLenses) -> tuple[Whole, Array]:
     steps = np.asarray(KAPPA_STEPS)
     kind = white.type * len(steps) + len(steps) // 2
     factor = np.ones(len(kind))
+    doubt = 0.0
     for one in np.unique(white.type):
         own = (white.type == one) & np.isfinite(white.softness)
         count = np.count_nonzero(own)
@@ -190,4 +196,5 @@ def _kinds(white: WhiteLenses) -> tuple[Whole, Array]:
         relative = np.clip(width / median - 1, steps[0], steps[-1])
         kind[own] = one * len(steps) + np.argmin(np.abs(relative[:, None] - steps), axis=1)
         factor[own] = 1 + relative
-    return kind, factor
+        doubt = max(doubt, MEDIAN_OVER_MEAN * spread / count**0.5)
+    return kind, factor, doubt
