@@ -15,13 +15,13 @@ from flflab.cli.ending import reader_may_go
 from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
-from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent, write_rows
+from flflab.comparison import PROPERTY_NAMES, percent, rule, write_rows
 from flflab.diagnosis import not_told_apart
 from flflab.errors import InputError
 from flflab.evaluation import Evaluation, Tell, evaluate, tell_nobody
 from flflab.record import Run
 from flflab.study import read_study
-from flflab.whole_file import require_own_writable
+from flflab.whole_file import require_own_writable, write_own
 
 REJECTED = 3
 
@@ -41,10 +41,18 @@ def validate(
     seed: Annotated[
         int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
     ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="print verdict.json instead of tables")
+    ] = False,
+    junit: Annotated[
+        Path | None, typer.Option(help="write the verdicts as JUnit XML too, for CI")
+    ] = None,
 ) -> None:
     """Run a study on a bench and say whether the camera does what its model says (exit 0), or not
     (exit 3).
     """
+    if junit is not None:
+        require_own_writable(junit)  # before hours on the bench
     with progress_shown() as tell:
         run = run_study(
             study or built_in(Kind.STUDY),
@@ -54,7 +62,7 @@ def validate(
             tell,
             "validate",
         )
-    conclude(run)
+    conclude(run, as_json=as_json, junit=junit)
 
 
 def judged(
@@ -76,7 +84,7 @@ def judged(
         FlflabError: there is no study in it, a description is wrong, a frame is missing or cannot
             be measured.
     """
-    from flflab.report import write_report  # draws; loaded by those who draw
+    from flflab.report import verdict_text, write_report  # draws; loaded by those who draw
 
     if not (run.folder / "study.yaml").exists():
         raise InputError(
@@ -86,24 +94,42 @@ def judged(
     besides = f"-{bench_file.stem}" if bench_file else ""
     place = out or run.folder
     table, page = place / f"comparison{besides}.csv", place / f"report{besides}.html"
-    for file in (table, page):  # before the pictures are measured, which takes its time
+    numbers = place / f"verdict{besides}.json"
+    for file in (table, page, numbers):  # before the pictures are measured, which takes its time
         require_own_writable(file)
     bench = read_bench(bench_file or run.folder / "bench.yaml")
     study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
     evaluation = evaluate(run, study, bench, tell=tell)
     write_rows(evaluation.comparison.rows, table)
+    write_own(numbers, verdict_text(evaluation, run))
     write_report(evaluation, run, study, bench, page)
     return evaluation, page
 
 
-def conclude(run: Run, bench_file: Path | None = None, out: Path | None = None) -> None:
-    """Evaluate a run, write its table and page (into ``out``, or the run's folder), print the
-    verdict; exit 3 where the model is rejected.
+def conclude(
+    run: Run,
+    bench_file: Path | None = None,
+    out: Path | None = None,
+    as_json: bool = False,
+    junit: Path | None = None,
+) -> None:
+    """Evaluate a run, write its table, page and ``verdict.json`` (into ``out``, or the run's
+    folder) and JUnit XML where it is asked for, print the verdict; exit 3 where the model is
+    rejected.
     """
+    from flflab.report import junit_text, verdict_text
+
+    if junit is not None:
+        require_own_writable(junit)
     with measuring(run, "report") as tell:
         evaluation, page = judged(run, bench_file, tell, out)
+    if junit is not None:
+        write_own(junit, junit_text(evaluation, run))
     with reader_may_go():
-        _tell(evaluation, page)
+        if as_json:
+            print(verdict_text(evaluation, run), end="")
+        else:
+            _tell(evaluation, page)
     if not evaluation.comparison.accepted:
         raise typer.Exit(REJECTED)
 
@@ -113,6 +139,7 @@ def _tell(evaluation: Evaluation, page: Path) -> None:
     console = Terminal()
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
+    console.print(rule(evaluation.comparison.verdicts), highlight=False)
     accepted = evaluation.comparison.accepted
     console.print(
         (
@@ -133,16 +160,14 @@ def _tell(evaluation: Evaluation, page: Path) -> None:
 
 
 def _verdicts(evaluation: Evaluation) -> Table:
-    """One line a property: how many benches built and measured as stated disagree at least as
-    much.
-    """
+    """One line a property, with its p-value."""
     table = Table(box=box.SIMPLE, title="Verdicts")
     table.add_column("", no_wrap=True)
-    for head in ("values", AS_FAR_OFF, "rejected below"):
+    for head in ("values", "p-value", "rejected below"):
         table.add_column(head, justify="right")
     table.add_column("")
     for one in evaluation.comparison.verdicts:
-        shares = (percent(share) for share in (one.p_value, one.threshold))
+        shares = (one.p_words, percent(one.threshold))
         table.add_row(
             PROPERTY_NAMES.get(one.quantity, one.quantity),
             str(one.rows),
