@@ -20,6 +20,8 @@ from flflab.kernel_cache import use_kernel_cache
 if TYPE_CHECKING:
     from flflab.bench import read_bench
     from flflab.camera_file import read_camera
+    from flflab.depth_map.depth import depth, refocused
+    from flflab.depth_map.result import DepthMap
     from flflab.errors import DeviceError, FlflabError, InputError, MeasurementError
     from flflab.image_file import read_picture, read_sensor_picture, write_picture
     from flflab.measurement.measure import measure
@@ -32,18 +34,20 @@ if TYPE_CHECKING:
     from procedures.validate import validate
 
 __all__ = [
-    "DeviceError", "FlflabError", "InputError", "MeasurementError", "connect", "load_target",
-    "measure", "measure_blind", "open_run", "read_bench", "read_camera", "read_picture",
-    "read_sensor_picture", "read_study", "solve_camera", "solve_distance", "validate",
-    "write_picture",
+    "DepthMap", "DeviceError", "FlflabError", "InputError", "MeasurementError", "connect", "depth",
+    "load_target", "measure", "measure_blind", "open_run", "read_bench", "read_camera",
+    "read_picture", "read_sensor_picture", "read_study", "refocused", "solve_camera",
+    "solve_distance", "validate", "write_picture",
 ]  # fmt: skip
 
 _PLACES = {
+    "DepthMap": "flflab.depth_map.result",
     "DeviceError": "flflab.errors",
     "FlflabError": "flflab.errors",
     "InputError": "flflab.errors",
     "MeasurementError": "flflab.errors",
     "connect": "procedures.script",
+    "depth": "flflab.depth_map.depth",
     "load_target": "flflab.target_file",
     "measure": "flflab.measurement.measure",
     "measure_blind": "flflab.measurement.white",
@@ -53,6 +57,7 @@ _PLACES = {
     "read_picture": "flflab.image_file",
     "read_sensor_picture": "flflab.image_file",
     "read_study": "flflab.study",
+    "refocused": "flflab.depth_map.depth",
     "solve_camera": "flflab.optics.solution",
     "solve_distance": "flflab.optics.solution",
     "validate": "procedures.validate",

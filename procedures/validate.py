@@ -10,7 +10,7 @@ from flflab.errors import InputError
 from flflab.evaluation import Evaluation, Tell, evaluate, tell_nobody
 from flflab.record import Run, read_run, run_folder
 from flflab.study import read_study
-from flflab.whole_file import require_own_writable
+from flflab.whole_file import require_own_writable, write_own
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def judged(
         FlflabError: there is no study in it, a description is wrong, a frame is missing or cannot
             be measured.
     """
-    from flflab.report import write_report  # draws; loaded by those who draw
+    from flflab.report import verdict_text, write_report  # draws; loaded by those who draw
 
     if not (run.folder / "study.yaml").exists():
         raise InputError(
@@ -103,11 +103,13 @@ def judged(
     besides = f"-{bench_file.stem}" if bench_file else ""
     place = out or run.folder
     table, page = place / f"comparison{besides}.csv", place / f"report{besides}.html"
-    for file in (table, page):  # before the pictures are measured, which takes its time
+    numbers = place / f"verdict{besides}.json"
+    for file in (table, page, numbers):  # before the pictures are measured, which takes its time
         require_own_writable(file)
     bench = read_bench(bench_file or run.folder / "bench.yaml")
     study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
     evaluation = evaluate(run, study, bench, tell=tell)
     write_rows(evaluation.comparison.rows, table)
+    write_own(numbers, verdict_text(evaluation, run))
     write_report(evaluation, run, study, bench, page)
     return evaluation, page

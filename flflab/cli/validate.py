@@ -14,10 +14,11 @@ from flflab.built_in import Kind, built_in
 from flflab.cli.ending import reader_may_go
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
-from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent
+from flflab.comparison import PROPERTY_NAMES, percent, rule
 from flflab.diagnosis import not_told_apart
 from flflab.evaluation import Evaluation
 from flflab.record import Run
+from flflab.whole_file import require_own_writable, write_own
 from procedures.validate import judged
 
 REJECTED = 3
@@ -38,10 +39,18 @@ def validate(
     seed: Annotated[
         int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
     ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="print verdict.json instead of tables")
+    ] = False,
+    junit: Annotated[
+        Path | None, typer.Option(help="write the verdicts as JUnit XML too, for CI")
+    ] = None,
 ) -> None:
     """Run a study on a bench and say whether the camera does what its model says (exit 0), or not
     (exit 3).
     """
+    if junit is not None:
+        require_own_writable(junit)  # before hours on the bench
     with progress_shown() as tell:
         run = run_study(
             study or built_in(Kind.STUDY),
@@ -51,17 +60,33 @@ def validate(
             tell,
             "validate",
         )
-    conclude(run)
+    conclude(run, as_json=as_json, junit=junit)
 
 
-def conclude(run: Run, bench_file: Path | None = None, out: Path | None = None) -> None:
-    """Evaluate a run, write its table and page (into ``out``, or the run's folder), print the
-    verdict; exit 3 where the model is rejected.
+def conclude(
+    run: Run,
+    bench_file: Path | None = None,
+    out: Path | None = None,
+    as_json: bool = False,
+    junit: Path | None = None,
+) -> None:
+    """Evaluate a run, write its table, page and ``verdict.json`` (into ``out``, or the run's
+    folder) and JUnit XML where it is asked for, print the verdict; exit 3 where the model is
+    rejected.
     """
+    from flflab.report import junit_text, verdict_text
+
+    if junit is not None:
+        require_own_writable(junit)
     with measuring(run, "report") as tell:
         evaluation, page = judged(run, bench_file, tell, out)
+    if junit is not None:
+        write_own(junit, junit_text(evaluation, run))
     with reader_may_go():
-        _tell(evaluation, page)
+        if as_json:
+            print(verdict_text(evaluation, run), end="")
+        else:
+            _tell(evaluation, page)
     if not evaluation.comparison.accepted:
         raise typer.Exit(REJECTED)
 
@@ -71,6 +96,7 @@ def _tell(evaluation: Evaluation, page: Path) -> None:
     console = Terminal()
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
+    console.print(rule(evaluation.comparison.verdicts), highlight=False)
     accepted = evaluation.comparison.accepted
     console.print(
         (
@@ -91,16 +117,14 @@ def _tell(evaluation: Evaluation, page: Path) -> None:
 
 
 def _verdicts(evaluation: Evaluation) -> Table:
-    """One line a property: how many benches built and measured as stated disagree at least as
-    much.
-    """
+    """One line a property, with its p-value."""
     table = Table(box=box.SIMPLE, title="Verdicts")
     table.add_column("", no_wrap=True)
-    for head in ("values", AS_FAR_OFF, "rejected below"):
+    for head in ("values", "p-value", "rejected below"):
         table.add_column(head, justify="right")
     table.add_column("")
     for one in evaluation.comparison.verdicts:
-        shares = (percent(share) for share in (one.p_value, one.threshold))
+        shares = (one.p_words, percent(one.threshold))
         table.add_row(
             PROPERTY_NAMES.get(one.quantity, one.quantity),
             str(one.rows),
