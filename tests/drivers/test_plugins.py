@@ -1,7 +1,8 @@
 """Drivers that another package brings: found by entry points, opened like any other, refused in a
-sentence where the package is at fault.
+sentence where the package is at fault, as where a maker's library does not load.
 """
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +12,9 @@ import pytest
 import yaml
 
 import drivers
+from drivers.cameras import genicam, gphoto2, pylon
 from drivers.registry import AXES
-from flflab.errors import InputError, InterlockError, LimitError
+from flflab.errors import CommunicationError, InputError, InterlockError, LimitError
 from sim.registry import AXES as SIMULATED
 
 ACME = '''
@@ -154,3 +156,26 @@ def test_no_package_replaces_a_driver_that_is_built_in(acme: None) -> None:
     assert "acme" not in SIMULATED
     with pytest.raises(InputError, match=r"acme-stages 1\.2 adds to flflab\.simulators"):
         SIMULATED["torn"]
+
+
+@pytest.mark.parametrize("library", ["harvesters", "gphoto2", "pypylon"])
+def test_a_library_that_does_not_load_is_refused_with_its_own_reason(
+    library: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    why = "libpython3.11.so.1.0: cannot open shared object file"
+
+    class Broken:
+        def find_spec(self, name: str, path: object, target: object = None) -> None:
+            if name.partition(".")[0] == library:
+                raise ImportError(why)
+
+    for name in [name for name in sys.modules if name.partition(".")[0] == library]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "meta_path", [Broken(), *sys.meta_path])
+    openers = {
+        "harvesters": lambda: genicam.open_camera("", genicam.GenicamKeys.model_construct(), None),
+        "gphoto2": lambda: gphoto2.GphotoLink(""),
+        "pypylon": lambda: pylon.open_camera("", pylon.PylonKeys.model_construct(), None),
+    }
+    with pytest.raises(CommunicationError, match=re.escape(why)):
+        openers[library]()
