@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field
@@ -163,6 +162,8 @@ def _read_picture(file: Path, width: float) -> Picture:
     """A grey picture as radiances: whole numbers count from 0 to their type's largest, real numbers
     stand for themselves.
     """
+    import cv2  # only who has a picture as a target waits for it
+
     try:
         coded = np.load(file) if file.suffix == ".npy" else np.fromfile(file, dtype=np.uint8)
         values = (

@@ -12,11 +12,12 @@ from rich.table import Table
 
 from flflab.cli.ending import reader_may_go
 from flflab.cli.terminal import Terminal
-from flflab.cli.validate import REJECTED, conclude, judged
+from flflab.cli.validate import REJECTED, conclude
 from flflab.errors import FlflabError, InputError
 from flflab.record import read_run
 from flflab.whole_file import make_folder
 from flflab.workers import results
+from procedures.validate import judged
 
 
 class Analysed(NamedTuple):

@@ -10,18 +10,16 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from flflab.bench import read_bench
+from flflab.built_in import Kind, built_in
 from flflab.cli.ending import reader_may_go
-from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
-from flflab.comparison import PROPERTY_NAMES, percent, rule, write_rows
+from flflab.comparison import PROPERTY_NAMES, percent, rule
 from flflab.diagnosis import not_told_apart
-from flflab.errors import InputError
-from flflab.evaluation import Evaluation, Tell, evaluate, tell_nobody
+from flflab.evaluation import Evaluation
 from flflab.record import Run
-from flflab.study import read_study
 from flflab.whole_file import require_own_writable, write_own
+from procedures.validate import judged
 
 REJECTED = 3
 
@@ -63,47 +61,6 @@ def validate(
             "validate",
         )
     conclude(run, as_json=as_json, junit=junit)
-
-
-def judged(
-    run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody, out: Path | None = None
-) -> tuple[Evaluation, Path]:
-    """Evaluate a run and write its table and page.
-
-    Args:
-        run: the record.
-        bench_file: the bench to hold it against, a calibrated one for instance; the recorded one
-            without it.
-        tell: called with how many configurations are measured, of how many.
-        out: folder for table and page; the run's own without it.
-
-    Returns:
-        What was found, and the page.
-
-    Raises:
-        FlflabError: there is no study in it, a description is wrong, a frame is missing or cannot
-            be measured.
-    """
-    from flflab.report import verdict_text, write_report  # draws; loaded by those who draw
-
-    if not (run.folder / "study.yaml").exists():
-        raise InputError(
-            f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} without a study"
-            " has nothing to compare"
-        )
-    besides = f"-{bench_file.stem}" if bench_file else ""
-    place = out or run.folder
-    table, page = place / f"comparison{besides}.csv", place / f"report{besides}.html"
-    numbers = place / f"verdict{besides}.json"
-    for file in (table, page, numbers):  # before the pictures are measured, which takes its time
-        require_own_writable(file)
-    bench = read_bench(bench_file or run.folder / "bench.yaml")
-    study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
-    evaluation = evaluate(run, study, bench, tell=tell)
-    write_rows(evaluation.comparison.rows, table)
-    write_own(numbers, verdict_text(evaluation, run))
-    write_report(evaluation, run, study, bench, page)
-    return evaluation, page
 
 
 def conclude(
