@@ -17,7 +17,7 @@ from flflab.optics.distortion import BrownDistortion
 
 RANGE = 420.0, 640.0
 
-FALLS_SHORT = "with workmanship microlenses' own focal lengths are not known well enough"
+FALLS_SHORT = "rms 0.254 mm at 540 mm, where 0.25 mm is due; a plane tilted by 25 degrees 1 % too flat"
 
 
 def test_distance_and_disparity_are_inverse_and_their_derivatives_are_differences() -> None:
@@ -79,7 +79,7 @@ def test_a_textured_plane_stands_where_it_is_within_what_is_stated(distance: flo
     )
     figures = judged(found, distance)
     assert abs(figures.bias) <= 0.1, figures
-    assert figures.rms <= {480.0: 0.2, 507.0: 0.14, 540.0: 0.25}[distance], figures
+    assert figures.rms <= {480.0: 0.17, 507.0: 0.14, 540.0: 0.25}[distance], figures
     assert figures.density >= 0.98, figures
     assert figures.within_2 >= 0.88, figures
     assert figures.beyond_5 <= 1e-3, figures
