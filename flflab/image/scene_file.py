@@ -95,13 +95,15 @@ class PlaneDescription(Description):
 
 
 class ScatterDescription(Description):
-    """Scatter of the microlenses: standard deviations of focal lengths (of themselves) and
-    places.
+    """Scatter of the microlenses: standard deviations of focal lengths (of themselves), places,
+    brightness, and of apertures against their lenses.
     """
 
     focal_length: Ratio = 0.0
     position: Length = 0.0
     seed: int = 0
+    brightness: Ratio = 0.0
+    aperture_decentre: Length = 0.0
 
 
 class ColourFilterDescription(Description):
@@ -252,7 +254,13 @@ def _makers(told: SceneDescription) -> dict[str, Callable[[], object]]:
         "scatter": lambda: (
             None
             if scatter is None
-            else Scatter(scatter.focal_length, scatter.position, scatter.seed)
+            else Scatter(
+                scatter.focal_length,
+                scatter.position,
+                scatter.seed,
+                scatter.brightness,
+                scatter.aperture_decentre,
+            )
         ),
         "stray_light": lambda: StrayLight(told.stray_light) if told.stray_light else None,
         "colour_filter": lambda: (
