@@ -24,10 +24,12 @@ class EffectsDescription(Description):
     lens (1/rad^2), stray light as a share of all light.
 
     ``choose`` says which of all effects are drawn: ``auto``, ``fast``, ``reference`` or a list, as
-    ``flflab image --effects`` has it.
+    ``flflab image --effects`` has it. ``tolerance`` is how finely frames are drawn, root mean
+    square of white; without it as finely as their noise calls for.
     """
 
     choose: str = "auto"
+    tolerance: Annotated[float, Field(gt=0, lt=1)] | None = None
     falloff: bool = False
     distortion: float = 0.0
     stray_light: Annotated[Ratio, Field(ge=0, le=1)] = 0.0

@@ -76,6 +76,8 @@ def drawing_tolerance(bench: Bench, target: Target) -> float:
     The noise is that of a full well, the least that a frame has: sqrt(N + r^2) / N for N electrons
     and a read noise r. A radius that is off by u changes a micro-image of radius R by u / R.
     """
+    if (stated := bench.description.simulated.effects.tolerance) is not None:
+        return max(stated, LEAST_TOLERANCE)
     light, floor = bench.description.simulated, bench.description.measurement_floor
     well = light.full_well_electrons
     noise = math.hypot(math.sqrt(well), light.read_noise_electrons) / well

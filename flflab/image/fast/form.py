@@ -32,7 +32,7 @@ OF_AN_EDGE = 0.1
 SHARP_LEAVES = 0.04
 FALLOFF_LEAVES = 9e-3  # over the square of the strips
 FEWEST = 4  # strips, where one is not enough
-FINE = 1e-4  # tolerance below which pixels on a vignetting edge are cut into parts, but for white
+FINE = 1e-4  # tolerance below which pixels on narrow vignetting edges are cut into more parts
 TABLE_LEAVES = 1e-3  # of a vignetting edge, over the power 3/2 of its width in pixels
 DOTS_LEAVE = 2.5e-2  # over the blur, up to WIDE pixels, and the square of a pixel's parts
 DOTS_SHARP_LEAVE = 0.03  # over the square of the blur, seen through the middle of the pupil
@@ -108,7 +108,7 @@ def upright(
     allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel
     by_columns = (bounded and turned <= allowed) or isinstance(plane.target, White)
     sharp = DOTS_SHARP_LEAVE * blur**2 <= KEPT * tolerance
-    tabulated = tabulated_from(plane.target, tolerance)
+    tabulated = tabulated_from(tolerance)
     return Upright(plane.target, lenses, lines, how, by_columns, tabulated, sharp)
 
 
@@ -159,11 +159,9 @@ def strips_for(blur: float, target: Target, tolerance: float, weighted: bool) ->
     return min(max(math.ceil(math.sqrt(leaves / allowed)), FEWEST), 1024)
 
 
-def tabulated_from(target: Target, tolerance: float) -> float:
+def tabulated_from(tolerance: float) -> float:
     """Width in pixels from which on a table of shares keeps a tolerance on a vignetting edge."""
-    if isinstance(target, White):
-        return max(STEEP, (TABLE_LEAVES / (KEPT * tolerance)) ** (2 / 3))
-    return math.inf if tolerance < FINE else STEEP
+    return max(STEEP, (TABLE_LEAVES / (KEPT * tolerance)) ** (2 / 3))
 
 
 def parts_for(target: Target, tolerance: float, blur: float, narrow: bool, small: bool) -> int:
