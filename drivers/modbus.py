@@ -14,7 +14,7 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
 from drivers.forked import close_in_children
 from drivers.line import Line
-from drivers.transport import serial_place
+from drivers.transport import open_port, serial_place
 from drivers.turns import Turns
 from flflab.errors import CommunicationError, DeviceError
 
@@ -171,25 +171,29 @@ def _first_line(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
-class BesideOthers(ModbusSerialClient):
-    """A client on a serial port that another program may have for itself: pymodbus's own would
-    insist on being alone.
-    """
+class PortClient(ModbusSerialClient):
+    """A client on a serial port that is this program's own as long as it is open."""
+
+    alone = True
 
     def connect(self) -> bool:
         """Open the port; whether it is."""
-        import serial
-
         how = self.comm_params
         try:
-            self.socket = serial.Serial(
-                how.host, how.baudrate, how.bytesize, how.parity, how.stopbits,
-                timeout=how.timeout_connect, write_timeout=how.timeout_connect,
+            self.socket = self.socket or open_port(
+                str(how.host), alone=self.alone, baudrate=how.baudrate, bytesize=how.bytesize,
+                parity=how.parity, stopbits=how.stopbits, timeout=how.timeout_connect,
+                write_timeout=how.timeout_connect, inter_byte_timeout=self.inter_byte_timeout,
             )  # fmt: skip
-            self.socket.inter_byte_timeout = self.inter_byte_timeout
         except (OSError, ValueError):
             self.close()
         return self.socket is not None
+
+
+class BesideOthers(PortClient):
+    """The same beside another program that may have the port for itself."""
+
+    alone = False
 
 
 def make_client(
@@ -209,7 +213,7 @@ def make_client(
             host, port=int(port), framer=FramerType.RTU, timeout=timeout, retries=0,
             trace_packet=passed,
         )  # fmt: skip
-    kind = ModbusSerialClient if alone else BesideOthers
+    kind = PortClient if alone else BesideOthers
     return kind(
         address, baudrate=baud, parity=parity, timeout=timeout, retries=0, trace_packet=passed
     )

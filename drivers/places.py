@@ -6,17 +6,19 @@ Loads nothing that is not of Python: a stop waits for what it loads.
 import re
 from collections.abc import Callable, Mapping
 
-from drivers.transport import serial_place
+from drivers.transport import one_host, serial_place
 from flflab.errors import InputError
 
 
 def ximc_place(address: str) -> str:
-    """An address of a Standa controller: the library's own as they are, but for ports.
+    """An address of a Standa controller: the library's own with their host's number, or a port.
 
     Raises:
         InputError: it is neither a port nor one of the library's.
     """
     port = address.removeprefix("xi-com:")
+    if remote := re.match(r"(xi-(?:net|tcp|udp)://)([^/:]+)", port):
+        return f"{remote[1]}{one_host(remote[2])}{port[remote.end() :]}"
     return port if re.match(r"xi-(emu|net|tcp|udp):", port) else serial_place(port)
 
 

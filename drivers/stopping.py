@@ -85,12 +85,13 @@ def axes_to_stop(bench_file: Path) -> dict[str, AxisDescription]:
     """
     data, _ = read_yaml(bench_file)
     found: dict[str, AxisDescription] = {}
-    for name in locks.reached(data):
-        axis = data["axes"][name]
+    axes = {str(name): axis for name, axis in (data.get("axes") or {}).items()}
+    for name, (driver, address) in locks.reached(data).items():
         try:
-            found[name] = AxisDescription.model_validate(axis)
+            found[name] = AxisDescription.model_validate(axes[name])
         except ValidationError:
-            known = {str(key): value for key, value in axis.items()}
+            known: dict[str, Any] = {str(key): value for key, value in axes[name].items()}
+            known |= {"driver": driver, "address": address}
             found[name] = AxisDescription.model_construct(**known)
     return found
 

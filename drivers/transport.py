@@ -3,6 +3,7 @@ read with deadlines.
 """
 
 import contextlib
+import errno
 import functools
 import ipaddress
 import math
@@ -12,6 +13,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 from drivers.forked import close_in_children
 from flflab.errors import CommunicationError, InputError, reason
@@ -20,10 +22,11 @@ SLICE_S = 0.02
 LONGEST_S = 10.0  # more than a silence, for a whole line that comes byte by byte
 _OPTION = r"(ign_set_control|poll_modem|timeout=\d+)"
 URL = re.compile(  # the one of pyserial's that leads to an instrument: others write files
-    rf"rfc2217://[^\s/?:@]+:\d+(\?{_OPTION}(&{_OPTION})*)?", re.IGNORECASE
+    rf"rfc2217://([^\s/?:@]+:\d+)(\?{_OPTION}(&{_OPTION})*)?", re.IGNORECASE
 )
 LOOPBACK = "127.0.0.1"
 MOST_UNREAD = 1 << 16
+LET_GO_S = 0.5  # a child of this program's holds its locks until it runs a program of its own
 
 
 def what_to_check(address: str) -> str:
@@ -193,18 +196,15 @@ def open_serial(
     serial_place(address)
     if address.startswith("socket://") or _is_host_and_port(address):
         return open_tcp(address)
-    import serial
-
-    own: dict[str, bool] = {"exclusive": True} if alone and "://" not in address else {}
     try:
-        port = serial.serial_for_url(
+        port = open_port(
             address,
+            alone=alone,
             baudrate=baud,
             parity=parity,
             rtscts=handshake,
             timeout=SLICE_S,
             write_timeout=2.0,
-            **own,
         )
     except (OSError, ValueError) as error:
         raise CommunicationError(
@@ -212,6 +212,25 @@ def open_serial(
             " it"
         ) from error
     return Wire(address, port.write, lambda: port.read(max(1, port.in_waiting)), port.close)
+
+
+def open_port(address: str, *, alone: bool, **settings: Any) -> Any:
+    """Open a port or a URL by pyserial, locked for this program or beside others (``alone``).
+
+    Raises:
+        OSError, ValueError: there is no such port, or it is in use.
+    """
+    import serial
+
+    own = {"exclusive": True} if alone and "://" not in address else {}
+    deadline = time.monotonic() + LET_GO_S
+    while True:
+        try:
+            return serial.serial_for_url(address, **own, **settings)
+        except OSError as error:
+            if error.errno != errno.EAGAIN or time.monotonic() > deadline:
+                raise
+        time.sleep(SLICE_S)
 
 
 def open_tcp(address: str, timeout: float = 5.0) -> Wire:
@@ -257,7 +276,7 @@ def tcp_place(address: str) -> str:
         InputError: it is none.
     """
     host, port = _host_and_port(address)
-    return f"{_one_name(host)}:{port}"
+    return f"{one_host(host)}:{port}"
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
@@ -272,7 +291,10 @@ def _host_and_port(address: str) -> tuple[str, int]:
 
 
 @functools.lru_cache(maxsize=256)
-def _one_name(host: str) -> str:
+def one_host(host: str) -> str:
+    """The number of a host, one for this machine whatever it is called; a name that nobody knows as
+    it is.
+    """
     try:
         found = {str(info[4][0]) for info in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError):
@@ -301,7 +323,8 @@ def _is_here(number: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bool:
 
 def serial_place(address: str) -> str:
     """The address of a serial line spelt one way: links followed to the port they lead to; of
-    the URLs of pyserial a network's (``rfc2217://``) is allowed.
+    the URLs of pyserial a network's (``rfc2217://``) is allowed, which is its host and port
+    whatever options it has.
 
     macOS has two files for a port, /dev/tty.X that waits for a carrier and /dev/cu.X that does not:
     the second stands for both.
@@ -313,8 +336,8 @@ def serial_place(address: str) -> str:
         return tcp_place(address)
     if port := re.fullmatch(r"(?:\\\\\.\\)?(COM\d+)", address, re.IGNORECASE):
         return port[1].upper()
-    if URL.fullmatch(address):
-        return address
+    if remote := URL.fullmatch(address):
+        return tcp_place(remote[1])
     if address.startswith("/"):
         return re.sub(r"^/dev/tty\.", "/dev/cu.", os.path.realpath(address))
     raise InputError(

@@ -407,6 +407,24 @@ def _require_one_attitude(bench: Bench) -> None:
             )
 
 
+def seeded(bench: Bench, seed: int | None) -> Bench:
+    """As ``with_seed``, for a bench that is to be connected.
+
+    Raises:
+        InputError: a seed is given, and nothing of the bench is simulated by who connects to it:
+            nobody would obey the seed.
+    """
+    description = bench.description
+    devices = (*description.axes.values(), description.camera, description.iris, description.target)
+    if seed is not None and not any(device.address == "simulated" for device in devices):
+        raise InputError(
+            f"{bench.file}: seed {seed} is asked for, but no device there has the address"
+            " simulated, so nobody would obey it; give the seed where the bench is served"
+            f" (`flflab sim BENCH --seed {seed}`)"
+        )
+    return with_seed(bench, seed)
+
+
 def with_seed(bench: Bench, seed: int | None) -> Bench:
     """A bench whose simulated errors and noise have another seed than its file says; the same where
     none is given.

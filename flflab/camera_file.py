@@ -162,10 +162,23 @@ class ArrayDescription(Description):
         return tuple(self.focal_length or [focal]), aperture, remarks
 
 
+MOST_PIXELS = 500_000_000  # twice as many as any sensor that is sold
+
+
+def _a_sensor_s(given: tuple[int, int]) -> tuple[int, int]:
+    columns, rows = given
+    if columns * rows > MOST_PIXELS:
+        raise ValueError(
+            f"{columns:,} x {rows:,} are more pixels than any sensor has; at most"
+            f" {MOST_PIXELS:,} are allowed"
+        )
+    return given
+
+
 class SensorDescription(Description):
     """Sensor: (columns, rows), pixel size, distance behind the main lens."""
 
-    resolution: tuple[PositiveInt, PositiveInt]
+    resolution: Annotated[tuple[PositiveInt, PositiveInt], AfterValidator(_a_sensor_s)]
     pixel: PositiveLength
     distance: PositiveLength
     offset: tuple[Length, Length] = (0.0, 0.0)

@@ -27,7 +27,7 @@ from flflab.units import Dimension, parse_quantity
 from sim.clock import Clock
 from sim.motion import Motion, rest
 
-WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge")
+WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge", "texture")
 REMEMBERED = 64  # motions of a carriage
 NANOMETRE = 1e-6  # mm: states of the world closer than this are one and the same
 Truths = Mapping[str, str | float]

@@ -210,8 +210,8 @@ def _lattice(
 
 def _described(camera: Path | None, what: What) -> tuple[Camera, str]:
     """The camera that is asked for, whose array is of one kind of microlenses, and its name."""
+    from flflab.built_in import Kind, built_in
     from flflab.camera_file import read_camera
-    from flflab.cli.new import Kind, built_in
 
     file = built_in(Kind.CAMERA) if camera is None else camera
     found = read_camera(file)

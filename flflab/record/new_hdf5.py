@@ -7,13 +7,13 @@ the fault and keeps it for who writes.
 
 import contextlib
 import io
-import os
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
 import h5py
 
+from flflab.record.durable import force_data
 from flflab.whole_file import part_of
 
 
@@ -58,4 +58,4 @@ def new_hdf5(file: Path) -> Generator[tuple[h5py.File, Callable[[], None]]]:
         with h5py.File(stream, "w") as into:
             yield into, stream.raise_fault
         stream.raise_fault()
-        os.fsync(stream.fileno())
+        force_data(stream.fileno())

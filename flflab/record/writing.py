@@ -34,6 +34,10 @@ UNLOCKED = (
     "{}: this disk knows no locks, so nothing keeps a second program from writing the same run;"
     " start no other on it"
 )
+UNFORCED = (
+    "{}: this disk cannot be asked to keep what is written at once, so a power cut may take the"
+    " last frames; `flflab resume` takes those again"
+)
 LOST = "lost.jsonl"
 SPARE_BYTES = 50_000_000  # documents, log, report
 Picture = npt.NDArray[np.uint16]
@@ -77,14 +81,16 @@ class Recording:
             self.remark = _keep_for_oneself(documents, folder)
             with h5py.File(folder / FRAMES, "x", locking=False) as file:
                 file.create_dataset(DATASET, (frames, *shape), "<u2", dcpl=at_once)
-            force_to_disk(folder / FRAMES)  # a power cut must not shorten what events point into
-            force_to_disk(folder)
             self._begin(folder, documents)
         self.recorded, self.empty = 0, True
 
     def _begin(self, folder: Path, documents: Any) -> None:
         self.folder = folder
         self._documents = documents
+        # a power cut must not shorten what events point into
+        forced = [force_to_disk(place) for place in (folder / FRAMES, folder)]
+        if not all(forced):
+            self.remark = "; ".join(filter(None, (self.remark, UNFORCED.format(folder))))
         with opened_frames(folder) as dataset:
             if dataset.chunks is not None:
                 raise RecordError(f"{folder}: its frames are packed, and a packed run has ended")
@@ -194,7 +200,7 @@ class Recording:
         self._documents.write(line + "\n")
         self._documents.flush()
         if name != "stream_datum":  # the event after it is
-            os.fsync(self._documents.fileno())
+            force_data(self._documents.fileno())
         self._ended = name == "stop"
 
     def stream_resource(self, uid: str, data_key: str) -> dict[str, Any]:
@@ -315,7 +321,7 @@ def _set_lost_aside(folder: Path, run: Run) -> int:
         with open_own(folder / LOST, "a") as aside:
             aside.writelines(line.decode("utf-8", errors="replace") + "\n" for line in lost)
             aside.flush()
-            os.fsync(aside.fileno())
+            force_data(aside.fileno())
     return sum(len(line) + 1 for line in kept)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined, Template
 
 from flflab.bench import Bench
-from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent
+from flflab.comparison import PROPERTY_NAMES, percent, rule
 from flflab.diagnosis import not_told_apart
 from flflab.evaluation import Evaluation
 from flflab.properties.measured import Measured
@@ -74,7 +74,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         comparison=evaluation.comparison,
         headline=headline(evaluation),
         names=PROPERTY_NAMES,
-        as_far_off=AS_FAR_OFF,
+        rule=rule(evaluation.comparison.verdicts),
         percent=percent,
         exact=exact,
         dots=dots,

@@ -144,6 +144,20 @@ def test_an_axis_is_stopped_whatever_is_wrong_with_the_rest_of_its_file(
     assert (stopped.code, stopped.out) == (0, "All axes stopped.\n")
 
 
+@pytest.mark.parametrize("field", ["address", "driver"])
+@pytest.mark.parametrize("wrong", [7, [1], None, {"a": 1}])
+def test_an_axis_whose_address_or_driver_is_no_text_keeps_no_other_from_being_stopped(
+    flflab: Run, bench_file: Path, field: str, wrong: object
+) -> None:
+    described = yaml.safe_load(bench_file.read_text(encoding="utf-8"))
+    described["axes"]["ring"][field] = wrong
+    bench_file.write_text(yaml.safe_dump(described), encoding="utf-8")
+    stopped = flflab("bench", "stop", "--bench", bench_file)
+    assert (stopped.code, stopped.out) == (1, "")
+    assert [line.split()[0] for line in stopped.err.splitlines()] == ["flflab:"]
+    assert "ring" in stopped.err
+
+
 def test_80_columns_show_serial_numbers_names_and_limits_whole_and_a_pipe_one_line_a_device(
     flflab: Run, bench_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -182,9 +196,8 @@ def test_a_bench_simulated_for_one_command_is_said_to_forget_and_a_served_one_is
     homed = flflab("bench", "home", "target_stage", "--bench", alone)
     assert (homed.code, homed.out) == (0, "target_stage is at 0.0000 mm\n")
     assert (
-        homed.err
-        == f"this bench was simulated for this command alone and forgets it; `flflab sim {alone}"
-        " --write-bench served.yaml` serves one that stays, for --bench served.yaml\n"
+        homed.err == "this simulated bench existed only during this command; to keep one running:"
+        f" `flflab sim {alone} --write-bench served.yaml`, then --bench served.yaml\n"
     )
     assert flflab("bench", "home", "target_stage", "--bench", bench_file).err == ""
     moved = flflab("bench", "move", "target_stage", "12.5 mm", "--bench", bench_file)

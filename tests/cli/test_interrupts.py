@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from flflab.cli import again_if_an_interruption
+from flflab.cli.command import again_if_an_interruption
 from flflab.cli.ending import is_interruption
 from flflab.evaluation import measuring_threads
 

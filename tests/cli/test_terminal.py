@@ -6,9 +6,11 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from rich.table import Table
 
+from flflab.cli import main
 from flflab.cli.saying import replace_what_the_terminal_lacks, say
 from flflab.cli.terminal import Terminal
 from flflab.printable import nearest, printable, shortened
@@ -90,3 +92,18 @@ def test_a_word_that_is_like_no_other_has_no_nearest() -> None:
 def test_a_long_value_is_cut_in_a_sentence() -> None:
     assert shortened("9" * 5000) == f"'{'9' * 79}..."
     assert shortened([1, 2]) == "[1, 2]"
+
+
+def test_where_memory_runs_out_one_sentence_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def asks_for_too_much() -> None:
+        np.empty(1 << 60, np.uint8)
+
+    monkeypatch.setattr("flflab.cli.command.stranger_among_packages", asks_for_too_much)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("flflab: not enough memory (Unable to allocate 1.00 EiB")
+    assert said.endswith("; ask for less at once, or close other programs")

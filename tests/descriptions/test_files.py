@@ -134,6 +134,12 @@ CAMERA_FAULTS = [
         "is 1.66 mm, more than the 0.4 mm from microlens to microlens",
     ),
     (
+        "resolution: [3664, 2748]",
+        "resolution: [60000, 60000]",
+        "sensor.resolution",
+        "60,000 x 60,000 are more pixels than any sensor has; at most 500,000,000 are allowed",
+    ),
+    (
         "f_number: 4",
         "f_number: 1e308",
         "main_lens.f_number",

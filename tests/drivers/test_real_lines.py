@@ -4,8 +4,10 @@ one, controllers that name themselves otherwise, addresses that are none.
 
 import contextlib
 import math
+import os
 import socket
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +16,7 @@ import pytest
 
 from drivers.modbus import Echo, ModbusLine, make_client
 from drivers.oriental import OrientalAxis, OrientalKeys
+from drivers.places import ximc_place
 from drivers.thorlabs import AptLink, ThorlabsAxis, ThorlabsKeys
 from drivers.transport import (
     Wire,
@@ -275,8 +278,12 @@ def test_an_address_of_no_known_kind_is_refused_before_anything_is_opened(
 def test_addresses_of_known_kinds_are_spelt_one_way() -> None:
     assert serial_place("socket://LocalHost:07000") == "127.0.0.1:7000"
     assert serial_place("com3") == serial_place(r"\\.\COM3") == "COM3"
-    remote = "rfc2217://lab-server:4001?ign_set_control&timeout=3"
-    assert serial_place(remote) == remote
+    remote = "rfc2217://lab-server.invalid:4001?ign_set_control&timeout=3"
+    assert serial_place(remote) == "lab-server.invalid:4001"
+    assert serial_place("RFC2217://127.1:4001") == serial_place("rfc2217://localhost:4001")
+    assert ximc_place("xi-net://localhost/000A") == ximc_place("xi-net://127.1/000A")
+    assert ximc_place("xi-tcp://localhost:1820") == "xi-tcp://127.0.0.1:1820"
+    assert ximc_place("xi-emu:///a/virtual.bin") == "xi-emu:///a/virtual.bin"
 
 
 def test_why_a_port_cannot_be_opened_is_said_once() -> None:
@@ -288,6 +295,47 @@ def test_why_a_port_cannot_be_opened_is_said_once() -> None:
     )
     with pytest.raises(CommunicationError, match=r"cannot be reached \(Connection refused\);"):
         open_tcp("127.0.0.1:1")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals there")
+@pytest.mark.parametrize("by_modbus", [False, True])
+def test_a_lock_that_a_child_holds_until_it_runs_its_own_program_is_waited_for(
+    by_modbus: bool,
+) -> None:
+    import fcntl
+
+    master, slave = os.openpty()
+    fcntl.flock(slave, fcntl.LOCK_EX)
+    letting_go = threading.Timer(0.1, os.close, (slave,))
+    letting_go.start()
+    try:
+        if by_modbus:
+            client = make_client(os.ttyname(slave), 9600, "N", 0.1)
+            assert client.connect()
+            client.close()
+        else:
+            open_serial(os.ttyname(slave), 9600).close()
+    finally:
+        letting_go.join()
+        os.close(master)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals there")
+def test_a_port_that_another_program_keeps_is_refused() -> None:
+    import fcntl
+
+    master, slave = os.openpty()
+    fcntl.flock(slave, fcntl.LOCK_EX)
+    try:
+        with pytest.raises(CommunicationError, match="who else holds it"):
+            open_serial(os.ttyname(slave), 9600)
+        assert not make_client(os.ttyname(slave), 9600, "N", 0.1).connect()
+        beside = make_client(os.ttyname(slave), 9600, "N", 0.1, alone=False)
+        assert beside.connect()  # who only stops
+        beside.close()
+    finally:
+        os.close(slave)
+        os.close(master)
 
 
 @pytest.mark.parametrize(

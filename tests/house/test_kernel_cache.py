@@ -27,9 +27,9 @@ print(len(list(Path(os.environ["NUMBA_CACHE_DIR"]).rglob("*.nbi"))))
 """  # noqa: E501
 INTERRUPTED = """
 import os, signal
-from flflab import cli
-cli.stranger_among_packages = lambda: (print(os.environ["NUMBA_CACHE_DIR"], flush=True), signal.raise_signal(signal.SIGINT))
-cli.main()
+from flflab.cli import command
+command.stranger_among_packages = lambda: (print(os.environ["NUMBA_CACHE_DIR"], flush=True), signal.raise_signal(signal.SIGINT))
+command.run()
 """  # noqa: E501
 WITHOUT_PRIVILEGES = [
     "setpriv",

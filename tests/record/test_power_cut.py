@@ -5,6 +5,7 @@ and left out.
 import json
 import os
 import shutil
+import stat
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -221,6 +222,43 @@ def test_a_disk_that_knows_no_locks_is_written_and_read_with_a_remark(
     again = ContinuedRecording(tmp_path)
     assert "this disk knows no locks" in again.remark
     again.close()
+
+
+@pytest.mark.parametrize("number", ["EINVAL", "ENOSYS", "EOPNOTSUPP"])
+@pytest.mark.parametrize("folders_only", [True, False])
+def test_a_disk_that_cannot_be_asked_to_keep_at_once_is_written_with_a_remark(
+    tmp_path: Path, number: str, folders_only: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import errno
+
+    def refuse(descriptor: int) -> None:
+        if not folders_only or stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(getattr(errno, number), "cannot")
+
+    for name in ("fsync", "fdatasync"):
+        monkeypatch.setattr(os, name, refuse, raising=False)
+    recording = begun(tmp_path, 2)
+    assert "a power cut may take the last frames" in recording.remark
+    recording.close()
+    assert len(read_run(tmp_path).frames) == 2
+
+
+def test_a_disk_that_fails_to_keep_a_frame_ends_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import errno
+
+    def fail(_: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    recording = begun(tmp_path, 1)
+    for name in ("fsync", "fdatasync"):
+        monkeypatch.setattr(os, name, fail, raising=False)
+    with pytest.raises(RecordError, match=r"could not be written \(Input/output error\)"):  # noqa: PT012
+        add(recording, 1)
+        recording.settle()
+    recording.close()
+    assert len(read_run(tmp_path).frames) == 1
 
 
 def test_a_disk_with_locks_needs_no_remark(tmp_path: Path) -> None:

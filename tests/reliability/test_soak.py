@@ -301,6 +301,7 @@ class Soak:
                 if not re.search("no answer|No response|not to message", str(error)):
                     raise
                 self.slow_answers += 1
+                time.sleep(LATE_S)  # a motion that began all the same ends
         return ask()
 
     def _home(self, lost: list[str]) -> None:
@@ -309,12 +310,13 @@ class Soak:
         tilts = [name for name in lost if name not in GAP_AXES]
         for name in GAP_AXES if lost else ():
             if name in lost:
-                self._answer(axes[name].home).wait(15)
-            if axes[name].position() > OUT_OF_THE_WAY[name] and (tilts or "array_stage" in lost):
-                axes[name].move_to(OUT_OF_THE_WAY[name]).wait(15)
-        wait_all(*[self._answer(axes[name].home) for name in tilts], timeout=15)
+                self._answer(lambda name=name: axes[name].home().wait(15))
+            away = self._answer(axes[name].position) > OUT_OF_THE_WAY[name]
+            if away and (tilts or "array_stage" in lost):
+                self._answer(lambda name=name: axes[name].move_to(OUT_OF_THE_WAY[name]).wait(15))
+        self._answer(lambda: wait_all(*[axes[name].home() for name in tilts], timeout=15))
         for name in lost:
-            self._read(axes[name])
+            self._answer(lambda name=name: self._read(axes[name]))
 
     def _look_at_the_gaps(self) -> None:
         now, world = self._now(), self._served.world
@@ -327,7 +329,7 @@ class Soak:
     def _reconnect(self) -> None:
         self.bench.close()
         self._stopped = False
-        self.bench = connect(self.file)
+        self.bench = self._answer(lambda: connect(self.file))
 
     def _connect_again(self) -> None:
         """Let go and connect again; on pseudo terminals another program has a port at first."""
@@ -413,7 +415,9 @@ def soak(bench_file: Path, count: int) -> None:
     """So many faults on each of twenty benches side by side: most of their time is waiting."""
     begin = time.perf_counter(), time.process_time()
     with ThreadPoolExecutor(PARTS) as pool:
-        ended = list(pool.map(lambda number: part(bench_file, number, count), range(PARTS)))
+        parts = [pool.submit(part, bench_file, number, count) for number in range(PARTS)]
+    failures = [failure for one in parts if (failure := one.exception()) is not None]
+    ended = [one.result() for one in parts if one.exception() is None]
     outcomes: collections.Counter[tuple[str, str, str]] = collections.Counter()
     for running in ended:
         outcomes.update(running.outcomes)
@@ -424,7 +428,7 @@ def soak(bench_file: Path, count: int) -> None:
     wall, spent = time.perf_counter() - begin[0], time.process_time() - begin[1]
     least = {
         which: round(float(min(running.least_gaps[which] for running in ended)), 4)
-        for which in ended[0].least_gaps
+        for which in (ended[0].least_gaps if ended else ())
     }
     sys.stdout.write(
         f"{outcomes.total()} faults, {sum(running.readings for running in ended)} readings,"
@@ -432,6 +436,8 @@ def soak(bench_file: Path, count: int) -> None:
         f" {least} mm, {sum(running.slow_answers for running in ended)} slow answers, {wall:.0f} s,"
         f" processor {spent:.0f} s\n"
     )
+    if failures:
+        raise BaseExceptionGroup(f"{len(failures)} of {PARTS} parts failed", failures)
 
 
 @pytest.mark.ci
