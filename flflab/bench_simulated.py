@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from flflab.description import Description, Ratio
+from flflab.description import Description, Length, Ratio
 
 
 class FaultDescription(Description):
@@ -21,7 +21,8 @@ class FaultDescription(Description):
 
 class EffectsDescription(Description):
     """What the simulated optics do beside first order: natural fall-off, distortion of the main
-    lens (1/rad^2), stray light as a share of all light.
+    lens (1/rad^2), stray light and a halo as shares of all light, shading as the share that the
+    corners lose, and the sensor's gamma.
 
     ``choose`` says which of all effects are drawn: ``auto``, ``fast``, ``reference`` or a list, as
     ``flflab image --effects`` has it. ``tolerance`` is how finely frames are drawn, root mean
@@ -33,6 +34,10 @@ class EffectsDescription(Description):
     falloff: bool = False
     distortion: float = 0.0
     stray_light: Annotated[Ratio, Field(ge=0, le=1)] = 0.0
+    shading: Annotated[Ratio, Field(ge=0, le=1)] = 0.0
+    halo: Annotated[Ratio, Field(ge=0, le=1)] = 0.0
+    halo_radius: Annotated[Length, Field(gt=0)] = 0.02
+    gamma: Annotated[float, Field(ge=0.3, le=3)] = 1.0
 
 
 class SimulatedDescription(Description):

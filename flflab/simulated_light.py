@@ -13,7 +13,10 @@ from flflab.image.cost import predicted_seconds
 from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
+from flflab.image.effects.gamma import Gamma
+from flflab.image.effects.halo import Halo
 from flflab.image.effects.scatter import Scatter
+from flflab.image.effects.shading import Shading
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.scene import Plane, Scene
 from flflab.optics.camera import Camera
@@ -59,6 +62,9 @@ def light_scenes(
                 distortion=Distortion(described.distortion) if described.distortion else None,
                 scatter=scatter if scatter != Scatter(seed=scatter.seed) else None,
                 stray_light=StrayLight(described.stray_light) if described.stray_light else None,
+                shading=Shading(described.shading) if described.shading else None,
+                halo=Halo(described.halo, described.halo_radius) if described.halo else None,
+                gamma=Gamma(described.gamma) if described.gamma != 1 else None,
             ),
             weight,
         )

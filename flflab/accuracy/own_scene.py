@@ -87,7 +87,8 @@ class Reference:
 def scene_rows(scene: Scene, tell: Tell) -> tuple[tuple[SceneRow, ...], float]:
     """Every method at every setting, and the reference's uncertainty.
 
-    What multiplies or blurs a finished picture (stray light, filters) is left out.
+    What multiplies or blurs a finished picture (shading, halo, stray light, filters, gamma) is
+    left out.
 
     Args:
         scene: what is pictured.
@@ -101,7 +102,9 @@ def scene_rows(scene: Scene, tell: Tell) -> tuple[tuple[SceneRow, ...], float]:
             "accuracy image: light of one wavelength has no reference of rays; leave `wavelength`"
             " out of the scene"
         )
-    scene = replace(scene, stray_light=None, colour_filter=None)
+    scene = replace(
+        scene, stray_light=None, colour_filter=None, shading=None, halo=None, gamma=None
+    )
     tell("reference")
     blocks = _blocks(scene)
     reference = _reference(scene, blocks)

@@ -157,8 +157,8 @@ def _bench(
 ) -> tuple[Page, PlainTable]:
     from flflab.accuracy.bench_page import bench_page, bench_table
     from flflab.accuracy.table import write_table
+    from flflab.built_in import Kind, built_in
     from flflab.cli.accuracy_bench import bench_rows
-    from flflab.cli.new import Kind, built_in
 
     rows = bench_rows(bench or built_in(Kind.BENCH), study or built_in(Kind.STUDY), tell)
     write_table(rows, file)

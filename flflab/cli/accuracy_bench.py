@@ -14,12 +14,12 @@ import yaml
 from flflab.accuracy.bench_page import BenchRow
 from flflab.bench import fields_of, read_bench
 from flflab.cli.run import run_study
-from flflab.cli.validate import judged
 from flflab.errors import InputError
 from flflab.evaluation import Evaluation
 from flflab.simulated_light import drawing_tolerance
 from flflab.targets import Bars
 from flflab.yaml_file import read_yaml
+from procedures.validate import judged
 
 # Times the accuracy that the noise of a frame calls for, and frames of every point.
 SETTINGS = ((30.0, 1), (10.0, 1), (3.0, 1), (1.0, 1), (0.3, 1), (1.0, 4))

@@ -20,11 +20,14 @@ from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.fixed_pattern import FixedPattern
+from flflab.image.effects.gamma import Gamma
+from flflab.image.effects.halo import Halo
 from flflab.image.effects.motion import Motion
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
 from flflab.image.effects.scatter import Scatter
+from flflab.image.effects.shading import Shading
 from flflab.image.effects.shot_noise import ShotNoise
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.scene import Plane, Scene
@@ -124,6 +127,13 @@ class MotionDescription(Description):
     vibration: Pair = (0.0, 0.0)
 
 
+class HaloDescription(Description):
+    """A share of all light in a Gaussian spot, whose standard deviation is ``radius``."""
+
+    share: Ratio
+    radius: Length
+
+
 class FixedPatternDescription(Description):
     """Scatter of the pixels' gains, and of their offsets in electrons."""
 
@@ -191,6 +201,9 @@ class SceneDescription(Description):
     stray_light: Ratio = 0.0
     colour_filter: ColourFilterDescription | None = None
     motion: MotionDescription | None = None
+    shading: Ratio = 0.0
+    halo: HaloDescription | None = None
+    gamma: float = 1.0
     sensor: SensorDescription = SensorDescription()
 
 
@@ -269,6 +282,9 @@ def _makers(told: SceneDescription) -> dict[str, Callable[[], object]]:
             else ColourFilter(mosaic.pattern, mosaic.red, mosaic.green, mosaic.blue)
         ),
         "motion": lambda: None if motion is None else Motion(motion.drift, motion.vibration),
+        "shading": lambda: Shading(told.shading) if told.shading else None,
+        "halo": lambda: None if told.halo is None else Halo(told.halo.share, told.halo.radius),
+        "gamma": lambda: Gamma(told.gamma) if told.gamma != 1 else None,
         "sensor": told.sensor.response,
     }
 
@@ -286,6 +302,9 @@ def _scene(
         stray_light=made["stray_light"],
         colour_filter=made["colour_filter"],
         motion=made["motion"],
+        shading=made["shading"],
+        halo=made["halo"],
+        gamma=made["gamma"],
     )
 
 

@@ -34,6 +34,7 @@ FALLOFF_LEAVES = 9e-3  # over the square of the strips
 FEWEST = 4  # strips, where one is not enough
 FINE = 1e-4  # tolerance below which pixels on narrow vignetting edges are cut into more parts
 TABLE_LEAVES = 1e-3  # of a vignetting edge, over the power 3/2 of its width in pixels
+FINEST = 6e-5  # tolerance that tables keep of what is seen in a blur through a vignetting edge
 DOTS_LEAVE = 2.5e-2  # over the blur, up to WIDE pixels, and the square of a pixel's parts
 DOTS_SHARP_LEAVE = 0.03  # over the square of the blur, seen through the middle of the pupil
 WIDE, WIDEST = 2.5, 2000.0  # pixels: a wider blur is formed like this one
@@ -108,7 +109,7 @@ def upright(
     allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel
     by_columns = (bounded and turned <= allowed) or isinstance(plane.target, White)
     sharp = DOTS_SHARP_LEAVE * blur**2 <= KEPT * tolerance
-    tabulated = tabulated_from(tolerance)
+    tabulated = tabulated_from(plane.target, tolerance, float(blur.max(initial=0.0)))
     return Upright(plane.target, lenses, lines, how, by_columns, tabulated, sharp)
 
 
@@ -159,8 +160,12 @@ def strips_for(blur: float, target: Target, tolerance: float, weighted: bool) ->
     return min(max(math.ceil(math.sqrt(leaves / allowed)), FEWEST), 1024)
 
 
-def tabulated_from(tolerance: float) -> float:
-    """Width in pixels from which on a table of shares keeps a tolerance on a vignetting edge."""
+def tabulated_from(target: Target, tolerance: float, blur: float) -> float:
+    """Width in pixels from which on a table of shares keeps a tolerance on a vignetting edge; lines
+    in a blur need parts of pixels at the finest ones.
+    """
+    if not isinstance(target, White) and blur > SHARP and tolerance < FINEST:
+        return math.inf
     return max(STEEP, (TABLE_LEAVES / (KEPT * tolerance)) ** (2 / 3))
 
 
