@@ -21,7 +21,8 @@ from flflab.targets import Bars
 from flflab.yaml_file import read_yaml
 from procedures.validate import judged
 
-# Times the accuracy that the noise of a frame calls for, and frames of every point.
+# Times the accuracy that the noise of a frame calls for, and frames of every point; the first one's
+# time may hold compiling.
 SETTINGS = ((30.0, 1), (10.0, 1), (3.0, 1), (1.0, 1), (0.3, 1), (1.0, 4))
 
 
