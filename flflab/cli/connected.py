@@ -67,7 +67,9 @@ def connected_bench(
 
 
 def _say_where_it_stopped(bench: "ConnectedBench") -> None:
-    """Stop what moves after an interruption or a fault, and say where it came to rest."""
+    """Stop what moves after an interruption or a fault, and say where it came to rest, as far as it
+    has a reference.
+    """
     moving = [name for name, axis in bench.axes.items() if axis.is_under_way()]
     with suppress(DeviceError):  # leaving the bench stops it again, and tells
         bench.stop_what_moves()
@@ -76,12 +78,9 @@ def _say_where_it_stopped(bench: "ConnectedBench") -> None:
             axis = bench.axes[name]
             while axis.is_moving() and time.monotonic() < deadline:
                 time.sleep(LOOK_S)
-            place = (
-                f"stopped at {axis.coordinate.show(axis.position(), '.4f')}"
-                if axis.is_homed() and not axis.is_moving()
-                else "was stopped; where it stands is not known, home it first"
-            )
-            typer.echo(f"{name} {place}", err=True)
+            if axis.is_homed() and not axis.is_moving():
+                place = axis.coordinate.show(axis.position(), ".4f")
+                typer.echo(f"{name} stopped at {place}", err=True)
 
 
 @contextmanager

@@ -47,6 +47,10 @@ def pictures(flflab: Run, small_camera: Path, tmp_path: Path) -> tuple[Path, Pat
     return found[0], found[1]
 
 
+def read_png(file: Path) -> Any:
+    return np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED))
+
+
 def read_cloud(file: Path) -> Any:
     head, _, body = file.read_bytes().partition(b"end_header\n")
     assert head.startswith(b"ply\nformat binary_little_endian 1.0\n")
@@ -71,8 +75,9 @@ def test_a_picture_becomes_files_that_hold_its_distance(
     assert told["distance_mm"]["median"] == pytest.approx(TRUTH, abs=0.3)
     assert told["derivatives_at_median"]["gap"] == pytest.approx(290, rel=0.05)
     with tifffile.TiffFile(folder / "depth.tif") as tiff:
-        assert [page.tags[285].value for page in tiff.pages] == PAGES
-        pages = {name: page.asarray() for name, page in zip(PAGES, tiff.pages, strict=True)}
+        stored: list[Any] = list(tiff.pages)
+        assert [page.tags[285].value for page in stored] == PAGES
+        pages = {name: page.asarray() for name, page in zip(PAGES, stored, strict=True)}
     assert all(page.dtype == np.float32 for page in pages.values())
     error = (pages["distance_mm"] - TRUTH) / pages["sigma_mm"]
     assert np.nanmean(np.abs(error) < 3) > 0.9
@@ -81,7 +86,7 @@ def test_a_picture_becomes_files_that_hold_its_distance(
     assert np.median(points["z"]) == pytest.approx(TRUTH, abs=0.3)
     # the camera sees (sensor size)/L of the distance, less what the outer micro-images lack
     assert np.ptp(points["x"]) == pytest.approx(COLUMNS * 5e-3 / 60 * TRUTH, rel=0.15)
-    focus = cv2.imread(str(folder / "focus.png"), cv2.IMREAD_UNCHANGED)
+    focus = read_png(folder / "focus.png")
     assert focus.dtype == np.uint16
     assert focus.shape == pages["distance_mm"].shape
     assert np.std(focus[focus > 0]) > 0.05 * 65535
@@ -104,7 +109,7 @@ def test_a_picture_is_focused_anew_where_it_was_blurred(
     assert detail[0] > 2 * detail[1]
     ended = flflab("refocus", raw, *made_by, "--total", "-o", tmp_path / "total.png")
     assert ended.code == 0, ended.err
-    assert cv2.imread(str(tmp_path / "total.png"), cv2.IMREAD_UNCHANGED).dtype == np.uint16
+    assert read_png(tmp_path / "total.png").dtype == np.uint16
 
 
 def test_what_cannot_become_a_depth_map_is_said_in_one_sentence_and_leaves_no_files(

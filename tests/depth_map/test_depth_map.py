@@ -53,6 +53,8 @@ def test_distortion_is_taken_off_the_cloud() -> None:
     assert undistorted(seen, away, MainLens(50.0, 4.0)) is seen
 
 
+@pytest.mark.ci
+@pytest.mark.timeout(300)
 def test_a_blank_wall_has_no_depth() -> None:
     camera = replace(osinski(), sensor=replace(osinski().sensor, resolution=(540, 460), pixel=5e-3))
     wall = rays.Card(507.0, np.full((4, 4), 0.5), 1.0)

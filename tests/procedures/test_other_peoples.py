@@ -90,9 +90,10 @@ def test_a_scan_under_anybodys_engine_leaves_its_frames_in_a_file(
         bench.detector.folder = tmp_path / "frames"
         bench.detector.prepare(5e-3)
         live = LiveTable(["sensor_stage_mm", "camera_mean_dn"], out=printed.append)
+        listeners: Any = [keep, live]
         for _ in range(2):
             plan = bp.scan([bench.detector], bench.sensor_stage, 18.7, 18.8, 3)
-            engine(plan, [keep, live])
+            engine(plan, listeners)
         last = bench.detector.latest
     resources = [document for name, document in documents if name == "stream_resource"]
     data = [document for name, document in documents if name == "stream_datum"]
