@@ -1,4 +1,3 @@
-# longer than 450 lines because every field of the bench file stands in one place
 """The bench file: what stands on the bench, where it is reached, how far it may go, and how well
 its zeros are known.
 """
@@ -20,6 +19,7 @@ from pydantic import (
     model_validator,
 )
 
+from flflab.bench_simulated import SimulatedDescription
 from flflab.bench_uncertainty import (
     LightDescription,
     MeasurementFloorDescription,
@@ -254,33 +254,6 @@ class AxisDescription(DeviceDescription):
     def uncertainty(self, reading: float) -> float:
         """Standard uncertainty of the place in the world at a reading, mm or rad."""
         return math.hypot(self.zero_uncertainty, self.scale_uncertainty * reading)
-
-
-class FaultDescription(Description):
-    """A fault that the simulated bench shows on purpose: on which device, which one, after how many
-    commands.
-    """
-
-    device: str
-    fault: str
-    after: Annotated[int, Field(ge=0)] = 0
-
-
-class SimulatedDescription(Description):
-    """What only a simulated bench reads: seed, clock rate, planted truths and faults, its targets
-    by kind, its light and sensor.
-    """
-
-    seed: Annotated[int, Field(ge=0)] = 0
-    clock: Annotated[float, Field(gt=0)] = 1.0
-    truths: dict[str, str | float] = {}
-    faults: list[FaultDescription] = []
-    targets: dict[str, dict[str, Any]] = {}
-    electrons_per_second: Annotated[float, Field(gt=0)] = 1e6
-    full_well_electrons: Annotated[float, Field(gt=0)] = 12000.0
-    read_noise_electrons: Annotated[float, Field(ge=0)] = 3.0
-    bits: Annotated[int, Field(ge=8, le=16)] = 12
-    black_level: Annotated[float, Field(ge=0)] = 64.0
 
 
 def _axis_name(given: str) -> str:

@@ -134,12 +134,12 @@ class World:
             InputError: a planted truth has no meaning here.
         """
         simulated = bench.description.simulated
+        self.bench = bench
         self.lock = threading.RLock()
         self.clock = clock
         self.seed = simulated.seed
         check_truths(bench)
         self.optics = true_optics(bench, simulated.truths)
-        self.light = bench.description.spectrum
         left_at = {
             "main_lens.z": 0.0,
             "array.z": bench.optics.array.distance,

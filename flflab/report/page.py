@@ -17,6 +17,7 @@ from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run
 from flflab.report import charts, facts, frames, tables
+from flflab.report.drawn import drawn_table
 from flflab.study import Study
 from flflab.whole_file import write_own
 
@@ -118,6 +119,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
             if "simulated" in bench.description.model_fields_set
             else None
         ),
+        drawn=drawn_table(bench, study, evaluation.predicted[0]) if local else None,
         provenance=_provenance(run, study, bench),
         draws=study.description.draws,
         light=bench.description.light_uncertainty,
