@@ -17,7 +17,7 @@ from flflab.optics.distortion import BrownDistortion
 
 RANGE = 420.0, 640.0
 
-FALLS_SHORT = "rms 0.254 mm at 540 mm, where 0.25 mm is due; a plane tilted by 25 degrees 1 % too flat"
+FALLS_SHORT = "rms 0.254 mm at 540 mm (0.25 is due); a plane tilted by 25 degrees is 1 % too flat"
 
 
 def test_distance_and_disparity_are_inverse_and_their_derivatives_are_differences() -> None:
