@@ -47,9 +47,8 @@ READOUT = 0.05  # s
 BUFFER = 4  # frames
 # of the drawn picture, in units of white level: bars measured in fifty pictures show one of 0.002
 TOLERANCE = 5e-4
-WHITE_TOLERANCE = (
-    3e-5  # the rims of a white frame's micro-images show a radius to a ten thousandth of a pixel
-)
+# the rims of a white frame's micro-images show a radius to a ten thousandth of a pixel
+WHITE_TOLERANCE = 1e-4
 PICTURES = 4  # noise-free pictures kept
 COARSE = 16  # pixels of a warm-up's coarse ones, each way
 
