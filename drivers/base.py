@@ -3,9 +3,10 @@ made them.
 """
 
 from drivers.axis import Axis, Guard
-from drivers.camera import Camera, CameraDevice, Detector, Frame
+from drivers.camera import Camera, CameraDevice, Frame
 from drivers.camera_commands import CameraCommands
 from drivers.commands import AxisCommands, SettingCommands
+from drivers.detector import Detector
 from drivers.setting import Setting
 from drivers.status import Status, wait_all
 

@@ -9,17 +9,28 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
+from typing import Self, TypeVar
 
+from drivers.answers import answers
 from drivers.axis import Axis, Clearance
-from drivers.camera import CameraDevice, Detector
+from drivers.camera import CameraDevice
 from drivers.commands import FOLLOWING
 from drivers.connection import Connection, can_outlive
 from drivers.described import device_of, one_instrument, require_drivable
-from drivers.interlocks import check_motion, gap_rules, half_way, order_moves, retreats
+from drivers.detector import Detector
+from drivers.interlocks import (
+    check_motion,
+    gap_rules,
+    half_way,
+    homing_groups,
+    order_moves,
+    retreats,
+)
 from drivers.owner import Owner
 from drivers.sentinel import Sentinel
 from drivers.setting import Setting
 from drivers.simulated import SimulatedOnDemand
+from drivers.status import wait_all
 from drivers.survey import Identity, look
 from flflab.bench import Bench, Moved, read_bench
 from flflab.errors import CommunicationError, DeviceError, InputError, InterlockError
@@ -60,6 +71,7 @@ class ConnectedBench:
         self._owner = owner
         self._sentinels = sentinels
         self._resources = resources
+        self.doing = ""  # what a procedure does now, for who asks
         self._told_to_stop = False
         self._watching = threading.Lock()
         self._sentinel: Sentinel | None = None
@@ -81,7 +93,7 @@ class ConnectedBench:
                 f"the bench has no {name}; its axes are {', '.join(self.__dict__.get('axes', ()))}"
             ) from None
 
-    def __enter__(self) -> "ConnectedBench":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -94,7 +106,7 @@ class ConnectedBench:
             return  # a forked child: what moves is its parent's
         try:
             if error is not None:
-                self._stop([axis for axis in self.axes.values() if axis.is_under_way()])
+                self.stop_what_moves()
         except DeviceError as not_stopped:
             raise DeviceError(
                 f"{error or 'interrupted'}; and then not every axis took the stop: {not_stopped}"
@@ -109,6 +121,26 @@ class ConnectedBench:
             DeviceError: at least one axis did not take the command; each is named.
         """
         self._stop(self.axes.values())
+
+    def stop_what_moves(self) -> None:
+        """Stop every axis whose motion was begun here and not seen to end; errors as ``stop``."""
+        self._stop([axis for axis in self.axes.values() if axis.is_under_way()])
+
+    def home(self, *names: str) -> None:
+        """Look for the reference of every axis, or of the ones named, and wait: array and sensor
+        away from each other, each while its neighbours are out of its way.
+
+        Raises:
+            InputError: there is no axis of a name.
+            InterlockError: an axis could come too near to a neighbour.
+            DeviceError: an axis failed, or moves already.
+        """
+        if unknown := [name for name in names if name not in self.axes]:
+            raise InputError(
+                f"there is no axis {unknown[0]} on this bench; its axes are {', '.join(self.axes)}"
+            )
+        for group in homing_groups(self.described):
+            wait_all(*[self.axes[name].home() for name in group if name in (names or self.axes)])
 
     def _stop(self, axes: Collection[Axis]) -> None:
         described = self.described.description.axes
@@ -166,6 +198,7 @@ class ConnectedBench:
 
     def close(self) -> None:
         """Let go of everything, in the reverse order of opening; may be called again."""
+        self.detector.close()
         self._resources.close()
 
     def axis_of(self, element: Moved) -> Axis | None:
@@ -318,6 +351,9 @@ class ConnectedBench:
         return {name: self.axes[name].reach() for name in movers if name != besides}
 
 
+Connected = TypeVar("Connected", bound=ConnectedBench)
+
+
 def connect(bench_file: str | Path) -> ConnectedBench:
     """Connect to every device of a bench file; nothing moves.
 
@@ -331,6 +367,11 @@ def connect(bench_file: str | Path) -> ConnectedBench:
 
 def connect_described(described: Bench) -> ConnectedBench:
     """Connect to every device of a bench as read; nothing moves. Errors as ``connect``."""
+    return connect_as(ConnectedBench, described)
+
+
+def connect_as(kind: type[Connected], described: Bench) -> Connected:
+    """Connect to every device of a bench as a kind of connected bench. Errors as ``connect``."""
     description = described.description
     require_drivable(described)
     with ExitStack() as resources:
@@ -356,7 +397,7 @@ def connect_described(described: Bench) -> ConnectedBench:
             {name: (description.axes[name].driver, axis.serial()) for name, axis in axes.items()}
         ):
             raise DeviceError("\n".join(twice))
-        bench = ConnectedBench(
+        bench = kind(
             described,
             axes,
             camera,
@@ -368,5 +409,5 @@ def connect_described(described: Bench) -> ConnectedBench:
             resources.pop_all(),
         )
     if owner is not None:
-        owner.stops_with(bench.stop_for_good)
+        owner.stops_with(bench.stop_for_good, answers(bench))
     return bench

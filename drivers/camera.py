@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.camera_commands import CameraCommands, Taken
-from drivers.status import Status
 from flflab.errors import CommunicationError, DeviceError, LimitError
 
 if TYPE_CHECKING:
@@ -121,6 +120,9 @@ class Camera:
         name: the name on the bench.
         commands: what speaks to it.
         wait_until_ready: called before it is armed; returns once it can take a picture.
+
+    Attributes:
+        last: the last frame fetched; None before the first.
     """
 
     def __init__(
@@ -135,6 +137,7 @@ class Camera:
         self._shape: tuple[int, ...] | None = None
         self._before: tuple[float, int] | None = None  # stamp and sum of the last frame
         self._said = set[str]()
+        self.last: Frame | None = None
 
     @property
     def exposure_limits(self) -> tuple[float, float]:
@@ -264,7 +267,7 @@ class Camera:
             except BaseException:
                 self._dropped += 1
                 raise
-            return Frame(
+            self.last = Frame(
                 taken.picture,
                 taken.exposure_s,
                 taken.gain,
@@ -273,6 +276,7 @@ class Camera:
                 self._dropped,
                 taken.pixel_format,
             )
+            return self.last
 
     def grab(self, exposed: Callable[[], None] = nothing) -> Frame:
         """Take one picture now: arm, trigger, fetch; ``exposed`` is called once its light is in,
@@ -355,61 +359,3 @@ class Camera:
                 self._said.add(words.partition(" ")[0])
                 LOG.info("%s: frame %d: %s", self.name, self._number, words)
                 sys.stderr.write(f"flflab: {self.name}: frame {self._number}: {words}\n")
-
-
-class Detector:
-    """A camera as bluesky triggers and reads it; ``latest`` is the frame of the last trigger.
-
-    Args:
-        camera: any camera.
-    """
-
-    parent = None
-
-    def __init__(self, camera: CameraDevice) -> None:
-        self.name = camera.name
-        self.camera = camera
-        self.latest: Frame | None = None
-
-    def trigger(self) -> Status:
-        """Take one picture in a thread."""
-        status = Status(f"{self.name}: take a picture")
-
-        def take() -> None:
-            try:
-                self.latest = self.camera.grab()
-            except Exception as error:
-                status.complete(error)
-            else:
-                status.complete()
-
-        threading.Thread(target=take, name=f"grab {self.name}", daemon=True).start()
-        return status
-
-    def read(self) -> dict[str, Any]:
-        """What the last picture was taken with; empty numbers before the first."""
-        now, frame = time.time(), self.latest
-        values = (
-            (0, 0, 0.0, 0.0)
-            if frame is None
-            else (frame.number, frame.dropped, frame.exposure_s, frame.gain)
-        )
-        return {
-            key: {"value": value, "timestamp": now}
-            for key, value in zip(self.describe(), values, strict=True)
-        }
-
-    def describe(self) -> dict[str, Any]:
-        """What ``read`` returns."""
-        source = f"camera {self.name}"
-        return {
-            f"{self.name}_number": {"source": source, "dtype": "integer", "shape": []},
-            f"{self.name}_dropped": {"source": source, "dtype": "integer", "shape": []},
-            f"{self.name}_exposure_s": {
-                "source": source,
-                "dtype": "number",
-                "shape": [],
-                "units": "s",
-            },
-            f"{self.name}_gain": {"source": source, "dtype": "number", "shape": []},
-        }

@@ -258,6 +258,16 @@ def homing_order(gaps: Sequence[Gap]) -> tuple[tuple[str, ...], ...]:
     return tuple(order)
 
 
+def homing_groups(bench: Bench) -> tuple[tuple[str, ...], ...]:
+    """Which axes of a bench look for their reference together, group after group: what shifts main
+    lens, array and sensor first, each while its neighbours are out of its way; the others then.
+    """
+    axes = bench.description.axes
+    order = homing_order(gap_rules(bench, {name: axis.limits for name, axis in axes.items()}))
+    others = tuple(name for name in axes if not any(name in group for group in order))
+    return tuple(group for group in (*order, others) if group)
+
+
 def half_way(
     gaps: Sequence[Gap], name: str, start: float, end: float | None, readings: Readings
 ) -> float | None:

@@ -9,7 +9,7 @@ import selectors
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,11 +18,12 @@ from drivers.forked import close_in_children
 from drivers.locks import lock_files
 from flflab.errors import DeviceError, InputError
 
-__all__ = ["Owner", "ask_owners_to_stop", "lock_files"]
+__all__ = ["Owner", "ask_owner", "ask_owners_to_stop", "lock_files"]
 
 HEARD_TIMEOUT_S = 1.0
 STOP_TIMEOUT_S = 10.0
 HEARD, STOPPED = b"heard\n", b"stopped\n"
+MOST_ANSWER = 1 << 28  # bytes, of a picture
 MOST_SILENT = 32  # connections that say nothing; of more the oldest is let go
 
 
@@ -100,12 +101,18 @@ class Owner:
                 f" {locks.folder()}"
             ) from error
 
-    def stops_with(self, stop: Callable[[], None]) -> None:
+    def stops_with(
+        self, stop: Callable[[], None], answers: Mapping[str, Callable[[], bytes]] | None = None
+    ) -> None:
         """From now on another process that asks has every axis stopped: ``stop`` is called from a
-        thread of this owner's.
+        thread of this owner's; one that asks one of the questions in ``answers`` gets its answer,
+        and nothing moves.
         """
         self._thread = threading.Thread(
-            target=self._listen, args=(stop,), name=f"owner of {self._name}", daemon=True
+            target=self._listen,
+            args=(stop, answers or {}),
+            name=f"owner of {self._name}",
+            daemon=True,
         )
         self._thread.start()
 
@@ -134,7 +141,7 @@ class Owner:
                     file.with_suffix(kind).unlink(missing_ok=True)
         self._held.close()
 
-    def _listen(self, stop: Callable[[], None]) -> None:
+    def _listen(self, stop: Callable[[], None], answers: Mapping[str, Callable[[], bytes]]) -> None:
         """Hear all who connect at once: who says nothing keeps nobody waiting."""
         silent: list[socket.socket] = []
         answering: list[threading.Thread] = []
@@ -150,8 +157,13 @@ class Owner:
                         continue
                     ready.unregister(link)
                     silent.remove(link)
-                    if self._knows_token(link):
-                        thread = threading.Thread(target=_answer, args=(link, stop), daemon=True)
+                    asked = self._asked(link)
+                    if asked is not None:
+                        thread = threading.Thread(
+                            target=_tell if asked else _answer,
+                            args=(link, answers.get(asked, lambda: b"") if asked else stop),
+                            daemon=True,
+                        )
                         thread.start()
                         answering.append(thread)
                 while len(silent) > MOST_SILENT:
@@ -162,13 +174,14 @@ class Owner:
         for thread in answering:
             thread.join()
 
-    def _knows_token(self, link: socket.socket) -> bool:
-        """Whether who connected may read this user's files; one who may not is let go."""
+    def _asked(self, link: socket.socket) -> str | None:
+        """What one asks who may read this user's files, empty for a stop; another is let go."""
         with contextlib.suppress(OSError):
-            if secrets.compare_digest(link.recv(200).strip(), self._token.encode()):
-                return True
+            token, _, question = link.recv(200).strip().partition(b" ")
+            if secrets.compare_digest(token, self._token.encode()):
+                return question.decode("ascii", "replace")
         link.close()
-        return False
+        return None
 
 
 def _answer(link: socket.socket, stop: Callable[[], None]) -> None:
@@ -181,6 +194,44 @@ def _answer(link: socket.socket, stop: Callable[[], None]) -> None:
             link.sendall(STOPPED)
         except DeviceError as error:
             link.sendall(str(error).encode())
+
+
+def _tell(link: socket.socket, answer: Callable[[], bytes]) -> None:
+    with link, contextlib.suppress(OSError):  # who asked may be gone
+        link.settimeout(STOP_TIMEOUT_S)
+        link.sendall(answer())
+
+
+def ask_owner(bench_file: Path, question: str) -> bytes | None:
+    """What the program that drives a bench answers to a question; nothing moves. None where no
+    program of this user drives it; empty where it knows no answer.
+
+    Raises:
+        InputError: the bench file cannot be read.
+        DeviceError: it does not answer.
+    """
+    found = (
+        owner
+        for files in lock_files(bench_file).values()
+        for file in files
+        if (owner := _owner(file))
+    )
+    owner = next(found, None)
+    if owner is None or owner.get("process") == os.getpid():
+        return None
+    try:
+        with socket.create_connection(("127.0.0.1", int(owner["port"])), 1.0) as link:
+            link.settimeout(STOP_TIMEOUT_S)
+            link.sendall(f"{owner['token']} {question}\n".encode())
+            answer = bytearray()
+            while (more := link.recv(1 << 16)) and len(answer) < MOST_ANSWER:
+                answer += more
+    except (OSError, KeyError, ValueError, TypeError, OverflowError) as error:
+        raise DeviceError(
+            f"{bench_file}: process {owner.get('process', 'unknown')} drives this bench and does"
+            f" not answer ({error})"
+        ) from error
+    return bytes(answer)
 
 
 def ask_owners_to_stop(bench_file: Path) -> dict[str, str | None]:

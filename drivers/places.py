@@ -34,6 +34,10 @@ PLACES: Mapping[str, Callable[[str], str]] = {
 def spelt(driver: str, address: str) -> str:
     """The address of an axis spelt one way; as it is where it, or its driver, is none."""
     try:
-        return PLACES[driver](address)
+        if driver in PLACES:
+            return PLACES[driver](address)
+        from drivers.registry import AXES  # another package's: only who has one loads it
+
+        return AXES[driver].place(address)
     except (KeyError, InputError):
         return address

@@ -1,4 +1,3 @@
-# longer than 450 lines because every field of the bench file stands in one place
 """The bench file: what stands on the bench, where it is reached, how far it may go, and how well
 its zeros are known.
 """
@@ -20,6 +19,7 @@ from pydantic import (
     model_validator,
 )
 
+from flflab.bench_simulated import SimulatedDescription
 from flflab.bench_uncertainty import (
     LightDescription,
     MeasurementFloorDescription,
@@ -256,33 +256,6 @@ class AxisDescription(DeviceDescription):
         return math.hypot(self.zero_uncertainty, self.scale_uncertainty * reading)
 
 
-class FaultDescription(Description):
-    """A fault that the simulated bench shows on purpose: on which device, which one, after how many
-    commands.
-    """
-
-    device: str
-    fault: str
-    after: Annotated[int, Field(ge=0)] = 0
-
-
-class SimulatedDescription(Description):
-    """What only a simulated bench reads: seed, clock rate, planted truths and faults, its targets
-    by kind, its light and sensor.
-    """
-
-    seed: Annotated[int, Field(ge=0)] = 0
-    clock: Annotated[float, Field(gt=0)] = 1.0
-    truths: dict[str, str | float] = {}
-    faults: list[FaultDescription] = []
-    targets: dict[str, dict[str, Any]] = {}
-    electrons_per_second: Annotated[float, Field(gt=0)] = 1e6
-    full_well_electrons: Annotated[float, Field(gt=0)] = 12000.0
-    read_noise_electrons: Annotated[float, Field(ge=0)] = 3.0
-    bits: Annotated[int, Field(ge=8, le=16)] = 12
-    black_level: Annotated[float, Field(ge=0)] = 64.0
-
-
 def _axis_name(given: str) -> str:
     """A name that can stand in every record, on a command line, and for nothing else."""
     if found := re.search(r"[./]|^\s|\s$|^$|^-", given):
@@ -432,6 +405,24 @@ def _require_one_attitude(bench: Bench) -> None:
                 f"{bench.where('fixed', moved, 'at')}: {ANGLE.show(place.at, 'g')}, but the camera"
                 f" file has {ANGLE.show(described[moved], 'g')}; make both the same"
             )
+
+
+def seeded(bench: Bench, seed: int | None) -> Bench:
+    """As ``with_seed``, for a bench that is to be connected.
+
+    Raises:
+        InputError: a seed is given, and nothing of the bench is simulated by who connects to it:
+            nobody would obey the seed.
+    """
+    description = bench.description
+    devices = (*description.axes.values(), description.camera, description.iris, description.target)
+    if seed is not None and not any(device.address == "simulated" for device in devices):
+        raise InputError(
+            f"{bench.file}: seed {seed} is asked for, but no device there has the address"
+            " simulated, so nobody would obey it; give the seed where the bench is served"
+            f" (`flflab sim BENCH --seed {seed}`)"
+        )
+    return with_seed(bench, seed)
 
 
 def with_seed(bench: Bench, seed: int | None) -> Bench:

@@ -197,3 +197,16 @@ def _jpeg_exif(content: bytes) -> bytes:
     """The EXIF notes of a JPEG, which stand before its pixels; empty where it has none."""
     _, found, rest = content.partition(b"Exif\0\0")
     return rest if found else b""
+
+
+def png_with(content: bytes, note: str) -> bytes:
+    """A PNG with a text beside its picture, keyword Description.
+
+    Args:
+        content: of a PNG.
+        note: the text; what is no Latin-1 is replaced.
+    """
+    body = b"tEXtDescription\0" + note.encode("latin-1", "replace")
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    header = 8 + 25  # the signature, and IHDR
+    return content[:header] + chunk + content[header:]

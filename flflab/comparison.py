@@ -8,7 +8,7 @@ distribution.
 """
 
 import math
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,6 @@ PROPERTY_NAMES = {
     "elr_row_px": "effective lateral resolution",
     "dot_distance_mm": "depth of the dots", "array_attitude_mrad": "tilt and roll of the array",
 }  # fmt: skip
-AS_FAR_OFF = "benches as far off"  # what a p-value is called where people read it
 
 
 @dataclass(frozen=True)
@@ -60,6 +59,9 @@ class Verdict:
         quantity: what was compared.
         rows: how many numbers.
         p_value: share of honest simulated benches that disagree at least as much.
+        draws: honest benches that were simulated for it.
+        worst_z: largest difference from the mean of the honest benches, in its own standard
+            uncertainty.
         threshold: the quantity is rejected below this p-value.
         accepted: p_value >= threshold.
         sentence: the verdict in one sentence.
@@ -68,9 +70,23 @@ class Verdict:
     quantity: str
     rows: int
     p_value: float
+    draws: int
+    worst_z: float
     threshold: float
     accepted: bool
     sentence: str
+
+    @property
+    def p_is_upper_bound(self) -> bool:
+        """Whether none of the simulated benches disagreed as much: p is below 1 in their number."""
+        return self.p_value * (1 + self.draws) < 1.5
+
+    @property
+    def p_words(self) -> str:
+        """The p-value for people: ``33.7 %``, or ``none of 500, p < 0.2 %``."""
+        if self.p_is_upper_bound:
+            return f"none of {self.draws}, p < {percent(self.p_value)}"
+        return percent(self.p_value)
 
 
 @dataclass(frozen=True)
@@ -158,11 +174,24 @@ def judge(
     accepted = p_value >= threshold
     sentence = (
         f"{PROPERTY_NAMES.get(quantity, quantity)}: {count} values"
-        f" {'agree' if accepted else 'do not agree'} with the model; of benches built and measured"
-        f" as stated, {percent(p_value)} disagree at least as much (rejected below"
-        f" {percent(threshold)})"
+        f" {'agree' if accepted else 'do not agree'} with the model"
     )
-    return Verdict(quantity, count, p_value, threshold, accepted, sentence)
+    worst = float(np.max(np.abs(measured - mean) / scale))
+    judged = Verdict(quantity, count, p_value, len(null), worst, threshold, accepted, sentence)
+    told = f"{sentence} (p-value {judged.p_words}; rejected below {percent(threshold)})"
+    return replace(judged, sentence=told)
+
+
+def rule(verdicts: tuple[Verdict, ...]) -> str:
+    """How p-values come about and where a property is rejected, in a line beneath their table."""
+    draws = max(verdict.draws for verdict in verdicts)
+    level = sum(verdict.threshold for verdict in verdicts)
+    return (
+        f"p-value: of {draws} simulated benches that are built and measured as stated, how many"
+        f" disagree with the model at least as much. {len(verdicts)} properties share the level of"
+        f" {percent(level)}: each is rejected below {percent(verdicts[0].threshold)}, so that an"
+        f" honest bench is rejected at most {percent(level)} of the time."
+    )
 
 
 def write_rows(rows: tuple[Row, ...], file: Path) -> None:

@@ -13,13 +13,20 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from flflab.bitmap_file import by_content, read_bmp, read_jpeg, read_pgm, read_png
+from flflab.bitmap_file import (
+    by_content,
+    png_with,
+    read_bmp,
+    read_jpeg,
+    read_pgm,
+    read_png,
+)
 from flflab.errors import InputError, reason
 from flflab.raw_file import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
 from flflab.remark import Remark
 from flflab.sensor_picture import SensorPicture, declare, from_raw, with_dark
 from flflab.stored_picture import StoredPicture
-from flflab.tiff_file import read_tiff
+from flflab.tiff_file import read_tiff, tiff_of
 from flflab.whole_file import require_writable, write_whole
 
 Picture = npt.NDArray[Any]
@@ -155,6 +162,7 @@ def write_picture(
     *,
     pattern: str | None = None,
     neutral: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    note: str = "",
 ) -> None:
     """Write one picture.
 
@@ -169,6 +177,8 @@ def write_picture(
             overlapping light.
         pattern: mosaic of a .dng, see ``RawPicture``; the other kinds note none.
         neutral: what white gives in its colours.
+        note: written beside the numbers, ASCII: the description of a .tiff or .dng, a text of a
+            .png; a .npy takes none.
 
     Raises:
         InputError: unknown ending, not a plane of numbers, numbers that 16 bits cannot hold, or it
@@ -182,16 +192,20 @@ def write_picture(
         )
     if ending == ".dng":
         return write_raw(
-            file, RawPicture(_sixteen_bits(file, picture, white_dn), pattern, neutral=neutral)
+            file,
+            RawPicture(_sixteen_bits(file, picture, white_dn), pattern, neutral=neutral, note=note),
         )
     if ending == ".npy":
         stream = io.BytesIO()
         np.save(stream, picture, allow_pickle=False)
         return write_whole(file, stream.getbuffer())
-    done, encoded = cv2.imencode(ending, _sixteen_bits(file, picture, white_dn))
+    numbers = _sixteen_bits(file, picture, white_dn)
+    if ending in TIFF:
+        return write_whole(file, tiff_of(numbers, note))
+    done, encoded = cv2.imencode(ending, numbers)
     if not done:
         raise InputError(f"{file}: this picture cannot be written as {ending}")
-    write_whole(file, encoded.tobytes())
+    write_whole(file, png_with(encoded.tobytes(), note) if note else encoded.tobytes())
 
 
 def require_picture_file(file: Path) -> None:

@@ -40,6 +40,7 @@ class RawPicture:
         exposure_s: exposure time, s; 0 where the file does not say.
         iso: speed it was taken at; 0 where the file does not say.
         remarks: what else the file says that a reader of its numbers should know.
+        note: what is written into the file beside, ASCII; not read back.
     """
 
     values: npt.NDArray[np.uint16]
@@ -50,6 +51,7 @@ class RawPicture:
     exposure_s: float = 0.0
     iso: float = 0.0
     remarks: tuple[Remark, ...] = ()
+    note: str = ""
 
 
 def read_raw(file: Path) -> RawPicture:
@@ -249,6 +251,7 @@ def _dng(raw: RawPicture) -> bytes:
             1,
             struct.pack("<H", 32803 if raw.pattern else 34892),
         ),  # colour filter array, or linear raw
+        *_note(raw.note),
         (271, ascii_, 7, b"flflab\0"),
         (272, ascii_, 7, b"flflab\0"),
         (273, long, 1, b"strip"),  # where the pixels begin, set below
@@ -319,6 +322,12 @@ def _dng(raw: RawPicture) -> bytes:
     )
     head += _exif(raw, noted_at)
     return head.ljust(pixels_at, b"\0") + raw.values.astype("<u2").tobytes()
+
+
+def _note(note: str) -> list[tuple[int, int, int, bytes]]:
+    """The tag of a description; none where there is none."""
+    text = note.encode("ascii", "replace").ljust(4) + b"\0"  # four bytes stand in its entry
+    return [(270, 2, len(text), text)] if note else []
 
 
 def _exif(raw: RawPicture, at: int = 0) -> bytes:

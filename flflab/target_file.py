@@ -4,14 +4,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import BeforeValidator, Field
 
 from flflab.description import Angle, Description, Frequency, Length, check, require_kind
 from flflab.errors import InputError, reason
-from flflab.targets import Bars, Black, Chirp, Edge, FourDot, Picture, Target, White
+from flflab.targets import Bars, Black, Chirp, Edge, FourDot, Picture, Target, Texture, White
 from flflab.yaml_file import read_yaml
 
 PositiveLength = Annotated[Length, Field(gt=0)]
@@ -67,6 +66,15 @@ class PictureDescription(Description):
     width: PositiveLength
 
 
+class TextureDescription(Description):
+    """A random texture."""
+
+    kind: Literal["texture"]
+    width: PositiveLength = Texture.width
+    grain: PositiveLength = Texture.grain
+    seed: Annotated[int, Field(ge=0)] = Texture.seed
+
+
 DESCRIPTIONS: dict[str, type[Description]] = {
     "four-dot": FourDotDescription,
     "bars": BarsDescription,
@@ -75,6 +83,7 @@ DESCRIPTIONS: dict[str, type[Description]] = {
     "white": PlainDescription,
     "black": PlainDescription,
     "picture": PictureDescription,
+    "texture": TextureDescription,
 }
 
 
@@ -139,6 +148,8 @@ def _made(
                 )
             case EdgeDescription():
                 return Edge(found.angle)
+            case TextureDescription():
+                return Texture(found.width, found.grain, found.seed)
             case PictureDescription():
                 return _read_picture(folder / found.file, found.width)
             case _:
@@ -151,6 +162,8 @@ def _read_picture(file: Path, width: float) -> Picture:
     """A grey picture as radiances: whole numbers count from 0 to their type's largest, real numbers
     stand for themselves.
     """
+    import cv2  # only who has a picture as a target waits for it
+
     try:
         coded = np.load(file) if file.suffix == ".npy" else np.fromfile(file, dtype=np.uint8)
         values = (

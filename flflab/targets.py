@@ -2,6 +2,7 @@
 from its centre, from 0 to 1.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass, fields
 from typing import ClassVar, TypeAlias
@@ -13,6 +14,10 @@ from flflab.errors import InputError
 
 Array = npt.NDArray[np.float64]
 CYCLES_AT_MOST = 100_000.0  # a table of this many cycles is still small
+
+TEXELS = 16, 8192  # a side of a texture
+COARSEST = 10.0  # cycles over a texture's width of its coarsest detail
+RMS_CONTRAST = 0.2  # of a texture, of full radiance
 
 
 def _refuse(target: "Target", field: str, value: object, allowed: str) -> InputError:
@@ -250,6 +255,59 @@ class Picture:
             ],
             0.0,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Texture(Picture):
+    """A random texture, to be printed and put before the camera: depth is seen wherever there is
+    some.
+
+    Every octave of detail, from ``grain`` up to a tenth of the width, has the same share of the
+    contrast, so that there is detail at every distance. One seed is one texture, on every machine.
+
+    ``width`` and height in mm, ``grain`` is the side of a texel in mm.
+    """
+
+    values: Array = dataclasses.field(init=False)
+    width: float = 60.0
+    grain: float = 0.06
+    seed: int = 0
+    kind: ClassVar[str] = "texture"
+
+    def __post_init__(self) -> None:
+        """Draw the texture.
+
+        Raises:
+            InputError: width or grain is not positive, the texture has too few or too many texels,
+                or the seed is below 0.
+        """
+        _require_positive(self, width=self.width, grain=self.grain)
+        side = round(self.width / self.grain)
+        if not TEXELS[0] <= side <= TEXELS[1]:
+            raise _refuse(
+                self,
+                "width over grain",
+                f"{self.width / self.grain:g}",
+                f"a number of texels from {TEXELS[0]} to {TEXELS[1]}",
+            )
+        if self.seed < 0:
+            raise _refuse(self, "seed", self.seed, "a whole number from 0")
+        object.__setattr__(self, "values", _random_texture(side, self.seed))
+        super().__post_init__()
+
+
+def _random_texture(side: int, seed: int) -> Array:
+    """Radiance of random texels about 0.5; power falls as 1/frequency^2, which is equal shares an
+    octave in two dimensions.
+    """
+    rng = np.random.Generator(np.random.Philox(key=seed))
+    noise = np.fft.rfft2(rng.random((side, side)) - 0.5)
+    frequency = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)[None, :])
+    slowest = COARSEST / side
+    shape = np.where(frequency >= slowest, 1 / np.maximum(frequency, slowest), 0.0)
+    even = np.fft.irfft2(noise * shape, s=(side, side))
+    # six decimals: the last digit of a Fourier transform is another one on another machine
+    return np.round(np.clip(0.5 + RMS_CONTRAST * even / np.std(even), 0.0, 1.0), 6)
 
 
 Target: TypeAlias = FourDot | Bars | Chirp | Edge | White | Black | Picture

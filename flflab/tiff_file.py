@@ -5,6 +5,7 @@ A tag never turns, scales or inverts numbers here: it becomes a remark, or the f
 """
 
 import contextlib
+import io
 import logging
 from collections.abc import Callable, Generator
 from pathlib import Path
@@ -229,3 +230,20 @@ def _remarks(content: Any, page: Any) -> tuple[Remark, ...]:
             )
         )
     return tuple(remarks)
+
+
+def tiff_of(values: npt.NDArray[np.uint16], note: str = "") -> bytes:
+    """A grey TIFF of one picture, losslessly compressed.
+
+    Args:
+        values: shape (rows, columns).
+        note: its description, ASCII.
+    """
+    import tifffile  # only who has such files pays for its start-up
+
+    stream = io.BytesIO()
+    tifffile.imwrite(
+        stream, values, photometric="minisblack", compression="zlib", metadata=None,
+        description=note or None,
+    )  # fmt: skip
+    return stream.getvalue()

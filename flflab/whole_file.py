@@ -10,7 +10,7 @@ import io
 import os
 import secrets
 import shutil
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -41,6 +41,27 @@ def write_whole(file: Path, content: str | bytes | memoryview) -> None:
             _put(file.resolve(), content)
     except OSError as error:
         raise _unwritten(file, error, len(content)) from error
+
+
+def write_together(contents: Mapping[Path, str | bytes | memoryview]) -> None:
+    """Write the files of one result: all of them, or, where one cannot be written or the program
+    is interrupted, none.
+
+    Args:
+        contents: by file; each is overwritten.
+
+    Raises:
+        InputError: as ``write_whole``.
+    """
+    with contextlib.ExitStack() as parts:
+        for file, content in contents.items():
+            whole = _in_bytes(file, content)
+            try:
+                _require_place(file)
+                part = parts.enter_context(part_of(file.resolve()))
+                part.write_bytes(whole)
+            except OSError as error:
+                raise _unwritten(file, error, len(whole)) from error
 
 
 def write_own(file: Path, content: str | bytes) -> None:

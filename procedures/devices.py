@@ -130,6 +130,7 @@ class Shot:
     configuration: int
     repeat: int
     exposure_s: float
+    gain: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ class Frames:
         """Set the exposure for a shot."""
         status = Status(f"{self.name}: expose {value.exposure_s:g} s")
         self.shot = value
-        self.camera.prepare(value.exposure_s, 1.0)
+        self.camera.prepare(value.exposure_s, value.gain)
         status.complete()
         return status
 

@@ -10,7 +10,6 @@ import signal
 import threading
 import time
 from collections.abc import Generator
-from datetime import UTC, datetime
 from typing import Any
 
 from bluesky import Msg, RunEngine
@@ -20,11 +19,10 @@ from bluesky.simulators import check_limits
 from bluesky.utils import DuringTask, FailedStatus, RunEngineInterrupted
 
 from drivers.bench import ConnectedBench
-from flflab.errors import DeviceError, FlflabError, RecordError
-from flflab.printable import printable
+from flflab.errors import DeviceError, FlflabError
 from flflab.record import Recording
 from flflab.waiting import wait_for
-from flflab.whole_file import open_own
+from procedures.log import logged
 
 Plan = Generator[Msg, Any, Any]
 BY_OPERATOR = "interrupted by the operator"
@@ -226,45 +224,3 @@ def running_engine() -> Generator[RunEngine, None, None]:
         while loop.is_running():
             time.sleep(0.001)
         loop.close()
-
-
-class UtcFormatter(logging.Formatter):
-    """Lines of a log, ``2024-10-27 01:30:00,123 UTC INFO drivers.axis: ...``, without characters
-    that a terminal would obey.
-    """
-
-    def __init__(self) -> None:
-        super().__init__("%(asctime)s %(levelname)s %(name)s: %(message)s")
-
-    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802
-        """The moment of a record, in UTC."""
-        moment = datetime.fromtimestamp(record.created, UTC)
-        return moment.strftime("%Y-%m-%d %H:%M:%S,") + f"{moment.microsecond // 1000:03d} UTC"
-
-    def format(self, record: logging.LogRecord) -> str:
-        """The whole line, a traceback's lines below it."""
-        return printable(super().format(record))
-
-
-@contextlib.contextmanager
-def logged(recording: Recording) -> Generator[None, None, None]:
-    """The log of everything meanwhile, in the run's folder, in UTC as all times of a record."""
-    try:
-        stream = open_own(recording.folder / "log.txt", "a")
-    except OSError as error:
-        raise RecordError(
-            f"{recording.folder}: its log.txt cannot be written ({error.strerror or error}); remove"
-            " it, or give another folder"
-        ) from error
-    handler = logging.StreamHandler(stream)
-    handler.setFormatter(UtcFormatter())
-    root, level = logging.getLogger(), logging.getLogger().level
-    root.addHandler(handler)
-    root.setLevel(min(level, logging.INFO) or logging.INFO)
-    try:
-        yield
-    finally:
-        root.setLevel(level)
-        root.removeHandler(handler)
-        handler.close()
-        stream.close()

@@ -4,11 +4,11 @@ connects or moves.
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias, get_args
 
-from drivers.interlocks import gap_rules, goes_any_time, homing_order, order_moves
+from drivers.interlocks import Gap, gap_rules, goes_any_time, homing_groups, order_moves
 from flflab.bench import ANGLE, LENGTH, AxisDescription, Bench, Element, Turn
 from flflab.errors import InputError, InterlockError, LimitError
 from flflab.study import Configuration, Study
@@ -146,10 +146,7 @@ def home_steps(bench: Bench) -> tuple[Home, ...]:
     """What shifts main lens, array and sensor first, each while its neighbours are out of its way;
     the other axes then.
     """
-    axes = bench.description.axes
-    order = homing_order(gap_rules(bench, {name: axis.limits for name, axis in axes.items()}))
-    others = tuple(name for name in axes if not any(name in group for group in order))
-    return tuple(Home(group) for group in (*order, others) if group)
+    return tuple(Home(group) for group in homing_groups(bench))
 
 
 def homed_readings(bench: Bench) -> dict[str, float]:
@@ -293,18 +290,40 @@ def move_step(
         if name in unsure or abs(reading - now[name]) > NOT_MOVED:
             wanted[name] = reading
     gaps = gap_rules(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
-    free = {name: mm for name, mm in wanted.items() if goes_any_time(gaps, name, now[name], mm)}
-    bound = {name: mm for name, mm in wanted.items() if name not in free}
     try:
-        order = order_moves(gaps, {name: (mm, mm) for name, mm in {**now, **free}.items()}, bound)
+        groups = in_order(gaps, {name: (mm, mm) for name, mm in now.items()}, wanted)
     except InterlockError as error:
         raise InterlockError(f"configuration {configuration.index}: {error}") from error
-    groups = tuple(group for group in (free, *({name: bound[name]} for name in order)) if group)
     return Move(
         configuration.index,
         groups,
         frozenset(name for name in wanted if bench.description.axes[name].coordinate is ANGLE),
     )
+
+
+def in_order(
+    gaps: Sequence[Gap], now: Mapping[str, tuple[float, float] | None], wanted: Readings
+) -> tuple[dict[str, float], ...]:
+    """Readings in groups, one after the other, in which the gaps hold on the way: first, together,
+    what keeps them wherever the others are, then the rest one by one.
+
+    Args:
+        gaps: the rules of the bench.
+        now: between which readings every axis stands; None: not known. What is to move rests at
+            one.
+        wanted: where some are to go.
+
+    Raises:
+        InterlockError: there is no such order.
+    """
+    rests = {name: interval[0] for name in wanted if (interval := now[name]) is not None}
+    free = {
+        name: wanted[name] for name in rests if goes_any_time(gaps, name, rests[name], wanted[name])
+    }
+    bound = {name: reading for name, reading in wanted.items() if name not in free}
+    then = {name: (reading, reading) for name, reading in free.items()}
+    order = order_moves(gaps, {**now, **then}, bound)
+    return tuple(group for group in (free, *({name: bound[name]} for name in order)) if group)
 
 
 def _angles(configuration: Configuration | None, bench: Bench) -> dict[Turn, float]:

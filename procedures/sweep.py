@@ -149,6 +149,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
 
     for done, step in enumerate(steps):
         instruments.glance.look_at(frames.arrived)
+        bench.doing = f"step {done + 1} of {len(steps)}: {step}"
         left = seconds_left(steps, expected, [end - start for start, end in pairwise(began)])
         tell(
             Progress(

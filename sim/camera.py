@@ -15,19 +15,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.bench import SimulatedDescription
 from flflab.errors import InputError
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
-from flflab.image.render import render
-from flflab.image.scene import in_light, one_plane
+from flflab.image.render import render_light
 from flflab.image.sensor.exposure import white_irradiance
 from flflab.image.sensor.random_numbers import noise_key
 from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.optics.camera import Camera
-from flflab.optics.light import lines_of
-from flflab.targets import Target, White
+from flflab.simulated_light import chosen, falloff_of, light_scenes, require_affordable
+from flflab.targets import Target
 from sim.faults import Faults
 from sim.scpi import (
     BlockError,
@@ -45,10 +43,6 @@ EXPOSURE = (1e-5, 10.0)  # s
 GAIN = (1.0, 16.0)
 READOUT = 0.05  # s
 BUFFER = 4  # frames
-# of the drawn picture, in units of white level: bars measured in fifty pictures show one of 0.002
-TOLERANCE = 5e-4
-# the rims of a white frame's micro-images show a radius to a ten thousandth of a pixel
-WHITE_TOLERANCE = 1e-4
 PICTURES = 4  # noise-free pictures kept
 COARSE = 16  # pixels of a warm-up's coarse ones, each way
 
@@ -73,16 +67,17 @@ class Exposure:
 class SimulatedCamera:
     """A camera that looks at the world."""
 
-    def __init__(self, world: World, light: SimulatedDescription, faults: Faults) -> None:
+    def __init__(self, world: World, faults: Faults) -> None:
         """Switch on with start-up settings."""
         self.faults = faults
         self.failures: list[str] = []
-        self._world, self._light = world, light
-        self._format = f"MONO{light.bits}"
+        self._world, self._light = world, world.bench.description.simulated
+        self._falloff = falloff_of(world.bench)
+        self._format = f"MONO{self._light.bits}"
         self._lock = threading.RLock()
         self._drawing = threading.Lock()
         self._pictures: dict[tuple[object, ...], npt.NDArray[np.float64]] = {}
-        self._reference = white_irradiance(world.optics)
+        self._reference = white_irradiance(world.optics, self._falloff)
         self.reset()
 
     def reset(self) -> None:
@@ -302,7 +297,8 @@ class SimulatedCamera:
         picture = self._picture(scene)
         electrons = 0.0
         if scene.camera:
-            white = white_irradiance(scene.camera) / self._reference * self._world.lamp(scene)
+            white = white_irradiance(scene.camera, self._falloff) / self._reference
+            white *= self._world.lamp(scene)
             electrons = self._light.electrons_per_second * exposure.duration * white
         key = noise_key(
             self._world.seed, "frame", scene.state, exposure.duration, exposure.gain, repeat
@@ -323,15 +319,18 @@ class SimulatedCamera:
             return self._pictures[scene.state]
 
     def _drawn(self, camera: Camera, target: Target, distance: float) -> npt.NDArray[np.float64]:
-        tolerance = WHITE_TOLERANCE if isinstance(target, White) else TOLERANCE
-        scene = one_plane(camera, target, distance)
-        drawn = np.sum(
-            [
-                weight * render(in_light(scene, wavelength), tolerance=tolerance)
-                for wavelength, weight in lines_of(self._world.light)
-            ],
-            axis=0,
-        )
+        """The light of all lines of the spectrum, with the effects that the frame's accuracy calls
+        for.
+
+        Raises:
+            InputError: it would take too long.
+        """
+        weighted = list(light_scenes(self._world.bench, camera, target, distance))
+        parts = [(scene, chosen(self._world.bench, scene)) for scene, _ in weighted]
+        require_affordable(parts)
+        drawn = np.zeros(camera.sensor.resolution[::-1])
+        for (scene, choice), (_, weight) in zip(parts, weighted, strict=True):
+            drawn += weight * render_light(scene, choice.tolerance, choice.formed).image
         return np.maximum(drawn, 0.0)  # sums of strips leave a rounding error below black
 
     def response(self, gain: float) -> SensorResponse:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from flflab.bench import AxisDescription, Bench
 from flflab.errors import InputError
+from flflab.plugins import WithPlugins
 from flflab.units import parse_quantity
 from sim import oriental, thorlabs
 from sim.faults import Fault, Faults
@@ -234,10 +235,14 @@ def _travel(axis: AxisDescription, start: float) -> tuple[float, float]:
     return min(axis.limits[0], 0.0), next((travel for travel in TRAVELS if travel >= reach), reach)
 
 
-AXES: Mapping[str, SimulatedAxes] = {
-    "zaber": SimulatedAxes(_zaber, (*MOTOR_FAULTS, *LINE_FAULTS, "flip", "wrong-checksum")),
-    "thorlabs": SimulatedAxes(_thorlabs, (*MOTOR_FAULTS, *LINE_FAULTS), share_a_line=False),
-    "oriental": SimulatedAxes(
-        _oriental, (*MOTOR_FAULTS, *LINE_FAULTS, "flip", "wrong-checksum", "deaf")
-    ),
-}
+AXES: Mapping[str, SimulatedAxes] = WithPlugins(
+    {
+        "zaber": SimulatedAxes(_zaber, (*MOTOR_FAULTS, *LINE_FAULTS, "flip", "wrong-checksum")),
+        "thorlabs": SimulatedAxes(_thorlabs, (*MOTOR_FAULTS, *LINE_FAULTS), share_a_line=False),
+        "oriental": SimulatedAxes(
+            _oriental, (*MOTOR_FAULTS, *LINE_FAULTS, "flip", "wrong-checksum", "deaf")
+        ),
+    },
+    "flflab.simulators",
+    SimulatedAxes,
+)

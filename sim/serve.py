@@ -180,15 +180,13 @@ def _folder(bench: Bench, world: World, names: list[str]) -> FolderLine:
             f"{bench.file}: {', '.join(names)}: only a camera can stand behind a folder; give the"
             " others their own drivers"
         )
-    return FolderLine(
-        SimulatedCamera(world, bench.description.simulated, faults_of(bench, "camera"))
-    )
+    return FolderLine(SimulatedCamera(world, faults_of(bench, "camera")))
 
 
 def _instrument(bench: Bench, world: World, name: str) -> Instrument:
     faults = faults_of(bench, name)
     if name == "camera":
-        return SimulatedCamera(world, bench.description.simulated, faults)
+        return SimulatedCamera(world, faults)
     return Iris(world, faults) if name == "iris" else Wheel(world, faults)
 
 

@@ -27,7 +27,7 @@ from flflab.units import Dimension, parse_quantity
 from sim.clock import Clock
 from sim.motion import Motion, rest
 
-WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge")
+WHEEL = ("four-dot", "bars", "white", "black", "chirp", "edge", "texture")
 REMEMBERED = 64  # motions of a carriage
 NANOMETRE = 1e-6  # mm: states of the world closer than this are one and the same
 Truths = Mapping[str, str | float]
@@ -134,12 +134,12 @@ class World:
             InputError: a planted truth has no meaning here.
         """
         simulated = bench.description.simulated
+        self.bench = bench
         self.lock = threading.RLock()
         self.clock = clock
         self.seed = simulated.seed
         check_truths(bench)
         self.optics = true_optics(bench, simulated.truths)
-        self.light = bench.description.spectrum
         left_at = {
             "main_lens.z": 0.0,
             "array.z": bench.optics.array.distance,

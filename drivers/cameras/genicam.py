@@ -189,7 +189,8 @@ class GenicamCamera:
             from harvesters.core import Harvester
         except ImportError as error:
             raise CommunicationError(
-                "driver genicam needs harvesters; install flflab with its extra 'genicam'"
+                f"driver genicam: harvesters cannot be loaded ({error}); where it is missing:"
+                " pip install 'flflab[genicam]'"
             ) from error
         self._harvester = Harvester()
         try:

@@ -72,7 +72,8 @@ class GphotoLink:
             import gphoto2
         except ImportError as error:
             raise CommunicationError(
-                "driver gphoto2 needs python-gphoto2; install flflab with its extra 'gphoto2'"
+                f"driver gphoto2: python-gphoto2 cannot be loaded ({error}); where it is missing:"
+                " pip install 'flflab[gphoto2]'"
             ) from error
         self.gp: Any = gphoto2
         self._address = address

@@ -75,7 +75,8 @@ class PylonCamera:
             from pypylon import genicam, pylon  # pyright: ignore[reportMissingImports]
         except ImportError as error:
             raise CommunicationError(
-                "driver pylon needs pypylon; install flflab with its extra 'basler'"
+                f"driver pylon: pypylon cannot be loaded ({error}); where it is missing:"
+                " pip install 'flflab[basler]'"
             ) from error
         self._pylon: Any = pylon
         self._errors: type[Exception] = genicam.GenericException

@@ -270,7 +270,7 @@ def _calibration(kept: Sequence[Row], promise: str) -> str:
         floor = max(row.reference_uncertainty for row in kept)
         values = [
             floor,
-            *(row.largest_error for row in kept),
+            *(row.rms_error for row in kept),
             *(_promised(row, promise) for row in known),
         ]
         span = np.array([min(values) / 2, max(values) * 2])
@@ -282,7 +282,7 @@ def _calibration(kept: Sequence[Row], promise: str) -> str:
             mine = [row for row in known if row.scene == scene]
             axes.loglog(
                 [_promised(row, promise) for row in mine],
-                [row.largest_error for row in mine],
+                [row.rms_error for row in mine],
                 mark,
                 color=colour,
                 label=scene,
@@ -290,11 +290,11 @@ def _calibration(kept: Sequence[Row], promise: str) -> str:
             late = [row for row in mine if _exceeds(row, promise)]
             places = [_promised(row, promise) for row in late]
             axes.loglog(
-                places, [row.largest_error for row in late], mark, color=RED, markersize=8, zorder=3
+                places, [row.rms_error for row in late], mark, color=RED, markersize=8, zorder=3
             )
         axes.set(
             xlabel=f"error {PROMISES[promise]}, share of white",
-            ylabel="largest error reached",
+            ylabel="rms error reached",
             xlim=span,
             ylim=span,
         )
@@ -304,13 +304,13 @@ def _calibration(kept: Sequence[Row], promise: str) -> str:
 
 def _calibrated(kept: Sequence[Row], promise: str) -> str:
     shares = np.array(
-        [row.largest_error / _promised(row, promise) for row in kept if _promised(row, promise) > 0]
+        [row.rms_error / _promised(row, promise) for row in kept if _promised(row, promise) > 0]
     )
     exceeding = [row for row in kept if _exceeds(row, promise)]
     what = PROMISES[promise]
     if not len(shares):
         return f"Nothing was {what}."
-    start = f"The largest error is in the median {np.median(shares):.2g} of what was {what}"
+    start = f"The rms error is in the median {np.median(shares):.2g} of what was {what}"
     if not exceeding:
         return f"{start}, and nowhere more than it."
     points = "one picture is" if len(exceeding) == 1 else f"{len(exceeding)} pictures are"
@@ -325,4 +325,4 @@ def _promised(row: Row, promise: str) -> float:
 
 
 def _exceeds(row: Row, promise: str) -> bool:
-    return 0 < _promised(row, promise) < row.largest_error - 3 * row.reference_uncertainty
+    return 0 < _promised(row, promise) < row.rms_error - 3 * row.reference_uncertainty

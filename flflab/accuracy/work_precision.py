@@ -62,7 +62,7 @@ class Method:
         setting: what it takes: a ``tolerance``, or a count of work.
         settings: those to try.
         run: forms a picture at a setting; this is timed.
-        estimate: what the method itself says of its largest error at a setting; not timed. None
+        estimate: what the method itself says of its rms error at a setting; not timed. None
             where it says nothing.
     """
 

@@ -32,9 +32,15 @@ class What(StrEnum):
     MODEL = "model"
     DEPTH = "depth"
     LATTICE = "lattice"
+    BENCH = "bench"
 
 
-OF_A_CAMERA = (What.DEPTH, What.LATTICE)
+TAKE = {  # which of them take which file
+    "--camera": (What.IMAGE, What.DEPTH, What.LATTICE),
+    "--scene": (What.IMAGE,),
+    "--bench": (What.BENCH,),
+    "--study": (What.BENCH,),
+}
 
 
 def accuracy(
@@ -45,7 +51,8 @@ def accuracy(
                 "image, measure: error against time of pictures and of measured numbers; model:"
                 " against exact rays; "
                 "depth: error of a dot's depth against its distance; lattice: that of the"
-                " micro-images' lattice against the f-number"
+                " micro-images' lattice against the f-number; bench: time of a whole validation"
+                " against the accuracy of its pictures and the number of frames"
             )
         ),
     ],
@@ -56,26 +63,42 @@ def accuracy(
         Path | None,
         typer.Option(
             help=(
-                "camera file (YAML) whose depth or lattice is asked for; without it the"
-                " built-in one"
+                "camera file (YAML) whose depth, lattice or pictures are asked for; without it the"
+                " built-in ones"
             )
         ),
+    ] = None,
+    scene: Annotated[
+        Path | None, typer.Option(help="scene file (YAML) for `image`: its own frame is formed")
+    ] = None,
+    bench: Annotated[
+        Path | None,
+        typer.Option(help="simulated bench (YAML) for `bench`; without it the built-in"),
+    ] = None,
+    study: Annotated[
+        Path | None,
+        typer.Option(help="study (YAML) for `bench`; without it the built-in first one"),
     ] = None,
 ) -> None:
     """Show what accuracy costs in time, where the first-order model holds, and how well a camera
     tells depth and its lattice.
     """
-    if camera is not None and what not in OF_A_CAMERA:
-        raise InputError(
-            f"--camera {camera}: accuracy {what} has cameras of its own; only depth and lattice"
-            " take one"
-        )
+    given = {"--camera": camera, "--scene": scene, "--bench": bench, "--study": study}
+    for option, file in given.items():
+        if file is not None and what not in TAKE[option]:
+            raise InputError(
+                f"{option} {file}: accuracy {what} takes no such file; accuracy"
+                f" {' and '.join(TAKE[option])} do"
+            )
     make_folder(out, f"--out {out}")
     page_file, table_file = (out / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
     console = Terminal(soft_wrap=True)
     with Terminal(stderr=True).status(f"accuracy {what}") as status:
         ways = {
-            What.IMAGE: _image,
+            What.IMAGE: _image
+            if scene is None and camera is None
+            else partial(_own, scene, camera),
+            What.BENCH: partial(_bench, bench, study),
             What.MEASURE: _measure,
             What.MODEL: _model,
             What.DEPTH: partial(_depth, camera),
@@ -104,6 +127,42 @@ def _image(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
     rows = image_rows(tell)
     write_table(rows, file, also=("processor_s_per_megapixel",))
     return image_page(rows, _made(What.IMAGE)), image_summary(rows)
+
+
+def _own(
+    scene: Path | None, camera: Path | None, file: Path, tell: Callable[[str], None]
+) -> tuple[Page, PlainTable]:
+    from flflab.accuracy.own_page import scene_page, scene_table
+    from flflab.accuracy.own_scene import scene_rows
+    from flflab.accuracy.table import write_table
+    from flflab.camera_file import read_camera
+    from flflab.image.ground_truth import sharp_distance
+    from flflab.image.scene import Plane
+    from flflab.image.scene_file import read_scene, short_scene
+    from flflab.targets import Bars
+
+    if scene is not None:
+        pictured, name = read_scene(scene, camera).scene, scene.stem
+    else:
+        optics = read_camera(camera or Path())
+        pictured = short_scene(optics, Plane(Bars(), sharp_distance(optics)))
+        name = f"bars in focus, {camera.stem if camera else ''}"
+    rows, uncertainty = scene_rows(pictured, tell)
+    write_table(rows, file)
+    return scene_page(rows, name, uncertainty, _made(What.IMAGE)), scene_table(rows)
+
+
+def _bench(
+    bench: Path | None, study: Path | None, file: Path, tell: Callable[[str], None]
+) -> tuple[Page, PlainTable]:
+    from flflab.accuracy.bench_page import bench_page, bench_table
+    from flflab.accuracy.table import write_table
+    from flflab.built_in import Kind, built_in
+    from flflab.cli.accuracy_bench import bench_rows
+
+    rows = bench_rows(bench or built_in(Kind.BENCH), study or built_in(Kind.STUDY), tell)
+    write_table(rows, file)
+    return bench_page(rows, _made(What.BENCH)), bench_table(rows)
 
 
 def _measure(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
@@ -151,8 +210,8 @@ def _lattice(
 
 def _described(camera: Path | None, what: What) -> tuple[Camera, str]:
     """The camera that is asked for, whose array is of one kind of microlenses, and its name."""
+    from flflab.built_in import Kind, built_in
     from flflab.camera_file import read_camera
-    from flflab.cli.new import Kind, built_in
 
     file = built_in(Kind.CAMERA) if camera is None else camera
     found = read_camera(file)

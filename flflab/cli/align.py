@@ -12,12 +12,12 @@ import typer
 from rich import box
 from rich.table import Table
 
-from flflab.bench import ANGLE, LENGTH, Bench, with_seed
+from flflab.bench import ANGLE, LENGTH, Bench, seeded
+from flflab.built_in import Kind, built_in
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
-from flflab.cli.new import Kind, built_in
 from flflab.cli.quantities import option_quantity
-from flflab.cli.run import say_remark, with_descriptions
+from flflab.cli.run import say_remark
 from flflab.cli.terminal import Terminal
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
@@ -62,13 +62,14 @@ def align(
     )  # the engine and the drivers are loaded by those who use them
     from procedures.align import Request, most_frames, require_reachable
     from procedures.align import align as run
+    from procedures.descriptions import with_descriptions
     from procedures.engine import RunInterruptedError
 
     if exit_pupil and overlap is not None:
         raise InputError(
             "align: --exit-pupil and --overlap are two places of the one sensor; give one of them"
         )
-    described = with_seed(described_bench(bench or built_in(Kind.BENCH)), seed)
+    described = seeded(described_bench(bench or built_in(Kind.BENCH)), seed)
     wanted = None if overlap is None else option_quantity("--overlap", overlap, "length")
     request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
     require_reachable(request, described)

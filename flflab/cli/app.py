@@ -19,6 +19,8 @@ COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 col
     "model": "State every property the model has for a camera.",
     "image": "Form the picture of a scene and write it.",
     "measure": "Measure one picture.",
+    "depth": "Make a depth map with its uncertainty, of a picture or a run.",
+    "refocus": "Focus a picture anew, at any distance or everywhere.",
     "accuracy": "Show what accuracy costs, and how far the model can be trusted.",
     "plan": "Print the steps, duration and uncertainty of a study.",
     "design": "Search the configurations that meet requirements.",
@@ -30,6 +32,7 @@ COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 col
     "export": "Write a recorded run as one file for other programs.",
     "bench": "Look at a bench and move it by hand.",
     "sim": "Serve a simulated bench until Ctrl-C.",
+    "target": "Write a target in its true size, to be printed.",
     "new": "Write a commented copy of a built-in file to begin from.",
 }
 GIVEN = "flflab.given"  # where a context keeps the words of the command line
@@ -46,6 +49,11 @@ class Commands(TyperGroup):
     def list_commands(self, ctx: Any) -> list[str]:
         """Every name, in the order of the help text."""
         return list(COMMANDS)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The list of ``--help``: no command is loaded for its line."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The command of a name, None where there is none."""

@@ -1,10 +1,11 @@
 """``flflab bench ...``: look at a bench and move it by hand."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flflab.bench import LENGTH
+from flflab.bench import LENGTH, Bench
+from flflab.cli.by_hand import go, set_
 from flflab.cli.connected import (
     AxisName,
     BenchFile,
@@ -93,25 +94,50 @@ def where(bench: BenchFile) -> None:
     """Say where every axis stands between its limits, where its element is in the world, and how
     the array is turned.
     """
+    from drivers.answers import ask_where, standing_of
+
+    described = described_bench(bench)
+    if (driven := ask_where(bench)) is not None:
+        _print_places(described, driven)
+        typer.echo(f"as the program that drives this bench says: {_doing(driven)}", err=True)
+        return
     with connected_bench(bench) as connected:
-        table = _table("axis", "reading", "limits", "moves", "in the world")
-        for name, axis in connected.axes.items():
-            element = connected.described.description.axes[name].moves
-            homed = axis.is_homed()
-            show = axis.coordinate.show
-            reading, world = (
-                (show(axis.position(), ".4f"), show(connected.world(element), ".4f"))
-                if homed
-                else ("not homed", "unknown")
-            )
-            table.add_row(
-                name,
-                reading,
-                f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}",
-                element,
-                world,
-            )
-        _print(table)
+        _print_places(described, standing_of(connected))
+
+
+@app.command(short_help="Say whether a program drives the bench, and what it does.")
+def status(bench: BenchFile) -> None:
+    """Say whether a program of yours drives the bench, what it does, and which axes move; it goes
+    on undisturbed.
+    """
+    from drivers.answers import ask_where
+
+    driven = ask_where(bench)
+    if driven is None:
+        typer.echo("No program of yours drives this bench.")
+        return
+    typer.echo(f"A program drives this bench: {_doing(driven)}.")
+    moving = [name for name, axis in driven["axes"].items() if axis["moving"]]
+    typer.echo(f"Moving: {', '.join(moving)}." if moving else "Nothing moves.")
+
+
+def _doing(driven: dict[str, Any]) -> str:
+    return driven["doing"] or "no procedure's step"
+
+
+def _print_places(described: Bench, stands: dict[str, Any]) -> None:
+    """Where every axis stands, between which limits, and where its element is in the world."""
+    table = _table("axis", "reading", "limits", "moves", "in the world")
+    for name, axis in described.description.axes.items():
+        show, reading = axis.coordinate.show, stands["axes"][name]["reading"]
+        table.add_row(
+            name,
+            "not homed" if reading is None else show(reading, ".4f"),
+            f"{show(axis.limits[0], 'g')} to {show(axis.limits[1], 'g')}",
+            axis.moves,
+            "unknown" if reading is None else show(axis.world(reading), ".4f"),
+        )
+    _print(table)
 
 
 @app.command(short_help="Look for the reference of every axis, or of the ones named.")
@@ -124,14 +150,9 @@ def home(
     """Look for the reference of every axis, or of the ones named: array and sensor first, away from
     each other.
     """
-    from drivers.base import wait_all  # devices are loaded by those who use them
-    from procedures.steps import home_steps
-
     with connected_bench(bench) as connected:
-        named = [axis_named(connected, name).name for name in axes or connected.axes]
-        for step in home_steps(connected.described):
-            wait_all(*[connected.axes[name].home() for name in step.axes if name in named])
-        say_places(connected, *named)
+        connected.home(*axes or ())
+        say_places(connected, *axes or connected.axes)
 
 
 @app.command(cls=TakesReadings)
@@ -186,6 +207,10 @@ app.command(short_help="Take one picture, or one after the other with a figure o
 app.command(
     short_help="Take a picture at each reading of an axis; show the sharpest.", cls=TakesReadings
 )(scan)
+
+
+app.command("set", short_help="Turn the iris, or show a target.")(set_)
+app.command(short_help="Go to places of the world.", cls=TakesReadings)(go)
 
 
 def _table(*headings: str) -> "Table":

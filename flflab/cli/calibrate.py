@@ -18,7 +18,7 @@ from flflab.bench_calibration import (
     state_calibration,
     write_calibration,
 )
-from flflab.cli.new import Kind, built_in
+from flflab.built_in import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
 from flflab.record import Run

@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import threading
+import time
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from drivers.base import Axis
     from drivers.bench import ConnectedBench
 
+REST_S, LOOK_S = 2.0, 0.01  # for braking
 BenchFile = Annotated[Path, typer.Option("--bench", help="bench file (YAML)")]
 AxisName = Annotated[str, typer.Argument(help="name of an axis in the bench file")]
 
@@ -57,7 +59,28 @@ def connected_bench(
     if without_serials:
         described = _without_serials(described)
     with connect_described(described) as connected, stopped_by_ctrl_z(connected):
-        yield connected
+        try:
+            yield connected
+        except BaseException:
+            _say_where_it_stopped(connected)
+            raise
+
+
+def _say_where_it_stopped(bench: "ConnectedBench") -> None:
+    """Stop what moves after an interruption or a fault, and say where it came to rest, as far as it
+    has a reference.
+    """
+    moving = [name for name, axis in bench.axes.items() if axis.is_under_way()]
+    with suppress(DeviceError):  # leaving the bench stops it again, and tells
+        bench.stop_what_moves()
+        deadline = time.monotonic() + REST_S
+        for name in moving:
+            axis = bench.axes[name]
+            while axis.is_moving() and time.monotonic() < deadline:
+                time.sleep(LOOK_S)
+            if axis.is_homed() and not axis.is_moving():
+                place = axis.coordinate.show(axis.position(), ".4f")
+                typer.echo(f"{name} stopped at {place}", err=True)
 
 
 @contextmanager
@@ -111,10 +134,16 @@ def say_places(bench: "ConnectedBench", *names: str) -> None:
     for name in names:
         axis = bench.axes[name]
         typer.echo(f"{name} is at {axis.coordinate.show(axis.position(), '.4f')}")
-    if any(bench.described.description.axes[name].address == "simulated" for name in names):
+    say_forgotten(bench, *names)
+
+
+def say_forgotten(bench: "ConnectedBench", *names: str) -> None:
+    """Say of devices that are simulated for this command alone that they forget what it did."""
+    from drivers.described import device_of
+
+    if any(device_of(bench.described, name).address == "simulated" for name in names):
         typer.echo(
-            "this bench was simulated for this command alone and forgets it; `flflab sim"
-            f" {bench.described.file} --write-bench served.yaml` serves one that stays, for --bench"
-            " served.yaml",
+            "this simulated bench existed only during this command; to keep one running: `flflab"
+            f" sim {bench.described.file} --write-bench served.yaml`, then --bench served.yaml",
             err=True,
         )

@@ -2,11 +2,13 @@
 axis, with a figure of focus.
 """
 
+import json
 import sys
 import time
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,9 +22,12 @@ from flflab.units import parse_quantity
 if TYPE_CHECKING:
     import numpy as np
 
-    from drivers.base import CameraDevice, Frame
+    from drivers.base import CameraDevice, Frame, Setting
+    from drivers.bench import ConnectedBench
 
 ENDINGS = (".png", ".tiff", ".tif", ".dng")
+WITH_DETAIL = ("bars", "chirp", "four-dot", "edge")  # the best to focus on first
+FEATURELESS = ("white", "black")
 MOST_FAILED = 3  # frames in a row before a live view gives up
 BAR = 40  # characters
 Exposure = Annotated[str, typer.Option(help="exposure time with its unit")]
@@ -42,6 +47,10 @@ def snap(
         bool,
         typer.Option("--live", help="go on until Ctrl-C; -o then always holds the newest picture"),
     ] = False,
+    last: Annotated[
+        bool,
+        typer.Option("--last", help="the last frame of the run that is on, which goes on"),
+    ] = False,
 ) -> None:
     """Take one picture of whatever stands before the camera, or one after the other with a figure
     of focus.
@@ -51,6 +60,9 @@ def snap(
         raise InputError(f"{output}: a picture is written as .png, .tiff or .dng; give such a name")
     if output is None and not live:
         context.fail("give a file for the picture with -o, or look only with --live")
+    if last:
+        _write_last(bench, output)
+        return
     with connected_bench(bench) as connected:
         camera = connected.camera
         camera.prepare(seconds, gain)
@@ -59,7 +71,7 @@ def snap(
         frame = camera.grab()
         saturated = _saturated(frame, camera)
         if output is not None:
-            _write(output, frame, camera)
+            _write(output, frame, camera, _note(frame, connected))
     rows, columns = frame.picture.shape
     typer.echo(
         f"{output}: {columns} x {rows} pixels, {frame.exposure_s:g} s, {frame.pixel_format},"
@@ -103,6 +115,7 @@ def scan(
         connected.check_way(
             axis, [float(reading) for reading in readings]
         )  # all of it before anything moves
+        _show_detail(connected)
         camera.prepare(seconds, gain)
         figures = np.zeros(points)
         saturated = 0
@@ -127,10 +140,37 @@ def scan(
             typer.echo(f"sharpest at the end of the range, {end}: scan beyond it")
             return
         typer.echo(f"sharpest at {show(best, '.4f')}")
+        if not go:
+            typer.echo(
+                f'to go there: flflab bench move {axis} "{show(best, ".4f")}" --bench {bench}'
+            )
         if go:
             moved.move_to(float(readings[0])).wait()
             moved.move_to(best).wait()
             say_places(connected, axis)
+
+
+def _show_detail(bench: "ConnectedBench") -> None:
+    """Have a target in place that can be in focus, and say which one it is.
+
+    Raises:
+        DeviceError: none is in place, and none could be put there.
+    """
+    try:
+        present = bench.target.value()
+    except DeviceError:  # a person has not confirmed any
+        present = ""
+    if present not in ("", *FEATURELESS):
+        typer.echo(f"focus is looked for on the {present} target")
+        return
+    shown = next((kind for kind in WITH_DETAIL if kind in bench.target.allowed), None)
+    if shown is None:
+        raise DeviceError(
+            f"target: {present or 'nothing known'} is in place, which has nothing to focus on, and"
+            f" there is none of {', '.join(WITH_DETAIL)} here; nothing moved, show another target"
+        )
+    bench.target.set(shown).wait()
+    typer.echo(f"focus is looked for on the {shown} target, shown for it")
 
 
 def _watch(camera: "CameraDevice", output: Path | None) -> None:
@@ -195,7 +235,52 @@ def _curve(readings: list[str], figures: "np.ndarray") -> Iterator[str]:
         yield f"{reading.rjust(width)}  {figure:.5f}  {'#' * max(1, round(BAR * share))}"
 
 
-def _write(output: Path, frame: "Frame", camera: "CameraDevice") -> None:
+def _write_last(bench: Path, output: Path | None) -> None:
+    """Write the last frame of the program that drives the bench."""
+    from drivers.answers import ask_for_last_frame
+    from flflab.image_file import write_picture
+
+    facts, picture = ask_for_last_frame(bench)
+    if output is not None:
+        write_picture(output, picture, note=json.dumps(facts))
+    rows, columns = picture.shape
+    typer.echo(
+        f"{output}: {columns} x {rows} pixels, {facts['exposure_s']:g} s, frame {facts['number']}"
+        " of the run that is on"
+    )
+
+
+def _note(frame: "Frame", bench: "ConnectedBench") -> str:
+    """What a picture was taken with, and where everything stood, as JSON: what nobody knows is
+    null.
+    """
+    from procedures.by_hand import where
+
+    def known(setting: "Setting[Any]") -> Any:
+        try:
+            return setting.value()
+        except DeviceError:
+            return None
+
+    return json.dumps(
+        {
+            "taken": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "exposure_s": frame.exposure_s,
+            "gain": frame.gain,
+            "f_number": known(bench.iris),
+            "target": known(bench.target),
+            "world": where(bench),  # mm, rad
+            "readings": {
+                axis.coordinate.column(name): axis.position() if axis.is_homed() else None
+                for name, axis in bench.axes.items()
+            },
+            "camera": bench.camera.identity(),
+            "bench": bench.described.file.name,
+        }
+    )
+
+
+def _write(output: Path, frame: "Frame", camera: "CameraDevice", note: str = "") -> None:
     from flflab.image_file import write_picture
     from flflab.raw_file import RawPicture, write_raw
 
@@ -215,7 +300,8 @@ def _write(output: Path, frame: "Frame", camera: "CameraDevice") -> None:
                 (black, black, black, black),
                 camera.full_scale,
                 exposure_s=frame.exposure_s,
+                note=note,
             ),
         )
     else:
-        write_picture(output, frame.picture)
+        write_picture(output, frame.picture, note=note)

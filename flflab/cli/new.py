@@ -2,39 +2,14 @@
 description to start from.
 """
 
-from enum import StrEnum
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from flflab.built_in import Kind, built_in
 from flflab.errors import InputError
 from flflab.whole_file import write_whole
-
-
-class Kind(StrEnum):
-    """What can be begun from a built-in file."""
-
-    CAMERA = "camera"
-    BENCH = "bench"
-    STUDY = "study"
-    CALIBRATION = "calibration"
-    REQUIREMENTS = "requirements"
-
-
-BUILT_IN = {
-    Kind.CAMERA: "cameras/osinski.yaml",
-    Kind.BENCH: "benches/simulated.yaml",
-    Kind.STUDY: "studies/first.yaml",
-    Kind.CALIBRATION: "studies/calibration.yaml",
-    Kind.REQUIREMENTS: "requirements/osinski.yaml",
-}
-
-
-def built_in(kind: Kind) -> Path:
-    """Where a built-in description lies."""
-    return Path(str(files("flflab") / "builtin" / BUILT_IN[kind]))
 
 
 def new(

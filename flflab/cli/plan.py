@@ -11,8 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from flflab.bench import Bench
+from flflab.built_in import Kind, built_in
 from flflab.cli.described import described_bench
-from flflab.cli.new import Kind, built_in
 from flflab.cli.run import in_words
 from flflab.cli.terminal import Terminal
 from flflab.expectation import Expectation, expect_all

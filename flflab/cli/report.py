@@ -12,11 +12,12 @@ from rich.table import Table
 
 from flflab.cli.ending import reader_may_go
 from flflab.cli.terminal import Terminal
-from flflab.cli.validate import REJECTED, conclude, judged
+from flflab.cli.validate import REJECTED, conclude
 from flflab.errors import FlflabError, InputError
 from flflab.record import read_run
 from flflab.whole_file import make_folder
 from flflab.workers import results
+from procedures.validate import judged
 
 
 class Analysed(NamedTuple):
@@ -44,16 +45,23 @@ def report(
         Path | None,
         typer.Option(help="folder for table and page of one run; the run's own without it"),
     ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="print one run's verdict.json instead of tables")
+    ] = False,
+    junit: Annotated[
+        Path | None, typer.Option(help="write one run's verdicts as JUnit XML too, for CI")
+    ] = None,
 ) -> None:
     """Measure and compare recorded runs again and rewrite their tables and reports."""
     if len(runs) == 1 and scheduler is None:
         if out is not None:
             make_folder(out, f"--out {out}")
-        conclude(read_run(runs[0]), bench, out)
+        conclude(read_run(runs[0]), bench, out, as_json, junit)
         return
-    if bench is not None or out is not None:
+    if bench is not None or out is not None or as_json or junit is not None:
         raise InputError(
-            "report: --bench and --out are for one run; give one run, without --scheduler"
+            "report: --bench, --out, --json and --junit are for one run; give one run, without"
+            " --scheduler"
         )
     with Progress(transient=True, console=Terminal(stderr=True)) as progress:
         bar = progress.add_task("runs", total=len(runs))

@@ -11,22 +11,20 @@ from typing import TYPE_CHECKING, Any, cast
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from flflab.bench import Bench, read_bench, with_seed
+from flflab.bench import Bench, read_bench, seeded
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.saying import say
 from flflab.cli.terminal import Terminal
-from flflab.errors import CommunicationError, FlflabError, InputError, RecordError
+from flflab.errors import CommunicationError, FlflabError, InputError
 from flflab.record import (
     ContinuedRecording,
     Recording,
     Run,
-    forget_descriptions,
-    keep_descriptions,
     read_run,
     run_folder,
 )
-from flflab.study import Study, read_study
+from flflab.study import read_study
 from flflab.wheel import unlike_the_wheel
 
 if TYPE_CHECKING:
@@ -61,10 +59,11 @@ def run_study(
     """
     # The engine and the drivers are loaded here, so that commands without a bench start fast.
     from drivers.bench import connect_described
+    from procedures.descriptions import with_descriptions
     from procedures.steps import steps
     from procedures.study import begin_recording, take_study
 
-    bench = with_seed(described_bench(bench_file), seed)
+    bench = seeded(described_bench(bench_file), seed)
     study = read_study(study_file, bench.optics)
     steps(study, bench)  # refused here, before anything connects
     for sentence in unlike_the_wheel(study, bench):
@@ -76,38 +75,6 @@ def run_study(
         say_remark(recording)
         failure = failure_of(place, lambda: take_study(connected, study, recording, tell, name))
     return ended(place, failure)
-
-
-def with_descriptions(
-    recording: Recording, bench: Bench, study_file: Path | None, study: Study | None = None
-) -> Recording:
-    """A record with the descriptions beside it: written when the folder is its own, so that no
-    other run's are written over.
-
-    Raises:
-        RecordError: the folder cannot be written, or a file is no longer what was read of it;
-            nothing is left in the folder.
-    """
-    folder = recording.folder
-    try:
-        keep_descriptions(folder, bench, study_file)
-        kept = read_bench(folder / "bench.yaml")
-        same = kept.optics == bench.optics and kept.description == bench.description.model_copy(
-            update={"optics": "camera.yaml"}
-        )
-        if not same or (
-            study is not None and read_study(folder / "study.yaml", kept.optics) != study
-        ):
-            changed = bench.file if study is None else f"{bench.file} or {study_file}"
-            raise RecordError(
-                f"{folder}: {changed} was changed while the bench was connected; nothing moved,"
-                " begin again"
-            )
-    except FlflabError:
-        forget_descriptions(folder)
-        recording.discard()
-        raise
-    return recording
 
 
 def resume_run(folder: Path, bench_file: Path | None, tell: "Tell") -> Run:

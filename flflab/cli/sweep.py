@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from flflab.cli.new import Kind, built_in
+from flflab.built_in import Kind, built_in
 from flflab.cli.run import progress_shown, run_study
 from flflab.cli.terminal import Terminal
 from flflab.record import Run

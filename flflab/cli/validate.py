@@ -10,18 +10,16 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from flflab.bench import read_bench
+from flflab.built_in import Kind, built_in
 from flflab.cli.ending import reader_may_go
-from flflab.cli.new import Kind, built_in
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
-from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent, write_rows
+from flflab.comparison import PROPERTY_NAMES, percent, rule
 from flflab.diagnosis import not_told_apart
-from flflab.errors import InputError
-from flflab.evaluation import Evaluation, Tell, evaluate, tell_nobody
+from flflab.evaluation import Evaluation
 from flflab.record import Run
-from flflab.study import read_study
-from flflab.whole_file import require_own_writable
+from flflab.whole_file import require_own_writable, write_own
+from procedures.validate import judged
 
 REJECTED = 3
 
@@ -41,10 +39,18 @@ def validate(
     seed: Annotated[
         int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
     ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="print verdict.json instead of tables")
+    ] = False,
+    junit: Annotated[
+        Path | None, typer.Option(help="write the verdicts as JUnit XML too, for CI")
+    ] = None,
 ) -> None:
     """Run a study on a bench and say whether the camera does what its model says (exit 0), or not
     (exit 3).
     """
+    if junit is not None:
+        require_own_writable(junit)  # before hours on the bench
     with progress_shown() as tell:
         run = run_study(
             study or built_in(Kind.STUDY),
@@ -54,56 +60,33 @@ def validate(
             tell,
             "validate",
         )
-    conclude(run)
+    conclude(run, as_json=as_json, junit=junit)
 
 
-def judged(
-    run: Run, bench_file: Path | None = None, tell: Tell = tell_nobody, out: Path | None = None
-) -> tuple[Evaluation, Path]:
-    """Evaluate a run and write its table and page.
-
-    Args:
-        run: the record.
-        bench_file: the bench to hold it against, a calibrated one for instance; the recorded one
-            without it.
-        tell: called with how many configurations are measured, of how many.
-        out: folder for table and page; the run's own without it.
-
-    Returns:
-        What was found, and the page.
-
-    Raises:
-        FlflabError: there is no study in it, a description is wrong, a frame is missing or cannot
-            be measured.
+def conclude(
+    run: Run,
+    bench_file: Path | None = None,
+    out: Path | None = None,
+    as_json: bool = False,
+    junit: Path | None = None,
+) -> None:
+    """Evaluate a run, write its table, page and ``verdict.json`` (into ``out``, or the run's
+    folder) and JUnit XML where it is asked for, print the verdict; exit 3 where the model is
+    rejected.
     """
-    from flflab.report import write_report  # draws; loaded by those who draw
+    from flflab.report import junit_text, verdict_text
 
-    if not (run.folder / "study.yaml").exists():
-        raise InputError(
-            f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} without a study"
-            " has nothing to compare"
-        )
-    besides = f"-{bench_file.stem}" if bench_file else ""
-    place = out or run.folder
-    table, page = place / f"comparison{besides}.csv", place / f"report{besides}.html"
-    for file in (table, page):  # before the pictures are measured, which takes its time
-        require_own_writable(file)
-    bench = read_bench(bench_file or run.folder / "bench.yaml")
-    study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
-    evaluation = evaluate(run, study, bench, tell=tell)
-    write_rows(evaluation.comparison.rows, table)
-    write_report(evaluation, run, study, bench, page)
-    return evaluation, page
-
-
-def conclude(run: Run, bench_file: Path | None = None, out: Path | None = None) -> None:
-    """Evaluate a run, write its table and page (into ``out``, or the run's folder), print the
-    verdict; exit 3 where the model is rejected.
-    """
+    if junit is not None:
+        require_own_writable(junit)
     with measuring(run, "report") as tell:
         evaluation, page = judged(run, bench_file, tell, out)
+    if junit is not None:
+        write_own(junit, junit_text(evaluation, run))
     with reader_may_go():
-        _tell(evaluation, page)
+        if as_json:
+            print(verdict_text(evaluation, run), end="")
+        else:
+            _tell(evaluation, page)
     if not evaluation.comparison.accepted:
         raise typer.Exit(REJECTED)
 
@@ -113,6 +96,7 @@ def _tell(evaluation: Evaluation, page: Path) -> None:
     console = Terminal()
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
+    console.print(rule(evaluation.comparison.verdicts), highlight=False)
     accepted = evaluation.comparison.accepted
     console.print(
         (
@@ -133,16 +117,14 @@ def _tell(evaluation: Evaluation, page: Path) -> None:
 
 
 def _verdicts(evaluation: Evaluation) -> Table:
-    """One line a property: how many benches built and measured as stated disagree at least as
-    much.
-    """
+    """One line a property, with its p-value."""
     table = Table(box=box.SIMPLE, title="Verdicts")
     table.add_column("", no_wrap=True)
-    for head in ("values", AS_FAR_OFF, "rejected below"):
+    for head in ("values", "p-value", "rejected below"):
         table.add_column(head, justify="right")
     table.add_column("")
     for one in evaluation.comparison.verdicts:
-        shares = (percent(share) for share in (one.p_value, one.threshold))
+        shares = (one.p_words, percent(one.threshold))
         table.add_row(
             PROPERTY_NAMES.get(one.quantity, one.quantity),
             str(one.rows),

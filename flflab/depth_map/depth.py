@@ -1,13 +1,12 @@
 """From a picture and a white picture to a depth map, and to refocused pictures."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.depth_map.geometry import disparity_of, distance_of, kinds_of_microlens
+from flflab.depth_map.geometry import by_kappa, disparity_of, distance_of, kinds_of_microlens
 from flflab.depth_map.lenses import lenses_of_white, lenses_on_array
 from flflab.depth_map.normalise import normalise
 from flflab.depth_map.readings import Given, readings
@@ -31,10 +30,13 @@ FEW_PIXELS = 60  # pitches below this many pixels have the second floor
 
 @dataclass(frozen=True)
 class Prepared:
-    """A picture ready for the sweep, and the disparities to try."""
+    """A picture ready for the sweep, the disparities to try, and how uncertain, relative, kappa is
+    for all microlenses together.
+    """
 
     views: Views
     disparities: Array
+    kappa_doubt: float
     remarks: tuple[Remark, ...]
 
 
@@ -44,8 +46,7 @@ def depth(
     white: Given,
     *,
     distances: tuple[float, float] | None = None,
-    uncertainty: Mapping[str, float] | None = None,
-    distortion: float = 0.0,
+    covariance: Array | None = None,
     progress: Progress | None = None,
 ) -> DepthMap:
     """Make a depth map of one picture.
@@ -57,9 +58,8 @@ def depth(
         white: a picture of a white target through the same camera with the same settings.
         distances: nearest and farthest distance to look at, mm; None: all that this camera sees
             sharply enough in two microlenses.
-        uncertainty: standard uncertainties in mm of ``focal_length``, ``array_distance`` and
-            ``gap``, which all places share.
-        distortion: of the main lens, 1/rad^2.
+        covariance: of the main lens's focal length, its distance to the array and the gap, mm^2,
+            shape (3, 3); None where it is not known. It moves the whole map.
         progress: called with the step's name and the share done.
 
     Returns:
@@ -75,14 +75,14 @@ def depth(
         >>> found = ff.depth(raw, camera, white)  # doctest: +SKIP
         >>> found.save("depth")  # doctest: +SKIP
     """
-    for name in uncertainty or {}:
-        if name not in LENGTHS:
-            raise InputError(
-                f"uncertainty: there is no length '{name}'; allowed: {', '.join(LENGTHS)}"
-            )
+    if covariance is not None and covariance.shape != (len(LENGTHS), len(LENGTHS)):
+        raise InputError(
+            f"covariance: of shape {covariance.shape}; mm^2 of {', '.join(LENGTHS)} are due, shape"
+            " (3, 3)"
+        )
     tell = progress or _silent
     ready = prepare(picture, camera, white, distances, tell)
-    return map_of(ready, camera, dict(uncertainty or {}), distortion, tell)
+    return map_of(ready, camera, covariance, tell)
 
 
 def prepare(
@@ -112,7 +112,9 @@ def prepare(
     _require_range(distances)
     kinds = kinds_of_microlens(camera, LEAST_ILLUMINATION, cut_aperture)
     tries = hypotheses(camera, kinds, distances)
-    grid = grid_behind(camera.sensor, camera, math.sqrt(float(tries[0] * tries[-1])))
+    sharp = float(np.mean([abs(kind.kappa) for kind in kinds]))
+    ends = np.sort(np.abs(tries[[0, -1]]))
+    grid = grid_behind(camera.sensor, camera, float(np.clip(sharp, *ends)))
     tell("reading", 0.0)
     read = readings(picture, white, camera)
     tell("microlenses", 0.0)
@@ -132,14 +134,14 @@ def prepare(
                 " distances out of focus are less certain than stated",
             )
         )
-    return Prepared(views_of(ratio, lenses, kinds, grid, camera), tries, tuple(remarks))
+    views = views_of(ratio, lenses, kinds, grid, camera)
+    return Prepared(views, tries, lenses.kappa_doubt, tuple(remarks))
 
 
 def map_of(
     ready: Prepared,
     camera: Camera,
-    uncertainty: Mapping[str, float],
-    distortion: float,
+    covariance: Array | None,
     progress: Progress,
 ) -> DepthMap:
     """Sweep, refine and render what ``prepare`` made ready."""
@@ -150,22 +152,22 @@ def map_of(
     found = refine(views, swept, pitch, floor, lambda share: progress("refine", share))
     middle = float(ready.disparities[len(ready.disparities) // 2])
     whole = filled(found.disparity, middle)
-    focus = total_focus(views, whole)
-    seen = views.costs(middle)[3] >= 2
+    focus, seen = total_focus(views, whole)
     ends = distance_of(ready.disparities[[0, -1]], camera)
     ends = np.where(ends > 0, ends, np.inf)
     return DepthMap(
         disparity=found.disparity,
-        disparity_sigma=found.sigma,
+        disparity_sigma=np.hypot(
+            found.sigma, by_kappa(found.disparity, views.kinds, ready.kappa_doubt)
+        ),
         views=found.views.astype(np.int16),
         focus=focus,
-        seen=seen,
+        seen=seen | np.isfinite(found.disparity),
         grid=views.grid,
         camera=camera,
         searched=(float(ends.min()), float(ends.max())),
-        uncertainty=uncertainty,
-        distortion=distortion,
-        remarks=(*ready.remarks, *_remarks(found.disparity, camera, uncertainty)),
+        covariance=covariance,
+        remarks=(*ready.remarks, *_remarks(found.disparity, covariance)),
     )
 
 
@@ -173,22 +175,31 @@ def refocused(
     picture: Given,
     camera: Camera,
     white: Given,
-    distances: Sequence[float],
+    distances: Sequence[float] | None,
     progress: Progress | None = None,
 ) -> list[Array]:
-    """The scene focused at each distance (mm), [row, col] as in the depth map, in units of the
-    white target's radiance; NaN where no microlens looks.
+    """The scene focused anew, [row, col] as in the depth map, in units of the white target's
+    radiance; NaN where no microlens looks.
+
+    Args:
+        picture: as for ``depth``.
+        camera: as for ``depth``.
+        white: as for ``depth``.
+        distances: to be sharp at, mm, a picture each; None makes one that is sharp everywhere.
+        progress: called with the step's name and the share done.
 
     Raises:
         InputError: a distance is not above 0; and as ``depth``.
         MeasurementError: as ``depth``.
     """
-    for away in distances:
+    for away in distances or ():
         if not away > 0:
             raise InputError(f"distance {away:g} mm: one above 0 mm, or infinity, is due")
     tell = progress or _silent
     ready = prepare(picture, camera, white, None, tell)
-    found = map_of(ready, camera, {}, 0.0, tell)
+    found = map_of(ready, camera, None, tell)
+    if distances is None:
+        return [found.focus]
     whole = filled(found.disparity, float(ready.disparities[len(ready.disparities) // 2]))
     return [
         refocus(ready.views, found.focus, whole, float(disparity_of(away, camera)))
@@ -208,7 +219,7 @@ def _require_range(distances: tuple[float, float] | None) -> None:
         )
 
 
-def _remarks(disparity: Array, camera: Camera, uncertainty: Mapping[str, float]) -> list[Remark]:
+def _remarks(disparity: Array, covariance: Array | None) -> list[Remark]:
     remarks: list[Remark] = []
     if not np.isfinite(disparity).any():
         remarks.append(
@@ -218,7 +229,7 @@ def _remarks(disparity: Array, camera: Camera, uncertainty: Mapping[str, float])
                 " outside the range, or camera file and picture do not belong together",
             )
         )
-    if not uncertainty:
+    if covariance is None:
         remarks.append(
             Remark(
                 "common-unknown",

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import tifffile
 
 from flflab.errors import InputError
-from flflab.whole_file import make_folder, require_writable, write_whole
+from flflab.whole_file import make_folder, require_writable, write_together
 
 Array = npt.NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def write_depth_files(
         page: HTML.
 
     Raises:
-        InputError: a file cannot be written; each is there whole or not at all.
+        InputError: a file cannot be written; then none is.
     """
     make_folder(folder, str(folder))
     contents = (
@@ -62,13 +62,12 @@ def write_depth_files(
         page,
     )
     files = [folder / name for name in FILES]
-    for file, content in zip(files, contents, strict=True):
-        write_whole(file, content)
+    write_together(dict(zip(files, contents, strict=True)))
     return files
 
 
 def tiff_bytes(pages: Mapping[str, Array]) -> bytes:
-    """float32 pages, each named by its tag 285 (PageName) and 270 (ImageDescription)."""
+    """float32 pages, each named by its tags 285 (PageName) and 270 (ImageDescription)."""
     stream = io.BytesIO()
     with tifffile.TiffWriter(stream) as tiff:
         for name, values in pages.items():

@@ -20,13 +20,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.optics.camera import Camera
+from flflab.optics.camera import Camera, MainLens
 from flflab.optics.per_type import type_smms
 from flflab.optics.smms import Smms
 
 Array = npt.NDArray[np.float64]
 
 TABLE_STEPS = 200  # of the distance from a micro-image's centre
+DISTORTION_STEPS = 8
 CHORDS = 200  # across the cut aperture
 KAPPA_STEPS = tuple(0.02 * step for step in range(-8, 9))  # of itself
 SMOOTHING_PX = 0.7  # Gaussian that pictures are smoothed with
@@ -85,6 +86,29 @@ def derivatives(delta: Array, camera: Camera) -> Derivatives:
             by_array_distance=scale - by_w * b / L**2,
             by_gap=-scale / w + by_w / L,
         )
+
+
+def undistorted(slopes: Array, distance: Array, lens: MainLens) -> Array:
+    """Slopes (x, y) of the rays from object points to the main lens's centre, shape (n, 2), from
+    those of their images.
+
+    The image of a point at the slope s lies at -s D', displaced by the lens's distortion; the
+    inverse is found by fixed-point steps.
+
+    Args:
+        slopes: of the images, of the rays through the main lens's centre.
+        distance: of the object points, mm, shape (n,).
+        lens: the main lens.
+    """
+    if lens.distortion is None:
+        return slopes
+    with np.errstate(divide="ignore"):
+        image = 1 / (1 / lens.focal_length - 1 / distance)[:, None]
+    seen = -slopes * image
+    place = seen
+    for _ in range(DISTORTION_STEPS):
+        place = seen - (lens.distortion.displace(place) - place)
+    return -place / image
 
 
 @dataclass(frozen=True)
@@ -154,6 +178,28 @@ def kinds_of_microlens(
             )
         )
     return tuple(kinds)
+
+
+def by_kappa(disparity: Array, kinds: tuple[MicrolensKind, ...], doubt: float) -> Array:
+    """How far disparities are uncertain by a kappa that all microlenses share.
+
+    A view lies at s - c = delta (y - t)/(1 - (kappa + delta) r), r = shift/e: an error of kappa is
+    taken for one of delta, d delta = -r delta d kappa / (1 - kappa r).
+
+    Args:
+        disparity: of every place.
+        kinds: the kinds of microlenses.
+        doubt: standard uncertainty of kappa, relative.
+    """
+    middle = kinds[len(KAPPA_STEPS) // 2 :: len(KAPPA_STEPS)]
+    slopes: list[float] = []
+    for kind in middle:
+        even = np.linspace(0, kind.table_end, len(kind.shift))
+        used = (even > 0) & (even <= kind.reach)
+        # parallax counts as the square of the distance, and there are as many places as it is far
+        ratio = float(np.average(kind.shift[used], weights=even[used] ** 3))
+        slopes.append(abs(kind.kappa * ratio / (1 - kind.kappa * ratio)))
+    return np.abs(disparity) * doubt * float(np.mean(slopes))
 
 
 def off_kappa(smms: Smms, relative: float) -> Smms:

@@ -92,7 +92,7 @@ def _seen(
 def sum_costs(
     lenses: Record,
     optics: Record,
-    tables: Array,
+    stretches: Array,
     value: Pixels,
     weight: Pixels,
     delta: float,
@@ -102,6 +102,9 @@ def sum_costs(
 ) -> None:
     """Add up weight, value and value^2 of all views of rows ``first`` to ``last`` of the map at one
     disparity: sums (4, rows, columns) with the number of views last.
+
+    Every microlens is taken as of its kind's kappa, ``stretches`` are those of ``stretches_at``:
+    near enough for a sweep.
     """
     columns = sums.shape[2]
     rows, cols = value.shape
@@ -110,6 +113,7 @@ def sum_costs(
     for index in range(len(lenses)):
         most = max(most, lenses[index].reach)
     most = 1.1 * most / abs(delta)
+    end = stretches.shape[1] - 2
     for line in range(first, last):
         ty = optics.first_y + line * optics.step
         start = np.searchsorted(ys, ty - most)
@@ -119,10 +123,20 @@ def sum_costs(
             half = math.sqrt(max(most**2 - (lens.y - ty) ** 2, 0.0))
             left = max(int((lens.x + half - optics.first_x) / optics.step), 0)
             right = min(int((lens.x - half - optics.first_x) / optics.step) + 2, columns)
+            own, wide = _own(lens, optics, delta)
+            stretch = stretches[lens.kind]
+            aside = (lens.kappa + own) * lens.skew
+            y0 = own * (lens.y - ty * wide)
+            reach2 = lens.reach**2
             for across in range(left, right):
                 tx = optics.first_x + across * optics.step
-                x, y, _, _ = _seen(lens, optics, tables, delta, tx, ty)
-                if x * x + y * y > lens.reach**2:
+                x0 = own * (lens.x - tx * wide)
+                place = math.sqrt(x0 * x0 + y0 * y0) * optics.per_table
+                cell = min(int(place), end)
+                part = min(place - cell, 1.0)
+                factor = stretch[cell] + part * (stretch[cell + 1] - stretch[cell])
+                x, y = x0 * factor + aside * lens.x, y0 * factor + aside * lens.y
+                if x * x + y * y > reach2:
                     continue
                 px, py = lens.column + x, lens.row + y
                 c, r = math.floor(px), math.floor(py)
@@ -139,6 +153,36 @@ def sum_costs(
                 sums[1, line, across] += w * v
                 sums[2, line, across] += w * v * v
                 sums[3, line, across] += 1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _own(lens: Record, optics: Record, delta: float) -> tuple[float, float]:
+    """Disparity with a lens's own distances, and how much wider its chief rays lie apart."""
+    if lens.rise == 0.0:
+        return delta, 1.0
+    b, distance, rise = optics.gap, optics.distance, lens.rise
+    w = delta + b / distance
+    own = (b - rise) * w / (b + rise * w) - (b - rise) / (distance + rise)
+    return own, (distance + rise) / distance
+
+
+def stretches_at(defocus: Array, tables: Array, per_table: float) -> Array:
+    """How much further from the micro-image's centre a view lies than the pinhole's, by kind and at
+    the tables' steps of the pinhole's place; shape (kinds, steps).
+
+    Args:
+        defocus: kappa + delta of each kind.
+        tables: ``shift`` and ``inside`` over e, shape (2, kinds, steps).
+        per_table: steps of the tables a pixel.
+    """
+    kinds, steps = tables.shape[1:]
+    even = np.arange(steps) / per_table
+    found = np.ones((kinds, steps))
+    for _ in range(2):
+        for kind in range(kinds):
+            shift, inside = (np.interp(even * found[kind], even, one[kind]) for one in tables)
+            found[kind] = 1 / (1 - defocus[kind] * shift - inside)
+    return found
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -26,6 +26,7 @@ KNOWN_PX = 0.5  # a centre less certain than this tells nothing of its own
 LEAST_SCATTER_PX = 0.005  # of microlenses about their lattice, px
 FEWEST = 8  # microlenses of a type, for a median
 MOST_SCATTER = 0.08  # robust, of the edges' widths of one type
+MEDIAN_OVER_MEAN = 1.25  # of their standard errors
 UNLIKE = 0.02  # of the pitch: more is another camera's white picture
 
 
@@ -128,6 +129,7 @@ class Lenses:
         kappa_factor: its kappa over that of its type.
         rise: how much further from the main lens than the array's middle.
         variance: of the micro-image's centre along each axis, px^2.
+        kappa_doubt: standard uncertainty, relative, of kappa that all microlenses of a type share.
     """
 
     x: Array
@@ -138,6 +140,7 @@ class Lenses:
     kappa_factor: Array
     rise: Array
     variance: Array
+    kappa_doubt: float
 
 
 def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
@@ -151,7 +154,7 @@ def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
         distance = camera.optical_distance + rise
         stand = on_sensor / (1 + (camera.optical_gap - rise) / distance)[:, None]
         rise = stand @ np.asarray(camera.array.tilt)
-    kind, factor = _kinds(white)
+    kind, factor, doubt = _kinds(white)
     order = np.argsort(stand[:, 1], kind="stable")
     pixel = camera.sensor.pixel
     return Lenses(
@@ -163,20 +166,23 @@ def lenses_on_array(white: WhiteLenses, camera: Camera) -> Lenses:
         kappa_factor=factor[order],
         rise=rise[order] / pixel,
         variance=white.place_uncertainty[order] ** 2,
+        kappa_doubt=doubt,
     )
 
 
-def _kinds(white: WhiteLenses) -> tuple[Whole, Array]:
-    """Kind of every microlens, and its kappa over that of its type.
+def _kinds(white: WhiteLenses) -> tuple[Whole, Array, float]:
+    """Kind of every microlens, its kappa over that of its type, and how uncertain, relative, their
+    median is by chance.
 
     A vignetting edge is as wide as d |kappa|, so one that is 2 % wider than its type's has a kappa
     2 % larger. Where the edges scatter more than lenses can, they are not known well enough and
-    every lens gets its type's kappa. Where the median edge departs from the predicted one by more
-    than so many lenses can by chance, something else softens all edges, and only ratios count.
+    every lens gets its type's kappa. Only ratios to the median count: whatever softens all edges,
+    as the mean over unlike lenses does, says nothing of their kappa.
     """
     steps = np.asarray(KAPPA_STEPS)
     kind = white.type * len(steps) + len(steps) // 2
     factor = np.ones(len(kind))
+    doubt = 0.0
     for one in np.unique(white.type):
         own = (white.type == one) & np.isfinite(white.softness)
         count = np.count_nonzero(own)
@@ -187,8 +193,8 @@ def _kinds(white: WhiteLenses) -> tuple[Whole, Array]:
         spread = 1.48 * float(np.median(np.abs(width / median - 1)))
         if spread > MOST_SCATTER:
             continue
-        by_chance = len(np.unique(white.type)) == 1 and abs(median - 1) < 3 * spread / count**0.5
-        relative = np.clip(width / (1.0 if by_chance else median) - 1, steps[0], steps[-1])
+        relative = np.clip(width / median - 1, steps[0], steps[-1])
         kind[own] = one * len(steps) + np.argmin(np.abs(relative[:, None] - steps), axis=1)
         factor[own] = 1 + relative
-    return kind, factor
+        doubt = max(doubt, MEDIAN_OVER_MEAN * spread / count**0.5)
+    return kind, factor, doubt

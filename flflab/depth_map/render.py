@@ -28,16 +28,16 @@ def filled(disparity: Array, otherwise: float) -> Array:
     return np.where(missing, median_filter(full, 5), disparity)
 
 
-def total_focus(views: Views, disparity: Array) -> Array:
+def total_focus(views: Views, disparity: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
     """The weighted mean of all views at each place's own disparity, in units of the white target's
-    radiance; NaN where no microlens looks.
+    radiance, NaN where no microlens looks; and where two microlenses look.
 
     Args:
         views: the picture.
         disparity: of every place, without gaps.
     """
     sums = views.scores(disparity)
-    return np.where(sums[VIEWS] > 0, sums[VALUE], np.nan)
+    return np.where(sums[VIEWS] > 0, sums[VALUE], np.nan), sums[VIEWS] >= 2
 
 
 def refocus(views: Views, focus: Array, disparity: Array, wanted: float) -> Array:

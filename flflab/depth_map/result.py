@@ -3,8 +3,7 @@ points.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.depth_map.files import write_depth_files
-from flflab.depth_map.geometry import derivatives, distance_of
+from flflab.depth_map.geometry import derivatives, distance_of, undistorted
 from flflab.depth_map.page import depth_page, small_table
 from flflab.depth_map.views import Grid
 from flflab.optics.camera import Camera
@@ -38,10 +37,8 @@ class DepthMap:
         grid: the places.
         camera: the camera.
         searched: nearest and farthest distance that was looked for, mm.
-        uncertainty: standard uncertainties of the camera's lengths, mm, by ``LENGTHS``; they move
-            the whole map.
-        distortion: of the main lens, 1/rad^2: a ray at the angle a comes from a (1 + distortion
-            a^2).
+        covariance: of the camera's lengths in the order of ``LENGTHS``, mm^2, shape (3, 3); they
+            move the whole map. None where it is not known.
         remarks: what a reader should know.
     """
 
@@ -53,8 +50,7 @@ class DepthMap:
     grid: Grid
     camera: Camera
     searched: tuple[float, float]
-    uncertainty: Mapping[str, float] = field(default_factory=dict[str, float])
-    distortion: float = 0.0
+    covariance: Array | None = None
     remarks: tuple[Remark, ...] = ()
 
     @property
@@ -77,15 +73,11 @@ class DepthMap:
         """Standard uncertainty in mm that all places share, by the camera's lengths; 0 where none
         is stated.
         """
-        slopes = derivatives(np.array(disparity), self.camera)
-        by_name = {
-            "focal_length": slopes.by_focal_length,
-            "array_distance": slopes.by_array_distance,
-            "gap": slopes.by_gap,
-        }
-        return math.sqrt(
-            sum((float(by_name[name]) * size) ** 2 for name, size in self.uncertainty.items())
-        )
+        if self.covariance is None:
+            return 0.0
+        at = derivatives(np.array(disparity), self.camera)
+        slopes = np.array([at.by_focal_length, at.by_array_distance, at.by_gap], dtype=np.float64)
+        return math.sqrt(float(slopes @ self.covariance @ slopes))
 
     def directions(self) -> tuple[Array, Array]:
         """Slopes (x, y) of the rays from the main lens's centre to the places: object (x, y) over
@@ -99,12 +91,12 @@ class DepthMap:
 
     def points(self) -> Array:
         """The cloud: object x, y, distance z, own sigma of z in mm, and intensity; shape (n, 5)."""
-        x, y = np.meshgrid(*self.directions())
-        stretch = 1 + self.distortion * (x**2 + y**2)
         z = self.distance
-        columns = (x * stretch * z, y * stretch * z, z, self.sigma, self.focus)
         good = np.isfinite(z) & np.isfinite(self.focus)
-        return np.stack([column[good] for column in columns], axis=1)
+        x, y = (part[good] for part in np.meshgrid(*self.directions()))
+        slopes = undistorted(np.column_stack([x, y]), z[good], self.camera.main_lens)
+        place = slopes * z[good][:, None]
+        return np.column_stack([place, z[good], self.sigma[good], self.focus[good]])
 
     def summary(self) -> dict[str, Any]:
         """What ``depth.json`` holds; lengths in mm, None where there is no value."""
@@ -124,7 +116,7 @@ class DepthMap:
             figures = {
                 "distance_mm": {"low": float(low), "median": float(centre), "high": float(high)},
                 "sigma_mm": float(np.median(self.sigma[has])),
-                "common_mm": self.common_sigma(middle) if self.uncertainty else None,
+                "common_mm": None if self.covariance is None else self.common_sigma(middle),
             }
         camera = self.camera
         return {
@@ -147,7 +139,7 @@ class DepthMap:
             "density": self.density,
             **figures,
             "derivatives_at_median": slopes,
-            "uncertainty_mm": {name: self.uncertainty.get(name) for name in LENGTHS},
+            "covariance_mm2": None if self.covariance is None else self.covariance.tolist(),
             "remarks": [note.sentence for note in self.remarks],
             "remark_codes": [note.code for note in self.remarks],
         }
@@ -156,7 +148,7 @@ class DepthMap:
         """Write depth.tif, focus.png, cloud.ply, depth.json and depth.html into a folder.
 
         Raises:
-            InputError: they cannot be written; each is there whole or not at all.
+            InputError: one cannot be written; then none is.
         """
         pages = {
             "distance_mm": self.distance,

@@ -15,11 +15,14 @@ from flflab.optics.camera import Camera
 
 Array = npt.NDArray[np.float64]
 
-WINDOW = 9  # places a side over which costs are averaged
+WINDOW = 9  # places a side over which what views say is averaged
+EVERY = 2  # places of the map to one of the sweep, each way
 STEP_PX = 2.0  # between hypotheses, at the longest baseline
 FEWEST_VIEWS = 0.6  # pitches that a microlens reaches on the array, at the nearest distance
 MOST_BLUR = 0.45  # of a micro-image's used width
-LEAST_DISPARITY = 1e-3
+LEAST_DISPARITY = 0.05  # a virtual depth of 20: hundreds of views, and their depth is lost
+IN_EXIT_PUPIL = 0.01  # of kappa
+UNFOCUSED = 0.02  # of the focal length: nearer to it is a gap of no focused camera
 
 
 @dataclass(frozen=True)
@@ -51,9 +54,16 @@ def hypotheses(
         InputError: the camera is not focused, or no distance in the range gives two views that
             overlap.
     """
+    unfocused = [abs(camera.optical_gap / f - 1) < UNFOCUSED for f in camera.array.focal_lengths]
+    if all(unfocused):
+        raise InputError(
+            f"camera: the gap, {camera.optical_gap:g} mm, is the microlenses' focal length: this is"
+            " an unfocused (plenoptic 1.0) camera, whose micro-images hold directions and no"
+            " pictures; no views overlap to be compared"
+        )
     kappa = float(np.mean([kind.kappa for kind in kinds]))
     used = max(kind.reach for kind in kinds)
-    if abs(kappa) < LEAST_DISPARITY * 10:
+    if abs(kappa) < IN_EXIT_PUPIL:
         raise InputError(
             "camera: the sensor lies in the microlenses' exit pupil; no view is cut there and none"
             " is sharp: check the gap and the microlenses' focal length"
@@ -94,13 +104,16 @@ def sweep(views: Views, disparities: Array, progress: Callable[[float], None]) -
     """Try every disparity and keep the best at every place.
 
     The cost is the misfit of the views over their number less one, each averaged over a window.
-    Only running minima are kept: a volume of costs would need a gigabyte.
+    Only running minima are kept: a volume of costs would need a gigabyte. The sweep sees every
+    second place of the map, which refinement does not notice.
 
     Args:
         views: the picture.
         disparities: hypotheses, rising or falling.
         progress: called with the share done.
     """
+    whole = views.grid.shape
+    views = views.coarse(EVERY)
     shape = views.grid.shape
     first = np.full(shape, np.inf, dtype=np.float32)
     second = np.full(shape, np.inf, dtype=np.float32)
@@ -125,7 +138,13 @@ def sweep(views: Views, disparities: Array, progress: Callable[[float], None]) -
         progress(min(index + 1, len(disparities)) / len(disparities))
     best[~inside] = np.nan
     with np.errstate(invalid="ignore", divide="ignore"):
-        return Swept(best, np.asarray(second / first, dtype=np.float64))
+        ratio = np.asarray(second / first, dtype=np.float64)
+    return Swept(_to_places(best, whole), _to_places(ratio, whole))
+
+
+def _to_places(values: Array, shape: tuple[int, int]) -> Array:
+    """Values of the sweep's grid at the places of the map."""
+    return values.repeat(EVERY, axis=0).repeat(EVERY, axis=1)[: shape[0], : shape[1]]
 
 
 def cost_of(sums: Array) -> npt.NDArray[np.float32]:
@@ -134,7 +153,8 @@ def cost_of(sums: Array) -> npt.NDArray[np.float32]:
     with np.errstate(invalid="ignore", divide="ignore"):
         misfit = np.where(number > 1, square - value**2 / weight, 0.0)
     free = np.maximum(number - 1, 0)
-    misfit = uniform_filter(np.maximum(misfit, 0.0), WINDOW, mode="constant")
-    free = uniform_filter(free, WINDOW, mode="constant")
+    side = WINDOW // EVERY + 1
+    misfit = uniform_filter(np.maximum(misfit, 0.0), side, mode="constant")
+    free = uniform_filter(free, side, mode="constant")
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(free > 0.3, misfit / free, np.inf).astype(np.float32)

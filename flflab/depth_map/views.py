@@ -5,13 +5,13 @@ and sums over the views of its places.
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from flflab.depth_map.geometry import KAPPA_STEPS, MicrolensKind
-from flflab.depth_map.kernels import LENS, OPTICS, SUMS, Pixels, sum_costs, sum_scores
+from flflab.depth_map.kernels import LENS, OPTICS, SUMS, Pixels, stretches_at, sum_costs, sum_scores
 from flflab.depth_map.lenses import Lenses
 from flflab.depth_map.normalise import Normalised
 from flflab.errors import MeasurementError
@@ -77,16 +77,29 @@ class Views:
     kinds: tuple[MicrolensKind, ...]
     grid: Grid
 
+    def coarse(self, every: int) -> "Views":
+        """The same on a grid of every second, third, ... place: each stands for so many a side."""
+        step = every * self.grid.step
+        aside = (every - 1) / 2 * self.grid.step
+        first = (self.grid.first[0] + aside, self.grid.first[1] + aside)
+        rows, columns = (-(-size // every) for size in self.grid.shape)
+        optics = self.optics.copy()
+        optics["first_x"], optics["first_y"] = first
+        optics["step"] = step
+        return replace(self, optics=optics, grid=Grid(first, step, (rows, columns)))
+
     def costs(self, disparity: float) -> Array:
         """Sums over the views of every place at one disparity: weight, weighted value, weighted
         square, number; shape (4, rows, columns).
         """
         sums = np.zeros((4, *self.grid.shape))
+        kappa = np.array([kind.kappa for kind in self.kinds])
+        stretches = stretches_at(kappa + disparity, self.tables, float(self.optics[0]["per_table"]))
 
         def band(first: int, last: int) -> None:
             table = np.rec.array(self.lenses)
             sum_costs(
-                table, self.optics[0], self.tables, *self._pixels(), disparity, first, last, sums
+                table, self.optics[0], stretches, *self._pixels(), disparity, first, last, sums
             )
 
         self._in_bands(band)

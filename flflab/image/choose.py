@@ -41,6 +41,9 @@ LIGHT = (
     "stray-light",
     "colour-filter",
     "motion",
+    "shading",
+    "halo",
+    "gamma",
 )
 NOISE = (
     "shot-noise",
@@ -104,6 +107,9 @@ def effects_of(scene: Scene) -> tuple[Effect, ...]:
         scene.stray_light,
         scene.colour_filter,
         scene.motion,
+        scene.shading,
+        scene.halo,
+        scene.gamma,
     )
     array, sensor = scene.camera.array, scene.camera.sensor
     out_of_line = any(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from flflab.errors import InputError
 from flflab.image.effects.distortion import Distortion
 from flflab.image.microlenses import axis_microlens, scattered
 from flflab.image.scene import Plane, Scene
@@ -67,6 +68,22 @@ def ground_truth(scene: Scene) -> dict[str, Any]:
         "planes": [_plane(scene, index, smms, reasons) for index in range(len(scene.planes))],
         "reasons": reasons,
     }
+
+
+def sharp_distance(camera: Camera) -> float:
+    """Distance of the target in focus, mm.
+
+    Raises:
+        InputError: no real target distance is.
+    """
+    smms = camera_smms(camera)
+    sharp = float(sharp_vergence(smms)[axis_microlens(smms)])
+    if not 0 < sharp < math.inf:
+        raise InputError(
+            "camera: no real target distance is in focus on the sensor; give a scene with its"
+            " target's distance"
+        )
+    return 1 / sharp
 
 
 def _camera(camera: Camera, reasons: dict[str, str]) -> dict[str, Any]:

@@ -57,25 +57,41 @@ def axis_microlens(smms: Smms) -> int:
 
 
 def draws_of(scatter: Scatter, count: int) -> Array:
-    """Standard normal numbers of every microlens, shape (count, 4): focal length, x, y, brightness.
+    """Standard normal numbers of every microlens, shape (count, 6): focal length, place x, y,
+    brightness, decentre of the aperture x, y.
 
     Philox keyed by the seed, so that they depend on the seed and the microlens's index alone.
     """
     key = np.random.Philox(key=scatter.seed)
     placed = np.random.Generator(key).standard_normal((count, 3))
     bright = np.random.Generator(key.jumped()).standard_normal((count, 1))
-    return np.concatenate([placed, bright], axis=1)
+    decentred = np.random.Generator(key.jumped(2)).standard_normal((count, 2))
+    return np.concatenate([placed, bright, decentred], axis=1)
 
 
 def scattered(smms: Smms, scatter: Scatter) -> Smms:
-    """Microlenses with errors of their own in focal length and place."""
+    """Microlenses with errors of their own in focal length and place; the place is that of the
+    aperture.
+    """
     draws = draws_of(scatter, len(smms.focal))
+    aside = scatter.position * draws[:, 1:3] + scatter.aperture_decentre * draws[:, 4:6]
     return replace(
         smms,
         focal=smms.focal * (1 + scatter.focal_length * draws[:, 0]),
-        centre_x=smms.centre_x + scatter.position * draws[:, 1],
-        centre_y=smms.centre_y + scatter.position * draws[:, 2],
+        centre_x=smms.centre_x + aside[:, 0],
+        centre_y=smms.centre_y + aside[:, 1],
     )
+
+
+def bent_aside(lenses: Lenses, smms: Smms, scatter: Scatter) -> None:
+    """What apertures that stand d aside of their lenses do, in place: a lens bends all rays that
+    it passes by -d / f more, so that its micro-image lands -b d / f aside.
+    """
+    decentre = scatter.aperture_decentre * draws_of(scatter, len(lenses))[:, 4:6]
+    bend = -decentre / smms.focal[:, None]
+    for axis, name in enumerate("xy"):
+        lenses[name] += smms.gap * bend[:, axis]
+        lenses[f"slant_{name}"] += bend[:, axis]
 
 
 def camera_lenses(
@@ -113,9 +129,12 @@ def camera_lenses(
     slope = radius * np.where(by_microlens, smms.kappa, -ratio)
     found["slope"] = np.where(np.abs(slope) < 1e-6 * camera.sensor.pixel, 0.0, slope)
     found["reach"] = np.where(by_microlens, smms.lens_width, smms.microlens_width) / 2
+    found["slant_x"] = smms.centre_x / smms.distance
+    found["slant_y"] = smms.centre_y / smms.distance
     found["level"] = (smms.limiting_radius / smms.gap) ** 2 / white_level
     if scatter is not None:
         found["level"] *= 1 + scatter.brightness * draws_of(scatter, len(found))[:, 3]
+        bent_aside(found, smms, scatter)
     found["lens_spread"] = radius * np.where(by_microlens, smms.kappa / ratio, 1.0)
     found["lens_scale"] = np.where(by_microlens, -1 / ratio, 0.0)
     found["spread"] = radius * np.where(
@@ -126,13 +145,11 @@ def camera_lenses(
     found["scale"] = np.where(by_microlens, -w / ratio, -1 / (smms.distance * kappa))
     found["direction_x"] = -smms.centre_x / smms.distance
     found["direction_y"] = -smms.centre_y / smms.distance
-    found["slant_x"] = smms.centre_x / smms.distance
-    found["slant_y"] = smms.centre_y / smms.distance
     found["slant_scale"] = np.where(by_microlens, 1, 1 - 1 / kappa) / smms.gap
     found["slant_spread"] = -radius * np.where(
         by_microlens, 1 / smms.gap, 1 / (smms.distance * kappa)
     )
-    _set_windows(found, camera.sensor, overlap)
+    set_windows(found, camera.sensor, overlap)
     return found
 
 
@@ -156,7 +173,7 @@ def lit(lenses: Lenses) -> Lenses:
     ]
 
 
-def _set_windows(lenses: Lenses, sensor: Sensor, overlap: bool) -> None:
+def set_windows(lenses: Lenses, sensor: Sensor, overlap: bool) -> None:
     """The columns and rows of pixels that each micro-image can light."""
     half = outside(lenses) + sensor.pixel
     if not overlap and len(half) > 1:

@@ -10,12 +10,13 @@ import numpy.typing as npt
 
 from flflab.errors import InputError
 from flflab.image.accuracy import MISFIT, MOVED
+from flflab.image.coarse import add_coarsely, step_of
 from flflab.image.fast.form import Upright, add_upright, upright
 from flflab.image.general.form import Pilot, add_rays, blocks_of, pilot
 from flflab.image.general.maps import misfit
 from flflab.image.landing import linearised
 from flflab.image.microlenses import Lenses, camera_lenses
-from flflab.image.scene import Plane, Scene
+from flflab.image.scene import ALL, Plane, Scene
 from flflab.image.waves import add_with_waves
 from flflab.targets import Bars, Black, Edge, FourDot, Picture, White
 
@@ -53,41 +54,67 @@ def form(scene: Scene, tolerance: float, effects: frozenset[str]) -> Light:
     """
     columns, rows = scene.camera.sensor.resolution
     image = np.zeros((rows, columns))
-    planes = tuple(plane for plane in scene.planes if not _is_dark(plane, scene))
-    if not planes:
-        return Light(image, "closed forms", "nothing shines")
-    lenses = _lenses(scene, "overlap" in effects, "vignetting" in effects)
-    if not len(lenses[0]):
-        return Light(image, "closed forms", "no light meets the sensor")
+    ready = prepare(scene, tolerance, effects)
     pixel = scene.camera.sensor.pixel if "pixel" in effects else 0.0
-    defocus = "defocus" in effects
-    made, why = _upright(scene, lenses, tolerance, defocus=defocus, pixel=pixel)
+    if not ready.lenses:
+        return Light(image, "closed forms", ready.why)
+    made = ready.made
     if scene.diffraction is not None and not all(
         isinstance(plane.target, White) and plane.size is None for plane in scene.planes
     ):
         if made is None:
             raise InputError(
-                f"render: light of one wavelength is formed for one upright target, and {why};"
-                " leave the wavelength out"
+                f"render: light of one wavelength is formed for one upright target, and"
+                f" {ready.why}; leave the wavelength out"
             )
         return _with_waves(image, scene, made, pixel)
     if made is not None:
-        add_upright(image, scene, made)
-        return Light(image, "closed forms", why)
-    blocks = blocks_of(scene, lenses, defocus=defocus, pixel=pixel)
+        step = step_of(made, scene.camera.sensor.pixel, tolerance) if "overlap" in effects else 1
+        if step > 1:
+            add_coarsely(image, scene, made, step)
+        else:
+            add_upright(image, scene, made)
+        return Light(image, "closed forms", ready.why)
+    blocks = blocks_of(scene, ready.lenses, defocus="defocus" in effects, pixel=pixel)
     found = pilot(blocks, tolerance)
     add_rays(image, blocks, found.side)
-    return Light(image, "rays", why, found)
+    return Light(image, "rays", ready.why, found)
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A scene before it is formed.
+
+    Attributes:
+        lenses: the microlenses that light the sensor, for the distance of each target; none where
+            the picture is dark.
+        made: its target for closed forms; None where rays are due.
+        why: what decides that.
+    """
+
+    lenses: tuple[Lenses, ...]
+    made: Upright | None
+    why: str
+
+
+def prepare(scene: Scene, tolerance: float, effects: frozenset[str] = ALL) -> Ready:
+    """What is known of a scene before a pixel of it is formed; raises as ``form``."""
+    if all(_is_dark(plane, scene) for plane in scene.planes):
+        return Ready((), None, "nothing shines")
+    lenses = _lenses(scene, "overlap" in effects, "vignetting" in effects)
+    if not len(lenses[0]):
+        return Ready((), None, "no light meets the sensor")
+    pixel = scene.camera.sensor.pixel if "pixel" in effects else 0.0
+    made, why = _upright(scene, lenses, tolerance, defocus="defocus" in effects, pixel=pixel)
+    return Ready(lenses, made, why)
 
 
 def path_of(scene: Scene, tolerance: float) -> str:
     """By which path a scene is formed with all its effects: closed forms, waves or rays."""
-    planes = tuple(plane for plane in scene.planes if not _is_dark(plane, scene))
-    lenses = _lenses(scene, overlap=True, vignetting=True) if planes else ()
-    if not lenses or not len(lenses[0]):
+    ready = prepare(scene, tolerance)
+    if not ready.lenses:
         return "closed forms"
-    pixel = scene.camera.sensor.pixel
-    if _upright(scene, lenses, tolerance, defocus=True, pixel=pixel)[0] is None:
+    if ready.made is None:
         return "rays"
     return "closed forms" if scene.diffraction is None else "waves"
 

@@ -10,8 +10,11 @@ from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
+from flflab.image.effects.gamma import Gamma
+from flflab.image.effects.halo import Halo
 from flflab.image.effects.motion import Motion
 from flflab.image.effects.scatter import Scatter
+from flflab.image.effects.shading import Shading
 from flflab.image.effects.stray_light import StrayLight
 from flflab.optics.camera import Camera
 from flflab.targets import Target
@@ -26,6 +29,9 @@ DESCRIBED = (
     "stray-light",
     "colour-filter",
     "motion",
+    "shading",
+    "halo",
+    "gamma",
 )  # by the scene; None is ideal
 ALL = frozenset(
     ("defocus", "vignetting", "overlap", "pixel", "misalignment", *DESCRIBED)
@@ -110,6 +116,9 @@ class Scene:
         stray_light: veiling glare.
         colour_filter: the sensor's mosaic.
         motion: of the targets during the exposure.
+        shading: of the main lens, towards the corners.
+        halo: of every point of light.
+        gamma: of the sensor.
     """
 
     camera: Camera
@@ -121,6 +130,9 @@ class Scene:
     stray_light: StrayLight | None = None
     colour_filter: ColourFilter | None = None
     motion: Motion | None = None
+    shading: Shading | None = None
+    halo: Halo | None = None
+    gamma: Gamma | None = None
 
     def __post_init__(self) -> None:
         """Refuse what is no scene.

@@ -20,11 +20,14 @@ from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.falloff import Falloff
 from flflab.image.effects.fixed_pattern import FixedPattern
+from flflab.image.effects.gamma import Gamma
+from flflab.image.effects.halo import Halo
 from flflab.image.effects.motion import Motion
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.read_noise import ReadNoise
 from flflab.image.effects.saturation import Saturation
 from flflab.image.effects.scatter import Scatter
+from flflab.image.effects.shading import Shading
 from flflab.image.effects.shot_noise import ShotNoise
 from flflab.image.effects.stray_light import StrayLight
 from flflab.image.scene import Plane, Scene
@@ -95,13 +98,15 @@ class PlaneDescription(Description):
 
 
 class ScatterDescription(Description):
-    """Scatter of the microlenses: standard deviations of focal lengths (of themselves) and
-    places.
+    """Scatter of the microlenses: standard deviations of focal lengths (of themselves), places,
+    brightness, and of apertures against their lenses.
     """
 
     focal_length: Ratio = 0.0
     position: Length = 0.0
     seed: int = 0
+    brightness: Ratio = 0.0
+    aperture_decentre: Length = 0.0
 
 
 class ColourFilterDescription(Description):
@@ -120,6 +125,13 @@ class MotionDescription(Description):
 
     drift: Pair = (0.0, 0.0)
     vibration: Pair = (0.0, 0.0)
+
+
+class HaloDescription(Description):
+    """A share of all light in a Gaussian spot, whose standard deviation is ``radius``."""
+
+    share: Ratio
+    radius: Length
 
 
 class FixedPatternDescription(Description):
@@ -189,6 +201,9 @@ class SceneDescription(Description):
     stray_light: Ratio = 0.0
     colour_filter: ColourFilterDescription | None = None
     motion: MotionDescription | None = None
+    shading: Ratio = 0.0
+    halo: HaloDescription | None = None
+    gamma: float = 1.0
     sensor: SensorDescription = SensorDescription()
 
 
@@ -252,7 +267,13 @@ def _makers(told: SceneDescription) -> dict[str, Callable[[], object]]:
         "scatter": lambda: (
             None
             if scatter is None
-            else Scatter(scatter.focal_length, scatter.position, scatter.seed)
+            else Scatter(
+                scatter.focal_length,
+                scatter.position,
+                scatter.seed,
+                scatter.brightness,
+                scatter.aperture_decentre,
+            )
         ),
         "stray_light": lambda: StrayLight(told.stray_light) if told.stray_light else None,
         "colour_filter": lambda: (
@@ -261,6 +282,9 @@ def _makers(told: SceneDescription) -> dict[str, Callable[[], object]]:
             else ColourFilter(mosaic.pattern, mosaic.red, mosaic.green, mosaic.blue)
         ),
         "motion": lambda: None if motion is None else Motion(motion.drift, motion.vibration),
+        "shading": lambda: Shading(told.shading) if told.shading else None,
+        "halo": lambda: None if told.halo is None else Halo(told.halo.share, told.halo.radius),
+        "gamma": lambda: Gamma(told.gamma) if told.gamma != 1 else None,
         "sensor": told.sensor.response,
     }
 
@@ -278,6 +302,9 @@ def _scene(
         stray_light=made["stray_light"],
         colour_filter=made["colour_filter"],
         motion=made["motion"],
+        shading=made["shading"],
+        halo=made["halo"],
+        gamma=made["gamma"],
     )
 
 

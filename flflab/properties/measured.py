@@ -63,7 +63,7 @@ def measure_configuration(
     """
     pictures, frames = {}, {}
     for target in ("white", *study.shown):
-        pictures[target], frames[target] = _mean_picture(run, configuration, target)
+        pictures[target], frames[target] = mean_picture(run, configuration, target)
     first = frames[study.shown[0]][0]
     # by this bench's zeros: it need not be the one that the run was recorded with
     elements = [
@@ -227,7 +227,7 @@ def averaged(noise: SensorNoise, frames: int) -> SensorNoise:
     )
 
 
-def _mean_picture(
+def mean_picture(
     run: Run, configuration: Configuration, target: str
 ) -> tuple[Array, tuple[FrameRecord, ...]]:
     """Mean of a configuration's frames of one target, DN, and the frames."""

@@ -4,6 +4,7 @@ sum recorded with it.
 
 import contextlib
 import json
+import math
 import os
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,7 +41,8 @@ class FrameRecord:
         repeat: counts the frames of one target in one configuration.
         f_number: by the iris's reading.
         readings: of all axes, mm or rad.
-        worlds: world z in mm of main lens, array, sensor and target, by those readings.
+        worlds: world z in mm of main lens, array, sensor and target, by those readings; without
+            what nobody knows the place of.
         exposure_s: as the camera says.
         gain: factor.
         saturated: number of pixels at full scale.
@@ -48,6 +50,7 @@ class FrameRecord:
         index: place in frames.h5.
         time: s since 1970, this computer's clock.
         crc32: of its pixels (see ``checksum``); empty in records without.
+        note: what whoever took it wrote to it.
     """
 
     key: str
@@ -64,6 +67,7 @@ class FrameRecord:
     index: int
     time: float
     crc32: str = ""
+    note: str = ""
 
     @property
     def distance(self) -> float:
@@ -156,6 +160,38 @@ class Run:
         full_scale_dn.
         """
         return dict(self.start["sensor_noise"])
+
+    def table(self) -> dict[str, npt.NDArray[Any]]:
+        """One row a frame, a column for each fact: what a data frame is made of.
+
+        ``frame`` is the place in ``pictures``; readings and world places in mm, or rad of what
+        turns; NaN where nobody knows.
+        """
+        columns: dict[str, list[Any]] = {
+            "frame": list(range(len(self.frames))),
+            "point": [frame.key for frame in self.frames],
+            "configuration": [
+                -1 if frame.configuration is None else frame.configuration for frame in self.frames
+            ],
+        }
+        for name in (
+            "target", "repeat", "f_number", "exposure_s", "gain", "saturated", "time", "note",
+        ):  # fmt: skip
+            columns[name] = [getattr(frame, name) for frame in self.frames]
+        for axis in self.start.get("axes", ()):
+            unit = ANGLE if axis in self.turning else LENGTH
+            columns[unit.column(axis)] = [frame.readings[axis] for frame in self.frames]
+        for element in ELEMENTS:
+            columns[world_key(element)] = [
+                frame.worlds.get(element, math.nan) for frame in self.frames
+            ]
+        return {name: np.asarray(values) for name, values in columns.items()}
+
+    def pictures(self) -> npt.NDArray[np.uint16]:
+        """All pictures, shape (frames, rows, columns), DN, in the order of ``frames``; errors as
+        ``picture``.
+        """
+        return np.stack([self.picture(frame) for frame in self.frames])
 
     def dark(self, exposure_s: float) -> FrameRecord | None:
         """The first dark frame of an exposure."""
@@ -387,11 +423,14 @@ def _frame_of(data: Mapping[str, Any], time: float, place: int, axes: Iterable[s
         key=data["point"], configuration=None if configuration < 0 else configuration,
         target=data["target"], repeat=int(data["repeat"]),
         f_number=float(data["iris"]), readings={axis: _reading(data, axis) for axis in axes},
-        worlds={element: float(data[world_key(element)]) for element in ELEMENTS},
+        worlds={
+            element: float(data[key]) for element in ELEMENTS if (key := world_key(element)) in data
+        },
         exposure_s=float(data["exposure_s"]),
         gain=float(data["gain"]), saturated=int(data["saturated"]), number=int(data["number"]),
         index=place, time=time,
         crc32=data.get("crc32", ""),
+        note=data.get("note", ""),
     )  # fmt: skip
 
 

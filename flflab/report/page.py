@@ -10,13 +10,14 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined, Template
 
 from flflab.bench import Bench
-from flflab.comparison import AS_FAR_OFF, PROPERTY_NAMES, percent
+from flflab.comparison import PROPERTY_NAMES, percent, rule
 from flflab.diagnosis import not_told_apart
 from flflab.evaluation import Evaluation
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run
 from flflab.report import charts, facts, frames, tables
+from flflab.report.drawn import drawn_table
 from flflab.study import Study
 from flflab.whole_file import write_own
 
@@ -73,7 +74,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         comparison=evaluation.comparison,
         headline=headline(evaluation),
         names=PROPERTY_NAMES,
-        as_far_off=AS_FAR_OFF,
+        rule=rule(evaluation.comparison.verdicts),
         percent=percent,
         exact=exact,
         dots=dots,
@@ -118,6 +119,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
             if "simulated" in bench.description.model_fields_set
             else None
         ),
+        drawn=drawn_table(bench, study, evaluation.predicted[0]) if local else None,
         provenance=_provenance(run, study, bench),
         draws=study.description.draws,
         light=bench.description.light_uncertainty,

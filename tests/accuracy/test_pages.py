@@ -30,7 +30,7 @@ def rows() -> list[Row]:
         for method in (RANDOM, GRID)
         for n in (100, 10_000)
     ]
-    return [PLAIN, replace(PLAIN, requested=0.001, largest_error=0.0005), *rays]
+    return [PLAIN, replace(PLAIN, requested=0.001, rms_error=0.0005), *rays]
 
 
 def test_the_image_page_says_how_many_tolerances_were_kept_and_what_random_rays_would_take() -> (
@@ -47,7 +47,7 @@ def test_the_image_page_says_how_many_tolerances_were_kept_and_what_random_rays_
 
 
 def test_the_image_page_names_the_scene_and_the_tolerance_that_was_exceeded() -> None:
-    page = image_page([*rows(), replace(PLAIN, requested=1e-4, largest_error=0.0004)], "made here")
+    page = image_page([*rows(), replace(PLAIN, requested=1e-4, rms_error=0.0004)], "made here")
     assert page.answers[0] == "render kept 2 of the 3 tolerances asked of it; dim exceeds 0.0001."
     asked, estimated = page.sections[1].pictures
     assert "one picture is further off than asked for, at most 4 times as far" in asked.says

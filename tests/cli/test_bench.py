@@ -196,9 +196,8 @@ def test_a_bench_simulated_for_one_command_is_said_to_forget_and_a_served_one_is
     homed = flflab("bench", "home", "target_stage", "--bench", alone)
     assert (homed.code, homed.out) == (0, "target_stage is at 0.0000 mm\n")
     assert (
-        homed.err
-        == f"this bench was simulated for this command alone and forgets it; `flflab sim {alone}"
-        " --write-bench served.yaml` serves one that stays, for --bench served.yaml\n"
+        homed.err == "this simulated bench existed only during this command; to keep one running:"
+        f" `flflab sim {alone} --write-bench served.yaml`, then --bench served.yaml\n"
     )
     assert flflab("bench", "home", "target_stage", "--bench", bench_file).err == ""
     moved = flflab("bench", "move", "target_stage", "12.5 mm", "--bench", bench_file)

@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+import flflab as ff
+
 Run = Callable[..., Any]
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STUDY = """name: small
@@ -65,15 +67,16 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     ended = flflab("validate", study, "--bench", small_bench(), "--out", out)
     assert ended.code == 0, ended.err
     assert "The camera does what its model says." in ended.out
-    assert "benches as far off" in ended.out
+    assert "p-value" in ended.out
+    assert "properties share the level of" in " ".join(ended.out.split())
     assert re.search(
-        r"^\d+/\d+, about \d+ s of recording left: configuration 0, white, frame 0: exposure"
-        r" [\d.]+ ms$",
+        r"^\d+/\d+, about \d+ (?:s|min) of recording left: configuration 0, white, frame 0:"
+        r" exposure [\d.]+ ms$",
         ended.err,
         re.M,
     )
     assert ended.err.endswith("all recorded; measuring and comparing\n")
-    assert {"report.html", "comparison.csv", "documents.jsonl", "frames.h5"} <= {
+    assert {"report.html", "verdict.json", "comparison.csv", "documents.jsonl", "frames.h5"} <= {
         file.name for file in out.iterdir()
     }
     with (out / "comparison.csv").open(encoding="utf-8") as handle:
@@ -191,3 +194,18 @@ def test_a_study_of_one_target_is_judged_by_what_it_shows(
     assert judged in verdicts
     assert left_out not in verdicts
     assert (tmp_path / "run" / "report.html").exists()
+
+
+@pytest.mark.ci
+@pytest.mark.timeout(300)
+def test_a_script_validates_as_the_command_does(
+    small_bench: Callable[..., Path], study: Path, tmp_path: Path
+) -> None:
+    found = ff.validate(study, small_bench(), out=tmp_path / "run")
+    assert found.accepted
+    assert found.run.complete
+    assert found.page == tmp_path / "run" / "report.html"
+    assert found.page.exists()
+    with (tmp_path / "run" / "comparison.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(found.evaluation.comparison.rows)

@@ -12,6 +12,22 @@ LOADED = (
     "import sys, drivers, flflab.cli.bench; drivers.connect;"
     f" print([name for name in {HEAVY} if name in sys.modules])"
 )
+HELP = f"""
+import sys
+from flflab.cli import main
+sys.argv = ["flflab", "--help"]
+try:
+    main()
+except SystemExit:
+    print([name for name in ("numpy", "pydantic", *{HEAVY}) if name in sys.modules])
+"""
+FRONT_DOOR = f"""
+import sys
+import flflab as ff
+print([name for name in ("numpy", "bluesky", *{HEAVY}) if name in sys.modules])
+ff.connect
+print([name for name in {HEAVY} if name in sys.modules])
+"""
 MOVES = f"""
 import sys
 class Fails:
@@ -33,6 +49,16 @@ def run(program: str, *arguments: str) -> str:
 
 def test_to_import_drivers_loads_nothing_that_only_pictures_need() -> None:
     assert run(LOADED) == "[]\n"
+
+
+def test_the_list_of_commands_loads_none_of_them() -> None:
+    said = run(HELP)
+    assert "validate   Run a study" in said
+    assert said.endswith("[]\n")
+
+
+def test_the_front_door_loads_what_is_asked_for_and_no_more() -> None:
+    assert run(FRONT_DOOR) == "[]\n[]\n"
 
 
 def test_a_stage_moves_where_opencv_numba_scipy_and_matplotlib_do_not_load(

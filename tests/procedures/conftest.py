@@ -192,10 +192,12 @@ def described(write: Write) -> Callable[..., tuple[Study, Bench]]:
 
 
 @pytest.fixture
-def in_memory() -> Callable[[Bench, MemoryCamera], ConnectedBench]:
-    """Connect a bench's axes, iris and target in memory to a camera."""
+def in_memory() -> Callable[..., ConnectedBench]:
+    """Connect a bench's axes, iris and target in memory to a camera, as a kind of bench."""
 
-    def connect(bench: Bench, camera: MemoryCamera) -> ConnectedBench:
+    def connect(
+        bench: Bench, camera: MemoryCamera, kind: type[ConnectedBench] = ConnectedBench
+    ) -> ConnectedBench:
         device: CameraDevice = camera  # a camera as far as the type checker can tell
         axes = {
             name: Axis(name, MemoryAxis(axis.limits, axis.limits[0]), axis.limits, axis.speed)
@@ -205,7 +207,7 @@ def in_memory() -> Callable[[Bench, MemoryCamera], ConnectedBench]:
         target = Setting[str](
             "target", MemorySetting(("four-dot", "bars", "white", "black"), "white")
         )
-        return ConnectedBench(
+        return kind(
             bench,
             axes,
             device,

@@ -11,7 +11,7 @@ import pytest
 
 from flflab.errors import RecordError
 from flflab.record import Recording
-from procedures.engine import logged
+from procedures.log import logged
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no tzset")

@@ -5,16 +5,21 @@ ones.
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
+from urllib.parse import urlparse
+from urllib.request import url2pathname
 
+import h5py
 import pytest
 from bluesky import RunEngine
 from bluesky import plans as bp
+from bluesky.callbacks import LiveTable
+from bluesky.callbacks.best_effort import BestEffortCallback
 from event_model import DocumentNames, schema_validators
 from ophyd.sim import SynAxis, SynSignal
 
 from drivers.base import wait_all
-from drivers.bench import connect
+from drivers.bench import ConnectedBench, connect
 from flflab.bench import Bench
 from flflab.study import Study
 from procedures.devices import Stages
@@ -60,6 +65,55 @@ def test_blueskys_own_plans_run_on_our_axes_iris_and_target(
     assert places == pytest.approx((6.0, 5.0, 3.0), abs=5e-4), (
         "a relative scan goes back to where it began"
     )
+
+
+def test_a_scan_under_anybodys_engine_leaves_its_frames_in_a_file(
+    described: Callable[..., tuple[Study, Bench]],
+    in_memory: Callable[..., ConnectedBench],
+    memory_camera: Callable[..., Any],
+    engine: RunEngine,
+    tmp_path: Path,
+) -> None:
+    documents: list[tuple[str, dict[str, Any]]] = []
+
+    def keep(name: str, document: Any) -> None:
+        schema_validators[DocumentNames[name]].validate(document)
+        documents.append((name, document))
+
+    printed: list[str] = []
+    table = BestEffortCallback()
+    table.disable_plots()
+    engine.subscribe(table)
+    camera = memory_camera(shape=(6, 8))
+    with in_memory(described()[1], camera) as bench:
+        bench.home()
+        bench.detector.folder = tmp_path / "frames"
+        bench.detector.prepare(5e-3)
+        live = LiveTable(["sensor_stage_mm", "camera_mean_dn"], out=printed.append)
+        listeners: Any = [keep, live]
+        for _ in range(2):
+            plan = bp.scan([bench.detector], bench.sensor_stage, 18.7, 18.8, 3)
+            engine(plan, listeners)
+        last = bench.detector.latest
+    resources = [document for name, document in documents if name == "stream_resource"]
+    data = [document for name, document in documents if name == "stream_datum"]
+    events = [document["data"] for name, document in documents if name == "event"]
+    assert len(resources) == 2  # a file a run
+    assert [document["seq_nums"] for document in data[:3]] == [
+        {"start": place, "stop": place + 1} for place in (1, 2, 3)
+    ]
+    read: list[Any] = []
+    for resource in resources:
+        with h5py.File(url2pathname(urlparse(resource["uri"]).path)) as file:
+            read += list(cast(Any, file[resource["parameters"]["dataset"]])[:])
+    assert len(read) == len(data) == len(events) == 6
+    assert [float(frame.mean()) for frame in read] == [event["camera_mean_dn"] for event in events]
+    assert last is not None
+    assert (read[-1] == last.picture).all()
+    assert [event["sensor_stage_mm"] for event in events] == [18.7, 18.75, 18.8] * 2
+    assert any("sensor_stage_mm" in line and "camera_mean_dn" in line for line in printed)
+    start = documents[0][1]
+    assert start["hints"]["dimensions"] == [(["sensor_stage_mm"], "primary")]
 
 
 def test_the_moves_of_a_sweep_run_on_ophyds_simulated_devices(

@@ -21,10 +21,11 @@ import pytest
 
 from drivers.bench import ConnectedBench
 from flflab.bench import Bench, read_bench
-from flflab.cli.run import resume_run, run_study, with_descriptions
+from flflab.cli.run import resume_run, run_study
 from flflab.errors import CommunicationError, DeviceError, FlflabError, MotionError, RecordError
 from flflab.record import read_documents, read_run, run_folder
 from flflab.study import read_study
+from procedures.descriptions import with_descriptions
 from procedures.study import begin_recording, tell_nobody
 from procedures.sweep import Progress
 from sim.motion import rest

@@ -17,7 +17,6 @@ import pytest
 
 import flflab
 from flflab.cli.export import export
-from flflab.cli.validate import judged
 from flflab.errors import InputError, RecordError
 from flflab.record import (
     ContinuedRecording,
@@ -29,6 +28,7 @@ from flflab.record import (
     versions,
 )
 from flflab.record.folder import git_state
+from procedures.validate import judged
 
 SHAPE = (40, 60)
 ROOM = 9

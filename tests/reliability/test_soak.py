@@ -3,8 +3,7 @@ who leave strange files, want the bench too, or stop it: after each a recovery o
 bench that is whole, and no lie.
 
 Judged by the world, which shares nothing with the drivers: where each carriage truly is, and the
-true gaps. The drivers' time limits are shorter than by default and the simulated time runs faster
-than real time, so that ten thousand take minutes.
+true gaps. Short time limits and a fast simulated clock let ten thousand take minutes.
 """
 
 import collections

@@ -172,8 +172,19 @@ def evaluation(bench: Bench, study: Study) -> Evaluation:
     )
     rows = tuple(row for one in measured for row in rows_of(one, study.description.reference))
     verdicts = (
-        Verdict("mtf", 12, 0.41, 0.025, True, "contrast (MTF): 12 values agree with the model"),
-        Verdict("views", 12, 0.97, 0.025, True, "number of views: 12 values agree with the model"),
+        Verdict(
+            "mtf", 12, 0.41, 200, 1.7, 0.025, True, "contrast (MTF): 12 values agree with the model"
+        ),
+        Verdict(
+            "views",
+            12,
+            0.97,
+            200,
+            0.4,
+            0.025,
+            True,
+            "number of views: 12 values agree with the model",
+        ),
     )
     values = properties(measured, predicted, bench)
     return Evaluation(

@@ -1,4 +1,4 @@
-"""Scatter of the microlenses: every one has a focal length and a place of its own."""
+"""Scatter of the microlenses: every one has a focal length, a place and a brightness of its own."""
 
 import math
 from dataclasses import dataclass
@@ -13,14 +13,15 @@ class Scatter:
     """Independent normal errors of every microlens, drawn once from a ``seed``.
 
     ``focal_length`` is the standard deviation relative to the focal length, ``position`` that of
-    each coordinate in mm,
-    ``brightness`` that of the light relative to the mean.
+    each coordinate of a lens with its aperture, mm, ``brightness`` that of the light relative to
+    the mean, ``aperture_decentre`` that of each coordinate of an aperture against its lens, mm.
     """
 
     focal_length: float = 0.0
     position: float = 0.0
     seed: int = 0
     brightness: float = 0.0
+    aperture_decentre: float = 0.0
     name: ClassVar[str] = "scatter"
     unit: ClassVar[str] = "px"
 
@@ -36,10 +37,16 @@ class Scatter:
                 f"scatter: focal_length is {self.focal_length:g} of the focal length; from 0 to 0.1"
                 " is allowed"
             )
-        if not (math.isfinite(self.position) and self.position >= 0):
+        if not (math.isfinite(self.brightness) and 0 <= self.brightness <= 0.2):
             raise InputError(
-                f"scatter: position is {self.position:g} mm; a finite number from 0 up is due"
+                f"scatter: brightness is {self.brightness:g} of the light; from 0 to 0.2 is allowed"
             )
+        for name in ("position", "aperture_decentre"):
+            length = getattr(self, name)
+            if not (math.isfinite(length) and length >= 0):
+                raise InputError(
+                    f"scatter: {name} is {length:g} mm; a finite number from 0 up is due"
+                )
 
     def size(self, regime: Regime) -> float:
         """How far rims move at most."""
@@ -57,5 +64,6 @@ class Scatter:
         """Of what."""
         return (
             f"focal lengths scatter by {100 * self.focal_length:.2g} %, places by"
-            f" {1e3 * self.position:.2g} um"
+            f" {1e3 * self.position:.2g} um, apertures by {1e3 * self.aperture_decentre:.2g} um,"
+            f" brightness by {100 * self.brightness:.2g} %"
         )

@@ -32,7 +32,9 @@ OF_AN_EDGE = 0.1
 SHARP_LEAVES = 0.04
 FALLOFF_LEAVES = 9e-3  # over the square of the strips
 FEWEST = 4  # strips, where one is not enough
-FINE = 1e-4  # tolerance below which pixels on a vignetting edge are cut into parts
+FINE = 1e-4  # tolerance below which pixels on narrow vignetting edges are cut into more parts
+TABLE_LEAVES = 1e-3  # of a vignetting edge, over the power 3/2 of its width in pixels
+FINEST = 6e-5  # tolerance that tables keep of what is seen in a blur through a vignetting edge
 DOTS_LEAVE = 2.5e-2  # over the blur, up to WIDE pixels, and the square of a pixel's parts
 DOTS_SHARP_LEAVE = 0.03  # over the square of the blur, seen through the middle of the pupil
 WIDE, WIDEST = 2.5, 2000.0  # pixels: a wider blur is formed like this one
@@ -52,7 +54,8 @@ class Upright:
         lines: their maps, ``LINE`` records.
         how: the sampling of each microlens.
         by_columns: whether the target varies along the sensor's columns alone.
-        fine: whether every pixel on a vignetting edge is cut into parts.
+        tabulated: width in pixels from which on a vignetting edge is read from a table; pixels on
+            narrower ones are cut into parts.
         sharp: which microlenses see dots through the middle of the pupil.
     """
 
@@ -61,7 +64,7 @@ class Upright:
     lines: Lines
     how: tuple[Sampling, ...]
     by_columns: bool
-    fine: bool
+    tabulated: float
     sharp: npt.NDArray[np.bool_]
 
 
@@ -106,7 +109,8 @@ def upright(
     allowed = UPRIGHT * tolerance * scene.camera.sensor.pixel
     by_columns = (bounded and turned <= allowed) or isinstance(plane.target, White)
     sharp = DOTS_SHARP_LEAVE * blur**2 <= KEPT * tolerance
-    return Upright(plane.target, lenses, lines, how, by_columns, tolerance < FINE, sharp)
+    tabulated = tabulated_from(plane.target, tolerance, float(blur.max(initial=0.0)))
+    return Upright(plane.target, lenses, lines, how, by_columns, tabulated, sharp)
 
 
 def lines_of(scene: Scene, plane: Plane, lenses: Lenses) -> Lines:
@@ -154,6 +158,15 @@ def strips_for(blur: float, target: Target, tolerance: float, weighted: bool) ->
         leaves *= min(1.0, OF_AN_EDGE * (1 + blur / 4))
     leaves += FALLOFF_LEAVES if weighted else 0.0
     return min(max(math.ceil(math.sqrt(leaves / allowed)), FEWEST), 1024)
+
+
+def tabulated_from(target: Target, tolerance: float, blur: float) -> float:
+    """Width in pixels from which on a table of shares keeps a tolerance on a vignetting edge; lines
+    in a blur need parts of pixels at the finest ones.
+    """
+    if not isinstance(target, White) and blur > SHARP and tolerance < FINEST:
+        return math.inf
+    return max(STEEP, (TABLE_LEAVES / (KEPT * tolerance)) ** (2 / 3))
 
 
 def parts_for(target: Target, tolerance: float, blur: float, narrow: bool, small: bool) -> int:
@@ -210,7 +223,7 @@ def share_tables(lenses: Lenses, pixel: float, made: Upright) -> list[Array]:
     found: list[Array] = []
     for lens, sampling in zip(lenses, made.how, strict=True):
         wide, reach = abs(float(lens["slope"])), float(lens["reach"])
-        if made.fine or 2 * wide < STEEP * pixel:
+        if 2 * wide < made.tabulated * pixel:
             found.append(NONE)
             continue
         key = wide, reach, sampling.pixel

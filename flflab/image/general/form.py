@@ -3,7 +3,7 @@ distorts, motion. A pilot on some pixels finds how many rays a pixel needs, and 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -214,6 +214,27 @@ def _chosen(blocks: Blocks) -> Iterator[tuple[int, tuple[Array, Array]]]:
         if here.any():
             columns, rows = columns[here].astype(np.int64), rows[here].astype(np.int64)
             yield index, (xs[columns] - lens["x"], ys[rows] - lens["y"])
+
+
+def light_at(blocks: Blocks, rows: Whole, columns: Whole, points: Callable[[], Points]) -> Array:
+    """Light of single pixels through all microlenses, of white.
+
+    Args:
+        blocks: the scene.
+        rows: of the pixels, shape (P,).
+        columns: the same.
+        points: gives points of the pupil, anew for each microlens and few pixels.
+    """
+    xs, ys = pixel_positions(blocks.scene.camera.sensor)
+    total, lenses = np.zeros(len(rows)), blocks.surfaces[0].lenses
+    reach = outside(lenses) + blocks.scene.camera.sensor.pixel
+    for index, lens in enumerate(lenses):
+        ex, ey = xs[columns] - lens["x"], ys[rows] - lens["y"]
+        here = np.flatnonzero(ex * ex + ey * ey < reach[index] ** 2)
+        for start in range(0, len(here), SHARED):
+            few = here[start : start + SHARED]
+            total[few] += _values(blocks, index, points(), (ex[few], ey[few]))
+    return total
 
 
 def _rays(blocks: Blocks, lens: Record, points: Points, places: tuple[Array, Array]) -> Rays:

@@ -427,5 +427,9 @@ def _scaled(shape: Array, values: Array, weights: Array) -> tuple[float, float, 
     mean, level = np.average(shape, weights=weights**2), np.average(values, weights=weights**2)
     spread = float(np.sum((weights * (shape - mean)) ** 2))
     light = float(np.sum(weights**2 * (shape - mean) * (values - level))) / max(spread, 1e-12)
-    ground = float(level - light * mean)
+    ground, least = float(level - light * mean), min(0.0, float(values.min()))
+    if ground < least:  # no sensor reads less, whatever lies beneath light that never ends
+        ground = least
+        light = float(np.sum(weights**2 * shape * (values - ground)))
+        light /= max(float(np.sum((weights * shape) ** 2)), 1e-12)
     return float(np.sum((weights * (ground + light * shape - values)) ** 2)), light, ground

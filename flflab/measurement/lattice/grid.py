@@ -103,9 +103,10 @@ def grid_through(
         # the median of a Rayleigh distribution is 1.18 of its parameter
         limit = CUT * np.sqrt(own + max(float(np.median(size[good]) / 1.18) ** 2, 1e-12)) * 1.3
         good = size < limit
-        freedom = max(2 * np.count_nonzero(good) - 2 * len(coefficients), 1)
-        total = float(np.sum(rest[good] ** 2)) / freedom
-        scatter = math.sqrt(max(total - float(own[good].mean()), 0.0))
+        sure = good & (own <= 4 * np.median(own[good]))
+        freedom = max(2 * np.count_nonzero(sure) - 2 * len(coefficients), 1)
+        total = float(np.sum(rest[sure] ** 2)) / freedom
+        scatter = math.sqrt(max(total - float(own[sure].mean()), 0.0))
         weight = 1 / (own + scatter**2 + 1e-12)
     straight, *others = (
         _straight(one.astype(np.float64), degree, scale, coefficients) for one in places

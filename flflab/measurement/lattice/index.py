@@ -1,4 +1,6 @@
-"""Every micro-image of a white picture found and indexed, ring by ring from a first one."""
+"""Every micro-image of a white picture found and indexed: those round a first one give the profile
+of light across all, with which each is then looked for where it is expected.
+"""
 
 import itertools
 import math
@@ -25,6 +27,7 @@ from flflab.measurement.lattice.micro_images import (
     neighbours_within,
     with_ground,
 )
+from flflab.measurement.lattice.phase import displaced
 from flflab.measurement.lattice.pixels import Pixels
 from flflab.measurement.lattice.spread import Spread, spread
 
@@ -32,7 +35,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-GROWTH = 1.8  # by which the radius of the part that is indexed grows
+FIRST = 4.0  # pitches from the origin: those that give the profile of all
 FEWEST = 6  # whole micro-images
 ENOUGH = 20  # for a profile of their own
 LEAST_LIGHT = 0.02  # of the brightest ones'
@@ -89,7 +92,7 @@ def smooth_map(indices: Whole, centres: Array, degree: int, scale: float) -> Arr
 
 
 def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
-    """Find every micro-image by growing a map of the lattice outwards.
+    """Find every micro-image where the phase of the light tells it.
 
     Args:
         pixels: of the picture, looked at as sparsely as the rough radius allows.
@@ -102,51 +105,49 @@ def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
     joint = rough.radius + rough.softness / 2 > OVERLAP * rough.pitch / 2
     indices = _candidates(rough, pixels.picture.shape, profile.end)
     scale = float(np.abs(indices).max()) + 1.0
-    centres = rough.origin + indices @ rough.vectors.T
+    centres = _expected_places(pixels, rough, indices, scale)
     values = np.zeros((len(indices), VALUES))
+    values[:, :2] = centres
 
     ground = pixels.noise.offset_dn if joint else None  # nowhere seen by itself
     below = rough.background if ground is None else ground
     values[:, LIGHT], values[:, GROUND] = rough.light + rough.background - below, below
-    found, tried = (np.zeros(len(indices), dtype=np.bool_) for _ in range(2))
-    far = np.hypot(*(indices @ (rough.vectors / rough.pitch).T).T)
-    ring, profiled, shape = 1.6, False, pixels.picture.shape
-    while True:
-        values[~tried, :2] = centres[~tried]
-        now = (far <= ring) & ~tried & (_shown(centres, shape, 0.0) | (ring < 3))
-        if now.any():
-            values, good = _fitted(pixels, values, now, found, profile, rough.pitch, joint, ground)
-            off = np.hypot(*(values[:, :2] - centres).T)
-            good &= off < MOVED * rough.pitch
-            found[now] = good[now]
-            tried |= now
-        count = np.count_nonzero(found)
-        if count >= ENOUGH and not profiled:
-            members = np.flatnonzero(found & _shown(values[:, :2], shape, -profile.end))
-            if len(members) >= ENOUGH:
-                around = neighbours_within(values[:, :2], 2 * profile.end)
-                before = profile
-                profile = measured_profile(pixels, values, members, around, before)
-                values, profiled = recentred(values, profile, before, members), True
-        if count >= FEWEST:
-            degree = 1 if count < 24 else 2 if count < 80 else 3
-            linear = smooth_map(indices[found], values[found, :2], degree, scale)
-            centres = terms(indices.astype(np.float64), degree, scale) @ linear
-            # what was missed may lie elsewhere than it was expected
-            missed = tried & ~found & (far > 0.5 * ring)
-            tried[missed & (np.hypot(*(values[:, :2] - centres).T) > 0.1 * rough.pitch)] = False
-            values[~found, :2] = centres[~found]
-        if ring > far.max():
-            break
-        ring *= GROWTH
+    found, shape = np.zeros(len(indices), dtype=np.bool_), pixels.picture.shape
+    there = _shown(centres, shape, 0.0)
+    first = there & (np.hypot(*(indices @ (rough.vectors / rough.pitch).T).T) <= FIRST)
+    for now in (first, there):
+        if not now.any():
+            continue
+        values, good = _fitted(pixels, values, now, found, profile, rough.pitch, joint, ground)
+        found |= good & (np.hypot(*(values[:, :2] - centres).T) < MOVED * rough.pitch)
+        values[~found, :2] = centres[~found]
+        members = np.flatnonzero(found & _shown(values[:, :2], shape, -profile.end))
+        if now is first and len(members) >= ENOUGH:
+            around = neighbours_within(values[:, :2], 2 * profile.end)
+            before = profile
+            profile = measured_profile(pixels, values, members, around, before)
+            values = recentred(values, profile, before, members)
     if np.count_nonzero(found) < FEWEST:
         raise MeasurementError(
             f"white picture: {np.count_nonzero(found)} whole micro-images were found,"
             f" {FEWEST} are needed; show more of the array, or check that the target was evenly"
             " lit and the exposure"
         )
-    values[~found, :2] = centres[~found]
+    degree = 1 if np.count_nonzero(found) < 24 else 3
+    smooth = smooth_map(indices[found], values[found, :2], degree, scale)
+    values[~found, :2] = (terms(indices.astype(np.float64), degree, scale) @ smooth)[~found]
     return Indexed(indices, values, found, profile, joint, ground)
+
+
+def _expected_places(pixels: Pixels, rough: RoughLattice, indices: Whole, scale: float) -> Array:
+    """Where the phase of the light puts each lattice point, and a smooth map where it is weak."""
+    aside, strong = displaced(pixels.picture, rough.vectors, rough.origin, indices)
+    straight = rough.origin + indices @ rough.vectors.T
+    strong &= _shown(straight, pixels.picture.shape, 0.0)
+    degree = 0 if np.count_nonzero(strong) < 24 else 1 if np.count_nonzero(strong) < 80 else 3
+    smooth = smooth_map(indices[strong], aside[strong], degree, scale)
+    aside[~strong] = (terms(indices.astype(np.float64), degree, scale) @ smooth)[~strong]
+    return straight + aside
 
 
 def _candidates(rough: RoughLattice, shape: tuple[int, ...], reach: float) -> Whole:
@@ -219,5 +220,6 @@ def looks_right(values: Array, doubt: Spread, profile: Profile, pitch: float) ->
         & (light > 6 * sure[:, LIGHT])
         & (sure[:, :LIGHT].max(axis=1) < 0.1 * pitch)
         & (doubt.misfit < WORST)
+        & (doubt.pixels > doubt.left_out)
         & (np.abs(values[:, WIDER]) < 0.3 * profile.radius)
     )

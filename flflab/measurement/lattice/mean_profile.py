@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
 
-from flflab.measurement.lattice.kernel import SOFTER, WIDER, sum_profile
+from flflab.measurement.lattice.kernel import LIGHT, SOFTER, WIDER, sum_profile
 from flflab.measurement.lattice.pixels import Pixels, in_bands
 
 Array = npt.NDArray[np.float64]
@@ -17,6 +17,7 @@ POINTS = 2000  # of a profile's table
 KNOTS_PX = 0.5  # least distance between knots of the profile
 MOST_KNOTS = 160
 PROFILED = 400  # micro-images that make the profile, at most
+LIT = 0.3  # of the median light: darker ones would be taken for the profile's own darkness
 STIFF = 1e-4  # how much a bend of the profile counts against a pixel
 
 
@@ -69,11 +70,13 @@ def measured_profile(
     Args:
         pixels: of the picture.
         values: of all micro-images.
-        members: those that count.
+        members: those that count, where they are not dark beside the others.
         neighbours: of all.
         before: the profile that the values belong to.
     """
-    some = members[:: max(1, len(members) // PROFILED)]
+    light = values[members, LIGHT]
+    some = members[light > LIT * float(np.median(light))]
+    some = some[:: max(1, len(some) // PROFILED)]
     spacing = max(KNOTS_PX, before.end / MOST_KNOTS)
     count = int(before.end / spacing) + 4
     every = np.full(len(values), pixels.every, dtype=np.int64)

@@ -17,11 +17,16 @@ Flags = npt.NDArray[np.bool_]
 LOOSE_SLOPE = 0.3  # of the light over a radius: what slopes may be before any was seen
 LEAST_SLOPE = 0.003  # the same, by which they may depart from their smooth course
 MOVED_PX = 0.01  # what a slope of its own may move a micro-image by
-UNKNOWN_SLOPE = 0.05  # the same, where no course can be told: a blob's slope is a shift
+UNKNOWN_SLOPE = 0.05  # the same, where no course can be told
+SHIFTED = 0.4  # of the radius, by which a slope of 1 moves the centre: a blob's slope is a shift
+SLOPE_OF_BLOB = 0.006  # what remains unsure of it then, as a share of the light over a radius
 SHARE = 0.1  # of the slope of the light that may belong to the profile
 OF_MISFIT = 0.3  # of what the profile does not explain, which may move a rim
+BESIDE = 0.05  # of the softness: where a neighbour is missing the light's ground slopes
+BEHIND = 0.008  # of the softness: what is left of that for those behind them
 OF_SHARED = 0.1  # of the light between micro-images, which may move a rim
 ALIKE = 0.5  # of that which may move all micro-images alike
+GROWING = 1.0  # of that which may move them apart from the middle, as a second stop does
 FINEST_PX = 0.003  # pixels do not answer alike over their area
 
 
@@ -46,12 +51,14 @@ def unknown_slopes(count: int) -> Slopes:
 
 
 def course_of_slopes(
-    indices: Whole, values: Array, doubt: Spread, inner: Flags, before: Slopes
+    indices: Whole, values: Array, doubt: Spread, inner: Flags, before: Slopes, radius: float
 ) -> Slopes:
     """How slopes go over the picture, linear in the place: of many micro-images it is known from
     places where a single one's is not.
     """
     mean = np.zeros((len(values), 2))
+    if float(np.median(np.abs(doubt.by_slope[inner]))) > SHIFTED * radius:
+        return Slopes(mean, LEAST_SLOPE, SLOPE_OF_BLOB)
     variances, apart, singles = list[float](), list[float](), list[float]()
     index = indices / (np.abs(indices).max() + 1.0)
     design = np.column_stack([np.ones(len(index)), index])
@@ -105,7 +112,5 @@ def asides(indices: Whole, size: float) -> list[Array]:
     growing from the middle outwards along rows or columns.
     """
     place = indices / (np.abs(indices).max() + 1.0)
-    fields = (np.ones(len(place)), *place.T)
-    return [
-        ALIKE * size * np.outer(field, way) for field in fields for way in ((1.0, 0.0), (0.0, 1.0))
-    ]
+    fields = (ALIKE * np.ones(len(place)), *(GROWING * place.T))
+    return [size * np.outer(field, way) for field in fields for way in ((1.0, 0.0), (0.0, 1.0))]

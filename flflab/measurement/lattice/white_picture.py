@@ -30,6 +30,8 @@ from flflab.measurement.lattice.micro_images import (
 )
 from flflab.measurement.lattice.pixels import Pixels, finer
 from flflab.measurement.lattice.slopes import (
+    BEHIND,
+    BESIDE,
     Slopes,
     asides,
     course_of_slopes,
@@ -38,6 +40,7 @@ from flflab.measurement.lattice.slopes import (
 )
 from flflab.measurement.lattice.spread import Spread, spread
 from flflab.measurement.sensor.noise import SensorNoise
+from flflab.optics.camera import Layout
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -122,7 +125,7 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
         values = fit(pixels, values, every, model, 2 * rounds if joint else rounds)
         doubt = spread(pixels, values, every, model)
         if turn == LAST - 1:
-            slopes = course_of_slopes(indices, values, doubt, inner, slopes)
+            slopes = course_of_slopes(indices, values, doubt, inner, slopes, profile.radius)
         misfit = float(np.median(doubt.misfit[inner]))
         pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
     assert doubt is not None  # noqa: S101 - there are turns
@@ -133,11 +136,17 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
     between = 0.0 if joint else _light_between(rough, profile)
     definition = definition_of_centres(doubt, slopes, profile, between)
     ways = asides(indices, float(np.median(definition[whole])))
+    missing = ~found & _inside(values, shape, 0.0)
+    beside = _beside(indices, missing, rough.layout)
+    behind = _beside(indices, beside & ~missing, rough.layout)
+    aside = profile.softness * np.where(beside, BESIDE, BEHIND * behind)
+    definition = np.hypot(definition, aside)
+    own = np.sqrt(doubt.covariance[:, [X, Y], [X, Y]])
     grid = grid_through(
         rough.layout,
         indices[whole],
         values[whole, :2],
-        np.sqrt(doubt.covariance[:, [X, Y], [X, Y]])[whole],
+        np.hypot(own, aside[:, None])[whole],
         [indices[there], indices[_inside(values, shape, 0.0)]],
         [one[whole] for one in ways],
     )
@@ -172,6 +181,19 @@ def _require_enough(whole: Flags) -> None:
             f"white picture: only {np.count_nonzero(whole)} micro-images lie wholly on it,"
             f" {FEWEST} are needed; show more of the array"
         )
+
+
+def _beside(indices: Whole, missing: Flags, layout: Layout) -> Flags:
+    """Which have one of some others as their neighbour."""
+    steps = [(1, 0), (0, 1)] + ([(1, -1)] if layout == "hexagonal" else [])
+    gaps = [
+        tuple(one)
+        for step in steps
+        for sign in (1, -1)
+        for one in (indices[missing] + sign * np.array(step)).tolist()
+    ]
+    beside = set(gaps)
+    return np.array([tuple(one) in beside for one in indices.tolist()], dtype=np.bool_)
 
 
 def _light_between(rough: RoughLattice, profile: Profile) -> float:

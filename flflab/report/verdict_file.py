@@ -1,0 +1,101 @@
+"""``verdict.json`` and JUnit XML of an evaluated run: what a program reads of a verdict."""
+
+import hashlib
+import json
+import math
+from typing import Any
+from xml.etree import ElementTree
+
+from flflab.comparison import PROPERTY_NAMES, Verdict, percent
+from flflab.diagnosis import not_told_apart
+from flflab.evaluation import Evaluation
+from flflab.record import Run, versions
+
+SCHEMA = 1  # of verdict.json; described by verdict.schema.json beside this file
+
+
+def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
+    """What ``verdict.json`` holds.
+
+    Args:
+        evaluation: of the run.
+        run: whose seed, versions and descriptions are named.
+    """
+    comparison = evaluation.comparison
+    return {
+        "schema": SCHEMA,
+        "verdict": "accepted" if comparison.accepted else "rejected",
+        "properties": {one.quantity: _property(one) for one in comparison.verdicts},
+        "suspects": [
+            {
+                "name": one.what,
+                "change": one.change,
+                "size": one.size,
+                "explains": round(1 - one.chi2 / one.chi2_before, 6),
+                "chi_squared_left": one.chi2,
+                "numbers": one.numbers,
+            }
+            for one in not_told_apart(evaluation.suspects)
+        ],
+        "study": str(run.start.get("plan_name", "")),
+        "began": run.start.get("time"),
+        "seed": run.start.get("seed"),
+        "configurations": len(evaluation.measured),
+        "sha256": {
+            name: hashlib.sha256((run.folder / name).read_bytes()).hexdigest()
+            for name in ("bench.yaml", "camera.yaml", "study.yaml")
+            if (run.folder / name).exists()
+        },
+        "versions": {"recorded": _recorded_versions(run), "evaluated": versions()},
+    }
+
+
+def _property(one: Verdict) -> dict[str, Any]:
+    return {
+        "name": PROPERTY_NAMES.get(one.quantity, one.quantity),
+        "values": one.rows,
+        "p_value": one.p_value,
+        "p_is_upper_bound": one.p_is_upper_bound,
+        "draws": one.draws,
+        "limit": one.threshold,
+        "verdict": "accepted" if one.accepted else "rejected",
+        "worst_z": one.worst_z if math.isfinite(one.worst_z) else None,
+    }
+
+
+def _recorded_versions(run: Run) -> dict[str, str]:
+    file = run.folder / "versions.json"
+    return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
+
+
+def verdict_text(evaluation: Evaluation, run: Run) -> str:
+    """``verdict.json`` as text."""
+    return json.dumps(verdict_numbers(evaluation, run), indent=1) + "\n"
+
+
+def junit_text(evaluation: Evaluation, run: Run) -> str:
+    """The verdicts as JUnit XML: a test case a property, a failure where it is rejected."""
+    verdicts = evaluation.comparison.verdicts
+    failed = str(sum(not one.accepted for one in verdicts))
+    count = str(len(verdicts))
+    whole = ElementTree.Element("testsuites", tests=count, failures=failed)
+    name = f"flflab.{run.start.get('plan_name', run.folder.name)}"
+    suite = ElementTree.SubElement(
+        whole, "testsuite", name=name, tests=count, failures=failed, errors="0", skipped="0"
+    )
+    for one in verdicts:
+        case = ElementTree.SubElement(
+            suite,
+            "testcase",
+            classname=name,
+            name=PROPERTY_NAMES.get(one.quantity, one.quantity),
+            time="0",
+        )
+        if not one.accepted:
+            told = f"p-value {one.p_words}, rejected below {percent(one.threshold)}"
+            failure = ElementTree.SubElement(case, "failure", message=told, type="rejected")
+            suspects = [suspect.sentence for suspect in not_told_apart(evaluation.suspects)]
+            failure.text = "\n".join([one.sentence, *suspects])
+    ElementTree.indent(whole)
+    text = ElementTree.tostring(whole, encoding="unicode")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
