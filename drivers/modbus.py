@@ -2,6 +2,7 @@
 values in pairs of registers.
 """
 
+import itertools
 import logging
 import select
 import sys
@@ -24,6 +25,10 @@ EXCEPTIONS = {
     3: "impossible value",
     4: "it cannot do this now",
 }
+
+READ, WRITE = 0x03, 0x10
+MONITORS, MARKS = 0x00C6, range(3, 13)  # values in a row, of which no other question has so many
+MOST_LATE = 4  # answers to earlier questions
 
 LOG = logging.getLogger(__name__)
 logging.getLogger("pymodbus").addHandler(
@@ -48,8 +53,9 @@ class ModbusLine:
     """An RS-485 line that several drives share: one exchange at a time; a stop goes before all
     others that wait.
 
-    After a failed exchange the line is opened anew and kept quiet for a while: an answer carries no
-    number, and a late one must not pass for the next.
+    An answer carries no number, and a late one must not pass for the next. So after a failed
+    exchange the line is opened anew and kept quiet for a while, and the drive is asked for a number
+    of registers that nothing else asks for before it is asked anything else.
 
     Args:
         make_client: makes a pymodbus client, not yet connected.
@@ -66,6 +72,8 @@ class ModbusLine:
         self._quiet = quiet
         self._turns = Turns()
         self._failed = False
+        self._out_of_step: set[int] = set()
+        self._marks = itertools.cycle(MARKS)
         self._line = Line(self._connect)
 
     def read(self, name: str, device: int, register: int) -> int:
@@ -99,7 +107,10 @@ class ModbusLine:
             )
             self._exchange(
                 asked,
+                device,
+                WRITE,
                 lambda client: client.write_registers(register, to_words(values), device_id=device),
+                urgent=urgent,
             )
 
     def close(self) -> None:
@@ -125,22 +136,39 @@ class ModbusLine:
     def _pair(self, name: str, device: int, register: int) -> int:
         asked = f"{name} (slave {device}): asked for register {register:#06x}, "
         reply = self._exchange(
-            asked, lambda client: client.read_holding_registers(register, count=2, device_id=device)
+            asked,
+            device,
+            READ,
+            lambda client: client.read_holding_registers(register, count=2, device_id=device),
         )
         if len(reply.registers) != 2:
+            self._out_of_step.add(device)
             raise CommunicationError(
                 f"{asked}got {len(reply.registers)} registers instead of 2; check cable and parity"
             )
         return from_words(*reply.registers)
 
-    def _exchange(self, asked: str, ask: Callable[[Client], Any]) -> Any:
+    def _exchange(
+        self,
+        asked: str,
+        device: int,
+        function: int,
+        ask: Callable[[Client], Any],
+        *,
+        urgent: bool = False,
+    ) -> Any:
         client = self._line.get(asked)
         try:
             _pass_over_what_waits(client)
+            if device in self._out_of_step and not urgent:
+                self._get_in_step(client, device)
             reply = ask(client)
+            if reply.function_code & 0x7F != function:
+                raise ModbusException("the answer to another question came")
         except (ModbusException, OSError) as error:
             self._line.lose(client)
             self._failed = True
+            self._out_of_step.add(device)
             raise CommunicationError(
                 f"{asked}no right answer ({_first_line(error)}); check cable, parity, slave number"
                 " and power"
@@ -152,6 +180,23 @@ class ModbusLine:
                 " model and settings"
             )
         return reply
+
+    def _get_in_step(self, client: Client, device: int) -> None:
+        """Ask a drive for so many registers until so many come: what it answers before was asked
+        earlier.
+
+        Raises:
+            ModbusException: it answers something else again and again, or nothing.
+        """
+        for _ in range(MOST_LATE):
+            mark = next(self._marks)
+            reply: Any = client.read_holding_registers(MONITORS, count=mark, device_id=device)
+            if reply.isError() or len(getattr(reply, "registers", ())) == mark:
+                self._out_of_step.discard(device)
+                return
+            time.sleep(self._quiet)
+            _pass_over_what_waits(client)
+        raise ModbusException("answers to other questions only")
 
 
 def _pass_over_what_waits(client: Client) -> None:

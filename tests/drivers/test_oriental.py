@@ -331,7 +331,7 @@ def test_an_absent_slave_is_named_with_what_to_look_at(
     dialogue: Callable[..., str], line: Open
 ) -> None:
     asked = request(0x0386, slave=9)
-    address = dialogue([(asked, b""), (asked, b"")])
+    address = dialogue([(asked, b""), (request(0x00C6, slave=9, count=3), b"")])
     with pytest.raises(
         CommunicationError,
         match=r"lost \(slave 9\): .* check cable, parity, slave number and power",
@@ -367,7 +367,12 @@ def test_an_answer_that_is_not_right_is_never_a_position(
     framed = body + crc(body) if answer in ("020304000002bc", "010302000078") else body
     asked = request(0x00CC)
     address = dialogue(
-        [(request(0x0386), read_reply(0xFFFFFFFF)), (asked, framed), (asked, framed)]
+        [
+            (request(0x0386), read_reply(0xFFFFFFFF)),
+            (asked, framed),
+            in_step(3),
+            (asked, framed),
+        ]
     )
     axis = OrientalAxis(
         "tilt", line(address), OrientalKeys(device=1, steps_per_degree=STEPS, timeout=0.3), DEGREE
@@ -396,6 +401,8 @@ def test_an_answer_that_comes_again_or_late_is_not_taken_for_the_next(
                 link.close()
                 link, _ = server.accept()
                 link.sendall(read_reply(0xFFFFFFFF))
+                assert link.recv(8) == in_step(3)[0]
+                link.sendall(in_step(3)[1])
                 assert link.recv(8) == request(0x0386)
                 link.sendall(read_reply(0xFFFFFFFF))
             assert link.recv(8) == request(0x00CC)
@@ -425,9 +432,15 @@ def crc(body: bytes) -> bytes:
     return bytes((rest & 0xFF, rest >> 8))
 
 
-def request(register: int, slave: int = 1) -> bytes:
-    body = bytes((slave, 3, register >> 8, register & 0xFF, 0, 2))
+def request(register: int, slave: int = 1, count: int = 2) -> bytes:
+    body = bytes((slave, 3, register >> 8, register & 0xFF, 0, count))
     return body + crc(body)
+
+
+def in_step(count: int) -> tuple[bytes, bytes]:
+    """What is asked after a fault to know that earlier answers have come, and its answer."""
+    body = bytes((1, 3, 2 * count)) + bytes(2 * count)
+    return request(0x00C6, count=count), body + crc(body)
 
 
 def read_reply(value: int) -> bytes:

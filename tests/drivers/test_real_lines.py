@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from pymodbus.framer.rtu import FramerRTU
 
 from drivers.modbus import Echo, ModbusLine, make_client
 from drivers.oriental import OrientalAxis, OrientalKeys
@@ -318,6 +319,54 @@ def test_a_lock_that_a_child_holds_until_it_runs_its_own_program_is_waited_for(
     finally:
         letting_go.join()
         os.close(master)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals there")
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_drive_that_falls_behind_by_one_answer_tells_no_value_for_another(
+    whole: bool,
+) -> None:
+    """Its first answer comes with the second question, and each later one a little late;
+    it has all registers, or none but these two.
+    """
+    known = {0x0178: b"\x00\x02\x04\x10", 0x00CC: b"\x00\x00\x04\xd2"}
+    import tty
+
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    late: list[bytes] = []
+
+    def serve() -> None:
+        behind = True
+        while len(heard := os.read(master, 8)) == 8:
+            size, place = 2 * heard[5], int.from_bytes(heard[2:4])
+            answer = bytes((1, 3, size)) + known.get(place, bytes(size))
+            if place not in known and not whole:
+                answer = bytes((1, 0x83, 2))
+            answer += FramerRTU.compute_CRC(answer).to_bytes(2)
+            if behind:
+                late.append(answer)
+                behind = False
+                continue
+            for one in late:
+                os.write(master, one)
+            late.clear()
+            time.sleep(0.05)
+            os.write(master, answer)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    address = os.ttyname(slave)
+    try:
+        line = ModbusLine(lambda: make_client(address, 115200, "N", 0.2), address, 0.1)
+        told = [line.read("ring", 1, register) for register in (0x0178, 0x00CC, 0x0178)]
+        line.close()
+    finally:
+        os.write(slave, b"x")  # less than a question: it ends
+        thread.join()
+        os.close(slave)
+        os.close(master)
+    assert told == [0x20410, 1234, 0x20410]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo terminals there")

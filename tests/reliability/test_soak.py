@@ -297,7 +297,7 @@ class Soak:
             try:
                 return ask()
             except DeviceError as error:
-                if not re.search("no answer|No response|not to message", str(error)):
+                if not re.search("no answer|no right answer|not to message", str(error)):
                     raise
                 self.slow_answers += 1
                 time.sleep(LATE_S)  # a motion that began all the same ends
