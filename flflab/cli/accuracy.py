@@ -86,10 +86,9 @@ def accuracy(
     given = {"--camera": camera, "--scene": scene, "--bench": bench, "--study": study}
     for option, file in given.items():
         if file is not None and what not in TAKE[option]:
-            raise InputError(
-                f"{option} {file}: accuracy {what} takes no such file; accuracy"
-                f" {' and '.join(TAKE[option])} do"
-            )
+            *first, last = TAKE[option]
+            those = f"{', '.join(first)} and {last} take one" if first else f"{last} takes one"
+            raise InputError(f"{option} {file}: accuracy {what} takes no such file; only {those}")
     make_folder(out, f"--out {out}")
     page_file, table_file = (out / f"accuracy-{what}.{kind}" for kind in ("html", "csv"))
     console = Terminal(soft_wrap=True)

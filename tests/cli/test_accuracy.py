@@ -150,13 +150,13 @@ def test_a_camera_of_several_kinds_of_microlenses_is_refused(
     )
 
 
-def test_only_depth_and_lattice_take_a_camera(flflab: Run, small_camera: Path) -> None:
+def test_only_image_depth_and_lattice_take_a_camera(flflab: Run, small_camera: Path) -> None:
     ended = flflab("accuracy", "model", "--camera", small_camera)
     assert ended.code == 1
-    assert "only depth and lattice take one" in " ".join(ended.err.split())
+    assert "only image, depth and lattice take one" in " ".join(ended.err.split())
 
 
-@pytest.mark.parametrize("what", ["bench", "nonsense"])
+@pytest.mark.parametrize("what", ["benches", "nonsense"])
 def test_accuracy_of_what_there_is_not_is_refused_with_a_list_of_what_there_is(
     flflab: Run, what: str
 ) -> None:

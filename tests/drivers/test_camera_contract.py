@@ -238,12 +238,14 @@ def test_the_facts_of_its_noise_go_with_the_gain(camera: Camera, peer: Peer) -> 
     assert camera.grab().gain == pytest.approx(most, rel=0.01)
 
 
-def test_bluesky_triggers_and_reads_it(camera: Camera) -> None:
+def test_bluesky_triggers_and_reads_it(camera: Camera, tmp_path: Path) -> None:
     detector = Detector(camera)
+    detector.folder = tmp_path
     assert isinstance(detector, protocols.Triggerable)
     assert isinstance(detector, protocols.Readable)
     detector.trigger().wait(20)
     assert detector.read()["camera_number"]["value"] == 1
+    detector.close()
     assert len(camera.identity()) > 5
 
 

@@ -314,8 +314,9 @@ def test_an_axis_whose_driver_fails_as_nobody_foresaw_keeps_the_next_of_its_line
     careless = ModuleType("drivers.careless")
     vars(careless).update(ZaberKeys=ZaberKeys, stop_axis=stop)
     monkeypatch.setitem(sys.modules, "drivers.careless", careless)
-    known = {"zaber": AXES["zaber"], "careless": replace(AXES["zaber"], module="careless")}
-    monkeypatch.setattr("drivers.stopping.AXES", known)
+    monkeypatch.setitem(
+        vars(AXES)["_built_in"], "careless", replace(AXES["zaber"], module="careless")
+    )
     stages = still_moving, stopped = toy_stage(speed=10.0), toy_stage(speed=10.0)
     for stage in stages:
         stage.go(stage.limit)
