@@ -86,7 +86,7 @@ def test_a_run_takes_as_long_as_its_plan_says_within_a_tenth(
     bench = read_bench(file)
     study = read_study(study_file, bench.optics)
     clock, began = TickingClock(), list[float]()
-    for drawing in ("render", "digitise"):
+    for drawing in ("render_light", "digitise"):
         monkeypatch.setattr(sim.camera, drawing, clock.standing(getattr(sim.camera, drawing)))
     with clock.going(), serve(bench, clock=clock) as running:
         write_bench(bench, running, tmp_path / "served.yaml")

@@ -25,8 +25,8 @@ GRABS = 6
 
 
 def scpi_camera(served: Served) -> Camera:
-    link = ScpiLink("camera", served.addresses["camera"]["address"], timeout=0.5)
-    return Camera("camera", ScpiCamera(link, slack=0.5))
+    link = ScpiLink("camera", served.addresses["camera"]["address"], timeout=2.5)
+    return Camera("camera", ScpiCamera(link, slack=2.5))
 
 
 def folder_camera(served: Served) -> Camera:
@@ -34,7 +34,7 @@ def folder_camera(served: Served) -> Camera:
         {
             "black_level": 64, "electrons_per_dn": 3, "read_noise_electrons": 3, "full_scale": 4095,
             "released_by": "program",
-            "exposures": ["1 ms", "1 s"], "timeout": "0.6 s", "settle": "60 ms",
+            "exposures": ["1 ms", "1 s"], "timeout": "2.5 s", "settle": "60 ms",
         }
     )  # fmt: skip
     return Camera("camera", FolderCamera(Path(served.addresses["camera"]["address"]), keys))
