@@ -291,6 +291,8 @@ class ContinuedRecording(Recording):
         try:
             self.remark = _keep_for_oneself(documents, folder)
             run = read_run(folder)
+            if not (folder / FRAMES).exists():
+                raise RecordError(f"{folder / FRAMES}: is missing; take it from a copy")
             with _beginning(folder):
                 write_sums(
                     folder, DESCRIPTIONS
