@@ -26,6 +26,7 @@ from drivers.interlocks import (
     order_moves,
     retreats,
 )
+from drivers.locks import folder
 from drivers.owner import Owner
 from drivers.sentinel import Sentinel
 from drivers.setting import Setting
@@ -197,7 +198,11 @@ class ConnectedBench:
         return self._told_to_stop
 
     def close(self) -> None:
-        """Let go of everything, in the reverse order of opening; may be called again."""
+        """Let go of everything, in the reverse order of opening; may be called again. In a child
+        that this process forked it does nothing.
+        """
+        if os.getpid() != self._process:
+            return
         self.detector.close()
         self._resources.close()
 
@@ -279,6 +284,11 @@ class ConnectedBench:
             raise DeviceError(
                 f"{name}: asked to move, nothing moved: another program had this bench stopped;"
                 " connect again when it may move"
+            )
+        if self._owner is not None and not self._owner.owns():
+            raise DeviceError(
+                f"{name}: asked to move, nothing moved: the files in {folder()} that say who drives"
+                " this bench were taken away, so another program may drive it; connect again"
             )
         self._have_sentinel(name)
         if retreats(self.gaps, name, start, end):

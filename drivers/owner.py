@@ -9,19 +9,23 @@ import selectors
 import socket
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
 from drivers import locks
 from drivers.forked import close_in_children
 from drivers.locks import lock_files
+from drivers.places import spelt
 from flflab.errors import DeviceError, InputError
+from flflab.yaml_file import read_yaml
 
 __all__ = ["Owner", "ask_owner", "ask_owners_to_stop", "lock_files"]
 
 HEARD_TIMEOUT_S = 1.0
 STOP_TIMEOUT_S = 10.0
+NAMES_S = 5.0  # in which the numbers of hosts are found
 HEARD, STOPPED = b"heard\n", b"stopped\n"
 MOST_ANSWER = 1 << 28  # bytes, of a picture
 MOST_SILENT = 32  # connections that say nothing; of more the oldest is let go
@@ -125,8 +129,14 @@ class Owner:
             for file in self._files
         )
 
+    def owns(self) -> bool:
+        """Whether its files are still where others find them: who takes them away lets another
+        program in.
+        """
+        return all(map(_is_there, self._files, self._held.files))
+
     def close(self) -> None:
-        """Own it no longer."""
+        """Own it no longer; files that another program has put in the place of its own stay."""
         self._ended = True
         if self._thread is not None:
             with (
@@ -135,8 +145,10 @@ class Owner:
             ):
                 pass  # wakes the thread that waits for somebody
             self._thread.join()
-        for file in self._files:
-            for kind in (locks.STOP, locks.KEY, locks.LOCK):
+        for file, held in zip(
+            self._files, self._held.files, strict=False
+        ):  # none in a forked child
+            for kind in (locks.STOP, locks.KEY, locks.LOCK) if _is_there(file, held) else ():
                 with contextlib.suppress(OSError):
                     file.with_suffix(kind).unlink(missing_ok=True)
         self._held.close()
@@ -182,6 +194,14 @@ class Owner:
                 return question.decode("ascii", "replace")
         link.close()
         return None
+
+
+def _is_there(file: Path, held: int) -> bool:
+    """Whether an open file is the one of that name."""
+    try:
+        return os.path.samestat(os.fstat(held), os.stat(file))
+    except OSError:
+        return False
 
 
 def _answer(link: socket.socket, stop: Callable[[], None]) -> None:
@@ -248,45 +268,78 @@ def ask_owners_to_stop(bench_file: Path) -> dict[str, str | None]:
     Raises:
         InputError: the file cannot be read, and nobody who drives a bench began with it.
     """
-    owners: dict[str, dict[str, Any]] = {}
+    asking = _Asking(bench_file)
     for file in locks.own_files():
         owner = _owner(file)
         if owner.get("bench") == _named(bench_file):
             _latch(file, owner)
-            owners[f"process {owner.get('process')}"] = owner
-    unreadable: InputError | None = None
-    names: dict[str, None] = {}
+            asking.ask(f"process {owner.get('process')}", owner)
+    reached: dict[str, tuple[str, str]] = {}
     try:
-        for name, files in lock_files(bench_file).items():
-            names[name] = None
-            for file in files:
-                if owner := _owner(file):
-                    _latch(file, owner)
-                    owners[name] = owner
-    except InputError as error:
-        unreadable = error
-    answers = _ask_all({str(owner): owner for owner in owners.values()}, bench_file)
-    if unreadable is not None and not owners:
-        raise unreadable
-    return {**names, **{name: answers[str(owner)] for name, owner in owners.items()}}
+        reached = locks.reached(read_yaml(bench_file)[0])
+    except InputError:
+        if not asking.names:
+            raise
+
+    def look(name: str, driver: str, address: str) -> None:
+        for place in (lambda: address, lambda: spelt(driver, address)):
+            file = locks.file_of(place())
+            if owner := _owner(file):
+                _latch(file, owner)
+                asking.ask(name, owner)
+
+    _all_at_once(
+        "look for owners", [partial(look, name, *found) for name, found in reached.items()]
+    )
+    return {**dict.fromkeys(reached), **asking.answers()}
 
 
-def _ask_all(owners: dict[str, dict[str, Any]], bench_file: Path) -> dict[str, str]:
-    """Ask each owner once, all at the same time."""
-    answers: dict[str, str] = {}
+class _Asking:
+    """Asks owners to stop, each once and all at the same time.
 
-    def ask(known: str, owner: dict[str, Any]) -> None:
-        answers[known] = _ask_to_stop(owner, bench_file)
+    Args:
+        bench_file: for messages.
+    """
 
-    threads = [
-        threading.Thread(target=ask, args=item, name="ask an owner", daemon=True)
-        for item in owners.items()
-    ]
+    def __init__(self, bench_file: Path) -> None:
+        self.names: dict[str, str] = {}
+        self._file = bench_file
+        self._lock = threading.Lock()
+        self._threads: dict[str, threading.Thread] = {}
+        self._answers: dict[str, str] = {}
+
+    def ask(self, name: str, owner: dict[str, Any]) -> None:
+        """Ask an owner, known under a name, unless that was done; does not wait."""
+        known = str(owner)
+
+        def hear() -> None:
+            self._answers[known] = _ask_to_stop(owner, self._file)
+
+        with self._lock:
+            self.names[name] = known
+            if known not in self._threads:
+                self._threads[known] = threading.Thread(
+                    target=hear, name="ask an owner", daemon=True
+                )
+                self._threads[known].start()
+
+    def answers(self) -> dict[str, str]:
+        """What each said, by the names it is known under."""
+        with self._lock:
+            names, threads = dict(self.names), list(self._threads.values())
+        for thread in threads:
+            thread.join()
+        return {name: self._answers[known] for name, known in names.items()}
+
+
+def _all_at_once(what: str, tasks: Sequence[Callable[[], None]]) -> None:
+    """Do all at the same time, and wait for those that end soon: a name server may say nothing."""
+    threads = [threading.Thread(target=task, name=what, daemon=True) for task in tasks]
+    deadline = time.monotonic() + NAMES_S
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join()
-    return answers
+        thread.join(max(0.0, deadline - time.monotonic()))
 
 
 def _owner(file: Path) -> dict[str, Any]:

@@ -194,9 +194,16 @@ class _Owner:
         return stop_axes({name: self.axes[name] for name in self.started})
 
 
+# What ends or suspends every program at once, such as the end of a service or of the machine, must
+# not reach the sentinel before its owner: it ends with that.
+_NOT_HEEDED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGTTIN", "SIGTTOU")
+
+
 def main() -> None:
     """Wait for the owner's end; stop the axes that it started unless it let go."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in _NOT_HEEDED:
+        if number := getattr(signal, name, None):
+            signal.signal(number, signal.SIG_IGN)
     owner = _Owner()
     if not owner.knows_what_to_do:  # the owner died before anything moved
         return

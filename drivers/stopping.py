@@ -112,12 +112,12 @@ def stop_axes(axes: Mapping[str, AxisDescription]) -> dict[str, str]:
     lines: dict[str, _Line] = {}
     threads: list[threading.Thread] = []
     for name, axis in axes.items():
-        place = spelt(axis.driver, axis.address)
-        line = lines.setdefault(place, _Line())
 
-        def stop(name: str = name, axis: AxisDescription = axis, line: _Line = line) -> None:
+        def stop(name: str = name, axis: AxisDescription = axis) -> None:
             try:
-                _stop_axis(name, axis, line)
+                # a name server that says nothing keeps its own axes waiting, and no others
+                place = spelt(axis.driver, axis.address)
+                _stop_axis(name, axis, lines.setdefault(place, _Line()))
             except Exception as error:  # whatever it is, who asked is to hear of every axis
                 why = str(error) if name in str(error) else f"{name}: {error}"
                 faults[name] = f"{why}; {axis.cut_its_power}"
@@ -130,7 +130,7 @@ def stop_axes(axes: Mapping[str, AxisDescription]) -> dict[str, str]:
     deadline = time.monotonic() + PATIENCE_S
     for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
-    for line in lines.values():
+    for line in list(lines.values()):
         line.close()
     return dict(faults)
 

@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -312,3 +313,33 @@ def test_a_line_that_cannot_be_reached_is_told_of_and_the_others_are_stopped(
     with pytest.raises(DeviceError, match="target_stage"), connect(file):
         pass
     assert at_rest(served)
+
+
+@pytest.mark.usefixtures("tcp_only")
+def test_a_name_server_that_says_nothing_delays_no_stop_of_another_line(
+    slow: tuple[Served, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served, file = slow
+    data = yaml.safe_load(file.read_text())
+    data["axes"] = {"target_stage": data["axes"]["target_stage"], **data["axes"]}
+    data["axes"]["target_stage"]["address"] = "socket://stage.invalid:4001"
+    named = tmp_path / "named.yaml"
+    named.write_text(yaml.safe_dump(data, sort_keys=False))
+    ask, end = socket.getaddrinfo, threading.Event()
+
+    def silent(host: str, *further: Any, **named: Any) -> Any:
+        if host == "stage.invalid":
+            assert end.wait(60)
+            raise socket.gaierror("no answer")
+        return ask(host, *further, **named)
+
+    monkeypatch.setattr(socket, "getaddrinfo", silent)
+    with owner(file):
+        stopping = threading.Thread(target=stop_bench, args=(named,))
+        stopping.start()
+        try:
+            assert rests_soon(served)
+            assert stopping.is_alive()
+        finally:
+            end.set()
+            stopping.join()
