@@ -256,6 +256,8 @@ class Axis:
             CommunicationError: the device does not answer.
         """
         motion = self._present_motion()
+        if self._trust.lost:
+            return None
         if motion is not None:
             return (
                 None

@@ -263,8 +263,9 @@ class ConnectedBench:
         Raises:
             CommunicationError: an axis does not answer.
         """
-        gap = next((gap for gap in self.gaps if gap.names == ("array", "sensor")), None)
-        return None if gap is None else gap.smallest(self._reaches())
+        gaps = [gap for gap in self.gaps if gap.names == ("array", "sensor")]
+        reaches = self._reaches()
+        return min((gap.smallest(reaches) for gap in gaps), default=None)
 
     def identities(self) -> list[Identity]:
         """What stands on the bench, one line a device; a device that fails says so in its line."""

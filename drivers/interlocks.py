@@ -77,7 +77,7 @@ class Standing:
         moved: what an axis would move.
         at: world z, mm, or angle, rad; None where nothing states it.
         uncertainty: standard uncertainty of it.
-        remedy: what to add to the bench file where nothing states it.
+        remedy: why nobody knows where it stands, and what to do, where nothing states it.
     """
 
     moved: Moved
@@ -159,30 +159,56 @@ class Gap:
 def gap_rules(bench: Bench, travels: Mapping[str, Interval]) -> tuple[Gap, ...]:
     """The gaps that the axes of a bench could close.
 
+    Beside real axes a simulated one moves nothing that is real: what a real one could meet is
+    looked at without it, too.
+
     Args:
         bench: the bench file.
         travels: all that each axis can reach, readings.
     """
+    simulated = bench.description.simulated_beside_real()
+    gaps = _gaps(bench, travels, frozenset())
+    if simulated:
+        gaps += [gap for gap in _gaps(bench, travels, simulated) if gap not in gaps]
+    return tuple(gaps)
+
+
+def _gaps(bench: Bench, travels: Mapping[str, Interval], apart: frozenset[str]) -> list[Gap]:
+    """The gaps that axes could close, those of the names ``apart`` left out."""
     description, array = bench.description, bench.optics.array
     doubt, stated = description.optics_uncertainty, description.fixed.stated()
 
     def part(moved: Moved, otherwise: Standing, set_by: float = 0.0) -> Part:
-        if found := description.axis_of(moved):
+        found = description.axis_of(moved)
+        if found and found[0] not in apart:
             return Mover(*found, travels[found[0]], set_by)
         if moved in stated:
             return Standing(moved, stated[moved].at, stated[moved].uncertainty)
         return otherwise
 
+    def unknown(moved: Moved, place: str) -> Standing:
+        state = f"state where it stands in {bench.file}, `fixed: {{{moved}: {{at: {place}}}}}`"
+        if found := description.axis_of(moved):
+            remedy = (
+                f"{found[0]} is simulated, and nothing says where {moved} really stands; {state},"
+                " or give the axis its address"
+            )
+        else:
+            remedy = (
+                f"no axis moves {moved}, and nothing says where it stands; {state}, or give its"
+                " axis"
+            )
+        return Standing(moved, None, remedy=remedy)
+
     def element(moved: Moved, example: float) -> Part:
-        remedy = _remedy(bench, moved, f"{example:g} mm, uncertainty: 0.1 mm")
-        return part(moved, Standing(moved, None, remedy=remedy))
+        return part(moved, unknown(moved, f"{example:g} mm, uncertainty: 0.1 mm"))
 
     def tilt(turn: Moved, slope: float) -> Part:
         angle = math.atan(slope)
         if description.turns_the_array():
             # another axis turns it, so the camera file does not say how it stands
-            remedy = _remedy(bench, turn, f"{math.degrees(angle):g} deg, uncertainty: 0.03 deg")
-            return part(turn, Standing(turn, None, remedy=remedy), doubt.array_tilt)
+            place = f"{math.degrees(angle):g} deg, uncertainty: 0.03 deg"
+            return part(turn, unknown(turn, place), doubt.array_tilt)
         return part(turn, Standing(turn, angle, doubt.array_tilt))
 
     envelopes, least = description.envelopes, description.gaps
@@ -207,11 +233,7 @@ def gap_rules(bench: Bench, travels: Mapping[str, Interval]) -> tuple[Gap, ...]:
     if least.target_lens is not None:
         metal = envelopes.target.rear + envelopes.main_lens.front
         gaps.append(Gap(("target", "main lens"), least.target_lens, target, lens, metal))
-    return tuple(gap for gap in gaps if gap.movers)
-
-
-def _remedy(bench: Bench, moved: Moved, place: str) -> str:
-    return f"state where it stands in {bench.file}, `fixed: {{{moved}: {{at: {place}}}}}`"
+    return [gap for gap in gaps if gap.movers]
 
 
 def corner_radius(array: "MicrolensArray", doubt: OpticsUncertaintyDescription) -> float:
@@ -392,10 +414,7 @@ def _check(
         )
         unstated = [part for part in gap.parts if isinstance(part, Standing) and part.at is None]
         if unstated:
-            raise InterlockError(
-                f"{name}: asked to {task}, nothing moved: no axis moves {unstated[0].moved}, and"
-                f" nothing says where it stands; {unstated[0].remedy}, or give its axis"
-            )
+            raise InterlockError(f"{name}: asked to {task}, nothing moved: {unstated[0].remedy}")
         raise InterlockError(
             f"{name}: asked to {task}, which could leave {smallest:.3f} mm between {gap},"
             f" uncertainties counted {COVERAGE:g} times ({_others(gap, name, readings)}); at least"

@@ -141,12 +141,20 @@ class _Line:
     def __init__(self) -> None:
         self._opening = threading.Lock()
         self._opened: Any = None
+        self._closed = False
 
     def share(self, address: str, opener: Callable[[], Any], /) -> Any:
-        """What the line was opened as."""
+        """What the line was opened as.
+
+        Raises:
+            CommunicationError: it was let go of meanwhile.
+        """
         with self._opening:
             if self._opened is None:
                 self._opened = opener()
+            if self._closed:
+                self._opened.close()
+                raise CommunicationError(f"{address}: opened too late for this stop")
             return self._opened
 
     @property
@@ -155,7 +163,8 @@ class _Line:
         return self._opened is not None
 
     def close(self) -> None:
-        """Let go of it; one that still waits to be opened ends with its thread."""
+        """Let go of it; one that still waits to be opened is closed then."""
+        self._closed = True
         if self._opened is not None:
             self._opened.close()
 

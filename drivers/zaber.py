@@ -194,6 +194,7 @@ class ZaberChain:
         self._ids = deque(range(STOP_ID))
         self._unanswered: deque[int] = deque()
         self._in_step = True
+        self._stops = 0  # whose replies are still to come
         self._summed: set[int] = set()
 
     def ask(self, name: str, device: int, axis: int, text: str, *, repeatable: bool) -> Reply:
@@ -228,6 +229,7 @@ class ZaberChain:
             DeviceError: it has no such axis.
         """
         stop = encode(device, axis, STOP_ID, "stop")  # its reply is skipped by whoever reads
+        self._stops += 1
         stop_surely(
             self.line,
             name,
@@ -271,8 +273,8 @@ class ZaberChain:
         return reply
 
     def _next_reply(self, wire: Wire, message_id: int) -> Reply:
-        """The next one that is no stop's and none that was given up; what else comes gives it no
-        more time.
+        """The next one that is no stop's and none that was given up; of what else comes the reply
+        to a stop gives it more time, for the device says it first.
         """
         deadline = time.monotonic() + self._timeout
         left = self._timeout
@@ -284,6 +286,9 @@ class ZaberChain:
             elif reply.id == message_id or reply.id not in (STOP_ID, *self._unanswered):
                 self._require_sum_as_before(reply, line)
                 return reply
+            elif reply.id == STOP_ID and self._stops > 0:
+                self._stops -= 1
+                deadline = time.monotonic() + self._timeout
             left = deadline - time.monotonic()
         raise CommunicationError(
             f"{wire.address}: no answer within {self._timeout:g} s, though other lines came;"

@@ -1,6 +1,4 @@
-"""The bench file: what stands on the bench, where it is reached, how far it may go, and how well
-its zeros are known.
-"""
+"""The bench file: what stands on the bench, where, how far it may go, how well zeros are known."""
 
 import math
 import re
@@ -128,9 +126,7 @@ class ArrayEnvelopeDescription(EnvelopeDescription):
 
 
 class EnvelopesDescription(Description):
-    """The envelopes of what stands on the axis: the principal plane of the main lens, the plane of
-    the microlenses, that of the pixels.
-    """
+    """Of what stands on the axis: about the principal plane, the microlenses' and the pixels'."""
 
     target: EnvelopeDescription = EnvelopeDescription()
     main_lens: EnvelopeDescription = EnvelopeDescription()
@@ -293,13 +289,13 @@ class BenchDescription(Description):
     @model_validator(mode="after")
     def _elements_are_moved_once(self) -> "BenchDescription":
         moved = [axis.moves for axis in self.axes.values()]
+        apart = {self.axes[name].moves for name in self.simulated_beside_real()}
         for element in moved:
             if moved.count(element) > 1:
                 raise ValueError(f"two axes move {element}; one axis moves one element")
-            if element in self.fixed.stated():
+            if element in self.fixed.stated() and element not in apart:
                 raise ValueError(
-                    f"fixed states where {element} stands, but an axis moves it; keep one of the"
-                    " two"
+                    f"fixed states where {element} stands, but an axis moves it; keep one of both"
                 )
         array, sensor = self.axis_of("array.z"), self.axis_of("sensor.z")
         if array and sensor and array[1].home_towards == "+z" and sensor[1].home_towards == "-z":
@@ -331,6 +327,11 @@ class BenchDescription(Description):
         return next(
             ((name, axis) for name, axis in self.axes.items() if axis.moves == element), None
         )
+
+    def simulated_beside_real(self) -> frozenset[str]:
+        """The simulated axes where others are real; ``fixed`` may state where what they move is."""
+        names = [name for name, axis in self.axes.items() if axis.address == "simulated"]
+        return frozenset(names if len(names) < len(self.axes) else ())
 
     def turns_the_array(self) -> bool:
         """Whether an axis turns the array in any way."""
@@ -400,7 +401,9 @@ def _require_one_attitude(bench: Bench) -> None:
     yaw, pitch = (math.atan(slope) for slope in array.tilt)
     described = {"array.yaw": yaw, "array.pitch": pitch, "array.roll": array.roll}
     for moved, place in bench.description.fixed.stated().items():
-        if moved in described and abs(place.at - described[moved]) > 3 * place.uncertainty + 1e-9:
+        if moved not in described or bench.description.axis_of(moved):  # simulated: the model's
+            continue
+        if abs(place.at - described[moved]) > 3 * place.uncertainty + 1e-9:
             raise InputError(
                 f"{bench.where('fixed', moved, 'at')}: {ANGLE.show(place.at, 'g')}, but the camera"
                 f" file has {ANGLE.show(described[moved], 'g')}; make both the same"

@@ -74,9 +74,9 @@ def test_an_array_whose_controller_says_idle_too_early_is_stopped_and_nothing_go
         assert last.array_stage.position() == pytest.approx(5.0, abs=0.001)
 
 
-def lies(reply: bytes) -> bytes:
-    """The reply with IDLE in it, and the checksum for that."""
-    body = re.sub(rb":..\r\n$", b"", reply.replace(b"BUSY", b"IDLE"))
+def lies(reply: bytes, state: bytes = b"IDLE") -> bytes:
+    """The reply with another state in it, and the checksum for that."""
+    body = re.sub(rb":..\r\n$", b"", re.sub(rb"BUSY|IDLE", state, reply))
     return b"%s:%02X\r\n" % (body, -sum(body[1:]) % 256)
 
 
@@ -91,6 +91,20 @@ def test_a_stage_that_is_held_is_lost_though_its_counter_agrees_with_itself(
         with pytest.raises(InterlockError):
             bench.sensor_stage.move_to(20.0)
         bench.sensor_stage.move_to(0.0).wait(20)  # away from it
+
+
+def test_a_stage_that_failed_and_says_that_it_moves_on_and_on_may_be_anywhere(
+    file: Path, stages: list[Any]
+) -> None:
+    stages[1].stuck_at, stages[1].speed = 1000.0, 2000.0
+    with drivers.connect(file) as bench:
+        status = bench.array_stage.move_to(5.0)
+        stages[1].fault = lambda command, reply: lies(reply, b"BUSY")
+        with pytest.raises(MotionError, match="no progress"):
+            status.wait(20)
+        assert bench.array_stage.reach() is None
+        with pytest.raises(InterlockError, match="array_stage, without a reference"):
+            bench.sensor_stage.move_to(30.0)
 
 
 def test_a_motion_that_was_stopped_keeps_its_place(file: Path, stages: list[Any]) -> None:

@@ -248,6 +248,19 @@ def test_a_stop_does_not_wait_for_another_exchange_and_its_reply_disturbs_none(
     chain.close()
 
 
+def test_a_stop_whose_reply_takes_long_leaves_time_for_the_one_that_confirms_it(
+    dialogue: Play,
+) -> None:
+    def slowly(reply: bytes) -> Callable[[], bytes]:
+        return lambda: (time.sleep(0.6), reply)[1]
+
+    stopped, state = slowly(line("@01 1 99 OK BUSY -- 0")), slowly(line("@01 1 00 OK IDLE -- 0"))
+    address = dialogue([(line("/1 1 99 stop"), stopped), (line("/1 1 00"), state)])
+    chain = ZaberChain(lambda: open_serial(address, 115200), timeout=1.0)
+    chain.stop("stage", 1, 1)
+    chain.close()
+
+
 def test_nobody_at_the_address_is_said_with_the_address() -> None:
     with pytest.raises(CommunicationError, match=r"127\.0\.0\.1:1: cannot be reached"):
         open_serial("127.0.0.1:1", 115200)

@@ -91,11 +91,10 @@ class Soak:
             name: axis.driver for name, axis in self._described.description.axes.items()
         }
         self._looked = self._now()
-        self.bench: ConnectedBench = connect(self.file)
+        self.bench = self._connect()
         self._make_whole()
 
     def close(self) -> None:
-        """Let go of everything."""
         self.bench.close()
         self._served.stop()
 
@@ -143,7 +142,9 @@ class Soak:
             LATE_S if "late" in planted.values() else AWAY_S if "unplug" in planted.values() else 0
         )
         if self._stopped:
-            self._reconnect()
+            self.bench.close()
+            self._stopped = False
+            self.bench = self._connect()
         self._make_whole()
         self._look_at_the_gaps()
 
@@ -325,10 +326,8 @@ class Soak:
             self.least_gaps[which] = min(self.least_gaps[which], *map(gap, instants))
             assert self.least_gaps[which] >= self._described.description.gaps.array_sensor, which
 
-    def _reconnect(self) -> None:
-        self.bench.close()
-        self._stopped = False
-        self.bench = self._answer(lambda: connect(self.file))
+    def _connect(self) -> ConnectedBench:
+        return self._answer(lambda: connect(self.file))
 
     def _connect_again(self) -> None:
         """Let go and connect again; on pseudo terminals another program has a port at first."""
@@ -341,7 +340,7 @@ class Soak:
                 connect(self.file)
             assert name in str(caught.value)
             self.outcomes[self._drivers[name], "port taken", "error"] += 1
-        self.bench = connect(self.file)
+        self.bench = self._connect()
         self._make_whole()
 
     def _now(self) -> float:

@@ -242,6 +242,41 @@ def test_what_is_stated_to_stand_somewhere_is_kept_clear_of_with_its_uncertainty
     assert bench.description.minimum_gap <= gap < 0.6
 
 
+def test_beside_real_axes_a_simulated_one_keeps_nothing_out_of_the_way(
+    write_bench_file: WriteBench, tmp_path: Path
+) -> None:
+    """The sensor's stage is out for repair and simulated meanwhile; the sensor is in the way."""
+    bench = write_bench_file(clock=100)
+    with serve(bench) as served:
+        file = tmp_path / "served.yaml"
+        write_bench(bench, served, file)
+        with connect(file) as whole:
+            wait_all(*(whole.axes[name].home() for name in ("array_stage", "sensor_stage")))
+            whole.sensor_stage.move_to(25.0).wait(20)
+        data = yaml.safe_load(file.read_text(encoding="utf-8"))
+        data["axes"]["sensor_stage"]["address"] = "simulated"
+        mixed = tmp_path / "mixed.yaml"
+        mixed.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+        with connect(mixed) as partial:
+            partial.sensor_stage.home().wait(20)
+            with pytest.raises(
+                InterlockError,
+                match=r"sensor_stage is simulated, and nothing says where sensor\.z really stands",
+            ):
+                partial.array_stage.move_to(19.0)
+            partial.array_stage.move_to(0.0).wait(20)
+        stated = data | {"fixed": {"sensor.z": {"at": "55 mm", "uncertainty": "0.1 mm"}}}
+        mixed.write_text(yaml.safe_dump(stated, sort_keys=False), encoding="utf-8")
+        with connect(mixed) as partial:
+            partial.sensor_stage.home().wait(20)
+            partial.sensor_stage.move_to(1.0).wait(20)
+            with pytest.raises(InterlockError, match="the sensor, which nothing moves"):
+                partial.array_stage.move_to(15.0)
+            partial.array_stage.move_to(14.0).wait(20)
+        gap = served.world.gap(served.world.clock.now())
+    assert bench.description.minimum_gap <= gap < 1.1
+
+
 def changed(file: Path, **fields: Any) -> Bench:
     """The bench file with other fields; an axis keeps what is not given of it."""
     data = yaml.safe_load(file.read_text(encoding="utf-8"))
