@@ -5,6 +5,7 @@ import json
 import platform
 import re
 import shutil
+import stat
 import subprocess
 import sys
 from collections.abc import Generator
@@ -109,6 +110,21 @@ def claim_folder(folder: Path) -> Path:
             " or an empty one"
         )
     return folder
+
+
+def require_files(folder: Path) -> None:
+    """Refuse a folder that holds a pipe or a device, or a link to one: to read it may never end.
+
+    Raises:
+        RecordError: it does, and which.
+    """
+    with contextlib.suppress(OSError):  # what is missing or unreadable is told by who reads it
+        for file in folder.iterdir():
+            mode = file.stat().st_mode if file.exists() else stat.S_IFREG
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                raise RecordError(
+                    f"{file}: is a pipe or a device, where a run has files; take it from a copy"
+                )
 
 
 def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> None:

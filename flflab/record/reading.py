@@ -19,7 +19,7 @@ from flflab.bench import ANGLE, LENGTH, Element
 from flflab.errors import InputError, RecordError
 from flflab.hdf5_file import CutShort, cut_short, member, opened_hdf5
 from flflab.record.checksums import checksum, verify_sums
-from flflab.record.folder import DATASET, DOCUMENTS, FRAMES
+from flflab.record.folder import DATASET, DOCUMENTS, FRAMES, require_files
 
 ELEMENTS: tuple[Element, ...] = get_args(Element)
 ACCURACY = (  # the column that tells an event of accuracy from one of a frame
@@ -276,8 +276,10 @@ def read_documents(folder: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     """The documents of a run in their order; a last line that a crash cut short is left out.
 
     Raises:
-        RecordError: there are none, or a line before the last is no document.
+        RecordError: there are none, a line before the last is no document, or something else
+            than a file or a folder stands among the run's files.
     """
+    require_files(folder)
     file = folder / DOCUMENTS
     try:
         lines = file.read_text(encoding="utf-8", errors="replace").split("\n")

@@ -1,6 +1,8 @@
 """A run from somebody else: its file of frames opens no other file, whatever it names."""
 
 import hashlib
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -108,3 +110,15 @@ def test_a_dataset_of_another_kind_is_no_file_of_frames(run: Run) -> None:
         into["frames"] = np.zeros((3, 4))
     with pytest.raises(RecordError, match="is damaged, or no file of frames"):
         run.picture(run.frames[0])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes and devices of POSIX")
+@pytest.mark.parametrize("name", ["documents.jsonl", "frames.h5", "SHA256SUMS", "log.txt"])
+@pytest.mark.parametrize("make", [os.mkfifo, lambda place: os.symlink("/dev/zero", place)])
+def test_a_pipe_or_a_device_among_the_files_of_a_run_is_refused_at_once(
+    make: Callable[[Path], None], name: str, run: Run
+) -> None:
+    (run.folder / name).unlink(missing_ok=True)
+    make(run.folder / name)
+    with pytest.raises(RecordError, match=f"{name}: is a pipe or a device"):
+        read_run(run.folder)
