@@ -272,7 +272,12 @@ class OrientalAxis:
                 f"{self._name}: asked to {task}, but it has"
                 f" {'; '.join(self.faults()) or 'an alarm'}; nothing moved"
             )
-        if not self._output(outputs, self._keys.ready_output):
+        ready, moving = self._keys.ready_output, self._keys.moving_output
+        if not (self._output(outputs, ready) or self._output(outputs, moving)):
+            # a stop whose end the drive did not hear left its input on
+            self._line.write(self._name, self._keys.device, INPUTS, (0,))
+            outputs = self._read(OUTPUTS)
+        if not self._output(outputs, ready):
             raise DeviceError(
                 f"{self._name}: asked to {task}, but its drive is not ready; end what else drives"
                 " it, check excitation and stop input, nothing moved"

@@ -1,3 +1,4 @@
+# longer than 450 lines because one driver's sentences of behaviour stand together
 """The Oriental Motor driver on an independent Modbus server whose registers are written here, from
 the manual's numbers.
 """
@@ -56,7 +57,8 @@ class Motor:
         self.start, self.end, self.since, self.speed = self.position, end, time.monotonic(), speed
 
     def outputs(self) -> int:
-        ready = not (self.moving or self.alarm or self.not_ready)
+        stopped = self.inputs and self.inputs[-1] >> 5 & 1
+        ready = not (self.moving or self.alarm or self.not_ready or stopped)
         return ready << 5 | bool(self.alarm) << 7 | self.moving << 13
 
     async def access(
@@ -245,6 +247,14 @@ def test_a_drive_that_is_not_ready_is_told_nothing(axes: Axes) -> None:
     with pytest.raises(DeviceError, match="its drive is not ready"):
         axis.start_move(DEGREE)
     assert slaves[1].operations == []
+
+
+def test_a_drive_that_did_not_hear_the_end_of_a_stop_can_be_used_again(axes: Axes) -> None:
+    axis, _, slaves = axes
+    slaves[1].inputs.append(1 << 5)
+    axis.start_home()
+    rested(axis)
+    assert axis.is_homed()
 
 
 @pytest.mark.parametrize(
