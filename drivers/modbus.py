@@ -216,13 +216,30 @@ def _first_line(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
-class PortClient(ModbusSerialClient):
-    """A client on a serial port that is this program's own as long as it is open."""
+class TcpClient(ModbusTcpClient):
+    """A client that once it was closed opens nothing anew, as pymodbus's own would."""
 
-    alone = True
+    over = False
+
+    def connect(self) -> bool:
+        """Open the connection; whether it is."""
+        return not self.over and bool(super().connect())
+
+    def close(self) -> None:
+        """Let go of it for good."""
+        self.over = True
+        super().close()
+
+
+class PortClient(ModbusSerialClient):
+    """The same on a serial port that is this program's own as long as it is open."""
+
+    alone, over = True, False
 
     def connect(self) -> bool:
         """Open the port; whether it is."""
+        if self.over:
+            return False
         how = self.comm_params
         try:
             self.socket = self.socket or open_port(
@@ -233,6 +250,11 @@ class PortClient(ModbusSerialClient):
         except (OSError, ValueError):
             self.close()
         return self.socket is not None
+
+    def close(self) -> None:
+        """Let go of it for good."""
+        self.over = True
+        super().close()
 
 
 class BesideOthers(PortClient):
@@ -254,7 +276,7 @@ def make_client(
     passed = Echo(address).pass_over
     host, _, port = address.removeprefix("socket://").rpartition(":")
     if host and port.isdigit() and "/" not in host:
-        return ModbusTcpClient(
+        return TcpClient(
             host, port=int(port), framer=FramerType.RTU, timeout=timeout, retries=0,
             trace_packet=passed,
         )  # fmt: skip

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from pymodbus import FramerType
+from pymodbus import FramerType, ModbusException
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -335,6 +335,16 @@ def test_two_signals_on_one_bit_are_refused(bits: dict[str, int]) -> None:
     """A stop that is the start of a homing would be none."""
     with pytest.raises(ValidationError, match="a bit of its own"):
         OrientalKeys.model_validate({"device": 1, "steps_per_degree": STEPS, **bits})
+
+
+def test_a_line_that_was_let_go_of_while_somebody_asks_is_not_opened_anew() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        client = make_client(f"127.0.0.1:{server.getsockname()[1]}", 115200, "E", 0.5)
+        assert client.connect()
+        client.close()
+        with pytest.raises(ModbusException):
+            client.read_holding_registers(0x00CC, count=2, device_id=1)
+        assert not client.connected
 
 
 def test_an_absent_slave_is_named_with_what_to_look_at(
