@@ -184,17 +184,10 @@ def require_unwritten(folder: Path) -> None:
             )
 
 
-def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[Path, Path, Path]:
-    """Write ``calibration.json``, ``calibrated-camera.yaml`` and ``calibrated-bench.yaml``; an
-    existing file is never overwritten.
-
-    Raises:
-        RecordError: one of them is there already.
-        InputError: one cannot be written.
-    """
+def calibration_numbers(found: Calibration) -> dict[str, Any]:
+    """What ``calibration.json`` holds; mm and shares, None for what is not determined."""
     fit = found.fit
-    camera, described = bench_files(found, bench)
-    result = {
+    return {
         "parameters": list(fit.names), "described": fit.nominal.tolist(),
         "described_uncertainty": _plain(fit.prior),
         "values": _plain(fit.values), "uncertainties": _plain(fit.uncertainty),
@@ -205,9 +198,22 @@ def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[P
         "uncertainty": _number(direction.uncertainty)} for direction in fit.untold],
         "sentences": state_calibration(found),
     }  # fmt: skip
+
+
+def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[Path, Path, Path]:
+    """Write ``calibration.json``, ``calibrated-camera.yaml`` and ``calibrated-bench.yaml``; an
+    existing file is never overwritten.
+
+    Raises:
+        RecordError: one of them is there already.
+        InputError: one cannot be written.
+    """
+    camera, described = bench_files(found, bench)
     require_unwritten(folder)
     for name, text in zip(
-        FILES, (json.dumps(result, indent=1) + "\n", camera, described), strict=True
+        FILES,
+        (json.dumps(calibration_numbers(found), indent=1) + "\n", camera, described),
+        strict=True,
     ):
         write_own(folder / name, text)
     written = [folder / name for name in FILES]

@@ -14,11 +14,13 @@ from flflab.bench import read_bench
 from flflab.bench_calibration import (
     Calibration,
     calibrate_run,
+    calibration_numbers,
     require_unwritten,
     state_calibration,
     write_calibration,
 )
-from flflab.built_in import Kind, built_in
+from flflab.built_in import Kind, built_in, simulated_bench
+from flflab.cli.as_json import AsJson, print_json
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
 from flflab.record import Run
@@ -42,6 +44,7 @@ def calibrate(
     seed: Annotated[
         int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Find zeros and scales of the stages, focal lengths, apertures and centre, and say what the
     pictures cannot tell.
@@ -49,16 +52,16 @@ def calibrate(
     with progress_shown() as tell:
         run = run_study(
             study or built_in(Kind.CALIBRATION),
-            bench or built_in(Kind.BENCH),
+            bench or simulated_bench(),
             out,
             seed,
             tell,
             "calibrate",
         )
-    conclude(run)
+    conclude(run, as_json)
 
 
-def conclude(run: Run) -> Calibration:
+def conclude(run: Run, as_json: bool = False) -> Calibration:
     """Fit a bench to a run, print the table and what could not be told, and leave files to go on
     with.
     """
@@ -67,6 +70,10 @@ def conclude(run: Run) -> Calibration:
     with measuring(run, "resume"):
         found = calibrate_run(run, read_study(run.folder / "study.yaml", bench.optics), bench)
     files = write_calibration(found, bench, run.folder)
+    if as_json:
+        place = {"run": str(run.folder.resolve()), "files": [file.name for file in files]}
+        print_json(calibration_numbers(found) | place)
+        return found
     console = Terminal(piped=140)
     console.print(table_of(found))
     for sentence in state_calibration(found):

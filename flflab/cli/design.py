@@ -10,7 +10,7 @@ from rich import box
 from rich.progress import Progress
 from rich.table import Table
 
-from flflab.cli.ending import print_json
+from flflab.cli.as_json import print_json
 from flflab.cli.terminal import Terminal
 from flflab.design.answer import Option, answer, row
 from flflab.design.camera_text import camera_text

@@ -17,6 +17,7 @@ from flflab.cli.ending import INTERRUPTED
 from flflab.cli.saying import say
 from flflab.cli.terminal import Terminal
 from flflab.errors import CommunicationError, FlflabError, InputError
+from flflab.missing_light import missing_light
 from flflab.record import (
     ContinuedRecording,
     Recording,
@@ -66,8 +67,9 @@ def run_study(
     bench = seeded(described_bench(bench_file), seed)
     study = read_study(study_file, bench.optics)
     steps(study, bench)  # refused here, before anything connects
-    for sentence in unlike_the_wheel(study, bench):
-        say(f"flflab: {sentence}")
+    for sentence in (*unlike_the_wheel(study, bench), missing_light(bench, study)):
+        if sentence:
+            say(f"flflab: {sentence}")
     with run_folder(folder, study.description.name) as place, connect_described(bench) as connected:
         recording = with_descriptions(
             begin_recording(connected, study, place), bench, study_file, study

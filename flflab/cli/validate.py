@@ -10,7 +10,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from flflab.built_in import Kind, built_in
+from flflab.built_in import Kind, built_in, simulated_bench
 from flflab.cli.ending import reader_may_go
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
@@ -54,7 +54,7 @@ def validate(
     with progress_shown() as tell:
         run = run_study(
             study or built_in(Kind.STUDY),
-            bench or built_in(Kind.BENCH),
+            bench or simulated_bench(),
             out,
             seed,
             tell,

@@ -1,5 +1,5 @@
-"""Numbers that the report states beside the comparison: exact counts, pooled z, diffraction against
-the pixel, notes before signing.
+"""Numbers that the report states beside the comparison: exact counts, pooled z, notes before
+signing.
 """
 
 import math
@@ -7,21 +7,16 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
-import numpy.typing as npt
 
 from flflab.bench import Bench
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation
-from flflab.optics.camera import Camera
-from flflab.optics.focus import limiting_aperture
-from flflab.optics.resolution import central_smms
-from flflab.optics.smms import image_offset
+from flflab.missing_light import missing_light
 from flflab.properties.measured import Measured
 from flflab.record import Run
 from flflab.study import Study
 from flflab.wheel import unlike_the_wheel
 
-WAVELENGTH = 550e-6  # mm: green, where no other is stated
 WORST_CHI2 = 1.5  # per pixel: above, the picture holds something that the fit does not know
 PICTURED = 12  # configurations; a page of more is not read
 ON_THIS_MACHINE = ("simulated", "127.0.0.1", "localhost", "[::1]")
@@ -72,36 +67,6 @@ def exact_counts(rows: tuple[Row, ...]) -> tuple[int, int]:
     return sum(row.measured == row.predicted for row in views), len(views)
 
 
-def cone_width(camera: Camera, distance: float) -> float:
-    """Width of a point's light on the microlens nearest the axis, mm: min(A |x|, d)."""
-    smms = central_smms(camera)
-    return float(limiting_aperture(smms, 1 / distance) * np.abs(image_offset(smms, 1 / distance)))
-
-
-def airy_diameter(camera: Camera, distance: float, wavelength: float = WAVELENGTH) -> float:
-    """Diameter of the first dark ring of a sharp point on the sensor, mm: 2.44 lambda b / w with w
-    the cone's width.
-    """
-    width = cone_width(camera, distance)
-    return 2.44 * wavelength * camera.optical_gap / width if width > 0 else math.inf
-
-
-def diffraction_contrast(
-    camera: Camera, distance: float, cycles_per_px: npt.ArrayLike, wavelength: float = WAVELENGTH
-) -> npt.NDArray[np.float64]:
-    """Contrast that a perfect round lens leaves: 2/pi (acos s - s sqrt(1 - s^2)), s = frequency
-    lambda b / w, 0 from s = 1 on.
-    """
-    width = cone_width(camera, distance)
-    on_sensor = np.abs(np.asarray(cycles_per_px, dtype=np.float64)) / camera.sensor.pixel
-    s = (
-        np.minimum(on_sensor * wavelength * camera.optical_gap / width, 1.0)
-        if width > 0
-        else np.ones_like(on_sensor)
-    )
-    return 2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s * s))
-
-
 def simulated_devices(bench: Bench) -> tuple[list[str], int]:
     """Names of the devices at a simulated or loopback address, and the number of all devices."""
     description = bench.description
@@ -134,6 +99,8 @@ def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[
     found += [
         f"{sentence[0].upper()}{sentence[1:]}." for sentence in unlike_the_wheel(study, bench)
     ]
+    if warning := missing_light(bench, study):
+        found.append(f"{warning[0].upper()}{warning[1:]}.")
     found += _saturation(evaluation.measured)
     where: dict[str, list[int]] = {}
     for one in evaluation.measured:

@@ -13,6 +13,7 @@ from flflab.bench import Bench
 from flflab.comparison import PROPERTY_NAMES, percent, rule
 from flflab.diagnosis import not_told_apart
 from flflab.evaluation import Evaluation
+from flflab.optics import airy
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run
@@ -103,7 +104,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         colours=charts.DOTS,
         configurations=[
             tables.settings_table(
-                study, evaluation, bench.description.mean_wavelength or facts.WAVELENGTH
+                study, evaluation, bench.description.mean_wavelength or airy.WAVELENGTH
             ),
             tables.micro_image_table(evaluation, run),
         ],
@@ -159,16 +160,16 @@ def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> st
     """Airy diameter against the pixel, what diffraction leaves of the contrast at the highest
     frequency compared, and whether it counts.
     """
-    light = wavelength or facts.WAVELENGTH
+    light = wavelength or airy.WAVELENGTH
     diameters, left = list[float](), list[float]()
     for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
         diameters.append(
-            facts.airy_diameter(model.camera, model.distance, light) / model.camera.sensor.pixel
+            airy.airy_diameter(model.camera, model.distance, light) / model.camera.sensor.pixel
         )
         if one.curve:
             left.append(
                 float(
-                    facts.diffraction_contrast(
+                    airy.diffraction_contrast(
                         model.camera, model.distance, one.curve.cycles_per_px.max(), light
                     )
                 )

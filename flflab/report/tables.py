@@ -11,12 +11,13 @@ import numpy as np
 from flflab.bench import AxisDescription, Bench
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation
+from flflab.optics.airy import airy_diameter
 from flflab.optics.focus import magnification, virtual_depth
 from flflab.optics.resolution import central_smms
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run
-from flflab.report.facts import airy_diameter, counted, z_statistics
+from flflab.report.facts import counted, z_statistics
 from flflab.report.quantities import quantity_of
 from flflab.study import Study
 from flflab.targets import Target

@@ -37,7 +37,7 @@ def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
             }
             for one in not_told_apart(evaluation.suspects)
         ],
-        "study": str(run.start.get("plan_name", "")),
+        "study": str(run.start.get("study", "")),
         "began": run.start.get("time"),
         "seed": run.start.get("seed"),
         "configurations": len(evaluation.measured),
@@ -79,7 +79,7 @@ def junit_text(evaluation: Evaluation, run: Run) -> str:
     failed = str(sum(not one.accepted for one in verdicts))
     count = str(len(verdicts))
     whole = ElementTree.Element("testsuites", tests=count, failures=failed)
-    name = f"flflab.{run.start.get('plan_name', run.folder.name)}"
+    name = f"flflab.{run.start.get('study', run.folder.name)}"
     suite = ElementTree.SubElement(
         whole, "testsuite", name=name, tests=count, failures=failed, errors="0", skipped="0"
     )

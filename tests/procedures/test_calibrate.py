@@ -11,6 +11,7 @@ import yaml
 from rich.console import Console
 
 from flflab.bench import read_bench
+from flflab.bench_calibration import FILES
 from flflab.cli.calibrate import conclude, table_of
 from flflab.cli.run import run_study
 from flflab.errors import RecordError
@@ -85,3 +86,9 @@ def test_planted_errors_are_found_and_written_down(
     assert "cannot tell where on the axis the bench as a whole stands" in said
     with pytest.raises(RecordError, match="not overwritten"):
         conclude(run)
+    for name in FILES:
+        (tmp_path / "run" / name).unlink()
+    conclude(run, as_json=True)
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["files"] == list(FILES)
+    assert {key: printed[key] for key in found} == found

@@ -38,6 +38,7 @@ def test_an_accepted_run_keeps_the_schema(single: Evaluation, run: Run) -> None:
     found = read(single, run)
     assert found["verdict"] == "accepted"
     assert found["suspects"] == []
+    assert found["study"] == "first"
     assert found["properties"]["mtf"] == {  # type: ignore[index]
         "name": "contrast (MTF)", "values": 12, "p_value": 0.41, "p_is_upper_bound": False,
         "draws": 200, "limit": 0.025, "verdict": "accepted", "worst_z": 1.7,
