@@ -15,7 +15,7 @@ from flflab.cli.ending import reader_may_go
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
 from flflab.comparison import PROPERTY_NAMES, percent, rule
-from flflab.diagnosis import not_told_apart
+from flflab.diagnosis import heading, not_told_apart
 from flflab.evaluation import Evaluation
 from flflab.record import Run
 from flflab.whole_file import require_own_writable, write_own
@@ -86,13 +86,15 @@ def conclude(
         if as_json:
             print(verdict_text(evaluation, run), end="")
         else:
-            _tell(evaluation, page)
+            _tell(evaluation, run, page)
     if not evaluation.comparison.accepted:
         raise typer.Exit(REJECTED)
 
 
-def _tell(evaluation: Evaluation, page: Path) -> None:
-    """Print tables, verdict, what would explain it, and where the page is."""
+def _tell(evaluation: Evaluation, run: Run, page: Path) -> None:
+    """Print tables, verdict, what would explain it, what to do next, and where the page is."""
+    from flflab.report.facts import following
+
     console = Terminal()
     console.print(_table(evaluation))
     console.print(_verdicts(evaluation))
@@ -106,13 +108,15 @@ def _tell(evaluation: Evaluation, page: Path) -> None:
         ),
         style="bold",
     )
-    for suspect in not_told_apart(evaluation.suspects):
-        console.print(f"Would explain it: {suspect.sentence}.", highlight=False)
-    if not accepted and not not_told_apart(evaluation.suspects):
-        console.print(
-            "No single change of the bench explains it: no size of the optics, no turn of the"
-            " array, no zero of a stage."
-        )
+    if not accepted:
+        suspects = not_told_apart(evaluation.suspects)
+        console.print(heading(suspects), highlight=False)
+        for suspect in suspects:
+            sentence = f"{suspect.sentence[0].upper()}{suspect.sentence[1:]}."
+            console.print(f"- {sentence}", highlight=False)
+    step = following(evaluation, run)
+    console.print(f"Next: {step.what}", highlight=False)
+    console.print(f"    {step.command}", highlight=False, soft_wrap=True)
     console.print(f"Report: {page}", highlight=False, soft_wrap=True)
 
 

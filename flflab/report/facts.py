@@ -8,10 +8,12 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from flflab.bench import Bench
+from flflab.bench import Bench, read_bench
 from flflab.comparison import Row
+from flflab.diagnosis import not_told_apart
 from flflab.evaluation import Evaluation
 from flflab.missing_light import missing_light
+from flflab.next_step import NextStep, next_step
 from flflab.properties.measured import Measured
 from flflab.record import Run
 from flflab.study import Study
@@ -84,6 +86,23 @@ def simulated_devices(bench: Bench) -> tuple[list[str], int]:
     return local, len(devices)
 
 
+def recorded_bench(run: Run, otherwise: Bench | None = None) -> Bench | None:
+    """The bench that a run was recorded with, whatever it is judged by; else the one given."""
+    file = run.folder / "bench.yaml"
+    return read_bench(file) if file.exists() else otherwise
+
+
+def following(evaluation: Evaluation, run: Run) -> NextStep:
+    """What to do after a run's verdict."""
+    bench = recorded_bench(run)
+    return next_step(
+        evaluation.comparison.accepted,
+        not_told_apart(evaluation.suspects),
+        run.folder,
+        simulated=bench is not None and bool(simulated_devices(bench)[0]),
+    )
+
+
 def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[str]:
     """What a reader should know before signing; empty where nothing is amiss."""
     found: list[str] = [parts(run)] if run.resumed else []
@@ -101,6 +120,7 @@ def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[
     ]
     if warning := missing_light(bench, study):
         found.append(f"{warning[0].upper()}{warning[1:]}.")
+    found += _wrong_targets(evaluation.measured, study)
     found += _saturation(evaluation.measured)
     where: dict[str, list[int]] = {}
     for one in evaluation.measured:
@@ -204,6 +224,27 @@ def _saturation(measured: tuple[Measured, ...]) -> list[str]:
         if counts
         else []
     )
+
+
+def _wrong_targets(measured: tuple[Measured, ...], study: Study) -> list[str]:
+    """What was found in no configuration, where more than one was taken: rarely the camera's
+    fault.
+    """
+    missing = [
+        name
+        for name, kind, seen in (
+            ("dots", study.dots.kind, any(one.dots for one in measured)),
+            ("bars", study.bars.kind, any(one.curve for one in measured)),
+        )
+        if kind in study.shown and not seen
+    ]
+    if not missing or len(measured) < 2:
+        return []
+    return [
+        f"No {' and no '.join(missing)} could be measured in any configuration: are the targets"
+        " exchanged, or is the picture mirrored or turned by 90 degrees? Columns rise with x, rows"
+        " with y. `flflab bench snap` shows what the camera sees."
+    ]
 
 
 def _notes_on(one: Measured) -> list[str]:

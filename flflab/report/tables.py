@@ -10,6 +10,7 @@ import numpy as np
 
 from flflab.bench import AxisDescription, Bench
 from flflab.comparison import Row
+from flflab.digits import decimals
 from flflab.evaluation import Evaluation
 from flflab.optics.airy import airy_diameter
 from flflab.optics.focus import magnification, virtual_depth
@@ -53,13 +54,6 @@ def measured_number(value: float, uncertainty: float) -> str:
     if 0 < places <= 9:
         return f"{value:.{places}f}({round(uncertainty * 10**places)})"
     return f"{value:.6g} ± {uncertainty:.2g}"
-
-
-def decimals(uncertainty: float) -> int | None:
-    """Decimals of an uncertainty's second digit, at most 9; None where there is no uncertainty."""
-    if not (math.isfinite(uncertainty) and uncertainty > 0):
-        return None
-    return min(max(0, 1 - math.floor(math.log10(float(f"{uncertainty:.1e}")))), 9)
 
 
 def to_decimals(value: float, places: int | None, sign: str = "") -> str:

@@ -14,7 +14,9 @@ from flflab.evaluation import Evaluation
 from flflab.record import Run
 from flflab.report import junit_text, verdict_text
 
-SUSPECT = Suspect("sensor", 0.02, "0.02 mm farther", 20.0, 400.0, 24)
+SUSPECT = Suspect(
+    "sensor", 0.02, "(0.0200 ± 0.0010) mm farther", 20.0, 400.0, 24, 1e-3, 0.6, True, "calibrate"
+)
 
 
 @pytest.fixture
@@ -52,6 +54,8 @@ def test_a_rejected_run_names_property_bound_and_suspect(rejected: Evaluation, r
     (suspect,) = found["suspects"]  # type: ignore[misc]
     assert suspect["name"] == "sensor"
     assert suspect["explains"] == pytest.approx(0.95)
+    assert (suspect["uncertainty"], suspect["sufficient"]) == (1e-3, True)
+    assert found["next"]["command"] == f"flflab calibrate --bench {run.folder / 'bench.yaml'}"  # type: ignore[index]
 
 
 def test_junit_shows_each_property_as_a_test(rejected: Evaluation, run: Run) -> None:
