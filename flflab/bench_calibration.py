@@ -7,6 +7,7 @@ A calibration's run is a study's, of which white and dot pictures count; bars ma
 import json
 import math
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ class Calibration:
     model: BenchModel
     fit: Fit
     quantities: tuple[Quantities, ...]
+    began: float | None = None  # s since 1970, of the run
 
 
 def calibrate_run(run: Run, study: Study, bench: Bench) -> Calibration:
@@ -70,7 +72,7 @@ def calibrate_run(run: Run, study: Study, bench: Bench) -> Calibration:
         )
         pictures.append(Pictures(white[0], white[1], *(dots[:2] if dots else (None, None))))
     model = BenchModel(bench.optics, stages, tuple(settings))
-    return Calibration(model, *calibrate(model, pictures, study.dots))
+    return Calibration(model, *calibrate(model, pictures, study.dots), run.start.get("time"))
 
 
 def _mean(
@@ -253,6 +255,8 @@ def bench_files(found: Calibration, bench: Bench) -> tuple[str, str]:
                 "zero_uncertainty": f"{u:.3g} mm",
             }
     data["optics"] = "calibrated-camera.yaml"
+    if found.began is not None:
+        data["calibrated"] = datetime.fromtimestamp(found.began, UTC).date().isoformat()
     data["optics_uncertainty"] = (data.get("optics_uncertainty") or {}) | _shares(fit)
     head = (
         "# Written by `flflab calibrate`: what was described, what was found, standard"

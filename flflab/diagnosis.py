@@ -86,6 +86,11 @@ class Suspect:
         return 1 - self.chi2 / self.chi2_before
 
     @property
+    def in_short(self) -> str:
+        """The suspect and what it removes."""
+        return f"{self.what} {self.change} ({_percent(self.removed)} of the misfit)"
+
+    @property
     def sentence(self) -> str:
         """The suspect in one sentence."""
         left = f"chi² {_rounded(self.chi2)} for {self.numbers} values"

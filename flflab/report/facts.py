@@ -4,7 +4,7 @@ signing.
 
 import math
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 
 import numpy as np
 
@@ -90,6 +90,17 @@ def recorded_bench(run: Run, otherwise: Bench | None = None) -> Bench | None:
     """The bench that a run was recorded with, whatever it is judged by; else the one given."""
     file = run.folder / "bench.yaml"
     return read_bench(file) if file.exists() else otherwise
+
+
+def calibration(bench: Bench, run: Run) -> str:
+    """When the bench was calibrated, and how long before the run."""
+    day, began = bench.description.calibrated, run.start.get("time")
+    if day is None:
+        return "none stated in the bench file"
+    if began is None:
+        return day
+    since = (datetime.fromtimestamp(began, UTC).date() - date.fromisoformat(day)).days
+    return f"{day}, {counted(since, 'day')} before this run" if since >= 0 else day
 
 
 def following(evaluation: Evaluation, run: Run) -> NextStep:

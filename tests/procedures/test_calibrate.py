@@ -72,6 +72,7 @@ def test_planted_errors_are_found_and_written_down(
         place = found["parameters"].index(name)
         assert abs(found["values"][place] - truth) < 4 * found["uncertainties"][place], name
     calibrated = read_bench(tmp_path / "run/calibrated-bench.yaml")
+    assert re.fullmatch(r"20\d\d-\d\d-\d\d", calibrated.description.calibrated or "")
     assert calibrated.optics.main_lens.focal_length == pytest.approx(50.4, abs=0.02)
     assert calibrated.description.axes["target_stage"].zero_uncertainty < 0.05
     assert 0 < calibrated.description.optics_uncertainty.main_lens_focal_length < 1e-3
