@@ -8,16 +8,17 @@ from typing import Annotated, Any
 
 import typer
 from rich import box
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from flflab.bench import Bench
 from flflab.built_in import simulated_bench
 from flflab.cli.as_json import AsJson, plain, print_json
 from flflab.cli.described import described_bench
+from flflab.cli.progress import counted_progress
 from flflab.cli.run import in_words
 from flflab.cli.saying import say
 from flflab.cli.terminal import Terminal
+from flflab.digits import two_digits
 from flflab.expectation import Expectation, expect_all
 from flflab.missing_light import missing_light
 from flflab.study import Study, read_study
@@ -98,16 +99,8 @@ def _steps_table(steps: list[str], lasting: Sequence[float]) -> Table:
 
 
 def _expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Expectation]:
-    columns = (
-        BarColumn(bar_width=20),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}", markup=False),
-    )
-    with Progress(*columns, transient=True, console=Terminal(stderr=True)) as progress:
-        bar = progress.add_task(
-            "configurations drawn and measured", total=len(study.configurations)
-        )
+    with counted_progress(Terminal(stderr=True)) as progress:
+        bar = progress.add_task("drawing and measuring", total=len(study.configurations), left="")
         found: list[Expectation] = []
         for one in expect_all(study, bench, scheduler):
             found.append(one)
@@ -120,28 +113,28 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
     and how far the stages leave it open.
     """
     wanted = study.description.mtf_standard_uncertainty
-    asked = "" if wanted is None else f", {wanted:g} asked for"
+    asked = "" if wanted is None else f" ({wanted:g} requested)"
     table = Table(
         box=box.SIMPLE_HEAD,
         title=(
-            "Expected standard uncertainty of the MTF: by the frames' noise and the measurement's"
-            f" floor{asked}; what the stages may be off comes on top"
+            f"Expected standard uncertainty of the MTF{asked}: from frame noise and the"
+            " measurement's floor, and from stage errors (add in quadrature)"
         ),
     )
     for head in ("", "F/", "target mm", "array mm", "sensor mm", "exposure ms", "frames"):
         table.add_column(head, justify="right", overflow="fold")
-    table.add_column("u by noise", overflow="fold")
-    table.add_column("u by stages", justify="right")
+    table.add_column("u, noise", overflow="fold")
+    table.add_column("u, stages", justify="right")
     besides = any(setting.besides for setting in study.configurations)
     if besides:
         table.add_column("set besides", overflow="fold")
     for one in expected:
         setting = study.configurations[one.configuration]
         last = one.looks[-1] if one.looks else None
-        said = f"not measurable: {one.why}" if last is None else f"{last.uncertainty:.2g}"
+        said = f"not measurable: {one.why}" if last is None else two_digits(last.uncertainty)
         if last is not None and wanted is not None and last.uncertainty > wanted:
-            said += f", not reached with {last.frames} frames"
-        stages = "" if last is None else f"{one.by_stages:.2g}"
+            said += f": not reached with {last.frames} frames"
+        stages = "" if last is None else two_digits(one.by_stages)
         frames = "" if last is None else str(last.frames)
         place = (
             f"{setting.f_number:g}",

@@ -14,7 +14,7 @@ from flflab.built_in import Kind, built_in, simulated_bench
 from flflab.cli.ending import reader_may_go
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
-from flflab.comparison import PROPERTY_NAMES, percent, rule
+from flflab.comparison import PROPERTY_NAMES, Comparison, percent, rule
 from flflab.diagnosis import heading, not_told_apart
 from flflab.evaluation import Evaluation
 from flflab.record import Run
@@ -22,6 +22,7 @@ from flflab.whole_file import require_own_writable, write_own
 from procedures.validate import judged
 
 REJECTED = 3
+ROOMY = 72  # columns of a terminal that shows every column of the verdicts
 
 
 def validate(
@@ -96,8 +97,8 @@ def _tell(evaluation: Evaluation, run: Run, page: Path) -> None:
     from flflab.report.facts import following
 
     console = Terminal()
-    console.print(_table(evaluation))
-    console.print(_verdicts(evaluation))
+    console.print(configuration_table(evaluation, console.width))
+    console.print(verdict_table(evaluation.comparison, console.width))
     console.print(rule(evaluation.comparison.verdicts), highlight=False)
     accepted = evaluation.comparison.accepted
     console.print(
@@ -120,51 +121,51 @@ def _tell(evaluation: Evaluation, run: Run, page: Path) -> None:
     console.print(f"Report: {page}", highlight=False, soft_wrap=True)
 
 
-def _verdicts(evaluation: Evaluation) -> Table:
-    """One line a property, with its p-value."""
-    table = Table(box=box.SIMPLE, title="Verdicts")
-    table.add_column("", no_wrap=True)
-    for head in ("values", "p-value", "rejected below"):
-        table.add_column(head, justify="right")
-    table.add_column("")
-    for one in evaluation.comparison.verdicts:
-        shares = (one.p_words, percent(one.threshold))
+def verdict_table(comparison: Comparison, width: int) -> Table:
+    """One line a property, with its p-value and verdict; narrow terminals show these alone."""
+    roomy = width >= ROOMY
+    table = Table(box=box.SIMPLE, title="Verdicts", pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("", overflow="fold")
+    if roomy:
+        table.add_column("values", justify="right", no_wrap=True)
+    table.add_column("p-value", justify="right", overflow="fold")
+    if roomy:
+        table.add_column("reject below", justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True, min_width=len("rejected"))
+    for one in comparison.verdicts:
+        values, limit = [str(one.rows)] * roomy, [percent(one.threshold)] * roomy
         table.add_row(
             PROPERTY_NAMES.get(one.quantity, one.quantity),
-            str(one.rows),
-            *shares,
+            *values,
+            one.p_words,
+            *limit,
             "agrees" if one.accepted else Text("rejected", style="bold"),
         )
     return table
 
 
-def _table(evaluation: Evaluation) -> Table:
+def configuration_table(evaluation: Evaluation, width: int) -> Table:
     """One line a configuration: where it stood, views measured and predicted, how well the contrast
-    agrees.
+    agrees; narrow terminals show what agrees alone.
     """
-    table = Table(box=box.SIMPLE, title="Measured against predicted")
-    for head in (
-        "",
-        "F/",
-        "target mm",
-        "sensor mm",
-        "views seen",
-        "views model",
-        "MTF points",
-        "rms z",
-    ):
-        table.add_column(head, justify="right")
+    roomy = width >= ROOMY
+    table = Table(
+        box=box.SIMPLE, title="Measured against predicted", pad_edge=False, padding=(0, 1, 0, 0)
+    )
+    place = ("target mm", "sensor mm") if roomy else ()
+    for head in ("", "F/", *place, "views seen", "model", "MTF points", "MTF rms z"):
+        table.add_column(head, justify="right", overflow="fold")
     for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
         scores = [
             row.z
             for row in evaluation.comparison.rows
             if row.quantity == "mtf" and row.configuration == one.configuration.index
         ]
+        where = (f"{model.distance:.2f}", f"{model.camera.sensor.distance:.4f}") if roomy else ()
         table.add_row(
             str(one.configuration.index),
             f"{one.configuration.f_number:g}",
-            f"{model.distance:.2f}",
-            f"{model.camera.sensor.distance:.4f}",
+            *where,
             " ".join(str(dot.views) for dot in one.dots),
             " ".join(str(count) for count in model.views),
             str(len(scores)),

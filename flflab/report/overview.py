@@ -116,5 +116,5 @@ def _label(verdict: Verdict) -> str:
     return name if verdict.accepted else f"{name}: REJECTED"
 
 
-def _plain(value: float, place: int) -> str:
+def _plain(value: float, place: float) -> str:
     return f"{value:g}" if abs(value) < 1e4 else f"{value:.0e}".replace("e+0", "e")

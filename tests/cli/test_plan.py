@@ -149,8 +149,8 @@ def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_i
         shown, progress = (
             re.sub(r"\x1b\[[\d;?]*\w", "", written) for written in (ended.out, ended.err)
         )
-        assert re.search(r"1/1\D+0:\d\d:\d\d.*configurations drawn and measured", progress)
-        assert "by the frames' noise and the measurement's floor; what the stages may be off" in (
+        assert re.search(r"1/1\D+0:\d\d:\d\d.*drawing and measuring", progress)
+        assert "from frame noise and the measurement's floor, and from stage errors" in (
             " ".join(shown.split())
         )
         told_json = flflab("plan", study, "--bench", tmp_path / "bench.yaml", "--json").json

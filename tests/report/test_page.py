@@ -107,7 +107,7 @@ def test_the_verdict_comes_first_with_its_numbers(page: Page, evaluation: Evalua
     for verdict in evaluation.comparison.verdicts:
         shares = f"{100 * verdict.p_value:.3g} % {100 * verdict.threshold:.3g} %"
         assert f"{PROPERTY_NAMES[verdict.quantity]} {verdict.rows} {shares} agrees" in body
-    assert "quantity values compared p-value reject if below verdict" in body
+    assert "quantity values compared p-value reject below verdict" in body
     assert "exact for 12 of 12 dots (100.0 %)" in body
     assert "Signature" in body
 
