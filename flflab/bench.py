@@ -428,8 +428,8 @@ def seeded(bench: Bench, seed: int | None) -> Bench:
     devices = (*description.axes.values(), description.camera, description.iris, description.target)
     if seed is not None and not any(device.address == "simulated" for device in devices):
         raise InputError(
-            f"{bench.file}: seed {seed} is asked for, but no device there has the address"
-            " simulated, so nobody would obey it; give the seed where the bench is served"
+            f"{bench.file}: seed {seed} would have no effect, since no device there has"
+            " the address simulated; give the seed where the bench is served"
             f" (`flflab sim BENCH --seed {seed}`)"
         )
     return with_seed(bench, seed)

@@ -185,8 +185,8 @@ def _answer(rows: Sequence[Row], quantity: str) -> str:
     best = [row for row in rows if row.quantity == quantity and row.method != CLASSIC]
     one = min((row for row in best if row.frames == 1), key=lambda row: row.rms_error)
     return (
-        f"{quantity}: one frame of {one.pixels / 1e6:.2g} megapixels gives {one.rms_error:.1e}"
-        f" ({one.method}), in {one.processor_s:.2g} s of the processor."
+        f"{quantity}: rms error {one.rms_error:.1e} from one frame of {one.pixels / 1e6:.2g}"
+        f" megapixels ({one.method}), in {one.processor_s:.2g} s of processor time."
     )
 
 

@@ -155,7 +155,7 @@ def depend_on_selection(refit: Refit, other: Refit, within: float) -> Refit:
 
 
 def state_refit(before: Camera, refit: Refit) -> list[str]:
-    """What the refit found, and what the data can and cannot tell, in sentences."""
+    """What the refit found, and what the data do and do not determine, in sentences."""
     camera, (u_L, u_b), (own_L, own_b) = refit.camera, refit.uncertainty, refit.own
     (best, known), (worst, unknown) = refit.directions
     by_focal, by_offset = refit.loosened["focal_length"], refit.loosened["distance_offset"]
@@ -169,10 +169,10 @@ def state_refit(before: Camera, refit: Refit) -> list[str]:
             " exact."
         ),
         (
-            f"The data tell {_combination(best)} to {1e3 * known:.2g} um and {_combination(worst)}"
-            f" to {1e3 * unknown:.2g} um. They cannot tell L and b from the main lens's focal"
-            f" length (with it free as well: {_both(by_focal)}), and hardly from an error common to"
-            f" all distances D (with it free: {_both(by_offset)})."
+            f"The data determine {_combination(best)} to {1e3 * known:.2g} um and"
+            f" {_combination(worst)} to {1e3 * unknown:.2g} um. They do not separate L and b from"
+            f" the main lens's focal length (with it free as well: {_both(by_focal)}), and hardly"
+            f" from an error common to all distances D (with it free: {_both(by_offset)})."
         ),
     ]
     if np.isfinite(refit.within):

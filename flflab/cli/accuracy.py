@@ -63,7 +63,7 @@ def accuracy(
         Path | None,
         typer.Option(
             help=(
-                "camera file (YAML) whose depth, lattice or pictures are asked for; without it the"
+                "camera file (YAML) to evaluate, for depth, lattice and image; without it the"
                 " built-in ones"
             )
         ),

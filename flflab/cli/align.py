@@ -56,8 +56,8 @@ def align(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Turn the array straight to the sensor's rows and parallel to it, and move the sensor where it
-    is wanted, by white pictures.
+    """Align the array with the sensor's rows and parallel to it, and move the sensor where you want
+    it, by white pictures.
     """
     from drivers.bench import (
         connect_described,
@@ -117,8 +117,11 @@ def align(
     console.print(table_of(outcomes))
     for one in outcomes:
         console.print(ending_of(one), highlight=False)
+    zeros = folder / "alignment.yaml"
     console.print(
-        f"Zeros of the axes by this alignment, for the bench file: {folder / 'alignment.yaml'}",
+        f"Zeros of the axes, for the bench file: {zeros}"
+        if turned(outcomes)
+        else "Nothing to correct: no axis turns the array.",
         highlight=False,
         soft_wrap=True,
     )
@@ -131,8 +134,10 @@ def _tell(sentence: str) -> None:
 def table_of(outcomes: "tuple[Outcome, ...]") -> Table:
     """One line a thing aligned: before, after, uncertainty and pictures."""
     table = Table(box=box.SIMPLE_HEAD)
-    for head in ("", "before", "after", "u", "pictures"):
-        table.add_column(head, justify="right" if head else "left", overflow="fold")
+    for head in ("deviation of", "before", "after", "uncertainty", "pictures"):
+        table.add_column(
+            head, justify="left" if head == "deviation of" else "right", overflow="fold"
+        )
     for one in outcomes:
         show = (ANGLE if one.unit == "rad" else LENGTH).show
         table.add_row(

@@ -23,10 +23,14 @@ from flflab.built_in import Kind, built_in, simulated_bench
 from flflab.cli.as_json import AsJson, print_json
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
+from flflab.digits import plus_minus
 from flflab.record import Run
 from flflab.study import read_study
 
-TITLE = "What the bench is; of zeros and scales the error; told: share by the pictures"
+TITLE = (
+    "Calibrated values (zeros and scales as corrections); last column: share of the information"
+    " that came from the pictures"
+)
 
 
 def calibrate(
@@ -47,7 +51,7 @@ def calibrate(
     as_json: AsJson = False,
 ) -> None:
     """Find zeros and scales of the stages, focal lengths, apertures and centre, and say what the
-    pictures cannot tell.
+    pictures do not determine.
     """
     with progress_shown() as tell:
         run = run_study(
@@ -62,7 +66,7 @@ def calibrate(
 
 
 def conclude(run: Run, as_json: bool = False) -> Calibration:
-    """Fit a bench to a run, print the table and what could not be told, and leave files to go on
+    """Fit a bench to a run, print the table and what is not determined, and leave files to go on
     with.
     """
     require_unwritten(run.folder)  # before the pictures are measured, which takes its time
@@ -88,7 +92,7 @@ def table_of(found: Calibration) -> Table:
     """One line a parameter; 80 columns hold it."""
     fit = found.fit
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, title=TITLE)
-    for head in ("", "described", "found", "told"):
+    for head in ("", "described", "calibrated", "pictures"):
         table.add_column(head, justify="right" if head else "left", overflow="fold")
     for name, nominal, prior, value, u, share in zip(
         fit.names, fit.nominal, fit.prior, fit.values, fit.uncertainty, fit.by_pictures, strict=True
@@ -115,5 +119,6 @@ def _with_doubt(name: str, value: float, u: float) -> str:
         "y": (1e3, "+.2f", "um"),
     }
     times, form, unit = of_stages.get(name.rpartition(".")[2], (1.0, ".5f", "mm"))
-    doubt = f" ± {times * u:{form.removeprefix('+')}}" if math.isfinite(u) else ""
-    return f"{times * value:{form}}{doubt} {unit}"
+    if math.isfinite(u) and u > 0:
+        return f"{plus_minus(times * value, times * u, '+' * form.startswith('+'))} {unit}"
+    return f"{times * value:{form}} {unit}"

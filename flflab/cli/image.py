@@ -78,7 +78,7 @@ def image(
     tolerance: Annotated[
         float | None,
         typer.Option(
-            help="root mean square of the error asked for, as a share of white level; without it"
+            help="root mean square error to reach, as a share of the white level; without it"
             f" {TOLERANCE:g}"
         ),
     ] = None,

@@ -112,7 +112,7 @@ def test_a_scan_into_the_gap_moves_nothing_and_says_how_far_it_may_go(
     refused = flflab("bench", "scan", "sensor_stage", "15 mm", "25 mm", "--bench", file)
     assert refused.code == 1
     told = re.search(
-        r"at least 0\.3 mm are kept, nothing moved; it may go as far as (\d+\.\d{3}) mm$",
+        r"at least 0\.3 mm are required .*; nothing moved\. Farthest allowed: (\d+\.\d{3}) mm$",
         refused.err.strip(),
     )
     assert told is not None, refused.err

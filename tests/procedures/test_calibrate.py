@@ -82,9 +82,9 @@ def test_planted_errors_are_found_and_written_down(
         narrow.print(table_of(concluded))
     assert "…" not in shown.get()
     assert re.search(
-        r"main_lens\.focal_length +50\.00000 mm +50\.[34]\d{4} ± 0\.\d{5} mm", shown.get()
+        r"main_lens\.focal_length +50\.00000 mm +50\.[34]\d* ± 0\.0*[1-9]\d mm", shown.get()
     )
-    assert "cannot tell where on the axis the bench as a whole stands" in said
+    assert "do not determine where on the axis the bench as a whole stands" in said
     with pytest.raises(RecordError, match="not overwritten"):
         conclude(run)
     for name in FILES:
