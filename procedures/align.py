@@ -17,6 +17,7 @@ from bluesky import plan_stubs as bps
 from drivers.bench import ConnectedBench
 from flflab.alignment import Attitude, Outcome
 from flflab.bench import ANGLE, Bench, Moved
+from flflab.digits import plus_minus
 from flflab.errors import InputError, MeasurementError
 from flflab.record import Recording, versions
 from flflab.study import Configuration
@@ -243,4 +244,5 @@ def require_reachable(request: Request, bench: Bench) -> None:
 
 
 def _shown(angle: str, value: float, doubt: float) -> str:
-    return f"{angle} {np.degrees(value):+.4f} deg, u = {np.degrees(doubt):.4f} deg"
+    shown = plus_minus(float(np.degrees(value)), float(np.degrees(doubt)), "+")
+    return f"{angle} ({shown}) deg"

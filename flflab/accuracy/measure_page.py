@@ -11,6 +11,7 @@ from flflab.accuracy.drawing import BLUE, GREEN, GREY, ORANGE, PINK, as_svg, she
 from flflab.accuracy.measure import CLASSIC, EDGE, FIT, FRAMES, FREE, KNOWN, LATTICE, REPEATS, Row
 from flflab.accuracy.page import Page, Picture, Section, Table
 from flflab.accuracy.work_precision import order
+from flflab.digits import two_digits
 
 COLOURS = {FIT: ORANGE, CLASSIC: GREY, LATTICE: BLUE, KNOWN: GREEN, FREE: PINK}
 MARKS = ("o", "s", "^")
@@ -88,7 +89,7 @@ def measure_table(rows: Sequence[Row]) -> Table:
     cells = tuple(
         (
             row.quantity, row.method, f"{row.pixels}", f"{row.frames}", f"{row.rms_error:.2e}",
-            "none" if row.uncertainty is None else f"{row.uncertainty:.2e}", f"{row.bias:+.1e}",
+            "none" if row.uncertainty is None else two_digits(row.uncertainty), f"{row.bias:+.1e}",
             f"{row.camera_s:.1f}",
             f"{row.processor_s:.4f}",
         )

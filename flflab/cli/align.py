@@ -20,6 +20,7 @@ from flflab.cli.ending import INTERRUPTED
 from flflab.cli.quantities import option_quantity
 from flflab.cli.run import say_remark
 from flflab.cli.terminal import Terminal
+from flflab.digits import plus_minus, two_digits
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
 from flflab.whole_file import write_own
@@ -134,19 +135,16 @@ def _tell(sentence: str) -> None:
 def table_of(outcomes: "tuple[Outcome, ...]") -> Table:
     """One line a thing aligned: before, after, uncertainty and pictures."""
     table = Table(box=box.SIMPLE_HEAD)
-    for head in ("deviation of", "before", "after", "uncertainty", "pictures"):
+    for head in ("deviation of", "before", "after", "unit", "pictures"):
         table.add_column(
             head, justify="left" if head == "deviation of" else "right", overflow="fold"
         )
     for one in outcomes:
-        show = (ANGLE if one.unit == "rad" else LENGTH).show
-        table.add_row(
-            one.what,
-            show(one.before, "+.5f"),
-            show(one.after, "+.5f"),
-            show(one.uncertainty, ".5f"),
-            str(one.pictures),
-        )
+        of = ANGLE if one.unit == "rad" else LENGTH
+        doubt = of.per_unit * one.uncertainty
+        before = plus_minus(of.per_unit * one.before, doubt, "+").partition(" ")[0]
+        after = plus_minus(of.per_unit * one.after, doubt, "+")
+        table.add_row(one.what, before, after, of.shown, str(one.pictures))
     return table
 
 
@@ -177,7 +175,7 @@ def zeros_as_text(outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:
         lines += [
             f"  {one.axis}:  # {axis.moves}; {one.why}; before {ANGLE.show(axis.zero, 'g')}",
             f"    zero: {ANGLE.show(zero_of(one, bench), '.5f')}",
-            f"    zero_uncertainty: {ANGLE.show(one.uncertainty, '.2g')}",
+            f"    zero_uncertainty: {two_digits(ANGLE.per_unit * one.uncertainty)} {ANGLE.shown}",
         ]
     return (
         "\n".join(lines if len(lines) > 2 else [*lines[:1], "axes: {}  # nothing turns the array"])

@@ -9,6 +9,7 @@ from flflab.built_in import simulated_bench
 from flflab.cli.as_json import AsJson, plain, print_json
 from flflab.cli.run import progress_shown, run_study
 from flflab.cli.terminal import Terminal
+from flflab.digits import two_digits
 from flflab.record import Run
 
 
@@ -66,7 +67,8 @@ def tell_of(run: Run) -> None:
         if not one.enough:
             console.print(
                 f"configuration {one.configuration}: {one.frames} frames, the most allowed, leave"
-                f" an MTF uncertainty of {one.mtf_standard_uncertainty:.2g}, more than requested",
+                f" an MTF uncertainty of {two_digits(one.mtf_standard_uncertainty)}, more than"
+                " requested",
                 highlight=False,
                 soft_wrap=True,
             )

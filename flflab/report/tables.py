@@ -10,7 +10,7 @@ import numpy as np
 
 from flflab.bench import AxisDescription, Bench
 from flflab.comparison import Row
-from flflab.digits import decimals
+from flflab.digits import decimals, plus_minus
 from flflab.evaluation import Evaluation
 from flflab.optics.airy import airy_diameter
 from flflab.optics.focus import magnification, virtual_depth
@@ -53,7 +53,7 @@ def measured_number(value: float, uncertainty: float) -> str:
     places = 1 - math.floor(math.log10(float(f"{uncertainty:.1e}")))
     if 0 < places <= 9:
         return f"{value:.{places}f}({round(uncertainty * 10**places)})"
-    return f"{value:.6g} ± {uncertainty:.2g}"
+    return plus_minus(value, uncertainty)
 
 
 def to_decimals(value: float, places: int | None, sign: str = "") -> str:
