@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
@@ -28,7 +27,7 @@ from flflab.bench_uncertainty import (
     OpticsUncertaintyDescription,
     WorkmanshipDescription,
 )
-from flflab.description import Angle, Description, Length, Ratio, check, line_of
+from flflab.description import Angle, Day, Description, Length, Ratio, check, line_of
 from flflab.errors import InputError
 from flflab.optics.light import Spectrum
 from flflab.units import Dimension, parse_quantity
@@ -270,14 +269,6 @@ def _axis_name(given: str) -> str:
 AxisName = Annotated[str, AfterValidator(_axis_name)]
 
 
-def _day(given: str) -> str:
-    """A day of the calendar, ``2026-11-29``."""
-    try:
-        return date.fromisoformat(given).isoformat()
-    except ValueError as error:
-        raise ValueError(f"{given!r} is no day; write it as 2026-11-29") from error
-
-
 class BenchDescription(Description):
     """A bench file."""
 
@@ -297,7 +288,7 @@ class BenchDescription(Description):
     measurement_floor: MeasurementFloorDescription = MeasurementFloorDescription()
     light: LightDescription | None = None
     light_uncertainty: Annotated[Ratio, Field(ge=0, lt=1)] = 0.005
-    calibrated: Annotated[str, AfterValidator(_day)] | None = None
+    calibrated: Day | None = None
     simulated: SimulatedDescription = SimulatedDescription()
 
     @model_validator(mode="after")
