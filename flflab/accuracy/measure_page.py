@@ -8,7 +8,18 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 
 from flflab.accuracy.drawing import BLUE, GREEN, GREY, ORANGE, PINK, as_svg, sheet
-from flflab.accuracy.measure import CLASSIC, EDGE, FIT, FRAMES, FREE, KNOWN, LATTICE, REPEATS, Row
+from flflab.accuracy.measure import (
+    CLASSIC,
+    EDGE,
+    FIT,
+    FRAMES,
+    FREE,
+    KNOWN,
+    LATTICE,
+    PITCH,
+    REPEATS,
+    Row,
+)
 from flflab.accuracy.page import Page, Picture, Section, Table
 from flflab.accuracy.work_precision import order
 from flflab.digits import two_digits
@@ -186,8 +197,9 @@ def _answer(rows: Sequence[Row], quantity: str) -> str:
     best = [row for row in rows if row.quantity == quantity and row.method != CLASSIC]
     one = min((row for row in best if row.frames == 1), key=lambda row: row.rms_error)
     return (
-        f"{quantity}: rms error {one.rms_error:.1e} from one frame of {one.pixels / 1e6:.2g}"
-        f" megapixels ({one.method}), in {one.processor_s:.2g} s of processor time."
+        f"{quantity}: {'relative ' * (quantity == PITCH)}rms error {one.rms_error:.1e} from one"
+        f" frame of {one.pixels / 1e6:.2g} megapixels ({one.method}), in"
+        f" {one.processor_s:.2g} s of processor time."
     )
 
 

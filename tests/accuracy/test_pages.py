@@ -40,7 +40,7 @@ def test_the_image_page_says_how_many_tolerances_were_kept_and_what_random_rays_
     assert page.answers[0] == "render kept 2 of the 2 tolerances asked of it."
     # 0.1 s for a million pixels; random rays: 1 s n for a million pixels, n = 1e6 for an error of
     # 0.001
-    assert "a million lit pixels take 0.1 s and are wrong by 0.001 (rms)" in page.answers[1]
+    assert "a million lit pixels take 0.1 s and have an rms error of 0.001" in page.answers[1]
     assert "10,000,000 times as long" in page.answers[1]
     assert "power -0.50" in page.sections[0].pictures[0].says
     assert len(image_summary(rows()).rows) == len(rows())
