@@ -50,7 +50,7 @@ def test_the_image_page_names_the_scene_and_the_tolerance_that_was_exceeded() ->
     page = image_page([*rows(), replace(PLAIN, requested=1e-4, rms_error=0.0004)], "made here")
     assert page.answers[0] == "render kept 2 of the 3 tolerances asked of it; dim exceeds 0.0001."
     asked, estimated = page.sections[1].pictures
-    assert "one picture is further off than asked for, at most 4 times as far" in asked.says
+    assert "one picture is further off than requested, at most 4 times as far" in asked.says
     assert estimated.says == "Nothing was estimated."
 
 
