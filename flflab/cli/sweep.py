@@ -42,7 +42,7 @@ def numbers_of(run: Run) -> dict[str, Any]:
     last = {one.configuration: one for one in run.accuracy}
     return {
         "run": str(run.folder.resolve()),
-        "study": run.start.get("plan_name"),
+        "study": run.start.get("study"),
         "complete": run.complete,
         "frames": len(run.frames),
         "configurations": len({frame.configuration for frame in run.frames} - {None}),

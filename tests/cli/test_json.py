@@ -72,7 +72,7 @@ def test_sweep_and_where_print_one_object(
     )  # fmt: skip
     assert swept.code == 0, swept.err
     assert swept.json == {
-        "run": str(tmp_path / "run"), "study": "sweep", "complete": True, "frames": 3,
+        "run": str(tmp_path / "run"), "study": "near", "complete": True, "frames": 3,
         "configurations": 1, "accuracy": [],
     }  # fmt: skip
     stood = flflab("bench", "where", "--bench", tmp_path / "bench.yaml", "--json").json
