@@ -53,7 +53,7 @@ def test_the_zero_of_an_alignment_makes_its_reading_the_angle_that_is_left(root:
 
 
 @pytest.mark.ci
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(400)
 def test_sweep_and_where_print_one_object(
     flflab: Run, root: Path, small_camera: Path, tmp_path: Path
 ) -> None:

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import jsonschema
 import pytest
 
+from flflab.cli.sweep import numbers_of
 from flflab.comparison import Comparison, Verdict, rule
 from flflab.diagnosis import Suspect
 from flflab.evaluation import Evaluation
@@ -81,3 +82,10 @@ def test_the_rule_says_how_the_level_is_shared() -> None:
     told = rule((one, replace(one, quantity="mtf")))
     assert "2 properties share the level of 5 %" in told
     assert "rejected below 2.5 %" in told
+
+
+def test_sweep_says_what_was_recorded_as_json(run: Run) -> None:
+    assert json.loads(json.dumps(numbers_of(run))) == {
+        "run": str(run.folder.resolve()), "study": "first", "complete": run.complete, "frames": 9,
+        "configurations": 3, "accuracy": [],
+    }  # fmt: skip
