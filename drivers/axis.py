@@ -521,7 +521,7 @@ class Axis:
             return (
                 None
                 if motion.stopped_as_planned
-                else MotionError(f"{task}: stopped on the way {where}, as it was told")
+                else MotionError(f"{task}: stopped on the way {where}, as commanded")
             )
         faults = "; ".join(self._commands.faults())
         if not homed:

@@ -110,7 +110,7 @@ class ConnectedBench:
                 self.stop_what_moves()
         except DeviceError as not_stopped:
             raise DeviceError(
-                f"{error or 'interrupted'}; and then not every axis took the stop: {not_stopped}"
+                f"{error or 'interrupted'}; and not every axis stopped: {not_stopped}"
             ) from error
         finally:
             self.close()

@@ -416,9 +416,9 @@ def _check(
         if unstated:
             raise InterlockError(f"{name}: asked to {task}, nothing moved: {unstated[0].remedy}")
         raise InterlockError(
-            f"{name}: asked to {task}, which could leave {smallest:.3f} mm between {gap},"
-            f" uncertainties counted {COVERAGE:g} times ({_others(gap, name, readings)}); at least"
-            f" {gap.least:g} mm are kept, nothing"
+            f"{name}: asked to {task}, but the gap between {gap} could be {smallest:.3f} mm in the"
+            f" worst case, at least {gap.least:g} mm are required"
+            f" ({_others(gap, name, readings)}; {COVERAGE:g} standard uncertainties); nothing"
             f" moved{_farthest(gap, mover, start, end, readings)}"
         )
 
@@ -437,7 +437,7 @@ def _farthest(
     coordinate = mover.axis.coordinate
     shown = (start[0] + share * (end - start[0])) * coordinate.per_unit
     rounded = (math.floor if end > start[0] else math.ceil)(shown * 1000) / 1000
-    return f"; it may go as far as {rounded:.3f} {coordinate.shown}"
+    return f". Farthest allowed: {rounded:.3f} {coordinate.shown}"
 
 
 def free_share(

@@ -393,8 +393,8 @@ def _ask_to_stop(owner: dict[str, Any], bench_file: Path) -> str:
 def _driven_already(bench_file: Path, who: str) -> str:
     return (
         f"{bench_file}: another program drives this bench ({who}), perhaps somebody"
-        f" else's run; wait for its end: `flflab bench stop --bench {bench_file}` would stop"
-        " its axes and with them what it does"
+        f" else's run. Wait until it finishes. `flflab bench stop --bench {bench_file}` stops its"
+        " axes and ends its run"
     )
 
 

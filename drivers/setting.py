@@ -180,7 +180,7 @@ class Setting(Generic[Value]):
             return (
                 None
                 if self._stopped
-                else MotionError(f"{change.task}: given up on the way, as it was told")
+                else MotionError(f"{change.task}: given up on the way, as commanded")
             )
         reached = self._commands.value()
         if self._equal(reached, value):

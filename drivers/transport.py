@@ -37,8 +37,8 @@ def what_to_check(address: str) -> str:
         ("127.", "localhost:", "[::1]")
     ):
         return (
-            "check that what serves it on this machine still runs, and what else keeps the machine"
-            " busy"
+            "is `flflab sim` still running? On a busy machine, or while a defocused picture is"
+            " simulated, wait and try again"
         )
     return "check cable, power and address"
 

@@ -180,8 +180,8 @@ def _fit(
     freedom = seen.size - len(free)
     if freedom < 1 or np.linalg.cond(normal) > 1e14:
         raise MeasurementError(
-            f"white picture: {len(seen)} micro-images do not tell the array's tilt; at least 3 x 3,"
-            " of which some lie off the axis, are due"
+            f"white picture: {len(seen)} micro-images do not determine the array's tilt; at"
+            " least 3 x 3, some of them off the axis, are needed"
         )
     chi2 = 2 * float(found.cost) / freedom
     values, covariance = start.copy(), np.zeros((10, 10))

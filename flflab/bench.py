@@ -25,7 +25,7 @@ from flflab.bench_uncertainty import (
     OpticsUncertaintyDescription,
     WorkmanshipDescription,
 )
-from flflab.description import Angle, Description, Length, Ratio, check, line_of
+from flflab.description import Angle, Day, Description, Length, Ratio, check, line_of
 from flflab.errors import InputError
 from flflab.optics.light import Spectrum
 from flflab.units import Dimension, parse_quantity
@@ -284,6 +284,7 @@ class BenchDescription(Description):
     measurement_floor: MeasurementFloorDescription = MeasurementFloorDescription()
     light: LightDescription | None = None
     light_uncertainty: Annotated[Ratio, Field(ge=0, lt=1)] = 0.005
+    calibrated: Day | None = None
     simulated: SimulatedDescription = SimulatedDescription()
 
     @model_validator(mode="after")
@@ -421,8 +422,8 @@ def seeded(bench: Bench, seed: int | None) -> Bench:
     devices = (*description.axes.values(), description.camera, description.iris, description.target)
     if seed is not None and not any(device.address == "simulated" for device in devices):
         raise InputError(
-            f"{bench.file}: seed {seed} is asked for, but no device there has the address"
-            " simulated, so nobody would obey it; give the seed where the bench is served"
+            f"{bench.file}: seed {seed} would have no effect, since no device there has"
+            " the address simulated; give the seed where the bench is served"
             f" (`flflab sim BENCH --seed {seed}`)"
         )
     return with_seed(bench, seed)

@@ -7,6 +7,7 @@ A calibration's run is a study's, of which white and dot pictures count; bars ma
 import json
 import math
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from flflab.calibration.fit import BARELY, Fit, Hiding, hidings
 from flflab.calibration.from_pictures import Pictures, calibrate
 from flflab.calibration.least_squares import Direction
 from flflab.calibration.quantities import Quantities
+from flflab.digits import plus_minus
 from flflab.errors import RecordError
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.record import FrameRecord, Run
@@ -40,6 +42,7 @@ class Calibration:
     model: BenchModel
     fit: Fit
     quantities: tuple[Quantities, ...]
+    began: float | None = None  # s since 1970, of the run
 
 
 def calibrate_run(run: Run, study: Study, bench: Bench) -> Calibration:
@@ -70,7 +73,7 @@ def calibrate_run(run: Run, study: Study, bench: Bench) -> Calibration:
         )
         pictures.append(Pictures(white[0], white[1], *(dots[:2] if dots else (None, None))))
     model = BenchModel(bench.optics, stages, tuple(settings))
-    return Calibration(model, *calibrate(model, pictures, study.dots))
+    return Calibration(model, *calibrate(model, pictures, study.dots), run.start.get("time"))
 
 
 def _mean(
@@ -100,35 +103,33 @@ def _mean(
 
 
 def state_calibration(found: Calibration) -> list[str]:
-    """What was found and what could not be told, in sentences."""
+    """What was found and what is not determined, in sentences."""
     fit = found.fit
     dots = sum(math.isfinite(one.values[5]) for one in found.quantities)
     said = [
         f"{fit.count} numbers of {len(found.quantities)} settings, {dots} of them with dots;"
         " reduced chi-square"
         f" {fit.chi2:.2f}{', by which the uncertainties are scaled' if fit.chi2 > 1 else ''}. The"
-        " array's pitch and the pixel are believed: they are the rulers across the axis."
+        " array's pitch and the pixel are taken as exact: they are the rulers across the axis."
     ]
     if fit.chi2 > fit.most_by_noise:
         said.append(
             f"Noise leaves a reduced chi-square of up to {fit.most_by_noise:.2f}: the bench, its"
-            f" pitch, pixel or dots are not as the files say. Farthest off is {fit.farthest}; find"
-            " out why before you believe a zero."
+            f" pitch, pixel or dots are not as the files say. The largest misfit is {fit.farthest};"
+            " find out why before you trust a zero."
         )
     for name, value, u, nominal, prior in zip(
         fit.names, fit.values, fit.uncertainty, fit.nominal, fit.prior, strict=True
     ):
         if not math.isfinite(value):
-            said.append(
-                f"{name} is not determined: neither the pictures nor the description tell it."
-            )
+            said.append(f"{name} is not determined by the pictures or by the description.")
         elif math.isfinite(prior) and prior > 0 and abs(value - nominal) > FAR * prior:
             said.append(
-                f"{name} is off by {shown(name, value - nominal)}, u = {shown(name, u)}:"
-                f" {abs(value - nominal) / prior:.1f} of the uncertainties that the bench file"
+                f"{name} differs by {shown(name, value - nominal, u)} from the description,"
+                f" {abs(value - nominal) / prior:.1f} times the uncertainty that the bench file"
                 " states; correct it there."
             )
-    said += [f"The pictures alone cannot tell {_in_words(direction)}." for direction in fit.untold]
+    said += [_undetermined(direction) for direction in fit.untold]
     kept = [
         name
         for name, share, u in zip(fit.names, fit.by_pictures, fit.uncertainty, strict=True)
@@ -140,10 +141,13 @@ def state_calibration(found: Calibration) -> list[str]:
     return said
 
 
-def shown(name: str, value: float) -> str:
-    """A parameter with its unit."""
+def shown(name: str, value: float, uncertainty: float = math.nan) -> str:
+    """A parameter with its unit, and with its uncertainty where one is given."""
     if not math.isfinite(value):
         return "-"
+    if math.isfinite(uncertainty) and uncertainty > 0:
+        many, unit = (100.0, "%") if name.endswith(".scale") else (1.0, "mm")
+        return f"({plus_minus(many * value, many * uncertainty, '+')}) {unit}"
     return f"{100 * value:+.4f} %" if name.endswith(".scale") else f"{value:+.5f} mm"
 
 
@@ -153,22 +157,24 @@ def _hidden(one: Hiding) -> str:
         for name, (shift, both) in one.taken.items()
     )
     return (
-        f"Were {one.name} off by {shown(one.name, one.told)}, which the pictures hardly show,"
-        f" others would be found off: {taken}."
+        f"{one.name} is weakly constrained: an error of {shown(one.name, one.told)} there would"
+        f" shift {taken}."
     )
 
 
-def _in_words(direction: Direction) -> str:
+def _undetermined(direction: Direction) -> str:
+    """Which values can change together without changing the pictures."""
     if direction.words:
-        return direction.words
+        return f"The pictures do not determine {direction.words}; the bench file's zeros do."
     parts = [f"{name} by {shown(name, change)}" for name, change in direction.parts.items()]
-    told = (
-        "which changes nothing that was measured"
+    together = f"{', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else parts[0]
+    how = (
+        "without changing the pictures"
         if direction.uncertainty > 1e4
-        else f"known to {direction.uncertainty:.2g} times that"
+        else f"and the pictures fix that to {direction.uncertainty:.2g} times as much only"
     )
-    together = f"{', '.join(parts[:-1])} together with {parts[-1]}" if len(parts) > 1 else parts[0]
-    return f"a change of {together}, {told}"
+    verb = "These values can change together" if len(parts) > 1 else "This value can change"
+    return f"{verb}, {how}: {together}. The bench file's zeros fix them."
 
 
 def require_unwritten(folder: Path) -> None:
@@ -184,17 +190,10 @@ def require_unwritten(folder: Path) -> None:
             )
 
 
-def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[Path, Path, Path]:
-    """Write ``calibration.json``, ``calibrated-camera.yaml`` and ``calibrated-bench.yaml``; an
-    existing file is never overwritten.
-
-    Raises:
-        RecordError: one of them is there already.
-        InputError: one cannot be written.
-    """
+def calibration_numbers(found: Calibration) -> dict[str, Any]:
+    """What ``calibration.json`` holds; mm and shares, None for what is not determined."""
     fit = found.fit
-    camera, described = bench_files(found, bench)
-    result = {
+    return {
         "parameters": list(fit.names), "described": fit.nominal.tolist(),
         "described_uncertainty": _plain(fit.prior),
         "values": _plain(fit.values), "uncertainties": _plain(fit.uncertainty),
@@ -205,9 +204,22 @@ def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[P
         "uncertainty": _number(direction.uncertainty)} for direction in fit.untold],
         "sentences": state_calibration(found),
     }  # fmt: skip
+
+
+def write_calibration(found: Calibration, bench: Bench, folder: Path) -> tuple[Path, Path, Path]:
+    """Write ``calibration.json``, ``calibrated-camera.yaml`` and ``calibrated-bench.yaml``; an
+    existing file is never overwritten.
+
+    Raises:
+        RecordError: one of them is there already.
+        InputError: one cannot be written.
+    """
+    camera, described = bench_files(found, bench)
     require_unwritten(folder)
     for name, text in zip(
-        FILES, (json.dumps(result, indent=1) + "\n", camera, described), strict=True
+        FILES,
+        (json.dumps(calibration_numbers(found), indent=1) + "\n", camera, described),
+        strict=True,
     ):
         write_own(folder / name, text)
     written = [folder / name for name in FILES]
@@ -247,6 +259,8 @@ def bench_files(found: Calibration, bench: Bench) -> tuple[str, str]:
                 "zero_uncertainty": f"{u:.3g} mm",
             }
     data["optics"] = "calibrated-camera.yaml"
+    if found.began is not None:
+        data["calibrated"] = datetime.fromtimestamp(found.began, UTC).date().isoformat()
     data["optics_uncertainty"] = (data.get("optics_uncertainty") or {}) | _shares(fit)
     head = (
         "# Written by `flflab calibrate`: what was described, what was found, standard"

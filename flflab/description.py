@@ -5,6 +5,7 @@ and what is allowed.
 import math
 import re
 from collections.abc import Iterator, Mapping
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar, cast
 
@@ -53,6 +54,15 @@ def written_as(pattern: str, words: str) -> AfterValidator:
     return AfterValidator(look)
 
 
+def _day(given: str) -> str:
+    """A day of the calendar, ``2026-11-29``."""
+    try:
+        return date.fromisoformat(given).isoformat()
+    except ValueError as error:
+        raise ValueError(f"{given!r} is no day; write it as 2026-11-29") from error
+
+
+Day = Annotated[str, AfterValidator(_day)]
 Length = Annotated[float, quantity("length")]
 Angle = Annotated[float, quantity("angle")]
 Time = Annotated[float, quantity("time")]

@@ -16,6 +16,7 @@ import numpy as np
 from flflab.bench import Bench
 from flflab.comparison import Comparison, Row
 from flflab.diagnosis import Suspect, diagnose, not_told_apart, turns_among
+from flflab.disturbances import disturbances
 from flflab.prediction import Errors, drawn_errors
 from flflab.properties.attitude import attitude
 from flflab.properties.contrast import contrasts
@@ -161,9 +162,7 @@ def evaluate_measured(
     suspects = (
         ()
         if comparison.accepted
-        else explain(
-            values, measured, study, bench, turned=_rejects(comparison, "array_attitude_mrad")
-        )
+        else explain(values, measured, predicted, study, bench, comparison)
     )
     return Evaluation(
         measured,
@@ -181,19 +180,20 @@ def evaluate_measured(
 def explain(
     values: tuple[Values, ...],
     measured: tuple[Measured, ...],
+    predicted: tuple[Predicted, ...],
     study: Study,
     bench: Bench,
-    *,
-    turned: bool,
+    comparison: Comparison,
 ) -> tuple[Suspect, ...]:
     """Every single change of the bench that could be the reason, the best first.
 
     Args:
         values: the numbers behind the comparison.
         measured: every configuration.
+        predicted: the same.
         study: the study.
         bench: the bench as described.
-        turned: whether the array is turned otherwise than described.
+        comparison: with its verdicts.
     """
 
     def numbers(errors: Errors) -> list[Values]:
@@ -204,13 +204,19 @@ def explain(
             if found.quantity not in EXPLAINED_BY_OTHERS
         ]
 
+    explained = [found for found in values if found.quantity not in EXPLAINED_BY_OTHERS]
     suspects = diagnose(
-        [found for found in values if found.quantity not in EXPLAINED_BY_OTHERS], numbers, bench
+        explained,
+        numbers,
+        bench,
+        disturbances(explained, measured, predicted, bench),
+        comparison.verdicts[0].threshold,
     )
     # An array turned otherwise than described disturbs every other number, so where a turn explains
     # nothing else is told from it; where none does, what scales the turns that are set (a focal
     # length) may have been taken for one.
     turns = turns_among(suspects)
+    turned = _rejects(comparison, "array_attitude_mrad")
     return turns if turned and not_told_apart(turns) else suspects
 
 

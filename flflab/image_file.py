@@ -346,9 +346,7 @@ def _choose(file: Path, count: int, number: int | None) -> int:
             " save that one to a file of its own"
         )
     if not 0 <= number < count:
-        raise InputError(
-            f"{file}: picture {number} was asked for; it holds {count}, counted from 0"
-        )
+        raise InputError(f"{file}: there is no picture {number}; it holds {count}, counted from 0")
     return number
 
 

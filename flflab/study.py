@@ -114,8 +114,8 @@ class StudyDescription(Description):
         if self.draws < least:
             raise ValueError(
                 f"draws is {self.draws}, but {len(PROPERTY_NAMES)} properties share the"
-                f" significance of {self.significance:g}; at least {least} draws tell that, 1000"
-                " are usual"
+                f" significance of {self.significance:g}; at least {least} draws resolve"
+                " that, 1000 are usual"
             )
         return self
 

@@ -125,7 +125,8 @@ class Accuracy:
 
     def _look(self, step: CaptureUntil, frames: int) -> Status:
         status = Status(
-            f"measure how sure {frames} frames of c{step.configuration.index}/{step.target} are"
+            f"measure the uncertainty of {frames} frames of"
+            f" c{step.configuration.index}/{step.target}"
         )
         index, camera = step.configuration.index, step.configuration.camera(self._optics)
         self.seek_lattice(index)

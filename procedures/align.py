@@ -17,6 +17,7 @@ from bluesky import plan_stubs as bps
 from drivers.bench import ConnectedBench
 from flflab.alignment import Attitude, Outcome
 from flflab.bench import ANGLE, Bench, Moved
+from flflab.digits import plus_minus
 from flflab.errors import InputError, MeasurementError
 from flflab.record import Recording, versions
 from flflab.study import Configuration
@@ -200,10 +201,10 @@ def require_corrected(angle: str, name: str, deviations: list[float], doubt: flo
     if abs(before) > 4 * doubt and DOUBLED[0] < now / before < DOUBLED[1]:
         show = ANGLE.show
         raise MeasurementError(
-            f"{name}: told to take the array's {angle} of {show(before, '+.4f')} away it made it"
-            f" {show(now, '+.4f')}; it turns the other way than `sign` of the bench file says, or"
-            " the camera turns or mirrors its pictures: correct that (with `sign` `home_towards`),"
-            " then align again"
+            f"{name}: a correction of the array's {angle} of {show(before, '+.4f')} made it"
+            f" {show(now, '+.4f')}; the axis turns the other way than `sign` of the bench file"
+            " says, or the camera turns or mirrors its pictures: correct that (with `sign`"
+            " `home_towards`), then align again"
         )
 
 
@@ -230,7 +231,7 @@ def require_reachable(request: Request, bench: Bench) -> None:
     pitch = min(bench.optics.array.pitch)
     if request.overlap is not None and not abs(request.overlap) < pitch:
         raise InputError(
-            f"align: an overlap of {request.overlap:g} mm was asked for; microlenses {pitch:g} mm"
+            f"align: an overlap of {request.overlap:g} mm is impossible; microlenses {pitch:g} mm"
             f" apart allow one between {-pitch:g} and {pitch:g} mm, with more a micro-image reaches"
             " its neighbours' neighbours; give such a one"
         )
@@ -243,4 +244,5 @@ def require_reachable(request: Request, bench: Bench) -> None:
 
 
 def _shown(angle: str, value: float, doubt: float) -> str:
-    return f"{angle} {np.degrees(value):+.4f} deg, u = {np.degrees(doubt):.4f} deg"
+    shown = plus_minus(float(np.degrees(value)), float(np.degrees(doubt)), "+")
+    return f"{angle} ({shown}) deg"

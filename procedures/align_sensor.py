@@ -19,6 +19,7 @@ from flflab.alignment import (
     microlens_shadow,
     nominal_slopes,
 )
+from flflab.digits import plus_minus
 from flflab.errors import InputError
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
@@ -73,8 +74,8 @@ def place_sensor(looking: Looking, first: Seen, overlap: float | None) -> Plan:
         values.append(value)
         doubts.append(u)
         looking.tell(
-            f"picture {looking.pictures}: sensor at {places[-1]:.4f} mm, {what}: {1e3 * value:.2f}"
-            f" um, u = {1e3 * u:.2f} um"
+            f"picture {looking.pictures}: sensor at {places[-1]:.4f} mm, {what}:"
+            f" ({plus_minus(1e3 * value, 1e3 * u)}) um"
         )
         there = crossing()
         doubt = float(np.hypot(there.uncertainty, axis.resolution / 12**0.5))

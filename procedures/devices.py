@@ -172,7 +172,7 @@ class Frames:
         self.latest: Frame | None = None
         self.light = Triggered("light", self._expose)
         self.arrival = Triggered("arrival", lambda: self._arriving)
-        self._arriving = Status("nothing was asked for")
+        self._arriving = Status("no picture yet")
         self.arrived: Picture | None = None
         self._resource = str(uuid.uuid4())
         self._told = False

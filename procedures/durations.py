@@ -35,6 +35,7 @@ HANDLING_S = (
     0.012,
 )  # of a frame, and of each of its megapixels: over the wire, checksum, disk
 ANALYSIS_S = (0.3, 0.3)  # of a look at the accuracy reached, and of each megapixel
+UNEXPECTED_S = 3.0  # by which a first frame may be late without the estimate being withheld
 MOTIONS = (Home, SetIris, ShowTarget, Move)
 WHEEL = ("four-dot", "bars", "white", "black")
 
@@ -94,7 +95,8 @@ def seconds_left(steps: tuple[Step, ...], expected: tuple[float, ...], spent: li
     or less so far.
 
     Motions and frames are kept apart: a camera that takes long over its frames does not slow the
-    stages.
+    stages. The first of either does not count, since it pays for a start (a kernel compiled, a
+    camera woken); nan while that is all there is and it took much longer than expected.
 
     Args:
         steps: all of them.
@@ -103,12 +105,15 @@ def seconds_left(steps: tuple[Step, ...], expected: tuple[float, ...], spent: li
     """
     more = dict.fromkeys((True, False), 0.0)
     for moves in more:
-        off = [
-            took - said
-            for step, said, took in zip(steps, expected, spent, strict=False)
+        timed = [
+            (took - due, due)
+            for step, due, took in zip(steps, expected, spent, strict=False)
             if isinstance(step, MOTIONS) == moves
         ]
-        more[moves] = sum(off) / max(len(off), 1)
+        if len(timed) > 1:
+            more[moves] = sum(excess for excess, _ in timed[1:]) / (len(timed) - 1)
+        elif timed and not moves and timed[0][0] > UNEXPECTED_S + 2 * timed[0][1]:
+            return math.nan
     ahead = zip(steps[len(spent) :], expected[len(spent) :], strict=True)
     return sum(max(0.0, due + more[isinstance(step, MOTIONS)]) for step, due in ahead)
 

@@ -124,12 +124,12 @@ def sentence(error: Exception, further: str = "") -> Exception:
 
 
 def stop(bench: ConnectedBench) -> str:
-    """Stop every axis; returns which did not take it, in words, empty where all did."""
+    """Stop every axis; returns which did not stop, in words, empty where all did."""
     try:
         bench.stop()
     except DeviceError as error:
-        logging.getLogger(__name__).error("not every axis took the stop: %s", error)
-        return "not every axis took the stop: cut the power of the stages if they still move"
+        logging.getLogger(__name__).error("not every axis stopped: %s", error)
+        return "not every axis stopped: cut the power of the stages if they still move"
     return ""
 
 

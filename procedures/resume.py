@@ -79,12 +79,12 @@ def require_unfinished(run: Run) -> None:
     """
     if run.start.get("plan_name") not in RESUMABLE:
         raise InputError(
-            f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} cannot be gone"
-            " on with; begin it again"
+            f"{run.folder}: a run of {run.start.get('plan_name', 'something else')} cannot be"
+            " continued; start it again"
         )
     if run.complete:
         raise InputError(
-            f"{run.folder}: this run was taken to its end, there is nothing to go on with; `flflab"
+            f"{run.folder}: this run was taken to its end, there is nothing to continue; `flflab"
             " report` measures it again"
         )
 

@@ -174,8 +174,7 @@ class ScriptRun:
         recording, stages = self._recording, self._stages
         if recording is None:
             raise RecordError(
-                f"{self._name}: a picture was asked for outside the `with` block of its run; take"
-                " it inside"
+                f"{self._name}: a picture outside the `with` block of its run; take it inside"
             )
         self._require_rest()
         stages.sent = {name: axis.position() for name, axis in self._bench.axes.items()}
@@ -209,8 +208,8 @@ class ScriptRun:
         moving = [name for name, axis in self._bench.axes.items() if axis.is_moving()]
         if moving:
             raise DeviceError(
-                f"{moving[0]}: it moves, and a picture was asked for; wait for its end with"
-                " `.wait()`, nothing was recorded"
+                f"{moving[0]}: it still moves; wait with `.wait()` before taking a"
+                " picture. Nothing was recorded"
             )
 
     def _describe(self, *devices: Any) -> ComposeDescriptorBundle:

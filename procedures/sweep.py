@@ -12,6 +12,7 @@ from bluesky import Msg
 from bluesky import plan_stubs as bps
 
 from drivers.bench import ConnectedBench
+from flflab.digits import two_digits
 from flflab.record import Recording
 from flflab.study import Study
 from procedures.accuracy import Accuracy
@@ -253,7 +254,7 @@ def describe_last(instruments: Instruments) -> str:
     said += f", {last.saturated} px saturated" if last.saturated else ""
     looks = instruments.accuracy.looks.get(last.shot.configuration)
     return said + (
-        f", MTF known to {looks[-1].uncertainty:.2g} after {looks[-1].frames} frames"
+        f", MTF known to {two_digits(looks[-1].uncertainty)} after {looks[-1].frames} frames"
         if looks
         else ""
     )

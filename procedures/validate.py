@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flflab.bench import read_bench, seeded
-from flflab.built_in import Kind, built_in
+from flflab.built_in import Kind, built_in, simulated_bench
 from flflab.comparison import write_rows
 from flflab.errors import InputError
 from flflab.evaluation import Evaluation, Tell, evaluate, tell_nobody
@@ -59,7 +59,7 @@ def validate(
     from procedures.descriptions import with_descriptions
     from procedures.study import begin_recording, take_study, tell_nobody
 
-    described = seeded(read_bench(Path(bench or built_in(Kind.BENCH))), seed)
+    described = seeded(read_bench(Path(bench or simulated_bench())), seed)
     study_file = Path(study or built_in(Kind.STUDY))
     read = read_study(study_file, described.optics)
     with (

@@ -27,13 +27,10 @@ def depth_page(rows: Sequence[Row], camera: str, made: str) -> Page:
                 "Error against distance",
                 (
                     (
-                        "What a dot's depth, triangulated from its views, is wrong by. The line is"
-                        " the model's: how well the noise lets each image of the dot be placed, and"
-                        " the parallax over the views that it has. Hollow marks: what the"
-                        " measurement states, noise and what fits of blurred and cut spots are"
-                        " wrong by; filled ones: what it was wrong by. The grey line is no noise:"
-                        " so much is the depth wrong where the camera file's gap between array and"
-                        " sensor is wrong by a micrometre."
+                        "Depth error of one dot, triangulated from its views. Line: limit by noise"
+                        " in the model. Hollow marks: stated uncertainty (noise, and errors of fits"
+                        " to blurred and cut spots). Filled marks: actual error. Grey line: shift"
+                        " caused by 1 um error of the camera file's gap."
                     ),
                 ),
                 (

@@ -13,7 +13,7 @@ from flflab.accuracy.work_precision import Row, order, random_cost
 
 COLOURS = {RENDER: ORANGE, RANDOM: BLUE, GRID: GREY}
 MARKS = (("o", BLUE), ("s", ORANGE), ("^", GREEN), ("D", PINK))
-PROMISES = {"requested": "asked for", "estimate": "estimated"}
+PROMISES = {"requested": "requested", "estimate": "estimated"}
 QUOTED = 0.003  # the tolerance at which the sentences compare
 
 
@@ -62,7 +62,7 @@ def image_page(rows: Sequence[Row], made: str) -> Page:
                 times,
             ),
             Section(
-                "Error asked for and estimated, error reached",
+                "Requested, estimated and actual error",
                 (
                     (
                         "On the diagonal a picture is exactly as wrong as was allowed, or as was"
@@ -89,7 +89,7 @@ def image_page(rows: Sequence[Row], made: str) -> Page:
                     (
                         "Reference: the light common to both apertures as chords in closed form, a"
                         " dense sum over the other two coordinates (flflab.accuracy.chords). It"
-                        " shares no code with render, and tests hold it against rays traced one by"
+                        " shares no code with render, and tests compare it with rays traced one by"
                         " one. Its uncertainty, the difference to half as many nodes, is"
                         f" {largest:.1g} of white or less (root mean square of a scene's pixels)."
                         f" The pixels, {PIXELS} a scene, are drawn at random where light falls or"
@@ -179,9 +179,10 @@ def _gain(rows: Sequence[Row], scene: str) -> str:
     ours = _quoted(rows, scene)
     times = random_cost(_of(rows, scene, RANDOM), ours.rms_error) / ours.processor_s_per_megapixel
     return (
-        f"{scene}: asked for {ours.requested:g}, a million lit pixels take"
-        f" {ours.processor_s_per_megapixel:.2g} s and are wrong by {ours.rms_error:.1g} (rms); by"
-        f" their own law random rays would need {_round(times)} times as long for that."
+        f"{scene}: at a tolerance of {ours.requested:g}, a million lit pixels take"
+        f" {ours.processor_s_per_megapixel:.2g} s and have an rms error of"
+        f" {ours.rms_error:.1g}. Monte Carlo rays, extrapolated from their N^-1/2 law, would take"
+        f" {_round(times)} times as long."
     )
 
 

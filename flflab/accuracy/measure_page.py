@@ -8,9 +8,21 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 
 from flflab.accuracy.drawing import BLUE, GREEN, GREY, ORANGE, PINK, as_svg, sheet
-from flflab.accuracy.measure import CLASSIC, EDGE, FIT, FRAMES, FREE, KNOWN, LATTICE, REPEATS, Row
+from flflab.accuracy.measure import (
+    CLASSIC,
+    EDGE,
+    FIT,
+    FRAMES,
+    FREE,
+    KNOWN,
+    LATTICE,
+    PITCH,
+    REPEATS,
+    Row,
+)
 from flflab.accuracy.page import Page, Picture, Section, Table
 from flflab.accuracy.work_precision import order
+from flflab.digits import two_digits
 
 COLOURS = {FIT: ORANGE, CLASSIC: GREY, LATTICE: BLUE, KNOWN: GREEN, FREE: PINK}
 MARKS = ("o", "s", "^")
@@ -88,7 +100,7 @@ def measure_table(rows: Sequence[Row]) -> Table:
     cells = tuple(
         (
             row.quantity, row.method, f"{row.pixels}", f"{row.frames}", f"{row.rms_error:.2e}",
-            "none" if row.uncertainty is None else f"{row.uncertainty:.2e}", f"{row.bias:+.1e}",
+            "none" if row.uncertainty is None else two_digits(row.uncertainty), f"{row.bias:+.1e}",
             f"{row.camera_s:.1f}",
             f"{row.processor_s:.4f}",
         )
@@ -185,8 +197,9 @@ def _answer(rows: Sequence[Row], quantity: str) -> str:
     best = [row for row in rows if row.quantity == quantity and row.method != CLASSIC]
     one = min((row for row in best if row.frames == 1), key=lambda row: row.rms_error)
     return (
-        f"{quantity}: one frame of {one.pixels / 1e6:.2g} megapixels gives {one.rms_error:.1e}"
-        f" ({one.method}), in {one.processor_s:.2g} s of the processor."
+        f"{quantity}: {'relative ' * (quantity == PITCH)}rms error {one.rms_error:.1e} from one"
+        f" frame of {one.pixels / 1e6:.2g} megapixels ({one.method}), in"
+        f" {one.processor_s:.2g} s of processor time."
     )
 
 

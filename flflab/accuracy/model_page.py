@@ -194,14 +194,14 @@ def _answers(maps: Sequence[Sweep], sweeps: Sequence[Sweep]) -> tuple[str, ...]:
     lenses, last = ", ".join(sweep.lens for sweep in maps), f"{FIELDS[-1]:g} mm off the axis"
     return (
         (
-            "Where things lie, first order tells to 1 % of the micro-images' pitch over much of"
+            "Positions are right to 1 % of the micro-images' pitch over much of"
             f" the range: {places} of it ({lenses}; f-numbers {F_NUMBERS[0]:g} to"
             f" {F_NUMBERS[-1]:g}, up to {last})."
         ),
         (
-            f"How wide things are, it does not, whatever the main lens: {widths}. The microlenses'"
-            " own spherical aberration is behind most of it: at F/4 and 3 mm off the axis the"
-            f" limit is met for microlenses up to so wide: {stopped}."
+            f"Widths are rarely right to 1 %: {widths}. Most of the error is the microlenses' own"
+            " spherical aberration. Largest microlens whose widths are right to 1 % at F/4 and 3 mm"
+            f" off the axis: {stopped}."
         ),
         f"Virtual depth to 1 % needs a main lens with a flat field: {_shares(maps, depth)}.",
     )

@@ -41,7 +41,7 @@ def scene_page(rows: Sequence[SceneRow], name: str, uncertainty: float, made: st
                     ),
                     Picture(
                         _asked_reached(rows, uncertainty),
-                        "asked for and reached",
+                        "requested and reached",
                         "On the diagonal a picture is exactly as wrong as was allowed; below it,"
                         " better.",
                     ),
@@ -86,7 +86,7 @@ def scene_table(rows: Sequence[SceneRow]) -> Table:
         )
         for row in rows
     )
-    headings = ("method", "asked for", "path", "s for the frame", "rms error", "99th percentile",
+    headings = ("method", "requested", "path", "s for the frame", "rms error", "99th percentile",
                 "own estimate")  # fmt: skip
     return Table("Errors over lit pixels, of white", headings, cells)
 
@@ -117,6 +117,6 @@ def _asked_reached(rows: Sequence[SceneRow], uncertainty: float) -> str:
             axes.loglog(asked, reached, "o-", color=COLOURS[method], label=method)
             axes.loglog(asked, asked, color="black", linewidth=0.8)
         axes.axhspan(uncertainty / 10, uncertainty, color="black", alpha=0.1, linewidth=0)
-        axes.set(xlabel="error asked for, share of white", ylabel="rms error, share of white")
+        axes.set(xlabel="requested error, share of white", ylabel="rms error, share of white")
         axes.legend(loc="upper left")
         return as_svg(figure)

@@ -74,8 +74,8 @@ def calibrate(
         raise MeasurementError(
             "calibration: no zeros, scales and optics explain the pictures: reduced chi-square"
             f" {found.chi2:.4g}, where noise leaves up to {found.most_by_noise:.2f} and up to"
-            f" {INCREDIBLE:g} is taken; farthest off is {found.farthest}; look at that picture, and"
-            " at the pitch, pixel and dots of the files, which are believed"
+            f" {INCREDIBLE:g} is accepted; the largest misfit is {found.farthest}; look at that"
+            " picture, and at the pitch, pixel and dots of the files, which are taken as exact"
         )
     return found, measured
 

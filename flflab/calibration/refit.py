@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from flflab.calibration.least_squares import covariance as covariance_of
 from flflab.calibration.least_squares import jacobian as derivatives
+from flflab.digits import plus_minus, two_digits
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 
@@ -155,24 +156,24 @@ def depend_on_selection(refit: Refit, other: Refit, within: float) -> Refit:
 
 
 def state_refit(before: Camera, refit: Refit) -> list[str]:
-    """What the refit found, and what the data can and cannot tell, in sentences."""
+    """What the refit found, and what the data do and do not determine, in sentences."""
     camera, (u_L, u_b), (own_L, own_b) = refit.camera, refit.uncertainty, refit.own
     (best, known), (worst, unknown) = refit.directions
     by_focal, by_offset = refit.loosened["focal_length"], refit.loosened["distance_offset"]
     said = [
         (
             f"Refit of L and b alone to the parallax of {refit.points} points: L ="
-            f" {camera.array.distance:.4f} mm, u = {u_L:.4f} mm (before:"
-            f" {before.array.distance:.4f} mm); b = {camera.gap:.5f} mm, u = {u_b:.5f} mm (before:"
+            f" ({plus_minus(camera.array.distance, u_L)}) mm (before:"
+            f" {before.array.distance:.4f} mm); b = ({plus_minus(camera.gap, u_b)}) mm (before:"
             f" {before.gap:.5f} mm); correlation of what scatters {refit.correlation:+.3f}; reduced"
             f" chi-square {refit.scatter:.2f}, by which that part is scaled. The poses are taken as"
             " exact."
         ),
         (
-            f"The data tell {_combination(best)} to {1e3 * known:.2g} um and {_combination(worst)}"
-            f" to {1e3 * unknown:.2g} um. They cannot tell L and b from the main lens's focal"
-            f" length (with it free as well: {_both(by_focal)}), and hardly from an error common to"
-            f" all distances D (with it free: {_both(by_offset)})."
+            f"The data determine {_combination(best)} to {1e3 * known:.2g} um and"
+            f" {_combination(worst)} to {1e3 * unknown:.2g} um. They do not separate L and b from"
+            f" the main lens's focal length (with it free as well: {_both(by_focal)}), and hardly"
+            f" from an error common to all distances D (with it free: {_both(by_offset)})."
         ),
     ]
     if np.isfinite(refit.within):
@@ -180,8 +181,8 @@ def state_refit(before: Camera, refit: Refit) -> list[str]:
         said.append(
             f"Which views are used decides: with those within {1e3 * refit.within:.1f} um of the"
             f" centres of their micro-images alone, L changes by {move_L:+.4f} mm and b by"
-            f" {move_b:+.5f} mm; the scatter of the points alone would say u(L) = {own_L:.4f} mm,"
-            f" u(b) = {own_b:.5f} mm."
+            f" {move_b:+.5f} mm; the scatter of the points alone would say u(L) ="
+            f" {two_digits(own_L)} mm, u(b) = {two_digits(own_b)} mm."
         )
     return said
 
@@ -194,4 +195,4 @@ def _combination(direction: Array) -> str:
 def _both(uncertainty: Array) -> str:
     if not np.all(np.isfinite(uncertainty)):
         return "neither is determined"
-    return f"u(L) = {uncertainty[0]:.2g} mm, u(b) = {uncertainty[1]:.2g} mm"
+    return f"u(L) = {two_digits(uncertainty[0])} mm, u(b) = {two_digits(uncertainty[1])} mm"

@@ -63,7 +63,7 @@ def accuracy(
         Path | None,
         typer.Option(
             help=(
-                "camera file (YAML) whose depth, lattice or pictures are asked for; without it the"
+                "camera file (YAML) to evaluate, for depth, lattice and image; without it the"
                 " built-in ones"
             )
         ),
@@ -156,10 +156,10 @@ def _bench(
 ) -> tuple[Page, PlainTable]:
     from flflab.accuracy.bench_page import bench_page, bench_table
     from flflab.accuracy.table import write_table
-    from flflab.built_in import Kind, built_in
+    from flflab.built_in import Kind, built_in, simulated_bench
     from flflab.cli.accuracy_bench import bench_rows
 
-    rows = bench_rows(bench or built_in(Kind.BENCH), study or built_in(Kind.STUDY), tell)
+    rows = bench_rows(bench or simulated_bench(), study or built_in(Kind.STUDY), tell)
     write_table(rows, file)
     return bench_page(rows, _made(What.BENCH)), bench_table(rows)
 

@@ -13,12 +13,14 @@ from rich import box
 from rich.table import Table
 
 from flflab.bench import ANGLE, LENGTH, Bench, seeded
-from flflab.built_in import Kind, built_in
+from flflab.built_in import simulated_bench
+from flflab.cli.as_json import AsJson, plain, print_json
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.cli.quantities import option_quantity
 from flflab.cli.run import say_remark
 from flflab.cli.terminal import Terminal
+from flflab.digits import plus_minus, two_digits
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
 from flflab.whole_file import write_own
@@ -53,9 +55,10 @@ def align(
     seed: Annotated[
         int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Turn the array straight to the sensor's rows and parallel to it, and move the sensor where it
-    is wanted, by white pictures.
+    """Align the array with the sensor's rows and parallel to it, and move the sensor where you want
+    it, by white pictures.
     """
     from drivers.bench import (
         connect_described,
@@ -69,7 +72,7 @@ def align(
         raise InputError(
             "align: --exit-pupil and --overlap are two places of the one sensor; give one of them"
         )
-    described = seeded(described_bench(bench or built_in(Kind.BENCH)), seed)
+    described = seeded(described_bench(bench or simulated_bench()), seed)
     wanted = None if overlap is None else option_quantity("--overlap", overlap, "length")
     request = Request(f_number or described.optics.main_lens.f_number, wanted, exit_pupil)
     require_reachable(request, described)
@@ -96,12 +99,30 @@ def align(
         folder / "alignment.json", json.dumps([asdict(one) for one in outcomes], indent=1) + "\n"
     )
     write_own(folder / "alignment.yaml", zeros_as_text(outcomes, described))
+    if as_json:
+        print_json(
+            {
+                "run": str(folder.resolve()),
+                "aligned": [plain(one) | {"unit": one.unit} for one in outcomes],
+                "axes": {
+                    one.axis: {
+                        "zero_rad": zero_of(one, described),
+                        "zero_uncertainty_rad": one.uncertainty,
+                    }
+                    for one in turned(outcomes)
+                },
+            }
+        )
+        return
     console = Terminal(piped=140)
     console.print(table_of(outcomes))
     for one in outcomes:
         console.print(ending_of(one), highlight=False)
+    zeros = folder / "alignment.yaml"
     console.print(
-        f"Zeros of the axes by this alignment, for the bench file: {folder / 'alignment.yaml'}",
+        f"Zeros of the axes, for the bench file: {zeros}"
+        if turned(outcomes)
+        else "Nothing to correct: no axis turns the array.",
         highlight=False,
         soft_wrap=True,
     )
@@ -114,17 +135,16 @@ def _tell(sentence: str) -> None:
 def table_of(outcomes: "tuple[Outcome, ...]") -> Table:
     """One line a thing aligned: before, after, uncertainty and pictures."""
     table = Table(box=box.SIMPLE_HEAD)
-    for head in ("", "before", "after", "u", "pictures"):
-        table.add_column(head, justify="right" if head else "left", overflow="fold")
-    for one in outcomes:
-        show = (ANGLE if one.unit == "rad" else LENGTH).show
-        table.add_row(
-            one.what,
-            show(one.before, "+.5f"),
-            show(one.after, "+.5f"),
-            show(one.uncertainty, ".5f"),
-            str(one.pictures),
+    for head in ("deviation of", "before", "after", "unit", "pictures"):
+        table.add_column(
+            head, justify="left" if head == "deviation of" else "right", overflow="fold"
         )
+    for one in outcomes:
+        of = ANGLE if one.unit == "rad" else LENGTH
+        doubt = of.per_unit * one.uncertainty
+        before = plus_minus(of.per_unit * one.before, doubt, "+").partition(" ")[0]
+        after = plus_minus(of.per_unit * one.after, doubt, "+")
+        table.add_row(one.what, before, after, of.shown, str(one.pictures))
     return table
 
 
@@ -150,16 +170,24 @@ def zeros_as_text(outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:
         ),
         "axes:",
     ]
-    for one in outcomes:
-        if one.axis and one.unit == "rad":
-            axis = bench.description.axes[one.axis]
-            zero = one.after - axis.sign * one.reading
-            lines += [
-                f"  {one.axis}:  # {axis.moves}; {one.why}; before {ANGLE.show(axis.zero, 'g')}",
-                f"    zero: {ANGLE.show(zero, '.5f')}",
-                f"    zero_uncertainty: {ANGLE.show(one.uncertainty, '.2g')}",
-            ]
+    for one in turned(outcomes):
+        axis = bench.description.axes[one.axis]
+        lines += [
+            f"  {one.axis}:  # {axis.moves}; {one.why}; before {ANGLE.show(axis.zero, 'g')}",
+            f"    zero: {ANGLE.show(zero_of(one, bench), '.5f')}",
+            f"    zero_uncertainty: {two_digits(ANGLE.per_unit * one.uncertainty)} {ANGLE.shown}",
+        ]
     return (
         "\n".join(lines if len(lines) > 2 else [*lines[:1], "axes: {}  # nothing turns the array"])
         + "\n"
     )
+
+
+def turned(outcomes: "tuple[Outcome, ...]") -> "list[Outcome]":
+    """What an axis turned."""
+    return [one for one in outcomes if one.axis and one.unit == "rad"]
+
+
+def zero_of(one: "Outcome", bench: Bench) -> float:
+    """The zero, rad, with which the reading of an axis that turned says how the array stands."""
+    return one.after - bench.description.axes[one.axis].sign * one.reading

@@ -14,9 +14,9 @@ from flflab.cli.quantities import where_quotes_are_missing
 from flflab.printable import nearest
 
 COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 columns
-    "validate": "Run a study on a bench and hold the camera against its model.",
-    "compare": "Hold views and virtual depths measured elsewhere against a model.",
-    "model": "State every property the model has for a camera.",
+    "validate": "Run a study on a bench and compare the camera with its model.",
+    "compare": "Compare views and virtual depths measured elsewhere with a model.",
+    "model": "Print every property that the model gives for a camera.",
     "image": "Form the picture of a scene and write it.",
     "measure": "Measure one picture.",
     "depth": "Make a depth map with its uncertainty, of a picture or a run.",
@@ -24,10 +24,10 @@ COMMANDS = {  # each with what ``flflab --help`` says of it, in a line of 80 col
     "accuracy": "Show what accuracy costs, and how far the model can be trusted.",
     "plan": "Print the steps, duration and uncertainty of a study.",
     "design": "Search the configurations that meet requirements.",
-    "align": "Turn the array straight to the sensor, by white pictures.",
+    "align": "Align array and sensor, by white pictures.",
     "calibrate": "Find zeros and scales of the stages and sizes of the optics.",
     "sweep": "Home and take every frame of a study.",
-    "resume": "Go on with an interrupted run.",
+    "resume": "Continue an interrupted run.",
     "report": "Measure and compare recorded runs again; rewrite their reports.",
     "export": "Write a recorded run as one file for other programs.",
     "bench": "Look at a bench and move it by hand.",

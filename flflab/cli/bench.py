@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flflab.bench import LENGTH, Bench
+from flflab.bench import Bench
+from flflab.cli.as_json import AsJson, print_json
 from flflab.cli.by_hand import go, set_
 from flflab.cli.connected import (
     AxisName,
@@ -16,11 +17,14 @@ from flflab.cli.connected import (
 )
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
+from flflab.cli.saying import say
 from flflab.errors import CommunicationError, DeviceError, InputError
 from flflab.units import parse_quantity
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from drivers.survey import Identity
 
 ELSEWHERE = (
     "axes behind a network: no lock keeps programs on other computers from them; approaches look"
@@ -52,6 +56,7 @@ def check(
     replace: Annotated[
         bool, typer.Option("--replace", help="with --pin: over other numbers, too")
     ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Ask every device, all lines at once, who it is, where it stands and what it warns of; all
     faults in one run. With --pin each axis is moved by 1 mm or 1 degree and back, and the bench
@@ -59,28 +64,24 @@ def check(
     """
     from drivers.described import one_instrument
     from drivers.survey import SILENT, survey
+    from flflab.missing_light import missing_light  # numpy, which a stop does not need
 
+    if pin and as_json:
+        raise InputError("bench check: --pin asks a person, --json answers a program; give one")
     described = described_bench(bench)
     if pin:
         from flflab.cli.pin import pin as pin_serials
 
         pin_serials(bench, described, replace=replace)
         return
+    if warning := missing_light(described):
+        say(f"flflab: {warning}")
     rows = survey(described)
-    table = _table("device", "position", "identity", "state")
-    for row in rows:
-        axis = described.description.axes.get(row.name)
-        show = LENGTH.show if axis is None else axis.coordinate.show
-        answers = row.identity != SILENT
-        position = (
-            ""
-            if axis is None or not answers
-            else "not homed"
-            if row.position is None
-            else show(row.position, ".4f")
-        )
-        table.add_row(row.name, position, row.identity, row.state if answers else "")
-    _print(table)
+    if as_json:
+        devices = [_device_of(row, described) for row in rows]
+        print_json({"devices": devices, "warning": warning})
+    else:
+        _print_devices(rows, described)
     if any(not row.address.startswith(("/", "COM", "sim")) for row in rows if row.position):
         typer.echo(ELSEWHERE, err=True)
     if twice := one_instrument({row.name: (row.driver, row.serial) for row in rows}):
@@ -90,7 +91,7 @@ def check(
 
 
 @app.command(short_help="Say where every axis and its element stand.")
-def where(bench: BenchFile) -> None:
+def where(bench: BenchFile, as_json: AsJson = False) -> None:
     """Say where every axis stands between its limits, where its element is in the world, and how
     the array is turned.
     """
@@ -98,11 +99,11 @@ def where(bench: BenchFile) -> None:
 
     described = described_bench(bench)
     if (driven := ask_where(bench)) is not None:
-        _print_places(described, driven)
+        _say_places(described, driven, as_json, driven=True)
         typer.echo(f"as the program that drives this bench says: {_doing(driven)}", err=True)
         return
     with connected_bench(bench) as connected:
-        _print_places(described, standing_of(connected))
+        _say_places(described, standing_of(connected), as_json, driven=False)
 
 
 @app.command(short_help="Say whether a program drives the bench, and what it does.")
@@ -123,6 +124,52 @@ def status(bench: BenchFile) -> None:
 
 def _doing(driven: dict[str, Any]) -> str:
     return driven["doing"] or "no procedure's step"
+
+
+def _device_of(row: "Identity", described: Bench) -> dict[str, Any]:
+    """What one device answered, for a program."""
+    from drivers.survey import SILENT
+
+    axis = described.description.axes.get(row.name)
+    return row._asdict() | {
+        "answers": row.identity != SILENT,
+        "unit": None if axis is None else axis.coordinate.unit,
+    }
+
+
+def _print_devices(rows: "list[Identity]", described: Bench) -> None:
+    """What every device answered, one line each."""
+    from drivers.survey import SILENT
+
+    table = _table("device", "position", "identity", "state")
+    for row in rows:
+        axis = described.description.axes.get(row.name)
+        answers = row.identity != SILENT
+        position = ""
+        if axis is not None and answers:
+            show = axis.coordinate.show
+            position = "not homed" if row.position is None else show(row.position, ".4f")
+        table.add_row(row.name, position, row.identity, row.state if answers else "")
+    _print(table)
+
+
+def _say_places(described: Bench, stands: dict[str, Any], as_json: bool, *, driven: bool) -> None:
+    """Where everything stands, for people or as JSON."""
+    if not as_json:
+        _print_places(described, stands)
+        return
+    axes = {
+        name: stands["axes"][name]
+        | {
+            "unit": axis.coordinate.unit,
+            "limits": list(axis.limits),
+            "moves": axis.moves,
+            "world": None if (reading := stands["axes"][name]["reading"]) is None
+            else axis.world(reading),
+        }
+        for name, axis in described.description.axes.items()
+    }  # fmt: skip
+    print_json(stands | {"axes": axes, "driven_by_a_program": driven})
 
 
 def _print_places(described: Bench, stands: dict[str, Any]) -> None:

@@ -14,17 +14,23 @@ from flflab.bench import read_bench
 from flflab.bench_calibration import (
     Calibration,
     calibrate_run,
+    calibration_numbers,
     require_unwritten,
     state_calibration,
     write_calibration,
 )
-from flflab.built_in import Kind, built_in
+from flflab.built_in import Kind, built_in, simulated_bench
+from flflab.cli.as_json import AsJson, print_json
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
+from flflab.digits import plus_minus
 from flflab.record import Run
 from flflab.study import read_study
 
-TITLE = "What the bench is; of zeros and scales the error; told: share by the pictures"
+TITLE = (
+    "Calibrated values (zeros and scales as corrections); last column: share of the information"
+    " that came from the pictures"
+)
 
 
 def calibrate(
@@ -42,24 +48,25 @@ def calibrate(
     seed: Annotated[
         int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Find zeros and scales of the stages, focal lengths, apertures and centre, and say what the
-    pictures cannot tell.
+    pictures do not determine.
     """
     with progress_shown() as tell:
         run = run_study(
             study or built_in(Kind.CALIBRATION),
-            bench or built_in(Kind.BENCH),
+            bench or simulated_bench(),
             out,
             seed,
             tell,
             "calibrate",
         )
-    conclude(run)
+    conclude(run, as_json)
 
 
-def conclude(run: Run) -> Calibration:
-    """Fit a bench to a run, print the table and what could not be told, and leave files to go on
+def conclude(run: Run, as_json: bool = False) -> Calibration:
+    """Fit a bench to a run, print the table and what is not determined, and leave files to go on
     with.
     """
     require_unwritten(run.folder)  # before the pictures are measured, which takes its time
@@ -67,6 +74,10 @@ def conclude(run: Run) -> Calibration:
     with measuring(run, "resume"):
         found = calibrate_run(run, read_study(run.folder / "study.yaml", bench.optics), bench)
     files = write_calibration(found, bench, run.folder)
+    if as_json:
+        place = {"run": str(run.folder.resolve()), "files": [file.name for file in files]}
+        print_json(calibration_numbers(found) | place)
+        return found
     console = Terminal(piped=140)
     console.print(table_of(found))
     for sentence in state_calibration(found):
@@ -81,7 +92,7 @@ def table_of(found: Calibration) -> Table:
     """One line a parameter; 80 columns hold it."""
     fit = found.fit
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, title=TITLE)
-    for head in ("", "described", "found", "told"):
+    for head in ("", "described", "calibrated", "pictures"):
         table.add_column(head, justify="right" if head else "left", overflow="fold")
     for name, nominal, prior, value, u, share in zip(
         fit.names, fit.nominal, fit.prior, fit.values, fit.uncertainty, fit.by_pictures, strict=True
@@ -108,5 +119,6 @@ def _with_doubt(name: str, value: float, u: float) -> str:
         "y": (1e3, "+.2f", "um"),
     }
     times, form, unit = of_stages.get(name.rpartition(".")[2], (1.0, ".5f", "mm"))
-    doubt = f" ± {times * u:{form.removeprefix('+')}}" if math.isfinite(u) else ""
-    return f"{times * value:{form}}{doubt} {unit}"
+    if math.isfinite(u) and u > 0:
+        return f"{plus_minus(times * value, times * u, '+' * form.startswith('+'))} {unit}"
+    return f"{times * value:{form}} {unit}"

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from flflab.calibration.refit import Refit, depend_on_selection, refit_distances, state_refit
 from flflab.camera_file import read_camera
-from flflab.cli.ending import print_json
+from flflab.cli.as_json import print_json
 from flflab.cli.terminal import Terminal
 from flflab.errors import MeasurementError
 from flflab.observations.agreement import (

@@ -7,8 +7,8 @@ import typer
 
 from flflab.bench import read_bench
 from flflab.camera_file import read_camera
+from flflab.cli.as_json import print_json
 from flflab.cli.depth_progress import depth_progress
-from flflab.cli.ending import print_json
 from flflab.cli.quantities import option_quantity
 from flflab.cli.terminal import Terminal
 from flflab.depth_map.depth import depth as depth_of

@@ -10,7 +10,7 @@ from rich import box
 from rich.progress import Progress
 from rich.table import Table
 
-from flflab.cli.ending import print_json
+from flflab.cli.as_json import print_json
 from flflab.cli.terminal import Terminal
 from flflab.design.answer import Option, answer, row
 from flflab.design.camera_text import camera_text
@@ -68,11 +68,11 @@ def design(
         built = option.built
         if built is not None and built.buys_most is not None:
             better = (
-                f"{100 * built.halved[built.buys_most]:.1f} % with half the tolerance of"
-                f" {built.buys_most.replace('_', ' ')}"
+                f"{100 * built.halved[built.buys_most]:.1f} % if"
+                f" {built.buys_most.replace('_', ' ')} is held twice as well"
             )
             console.print(
-                f"{option.name}: {100 * built.share:.1f} % of those built meet everything,"
+                f"{option.name}: yield {100 * built.share:.1f} % at the stated tolerances,"
                 f" {better}.",
                 highlight=False,
             )
@@ -106,8 +106,8 @@ def _nothing(wanted: Requirements, found: Found, why: Hindrance) -> str:
     for demand, value in why.alone:
         bound = "at least" if demand.least else "at most"
         said.append(
-            f"all others can be met with {demand.name} {demand.show(value)} instead of {bound}"
-            f" {demand.show(demand.limit)}"
+            f"closest: {demand.name} {demand.show(value)} instead of {bound}"
+            f" {demand.show(demand.limit)}; all other requirements can be met"
         )
     if not why.alone:
         clash = " and ".join(

@@ -1,12 +1,10 @@
 """How a command ends: one sentence for the operator, the chain of causes for the log."""
 
 import contextlib
-import json
 import logging
 import os
 import sys
 from collections.abc import Generator
-from typing import Any
 
 from flflab.cli.saying import say
 from flflab.errors import FlflabError
@@ -82,10 +80,3 @@ def reader_may_go() -> Generator[None]:
         end_without_output(error)
     except SystemExit:  # rich makes one of a broken pipe, and has sent the rest nowhere
         pass
-
-
-def print_json(result: dict[str, Any]) -> None:
-    """Print one JSON object on standard output; nan and infinity have no place in it."""
-    print(
-        json.dumps(result, allow_nan=False)
-    )  # a standard output that was closed beforehand takes nothing and says nothing

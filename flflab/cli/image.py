@@ -11,8 +11,8 @@ from rich import box
 from rich.table import Table
 
 from flflab.camera_file import read_camera
+from flflab.cli.as_json import print_json
 from flflab.cli.at_work import told_at_work
-from flflab.cli.ending import print_json
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
 from flflab.cli.terminal import Terminal
@@ -78,7 +78,7 @@ def image(
     tolerance: Annotated[
         float | None,
         typer.Option(
-            help="root mean square of the error asked for, as a share of white level; without it"
+            help="root mean square error to reach, as a share of the white level; without it"
             f" {TOLERANCE:g}"
         ),
     ] = None,

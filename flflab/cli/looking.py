@@ -125,7 +125,7 @@ def scan(
             figures[place_] = _figure(frame, camera)
             saturated = max(saturated, _saturated(frame, camera))
             sys.stderr.write(
-                f"{place_ + 1}/{points} {show(float(reading), '.4f')}  focus"
+                f"{place_ + 1}/{points} {show(float(reading), '.4f')}  sharpness"
                 f" {figures[place_]:.5f}\n"
             )
         best = parabola_top(readings, figures)
@@ -201,8 +201,8 @@ def _watch(camera: "CameraDevice", output: Path | None) -> None:
             rate = 1 / max(time.monotonic() - begun, 1e-6)
             facts = f"best {best:.5f}, {_saturated(frame, camera)} saturated, {rate:.1f} frames/s"
             sys.stdout.write(
-                f"frame {frame.number}  focus {figure:.5f} {_bar(figure / best if best else 0.0)}"
-                f" {facts}  {end}"
+                f"frame {frame.number}  sharpness {figure:.5f}"
+                f" {_bar(figure / best if best else 0.0)} {facts}  {end}"
             )
             sys.stdout.flush()
     except KeyboardInterrupt:

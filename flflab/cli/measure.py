@@ -7,7 +7,7 @@ import cv2
 import typer
 
 from flflab.camera_file import read_camera
-from flflab.cli.ending import print_json
+from flflab.cli.as_json import print_json
 from flflab.cli.measured import contrasts_table, dots_table, print_lattice, print_white
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target

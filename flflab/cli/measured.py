@@ -1,6 +1,5 @@
 """Terminal tables of what was measured in one picture."""
 
-import math
 from statistics import fmean, median, pstdev
 from typing import Any
 
@@ -8,6 +7,7 @@ from rich import box
 from rich.table import Table
 
 from flflab.cli.terminal import Terminal
+from flflab.digits import plus_minus
 from flflab.measurement.lattice.kernel import LIGHT
 from flflab.measurement.white import BlindWhite
 
@@ -20,9 +20,9 @@ def print_white(console: Terminal, found: BlindWhite) -> None:
     light = white.values[white.whole, LIGHT]
     table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
     table.add_row("layout", str(lattice["layout"]))
-    table.add_row("pitch", f"{_with_doubt(lattice['pitch_px'], sure['pitch_px'])} px")
-    table.add_row("angle", f"{_with_doubt(lattice['angle_deg'], sure['angle_deg'])} deg")
-    origin = ", ".join(map(_with_doubt, lattice["origin_px"], sure["origin_px"]))
+    table.add_row("pitch", f"{plus_minus(lattice['pitch_px'], sure['pitch_px'])} px")
+    table.add_row("angle", f"{plus_minus(lattice['angle_deg'], sure['angle_deg'])} deg")
+    origin = ", ".join(map(plus_minus, lattice["origin_px"], sure["origin_px"]))
     table.add_row("origin (x, y)", f"{origin} px")
     table.add_row("micro-images", f"{seen} seen, {whole} of them whole")
     radii = ", ".join(f"{kind['radius_px']:.2f}" for kind in lattice["types"])
@@ -39,12 +39,6 @@ def print_white(console: Terminal, found: BlindWhite) -> None:
     console.print(table)
     for remark in found.remarks:
         console.print(f"Note: {remark.sentence}.", highlight=False)
-
-
-def _with_doubt(value: float, doubt: float) -> str:
-    """A number and its standard uncertainty of two significant digits."""
-    digits = max(0, 1 - math.floor(math.log10(doubt))) if doubt > 0 else 4
-    return f"{value:.{digits}f} ± {doubt:.{digits}f}"
 
 
 def print_lattice(console: Terminal, lattice: dict[str, Any]) -> None:
@@ -96,7 +90,7 @@ def dots_table(dots: list[dict[str, Any]]) -> Table:
         table.add_column(head, justify="right")
     for dot in dots:
         position = [
-            "none" if value is None or sigma is None else f"{value:.3f} ± {sigma:.3f}"
+            "none" if value is None or sigma is None else plus_minus(value, sigma)
             for value, sigma in zip(
                 dot["position_mm"] or [None] * 3, dot["uncertainty_mm"] or [None] * 3, strict=True
             )
@@ -123,7 +117,7 @@ def contrasts_table(points: list[dict[str, Any]]) -> Table:
         row = [f"{point['microlens_focal_length_mm']:g}"] if len(kinds) > 1 else []
         row += [
             f"{point['cycles_per_px']:.4f}",
-            f"{point['contrast']:.5f} ± {point['uncertainty']:.5f}",
+            plus_minus(point["contrast"], point["uncertainty"]),
         ]
         if classic:
             row += [str(len(point["views"]))]

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from flflab.camera_file import CameraDescription
-from flflab.cli.ending import print_json
+from flflab.cli.as_json import print_json
 from flflab.cli.model_json import as_json
 from flflab.cli.quantities import option_quantity
 from flflab.description import load

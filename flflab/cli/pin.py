@@ -40,7 +40,7 @@ def pin(bench: Path, described: Bench, *, replace: bool) -> None:
     with connected_bench(bench, without_serials=replace) as connected:
         for name, axis in connected.axes.items():
             if not (number := serial_of(axis)):
-                typer.echo(f"{name}: tells no serial number; nothing to write")
+                typer.echo(f"{name}: reports no serial number; nothing to write")
                 continue
             way = axis.coordinate.show(JOG[axis.coordinate.unit], "g")
             towards = _towards(described, name, _jog(connected, axis))

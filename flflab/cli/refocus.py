@@ -53,7 +53,7 @@ def refocus(
     if out.suffix.lower() not in ENDINGS:
         raise InputError(f"{out}: pictures are written to files ending in {', '.join(ENDINGS)}")
     if len(names) > 1 and out.suffix.lower() == ".png":
-        raise InputError(f"{out}: a .png holds one picture, {len(names)} are asked for; give .tiff")
+        raise InputError(f"{out}: a .png holds one picture, not {len(names)}; give .tiff")
     away = [option_quantity("--distance", one, "length") for one in distance or []]
     require_writable(out)
     said = Declared(dark=dark)

@@ -35,7 +35,7 @@ def report(
     runs: Annotated[list[Path], typer.Argument(help="folder of a run, or of several")],
     bench: Annotated[
         Path | None,
-        typer.Option(help="hold one run against this bench file instead, into report-NAME.html"),
+        typer.Option(help="judge one run by this bench file instead, into report-NAME.html"),
     ] = None,
     scheduler: Annotated[
         str | None,

@@ -19,8 +19,8 @@ def resume(
         typer.Option(help="the same bench at other addresses (YAML); the recorded one without it"),
     ] = None,
 ) -> None:
-    """Home what lost its reference, check that the bench shows what it showed, take what is
-    missing; then as the command that began it.
+    """Continue an interrupted run: re-home axes if needed, check that the bench is unchanged, take
+    the missing frames, finish as before.
     """
     found = read_run(run)
     if not _lacks_its_fit_alone(found):

@@ -3,20 +3,22 @@ how far it is.
 """
 
 import contextlib
+import math
 import sys
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from flflab.bench import Bench, read_bench, seeded
 from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
+from flflab.cli.progress import counted_progress
 from flflab.cli.saying import say
 from flflab.cli.terminal import Terminal
 from flflab.errors import CommunicationError, FlflabError, InputError
+from flflab.missing_light import missing_light
 from flflab.record import (
     ContinuedRecording,
     Recording,
@@ -66,8 +68,9 @@ def run_study(
     bench = seeded(described_bench(bench_file), seed)
     study = read_study(study_file, bench.optics)
     steps(study, bench)  # refused here, before anything connects
-    for sentence in unlike_the_wheel(study, bench):
-        say(f"flflab: {sentence}")
+    for sentence in (*unlike_the_wheel(study, bench), missing_light(bench, study)):
+        if sentence:
+            say(f"flflab: {sentence}")
     with run_folder(folder, study.description.name) as place, connect_described(bench) as connected:
         recording = with_descriptions(
             begin_recording(connected, study, place), bench, study_file, study
@@ -206,17 +209,9 @@ def measuring(run: Run, command: str) -> Generator[Callable[[int, int], None]]:
             f"flflab: {run.loss}; what was lost is left out, `flflab resume {run.folder}` takes it"
             " again\n"
         )
-    columns = (
-        BarColumn(bar_width=20),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}", markup=False),
-    )
     try:
-        with Progress(
-            *columns, console=console, transient=True, disable=not console.is_terminal
-        ) as bar:
-            task = bar.add_task("measure", total=None)
+        with counted_progress(console, disable=not console.is_terminal) as bar:
+            task = bar.add_task("measure", total=None, left="")
 
             def tell(done: int, total: int) -> None:
                 doing = "configurations measured" if done < total else "compare with the model"
@@ -239,25 +234,19 @@ def progress_shown() -> Generator["Tell", None, None]:
     if not console.is_terminal:
         yield _lines()
         return
-    columns = (
-        BarColumn(bar_width=20),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}", markup=False),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("connect", total=None)
+    with counted_progress(console) as bar:
+        task = bar.add_task("connect", total=None, left="")
         shows = ""
 
         def tell(step: "Step") -> None:
             nonlocal shows
-            left = f"about {in_words(step.seconds_left)} of recording left" if step.last else ""
             now = step.step.partition(":")[0]
             bar.update(
                 task,
                 total=step.total,
                 completed=step.done,
-                description=f"{now}  {left}  {step.last}",
+                description=f"{now}; {step.last}" if step.last else now,
+                left=time_left(step.seconds_left) if step.last else "",
             )
             if step.shows and step.shows != shows:
                 bar.console.print(step.shows, style="dim", highlight=False)
@@ -274,16 +263,21 @@ def in_words(seconds: float) -> str:
     return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
+def time_left(seconds: float) -> str:
+    """The time that is left, in the room that the progress has for it; nothing while nobody
+    knows.
+    """
+    return f"~{in_words(seconds)} left" if math.isfinite(seconds) else ""
+
+
 def _lines() -> Callable[["Step"], None]:
     last, shows = "", ""
 
     def tell(step: "Step") -> None:
         nonlocal last, shows
         if step.last and step.last != last:
-            sys.stderr.write(
-                f"{step.done}/{step.total}, about {in_words(step.seconds_left)} of recording left:"
-                f" {step.last}\n"
-            )
+            left = time_left(step.seconds_left)
+            sys.stderr.write(f"{step.done}/{step.total}{f', {left}' * bool(left)}: {step.last}\n")
         if step.shows and step.shows != shows:
             sys.stderr.write(f"{step.shows}\n")
         last, shows = step.last, step.shows

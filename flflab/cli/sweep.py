@@ -1,13 +1,15 @@
 """``flflab sweep``: take every frame of a study on a bench; nothing is compared."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from flflab.built_in import Kind, built_in
+from flflab.built_in import simulated_bench
+from flflab.cli.as_json import AsJson, plain, print_json
 from flflab.cli.run import progress_shown, run_study
 from flflab.cli.terminal import Terminal
+from flflab.digits import two_digits
 from flflab.record import Run
 
 
@@ -24,15 +26,32 @@ def sweep(
     seed: Annotated[
         int | None, typer.Option(min=0, help="of the simulated bench, instead of its file's")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Home and take every frame of a study; an interrupted run is gone on with by resume."""
+    """Home and take every frame of a study; continue an interrupted run with `flflab resume`."""
     with progress_shown() as tell:
-        run = run_study(study, bench or built_in(Kind.BENCH), out, seed, tell, "sweep")
-    tell_of(run)
+        run = run_study(study, bench or simulated_bench(), out, seed, tell, "sweep")
+    if as_json:
+        print_json(numbers_of(run))
+    else:
+        tell_of(run)
+
+
+def numbers_of(run: Run) -> dict[str, Any]:
+    """What a run holds, for a program."""
+    last = {one.configuration: one for one in run.accuracy}
+    return {
+        "run": str(run.folder.resolve()),
+        "study": run.start.get("study"),
+        "complete": run.complete,
+        "frames": len(run.frames),
+        "configurations": len({frame.configuration for frame in run.frames} - {None}),
+        "accuracy": [plain(one) for one in last.values()],
+    }
 
 
 def tell_of(run: Run) -> None:
-    """Say what a run holds, and which points are less sure than was asked for."""
+    """Say what a run holds, and which points are less certain than requested."""
     console = Terminal()
     configurations = {
         frame.configuration for frame in run.frames if frame.configuration is not None
@@ -48,7 +67,8 @@ def tell_of(run: Run) -> None:
         if not one.enough:
             console.print(
                 f"configuration {one.configuration}: {one.frames} frames, the most allowed, leave"
-                f" the MTF uncertain by {one.mtf_standard_uncertainty:.2g}, more than asked for",
+                f" an MTF uncertainty of {two_digits(one.mtf_standard_uncertainty)}, more than"
+                " requested",
                 highlight=False,
                 soft_wrap=True,
             )

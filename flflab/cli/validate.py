@@ -10,18 +10,19 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from flflab.built_in import Kind, built_in
+from flflab.built_in import Kind, built_in, simulated_bench
 from flflab.cli.ending import reader_may_go
 from flflab.cli.run import measuring, progress_shown, run_study
 from flflab.cli.terminal import Terminal
-from flflab.comparison import PROPERTY_NAMES, percent, rule
-from flflab.diagnosis import not_told_apart
+from flflab.comparison import PROPERTY_NAMES, Comparison, percent, rule
+from flflab.diagnosis import heading, not_told_apart
 from flflab.evaluation import Evaluation
 from flflab.record import Run
 from flflab.whole_file import require_own_writable, write_own
 from procedures.validate import judged
 
 REJECTED = 3
+ROOMY = 72  # columns of a terminal that shows every column of the verdicts
 
 
 def validate(
@@ -54,7 +55,7 @@ def validate(
     with progress_shown() as tell:
         run = run_study(
             study or built_in(Kind.STUDY),
-            bench or built_in(Kind.BENCH),
+            bench or simulated_bench(),
             out,
             seed,
             tell,
@@ -86,16 +87,18 @@ def conclude(
         if as_json:
             print(verdict_text(evaluation, run), end="")
         else:
-            _tell(evaluation, page)
+            _tell(evaluation, run, page)
     if not evaluation.comparison.accepted:
         raise typer.Exit(REJECTED)
 
 
-def _tell(evaluation: Evaluation, page: Path) -> None:
-    """Print tables, verdict, what would explain it, and where the page is."""
+def _tell(evaluation: Evaluation, run: Run, page: Path) -> None:
+    """Print tables, verdict, what would explain it, what to do next, and where the page is."""
+    from flflab.report.facts import following
+
     console = Terminal()
-    console.print(_table(evaluation))
-    console.print(_verdicts(evaluation))
+    console.print(configuration_table(evaluation, console.width))
+    console.print(verdict_table(evaluation.comparison, console.width))
     console.print(rule(evaluation.comparison.verdicts), highlight=False)
     accepted = evaluation.comparison.accepted
     console.print(
@@ -106,61 +109,63 @@ def _tell(evaluation: Evaluation, page: Path) -> None:
         ),
         style="bold",
     )
-    for suspect in not_told_apart(evaluation.suspects):
-        console.print(f"Would explain it: {suspect.sentence}.", highlight=False)
-    if not accepted and not not_told_apart(evaluation.suspects):
-        console.print(
-            "No single change of the bench explains it: no size of the optics, no turn of the"
-            " array, no zero of a stage."
-        )
+    if not accepted:
+        suspects = not_told_apart(evaluation.suspects)
+        console.print(heading(suspects), highlight=False)
+        for suspect in suspects:
+            sentence = f"{suspect.sentence[0].upper()}{suspect.sentence[1:]}."
+            console.print(f"- {sentence}", highlight=False)
+    step = following(evaluation, run)
+    console.print(f"Next: {step.what}", highlight=False)
+    console.print(f"    {step.command}", highlight=False, soft_wrap=True)
     console.print(f"Report: {page}", highlight=False, soft_wrap=True)
 
 
-def _verdicts(evaluation: Evaluation) -> Table:
-    """One line a property, with its p-value."""
-    table = Table(box=box.SIMPLE, title="Verdicts")
-    table.add_column("", no_wrap=True)
-    for head in ("values", "p-value", "rejected below"):
-        table.add_column(head, justify="right")
-    table.add_column("")
-    for one in evaluation.comparison.verdicts:
-        shares = (one.p_words, percent(one.threshold))
+def verdict_table(comparison: Comparison, width: int) -> Table:
+    """One line a property, with its p-value and verdict; narrow terminals show these alone."""
+    roomy = width >= ROOMY
+    table = Table(box=box.SIMPLE, title="Verdicts", pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("", overflow="fold")
+    if roomy:
+        table.add_column("values", justify="right", no_wrap=True)
+    table.add_column("p-value", justify="right", overflow="fold")
+    if roomy:
+        table.add_column("reject below", justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True, min_width=len("rejected"))
+    for one in comparison.verdicts:
+        values, limit = [str(one.rows)] * roomy, [percent(one.threshold)] * roomy
         table.add_row(
             PROPERTY_NAMES.get(one.quantity, one.quantity),
-            str(one.rows),
-            *shares,
+            *values,
+            one.p_words,
+            *limit,
             "agrees" if one.accepted else Text("rejected", style="bold"),
         )
     return table
 
 
-def _table(evaluation: Evaluation) -> Table:
+def configuration_table(evaluation: Evaluation, width: int) -> Table:
     """One line a configuration: where it stood, views measured and predicted, how well the contrast
-    agrees.
+    agrees; narrow terminals show what agrees alone.
     """
-    table = Table(box=box.SIMPLE, title="Measured against predicted")
-    for head in (
-        "",
-        "F/",
-        "target mm",
-        "sensor mm",
-        "views seen",
-        "views model",
-        "MTF points",
-        "rms z",
-    ):
-        table.add_column(head, justify="right")
+    roomy = width >= ROOMY
+    table = Table(
+        box=box.SIMPLE, title="Measured against predicted", pad_edge=False, padding=(0, 1, 0, 0)
+    )
+    place = ("target mm", "sensor mm") if roomy else ()
+    for head in ("", "F/", *place, "views seen", "model", "MTF points", "MTF rms z"):
+        table.add_column(head, justify="right", overflow="fold")
     for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
         scores = [
             row.z
             for row in evaluation.comparison.rows
             if row.quantity == "mtf" and row.configuration == one.configuration.index
         ]
+        where = (f"{model.distance:.2f}", f"{model.camera.sensor.distance:.4f}") if roomy else ()
         table.add_row(
             str(one.configuration.index),
             f"{one.configuration.f_number:g}",
-            f"{model.distance:.2f}",
-            f"{model.camera.sensor.distance:.4f}",
+            *where,
             " ".join(str(dot.views) for dot in one.dots),
             " ".join(str(count) for count in model.views),
             str(len(scores)),

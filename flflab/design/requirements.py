@@ -243,6 +243,6 @@ def _both(
     if low >= high:
         raise InputError(
             f"{place}: travel.{name}: the stages reach {stage[0]:g} to {stage[1]:g} mm, none of"
-            " which was asked for; widen the range"
+            " which the requirements allow; widen the range"
         )
     return low, high

@@ -26,8 +26,8 @@ def check_tolerance(tolerance: float) -> None:
     """
     if not (math.isfinite(tolerance) and LEAST_TOLERANCE <= tolerance < 1):
         raise InputError(
-            f"tolerance: {tolerance:g} of white; from {LEAST_TOLERANCE:g} to below 1 is allowed;"
-            f" give {TOLERANCE:g}, for instance"
+            f"tolerance: {tolerance:g} of white; it must be at least {LEAST_TOLERANCE:g} and below"
+            f" 1, for instance {TOLERANCE:g}"
         )
 
 

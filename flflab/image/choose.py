@@ -235,7 +235,7 @@ def _decide(
         return Decision(name, False, None, "", 0.0, "the scene has none", 0.0)
     why = effect.why(regime)
     if not on:
-        why += ": too little to matter" if asked in LEVELS else ": not asked for"
+        why += ": too little to matter" if asked in LEVELS else ": not requested"
     elif asked not in ("auto", "fast") and bound < LEAST_TOLERANCE:
-        why += ": too little to matter, but asked for"
+        why += ": too little to matter, but requested"
     return Decision(name, on, effect.size(regime), effect.unit, bound, why, effect.cost(regime))

@@ -183,7 +183,7 @@ def _noise_decisions(
             decisions.append(Decision(name, False, None, "", 0.0, "the sensor has none", 0.0))
             continue
         why = effect.why(regime) + (
-            "" if name in noise else ": no seed was given" if seed is None else ": not asked for"
+            "" if name in noise else ": no seed was given" if seed is None else ": not requested"
         )
         size, bound, cost = effect.size(regime), effect.bound(regime), effect.cost(regime)
         decisions.append(Decision(name, name in noise, size, effect.unit, bound, why, cost))

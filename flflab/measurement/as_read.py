@@ -247,9 +247,8 @@ def _remarks_on_cut_dark(given: SensorPicture) -> list[Remark]:
     return [
         Remark(
             "darkness-cut",
-            "the darkness of the picture is cut at its lowest number, and that of the dark frame"
-            " perhaps too: noise below it was lost, dim light reads too much; save pictures with a"
-            " black level above 0",
+            "noise below the lowest number was clipped in this picture, perhaps in the dark frame"
+            " too: dim light reads too high. Save pictures with a black level above 0",
         )
     ]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flflab.digits import plus_minus
 from flflab.observations.detector import Detector
 from flflab.observations.points import Parallax, SeenPoints
 from flflab.observations.prediction import Alignment, PredictedPoints
@@ -138,7 +139,9 @@ def state_positions(
     """
     rms = [frame.residual_px for frame in frames]
     turn, u = 1e3 * found.alignment.rotation, 1e3 * found.alignment.uncertainty
-    angles = ", ".join(f"{angle:+.2f} (u = {by:.2f})" for angle, by in zip(turn, u, strict=True))
+    angles = ", ".join(
+        plus_minus(float(angle), float(by), "+") for angle, by in zip(turn, u, strict=True)
+    )
     said = (
         f"Positions: {min(rms):.2f} to {max(rms):.2f} px rms a frame,"
         f" {found.alignment.rms / found.pixel:.2f} px in all, after one rotation of all poses"

@@ -266,8 +266,8 @@ def _keep_for_oneself(documents: Any, folder: Path) -> str:
     held = try_lock(documents)
     if held == "by another":
         raise RecordError(
-            f"{folder}: another program is writing this run; wait for its end, or interrupt it"
-            " first"
+            f"{folder}: another program is writing this run; wait until it finishes, or"
+            " interrupt it first"
         )
     return UNLOCKED.format(folder) if held == "unknown" else ""
 

@@ -54,14 +54,16 @@ STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def _style() -> Generator[None]:
+def styled() -> Generator[None]:
+    """Draw in the report's style."""
     from matplotlib import rc_context
 
     with rc_context(STYLE):
         yield
 
 
-def _new(width: float, height: float) -> "Figure":
+def new_figure(width: float, height: float) -> "Figure":
+    """A figure of a size in inches."""
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
@@ -70,7 +72,8 @@ def _new(width: float, height: float) -> "Figure":
     return figure
 
 
-def _as_svg(figure: "Figure") -> str:
+def as_svg(figure: "Figure") -> str:
+    """A figure as a data URI."""
     layout = figure.get_layout_engine()
     if layout is not None:
         layout.execute(figure)  # here, for savefig draws all of a figure once more to lay it out
@@ -116,8 +119,8 @@ def mtf_chart(
     draws, over frequency.
     """
     frequency = curve.cycles_per_mm
-    with _style():
-        figure = _new(3.9, 3.3)
+    with styled():
+        figure = new_figure(3.9, 3.3)
         axes = figure.add_subplot()
         low, high = np.percentile(model.contrast_draws, [2.5, 97.5], axis=0)
         axes.axhline(0, color="grey", linewidth=0.6)
@@ -162,7 +165,7 @@ def mtf_chart(
         )
         upper.set_xlabel("cycles/pixel", fontsize=7)
         upper.tick_params(labelsize=7)
-        return _as_svg(figure)
+        return as_svg(figure)
 
 
 def properties_chart(evaluation: Evaluation) -> str:
@@ -174,8 +177,8 @@ def properties_chart(evaluation: Evaluation) -> str:
     panels = {name: [one for one in evaluation.values if one.quantity == name] for name in PANELS}
     panels = {name: members for name, members in panels.items() if members}
     columns = 3
-    with _style():
-        figure = _new(7.8, 1.75 * max(1, -(-len(panels) // columns)))
+    with styled():
+        figure = new_figure(7.8, 1.75 * max(1, -(-len(panels) // columns)))
         for place, (name, members) in enumerate(panels.items()):
             title, unit, many = PANELS[name]
             axes = figure.add_subplot(-(-len(panels) // columns), columns, place + 1)
@@ -199,7 +202,7 @@ def properties_chart(evaluation: Evaluation) -> str:
             axes.grid(visible=False, axis="x")
             axes.use_sticky_edges = False  # a band's end is not the panel's
             axes.autoscale_view(scalex=False)
-        return _as_svg(figure)
+        return as_svg(figure)
 
 
 def _placed(one: Values, many: float) -> Array:
@@ -220,12 +223,12 @@ def views_chart(evaluation: Evaluation) -> str | None:
     rows = _rows(evaluation.comparison.rows, "views")
     if not rows:
         return None
-    with _style():
-        figure = _new(7.8, 2.4)
+    with styled():
+        figure = new_figure(7.8, 2.4)
         axes = figure.add_subplot()
         _by_dot(axes, rows)
         axes.set(xlabel="configuration", ylabel="views of a dot", ylim=(0, None))
-        return _as_svg(figure)
+        return as_svg(figure)
 
 
 def difference_chart(evaluation: Evaluation) -> str | None:
@@ -235,13 +238,13 @@ def difference_chart(evaluation: Evaluation) -> str | None:
     rows = _rows(evaluation.comparison.rows, "difference_views")
     if not rows:
         return None
-    with _style():
-        figure = _new(7.8, 2.4)
+    with styled():
+        figure = new_figure(7.8, 2.4)
         axes = figure.add_subplot()
         axes.axhline(0, color="grey", linewidth=0.6)
         _by_dot(axes, rows)
         axes.set(xlabel="configuration", ylabel="difference of views")
-        return _as_svg(figure)
+        return as_svg(figure)
 
 
 def _count(axes: "Axes", configurations: set[int]) -> None:
@@ -311,8 +314,8 @@ def ratio_chart(rows: tuple[Row, ...], configuration: int, title: str) -> str:
         "uncertainty",
         "predicted",
     )
-    with _style():
-        figure = _new(3.9, 2.6)
+    with styled():
+        figure = new_figure(3.9, 2.6)
         axes = figure.add_subplot()
         axes.axhline(1, color="grey", linewidth=0.6)
         axes.plot(nu, predicted, color=PREDICTED, label="predicted, mean")
@@ -330,7 +333,7 @@ def ratio_chart(rows: tuple[Row, ...], configuration: int, title: str) -> str:
         axes.set_title(title, y=1)
         axes.ticklabel_format(axis="y", useOffset=False)
         _legend_below(figure)
-        return _as_svg(figure)
+        return as_svg(figure)
 
 
 def residual_chart(evaluation: Evaluation) -> str | None:
@@ -340,8 +343,8 @@ def residual_chart(evaluation: Evaluation) -> str | None:
     rows = [row for row in _rows(evaluation.comparison.rows, "mtf") if np.isfinite(row.z)]
     if not rows:
         return None
-    with _style():
-        figure = _new(7.8, 2.9)
+    with styled():
+        figure = new_figure(7.8, 2.9)
         by_frequency, histogram = figure.subplots(1, 2, width_ratios=[2, 1], sharey=True)
         by_frequency.axhspan(-2, 2, color="black", alpha=0.07, linewidth=0)
         configurations = sorted({row.configuration for row in rows})
@@ -383,7 +386,7 @@ def residual_chart(evaluation: Evaluation) -> str | None:
         )
         histogram.set(xlabel="density", title="all configurations")
         histogram.legend(loc="upper right")
-        return _as_svg(figure)
+        return as_svg(figure)
 
 
 def accuracy_chart(run: Run, wanted: float) -> str:
@@ -394,8 +397,8 @@ def accuracy_chart(run: Run, wanted: float) -> str:
         run: with its looks at the accuracy.
         wanted: the standard uncertainty the study asks for.
     """
-    with _style():
-        figure = _new(7.8, 2.9)
+    with styled():
+        figure = new_figure(7.8, 2.9)
         axes = figure.add_subplot()
         configurations = sorted({one.configuration for one in run.accuracy})
         for place, configuration in enumerate(configurations):
@@ -421,7 +424,7 @@ def accuracy_chart(run: Run, wanted: float) -> str:
                 markersize=4,
                 label=f"{configuration}: {int(taken[-1])} frames",
             )
-        asked = f"asked for: {wanted:g}"
+        asked = f"requested: {wanted:g}"
         axes.axhline(wanted, color=PREDICTED, linewidth=0.8, label=asked)
         axes.set(
             xscale="log",
@@ -433,7 +436,7 @@ def accuracy_chart(run: Run, wanted: float) -> str:
             axes.legend(title="configuration", loc="center left", bbox_to_anchor=(1.0, 0.5))
         else:
             axes.set_title(f"{asked}; {_shaded(configurations)}")
-        return _as_svg(figure)
+        return as_svg(figure)
 
 
 def _bench_seconds(run: Run, configuration: int) -> float:

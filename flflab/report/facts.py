@@ -1,27 +1,24 @@
-"""Numbers that the report states beside the comparison: exact counts, pooled z, diffraction against
-the pixel, notes before signing.
+"""Numbers that the report states beside the comparison: exact counts, pooled z, notes before
+signing.
 """
 
 import math
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 
 import numpy as np
-import numpy.typing as npt
 
-from flflab.bench import Bench
+from flflab.bench import Bench, read_bench
 from flflab.comparison import Row
+from flflab.diagnosis import not_told_apart
 from flflab.evaluation import Evaluation
-from flflab.optics.camera import Camera
-from flflab.optics.focus import limiting_aperture
-from flflab.optics.resolution import central_smms
-from flflab.optics.smms import image_offset
+from flflab.missing_light import missing_light
+from flflab.next_step import NextStep, next_step
 from flflab.properties.measured import Measured
 from flflab.record import Run
 from flflab.study import Study
 from flflab.wheel import unlike_the_wheel
 
-WAVELENGTH = 550e-6  # mm: green, where no other is stated
 WORST_CHI2 = 1.5  # per pixel: above, the picture holds something that the fit does not know
 PICTURED = 12  # configurations; a page of more is not read
 ON_THIS_MACHINE = ("simulated", "127.0.0.1", "localhost", "[::1]")
@@ -72,36 +69,6 @@ def exact_counts(rows: tuple[Row, ...]) -> tuple[int, int]:
     return sum(row.measured == row.predicted for row in views), len(views)
 
 
-def cone_width(camera: Camera, distance: float) -> float:
-    """Width of a point's light on the microlens nearest the axis, mm: min(A |x|, d)."""
-    smms = central_smms(camera)
-    return float(limiting_aperture(smms, 1 / distance) * np.abs(image_offset(smms, 1 / distance)))
-
-
-def airy_diameter(camera: Camera, distance: float, wavelength: float = WAVELENGTH) -> float:
-    """Diameter of the first dark ring of a sharp point on the sensor, mm: 2.44 lambda b / w with w
-    the cone's width.
-    """
-    width = cone_width(camera, distance)
-    return 2.44 * wavelength * camera.optical_gap / width if width > 0 else math.inf
-
-
-def diffraction_contrast(
-    camera: Camera, distance: float, cycles_per_px: npt.ArrayLike, wavelength: float = WAVELENGTH
-) -> npt.NDArray[np.float64]:
-    """Contrast that a perfect round lens leaves: 2/pi (acos s - s sqrt(1 - s^2)), s = frequency
-    lambda b / w, 0 from s = 1 on.
-    """
-    width = cone_width(camera, distance)
-    on_sensor = np.abs(np.asarray(cycles_per_px, dtype=np.float64)) / camera.sensor.pixel
-    s = (
-        np.minimum(on_sensor * wavelength * camera.optical_gap / width, 1.0)
-        if width > 0
-        else np.ones_like(on_sensor)
-    )
-    return 2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s * s))
-
-
 def simulated_devices(bench: Bench) -> tuple[list[str], int]:
     """Names of the devices at a simulated or loopback address, and the number of all devices."""
     description = bench.description
@@ -119,6 +86,34 @@ def simulated_devices(bench: Bench) -> tuple[list[str], int]:
     return local, len(devices)
 
 
+def recorded_bench(run: Run, otherwise: Bench | None = None) -> Bench | None:
+    """The bench that a run was recorded with, whatever it is judged by; else the one given."""
+    file = run.folder / "bench.yaml"
+    return read_bench(file) if file.exists() else otherwise
+
+
+def calibration(bench: Bench, run: Run) -> str:
+    """When the bench was calibrated, and how long before the run."""
+    day, began = bench.description.calibrated, run.start.get("time")
+    if day is None:
+        return "none stated in the bench file"
+    if began is None:
+        return day
+    since = (datetime.fromtimestamp(began, UTC).date() - date.fromisoformat(day)).days
+    return f"{day}, {counted(since, 'day')} before this run" if since >= 0 else day
+
+
+def following(evaluation: Evaluation, run: Run) -> NextStep:
+    """What to do after a run's verdict."""
+    bench = recorded_bench(run)
+    return next_step(
+        evaluation.comparison.accepted,
+        not_told_apart(evaluation.suspects),
+        run.folder,
+        simulated=bench is not None and bool(simulated_devices(bench)[0]),
+    )
+
+
 def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[str]:
     """What a reader should know before signing; empty where nothing is amiss."""
     found: list[str] = [parts(run)] if run.resumed else []
@@ -134,6 +129,9 @@ def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[
     found += [
         f"{sentence[0].upper()}{sentence[1:]}." for sentence in unlike_the_wheel(study, bench)
     ]
+    if warning := missing_light(bench, study):
+        found.append(f"{warning[0].upper()}{warning[1:]}.")
+    found += _wrong_targets(evaluation.measured, study)
     found += _saturation(evaluation.measured)
     where: dict[str, list[int]] = {}
     for one in evaluation.measured:
@@ -237,6 +235,27 @@ def _saturation(measured: tuple[Measured, ...]) -> list[str]:
         if counts
         else []
     )
+
+
+def _wrong_targets(measured: tuple[Measured, ...], study: Study) -> list[str]:
+    """What was found in no configuration, where more than one was taken: rarely the camera's
+    fault.
+    """
+    missing = [
+        name
+        for name, kind, seen in (
+            ("dots", study.dots.kind, any(one.dots for one in measured)),
+            ("bars", study.bars.kind, any(one.curve for one in measured)),
+        )
+        if kind in study.shown and not seen
+    ]
+    if not missing or len(measured) < 2:
+        return []
+    return [
+        f"No {' and no '.join(missing)} could be measured in any configuration: are the targets"
+        " exchanged, or is the picture mirrored or turned by 90 degrees? Columns rise with x, rows"
+        " with y. `flflab bench snap` shows what the camera sees."
+    ]
 
 
 def _notes_on(one: Measured) -> list[str]:

@@ -3,6 +3,7 @@ of every dot marked.
 """
 
 import base64
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -58,6 +59,8 @@ class MarkedFrame:
         useful: outline of the useful region round a centre.
         marks: views.
         mark_radius: how large to draw them.
+        scale: length of the scale bar.
+        scale_words: the same on the sensor, ``0.5 mm``.
     """
 
     image: str
@@ -71,6 +74,8 @@ class MarkedFrame:
     useful: list[Place]
     marks: tuple[Mark, ...]
     mark_radius: float
+    scale: float
+    scale_words: str
 
 
 def predicted_view_places(
@@ -173,16 +178,17 @@ def dots_frame(picture: Picture, one: Measured, model: Predicted, target: FourDo
         / model.camera.sensor.pixel
     )
     radius = max(size, model.blur_px) / 2 + 0.02 * one.lattice.pitch_px
-    return _frame(
-        picture, one.lattice, low, high, useful_outline(one.lattice, model), tuple(marks), radius
-    )
+    pixel = model.camera.sensor.pixel
+    useful = useful_outline(one.lattice, model)
+    return _frame(picture, one.lattice, low, high, useful, tuple(marks), radius, pixel)
 
 
 def bars_frame(picture: Picture, one: Measured, model: Predicted) -> MarkedFrame:
     """Three by three micro-images of the bars' frame round the middle, every pixel shown."""
     reach = np.full(2, 1.5 * one.lattice.pitch_px)
     low, high = one.lattice.origin_px - reach, one.lattice.origin_px + reach
-    return _frame(picture, one.lattice, low, high, useful_outline(one.lattice, model), (), 0)
+    pixel = model.camera.sensor.pixel
+    return _frame(picture, one.lattice, low, high, useful_outline(one.lattice, model), (), 0, pixel)
 
 
 def _frame(
@@ -193,6 +199,7 @@ def _frame(
     useful: list[Place],
     marks: tuple[Mark, ...],
     mark_radius: float,
+    pixel: float,
 ) -> MarkedFrame:
     height, width = picture.shape
     left, top = (int(edge) for edge in np.maximum(np.floor(low), 0))
@@ -200,13 +207,21 @@ def _frame(
     near = lattice.outside_radius_px
     away = lattice.centres_px - np.clip(lattice.centres_px, [left, top], [right, bottom])
     shown = lattice.centres_px[np.hypot(*away.T) < near]
+    scale_mm = scale_length((right - left) * pixel)
     return MarkedFrame(
         image=as_jpeg(picture[top:bottom, left:right]), left=left, top=top, width=right - left,
         height=bottom - top,
         centres=[(float(x), float(y)) for x, y in shown], inside=lattice.inside_radius_px,
         outside=near, useful=useful,
-        marks=marks, mark_radius=mark_radius,
+        marks=marks, mark_radius=mark_radius, scale=scale_mm / pixel,
+        scale_words=f"{scale_mm:g} mm" if scale_mm >= 0.1 else f"{1e3 * scale_mm:g} µm",
     )  # fmt: skip
+
+
+def scale_length(width: float) -> float:
+    """The longest of 1, 2, 5, 10 ... that is at most a quarter of a width."""
+    power = 10.0 ** math.floor(math.log10(width / 4))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= width / 4)
 
 
 def as_jpeg(part: Picture) -> str:

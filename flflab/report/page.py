@@ -11,13 +11,15 @@ from jinja2 import Environment, StrictUndefined, Template
 
 from flflab.bench import Bench
 from flflab.comparison import PROPERTY_NAMES, percent, rule
-from flflab.diagnosis import not_told_apart
+from flflab.diagnosis import heading, not_told_apart
 from flflab.evaluation import Evaluation
+from flflab.optics import airy
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run
 from flflab.report import charts, facts, frames, tables
 from flflab.report.drawn import drawn_table
+from flflab.report.overview import overview_chart
 from flflab.study import Study
 from flflab.whole_file import write_own
 
@@ -27,6 +29,9 @@ ELSEWHERE = (
     "software",
     "configurations",
 )  # what the start document holds that the page shows in its place
+
+
+LEAST_REMOVED = 0.5  # of the misfit, by a change that is named beside the best
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,10 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         InputError: the page cannot be written; one that was there stays.
     """
     exact, dots = facts.exact_counts(evaluation.comparison.rows)
-    local, devices = facts.simulated_devices(bench)
+    recorded = facts.recorded_bench(run, bench) or bench
+    local, devices = facts.simulated_devices(recorded)
+    suspects = not_told_apart(evaluation.suspects)
+    warnings = facts.notes(evaluation, run, study, bench)
     wanted = study.description.mtf_standard_uncertainty
     shown = facts.pictured(evaluation, study.description.reference)
     pairs = [
@@ -79,18 +87,27 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         exact=exact,
         dots=dots,
         simulated=f"{len(local)} of {devices} devices" if local else "",
-        notes=facts.notes(evaluation, run, study, bench),
+        devices_count=devices,
+        calibrated=facts.calibration(bench, run),
+        step=facts.following(evaluation, run),
+        overview=overview_chart(evaluation),
+        curve_of=curve_of,
+        contents=_contents(
+            evaluation, accuracy=bool(run.accuracy and wanted is not None), warned=bool(warnings)
+        ),
+        notes=warnings,
         statistics=tables.statistics_table(evaluation),
         wavelength=bench.description.mean_wavelength,
         diffraction=diffraction_sentence(evaluation, bench.description.mean_wavelength),
         panels=[_panel(evaluation, one, model, run, study) for one, model in pairs],
         configuration_count=len(evaluation.measured),
-        suspects=[suspect.sentence for suspect in not_told_apart(evaluation.suspects)],
+        suspects_heading=heading(suspects),
+        suspects=[suspect.sentence for suspect in suspects],
         next_suspects=[
-            suspect.sentence
+            suspect.in_short
             for suspect in evaluation.suspects
-            if suspect not in not_told_apart(evaluation.suspects)
-        ][:2],
+            if suspect not in suspects and suspect.removed > LEAST_REMOVED
+        ][:3],
         budget=tables.budget_table(evaluation),
         properties_chart=charts.properties_chart(evaluation),
         views_chart=charts.views_chart(evaluation),
@@ -103,7 +120,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         colours=charts.DOTS,
         configurations=[
             tables.settings_table(
-                study, evaluation, bench.description.mean_wavelength or facts.WAVELENGTH
+                study, evaluation, bench.description.mean_wavelength or airy.WAVELENGTH
             ),
             tables.micro_image_table(evaluation, run),
         ],
@@ -119,7 +136,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
             if "simulated" in bench.description.model_fields_set
             else None
         ),
-        drawn=drawn_table(bench, study, evaluation.predicted[0]) if local else None,
+        drawn=drawn_table(recorded, study, evaluation.predicted[0]) if local else None,
         provenance=_provenance(run, study, bench),
         draws=study.description.draws,
         light=bench.description.light_uncertainty,
@@ -135,6 +152,27 @@ def _template() -> Template:
     return environment.from_string(
         files("flflab.report").joinpath("page.html.jinja").read_text(encoding="utf-8")
     )
+
+
+def curve_of(quantity: str) -> str:
+    """The place of the page that shows a property."""
+    return {"mtf": "curves", "views": "views"}.get(quantity, "properties")
+
+
+def _contents(evaluation: Evaluation, *, accuracy: bool, warned: bool) -> list[tuple[str, str]]:
+    """Places of the page and their titles."""
+    found = [("causes", "possible causes")] if not evaluation.comparison.accepted else []
+    found += [("warnings", "warnings")] if warned else []
+    found += [("verdicts", "verdicts"), ("curves", "contrast (MTF)")]
+    found += [("properties", "fields, light, depth"), ("views", "number of views")]
+    if len(evaluation.measured) > 1:
+        found.append(("differences", "differences and ratios"))
+    found += [("uncertainties", "uncertainties"), ("frames", "frames")]
+    found += [("accuracy", "accuracy on the bench")] if accuracy else []
+    return [
+        *found, ("configurations", "configurations"), ("values", "all values"),
+        ("bench", "on the bench"), ("reading", "how to read"), ("provenance", "provenance"),
+    ]  # fmt: skip
 
 
 def headline(evaluation: Evaluation) -> str:
@@ -159,16 +197,16 @@ def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> st
     """Airy diameter against the pixel, what diffraction leaves of the contrast at the highest
     frequency compared, and whether it counts.
     """
-    light = wavelength or facts.WAVELENGTH
+    light = wavelength or airy.WAVELENGTH
     diameters, left = list[float](), list[float]()
     for one, model in zip(evaluation.measured, evaluation.predicted, strict=True):
         diameters.append(
-            facts.airy_diameter(model.camera, model.distance, light) / model.camera.sensor.pixel
+            airy.airy_diameter(model.camera, model.distance, light) / model.camera.sensor.pixel
         )
         if one.curve:
             left.append(
                 float(
-                    facts.diffraction_contrast(
+                    airy.diffraction_contrast(
                         model.camera, model.distance, one.curve.cycles_per_px.max(), light
                     )
                 )
@@ -201,7 +239,7 @@ def _panel(
 ) -> Panel:
     index = one.configuration.index
     title = (
-        f"{index}: F/{one.configuration.f_number:g}, D = {model.distance:.1f} mm, b ="
+        f"{index}: F/{one.configuration.f_number:g}, D = {model.distance:.1f} mm, gap b ="
         f" {model.camera.gap:.4f} mm"
     )
     title += f", {one.configuration.besides}" if one.configuration.besides else ""

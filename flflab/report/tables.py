@@ -10,13 +10,15 @@ import numpy as np
 
 from flflab.bench import AxisDescription, Bench
 from flflab.comparison import Row
+from flflab.digits import decimals, plus_minus
 from flflab.evaluation import Evaluation
+from flflab.optics.airy import airy_diameter
 from flflab.optics.focus import magnification, virtual_depth
 from flflab.optics.resolution import central_smms
 from flflab.properties.measured import Measured
 from flflab.properties.predicted import Predicted
 from flflab.record import Run
-from flflab.report.facts import airy_diameter, counted, z_statistics
+from flflab.report.facts import counted, z_statistics
 from flflab.report.quantities import quantity_of
 from flflab.study import Study
 from flflab.targets import Target
@@ -51,14 +53,7 @@ def measured_number(value: float, uncertainty: float) -> str:
     places = 1 - math.floor(math.log10(float(f"{uncertainty:.1e}")))
     if 0 < places <= 9:
         return f"{value:.{places}f}({round(uncertainty * 10**places)})"
-    return f"{value:.6g} ± {uncertainty:.2g}"
-
-
-def decimals(uncertainty: float) -> int | None:
-    """Decimals of an uncertainty's second digit, at most 9; None where there is no uncertainty."""
-    if not (math.isfinite(uncertainty) and uncertainty > 0):
-        return None
-    return min(max(0, 1 - math.floor(math.log10(float(f"{uncertainty:.1e}")))), 9)
+    return plus_minus(value, uncertainty)
 
 
 def to_decimals(value: float, places: int | None, sign: str = "") -> str:

@@ -10,6 +10,7 @@ from flflab.comparison import PROPERTY_NAMES, Verdict, percent
 from flflab.diagnosis import not_told_apart
 from flflab.evaluation import Evaluation
 from flflab.record import Run, versions
+from flflab.report.facts import following
 
 SCHEMA = 1  # of verdict.json; described by verdict.schema.json beside this file
 
@@ -21,7 +22,7 @@ def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
         evaluation: of the run.
         run: whose seed, versions and descriptions are named.
     """
-    comparison = evaluation.comparison
+    comparison, step = evaluation.comparison, following(evaluation, run)
     return {
         "schema": SCHEMA,
         "verdict": "accepted" if comparison.accepted else "rejected",
@@ -31,13 +32,17 @@ def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
                 "name": one.what,
                 "change": one.change,
                 "size": one.size,
-                "explains": round(1 - one.chi2 / one.chi2_before, 6),
+                "uncertainty": one.uncertainty if math.isfinite(one.uncertainty) else None,
+                "explains": round(one.removed, 6),
+                "sufficient": one.explains,
+                "p_left": one.p_left,
                 "chi_squared_left": one.chi2,
                 "numbers": one.numbers,
             }
             for one in not_told_apart(evaluation.suspects)
         ],
-        "study": str(run.start.get("plan_name", "")),
+        "next": {"what": step.what, "command": step.command},
+        "study": str(run.start.get("study", "")),
         "began": run.start.get("time"),
         "seed": run.start.get("seed"),
         "configurations": len(evaluation.measured),
@@ -79,7 +84,7 @@ def junit_text(evaluation: Evaluation, run: Run) -> str:
     failed = str(sum(not one.accepted for one in verdicts))
     count = str(len(verdicts))
     whole = ElementTree.Element("testsuites", tests=count, failures=failed)
-    name = f"flflab.{run.start.get('plan_name', run.folder.name)}"
+    name = f"flflab.{run.start.get('study', run.folder.name)}"
     suite = ElementTree.SubElement(
         whole, "testsuite", name=name, tests=count, failures=failed, errors="0", skipped="0"
     )

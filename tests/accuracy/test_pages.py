@@ -40,7 +40,7 @@ def test_the_image_page_says_how_many_tolerances_were_kept_and_what_random_rays_
     assert page.answers[0] == "render kept 2 of the 2 tolerances asked of it."
     # 0.1 s for a million pixels; random rays: 1 s n for a million pixels, n = 1e6 for an error of
     # 0.001
-    assert "a million lit pixels take 0.1 s and are wrong by 0.001 (rms)" in page.answers[1]
+    assert "a million lit pixels take 0.1 s and have an rms error of 0.001" in page.answers[1]
     assert "10,000,000 times as long" in page.answers[1]
     assert "power -0.50" in page.sections[0].pictures[0].says
     assert len(image_summary(rows()).rows) == len(rows())
@@ -50,7 +50,7 @@ def test_the_image_page_names_the_scene_and_the_tolerance_that_was_exceeded() ->
     page = image_page([*rows(), replace(PLAIN, requested=1e-4, rms_error=0.0004)], "made here")
     assert page.answers[0] == "render kept 2 of the 3 tolerances asked of it; dim exceeds 0.0001."
     asked, estimated = page.sections[1].pictures
-    assert "one picture is further off than asked for, at most 4 times as far" in asked.says
+    assert "one picture is further off than requested, at most 4 times as far" in asked.says
     assert estimated.says == "Nothing was estimated."
 
 

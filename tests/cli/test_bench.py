@@ -2,6 +2,7 @@
 and reads.
 """
 
+import math
 import re
 import socket
 from collections.abc import Callable, Iterator
@@ -66,6 +67,15 @@ def test_an_operator_checks_homes_moves_and_stops_every_axis(flflab: Run, bench_
     assert "No such option: --bnech" in misspelt.err
     stood = flflab("bench", "where", "--bench", bench_file)
     assert "array.pitch 2.5000 deg" in " ".join(stood.out.split())
+    turned = flflab("bench", "where", "--bench", bench_file, "--json").json["axes"]["goniometer"]
+    assert turned["world"] == pytest.approx(math.radians(2.5), abs=1e-5)
+    assert (turned["unit"], turned["moves"], turned["moving"]) == ("rad", "array.pitch", False)
+    devices = flflab("bench", "check", "--bench", bench_file, "--json").json["devices"]
+    assert [one["name"] for one in devices][-3:] == ["camera", "iris", "target"]
+    assert all(one["answers"] for one in devices)
+    ring = next(one for one in devices if one["name"] == "ring")
+    assert ring["position"] == pytest.approx(math.radians(-2), abs=1e-5)
+    assert (ring["driver"], ring["unit"]) == ("oriental", "rad")
     stopped = flflab("bench", "stop", "--bench", bench_file)
     assert (stopped.code, stopped.out) == (0, "All axes stopped.\n")
 

@@ -69,7 +69,7 @@ def test_a_scan_shows_where_it_is_sharpest_and_goes_there(
         "--go",
     )
     assert scanned.code == 0, scanned.err
-    assert len(re.findall(r"^\d/6 .* mm  focus \d\.\d+$", scanned.err, re.MULTILINE)) == 6
+    assert len(re.findall(r"^\d/6 .* mm  sharpness \d\.\d+$", scanned.err, re.MULTILINE)) == 6
     curve = re.findall(r"^(\d+\.\d+) mm  (\d\.\d+)  (#+)$", scanned.out, re.MULTILINE)
     assert len(curve) == 6
     figures = np.array([float(figure) for _, figure, _ in curve])
@@ -112,7 +112,7 @@ def test_a_scan_into_the_gap_moves_nothing_and_says_how_far_it_may_go(
     refused = flflab("bench", "scan", "sensor_stage", "15 mm", "25 mm", "--bench", file)
     assert refused.code == 1
     told = re.search(
-        r"at least 0\.3 mm are kept, nothing moved; it may go as far as (\d+\.\d{3}) mm$",
+        r"at least 0\.3 mm are required .*; nothing moved\. Farthest allowed: (\d+\.\d{3}) mm$",
         refused.err.strip(),
     )
     assert told is not None, refused.err
@@ -209,7 +209,7 @@ def test_a_live_view_ends_at_an_interrupt_without_a_traceback_even_in_the_backgr
     assert "Traceback" not in complaints
     for number, line in enumerate(lines, start=1):
         assert re.match(
-            rf"frame {number}  focus \d\.\d{{5}} [#.]{{40}} best \d\.\d{{5}}, \d+ saturated,"
+            rf"frame {number}  sharpness \d\.\d{{5}} [#.]{{40}} best \d\.\d{{5}}, \d+ saturated,"
             r" \d+\.\d frames/s",
             line,
         ), line

@@ -149,13 +149,20 @@ def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_i
         shown, progress = (
             re.sub(r"\x1b\[[\d;?]*\w", "", written) for written in (ended.out, ended.err)
         )
-        assert re.search(r"1/1\D+0:\d\d:\d\d.*configurations drawn and measured", progress)
-        assert "by the frames' noise and the measurement's floor; what the stages may be off" in (
+        assert re.search(r"1/1\D+0:\d\d:\d\d.*drawing and measuring", progress)
+        assert "from frame noise and the measurement's floor, and from stage errors" in (
             " ".join(shown.split())
         )
+        told_json = flflab("plan", study, "--bench", tmp_path / "bench.yaml", "--json").json
         [told[name]] = csv.DictReader(
             (tmp_path / "plan.csv").read_text(encoding="utf-8").splitlines()
         )
+    (one,) = told_json["configurations"]
+    assert one.pop("why") == ""
+    for column, value in told["exact"].items():
+        assert str(one[column]) == value or float(value) == pytest.approx(one[column]), column
+    assert told_json["seconds"] == pytest.approx(sum(s["seconds"] for s in told_json["steps"]))
+    assert told_json["most_megabytes"] == told_json["most_frames"] * 760 * 560 * 2 / 1e6
     assert (
         float(told["as stated"]["mtf_uncertainty_by_stages"])
         > 20 * float(told["as stated"]["mtf_standard_uncertainty"])

@@ -301,6 +301,12 @@ def test_figures_that_disagree_are_said_in_one_sentence(tmp_path: Path) -> None:
 BENCH_FAULTS = [
     (
         "minimum_gap: 0.3 mm",
+        "calibrated: yesterday",
+        "calibrated",
+        "'yesterday' is no day; write it as 2026-11-29",
+    ),
+    (
+        "minimum_gap: 0.3 mm",
         "workmanship: {microlens_position: 0.3}",
         "workmanship.microlens_position",
         "has no unit",

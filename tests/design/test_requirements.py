@@ -85,5 +85,5 @@ def test_a_benchs_stages_say_where_array_and_sensor_can_stand(
     file.write_text(
         yaml.safe_dump(described(travel=travel | {"array": ["900 mm", "950 mm"]})), encoding="utf-8"
     )
-    with pytest.raises(InputError, match="none of which was asked for"):
+    with pytest.raises(InputError, match="none of which the requirements allow"):
         read_requirements(file)

@@ -254,7 +254,7 @@ def test_array_and_sensor_keep_their_distance(bench: ConnectedBench) -> None:
         lambda: bench.array_stage.move_to(20.9),
         lambda: bench.sensor_stage.move_to(19.7),
     ):
-        with pytest.raises(InterlockError, match=r"at least 0\.3 mm are kept, nothing moved"):
+        with pytest.raises(InterlockError, match=r"at least 0\.3 mm are required"):
             too_near()
     with pytest.raises(InterlockError):
         bench.order_moves({"array_stage": 30.0, "sensor_stage": 20.0})

@@ -129,8 +129,8 @@ def test_a_late_frame_is_told_with_one_advice_and_without_a_cable_where_this_mac
         camera.grab()
     said = re.sub(r"[\d.]+ s", "_ s", str(told.value))
     assert said.endswith(
-        "no answer within _ s; check that what serves it on this machine still runs, and what else"
-        " keeps the machine busy"
+        "no answer within _ s; is `flflab sim` still running? On a busy machine, or while a"
+        " defocused picture is simulated, wait and try again"
     )
     assert said.count(";") == 1
     assert (

@@ -98,7 +98,7 @@ def test_what_is_too_little_to_matter_and_on_says_that_it_was_asked_for(scene: S
         one for one in choose(sharp, 0.002, "reference").decisions if one.name == "defocus"
     )
     assert defocus.on
-    assert defocus.why.endswith("softens edges: too little to matter, but asked for")
+    assert defocus.why.endswith("softens edges: too little to matter, but requested")
 
 
 def test_electrons_are_told_in_whole_numbers(scene: Scene) -> None:
@@ -160,7 +160,9 @@ def test_effects_that_cannot_be_chosen_are_refused(scene: Scene, asked: str, mes
 
 @pytest.mark.parametrize("tolerance", [0.0, -0.1, math.nan, math.inf, 1.0, 1e-12])
 def test_tolerances_that_cannot_be_kept_are_refused(scene: Scene, tolerance: float) -> None:
-    with pytest.raises(InputError, match=r"^tolerance: .* is allowed; give 0\.002, for instance$"):
+    with pytest.raises(
+        InputError, match=r"^tolerance: .* it must be at least .* and below 1, for instance 0\.002$"
+    ):
         take_picture(scene, tolerance=tolerance)
 
 

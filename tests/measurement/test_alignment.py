@@ -122,7 +122,7 @@ def test_micro_images_in_one_row_do_not_tell_the_tilt() -> None:
     few = MicroImages(
         seen.indices[row], seen.centres_px[row], seen.radii_px[row], seen.covariance_px[row]
     )
-    with pytest.raises(MeasurementError, match="do not tell the array's tilt"):
+    with pytest.raises(MeasurementError, match="do not determine the array's tilt"):
         measure_attitude(few, lattice, CAMERA)
 
 

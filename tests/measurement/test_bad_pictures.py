@@ -186,7 +186,7 @@ def test_one_of_several_pictures_is_read_by_its_number(
     make(file)
     assert np.array_equal(read_picture(file, 0), landscape())
     assert np.array_equal(read_picture(file, 1), landscape() + 1)
-    with pytest.raises(FlflabError, match="picture 2 was asked for; it holds 2"):
+    with pytest.raises(FlflabError, match="there is no picture 2; it holds 2"):
         read_picture(file, 2)
 
 

@@ -174,7 +174,7 @@ def test_while_a_program_drives_the_bench_others_look_and_it_goes_on(
 
 def test_a_seed_that_nobody_would_obey_is_refused(bench: tuple[Served, Path]) -> None:
     read = read_bench(bench[1])
-    with pytest.raises(InputError, match="seed 7 is asked for, but no device there"):
+    with pytest.raises(InputError, match="seed 7 would have no effect, since no device there"):
         seeded(read, 7)
     assert seeded(read, None) is read
 

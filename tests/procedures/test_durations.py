@@ -3,6 +3,7 @@ clock.
 """
 
 import itertools
+import math
 import threading
 import time
 from collections.abc import Callable, Generator
@@ -184,3 +185,21 @@ def test_what_is_left_learns_from_motions_and_frames_apart_how_long_they_take(
     assert seconds_left(to_do, said, took[:done]) == pytest.approx(sum(took[done:]), rel=0.05)
     assert seconds_left(to_do, said, []) == pytest.approx(sum(said))
     assert seconds_left(to_do, said, [0.0] * (len(to_do) - 1)) >= 0.0
+
+
+def test_a_first_frame_that_pays_for_a_start_does_not_stretch_what_is_left(
+    read: Callable[..., tuple[Study, Bench]],
+) -> None:
+    study, bench = read()
+    to_do = steps(study, bench)
+    said = durations(to_do, bench)
+    frames = [
+        place
+        for place, step in enumerate(to_do)
+        if isinstance(step, Expose | Capture | CaptureDark)
+    ]
+    took = list(said)
+    took[frames[0]] += 90.0  # its kernels were compiled
+    assert math.isnan(seconds_left(to_do, said, took[: frames[0] + 1]))
+    after = frames[1] + 1
+    assert seconds_left(to_do, said, took[:after]) == pytest.approx(sum(took[after:]), rel=0.02)

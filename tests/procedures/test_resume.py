@@ -319,14 +319,14 @@ def test_what_cannot_be_gone_on_with_is_refused(
     study, bench = described()
     connected = in_memory(bench, memory_camera(shape=(90, 120)))
     take_study(connected, study, begin_recording(connected, study, tmp_path), tell_nobody, "sweep")
-    with pytest.raises(InputError, match="taken to its end, there is nothing to go on with"):
+    with pytest.raises(InputError, match="taken to its end, there is nothing to continue"):
         require_unfinished(read_run(tmp_path))
     lines = (tmp_path / "documents.jsonl").read_text().splitlines(keepends=True)
     (tmp_path / "documents.jsonl").write_text(
         "".join(lines[:-1]).replace('"plan_name": "sweep"', '"plan_name": "align"')
     )
     (tmp_path / "SHA256SUMS").unlink()
-    with pytest.raises(InputError, match="a run of align cannot be gone on with"):
+    with pytest.raises(InputError, match="a run of align cannot be continued"):
         require_unfinished(read_run(tmp_path))
     (tmp_path / "documents.jsonl").write_text("")
     with pytest.raises(RecordError, match="nothing was recorded; begin it again"):

@@ -247,7 +247,7 @@ def run(bench: Bench, study: Study, tmp_path_factory: pytest.TempPathFactory) ->
             )  # fmt: skip
     recording.close()
     start = {
-        "uid": "a-uid", "time": 1.8e9, "seed": 7,
+        "uid": "a-uid", "time": 1.8e9, "seed": 7, "plan_name": "validate", "study": "first",
         "software": {"python": "3.11.7", "numpy": "2.4.6"},
         "devices": [{"name": "camera", "identity": "<script>alert('x')</script>",
         "position": None}],

@@ -10,13 +10,12 @@ from scipy.special import j1, jv
 from flflab.bench import Bench
 from flflab.comparison import Row
 from flflab.evaluation import Evaluation
+from flflab.optics.airy import airy_diameter, diffraction_contrast
 from flflab.optics.focus import blur, magnification
 from flflab.prediction import drawn_errors
 from flflab.properties.predicted import predict
 from flflab.report import charts
 from flflab.report.facts import (
-    airy_diameter,
-    diffraction_contrast,
     exact_counts,
     listed,
     pictured,

@@ -7,15 +7,17 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from flflab.bench import Bench
 from flflab.bench_uncertainty import LightDescription
-from flflab.comparison import PROPERTY_NAMES, Comparison
+from flflab.comparison import PROPERTY_NAMES, Comparison, Verdict
 from flflab.errors import InputError
 from flflab.evaluation import Evaluation
 from flflab.record import Run
 from flflab.report import write_report
+from flflab.report.overview import z_limit
 from flflab.study import Study
 
 VOID = {"meta", "image", "img", "br", "use", "circle", "polygon", "path", "rect"}
@@ -105,7 +107,7 @@ def test_the_verdict_comes_first_with_its_numbers(page: Page, evaluation: Evalua
     for verdict in evaluation.comparison.verdicts:
         shares = f"{100 * verdict.p_value:.3g} % {100 * verdict.threshold:.3g} %"
         assert f"{PROPERTY_NAMES[verdict.quantity]} {verdict.rows} {shares} agrees" in body
-    assert "quantity values compared p-value rejected below verdict" in body
+    assert "quantity values compared p-value reject below verdict" in body
     assert "exact for 12 of 12 dots (100.0 %)" in body
     assert "Signature" in body
 
@@ -310,3 +312,53 @@ def test_a_report_that_finds_the_disk_full_leaves_the_older_one(
     assert {one.name: one.read_text(encoding="utf-8") for one in tmp_path.iterdir()} == {
         "report.html": "an older one"
     }
+
+
+def test_the_first_screen_has_verdict_figure_kind_of_bench_next_step_and_signature(
+    source: str,
+) -> None:
+    places = [
+        source.index(part)
+        for part in (
+            '<section class="verdict', 'class="simulated">Simulated bench: 7 of 7',
+            "Last calibration: none stated", "<b>Next.</b>", "<div>Signature</div>",
+            "every property in standard uncertainties", 'class="contents"', 'id="verdicts"',
+            'id="curves"', 'id="frames"',
+        )
+    ]  # fmt: skip
+    assert places == sorted(places)
+
+
+def test_contents_and_verdicts_lead_to_places_of_the_page(page: Page, source: str) -> None:
+    links = re.findall(r'<a href="#([a-z]+)"', source)
+    assert {"curves", "properties", "views", "frames", "provenance"} <= set(links)
+    assert set(links) <= set(page.ids)
+
+
+def test_every_frame_has_a_scale_bar_of_the_length_it_says(source: str, bench: Bench) -> None:
+    frames = re.findall(r'<svg class="frame".*?</svg>', source, re.S)
+    assert frames
+    for frame in frames:
+        length = re.search(r'class="scale" d="M[\d. ]+h([\d.]+)"', frame)
+        said = re.search(r"([\d.]+) (mm|µm)</text>", frame)
+        assert length
+        assert said
+        millimetres = float(said[1]) * (1 if said[2] == "mm" else 1e-3)
+        assert float(length[1]) * bench.optics.sensor.pixel == pytest.approx(millimetres, rel=1e-3)
+
+
+def test_a_calibrated_bench_says_when(
+    evaluation: Evaluation, run: Run, study: Study, bench: Bench, tmp_path: Path
+) -> None:
+    described = bench.description.model_copy(update={"calibrated": "2027-01-01"})
+    file = tmp_path / "report.html"
+    write_report(evaluation, run, study, replace(bench, description=described), file)
+    text = file.read_text(encoding="utf-8")
+    assert "Last calibration: 2027-01-01, 14 days before this run." in text
+
+
+def test_the_limit_of_the_overview_is_that_of_the_farthest_of_independent_normal_numbers() -> None:
+    verdict = Verdict("mtf", 46, 0.5, 500, 1.0, 0.00625, True, "")
+    farthest = np.abs(np.random.default_rng(1).normal(size=(200_000, 46))).max(axis=1)
+    share = float(np.mean(farthest > z_limit(verdict)))
+    assert share == pytest.approx(0.00625, rel=0.1)

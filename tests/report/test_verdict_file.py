@@ -8,13 +8,16 @@ from xml.etree import ElementTree
 import jsonschema
 import pytest
 
+from flflab.cli.sweep import numbers_of
 from flflab.comparison import Comparison, Verdict, rule
 from flflab.diagnosis import Suspect
 from flflab.evaluation import Evaluation
 from flflab.record import Run
 from flflab.report import junit_text, verdict_text
 
-SUSPECT = Suspect("sensor", 0.02, "0.02 mm farther", 20.0, 400.0, 24)
+SUSPECT = Suspect(
+    "sensor", 0.02, "(0.0200 ± 0.0010) mm farther", 20.0, 400.0, 24, 1e-3, 0.6, True, "calibrate"
+)
 
 
 @pytest.fixture
@@ -38,6 +41,7 @@ def test_an_accepted_run_keeps_the_schema(single: Evaluation, run: Run) -> None:
     found = read(single, run)
     assert found["verdict"] == "accepted"
     assert found["suspects"] == []
+    assert found["study"] == "first"
     assert found["properties"]["mtf"] == {  # type: ignore[index]
         "name": "contrast (MTF)", "values": 12, "p_value": 0.41, "p_is_upper_bound": False,
         "draws": 200, "limit": 0.025, "verdict": "accepted", "worst_z": 1.7,
@@ -51,6 +55,8 @@ def test_a_rejected_run_names_property_bound_and_suspect(rejected: Evaluation, r
     (suspect,) = found["suspects"]  # type: ignore[misc]
     assert suspect["name"] == "sensor"
     assert suspect["explains"] == pytest.approx(0.95)
+    assert (suspect["uncertainty"], suspect["sufficient"]) == (1e-3, True)
+    assert found["next"]["command"] == f"flflab calibrate --bench {run.folder / 'bench.yaml'}"  # type: ignore[index]
 
 
 def test_junit_shows_each_property_as_a_test(rejected: Evaluation, run: Run) -> None:
@@ -76,3 +82,10 @@ def test_the_rule_says_how_the_level_is_shared() -> None:
     told = rule((one, replace(one, quantity="mtf")))
     assert "2 properties share the level of 5 %" in told
     assert "rejected below 2.5 %" in told
+
+
+def test_sweep_says_what_was_recorded_as_json(run: Run) -> None:
+    assert json.loads(json.dumps(numbers_of(run))) == {
+        "run": str(run.folder.resolve()), "study": "first", "complete": run.complete, "frames": 9,
+        "configurations": 3, "accuracy": [],
+    }  # fmt: skip

@@ -49,7 +49,7 @@ def test_no_position_is_told_that_the_axis_is_not_at(
             with connect(tmp_path / "served.yaml") as connected:
                 go_to_and_fro(connected.axes[name], served.world)
         except DeviceError as error:
-            told.append(str(error).partition("; and then not every axis took the stop")[0])
+            told.append(str(error).partition("; and not every axis stopped")[0])
         assert all(name in sentence and "\n" not in sentence for sentence in told)
 
 

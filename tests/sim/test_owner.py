@@ -189,7 +189,7 @@ def test_another_program_is_refused_and_can_have_the_owner_stop(slow: tuple[Serv
     with another_program(file) as child:
         with pytest.raises(
             DeviceError,
-            match=rf"\(process {child.pid}\).*wait for its end: .* would stop its axes and with",
+            match=rf"\(process {child.pid}\).*Wait until it finishes\. .* stops its axes and ends",
         ):
             connect(file)
         assert set(ask_owners_to_stop(file).values()) == {""}

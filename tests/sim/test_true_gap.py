@@ -160,7 +160,7 @@ def test_a_sensor_that_goes_as_far_as_it_may_keeps_the_gap_to_every_microlens_th
             array_stage.move_to(10.0).wait()
             with pytest.raises(InterlockError) as refused:
                 sensor_stage.move_to(29.99)
-            far = re.search(r"it may go as far as (\d+\.\d+) mm", str(refused.value))
+            far = re.search(r"Farthest allowed: (\d+\.\d+) mm", str(refused.value))
             assert far is not None
             sensor_stage.move_to(float(far[1])).wait()
         now = served.world.clock.now()
@@ -235,7 +235,7 @@ def test_what_is_stated_to_stand_somewhere_is_kept_clear_of_with_its_uncertainty
         with connect(stated) as partial:
             with pytest.raises(InterlockError) as refused:
                 partial.array_stage.move_to(19.8)
-            far = re.search(r"it may go as far as (\d+\.\d+) mm", str(refused.value))
+            far = re.search(r"Farthest allowed: (\d+\.\d+) mm", str(refused.value))
             assert far is not None
             partial.array_stage.move_to(float(far[1])).wait(20)
         gap = served.world.gap(served.world.clock.now())
@@ -334,7 +334,7 @@ def test_gaps_are_kept_from_metal_to_metal(write_bench_file: WriteBench, tmp_pat
     def as_far_as_it_may(axis: Axis, end: float) -> None:
         with pytest.raises(InterlockError) as refused:
             axis.move_to(end)
-        far = re.search(r"it may go as far as (\d+\.\d+) mm", str(refused.value))
+        far = re.search(r"Farthest allowed: (\d+\.\d+) mm", str(refused.value))
         assert far is not None
         axis.move_to(float(far[1])).wait(20)
 

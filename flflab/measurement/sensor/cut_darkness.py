@@ -107,6 +107,6 @@ def remark_on(cut: CutDarkness) -> Remark:
     """What was done, for an operator."""
     return Remark(
         "darkness-cut",
-        f"the darkness of the picture is cut at {cut.lowest_dn:g}: noise below it was lost, its"
-        f" mean ({cut.below_dn:.3g} DN) was estimated; save pictures with a black level above 0",
+        f"noise below {cut.lowest_dn:g} DN was clipped in this picture; its mean"
+        f" ({cut.below_dn:.3g} DN) was estimated. Save pictures with a black level above 0",
     )

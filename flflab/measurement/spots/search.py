@@ -296,8 +296,8 @@ def _require_apart(target: FourDot, radius: float, spread: float) -> None:
     if apart < APART * width:
         raise MeasurementError(
             f"four-dot picture: the dots' images are {apart:.1f} px apart and, with {spread:.1f} px"
-            f" of blur, {width:.1f} px wide; {APART * width:.1f} px apart are needed to tell one"
-            " from the next; take dots further apart, or move them towards the focus"
+            f" of blur, {width:.1f} px wide; {APART * width:.1f} px apart are needed to separate"
+            " them; take dots further apart, or move them towards the focus"
         )
 
 

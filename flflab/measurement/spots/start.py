@@ -74,9 +74,9 @@ def where_to_look(
             return there, blind.distance
     if found is not None and agreed < LEAST:
         raise MeasurementError(
-            f"four-dot picture: it agrees to {100 * agreed:.0f} % with where the camera puts the"
-            f" dots, {100 * LEAST:.0f} % are needed, and nowhere else do spots make a square"
-            f" {target.spacing:g} mm wide; check exposure, distance, and the target's spacing"
+            f"four-dot picture: no pattern of dots {target.spacing:g} mm apart found:"
+            f" {100 * agreed:.0f} % of the expected light is there ({100 * LEAST:.0f} % needed);"
+            " check exposure, distance, and the target's spacing"
         )
     return law, distance
 

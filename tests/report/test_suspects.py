@@ -1,0 +1,78 @@
+"""First suspects of a rejected run: diffraction, blur, the lamp, exchanged targets."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flflab.bench import Bench
+from flflab.disturbances import disturbances
+from flflab.evaluation import Evaluation
+from flflab.optics.airy import diffraction_contrast
+from flflab.properties.values import Values, joined
+from flflab.record import Run
+from flflab.report.facts import notes
+from flflab.study import Study
+
+
+@pytest.fixture
+def values(evaluation: Evaluation) -> list[Values]:
+    return [one for one in evaluation.values if one.quantity in ("mtf", "light")]
+
+
+def test_diffraction_is_a_suspect_only_where_no_light_is_stated(
+    evaluation: Evaluation, values: list[Values], bench: Bench
+) -> None:
+    found = disturbances(values, evaluation.measured, evaluation.predicted, bench)
+    assert [one.what.partition(" (")[0] for one in found] == [
+        "diffraction", "a blur beyond the model", "unequal light",
+    ]  # fmt: skip
+    lit = bench.description.model_copy(update={"light": object()})
+    fewer = disturbances(
+        values, evaluation.measured, evaluation.predicted, replace(bench, description=lit)
+    )
+    assert [one.what for one in fewer] == [one.what for one in found[1:]]
+
+
+def test_diffraction_dims_the_contrast_as_a_perfect_lens_does(
+    evaluation: Evaluation, values: list[Values], bench: Bench
+) -> None:
+    measured, predicted = evaluation.measured, evaluation.predicted
+    diffraction = disturbances(values, measured, predicted, bench)[0]
+    plain = joined(values)[2].mean(axis=0)
+    dimmed = diffraction.expected(np.array([500e-6]))[0]
+    place = 0
+    for one in values:
+        count = len(one.measured)
+        here = slice(place, place + count)
+        place += count
+        if one.quantity == "light":
+            np.testing.assert_array_equal(dimmed[here], plain[here])
+            continue
+        seen, model = measured[one.configuration], predicted[one.configuration]
+        assert seen.curve is not None
+        left = diffraction_contrast(model.camera, model.distance, seen.curve.cycles_per_px, 500e-6)
+        np.testing.assert_allclose(dimmed[here], plain[here] * left, rtol=1e-12)
+
+
+def test_an_unsteady_lamp_changes_light_alone_and_a_blur_of_0_nothing(
+    evaluation: Evaluation, values: list[Values], bench: Bench
+) -> None:
+    _, blur, lamp = disturbances(values, evaluation.measured, evaluation.predicted, bench)
+    plain = joined(values)[2].mean(axis=0)
+    np.testing.assert_allclose(blur.expected(np.zeros(1))[0], plain, rtol=1e-12)
+    drifted = lamp.expected(np.array([0.1]))[0] / plain
+    is_light = np.concatenate(
+        [np.full(len(one.measured), one.quantity == "light") for one in values]
+    )
+    assert np.all(drifted[~is_light] == 1)
+    np.testing.assert_allclose(drifted[is_light], [0.95, 1.0, 1.05], rtol=1e-12)
+
+
+def test_targets_that_show_nowhere_are_suspected_to_be_exchanged(
+    evaluation: Evaluation, run: Run, study: Study, bench: Bench
+) -> None:
+    blind = tuple(replace(one, curve=None) for one in evaluation.measured)
+    said = " ".join(notes(replace(evaluation, measured=blind), run, study, bench))
+    assert "No bars could be measured in any configuration: are the targets exchanged" in said
+    assert "exchanged" not in " ".join(notes(evaluation, run, study, bench))
