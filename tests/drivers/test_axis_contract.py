@@ -229,7 +229,7 @@ def test_a_plan_of_the_run_engine_moves_and_reads_it(axis: Axis, engine: RunEngi
     plan: Callable[[], Any] = lambda: bp.scan([], axis, first, last, 3)  # noqa: E731
     check_limits(plan())
     engine(plan(), lambda name, document: documents.append((name, document)))
-    column = f"{axis.name}_{'rad' if axis.name in TURNING else 'mm'}"
+    column = axis.name
     events = [document["data"][column] for name, document in documents if name == "event"]
     assert events == pytest.approx([first, (first + last) / 2, last], abs=2 * step(axis))
 
