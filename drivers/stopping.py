@@ -141,12 +141,15 @@ class _Line:
     def __init__(self) -> None:
         self._opening = threading.Lock()
         self._opened: Any = None
+        self._over = False
 
     def share(self, address: str, opener: Callable[[], Any], /) -> Any:
         """What the line was opened as."""
         with self._opening:
             if self._opened is None:
                 self._opened = opener()
+            if self._over:  # meanwhile: nobody else would close what was just opened
+                self._opened.close()
             return self._opened
 
     @property
@@ -155,7 +158,8 @@ class _Line:
         return self._opened is not None
 
     def close(self) -> None:
-        """Let go of it; one that still waits to be opened ends with its thread."""
+        """Let go of it; one that still waits to be opened is closed as soon as it is open."""
+        self._over = True
         if self._opened is not None:
             self._opened.close()
 
