@@ -2,6 +2,7 @@
 this one.
 """
 
+import contextlib
 import hashlib
 import json
 import os
@@ -87,7 +88,8 @@ class SimulatedBench:
             raise
 
     def wait_until_ready(self, timeout: float = READY_S) -> None:
-        """Wait until all that a first frame needs is compiled; an operator who waits is told why.
+        """Have all that a first frame needs compiled, and wait for it; an operator who waits is
+        told why.
 
         Args:
             timeout: how long that may take, s.
@@ -95,6 +97,10 @@ class SimulatedBench:
         Raises:
             CommunicationError: it took longer, or the simulated bench ended.
         """
+        with contextlib.suppress(OSError):  # it ended, which is said below
+            stdin: Any = self._child.stdin
+            stdin.write(b"\n")
+            stdin.flush()
         if not wait_for(self._ready, min(SILENCE_S, timeout)):
             print(
                 "the simulated bench compiles what draws its pictures, the first time one or two"

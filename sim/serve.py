@@ -300,13 +300,21 @@ def main(
         raise InputError(
             f"the simulated bench cannot listen ({reason(error)}); try another --port"
         ) from error
-    with listening_for_the_end() as wait_for_the_end, served:
+    begun = threading.Event()
+
+    def draw() -> None:
+        if not begun.is_set():
+            begun.set()
+            warm_up(served, lambda: _say_ready(json_line=json_line))
+
+    with listening_for_the_end(draw) as wait_for_the_end, served:
         if memory is not None:
             recall(served.world, served.stages, memory)
         if write_bench_file:
             write_bench(bench, served, write_bench_file)
         print(json.dumps(served.addresses) if json_line else _for_people(served), flush=True)
-        warm_up(served, lambda: _say_ready(json_line=json_line))
+        if memory is None or not _tells_of_a_parent(0):  # a command by hand asks before a frame
+            draw()
         wait_for_the_end()
         if memory is not None:
             remember(served.world, served.stages, memory)
@@ -346,9 +354,11 @@ def _for_people(served: Served) -> str:
 
 
 @contextlib.contextmanager
-def listening_for_the_end() -> Generator[Callable[[], None]]:
+def listening_for_the_end(
+    asked: Callable[[], object] = lambda: None,
+) -> Generator[Callable[[], None]]:
     """Gives a function that returns after SIGINT or SIGTERM, or once standard input ends where it
-    is a pipe; for the main thread.
+    is a pipe; for the main thread. ``asked`` is called when anything comes over that pipe.
 
     A Ctrl-C reaches a parent and its children alike: where there is a parent it gets some time to
     stop the axes first.
@@ -368,7 +378,9 @@ def listening_for_the_end() -> Generator[Callable[[], None]]:
 
     previous = {number: signal.signal(number, end) for number in ends}
     if parent:
-        threading.Thread(target=_read_to_end, args=(ended.set,), name="parent", daemon=True).start()
+        threading.Thread(
+            target=_read_to_end, args=(ended.set, asked), name="parent", daemon=True
+        ).start()
     try:
         yield wait
     finally:
@@ -386,10 +398,10 @@ def _tells_of_a_parent(descriptor: int) -> bool:
         return False
 
 
-def _read_to_end(then: Callable[[], None]) -> None:
+def _read_to_end(then: Callable[[], None], asked: Callable[[], object]) -> None:
     try:
         while os.read(0, 4096):
-            pass
+            asked()
     except OSError:
         sys.stderr.write("standard input cannot be read; the simulation ends\n")
     then()

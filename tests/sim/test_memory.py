@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from drivers.bench import connect
-from flflab.bench import Bench, read_bench
+from drivers.simulated import memory_of
+from flflab.bench import Bench, read_bench, with_seed
 from sim.memory import recall, remember
 from sim.serve import Served, serve, write_bench
 
@@ -54,6 +55,21 @@ def test_places_references_iris_and_target_are_kept(described: Bench, tmp_path: 
             assert bench.target.value() == "bars"
             bench.target_stage.move_to(20.0).wait(20)
         assert truth(served)["target.z"] == pytest.approx(true["target.z"] + 7.5, abs=0.01)
+
+
+def test_another_file_camera_or_seed_begins_anew(described: Bench) -> None:
+    first = memory_of(described)
+    assert first is not None
+    assert first == memory_of(read_bench(described.file))
+    text = described.file.read_text(encoding="utf-8")
+    others = [memory_of(with_seed(described, 7))]
+    described.file.write_text(text.replace("minimum_gap: 0.3 mm", "minimum_gap: 0.4 mm"), "utf-8")
+    others.append(memory_of(read_bench(described.file)))
+    assert len({first, *others}) == 3
+    first.parent.rmdir()
+    first.parent.symlink_to(described.file.parent)  # whose it is, nobody knows
+    assert memory_of(described) is None
+    first.parent.unlink()
 
 
 @pytest.mark.parametrize(
