@@ -6,7 +6,7 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich import box
@@ -22,9 +22,12 @@ from flflab.cli.terminal import Terminal
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
 from flflab.whole_file import write_own
+from flflab.yaml_file import edit_yaml, put
 
 if TYPE_CHECKING:
     from procedures.align import Outcome
+
+ALIGNED = "aligned-bench.yaml"
 
 
 def align(
@@ -95,13 +98,14 @@ def align(
     write_own(
         folder / "alignment.json", json.dumps([asdict(one) for one in outcomes], indent=1) + "\n"
     )
-    write_own(folder / "alignment.yaml", zeros_as_text(outcomes, described))
+    kept = folder / "bench.yaml"
+    write_own(folder / ALIGNED, with_zeros(kept.read_text(encoding="utf-8"), outcomes, described))
     console = Terminal(piped=140)
     console.print(table_of(outcomes))
     for one in outcomes:
         console.print(ending_of(one), highlight=False)
     console.print(
-        f"Zeros of the axes by this alignment, for the bench file: {folder / 'alignment.yaml'}",
+        f"The bench file with the zeros of this alignment: {folder / ALIGNED}",
         highlight=False,
         soft_wrap=True,
     )
@@ -139,27 +143,25 @@ def ending_of(one: "Outcome") -> str:
     return f"{one.what}: {one.why}{at}"
 
 
-def zeros_as_text(outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:
-    """Zeros with which a reading of every turned axis says how the array truly stands to the
-    sensor: lines of a bench file.
+def with_zeros(text: str, outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:
+    """A bench file's text with zeros by which a reading of every turned axis says how the array
+    truly stands to the sensor; comments and the rest stay.
     """
+    turned = [one for one in outcomes if one.axis and one.unit == "rad"]
+    axes = bench.description.axes
+
+    def change(data: Any) -> None:
+        for one in turned:
+            zero = one.after - axes[one.axis].sign * one.reading
+            put(data["axes"][one.axis], "zero", ANGLE.show(zero, ".5f"))
+            put(data["axes"][one.axis], "zero_uncertainty", ANGLE.show(one.uncertainty, ".2g"))
+
     lines = [
-        (
-            "# Zeros by `flflab align`, to put into the bench file: with them a reading says how"
-            " the array stands to the sensor."
-        ),
-        "axes:",
+        f"# {one.axis}: {axes[one.axis].moves}; {one.why}; zero before"
+        f" {ANGLE.show(axes[one.axis].zero, 'g')}\n"
+        for one in turned
     ]
-    for one in outcomes:
-        if one.axis and one.unit == "rad":
-            axis = bench.description.axes[one.axis]
-            zero = one.after - axis.sign * one.reading
-            lines += [
-                f"  {one.axis}:  # {axis.moves}; {one.why}; before {ANGLE.show(axis.zero, 'g')}",
-                f"    zero: {ANGLE.show(zero, '.5f')}",
-                f"    zero_uncertainty: {ANGLE.show(one.uncertainty, '.2g')}",
-            ]
-    return (
-        "\n".join(lines if len(lines) > 2 else [*lines[:1], "axes: {}  # nothing turns the array"])
-        + "\n"
+    head = (
+        "# Zeros by `flflab align`: with them a reading says how the array stands to the sensor.\n"
     )
+    return head + "".join(lines) + edit_yaml(text, str(bench.file), change)

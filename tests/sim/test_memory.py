@@ -1,6 +1,7 @@
 """A simulated bench stands, in the next program, where it stood in this one."""
 
 import json
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -57,7 +58,10 @@ def test_places_references_iris_and_target_are_kept(described: Bench, tmp_path: 
         assert truth(served)["target.z"] == pytest.approx(true["target.z"] + 7.5, abs=0.01)
 
 
-def test_another_file_camera_or_seed_begins_anew(described: Bench) -> None:
+def test_another_file_camera_or_seed_begins_anew(
+    described: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     first = memory_of(described)
     assert first is not None
     assert first == memory_of(read_bench(described.file))
