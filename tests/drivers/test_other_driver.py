@@ -42,12 +42,11 @@ def test_its_stage_runs_on_a_bench(installed: dict[str, str], root: Path, tmp_pa
         del stage[key]
     stage |= {"driver": "acme", "counts_per_mm": 2000.0, "timeout": 5.0}
     (tmp_path / "bench.yaml").write_text(yaml.safe_dump(bench, sort_keys=False), encoding="utf-8")
-    check = run(installed, tmp_path, "flflab", "bench", "check", "--bench", "bench.yaml")
-    assert "ACME LS-50" in check
-    said = run(
-        installed, tmp_path, "flflab", "bench", "home", "target_stage", "--bench", "bench.yaml"
-    )
-    assert "target_stage is at 0.0000 mm" in said
+    by_hand = ("flflab", "bench")
+    home = run(installed, tmp_path, *by_hand, "home", "target_stage", "--bench", "bench.yaml")
+    assert "target_stage is at 0.0000 mm" in home
+    moved = run(installed, tmp_path, *by_hand, "go", "target.z", "-510 mm", "--bench", "bench.yaml")
+    assert "target.z is at -510.00" in moved
 
 
 def test_it_keeps_what_every_axis_promises_and_is_whole_after_faults(
