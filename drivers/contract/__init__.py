@@ -53,10 +53,10 @@ def pytest_configure(config: pytest.Config) -> None:
         return
     if axis and bench:
         raise pytest.UsageError("give --flflab-axis or --flflab-bench, one of them")
-    if config.getoption("--flflab-faults") is None:
-        config.option.flflab_faults = FAULTS if axis else 0
+    faults: int | None = config.getoption("--flflab-faults")
+    config.option.flflab_faults = faults = faults if faults is not None else FAULTS if axis else 0
     suites = [str(HERE / "promises.py")]
-    if config.getoption("--flflab-faults") > 0:
+    if faults > 0:
         suites.append(str(HERE / "faults.py"))
     named = config.args if config.args_source is pytest.Config.ArgsSource.ARGS else []
     config.args = [*named, *suites]

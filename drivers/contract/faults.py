@@ -4,6 +4,7 @@ bench that is whole, and no lie.
 
 import contextlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -42,4 +43,5 @@ def test_after_every_fault_the_bench_is_whole(
     monkeypatch.setattr(faults, "LATE_S", LATE_S)
     monkeypatch.setattr(faults, "AWAY_S", AWAY_S)
     with contextlib.closing(Soak(hurried(bench_file, tmp_path), pty=False, seed=1)) as soak:
-        soak.run(pytestconfig.getoption("--flflab-faults"))
+        count: Any = pytestconfig.getoption("--flflab-faults")
+        soak.run(count)

@@ -36,7 +36,8 @@ def write_bench(config: pytest.Config, folder: Path) -> Path:
     Raises:
         pytest.UsageError: there is no such driver, or its own keys are no mapping.
     """
-    driver = config.getoption("--flflab-axis")
+    driver: Any = config.getoption("--flflab-axis")
+    keys: Any = config.getoption("--flflab-keys")
     if driver not in AXES:
         raise pytest.UsageError(
             f"there is no driver '{driver}' of axes here; there are {', '.join(AXES)}: install the"
@@ -49,7 +50,7 @@ def write_bench(config: pytest.Config, folder: Path) -> Path:
     bench["simulated"]["clock"] = CLOCK
     for axis in bench["axes"].values():
         axis["timeout"] = TIMEOUT_S
-    own = {"driver": driver, "address": "simulated", **_keys(config.getoption("--flflab-keys"))}
+    own = {"driver": driver, "address": "simulated", **_keys(keys)}
     if AXES[driver].counts is ANGLE:
         bench["axes"][AXIS] = TURNING | own
     else:

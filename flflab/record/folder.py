@@ -123,7 +123,7 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
     Raises:
         RecordError: the folder cannot be written.
     """
-    fields = fields_of(bench) | {"optics": "camera.yaml"}
+    fields: dict[str, Any] = fields_of(bench) | {"optics": "camera.yaml"}
 
     def change(data: Any) -> None:
         data["optics"] = fields["optics"]

@@ -42,7 +42,7 @@ STEPS = dict.fromkeys(LINEAR, 0.00049609375) | {
     "ring": 1 / 50,
 }  # mm, deg
 # a child that draws ahead ends once its kernels are compiled, a minute or more where none were
-PATIENCE_S = 240.0
+COMPILED_S = 240.0
 STARTS = {"rotation_stage.start": "4 deg", "goniometer.start": "-3 deg", "ring.start": "60 deg"}
 
 
@@ -62,11 +62,11 @@ def write_bench_of_all(root: Path, file: Path, clock: float, *faults: dict[str, 
 def end(child: "subprocess.Popen[bytes]") -> None:
     """Close a child's input and wait for its end, but not for ever."""
     try:
-        child.communicate(timeout=PATIENCE_S)
+        child.communicate(timeout=COMPILED_S)
     except subprocess.TimeoutExpired:
         child.kill()
         pytest.fail(
-            f"{child.args}: should end within {PATIENCE_S:g} s of the end of its input and did not;"
+            f"{child.args}: should end within {COMPILED_S:g} s of the end of its input and did not;"
             " it was killed"
         )
 
