@@ -313,14 +313,12 @@ class Axis:
     # bluesky
 
     def read(self) -> dict[str, Any]:
-        """The reading."""
-        return {
-            self.coordinate.column(self.name): {"value": self.position(), "timestamp": time.time()}
-        }
+        """The reading, mm or rad: ``describe`` says which."""
+        return {self.name: {"value": self.position(), "timestamp": time.time()}}
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns."""
-        return {self.coordinate.column(self.name): self._describe_number(self.coordinate.unit)}
+        return {self.name: self._describe_number(self.coordinate.unit)}
 
     def read_configuration(self) -> dict[str, Any]:
         """Speed in mm/s or rad/s."""
@@ -339,8 +337,8 @@ class Axis:
 
     @property
     def hints(self) -> dict[str, Any]:
-        """The reading is what plots and tables show."""
-        return {"fields": [self.coordinate.column(self.name)]}
+        """The reading is what plots and tables show, by the axis's name."""
+        return {"fields": [self.name]}
 
     def locate(self) -> dict[str, float]:
         """Where it was asked to go and where it is."""

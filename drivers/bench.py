@@ -376,12 +376,17 @@ def connect(bench_file: str | Path) -> ConnectedBench:
     return connect_described(read_bench(Path(bench_file)))
 
 
-def connect_described(described: Bench) -> ConnectedBench:
-    """Connect to every device of a bench as read; nothing moves. Errors as ``connect``."""
-    return connect_as(ConnectedBench, described)
+def connect_described(described: Bench, memory: Path | None = None) -> ConnectedBench:
+    """Connect to every device of a bench as read; nothing moves. Errors as ``connect``.
+
+    Args:
+        described: the bench as read.
+        memory: file in which what is simulated keeps where it stands.
+    """
+    return connect_as(ConnectedBench, described, memory)
 
 
-def connect_as(kind: type[Connected], described: Bench) -> Connected:
+def connect_as(kind: type[Connected], described: Bench, memory: Path | None = None) -> Connected:
     """Connect to every device of a bench as a kind of connected bench. Errors as ``connect``."""
     description = described.description
     require_drivable(described)
@@ -396,7 +401,9 @@ def connect_as(kind: type[Connected], described: Bench) -> Connected:
         sentinels = resources.enter_context(
             ExitStack()
         )  # let go after every axis was stopped, before the bench is another program's
-        connection = Connection(described, resources, SimulatedOnDemand(described, resources))
+        connection = Connection(
+            described, resources, SimulatedOnDemand(described, resources, memory)
+        )
         axes: dict[str, Axis] = {
             name: device
             for name in description.axes

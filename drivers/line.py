@@ -38,6 +38,7 @@ class Line(Generic[Link]):
         self._opener = opener
         self._opening = threading.Lock()
         self._link: Link | None = None
+        self._over = False
         self.get()
 
     def get(self, asked: str = "") -> Link:
@@ -47,14 +48,18 @@ class Line(Generic[Link]):
             asked: who needs it and for what, as the error is to begin.
 
         Raises:
-            CommunicationError: it was lost and cannot be opened.
+            CommunicationError: it was lost and cannot be opened, or was let go of.
         """
         with self._opening:
-            if self._link is None:
+            if self._link is None and not self._over:
                 try:
                     self._link = self._opener()
                 except CommunicationError as error:
                     raise CommunicationError(f"{asked}{error}") from error
+            if self._over:  # meanwhile: nobody else would close what was just opened
+                self._let_go()
+            if self._link is None:
+                raise CommunicationError(f"{asked}the line was let go of; connect again")
             return self._link
 
     def lose(self, link: Link) -> None:
@@ -66,9 +71,14 @@ class Line(Generic[Link]):
             self._link = None if self._link is link else self._link
 
     def close(self) -> None:
-        """Let go of it."""
-        if self._link is not None:
-            self.lose(self._link)
+        """Let go of it for good; waits for nobody who just opens it."""
+        self._over = True
+        self._let_go()
+
+    def _let_go(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            link.close()
 
 
 def stop_surely(line: Line[Wire], name: str, message: bytes, listens: Callable[[], object]) -> None:

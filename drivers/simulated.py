@@ -2,7 +2,11 @@
 this one.
 """
 
+import contextlib
+import hashlib
 import json
+import os
+import stat
 import subprocess
 import sys
 import tempfile
@@ -11,6 +15,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from drivers.locks import user
 from flflab.bench import Bench
 from flflab.errors import CommunicationError
 from flflab.waiting import wait_for
@@ -29,6 +34,8 @@ class SimulatedBench:
     Args:
         bench_file: the bench file.
         seed: of its errors and noise, whatever the file says.
+        memory: file that keeps where everything stands from one program to the next; None: all
+            begins as it was built.
         timeout: how long it may take to say its addresses, s (it starts Python and compiles what is
             not in its cache).
 
@@ -36,7 +43,9 @@ class SimulatedBench:
         CommunicationError: it did not start; with the last line it wrote.
     """
 
-    def __init__(self, bench_file: Path, seed: int, timeout: float = 60.0) -> None:
+    def __init__(
+        self, bench_file: Path, seed: int, memory: Path | None = None, timeout: float = 60.0
+    ) -> None:
         command = [
             sys.executable,
             "-P",
@@ -47,6 +56,7 @@ class SimulatedBench:
             "--json",
             "--seed",
             str(seed),
+            *(["--memory", str(memory)] if memory is not None else []),
         ]
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed in close()
         self._child = subprocess.Popen(
@@ -78,7 +88,8 @@ class SimulatedBench:
             raise
 
     def wait_until_ready(self, timeout: float = READY_S) -> None:
-        """Wait until all that a first frame needs is compiled; an operator who waits is told why.
+        """Have all that a first frame needs compiled, and wait for it; an operator who waits is
+        told why.
 
         Args:
             timeout: how long that may take, s.
@@ -86,6 +97,10 @@ class SimulatedBench:
         Raises:
             CommunicationError: it took longer, or the simulated bench ended.
         """
+        with contextlib.suppress(OSError):  # it ended, which is said below
+            stdin: Any = self._child.stdin
+            stdin.write(b"\n")
+            stdin.flush()
         if not wait_for(self._ready, min(SILENCE_S, timeout)):
             print(
                 "the simulated bench compiles what draws its pictures, the first time one or two"
@@ -161,6 +176,26 @@ class SimulatedBench:
         return next((line.strip() for line in reversed(lines) if line.strip()), "none")
 
 
+def memory_of(bench: Bench) -> Path | None:
+    """The file in which commands by hand keep where a simulated bench stands: another one as soon
+    as the bench file, its camera file or the seed changes; None where no folder can be had that is
+    this user's alone.
+    """
+    state = hashlib.sha256(str(bench.file.resolve()).encode())
+    state.update(str(bench.description.simulated.seed).encode())
+    folder = Path(tempfile.gettempdir()) / f"flflab-simulated-{user()}"
+    try:
+        for file in (bench.file, bench.file.parent / bench.description.optics):
+            state.update(file.read_bytes())
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    if not stat.S_ISDIR(found.st_mode) or (hasattr(os, "getuid") and found.st_uid != os.getuid()):
+        return None
+    return folder / f"{state.hexdigest()[:24]}.json"
+
+
 class SimulatedOnDemand:
     """The simulated bench, started for the first device that needs it and tried once only; any
     thread may ask.
@@ -168,10 +203,12 @@ class SimulatedOnDemand:
     Args:
         bench: the bench as read.
         resources: ends it.
+        memory: as ``SimulatedBench`` has it.
     """
 
-    def __init__(self, bench: Bench, resources: ExitStack) -> None:
+    def __init__(self, bench: Bench, resources: ExitStack, memory: Path | None = None) -> None:
         self._bench = bench
+        self._memory = memory
         self._resources = resources
         self._starting = threading.Lock()
         self._started: SimulatedBench | CommunicationError | None = None
@@ -187,7 +224,7 @@ class SimulatedOnDemand:
             if self._started is None:
                 try:
                     self._started = SimulatedBench(
-                        self._bench.file, self._bench.description.simulated.seed
+                        self._bench.file, self._bench.description.simulated.seed, self._memory
                     )
                     self._resources.callback(self._started.close)
                 except CommunicationError as fault:

@@ -13,7 +13,7 @@ from drivers.described import device_of, require_drivable
 from drivers.owner import Owner
 from drivers.places import spelt
 from drivers.setting import Setting
-from drivers.simulated import SimulatedOnDemand
+from drivers.simulated import SimulatedOnDemand, memory_of
 from drivers.transport import what_to_check
 from flflab.bench import Bench, DeviceDescription
 from flflab.errors import FlflabError
@@ -87,7 +87,7 @@ def survey(bench: Bench, timeout: float = TIMEOUT_S) -> list[Identity]:
     with ExitStack() as resources:
         if any(can_outlive(axis) for axis in bench.description.axes.values()):
             resources.callback(Owner(bench.file).close)
-        simulated = SimulatedOnDemand(bench, resources)
+        simulated = SimulatedOnDemand(bench, resources, memory_of(bench))
         rows: dict[str, Identity] = {}
 
         def look_along(line: list[str]) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from flflab.bench import Bench
 from flflab.calibration.belief import FAR
@@ -28,7 +27,7 @@ from flflab.measurement.sensor.noise import SensorNoise
 from flflab.record import FrameRecord, Run
 from flflab.study import Study
 from flflab.whole_file import write_own
-from flflab.yaml_file import read_yaml
+from flflab.yaml_file import edit_yaml, put
 
 Array = npt.NDArray[np.float64]
 
@@ -232,44 +231,59 @@ def bench_files(found: Calibration, bench: Bench) -> tuple[str, str]:
     """
     fit = found.fit
     comments = [f"# {name}: {_commented(fit, name)}" for name in fit.names]
-    camera, _ = read_yaml(bench.file.parent / bench.description.optics)
-    data, _ = read_yaml(bench.file)
-
-    def put(where: dict[str, Any], key: str, name: str) -> None:
-        value, _ = fit.value(name)
-        if math.isfinite(value):
-            where[key] = f"{value:.6f} mm"
-
-    lens, array, sensor = camera["main_lens"], camera["microlens_array"], camera["sensor"]
-    put(lens, "focal_length", "main_lens.focal_length")
-    if len(bench.optics.array.focal_lengths) == 1:
-        put(array, "focal_length", "microlens_array.focal_length")
-        for other in ("radius_of_curvature", "refractive_index", "numerical_aperture"):
-            array.pop(other, None)
-    put(array, "aperture", "microlens_array.aperture")
-    for part, owner in ((array, "microlens_array"), (sensor, "sensor")):
-        values = [fit.value(f"{owner}.offset.{axis}")[0] for axis in "xy"]
-        if np.all(np.isfinite(values)):
-            part["offset"] = [f"{value:.6f} mm" for value in values]
-    for stage in found.model.stages:
-        value, u = fit.value(f"{stage.name}.zero")
-        if math.isfinite(value):
-            data["axes"][stage.name] |= {
-                "zero": f"{stage.zero + value:.6f} mm",
-                "zero_uncertainty": f"{u:.3g} mm",
-            }
-    data["optics"] = "calibrated-camera.yaml"
-    if found.began is not None:
-        data["calibrated"] = datetime.fromtimestamp(found.began, UTC).date().isoformat()
-    data["optics_uncertainty"] = (data.get("optics_uncertainty") or {}) | _shares(fit)
+    optics = bench.file.parent / bench.description.optics
     head = (
         "# Written by `flflab calibrate`: what was described, what was found, standard"
         " uncertainties (of zeros and scales: errors).\n"
     )
     listed = head + "\n".join(comments) + "\n"
-    return listed + yaml.safe_dump(camera, sort_keys=False), listed + yaml.safe_dump(
-        data, sort_keys=False
+    camera = edit_yaml(
+        optics.read_text(encoding="utf-8"), str(optics), lambda data: _put_optics(data, fit, bench)
     )
+    described = edit_yaml(
+        bench.file.read_text(encoding="utf-8"),
+        str(bench.file),
+        lambda data: _put_bench(data, found),
+    )
+    return listed + camera, listed + described
+
+
+def _put_optics(camera: Any, fit: Fit, bench: Bench) -> None:
+    """Put what was found of the optics into a camera file's fields."""
+
+    def put_length(where: Any, key: str, name: str) -> None:
+        value, _ = fit.value(name)
+        if math.isfinite(value):
+            put(where, key, f"{value:.6f} mm")
+
+    lens, array, sensor = camera["main_lens"], camera["microlens_array"], camera["sensor"]
+    put_length(lens, "focal_length", "main_lens.focal_length")
+    if len(bench.optics.array.focal_lengths) == 1:
+        put_length(array, "focal_length", "microlens_array.focal_length")
+        for other in ("radius_of_curvature", "refractive_index", "numerical_aperture"):
+            array.pop(other, None)
+    put_length(array, "aperture", "microlens_array.aperture")
+    for part, owner in ((array, "microlens_array"), (sensor, "sensor")):
+        values = [fit.value(f"{owner}.offset.{axis}")[0] for axis in "xy"]
+        if np.all(np.isfinite(values)):
+            put(part, "offset", [f"{value:.6f} mm" for value in values])
+
+
+def _put_bench(data: Any, found: Calibration) -> None:
+    """Put what was found of stages and iris into a bench file's fields."""
+    for stage in found.model.stages:
+        value, u = found.fit.value(f"{stage.name}.zero")
+        if math.isfinite(value):
+            put(data["axes"][stage.name], "zero", f"{stage.zero + value:.6f} mm")
+            put(data["axes"][stage.name], "zero_uncertainty", f"{u:.3g} mm")
+    data["optics"] = "calibrated-camera.yaml"
+    if found.began is not None:
+        put(data, "calibrated", datetime.fromtimestamp(found.began, UTC).date().isoformat())
+    if data.get("optics_uncertainty") is None:
+        data.pop("optics_uncertainty", None)
+        put(data, "optics_uncertainty", {})
+    for key, share in _shares(found.fit).items():
+        put(data["optics_uncertainty"], key, share)
 
 
 def _shares(fit: Fit) -> dict[str, float]:

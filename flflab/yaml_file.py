@@ -2,12 +2,15 @@
 reads them, so that no file takes long, much memory, or ends the program.
 """
 
+import io
+import json
 import os
 import re
 import select
 import stat
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
@@ -34,11 +37,67 @@ def read_yaml(file: Path) -> tuple[dict[str, Any], Lines]:
         InputError: the file is missing, unreadable, not in UTF-8, not YAML, not a mapping of
             fields, or larger than any description.
     """
-    text = _text_of(Path(file))
+    return parse_yaml(_text_of(Path(file)), str(file))
+
+
+def edit_yaml(text: str, file: str, change: Callable[[Any], None]) -> str:
+    """The text of a YAML mapping after a change of its values; comments, order, quotes and
+    indentation stay.
+
+    Args:
+        text: of the file.
+        file: its name, for messages.
+        change: sets and removes values of the mapping that it is given, in place.
+
+    Raises:
+        InputError: an anchor would change other values as well; or as ``read_yaml``.
+    """
+    from ruamel.yaml import YAML, YAMLError  # only who writes a file back waits for it
+    from ruamel.yaml.util import load_yaml_guess_indent
+
+    wanted = json.loads(json.dumps(parse_yaml(text, file)[0]))  # anchors share nothing any more
+    change(wanted)
+    both_ways: Any = YAML()
+    both_ways.preserve_quotes = True
+    both_ways.width = MOST_BYTES  # no line is folded
+    written = io.StringIO()
+    try:
+        data, sequence, offset = load_yaml_guess_indent(text, yaml=both_ways)
+        indented = re.search(r"(?m)^( +)[^ #\-]", text)
+        both_ways.indent(
+            mapping=len(indented[1]) if indented else None,
+            sequence=sequence if offset is not None else None,
+            offset=offset,
+        )
+        change(data)
+        both_ways.dump(data, written)
+        changed = parse_yaml(written.getvalue(), file)[0] == wanted
+    except YAMLError:
+        changed = False
+    if not changed:
+        raise InputError(
+            f"{file}: cannot be changed without changing other values as well (an anchor?); change"
+            " it by hand"
+        )
+    return written.getvalue()
+
+
+def put(mapping: Any, key: str, value: Any) -> None:
+    """Set a value of a mapping that ``edit_yaml`` gives; a new one comes first, since a comment
+    behind the last one may be about what follows.
+    """
+    if key not in mapping and hasattr(mapping, "insert"):
+        mapping.insert(0, key, value)
+    else:
+        mapping[key] = value
+
+
+def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], Lines]:
+    """As ``read_yaml``, of a text; ``file`` is what messages call it."""
     loader: _Loader | None = None
     try:
         loader = _Loader(text)
-        loader.name = str(file)
+        loader.name = file
         node = loader.get_single_node()
         lines: Lines = {}
         if node is None:

@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from sim.faults import JAM, Faults
 from sim.stage import Stage
@@ -113,6 +114,15 @@ class Drive:
         if self._valid:
             self.stage.set_position(position)
         self._alarm = self._inputs = 0
+
+    def memory(self) -> dict[str, Any]:
+        """As its motor's; the absolute encoder keeps the reference."""
+        return self.stage.memory() | {"homed": self._valid}
+
+    def recall(self, place: float, counter: int, homed: bool) -> None:
+        """Stand where it stood."""
+        self.stage.recall(place, counter, homed)
+        self._valid, self._commanded = homed, counter
 
     def read(self, pair: int) -> int:
         """The value of two registers at one instant; ``pair`` is the number of the first, an even

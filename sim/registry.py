@@ -4,7 +4,8 @@ file; one line each.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 from flflab.bench import AxisDescription, Bench
 from flflab.errors import InputError
@@ -50,15 +51,28 @@ LINE_FAULTS = (
 MOTOR_FAULTS = ("silence", "drop", "garbage", "cut", "hang-up", "reset", "stall")
 
 
+class Remembers(Protocol):
+    """An axis that can stand, in the next program, where it stood in this one."""
+
+    def memory(self) -> dict[str, Any]:
+        """``place`` (mm, rad), ``counter``, ``homed``."""
+        ...
+
+    def recall(self, place: float, counter: int, homed: bool) -> None:
+        """Stand there."""
+        ...
+
+
 @dataclass(frozen=True)
 class Line:
     """What answers at one address: how a client's conversation begins, what each axis's address
-    says beside it, what goes wrong.
+    says beside it, what goes wrong, and which axes remember where they stood.
     """
 
     open_session: Open
     places: Mapping[str, Mapping[str, int]]
     faults: Mapping[str, Faults]
+    stages: Mapping[str, Remembers] = field(default_factory=dict[str, Remembers])
 
 
 @dataclass(frozen=True)
@@ -121,6 +135,7 @@ def _zaber(bench: Bench, world: World, names: Sequence[str]) -> Line:
         Chain(devices, world.lock).open_session,
         places,
         {name: device.faults for name, device in zip(names, devices, strict=True)},
+        {name: device.stage for name, device in zip(names, devices, strict=True)},
     )
 
 
@@ -139,7 +154,10 @@ def _thorlabs(bench: Bench, world: World, names: Sequence[str]) -> Line:
         stage, faults_of(bench, name), 27_000_001 + _place(bench, name), world.lock
     )
     return Line(
-        lambda: thorlabs.ControllerSession(controller), {name: {}}, {name: controller.faults}
+        lambda: thorlabs.ControllerSession(controller),
+        {name: {}},
+        {name: controller.faults},
+        {name: stage},
     )
 
 
@@ -153,6 +171,7 @@ def _oriental(bench: Bench, world: World, names: Sequence[str]) -> Line:
         lambda: oriental.LineSession(line),
         places,
         {name: drives[number].faults for name, number in numbers.items()},
+        {name: drives[number] for name, number in numbers.items()},
     )
 
 

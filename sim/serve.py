@@ -22,7 +22,8 @@ from sim.camera import SimulatedCamera
 from sim.clock import Clock, RunningClock
 from sim.faults import Faults
 from sim.folder_camera import FolderLine
-from sim.registry import AXES, MOTOR_FAULTS, faults_of
+from sim.memory import recall, remember
+from sim.registry import AXES, MOTOR_FAULTS, Remembers, faults_of
 from sim.scpi import Address, Instrument
 from sim.server import Open, PtyLine, TcpLine
 from sim.settings import Iris, Wheel
@@ -41,8 +42,8 @@ GRACE = 5.0  # s that a parent has after a Ctrl-C
 
 @dataclass(frozen=True)
 class Served:
-    """A bench being served: the world behind it, where each instrument answers, and what goes wrong
-    with the axes.
+    """A bench being served: the world behind it, where each instrument answers, what goes wrong
+    with the axes, and which of them remember where they stood.
     """
 
     world: World
@@ -50,6 +51,7 @@ class Served:
     lines: tuple[TcpLine | PtyLine | FolderLine, ...]
     scpi: tuple[Address, ...]
     faults: Mapping[str, Faults]
+    stages: Mapping[str, Remembers]
 
     def stop(self) -> None:
         """Close every line; no thread is left."""
@@ -99,6 +101,7 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
     lines: list[TcpLine | PtyLine | FolderLine] = []
     addresses: dict[str, Any] = {"axes": {}}
     faults: dict[str, Faults] = {}
+    stages: dict[str, Remembers] = {}
 
     def listen(open_session: Open, serial: bool) -> str:
         lines.append(
@@ -114,6 +117,7 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
             line = AXES[driver].line(bench, world, names)
             where = listen(line.open_session, serial=True)
             faults |= line.faults
+            stages |= line.stages
             addresses["axes"] |= {
                 name: {"driver": driver, "address": where, **place}
                 for name, place in line.places.items()
@@ -128,9 +132,9 @@ def serve(bench: Bench, port: int = 0, *, pty: bool = False, clock: Clock | None
             where = listen(address.open_session, serial=False)
             addresses |= {name: {"driver": "scpi", "address": where} for name in shared}
     except BaseException:
-        Served(world, addresses, tuple(lines), tuple(scpi), faults).stop()
+        Served(world, addresses, tuple(lines), tuple(scpi), faults, stages).stop()
         raise
-    return Served(world, addresses, tuple(lines), tuple(scpi), faults)
+    return Served(world, addresses, tuple(lines), tuple(scpi), faults, stages)
 
 
 def _lines(bench: Bench) -> list[tuple[str, list[str]]]:
@@ -279,6 +283,7 @@ def main(
     pty: bool = False,
     json_line: bool = False,
     write_bench_file: Path | None = None,
+    memory: Path | None = None,
 ) -> None:
     """Serve a bench until SIGINT, SIGTERM or, where standard input is a pipe, its end: simulators
     die with their parent.
@@ -295,12 +300,24 @@ def main(
         raise InputError(
             f"the simulated bench cannot listen ({reason(error)}); try another --port"
         ) from error
-    with listening_for_the_end() as wait_for_the_end, served:
+    begun = threading.Event()
+
+    def draw() -> None:
+        if not begun.is_set():
+            begun.set()
+            warm_up(served, lambda: _say_ready(json_line=json_line))
+
+    with listening_for_the_end(draw) as wait_for_the_end, served:
+        if memory is not None:
+            recall(served.world, served.stages, memory)
         if write_bench_file:
             write_bench(bench, served, write_bench_file)
         print(json.dumps(served.addresses) if json_line else _for_people(served), flush=True)
-        warm_up(served, lambda: _say_ready(json_line=json_line))
+        if memory is None or not _tells_of_a_parent(0):  # a command by hand asks before a frame
+            draw()
         wait_for_the_end()
+        if memory is not None:
+            remember(served.world, served.stages, memory)
 
 
 def _say_ready(*, json_line: bool) -> None:
@@ -337,9 +354,11 @@ def _for_people(served: Served) -> str:
 
 
 @contextlib.contextmanager
-def listening_for_the_end() -> Generator[Callable[[], None]]:
+def listening_for_the_end(
+    asked: Callable[[], object] = lambda: None,
+) -> Generator[Callable[[], None]]:
     """Gives a function that returns after SIGINT or SIGTERM, or once standard input ends where it
-    is a pipe; for the main thread.
+    is a pipe; for the main thread. ``asked`` is called when anything comes over that pipe.
 
     A Ctrl-C reaches a parent and its children alike: where there is a parent it gets some time to
     stop the axes first.
@@ -359,7 +378,9 @@ def listening_for_the_end() -> Generator[Callable[[], None]]:
 
     previous = {number: signal.signal(number, end) for number in ends}
     if parent:
-        threading.Thread(target=_read_to_end, args=(ended.set,), name="parent", daemon=True).start()
+        threading.Thread(
+            target=_read_to_end, args=(ended.set, asked), name="parent", daemon=True
+        ).start()
     try:
         yield wait
     finally:
@@ -377,10 +398,10 @@ def _tells_of_a_parent(descriptor: int) -> bool:
         return False
 
 
-def _read_to_end(then: Callable[[], None]) -> None:
+def _read_to_end(then: Callable[[], None], asked: Callable[[], object]) -> None:
     try:
         while os.read(0, 4096):
-            pass
+            asked()
     except OSError:
         sys.stderr.write("standard input cannot be read; the simulation ends\n")
     then()

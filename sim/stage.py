@@ -4,7 +4,7 @@ grammar here.
 
 import math
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from sim.clock import Clock
 from sim.motion import Motion, move, rest, stop
@@ -170,6 +170,21 @@ class Stage:
             raise RefusedError("STATUSBUSY")
         self._zero = round(self._carriage.motion.at(self._now)[0] / self.microstep) - counter
         self.reference = "set"
+
+    def memory(self) -> dict[str, Any]:
+        """Where it stands (mm, rad), what it counts, and whether it has its reference."""
+        return {
+            "place": self._carriage.motion.at(self._now)[0],
+            "counter": self.position(),
+            "homed": self.reference == "homed",
+        }
+
+    def recall(self, place: float, counter: int, homed: bool) -> None:
+        """Stand where it stood, as ``memory`` has it; on its travel at least."""
+        place = min(max(place, self._travel[0]), self._travel[1])
+        self._carriage.motion = rest(place)
+        self._zero = round(place / self.microstep) - counter
+        self.reference = "homed" if homed else "none"
 
     def obstruct(self, obstacle: Callable[[], str], after_travel: float) -> None:
         """What may stand in the way of motions.

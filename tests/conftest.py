@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from bluesky import RunEngine
 
 ROOT = Path(__file__).resolve().parent.parent
-
+pytest.register_assert_rewrite("drivers.contract")
 
 use_kernel_cache()  # before anything imports numba; child processes inherit it
 settings.register_profile(
@@ -47,14 +47,6 @@ def find_r12a() -> Path | None:
     given = os.environ.get("FLFLAB_R12A")
     folder = Path(given) if given else ROOT.parent / "shared" / "data" / "r12a"
     return folder if (folder / "camera.json").is_file() else None
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--hardware",
-        metavar="BENCH",
-        help="run tests/hardware on the bench of this file: it will move",
-    )
 
 
 def pytest_report_header() -> str:

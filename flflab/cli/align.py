@@ -6,7 +6,7 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich import box
@@ -24,9 +24,12 @@ from flflab.digits import plus_minus, two_digits
 from flflab.errors import FlflabError, InputError
 from flflab.record import Recording, run_folder
 from flflab.whole_file import write_own
+from flflab.yaml_file import edit_yaml, put
 
 if TYPE_CHECKING:
     from procedures.align import Outcome
+
+ALIGNED = "aligned-bench.yaml"
 
 
 def align(
@@ -98,7 +101,8 @@ def align(
     write_own(
         folder / "alignment.json", json.dumps([asdict(one) for one in outcomes], indent=1) + "\n"
     )
-    write_own(folder / "alignment.yaml", zeros_as_text(outcomes, described))
+    kept = folder / "bench.yaml"
+    write_own(folder / ALIGNED, with_zeros(kept.read_text(encoding="utf-8"), outcomes, described))
     if as_json:
         print_json(
             {
@@ -118,11 +122,8 @@ def align(
     console.print(table_of(outcomes))
     for one in outcomes:
         console.print(ending_of(one), highlight=False)
-    zeros = folder / "alignment.yaml"
     console.print(
-        f"Zeros of the axes, for the bench file: {zeros}"
-        if turned(outcomes)
-        else "Nothing to correct: no axis turns the array.",
+        f"The bench file with the zeros of this alignment: {folder / ALIGNED}",
         highlight=False,
         soft_wrap=True,
     )
@@ -159,28 +160,27 @@ def ending_of(one: "Outcome") -> str:
     return f"{one.what}: {one.why}{at}"
 
 
-def zeros_as_text(outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:
-    """Zeros with which a reading of every turned axis says how the array truly stands to the
-    sensor: lines of a bench file.
+def with_zeros(text: str, outcomes: "tuple[Outcome, ...]", bench: Bench) -> str:
+    """A bench file's text with zeros by which a reading of every turned axis says how the array
+    truly stands to the sensor; comments and the rest stay.
     """
+    axes = bench.description.axes
+
+    def change(data: Any) -> None:
+        for one in turned(outcomes):
+            uncertainty = f"{two_digits(ANGLE.per_unit * one.uncertainty)} {ANGLE.shown}"
+            put(data["axes"][one.axis], "zero", ANGLE.show(zero_of(one, bench), ".5f"))
+            put(data["axes"][one.axis], "zero_uncertainty", uncertainty)
+
     lines = [
-        (
-            "# Zeros by `flflab align`, to put into the bench file: with them a reading says how"
-            " the array stands to the sensor."
-        ),
-        "axes:",
+        f"# {one.axis}: {axes[one.axis].moves}; {one.why}; zero before"
+        f" {ANGLE.show(axes[one.axis].zero, 'g')}\n"
+        for one in turned(outcomes)
     ]
-    for one in turned(outcomes):
-        axis = bench.description.axes[one.axis]
-        lines += [
-            f"  {one.axis}:  # {axis.moves}; {one.why}; before {ANGLE.show(axis.zero, 'g')}",
-            f"    zero: {ANGLE.show(zero_of(one, bench), '.5f')}",
-            f"    zero_uncertainty: {two_digits(ANGLE.per_unit * one.uncertainty)} {ANGLE.shown}",
-        ]
-    return (
-        "\n".join(lines if len(lines) > 2 else [*lines[:1], "axes: {}  # nothing turns the array"])
-        + "\n"
+    head = (
+        "# Zeros by `flflab align`: with them a reading says how the array stands to the sensor.\n"
     )
+    return head + "".join(lines) + edit_yaml(text, str(bench.file), change)
 
 
 def turned(outcomes: "tuple[Outcome, ...]") -> "list[Outcome]":

@@ -18,6 +18,7 @@ from flflab.cli.connected import (
 from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
 from flflab.cli.saying import say
+from flflab.cli.trial import try_out
 from flflab.errors import CommunicationError, DeviceError, InputError
 from flflab.units import parse_quantity
 
@@ -250,6 +251,7 @@ def stop(bench: BenchFile) -> None:
     typer.echo("All axes stopped.")
 
 
+app.command("test", short_help="Put the whole bench through what every bench promises.")(try_out)
 app.command(short_help="Take one picture, or one after the other with a figure of focus.")(snap)
 app.command(
     short_help="Take a picture at each reading of an axis; show the sharpest.", cls=TakesReadings

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from flflab.bench import ANGLE, LENGTH
-from flflab.cli.connected import BenchFile, connected_bench, say_forgotten
+from flflab.cli.connected import BenchFile, connected_bench
 from flflab.errors import InputError
 
 
@@ -27,7 +27,6 @@ def set_(
         else:
             connected.target.set(value).wait()
             typer.echo(f"target is {connected.target.value()}")
-        say_forgotten(connected, what)
 
 
 def go(
@@ -56,7 +55,6 @@ def go(
             if name in moved and at is not None:
                 show = (LENGTH if name.endswith(".z") else ANGLE).show
                 typer.echo(f"{name} is at {show(at, '.4f')}")
-        say_forgotten(connected, *connected.axes)
 
 
 def _f_number(given: str) -> float:

@@ -54,11 +54,15 @@ def connected_bench(
         without_serials: take the devices that are there, whatever numbers the file expects.
     """
     from drivers.bench import connect_described  # devices are loaded by those who use them
+    from drivers.simulated import memory_of
 
     described = read_bench(bench)
     if without_serials:
         described = _without_serials(described)
-    with connect_described(described) as connected, stopped_by_ctrl_z(connected):
+    with (
+        connect_described(described, memory_of(described)) as connected,
+        stopped_by_ctrl_z(connected),
+    ):
         try:
             yield connected
         except BaseException:
@@ -128,22 +132,7 @@ def axis_named(bench: "ConnectedBench", name: str) -> "Axis":
 
 
 def say_places(bench: "ConnectedBench", *names: str) -> None:
-    """Say where axes are, and of axes that are simulated for this command alone that they forget
-    it.
-    """
+    """Say where axes are."""
     for name in names:
         axis = bench.axes[name]
         typer.echo(f"{name} is at {axis.coordinate.show(axis.position(), '.4f')}")
-    say_forgotten(bench, *names)
-
-
-def say_forgotten(bench: "ConnectedBench", *names: str) -> None:
-    """Say of devices that are simulated for this command alone that they forget what it did."""
-    from drivers.described import device_of
-
-    if any(device_of(bench.described, name).address == "simulated" for name in names):
-        typer.echo(
-            "this simulated bench existed only during this command; to keep one running: `flflab"
-            f" sim {bench.described.file} --write-bench served.yaml`, then --bench served.yaml",
-            err=True,
-        )

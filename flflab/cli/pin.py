@@ -2,18 +2,18 @@
 the bench file keeps the serial numbers.
 """
 
-import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-import yaml
 
 from flflab.bench import Bench
 from flflab.cli.connected import connected_bench
 from flflab.errors import DeviceError, InputError, InterlockError, LimitError
 from flflab.whole_file import write_whole
+from flflab.yaml_file import edit_yaml, put
 
 if TYPE_CHECKING:
     from drivers.base import Axis
@@ -53,9 +53,7 @@ def pin(bench: Path, described: Bench, *, replace: bool) -> None:
             _require_yes(f"camera, serial number {number}: is it the camera of this bench?")
             found[("camera",)] = number
     text = bench.read_text(encoding="utf-8")
-    for path, number in found.items():
-        text = with_serial(text, path, number)
-    write_whole(bench, text)
+    write_whole(bench, with_serials(text, str(bench), found))
     typer.echo(f"{bench}: {len(found)} serial numbers written")
 
 
@@ -92,39 +90,27 @@ def _require_yes(question: str) -> None:
         )
 
 
-def with_serial(text: str, path: tuple[str, ...], serial: str) -> str:
-    """A bench file's text with the serial number of a device; every other character stays.
+def with_serials(text: str, file: str, serials: Mapping[tuple[str, ...], str]) -> str:
+    """A bench file's text with the serial numbers of devices; comments and the rest stay.
+
+    Args:
+        text: of the file.
+        file: its name, for messages.
+        serials: by where the device stands in the file.
 
     Raises:
-        InputError: the text has no such device, or others share its keys.
+        InputError: a number would be other devices', too.
     """
-    changed = _changed(text, path, serial)
-    if yaml.safe_load(changed) != _with(yaml.safe_load(text), path, serial):
-        raise InputError(
-            f"{'.'.join(path)}: its serial number would be other devices', too (an anchor?); write"
-            f" serial: {json.dumps(serial)} into the file by hand"
-        )
-    return changed
 
+    def change(data: Any) -> None:
+        for path, serial in serials.items():
+            device = data
+            for part in path:
+                device = device[part]
+            put(device, "serial", serial)
 
-def _with(data: Any, path: tuple[str, ...], serial: str) -> Any:
-    if not path:
-        return {**data, "serial": serial}
-    return {**data, path[0]: _with(data[path[0]], path[1:], serial)}
-
-
-def _changed(text: str, path: tuple[str, ...], serial: str) -> str:
-    node = yaml.compose(text, Loader=yaml.SafeLoader)
-    for part in path:
-        entries = node.value if isinstance(node, yaml.MappingNode) else []
-        node = next((value for key, value in entries if key.value == part), None)
-    if not isinstance(node, yaml.MappingNode):
-        raise InputError(f"{'.'.join(path)}: there is no such device in the file")
-    for key, value in node.value:
-        if key.value == "serial":
-            return (
-                text[: value.start_mark.index] + json.dumps(serial) + text[value.end_mark.index :]
-            )
-    first = node.value[0][0].start_mark
-    behind = ", " if node.flow_style else "\n" + " " * first.column
-    return f"{text[: first.index]}serial: {json.dumps(serial)}{behind}{text[first.index :]}"
+    try:
+        return edit_yaml(text, file, change)
+    except InputError as error:
+        found = ", ".join(f"{'.'.join(path)} {number}" for path, number in serials.items())
+        raise InputError(f"{error}; the serial numbers are {found}") from error

@@ -26,6 +26,10 @@ def sim(
         Path | None,
         typer.Option(help="also write a copy of the bench file with the addresses served"),
     ] = None,
+    memory: Annotated[
+        Path | None,
+        typer.Option(help="file that keeps where everything stands, and is begun from"),
+    ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="instead of the bench file's simulated.seed")
     ] = None,
@@ -39,4 +43,5 @@ def sim(
         pty=pty,
         json_line=json,
         write_bench_file=write_bench,
+        memory=memory,
     )

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import platform
-import re
 import shutil
 import stat
 import subprocess
@@ -12,15 +11,16 @@ from collections.abc import Generator
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from flflab.bench import Bench, fields_of
-from flflab.errors import FlflabError, RecordError
+from flflab.errors import FlflabError, InputError, RecordError
 from flflab.record.checksums import SUMS, write_sums
 from flflab.record.durable import force_to_disk
 from flflab.whole_file import write_own
-from flflab.yaml_file import read_yaml
+from flflab.yaml_file import edit_yaml, put
 
 DOCUMENTS, FRAMES, DATASET = "documents.jsonl", "frames.h5", "frames"
 VERSIONS = "versions.json"
@@ -139,14 +139,19 @@ def keep_descriptions(folder: Path, bench: Bench, study_file: Path | None) -> No
     Raises:
         RecordError: the folder cannot be written.
     """
-    text, fields = bench.file.read_text(encoding="utf-8"), fields_of(bench)
-    copied, found = re.subn(r"(?m)^optics:.*$", "optics: camera.yaml", text)
-    if (
-        found != 1 or fields != read_yaml(bench.file)[0]
-    ):  # written in another style, or another seed: without the comments, but right
-        copied = yaml.safe_dump(
-            fields | {"optics": "camera.yaml"}, sort_keys=False, allow_unicode=True
-        )
+    fields: dict[str, Any] = fields_of(bench) | {"optics": "camera.yaml"}
+
+    def change(data: Any) -> None:
+        data["optics"] = fields["optics"]
+        if data.get("simulated") is None and "simulated" in fields:
+            data["simulated"] = fields["simulated"]
+        elif data.get("simulated") != fields.get("simulated"):
+            put(data["simulated"], "seed", fields["simulated"]["seed"])
+
+    try:
+        copied = edit_yaml(bench.file.read_text(encoding="utf-8"), str(bench.file), change)
+    except InputError:  # anchors: without the comments, but right
+        copied = yaml.safe_dump(fields, sort_keys=False, allow_unicode=True)
     try:
         optics = (bench.file.parent / bench.description.optics).read_bytes()
         write_own(folder / "bench.yaml", copied)

@@ -199,19 +199,22 @@ def test_80_columns_show_serial_numbers_names_and_limits_whole_and_a_pipe_one_li
     )
 
 
-def test_a_bench_simulated_for_one_command_is_said_to_forget_and_a_served_one_is_not(
-    flflab: Run, bench_file: Path, root: Path
+def test_a_simulated_bench_stands_where_the_last_command_left_it(
+    flflab: Run, root: Path, tmp_path: Path
 ) -> None:
-    alone = root / "examples" / "benches" / "simulated.yaml"
-    homed = flflab("bench", "home", "target_stage", "--bench", alone)
+    source = root / "examples" / "benches" / "simulated.yaml"
+    bench = yaml.safe_load(source.read_text(encoding="utf-8"))
+    bench["optics"] = str((source.parent / bench["optics"]).resolve())
+    file = tmp_path / "bench.yaml"
+    file.write_text(yaml.safe_dump(bench), encoding="utf-8")
+    homed = flflab("bench", "home", "target_stage", "--bench", file)
     assert (homed.code, homed.out) == (0, "target_stage is at 0.0000 mm\n")
-    assert (
-        homed.err == "this simulated bench existed only during this command; to keep one running:"
-        f" `flflab sim {alone} --write-bench served.yaml`, then --bench served.yaml\n"
-    )
-    assert flflab("bench", "home", "target_stage", "--bench", bench_file).err == ""
-    moved = flflab("bench", "move", "target_stage", "12.5 mm", "--bench", bench_file)
-    assert (moved.code, moved.err) == (0, "")
+    gone = flflab("bench", "go", "target.z", "-510 mm", "--bench", file)
+    assert gone.code == 0
+    assert re.fullmatch(r"target\.z is at -510\.000\d mm\n", gone.out)
+    stood = flflab("bench", "where", "--bench", file).out
+    assert re.search(r"target_stage +89\.999\d mm .* target\.z +-510\.000\d mm", stood)
+    assert re.search(r"array_stage +not homed", stood)
 
 
 def test_a_length_for_an_axis_that_turns_is_refused(flflab: Run, bench_file: Path) -> None:

@@ -15,7 +15,7 @@ import yaml
 
 from drivers.bench import connect
 from flflab.bench import read_bench
-from flflab.cli.pin import with_serial
+from flflab.cli.pin import with_serials
 from flflab.errors import DeviceError, InputError
 from sim.serve import Served, serve, write_bench
 
@@ -134,12 +134,12 @@ def test_where_nobody_can_be_asked_nothing_moves_and_nothing_is_written(
 )  # fmt: skip
 @pytest.mark.parametrize("serial", ["100002", 'a"b: \\\n#', "1e3"])
 def test_a_number_is_written_as_a_text_whatever_the_device_says(text: str, serial: str) -> None:
-    changed = yaml.safe_load(with_serial(text, ("axes", "x"), serial))
+    changed = yaml.safe_load(with_serials(text, "bench.yaml", {("axes", "x"): serial}))
     assert changed["axes"]["x"].pop("serial") == serial
     assert changed["axes"]["x"]["driver"] == "zaber"
 
 
 def test_a_number_is_not_written_where_it_would_be_another_device_s_too() -> None:
     text = "axes:\n  x: &any\n    driver: zaber\n  y: *any\n"
-    with pytest.raises(InputError, match=r"axes\.y.*by hand"):
-        with_serial(text, ("axes", "y"), "5")
+    with pytest.raises(InputError, match=r"an anchor.*by hand.*axes\.y 5"):
+        with_serials(text, "bench.yaml", {("axes", "y"): "5"})

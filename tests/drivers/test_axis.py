@@ -101,7 +101,7 @@ def test_a_move_ends_on_the_microstep_nearest_to_the_position_asked_for(axis: Bu
     device.move_to(12.3456789).wait(5)
     assert stage.position == 24691
     assert device.position() == 24691 * MICROSTEP_MM
-    assert device.read()["array_stage_mm"]["value"] == device.position()
+    assert device.read()["array_stage"]["value"] == device.position()
     device.move_by(-1.0).wait(5)
     assert stage.position == 22691
 

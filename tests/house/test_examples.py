@@ -44,7 +44,7 @@ def test_the_scan_under_bluesky_leaves_three_readable_frames(root: Path, folder:
     script = root / "examples" / "scripts" / "bluesky_scan.py"
     said = run(folder, str(script), "examples/benches/simulated.yaml")
     assert "3 frames of 488 x 366 pixels" in said
-    assert "sensor_stage_mm" in said
+    assert "sensor_stage" in said
     lines = (folder / "scan.jsonl").read_text(encoding="utf-8").splitlines()
     names = [json.loads(line)["name"] for line in lines]
     assert (names[0], names[-1], names.count("event")) == ("start", "stop", 3)

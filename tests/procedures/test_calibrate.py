@@ -30,7 +30,7 @@ def files(root: Path, tmp_path: Path) -> tuple[Path, Path]:
     """
     camera = yaml.safe_load((root / "examples/cameras/osinski.yaml").read_text())
     camera["sensor"] |= {"resolution": [488, 366], "pixel": "8.3 um"}
-    (tmp_path / "camera.yaml").write_text(yaml.safe_dump(camera))
+    (tmp_path / "camera.yaml").write_text(yaml.safe_dump(camera) + "# my camera\n")
     bench = yaml.safe_load((root / "examples/benches/simulated.yaml").read_text())
     bench["optics"] = "camera.yaml"
     truths = {
@@ -39,7 +39,7 @@ def files(root: Path, tmp_path: Path) -> tuple[Path, Path]:
         "iris.scale": 0.02,
     }
     bench["simulated"] |= {"clock": 1000, "truths": truths}
-    (tmp_path / "bench.yaml").write_text(yaml.safe_dump(bench, sort_keys=False))
+    (tmp_path / "bench.yaml").write_text(yaml.safe_dump(bench, sort_keys=False) + "# my bench\n")
     return root / "examples/studies/calibration.yaml", tmp_path / "bench.yaml"
 
 
@@ -74,6 +74,8 @@ def test_planted_errors_are_found_and_written_down(
     calibrated = read_bench(tmp_path / "run/calibrated-bench.yaml")
     assert re.fullmatch(r"20\d\d-\d\d-\d\d", calibrated.description.calibrated or "")
     assert calibrated.optics.main_lens.focal_length == pytest.approx(50.4, abs=0.02)
+    for kind in ("camera", "bench"):
+        assert f"# my {kind}" in (tmp_path / f"run/calibrated-{kind}.yaml").read_text()
     assert calibrated.description.axes["target_stage"].zero_uncertainty < 0.05
     assert 0 < calibrated.description.optics_uncertainty.main_lens_focal_length < 1e-3
     said = " ".join(capsys.readouterr().out.split())

@@ -51,14 +51,14 @@ def test_blueskys_own_plans_run_on_our_axes_iris_and_target(
     assert [event.get("target") is not None for event in events] == [True] * 2 + [False] * (
         3 + 6 + 2 + 2
     )
-    assert [event["main_lens_stage_mm"] for event in events[2:5]] == pytest.approx(
+    assert [event["main_lens_stage"] for event in events[2:5]] == pytest.approx(
         [1.0, 2.0, 3.0], abs=5e-4
     )
-    grid = [(event["array_stage_mm"], event["sensor_stage_mm"]) for event in events[5:11]]
+    grid = [(event["array_stage"], event["sensor_stage"]) for event in events[5:11]]
     assert grid == [
         pytest.approx(point, abs=5e-4) for point in ((5, 5), (5, 6), (5, 7), (6, 7), (6, 6), (6, 5))
     ]
-    assert [event["main_lens_stage_mm"] for event in events[11:13]] == pytest.approx(
+    assert [event["main_lens_stage"] for event in events[11:13]] == pytest.approx(
         [2.5, 3.5], abs=5e-4
     )
     assert [event["iris"] for event in events[13:]] == pytest.approx([4.0, 8.0], rel=0.005)
@@ -89,7 +89,7 @@ def test_a_scan_under_anybodys_engine_leaves_its_frames_in_a_file(
         bench.home()
         bench.detector.folder = tmp_path / "frames"
         bench.detector.prepare(5e-3)
-        live = LiveTable(["sensor_stage_mm", "camera_mean_dn"], out=printed.append)
+        live = LiveTable([bench.sensor_stage.name, "camera_mean_dn"], out=printed.append)
         listeners: Any = [keep, live]
         for _ in range(2):
             plan = bp.scan([bench.detector], bench.sensor_stage, 18.7, 18.8, 3)
@@ -110,10 +110,10 @@ def test_a_scan_under_anybodys_engine_leaves_its_frames_in_a_file(
     assert [float(frame.mean()) for frame in read] == [event["camera_mean_dn"] for event in events]
     assert last is not None
     assert (read[-1] == last.picture).all()
-    assert [event["sensor_stage_mm"] for event in events] == [18.7, 18.75, 18.8] * 2
-    assert any("sensor_stage_mm" in line and "camera_mean_dn" in line for line in printed)
+    assert [event["sensor_stage"] for event in events] == [18.7, 18.75, 18.8] * 2
+    assert any("sensor_stage" in line and "camera_mean_dn" in line for line in printed)
     start = documents[0][1]
-    assert start["hints"]["dimensions"] == [(["sensor_stage_mm"], "primary")]
+    assert start["hints"]["dimensions"] == [(["sensor_stage"], "primary")]
 
 
 def test_the_moves_of_a_sweep_run_on_ophyds_simulated_devices(

@@ -1,0 +1,1 @@
+"""Linear stages of a maker that does not exist."""
