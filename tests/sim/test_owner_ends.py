@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -90,7 +90,7 @@ def test_a_program_that_becomes_another_one_leaves_no_axis_moving(
 
 
 @contextlib.contextmanager
-def program(file: Path) -> Iterator[subprocess.Popen[bytes]]:
+def program(file: Path) -> Generator[subprocess.Popen[bytes]]:
     """A program whose array is under way, killed in the end."""
     command = [sys.executable, "-P", "-c", MOVES, str(file)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
