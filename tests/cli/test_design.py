@@ -60,7 +60,7 @@ def test_what_clashes_is_said_with_numbers(asked: Callable[..., Path], tmp_path:
     with pytest.raises(
         InputError,
         match=(
-            r"met with blur .* px instead of at most 3 px; .* met with resolution .* um instead of"
+            r"closest: blur .* px instead of at most 3 px; .* closest: resolution .* um instead of"
             r" at most 50 um"
         ),
     ):

@@ -51,6 +51,12 @@ def stage() -> Iterator[Callable[..., StandaAxis]]:
         controller.close()
 
 
+def lose(controller: StandaController) -> None:
+    """As a plug pulled does: the next who needs it opens it anew."""
+    line = vars(controller)["_line"]
+    line.lose(line.get())
+
+
 def turn_home_round(axis: Any) -> None:
     home = axis.get_home_settings()
     home.HomeFlags |= ximc.HomeFlags.HOME_DIR_FIRST
@@ -112,7 +118,7 @@ def test_a_controller_that_was_switched_off_since_its_way_was_found_free_does_no
     axis = Axis("stage", device, (0.0, 25.0), 100.0)
 
     def switch_off(*_: object) -> None:
-        controller.close()
+        lose(controller)
         (tmp_path / "controller.bin").unlink()  # where the emulated controller remembers
 
     try:
@@ -184,7 +190,7 @@ def test_a_controller_that_was_off_is_told_again_before_it_homes(
         100,
     )
     axis.home().wait(5)
-    controller.close()
+    lose(controller)
     (tmp_path / "controller.bin").unlink()  # where the emulated controller remembers
     emulated(compensate_play, look)  # as it was delivered
     axis.home().wait(5)

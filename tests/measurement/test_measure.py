@@ -50,7 +50,7 @@ def test_darkness_cut_at_zero_draws_no_rim_inwards_and_it_is_said(brute: Any) ->
     )
     assert said["lattice"]["outside_radius_px"] == pytest.approx(95.945, abs=0.01)
     assert said["lattice"]["inside_radius_px"] == pytest.approx(48.391, abs=0.02)
-    assert any("cut at 0" in remark for remark in said["remarks"])
+    assert any("below 0 DN was clipped" in remark for remark in said["remarks"])
 
 
 def test_a_radius_or_pitch_that_is_not_the_cameras_is_remarked_on(brute: Any) -> None:

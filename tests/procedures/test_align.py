@@ -290,7 +290,7 @@ def test_what_the_description_puts_out_of_reach_is_refused_before_anything_conne
     full_bench: Callable[..., Path],
 ) -> None:
     uncertain = read_bench(full_bench({}, "1.2 deg"))
-    with pytest.raises(InterlockError, match=r"at least 0.3 mm are kept"):
+    with pytest.raises(InterlockError, match=r"at least 0.3 mm are required"):
         require_reachable(Request(4.0, exit_pupil=True), uncertain)
     for impossible in (-5.0, 9.0):
         with pytest.raises(InputError, match=r"apart allow one between -0\.4 and 0\.4 mm"):

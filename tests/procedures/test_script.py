@@ -172,7 +172,7 @@ def test_no_picture_is_recorded_while_an_axis_moves_or_has_no_reference(
         bench.home()
         with monkeypatch.context() as patch:
             patch.setattr(bench.array_stage, "is_moving", lambda: True)
-            with pytest.raises(DeviceError, match="array_stage: it moves"):
+            with pytest.raises(DeviceError, match="array_stage: it still moves"):
                 run.snap()
         run.snap()
     assert len(ff.open_run(tmp_path / "still").frames) == 1

@@ -2,6 +2,7 @@
 diagnosis.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -94,8 +95,8 @@ def numbers_of(errors: Errors) -> list[Values]:
 @pytest.mark.parametrize(
     ("focal", "aperture", "named"),
     [
-        (1.02, 1.0, "focal length of the microlenses 2 % larger"),
-        (1.0, 0.97, "aperture of the microlenses 3 % smaller"),
+        (1.02, 1.0, r"focal length of the microlenses \(2\.000. ± 0\.00..\) % larger"),
+        (1.0, 0.97, r"aperture of the microlenses \((3\.000.|2\.999.) ± 0\.00..\) % smaller"),
     ],
 )
 def test_the_one_change_that_explains_everything_is_named(
@@ -111,7 +112,7 @@ def test_the_one_change_that_explains_everything_is_named(
         )
     ]
     suspects = diagnose(found, numbers_of, read_bench(BENCH))
-    assert suspects[0].sentence.startswith(named)
+    assert re.match(named, suspects[0].sentence)
     assert suspects[0].chi2 < 2 < 100 < suspects[1].chi2
     assert not_told_apart(suspects) == suspects[:1]
 
