@@ -10,7 +10,7 @@ import yaml
 
 from drivers.registry import AXES
 from flflab.bench import ANGLE
-from flflab.built_in import Kind, built_in
+from flflab.built_in import Kind, built_in, simulated_bench
 
 AXIS = "axis"  # what the tried axis is called
 CLOCK = 50  # times faster than a real bench
@@ -43,7 +43,7 @@ def write_bench(config: pytest.Config, folder: Path) -> Path:
             f"there is no driver '{driver}' of axes here; there are {', '.join(AXES)}: install the"
             " package that brings it"
         )
-    optics, bench = _read(built_in(Kind.CAMERA)), _read(built_in(Kind.BENCH))
+    optics, bench = _read(built_in(Kind.CAMERA)), _read(simulated_bench())
     optics["sensor"] |= {"resolution": [64, 48], "pixel": "20 um"}
     _write(folder / "camera.yaml", optics)
     bench["optics"] = "camera.yaml"

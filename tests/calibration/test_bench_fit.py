@@ -345,7 +345,8 @@ def test_pictures_of_another_pitch_are_not_taken_for_wrong_zeros(small: BenchMod
     with pytest.raises(
         MeasurementError,
         match=(
-            r"no zeros, scales and optics explain the pictures: .* farthest off is .* of setting \d"
+            r"no zeros, scales and optics explain the pictures: .* the largest misfit is .* of"
+            r" setting \d"
         ),
     ):
         calibrate(small, taken(other, other.nominal, np.random.default_rng(12)), DOTS)
