@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy.special import j1
 
 from flflab.errors import InputError
 from flflab.image.bands import in_bands
@@ -35,7 +36,8 @@ STEPS = 16  # a pixel, along the target
 TAIL = 48.0  # pixels; further from a target's end light is as dark, or as bright, as beyond
 BLURRED = 120.0  # pixels; a wider blur leaves nothing fine that light could bend
 DOT_STEPS = 4  # a pixel, of a dot's image
-DOT_TAIL = 12.0  # pixels round a dot and its blur
+DOT_TAIL = 60.0  # pixels round a dot and its blur: its light falls as 1/r^3 and repeats itself
+DOT_RADII = 32  # of a table of dots, whose tables are few
 DOT_BLURRED = 24.0  # pixels; a dot of a wider blur is one of rays
 ENDS = 12  # strips across the pupil where it sees an end of the target
 FREQUENCIES = 96  # at which a transfer function is worked out, at least
@@ -333,7 +335,7 @@ def _add_dots(image: Array, scene: Scene, made: Upright, kind: Kind, tables: lis
     if not isinstance(target, FourDot):
         return
     light = dot_table(kind, target.diameter / 2 / abs(kind.sensor), side)
-    radii = kind.radii(RADII)
+    radii = kind.radii(DOT_RADII)
     steps = (side / DOT_STEPS, radii[0], 1 / max(radii[1] - radii[0], 1e-300))
     xs_ys = pixel_positions(scene.camera.sensor)
 
@@ -349,31 +351,22 @@ def _add_dots(image: Array, scene: Scene, made: Upright, kind: Kind, tables: lis
 
 def dot_table(kind: Kind, radius: float, side: float) -> Array:
     """Images of a dot of a radius (mm on the sensor) behind a pixel, for sensor points along x, at
-    distances from the micro-image's centre; shape (RADII, rows, columns), the dot in the middle.
+    distances from the micro-image's centre; shape (DOT_RADII, rows, columns), the dot in the
+    middle.
     """
     step = side / DOT_STEPS
     half = radius + abs(kind.blur) + DOT_TAIL * side
-    count = 2 * math.ceil(2 * half / step / 2)
+    count = 64 * math.ceil(half / step / 32)  # a length that is fast to transform
     frequency = np.fft.fftfreq(count, step)
     fx, fy = np.meshgrid(frequency, frequency)
-    size, turn = np.hypot(fx, fy), np.arctan2(fy, fx)
-    place = step * (np.arange(count) - count // 2)
-    dot = np.zeros((count, count))
-    fine = (np.arange(8) - 3.5) / 8 * step
-    for dx in fine:
-        dot += np.mean(
-            [np.hypot(place[None] + dx, place[:, None] + dy) <= radius for dy in fine], axis=0
-        )
-    spectrum = np.fft.fft2(np.fft.ifftshift(dot / len(fine)))
-    spectrum *= (
-        np.sinc(fx * side)
-        * np.sinc(fy * side)
-        / np.maximum(np.sinc(fx * step) * np.sinc(fy * step), 0.1)
-    )
+    size, turn = np.maximum(np.hypot(fx, fy), 1e-9 / side), np.arctan2(fy, fx)
+    spectrum = radius * j1(2 * math.pi * radius * size) / size / step**2
+    spectrum *= np.sinc(fx * side) * np.sinc(fy * side)
+    spectrum /= (np.sinc(fx * step) * np.sinc(fy * step)) ** 2  # what reading between samples takes
     used = size < kind.cutoff
-    light = np.empty((RADII, count, count))
-    for index, away in enumerate(kind.radii(RADII)):
-        bent = np.zeros_like(spectrum)
+    light = np.empty((DOT_RADII, count, count))
+    for index, away in enumerate(kind.radii(DOT_RADII)):
+        bent = np.zeros(spectrum.shape, dtype=np.complex128)
         bent[used] = spectrum[used] * kind.transfer(float(away), turn[used], size[used])
         light[index] = np.fft.fftshift(np.fft.ifft2(bent).real)
     return light

@@ -58,15 +58,16 @@ def depths(found: tuple[DotViews, ...], distance: float) -> tuple[Array, Array]:
         (4.0, 507.0, 0.005, 0.015),
         (2.8, 515.0, 0.005, 0.015),
         (4.0, 490.0, 0.01, 0.02),
-        (5.6, 495.0, 0.015, 0.06),
-        (5.6, 515.0, 0.015, 0.06),
+        (5.6, 495.0, 0.02, 0.06),
+        (5.6, 515.0, 0.02, 0.06),
     ],
 )
 def test_diffraction_leaves_dots_where_they_are(
     brute: Any, f_number: float, distance: float, most_mm: float, stated_mm: float
 ) -> None:
     """Fitted by rays, depth was 1.1 mm off at F/5.6 in light of 550 nm, 0.17 at F/2.8, and stated
-    ten times less sure.
+    ten times less sure. The picture and the fit bend light by tables of their own, each good to
+    2e-4 of white.
     """
     camera = brute.camera(f_number, (760, 560))
     white, dots = formed(camera, distance, White()), formed(camera, distance, TARGET, GREEN)
@@ -126,7 +127,7 @@ def test_diffraction_and_fall_off_together_leave_dots_where_they_are(brute: Any)
     )
     lattice = find_lattice(white, "square", 245.0, NOISE, cone_of(camera))
     error, _ = depths(count_views(dots, None, lattice, camera, TARGET, 515.0, NOISE), 515.0)
-    assert np.abs(error).max() < 0.012
+    assert np.abs(error).max() < 0.02
 
 
 @pytest.mark.ci

@@ -216,7 +216,7 @@ def test_less_than_a_tenth_of_a_pixel_out_of_focus_depth_is_as_near_the_truth_as
         dot.position_mm[2]
         for dot in count_views(dots, white, lattice, camera, TARGET, distance, NOISE)
     ]
-    assert np.abs(np.array(depths) + distance).max() < 0.003
+    assert np.abs(np.array(depths) + distance).max() < 0.005
 
 
 @pytest.mark.ci
