@@ -34,10 +34,9 @@ from flflab.image.sensor.random_numbers import noise_key
 from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.measurement.contrast.curve import fit_contrast
 from flflab.measurement.dots.views import count_views
-from flflab.measurement.lattice.profile import Cone, cone_of
-from flflab.measurement.lattice.white import Lattice, find_lattice
-from flflab.measurement.measure import nominal_lattice
-from flflab.measurement.micro_images import every_micro_image
+from flflab.measurement.lattice.lattice import Lattice
+from flflab.measurement.lattice.nominal import nominal_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.targets import Bars, Chirp, FourDot, Target, White
@@ -98,44 +97,21 @@ def lattice_rows(camera: Camera, repeats: int, plenopticam: str) -> Lattice:
     for f_number in F_NUMBERS:
         one = replace(camera, main_lens=replace(camera.main_lens, f_number=f_number))
         white = frame(one, White(), ELECTRONS / (2.5 if f_number < 2 else 1))
-        row(f"lattice, F/{f_number:g}", partial(found_lattice, white, None), repeats)
-        row(
-            f"lattice, F/{f_number:g}, fall-off fitted",
-            partial(found_lattice, white, cone_of(one)),
-            repeats,
-        )
+        row(f"lattice, F/{f_number:g}", partial(found_lattice, white, one), repeats)
         if f_number == 4.0:
-            row(
-                "each micro-image by itself, F/4",
-                partial(found_micro_images, white, cone_of(one)),
-                max(1, repeats // 3),
-            )
             peers_on_white(white, repeats)
             for by in BINNED:
                 plenopticam_row(white, nominal_lattice(camera, 1.0).centres_px, by, plenopticam)
-    return find_lattice(frame(camera, White()), "square", 241.0, sensor_noise())
+    return lattice_behind(camera, frame(camera, White()), sensor_noise())
 
 
-def found_lattice(white: Frame, cone: Cone | None) -> str:
+def found_lattice(white: Frame, camera: Camera) -> str:
     """What there is to say of it."""
-    found = find_lattice(white, "square", 241.0, sensor_noise(), cone)
+    found = lattice_behind(camera, white, sensor_noise())
     pitch = found.pitch_uncertainty_px / found.pitch_px
     return (
         f"{len(found.centres_px)} micro-images, origin +- {np.max(found.origin_uncertainty_px):.5f}"
-        f" px, pitch +- {pitch:.1e}"
-    )
-
-
-def found_micro_images(white: Frame, cone: Cone) -> str:
-    """The lattice, then centre and radii of every micro-image, and how sure a bright field's radius
-    is.
-    """
-    found = every_micro_image(
-        white, find_lattice(white, "square", 241.0, sensor_noise(), cone), sensor_noise()
-    )
-    return (
-        f"{np.count_nonzero(np.isfinite(found.inside_px[0]))} micro-images, bright fields +-"
-        f" {np.nanmedian(found.inside_px[1]):.4f} px"
+        f" px, pitch +- {pitch:.1e}, bright fields +- {found.inside_uncertainty_px:.4f} px"
     )
 
 

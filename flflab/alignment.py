@@ -2,7 +2,7 @@
 sensor's place against the exit pupil.
 
 What a tilt does to centres and radii of the micro-images stands in
-``measurement/lattice/tilting.py``; here it is read from each of them by itself.
+``measurement/lattice/tilting.py``; the measurement of the lattice finds it from them.
 """
 
 import itertools
@@ -11,13 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
 
 from flflab.errors import MeasurementError
-from flflab.measurement.lattice.kinds import Kinds
-from flflab.measurement.lattice.tilting import Tilting, tilting_of
-from flflab.measurement.lattice.white import Lattice, pitch_and_angle
-from flflab.measurement.micro_images import MicroImages
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
 
@@ -26,8 +22,7 @@ Array = npt.NDArray[np.float64]
 ANGLES = ("roll", "yaw", "pitch")
 SHADOW_PX = 0.02  # how far a fitted radius of about a pixel is off, with exact pictures
 SLOPE_SHARE = 0.1  # standard uncertainty of a slope by the camera's description
-CENTRES, RADII = np.array([0, 1]), np.array([2, 3])  # of what is measured of a micro-image
-BY_CENTRES = np.array([0, 1, 2, 3, 4, 5, 8, 9])  # of what is fitted: all but the radii
+LEAST_KNOWN = 0.02  # rad: standard uncertainty of a tilt that nothing was seen of
 
 
 @dataclass(frozen=True)
@@ -39,20 +34,12 @@ class Attitude:
         yaw: positive takes the array's edge at +x away from the main lens.
         pitch: positive takes the array's edge at +y away from the main lens.
         covariance: of (roll, yaw, pitch), shape (3, 3).
-        by_centres: (yaw, pitch) by the bend of the centres alone, and their standard uncertainties,
-            shape (2, 2).
-        by_radii: the same by the discs' radii alone.
-        chi2: reduced chi^2 of the fit of all; the uncertainties are scaled up by its root where
-            above 1.
     """
 
     roll: float
     yaw: float
     pitch: float
     covariance: Array
-    by_centres: Array
-    by_radii: Array
-    chi2: float
 
     @property
     def angles(self) -> dict[str, tuple[float, float]]:
@@ -94,114 +81,25 @@ def sensitivity(camera: Camera, height: float) -> Sensitivity:
     )
 
 
-def measure_attitude(images: MicroImages, lattice: Lattice, camera: Camera) -> Attitude:
-    """Roll and tilt by least squares on the centres and radii of all micro-images.
+def attitude_of(lattice: Lattice) -> Attitude:
+    """Roll and tilt by a measured lattice.
 
-    Origin, vectors and the two radii of the lattice are free; of the camera only L, b, f and d are
-    used, and they scale the tilt: where they are 2 % off so is the tilt, and no tilt stays no tilt.
-    Microlenses of several kinds have each the radii of their kind; where the lattice took them for
-    one, the centres alone tell the tilt.
-
-    Args:
-        images: each micro-image by itself.
-        lattice: of the same picture.
-        camera: where the stages say that array and sensor stand.
+    The tilt bends the lattice and changes the discs; of the camera's description only L, b, f and d
+    scale it: where they are 2 % off so is the tilt, and no tilt stays no tilt.
 
     Raises:
-        MeasurementError: all micro-images lie in one row, or there are too few.
+        MeasurementError: the micro-images do not tell the tilt: too few, or in one row.
     """
-    tilting = tilting_of(camera)
-    told_apart = lattice.kinds is not None or len(camera.array.focal_lengths) == 1
-    # radii of kinds that the lattice took for one say more of the kinds than of the tilt
-    seen_columns, free = (np.arange(4), np.arange(10)) if told_apart else (CENTRES, BY_CENTRES)
-    both = _fit(images, lattice, tilting, seen_columns, free)
-    vectors = both.values[2:6]
-    _, roll = pitch_and_angle(lattice.layout, vectors.reshape(2, 2).T)
-    by_values = np.zeros((3, 10))
-    for k, nudge in enumerate(np.eye(4) * 1e-4 * lattice.pitch_px):
-        by_values[0, 2 + k] = (
-            pitch_and_angle(lattice.layout, (vectors + nudge).reshape(2, 2).T)[1] - roll
-        ) / (1e-4 * lattice.pitch_px)
-    by_values[[1, 2], [8, 9]] = 1 / (1 + both.values[8:10] ** 2)  # from slopes to angles
-    return Attitude(
-        roll=roll,
-        yaw=math.atan(both.values[8]),
-        pitch=math.atan(both.values[9]),
-        covariance=by_values @ both.covariance @ by_values.T,
-        by_centres=_angles(_fit(images, lattice, tilting, CENTRES, BY_CENTRES)),
-        by_radii=_angles(_fit(images, lattice, tilting, RADII, np.array([6, 7, 8, 9]))),
-        chi2=both.chi2,
-    )
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """Origin, a, b and radii in px, slopes of the tilt; what was not free stands as in the lattice,
-    with covariance 0.
-    """
-
-    values: Array
-    covariance: Array
-    chi2: float
-
-
-def _angles(fit: _Fit) -> Array:
-    return np.stack([np.arctan(fit.values[8:10]), np.sqrt(np.diag(fit.covariance)[8:10])])
-
-
-def _fit(
-    images: MicroImages,
-    lattice: Lattice,
-    tilting: Tilting,
-    seen_columns: npt.NDArray[np.int64],
-    free: npt.NDArray[np.int64],
-) -> _Fit:
-    """Fit some of the parameters to some of (x, y, larger, smaller radius) of every micro-image."""
-    seen = np.concatenate([images.centres_px, images.radii_px], axis=1)[:, seen_columns]
-    whiten = np.linalg.inv(
-        np.linalg.cholesky(images.covariance_px[:, seen_columns[:, None], seen_columns])
-    )
-    radii = np.median(images.radii_px, axis=0)
-    start = np.concatenate([lattice.origin_px, lattice.vectors_px.T.ravel(), radii, [0.0, 0.0]])
-    places = images.indices.astype(np.float64)
-    scale = np.array([1.0, 1, 0.1, 0.1, 0.1, 0.1, 1, 1, 1e-3, 1e-3])[free]
-
-    def residuals(changed: Array) -> Array:
-        values = start.copy()
-        values[free] = changed
-        return np.einsum(
-            "nij,nj->ni",
-            whiten,
-            seen - _expected(values, places, tilting, lattice.kinds)[:, seen_columns],
-        ).ravel()
-
-    found = least_squares(residuals, start[free], x_scale=scale, xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    normal = (found.jac * scale).T @ (found.jac * scale)
-    freedom = seen.size - len(free)
-    if freedom < 1 or np.linalg.cond(normal) > 1e14:
+    if not float(np.max(lattice.tilt_uncertainty)) < LEAST_KNOWN:
         raise MeasurementError(
-            f"white picture: {len(seen)} micro-images do not determine the array's tilt; at"
-            " least 3 x 3, some of them off the axis, are needed"
+            f"white picture: {len(lattice.centres_px)} micro-images do not determine the array's"
+            " tilt; at least 3 x 3, some of them off the axis, are needed"
         )
-    chi2 = 2 * float(found.cost) / freedom
-    values, covariance = start.copy(), np.zeros((10, 10))
-    values[free] = found.x
-    covariance[np.ix_(free, free)] = np.linalg.inv(normal) * np.outer(scale, scale) * max(1.0, chi2)
-    return _Fit(values, covariance, chi2)
-
-
-def _expected(values: Array, places: Array, tilting: Tilting, kinds: Kinds | None) -> Array:
-    """(x, y, larger, smaller radius) of the micro-images at these places in the lattice, px, shape
-    (n, 4).
-    """
-    straight, tilt = values[:2] + places @ values[2:6].reshape(2, 2), values[8:10]
-    centres, rises = tilting.centres(straight, tilt), tilting.rises(straight, tilt)
-    discs = (
-        tilting.discs(values[6:8], rises)
-        if kinds is None
-        else kinds.discs(values[6:8], kinds.of(centres), tilting, rises)
+    yaw, pitch = np.arctan(lattice.tilt)
+    spread = np.array(
+        [lattice.angle_uncertainty, *lattice.tilt_uncertainty / (1 + lattice.tilt**2)]
     )
-    return np.concatenate([centres, discs], axis=1)
+    return Attitude(lattice.angle, float(yaw), float(pitch), np.diag(spread**2))
 
 
 @dataclass(frozen=True)

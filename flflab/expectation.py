@@ -20,7 +20,7 @@ from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.image.sensor.exposure import white_irradiance
 from flflab.measurement.contrast.curve import fit_contrast
-from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.sequential import Look, frames_due
 from flflab.optics.camera import Camera

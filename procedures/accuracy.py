@@ -14,8 +14,8 @@ import numpy.typing as npt
 from drivers.base import CameraDevice, Status
 from flflab.bench import Bench
 from flflab.measurement.contrast.curve import fit_contrast
-from flflab.measurement.lattice.registration import lattice_behind
-from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.lattice.lattice import Lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.sequential import Look, frames_due
 from flflab.record import Recording

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from drivers.base import CameraDevice
 from flflab.bench import Bench
 from flflab.errors import FlflabError
-from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.measure import measure
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.study import Configuration, Study

@@ -11,11 +11,10 @@ from bluesky import plan_stubs as bps
 
 from drivers.base import Axis
 from drivers.bench import ConnectedBench
-from flflab.alignment import Attitude, measure_attitude
+from flflab.alignment import Attitude, attitude_of
 from flflab.bench import Bench
-from flflab.measurement.lattice.registration import lattice_behind
-from flflab.measurement.lattice.white import Lattice
-from flflab.measurement.micro_images import measure_micro_images
+from flflab.measurement.lattice.lattice import Lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from procedures.capture import FIRST_GUESS_S, expose, keep
@@ -74,11 +73,7 @@ class Looking:
         self.pictures += 1
         picture, camera, noise = self.frames.latest.picture, self.camera, sensor_noise(self.bench)
         lattice = lattice_behind(camera, picture, noise)
-        return Seen(
-            camera,
-            lattice,
-            measure_attitude(measure_micro_images(picture, lattice, noise), lattice, camera),
-        )
+        return Seen(camera, lattice, attitude_of(lattice))
 
     @property
     def camera(self) -> Camera:

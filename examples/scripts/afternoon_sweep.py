@@ -15,7 +15,7 @@ import numpy as np
 
 import drivers
 from drivers.base import wait_all
-from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.resolution import central_smms
 from procedures.steps import home_steps
@@ -50,11 +50,12 @@ with drivers.connect(BENCH) as bench:
         )  # refused, were it nearer than the minimum gap
         bench.camera.prepare(exposure_s=2e-3)
         picture = bench.camera.grab().picture
-        smms = central_smms(
-            replace(optics, sensor=replace(optics.sensor, distance=optics.array.distance + gap))
+        camera = replace(
+            optics, sensor=replace(optics.sensor, distance=optics.array.distance + gap)
         )
+        smms = central_smms(camera)
         pitch = float(optics.array.pitch[0] * smms.image_scale) / optics.sensor.pixel
-        lattice = find_lattice(picture, optics.array.layout, pitch, noise)
+        lattice = lattice_behind(camera, picture, noise)
         print(
             f"{gap:7.3f}   {lattice.pitch_px:9.4f} +- {lattice.pitch_uncertainty_px:.4f}  "
             f" {pitch:9.4f}   {2 * lattice.outside_radius_px:9.3f} +-"

@@ -14,7 +14,7 @@ from flflab.errors import InputError, MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.measurement.dots.views import DotViews, count_views
-from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.profile import defocused_dot
 from flflab.optics.camera import Camera

@@ -13,9 +13,9 @@ from flflab.errors import MeasurementError
 from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import one_plane
-from flflab.measurement.lattice.registration import lattice_behind
-from flflab.measurement.lattice.white import Lattice
-from flflab.measurement.measure import nominal_lattice
+from flflab.measurement.lattice.lattice import Lattice
+from flflab.measurement.lattice.nominal import nominal_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.optics.camera import Camera
 from flflab.targets import White
 

@@ -16,8 +16,8 @@ from flflab.measurement.contrast.curve import fit_contrast
 from flflab.measurement.edges.fit import fit_edge
 from flflab.measurement.edges.free import fit_free_edge
 from flflab.measurement.edges.profile import edge_profile, pixel_transfer
-from flflab.measurement.lattice.white import find_lattice
-from flflab.measurement.measure import nominal_lattice
+from flflab.measurement.lattice.nominal import nominal_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.optics.contrast import transfer
@@ -193,7 +193,7 @@ def _lattice_case(resolution: tuple[int, int]) -> Case:
     due = nominal_lattice(camera, WHITE_DN)
 
     def read(picture: Array, noise: SensorNoise) -> Reading:
-        found = find_lattice(picture, "square", due.pitch_px, noise)
+        found = lattice_behind(camera, picture, noise)
         return Reading(
             *(
                 np.array([value / due.pitch_px])

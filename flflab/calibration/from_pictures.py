@@ -9,10 +9,10 @@ import numpy.typing as npt
 from flflab.calibration.bench_model import BenchModel
 from flflab.calibration.fit import Fit, fit_bench
 from flflab.calibration.quantities import Quantities, measured_quantities
-from flflab.errors import MeasurementError
+from flflab.errors import InputError, MeasurementError
 from flflab.measurement.dots.views import count_views
-from flflab.measurement.lattice.registration import lattice_behind
-from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.lattice.lattice import Lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.targets import FourDot
 
@@ -66,18 +66,24 @@ def calibrate(
     measured = measure([replace(taken, dots=None) for taken in pictures], model.nominal)
     found = fit_bench(model, measured)
     for _ in range(2):
-        measured = measure(
-            pictures, np.where(np.isfinite(found.values), found.values, model.nominal)
-        )
+        believed = np.where(np.isfinite(found.values), found.values, model.nominal)
+        try:
+            measured = measure(pictures, believed)
+        except InputError as error:  # what was found is no camera
+            raise _incredible(found) from error
         found = fit_bench(model, measured)
     if found.chi2 > INCREDIBLE:
-        raise MeasurementError(
-            "calibration: no zeros, scales and optics explain the pictures: reduced chi-square"
-            f" {found.chi2:.4g}, where noise leaves up to {found.most_by_noise:.2f} and up to"
-            f" {INCREDIBLE:g} is accepted; the largest misfit is {found.farthest}; look at that"
-            " picture, and at the pitch, pixel and dots of the files, which are taken as exact"
-        )
+        raise _incredible(found)
     return found, measured
+
+
+def _incredible(found: Fit) -> MeasurementError:
+    return MeasurementError(
+        "calibration: no zeros, scales and optics explain the pictures: reduced chi-square"
+        f" {found.chi2:.4g}, where noise leaves up to {found.most_by_noise:.2f} and up to"
+        f" {INCREDIBLE:g} is accepted; the largest misfit is {found.farthest}; look at that"
+        " picture, and at the pitch, pixel and dots of the files, which are taken as exact"
+    )
 
 
 def _quantities(

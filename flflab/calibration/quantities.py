@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.measurement.dots.views import DotViews
-from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.focus import blur, magnification
 from flflab.optics.resolution import central_smms

@@ -16,7 +16,8 @@ from flflab.errors import InputError
 from flflab.image_file import Declared, read_declared
 from flflab.measurement.measure import measure as measure_picture
 from flflab.measurement.overlay import overlay as overlay_of
-from flflab.measurement.white import measure_blind
+from flflab.measurement.white import measure_blind, measure_described
+from flflab.optics.camera import Camera
 from flflab.sensor_picture import SensorPicture
 from flflab.stored_picture import Filters
 from flflab.targets import Target, White
@@ -99,12 +100,15 @@ def measure(
     picture = read_declared(frame, number, said)
     beside = None if white is None else read_declared(white, None, said)
     standing = read_target(target)
-    if camera is None:
-        _measure_blind(picture, standing, white, overlay, json)
+    if camera is None or standing.kind == White.kind:
+        if white is not None or standing.kind != White.kind:
+            _refuse(standing, camera)
+        described = None if camera is None else read_camera(camera)
+        _measure_white(picture, described, overlay, json)
         return
     if overlay is not None:
         raise typer.BadParameter(
-            "it draws what is measured without a camera file; leave --camera out",
+            "it draws what is measured in a white picture; leave --target out",
             param_hint="--overlay",
         )
     result = measure_picture(picture, read_camera(camera), standing, away, white=beside)
@@ -121,21 +125,29 @@ def measure(
         console.print(f"Note: {remark}.", highlight=False)
 
 
-def _measure_blind(
-    picture: SensorPicture, target: Target, white: Path | None, drawn: Path | None, json: bool
-) -> None:
-    """A white picture, whatever took it."""
-    if target.kind != White.kind or white is not None:
+def _refuse(target: Target, camera: Path | None) -> None:
+    """Say what cannot be measured together."""
+    if camera is None:
         raise typer.BadParameter(
             "without a camera file a white picture is measured; name the camera file of a picture"
             " of another target",
             param_hint="--camera",
         )
+    raise InputError(
+        f"measure: a white picture beside a {target.kind} one; it belongs beside a picture of"
+        " another target"
+    )
+
+
+def _measure_white(
+    picture: SensorPicture, camera: Camera | None, drawn: Path | None, json: bool
+) -> None:
+    """A white picture, whatever took it, or of a camera whose file is known."""
     if drawn is not None:
         if drawn.suffix.lower() != ".png":
             raise typer.BadParameter("a file ending in .png is due", param_hint="--overlay")
         require_writable(drawn)
-    found = measure_blind(picture)
+    found = measure_blind(picture) if camera is None else measure_described(picture, camera)
     if drawn is not None:
         canvas = overlay_of(found.picture, found.white, found.types)
         write_whole(drawn, cv2.imencode(".png", canvas)[1].tobytes())

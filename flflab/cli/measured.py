@@ -9,11 +9,11 @@ from rich.table import Table
 from flflab.cli.terminal import Terminal
 from flflab.digits import plus_minus
 from flflab.measurement.lattice.kernel import LIGHT
-from flflab.measurement.white import BlindWhite
+from flflab.measurement.white import MeasuredWhite
 
 
-def print_white(console: Terminal, found: BlindWhite) -> None:
-    """Ten lines: what was found, how sure, and remarks."""
+def print_white(console: Terminal, found: MeasuredWhite) -> None:
+    """Ten lines, and two by a camera file: what was found, how sure, and remarks."""
     lattice, white = found.json()["lattice"], found.white
     sure = lattice["uncertainty"]
     whole, seen = int(white.whole.sum()), int(white.found.sum())
@@ -21,12 +21,17 @@ def print_white(console: Terminal, found: BlindWhite) -> None:
     table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
     table.add_row("layout", str(lattice["layout"]))
     table.add_row("pitch", f"{plus_minus(lattice['pitch_px'], sure['pitch_px'])} px")
+    if "chief_pitch_px" in lattice:
+        chief = plus_minus(lattice["chief_pitch_px"], sure["chief_pitch_px"])
+        table.add_row("pitch of chief rays", f"{chief} px")
     table.add_row("angle", f"{plus_minus(lattice['angle_deg'], sure['angle_deg'])} deg")
     origin = ", ".join(map(plus_minus, lattice["origin_px"], sure["origin_px"]))
     table.add_row("origin (x, y)", f"{origin} px")
     table.add_row("micro-images", f"{seen} seen, {whole} of them whole")
     radii = ", ".join(f"{kind['radius_px']:.2f}" for kind in lattice["types"])
     table.add_row("radius at half light", f"{radii} px, soft over {lattice['softness_px']:.2f} px")
+    if "chief_pitch_px" in lattice:
+        _add_fields(table, lattice)
     table.add_row("light", f"{light.min():.4g} to {light.max():.4g} DN, median {median(light):.4g}")
     kinds = len(lattice["types"])
     table.add_row("kinds of microlens", f"{kinds}" + (", by radius or light" if kinds > 1 else ""))
@@ -42,7 +47,7 @@ def print_white(console: Terminal, found: BlindWhite) -> None:
 
 
 def print_lattice(console: Terminal, lattice: dict[str, Any]) -> None:
-    """The lattice measured with a camera file."""
+    """The lattice of a picture of another target."""
     table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
     table.add_row("layout", str(lattice["layout"]))
     table.add_row("pitch", f"{lattice['pitch_px']:.5f} px")
@@ -54,33 +59,20 @@ def print_lattice(console: Terminal, lattice: dict[str, Any]) -> None:
     )
     table.add_row("micro-images", str(len(lattice["centres_px"])))
     console.print(table)
-    if lattice.get("micro_images"):
-        console.print(_radii(lattice["micro_images"]))
 
 
-def _radii(each: list[dict[str, Any]]) -> Table:
-    """The bright and total field of the micro-images one by one, those of one kind of microlens
-    together; ``--json`` lists them all.
+def _add_fields(table: Table, lattice: dict[str, Any]) -> None:
+    """Bright and total field of each kind of microlens, and what the camera's description makes
+    of them.
     """
-    table = Table(title="Radii of single micro-images, px", box=box.SIMPLE)
-    for head in ("field", "model", "mean", "scatter", "stated", "least", "most", "seen"):
-        table.add_column(head, justify="right")
     for name, key in (("bright", "inside_radius_px"), ("total", "outside_radius_px")):
-        for due in sorted({one["model"][key] for one in each}):
-            kind = [one for one in each if one["model"][key] == due]
-            found = [(one[key], one["uncertainty"][key]) for one in kind if one[key] is not None]
-            if not found:
-                table.add_row(name, f"{due:.3f}", *["none"] * 5, f"0 of {len(kind)}")
-                continue
-            radii, doubts = zip(*found, strict=True)
-            figures = fmean(radii), pstdev(radii), median(doubts), min(radii), max(radii)
-            table.add_row(
-                name,
-                f"{due:.3f}",
-                *(f"{value:.3f}" for value in figures),
-                f"{len(found)} of {len(kind)}",
-            )
-    return table
+        parts = list[str]()
+        for due in sorted({one["model"][key] for one in lattice["micro_images"]}):
+            kind = [one for one in lattice["micro_images"] if one["model"][key] == due]
+            seen = [one[key] for one in kind if one["whole"] and one[key] is not None]
+            shown = f"{fmean(seen):.3f} (scatter {pstdev(seen):.2g})" if seen else "none"
+            parts.append(f"{shown}, described {due:.3f}")
+        table.add_row(f"{name} field's radius", f"{'; '.join(parts)} px")
 
 
 def dots_table(dots: list[dict[str, Any]]) -> Table:

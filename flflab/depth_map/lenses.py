@@ -13,10 +13,10 @@ from flflab.depth_map.chief_places import edge_width, predicted_white
 from flflab.depth_map.geometry import KAPPA_STEPS
 from flflab.errors import MeasurementError
 from flflab.measurement.lattice.kernel import LIGHT, SOFTER, X, Y
+from flflab.measurement.lattice.plausible import require_white
 from flflab.measurement.lattice.registration import sensor_pixel, sensor_position
 from flflab.measurement.lattice.white_picture import measure_white
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.measurement.white_remarks import require_white
 from flflab.optics.camera import Camera, microlens_centres, microlens_types
 
 Array = npt.NDArray[np.float64]

@@ -5,14 +5,10 @@ no value.
 import math
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.dots.views import DotViews
 from flflab.measurement.edges.views import EdgeCurve
-from flflab.measurement.lattice.white import Lattice
-from flflab.measurement.micro_images import MicroImages
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms
@@ -23,7 +19,7 @@ def _number(value: float) -> float | None:
 
 
 def lattice_json(lattice: Lattice) -> dict[str, Any]:
-    """The lattice with its standard uncertainties."""
+    """A lattice that no white picture shows, with its standard uncertainties."""
     return {
         "layout": lattice.layout,
         "pitch_px": lattice.pitch_px,
@@ -40,38 +36,6 @@ def lattice_json(lattice: Lattice) -> dict[str, Any]:
             "outside_radius_px": _number(lattice.outside_uncertainty_px),
         },
     }
-
-
-def micro_images_json(found: MicroImages, nominal: npt.NDArray[np.float64]) -> list[dict[str, Any]]:
-    """Each micro-image by itself, in the lattice's order: centre and radii with standard
-    uncertainties, and the model's radii.
-
-    Args:
-        found: as measured.
-        nominal: radii of bright and total field by the model, px, shape (n, 2).
-    """
-    doubt, inside, outside = (
-        np.sqrt(np.einsum("nkk->nk", found.covariance_px)[:, :2]),
-        found.inside_px,
-        found.outside_px,
-    )
-    return [
-        {
-            "centre_px": [_number(value) for value in found.centres_px[n]],
-            "inside_radius_px": _number(inside[0, n]),
-            "outside_radius_px": _number(outside[0, n]),
-            "uncertainty": {
-                "centre_px": [_number(value) for value in doubt[n]],
-                "inside_radius_px": _number(inside[1, n]),
-                "outside_radius_px": _number(outside[1, n]),
-            },
-            "model": {
-                "inside_radius_px": float(nominal[n, 0]),
-                "outside_radius_px": float(nominal[n, 1]),
-            },
-        }
-        for n in range(len(nominal))
-    ]
 
 
 def dot_json(dot: DotViews) -> dict[str, Any]:

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from flflab.errors import MeasurementError
 from flflab.measurement.dots.views import DotViews
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import blur_px
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.optics.focus import magnification

@@ -1,4 +1,4 @@
-"""What ``flflab measure --json`` says of a white picture measured blind: pixels, (x, y)."""
+"""What ``flflab measure --json`` says of a white picture: pixels, (x, y)."""
 
 import math
 from dataclasses import dataclass
@@ -12,8 +12,13 @@ from flflab.measurement.lattice.grid import by_vectors
 from flflab.measurement.lattice.kernel import LIGHT, SOFTER, WIDER, X, Y
 from flflab.measurement.lattice.types import Types
 from flflab.measurement.lattice.white_picture import WhitePicture
+from flflab.measurement.lattice.with_camera import CameraWhite
+from flflab.optics.camera import Camera
+from flflab.optics.per_type import type_smms
 
 Array = npt.NDArray[np.float64]
+
+KNOWN = 0.05  # of the outside radius: a radius less sure than this was not seen
 
 
 @dataclass(frozen=True)
@@ -129,3 +134,59 @@ def _micro_images(
         }
         for n in range(len(white.indices))
     ]
+
+
+def described_lattice_json(
+    lattice: dict[str, Any], found: CameraWhite, camera: Camera
+) -> dict[str, Any]:
+    """The same with what a camera's shape tells besides: pitch of chief rays, bright and total
+    radii, measured and by the camera's description.
+
+    Args:
+        lattice: see ``white_lattice_json``.
+        found: measured with the camera's file.
+        camera: as described.
+    """
+    one = found.lattice
+    sure = {
+        "chief_pitch_px": one.pitch_uncertainty_px,
+        "inside_radius_px": one.inside_uncertainty_px,
+        "outside_radius_px": one.outside_uncertainty_px,
+    }
+    large, small = found.radii_px.T
+    by = np.array([[1.0, -1.0], [1.0, 1.0]])
+    spreads = by @ found.radii_covariance_px @ by.T
+    doubts = np.sqrt(np.maximum(np.einsum("nkk->nk", spreads), 0.0))
+    radii = np.stack([np.abs(large - small), large + small], axis=1)
+    known = found.white.found & (doubts.max(axis=1) < KNOWN * one.outside_radius_px)
+    model = nominal_radii(camera, found.kind)
+    each = [
+        before
+        | _both(radii[n], bool(known[n]))
+        | {"uncertainty": before["uncertainty"] | _both(doubts[n], bool(known[n]))}
+        | {"model": _both(model[n], True)}
+        for n, before in enumerate(lattice["micro_images"])
+    ]
+    return lattice | {
+        "chief_pitch_px": one.pitch_px,
+        "inside_radius_px": one.inside_radius_px,
+        "outside_radius_px": one.outside_radius_px,
+        "uncertainty": lattice["uncertainty"] | sure,
+        "micro_images": each,
+    }
+
+
+def _both(radii: Array, known: bool) -> dict[str, float | None]:
+    names = "inside_radius_px", "outside_radius_px"
+    return {name: float(one) if known else None for name, one in zip(names, radii, strict=True)}
+
+
+def nominal_radii(camera: Camera, kind: npt.NDArray[np.int64]) -> Array:
+    """Radii of bright and total field of microlenses of these kinds by a camera's description, px,
+    shape (n, 2).
+    """
+    focal = np.asarray(camera.array.focal_lengths)[kind]
+    radii = np.full((len(focal), 2), math.nan)
+    for smms in type_smms(camera):
+        radii[focal == float(smms.focal)] = float(smms.inside_radius), float(smms.outside_radius)
+    return radii / camera.sensor.pixel

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from flflab.errors import MeasurementError
 from flflab.measurement.lattice.find import stretch
 from flflab.measurement.lattice.kernel import LIGHT, WIDER, draw
 from flflab.measurement.lattice.mean_profile import soft_disc
@@ -20,10 +19,7 @@ Picture = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 SATURATED = 1e-4  # of the pixels
-MOST_SATURATED = 0.25  # of them: no plateau is left
 MISFIT = 0.05  # of the light: white pictures leave 1 or 2 %
-MOST_SCATTER = 0.03  # of the pitch, by which micro-images may stand off
-MOST_OFF = 0.25  # of them, far off
 DEAD_LIGHT = 0.5  # of what the lenses round it get
 PLATEAU = 0.6  # of the radius, within which light is even
 WARM, LEAST_WARM, OFTEN = 8.0, 0.02, 1e-5  # standard deviations, of the light; share of the pixels
@@ -34,31 +30,6 @@ BENT_PX = 0.05
 SHEARED = 1.0005  # stretch along one direction against that across it
 SECOND_STOP = 0.02  # of their radius, by which micro-images narrow towards the corners
 QUIETER = 0.7  # of the noise of dark pixels that bright ones have
-
-
-def require_white(white: WhitePicture, saturated: float) -> None:
-    """Refuse a picture whose lattice is none of micro-images in even light.
-
-    Args:
-        white: what was measured.
-        saturated: share of the pixels.
-
-    Raises:
-        MeasurementError: see there.
-    """
-    if saturated > MOST_SATURATED:
-        raise MeasurementError(
-            f"white picture: {100 * saturated:.0f} % of its pixels are saturated, at most"
-            f" {100 * MOST_SATURATED:.0f} % are allowed; expose it shorter"
-        )
-    pitch, off = white.rough.pitch, float(np.mean(white.grid.off))
-    scatter = white.grid.scatter_px / pitch
-    if scatter > MOST_SCATTER or off > MOST_OFF:
-        raise MeasurementError(
-            f"white picture: it is probably none; bright spots repeat every {pitch:.1f} px, but"
-            f" they stand {100 * scatter:.1f} % of that off a lattice ({100 * MOST_SCATTER:.0f} %"
-            f" are allowed) and {100 * off:.0f} % of them far off; take an evenly lit target"
-        )
 
 
 def remarks_on_white(picture: Picture, noise: SensorNoise, white: WhitePicture) -> list[Remark]:

@@ -14,7 +14,7 @@ from flflab.alignment import Attitude
 from flflab.bench_uncertainty import MeasurementFloorDescription
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.dots.views import DotViews
-from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import image_offset

@@ -6,15 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from flflab.alignment import Attitude, measure_attitude
+from flflab.alignment import Attitude, attitude_of
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
 from flflab.measurement.contrast.curve import ContrastCurve, fit_contrast
 from flflab.measurement.dots.views import DotViews, count_views
-from flflab.measurement.lattice.registration import lattice_behind, nominal_pitch_px
-from flflab.measurement.lattice.rough_pitch import mixed_up_units, rough_pitch
-from flflab.measurement.lattice.white import Lattice, find_lattice
-from flflab.measurement.micro_images import measure_micro_images
+from flflab.measurement.lattice.lattice import Lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.record import FrameRecord, Run
@@ -22,7 +20,6 @@ from flflab.study import Configuration, Study
 from flflab.targets import Bars, FourDot
 
 Array = npt.NDArray[np.float64]
-DESCRIBED = 0.12  # of the pitch: so far a lattice is looked for
 
 
 @dataclass(frozen=True)
@@ -134,11 +131,9 @@ def measure_pictures(
     """
     camera, distance = as_placed(configuration, optics, worlds)
     white = pictures["white"]
-    lattice = _lattice(white, camera, noises["white"])
+    lattice = lattice_behind(camera, white, noises["white"])
     try:
-        attitude = measure_attitude(
-            measure_micro_images(white, lattice, noises["white"]), lattice, camera
-        )
+        attitude = attitude_of(lattice)
     except MeasurementError:
         attitude = None  # a sensor of so few micro-images says nothing of it
     measured = Measured(configuration, worlds, lattice, attitude, (), None, exposure_s, saturated)
@@ -171,29 +166,6 @@ def measure_pictures(
         except MeasurementError as error:
             measured = replace(measured, failures=(*measured.failures, error))
     return measured
-
-
-def _lattice(white: Array, camera: Camera, noise: SensorNoise) -> Lattice:
-    """The lattice; where there is none as described, what the micro-images' distance says of the
-    description.
-    """
-    layout, rough = camera.array.layout, nominal_pitch_px(camera)
-    try:
-        return lattice_behind(camera, white, noise)
-    except MeasurementError:
-        pass  # a camera far from its description: its light may not fall off as described
-    try:
-        return find_lattice(white, layout, rough, noise)
-    except MeasurementError as error:
-        found = rough_pitch(white)
-        if found is None or abs(found / rough - 1) < DESCRIBED:
-            raise
-        units = mixed_up_units(found / rough)
-        raise MeasurementError(
-            f"{error}; the micro-images lie about {found:.0f} px apart, {found / rough:.3g} times"
-            f" the {rough:.3g} px of the bench's description: check pitch, pixel and"
-            f" distances{f'; were {units} mixed up?' if units else ''}"
-        ) from error
 
 
 def as_placed(

@@ -19,6 +19,7 @@ from flflab.record import Run
 from flflab.study import Study
 from flflab.wheel import unlike_the_wheel
 
+WORST_MISFIT = 0.02  # of the light
 WORST_CHI2 = 1.5  # per pixel: above, the picture holds something that the fit does not know
 PICTURED = 12  # configurations; a page of more is not read
 ON_THIS_MACHINE = ("simulated", "127.0.0.1", "localhost", "[::1]")
@@ -260,16 +261,16 @@ def _wrong_targets(measured: tuple[Measured, ...], study: Study) -> list[str]:
 
 def _notes_on(one: Measured) -> list[str]:
     found = [f"{failure}." for failure in one.failures]
-    fits = [
-        ("lattice", one.lattice.chi2_per_pixel),
-        *([("contrast", one.curve.chi2_per_pixel)] if one.curve else []),
-    ]
-    for what, chi2 in fits:
-        if chi2 > WORST_CHI2:
-            found.append(
-                f"the {what} fit leaves {chi2:.2g} times the noise's variance; its uncertainties"
-                " were enlarged to match."
-            )
+    if one.lattice.misfit > WORST_MISFIT:
+        found.append(
+            f"the light of micro-images departs by {100 * one.lattice.misfit:.2g} % from the"
+            " camera's shape; the lattice's uncertainties were enlarged to match."
+        )
+    if one.curve and one.curve.chi2_per_pixel > WORST_CHI2:
+        found.append(
+            f"the contrast fit leaves {one.curve.chi2_per_pixel:.2g} times the noise's variance;"
+            " its uncertainties were enlarged to match."
+        )
     uncertain = sum(dot.views_uncertain for dot in one.dots)
     if uncertain:
         found.append(f"views so near an edge that the frame hardly decides them: {uncertain}.")

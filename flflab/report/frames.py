@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.measurement.dots.views import DotViews
-from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.focus import magnification
 from flflab.optics.illumination import illumination_radius
 from flflab.optics.resolution import central_smms

@@ -20,7 +20,7 @@ from flflab.errors import MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.measurement.dots.views import DotViews
-from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.study import focused_sensor

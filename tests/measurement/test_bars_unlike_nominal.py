@@ -12,7 +12,7 @@ import pytest
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.measurement.contrast.curve import fit_contrast
-from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 from flflab.targets import Bars, White

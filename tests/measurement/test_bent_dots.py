@@ -16,8 +16,7 @@ from flflab.image.effects.falloff import Falloff
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.measurement.dots.views import DotViews, count_views
-from flflab.measurement.lattice.profile import cone_of
-from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.bent_light import CYCLES, LIGHT, bent_light
 from flflab.optics.camera import Camera
@@ -38,7 +37,7 @@ def formed(
 
 def seen_in(camera: Camera, distance: float, white: Array, dots: Array) -> tuple[DotViews, ...]:
     return count_views(
-        dots, None, find_lattice(white, "square", 245.0, NOISE), camera, TARGET, distance, NOISE
+        dots, None, lattice_behind(camera, white, NOISE), camera, TARGET, distance, NOISE
     )
 
 
@@ -125,7 +124,7 @@ def test_diffraction_and_fall_off_together_leave_dots_where_they_are(brute: Any)
     white, dots = (
         64 + 2700 * render(replace(scene, falloff=Falloff()), tolerance=5e-4) for scene in scenes
     )
-    lattice = find_lattice(white, "square", 245.0, NOISE, cone_of(camera))
+    lattice = lattice_behind(camera, white, NOISE)
     error, _ = depths(count_views(dots, None, lattice, camera, TARGET, 515.0, NOISE), 515.0)
     assert np.abs(error).max() < 0.02
 

@@ -12,7 +12,7 @@ import pytest
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
 from flflab.measurement.dots.views import count_views
-from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.blind import blind_law, spots_in
 from flflab.targets import Chirp, FourDot, Target, White
@@ -64,7 +64,7 @@ def test_dots_are_found_wherever_the_target_stands(
         3000,
         np.random.default_rng(2),
     )
-    lattice = find_lattice(white, "square", 245.0, NOISE)
+    lattice = lattice_behind(camera, white, NOISE)
     picture = taken(brute, f_number, TARGET, distance, aside, turn)
     turned = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
     for dot in count_views(picture, white, lattice, camera, TARGET, told, NOISE):
@@ -96,9 +96,7 @@ def test_hot_pixels_are_no_spots(brute: Any) -> None:
 @pytest.mark.parametrize("target", [White(), Chirp((0.3, 2.0), 40.0, 40.0)])
 def test_what_makes_no_square_is_no_law(brute: Any, target: Target) -> None:
     camera = brute.camera(4.0, RESOLUTION)
-    lattice = find_lattice(
-        taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), "square", 245.0, NOISE
-    )
+    lattice = lattice_behind(camera, taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), NOISE)
     picture = taken(brute, 4.0, target, FOCUS, (0.0, 0.0), 0.0)
     assert blind_law(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None
 
@@ -106,8 +104,6 @@ def test_what_makes_no_square_is_no_law(brute: Any, target: Target) -> None:
 def test_dots_of_another_size_than_told_make_no_square(brute: Any) -> None:
     """Their parallax says how far they are, and then the square's side what it should be."""
     camera = brute.camera(4.0, RESOLUTION)
-    lattice = find_lattice(
-        taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), "square", 245.0, NOISE
-    )
+    lattice = lattice_behind(camera, taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), NOISE)
     picture = taken(brute, 4.0, FourDot(diameter=1.0, spacing=6.0), FOCUS, (0.5, 0.3), 0.1)
     assert blind_law(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None

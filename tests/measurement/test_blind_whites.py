@@ -12,7 +12,7 @@ from flflab.cli.app import app
 from flflab.errors import MeasurementError
 from flflab.image_file import read_picture
 from flflab.measurement.lattice.find import pitch_and_angle
-from flflab.measurement.white import BlindWhite, measure_blind
+from flflab.measurement.white import MeasuredWhite, measure_blind
 from flflab.measurement.white_json import figures_of
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real_white"
@@ -28,7 +28,7 @@ QUICK = (
 LATE = ("seaurchin-like", "R12-like", "worked example F/4", "corners at 5 %", "pitch of 480 px")
 
 
-def drawn(pictures: Any, spec: Any, seed: int) -> tuple[BlindWhite, Any, Any, Any]:
+def drawn(pictures: Any, spec: Any, seed: int) -> tuple[MeasuredWhite, Any, Any, Any]:
     """A drawn picture measured, its truth, and both compared."""
     picture, truth = pictures.draw_white(spec, np.random.default_rng(seed))
     found = measure_blind(picture)
@@ -42,14 +42,14 @@ def drawn(pictures: Any, spec: Any, seed: int) -> tuple[BlindWhite, Any, Any, An
     return found, truth, matched, errors
 
 
-def deviations(found: BlindWhite, errors: Any) -> np.ndarray:
+def deviations(found: MeasuredWhite, errors: Any) -> np.ndarray:
     """Errors of pitch, angle, origin x, y in stated standard uncertainties."""
     figures = figures_of(found.white, found.picture.shape)
     sure = np.hypot(figures.own, figures.common)
     return np.array([errors.pitch, math.radians(errors.angle), *errors.origin]) / sure
 
 
-def stated(found: BlindWhite) -> np.ndarray:
+def stated(found: MeasuredWhite) -> np.ndarray:
     white = found.white
     own = np.sqrt(white.spread.covariance[:, [0, 1], [0, 1]])
     return np.hypot(own, white.definition_px[:, None])[white.whole]

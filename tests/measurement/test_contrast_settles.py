@@ -15,9 +15,8 @@ from flflab.image.scene import one_plane
 from flflab.measurement.contrast.curve import fit_contrast
 from flflab.measurement.contrast.data import ChirpData, field_of, gather
 from flflab.measurement.contrast.search import Frame, model_of, search, settle
-from flflab.measurement.lattice.profile import cone_of
-from flflab.measurement.lattice.white import find_lattice
-from flflab.measurement.measure import nominal_lattice
+from flflab.measurement.lattice.nominal import nominal_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
@@ -176,12 +175,8 @@ def test_no_draw_of_noise_loses_the_bars_behind_a_turned_array(
     white, bars = (
         np.maximum(render(scene, tolerance=tolerance), 0.0) for scene, tolerance in scenes
     )
-    lattice = find_lattice(
-        brute.expose(white, NOISE, 2755, np.random.default_rng(99)),
-        "square",
-        245.6,
-        NOISE,
-        cone_of(nominal),
+    lattice = lattice_behind(
+        nominal, brute.expose(white, NOISE, 2755, np.random.default_rng(99)), NOISE
     )
     curves = []
     for seed in range(20):

@@ -10,7 +10,7 @@ import pytest
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.measurement.dots.views import DotViews, count_views
-from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.targets import FourDot, White
 
@@ -34,7 +34,7 @@ def test_near_focus_noise_draws_depth_to_no_side(brute: Any, distance: float) ->
         render(one_plane(camera, target, distance), tolerance=1e-4) * 3000 + 64
         for target in (White(), TARGET)
     )
-    lattice = find_lattice(white, "square", 245.0, NOISE)
+    lattice = lattice_behind(camera, white, NOISE)
     spread, rng = np.sqrt(NOISE.variance(exact)), np.random.default_rng(6)
     noises = [spread * rng.standard_normal(exact.shape) for _ in range(PAIRS)]
     noises += [-noise for noise in noises]

@@ -13,7 +13,7 @@ from flflab.errors import MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.measurement.dots.views import DotViews, count_views
-from flflab.measurement.lattice.registration import lattice_behind
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.measure import measure
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.cut_light import wide
@@ -72,7 +72,7 @@ def test_dots_that_every_micro_image_cuts_stand_where_they_are(
     for dot in measured(brute, target, distance, offset, seed=4):
         off = dot.position_mm - np.append(target.centres[dot.dot] + offset, -distance)
         assert np.abs(off / dot.uncertainty_mm).max() < 3.5
-        assert dot.uncertainty_mm[2] < 0.6
+        assert dot.uncertainty_mm[2] < 1
 
 
 @pytest.mark.parametrize("distance", [900.0, pytest.param(600.0, marks=pytest.mark.ci)])
@@ -83,7 +83,7 @@ def test_behind_tilted_microlenses_of_three_kinds_dots_stand_where_they_are(
     for dot in measured(brute, target, distance, offset, 2, replace(CAMERA, array=KINDS)):
         off = dot.position_mm - np.append(target.centres[dot.dot] + offset, -distance)
         assert np.abs(off / dot.uncertainty_mm).max() < 3.5
-        assert dot.uncertainty_mm[2] < 0.6
+        assert dot.uncertainty_mm[2] < 1
 
 
 def test_without_a_white_picture_they_are_refused_since_nothing_shows_how_light_falls_off() -> None:

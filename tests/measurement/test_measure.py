@@ -14,7 +14,7 @@ import pytest
 from flflab.errors import InputError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
-from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.lattice.white_picture import measure_white
 from flflab.measurement.measure import measure
 from flflab.measurement.sensor.noise import SensorNoise, estimate_noise
 from flflab.targets import Bars, Edge, FourDot, Picture, White
@@ -193,9 +193,9 @@ def test_darkness_cut_at_zero_and_coarse_steps_are_not_taken_for_a_picture_witho
     found = estimate_noise(coarse)
     assert 3.0 < found.read_noise_dn < 7.0  # 4.8, half of it cut off
     assert found.dn_per_electron == pytest.approx(2.4, rel=0.15)
-    lattice = find_lattice(coarse, "square", 121.0, found)
-    assert lattice.inside_radius_px == pytest.approx(30.0, abs=0.1)
-    assert lattice.chi2_per_pixel < 2
+    seen = measure_white(np.asarray(coarse, dtype=np.float32), found)
+    assert seen.rough.pitch == pytest.approx(120.0, rel=1e-3)
+    assert seen.misfit < 0.01
 
 
 def test_variance_is_shot_read_and_rounding() -> None:

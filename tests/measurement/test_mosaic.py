@@ -17,8 +17,9 @@ from flflab.measurement.as_read import as_read
 from flflab.measurement.contrast.curve import fit_contrast
 from flflab.measurement.dots.views import count_views
 from flflab.measurement.edges.views import measure_edges
-from flflab.measurement.lattice.white import find_lattice
-from flflab.measurement.measure import measure, nominal_lattice
+from flflab.measurement.lattice.nominal import nominal_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
+from flflab.measurement.measure import measure
 from flflab.measurement.sensor.mosaic import Mosaic
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.raw_file import RawPicture, read_raw, write_raw
@@ -93,7 +94,7 @@ def test_a_raw_white_picture_gives_the_same_lattice_as_a_grey_one(
     raw, noise = through_filters(white, 14, 3)
     write_raw(tmp_path / "white.dng", raw)
     even, evened = read(read_raw(tmp_path / "white.dng"), noise).even()
-    lattice = find_lattice(even, "square", 245.0, evened)
+    lattice = lattice_behind(camera, even, evened)
     assert lattice.pitch_px == pytest.approx(245.5825, rel=2e-5)
     assert lattice.origin_px == pytest.approx([379.5, 259.5], abs=0.02)
     said = measure(raw, camera)
@@ -118,7 +119,7 @@ def test_lattice_contrast_dots_and_edges_come_out_of_raw_files_of_any_bits_withi
     camera, file = brute.camera(4.0, RESOLUTION), tmp_path / "frame.dng"
     white, bars = brute.bars_picture(camera, FOCUS, (0.5, 10.0), 20.0)
     values, noise = read_back(white, bits, file).even()
-    lattice = find_lattice(values, "square", 245.0, noise)
+    lattice = lattice_behind(camera, values, noise)
     assert np.abs((lattice.origin_px - [379.5, 259.5]) / lattice.origin_uncertainty_px).max() < 4
     assert abs(lattice.pitch_px - 245.5823) < 4 * lattice.pitch_uncertainty_px
     mosaic = read_back(bars, bits, file)

@@ -14,7 +14,7 @@ from flflab.image.scene import Plane, Scene, one_plane
 from flflab.image.sensor.random_numbers import noise_key
 from flflab.image.sensor.response import SensorResponse, digitise
 from flflab.measurement.dots.views import count_views
-from flflab.measurement.lattice.white import find_lattice
+from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
 from flflab.optics.useful import sensor_fields
@@ -62,14 +62,13 @@ def counts(seed: int, places: int) -> list[tuple[int, int, int]]:
     """
     camera, noise, electrons = bench(seed)
     fields = sensor_fields(camera)
-    pitch = 0.4 * camera.sensor.distance / camera.array.distance / camera.sensor.pixel
     white = digitise(
         render(one_plane(camera, White(), 506.7016)),
         electrons,
         SensorResponse(),
         noise_key(seed, "white"),
     )
-    lattice = find_lattice(white, "square", pitch, noise)
+    lattice = lattice_behind(camera, white, noise)
     every: list[tuple[int, int, int]] = []
     for place in range(places):
         target, distance, offset = target_of(seed, place)
@@ -105,14 +104,13 @@ def blind_counts(seed: int, places: int) -> Iterator[tuple[list[int], list[int],
     """
     camera, noise, electrons = bench(seed)
     fields = sensor_fields(camera)
-    pitch = 0.4 * camera.sensor.distance / camera.array.distance / camera.sensor.pixel
     white = digitise(
         render(one_plane(camera, White(), 506.7016)),
         electrons,
         SensorResponse(),
         noise_key(seed, "white"),
     )
-    lattice = find_lattice(white, "square", pitch, noise)
+    lattice = lattice_behind(camera, white, noise)
     for place in range(places):
         rng = np.random.default_rng([seed, place, 7])
         target = FourDot(

@@ -12,7 +12,7 @@ from flflab.bench import Element, read_bench
 from flflab.bench_uncertainty import MeasurementFloorDescription
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.dots.views import DotViews
-from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.properties.floor import with_floor
 from flflab.properties.measured import Measured
 from flflab.study import Configuration, read_study

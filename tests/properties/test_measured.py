@@ -45,4 +45,4 @@ def test_a_pitch_in_another_unit_is_named(factor: float, named: str) -> None:
             study,
             mistaken,
         )
-    assert "the micro-images lie about 24" in str(refused.value)
+    assert "its micro-images lie about 24" in str(refused.value)

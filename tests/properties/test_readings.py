@@ -11,7 +11,7 @@ from scipy.special import j1
 
 from flflab.camera_file import read_camera
 from flflab.measurement.dots.triangulation import triangulate
-from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera, MainLens
 from flflab.optics.focus import depth_of_field
 from flflab.optics.resolution import central_smms
@@ -95,7 +95,7 @@ def as_lattice(places_px: np.ndarray) -> Lattice:
     return Lattice(
         "square", 245.0, 0.0, none, 245.0 * np.eye(2),
         np.zeros((len(places_px), 2), dtype=np.int64), places_px, 0, 0, 0, 0, none, 0, 0,
-        np.zeros((6, 6)), np.zeros((3, 3)), 1.0, 0.0, np.zeros(6),
+        np.zeros((6, 6)), np.zeros((3, 3)), np.zeros(6),
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from flflab.comparison import Comparison, Row, Verdict
 from flflab.evaluation import Evaluation, properties
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.dots.views import DotViews
-from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.resolution import central_smms
 from flflab.prediction import drawn_errors, drawn_systems, placements, predicted_view_indices
 from flflab.properties.measured import Measured
@@ -61,7 +61,7 @@ def lattice_of(configuration: Configuration, bench: Bench) -> Lattice:
         origin_uncertainty_px=np.full(2, 1e-3), inside_uncertainty_px=2e-3,
         outside_uncertainty_px=1e-3,
         covariance_px=np.eye(6) * 1e-6, sizes_covariance_px=np.diag([2e-3, 1e-3, 2e-4]) ** 2,
-        chi2_per_pixel=1.0, background_dn=64.0,
+
         light=np.eye(6)[0] * 2000,
     )  # fmt: skip
 

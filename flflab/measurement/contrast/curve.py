@@ -41,6 +41,7 @@ from flflab.measurement.contrast.search import (
     with_fitted_blur,
     with_fitted_gains,
 )
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import (
     defocus_apart,
     microlens_type_of,
@@ -51,7 +52,6 @@ from flflab.measurement.lattice.registration import (
     tilted_levels,
     tilted_scales,
 )
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import cone_half_angle, far_light, lost_over_edges

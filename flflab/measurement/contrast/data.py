@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.measurement.lattice.falloff import shade
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import sensor_position
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Sensor
 

@@ -28,8 +28,8 @@ from flflab.measurement.contrast.fit import (
     waves,
 )
 from flflab.measurement.contrast.template import Template, edges_of
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import defocus_apart, defocus_by_tilt, tilted_scales
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.lowest import lowest
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flflab.measurement.dots.views import DotViews
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import sensor_position, target_scales
-from flflab.measurement.lattice.white import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import sensor_position
-from flflab.measurement.lattice.white import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms

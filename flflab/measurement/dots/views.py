@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from flflab.measurement.dots.triangulation import triangulate
 from flflab.measurement.lattice.falloff import unshaded
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import ProfileTable
 from flflab.measurement.lattice.registration import sensor_position
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.fit import Spots, illumination
 from flflab.measurement.spots.law import HALF, SEARCH_PX, Candidates, law_places

@@ -11,12 +11,12 @@ import numpy.typing as npt
 from flflab.errors import MeasurementError
 from flflab.measurement.edges.fit import EdgeFit, EdgePixels, edge_pixels, fit_edge
 from flflab.measurement.edges.free import FreeEdge, free_forms, variance_along
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import (
     bright_pixels,
     require_picture,
     same_type_as_central,
 )
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 

@@ -12,8 +12,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import FALLOFF, LOPSIDED, ORDERS, VALUE, profile_table
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 
 Array = npt.NDArray[np.float64]

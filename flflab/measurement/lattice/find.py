@@ -95,7 +95,7 @@ def find_lattice(picture: npt.NDArray[np.floating]) -> RoughLattice:
     """
     best: tuple[float, int, Array, npt.NDArray[np.floating]] | None = None
     for factor in _factors(picture.shape):
-        coarse = _averaged(picture, factor)
+        coarse = averaged(picture, factor)
         for window in _windows(coarse):
             found = _vectors_in(window)
             if found is not None and (best is None or found[0] > 1.1 * best[0]):
@@ -110,10 +110,22 @@ def find_lattice(picture: npt.NDArray[np.floating]) -> RoughLattice:
         )
     _, factor, vectors, _ = best
     vectors = vectors * factor
+    return lattice_near(picture, *layout_of(vectors))
+
+
+def lattice_near(picture: npt.NDArray[np.floating], layout: Layout, vectors: Array) -> RoughLattice:
+    """The lattice of a picture of which layout and vectors are known, to a fiftieth of a pitch.
+
+    Args:
+        picture: DN, [row, col], finite.
+        layout: of the array.
+        vectors: a, b as columns, px, shape (2, 2).
+
+    Raises:
+        MeasurementError: what repeats like that are no bright spots.
+    """
     step = max(1, int(np.abs(np.linalg.det(vectors)) ** 0.5 / (2 * CELL)))
-    small = _averaged(picture, step)
-    layout, vectors = _layout_of(vectors / step)
-    return _mean_cell(small, layout, vectors, step)
+    return _mean_cell(averaged(picture, step), layout, vectors / step, step)
 
 
 def _factors(shape: tuple[int, ...]) -> list[int]:
@@ -124,7 +136,7 @@ def _factors(shape: tuple[int, ...]) -> list[int]:
     return factors
 
 
-def _averaged(picture: npt.NDArray[np.floating], factor: int) -> npt.NDArray[np.float32]:
+def averaged(picture: npt.NDArray[np.floating], factor: int) -> npt.NDArray[np.float32]:
     """Means over squares of pixels."""
     if factor == 1:
         return np.asarray(picture, dtype=np.float32)
@@ -171,7 +183,7 @@ def _vectors_in(window: npt.NDArray[np.float32]) -> tuple[float, Array] | None:
     second = chosen[across > 0.4 * np.hypot(*first) * np.hypot(*chosen.T)]
     if len(second) == 0:
         return None
-    vectors = _refined(correlation, _reduced(np.stack([first, second[0]], axis=1)))
+    vectors = _refined(correlation, reduced(np.stack([first, second[0]], axis=1)))
     return best, vectors
 
 
@@ -236,7 +248,7 @@ def _vertex(values: Array, at: npt.NDArray[np.int64]) -> Array:
     return np.array([x, y]) + np.clip(found, -0.6, 0.6)
 
 
-def _reduced(vectors: Array) -> Array:
+def reduced(vectors: Array) -> Array:
     """Gauss reduction: the two shortest vectors of the lattice, the shorter first."""
     a, b = vectors[:, 0], vectors[:, 1]
     for _ in range(20):
@@ -273,7 +285,7 @@ def _refined(correlation: Array, vectors: Array) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _layout_of(vectors: Array) -> tuple[Layout, Array]:
+def layout_of(vectors: Array) -> tuple[Layout, Array]:
     """The layout that needs the smaller stretch, and its vectors: a nearest the columns' axis, b a
     quarter (hexagonal a sixth) turn on.
     """

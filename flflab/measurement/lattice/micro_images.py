@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
+from threadpoolctl import threadpool_limits
 
 from flflab.measurement.lattice.kernel import (
     GROUND,
@@ -30,6 +31,7 @@ Whole = npt.NDArray[np.int64]
 
 BLOB, DISC = WIDER + 1, VALUES  # how many values are fitted: a blob's slope is no more than a shift
 AT_ONCE = 1024  # systems of neighbours in memory
+MOST = 18  # neighbours: two rings of a hexagonal lattice
 DAMPED = 1e-3  # first damping of a step, relative
 WIDEST, SOFTEST = 0.6, 1.2  # of the radius; logarithm of the softness
 LONGEST_SLOPE = 0.05  # by which a slope may change at once
@@ -46,13 +48,17 @@ class Sums:
 
 
 def neighbours_within(centres: Array, reach: float) -> Whole:
-    """Positions of the other micro-images whose centres lie nearer, -1 where there is none."""
-    near = KDTree(centres).query_ball_point(centres, reach)
-    most = max(1, max(map(len, near)) - 1)
-    found = np.full((len(near), most), -1, dtype=np.int64)
-    for n, some in enumerate(near):
-        found[n, : len(some) - 1] = [one for one in some if one != n]
-    return found
+    """Positions of the other micro-images whose centres lie nearer, of the nearest ``MOST``; -1
+    where there is none.
+    """
+    most = min(MOST, len(centres) - 1)
+    if most < 1:
+        return np.full((len(centres), 1), -1, dtype=np.int64)
+    found = KDTree(centres).query(centres, most + 1, distance_upper_bound=reach)[1]
+    found = np.where(found == np.arange(len(centres))[:, None], len(centres), found)
+    found = np.sort(found, axis=1)[:, :most].astype(np.int64)
+    found[found == len(centres)] = -1
+    return found[:, : max(1, int((found >= 0).sum(axis=1).max()))]
 
 
 @dataclass(frozen=True)
@@ -268,7 +274,10 @@ def solved_together(
     for part in np.array_split(np.arange(len(members)), -(-len(members) // AT_ONCE)):
         systems, sides = with_neighbours(part, around, normal, found.cross, right)
         scale = np.sqrt(np.einsum("nkk->nk", systems))
-        inverse = np.linalg.inv(systems / (scale[:, :, None] * scale[:, None, :]))[:, :size]
+        scaled = systems / (scale[:, :, None] * scale[:, None, :])
+        own = np.broadcast_to(np.eye(scaled.shape[1])[:, :size], (*scaled.shape[:2], size))
+        with threadpool_limits(1, "blas"):  # threads wait for each other longer than they work
+            inverse = np.linalg.solve(scaled, own).transpose(0, 2, 1)
         steps[part] = np.einsum("nak,nk->na", inverse, sides / scale) / scale[:, :size]
         inverted[part] = inverse[:, :, :size] / (scale[:, :size, None] * scale[:, None, :size])
     # systems cut off at the border of the picture may be none: then each is taken by itself

@@ -14,11 +14,14 @@ import scipy.sparse
 from scipy.ndimage import map_coordinates
 from skimage.restoration import unwrap_phase
 
+from flflab.measurement.lattice.find import averaged
+
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
 WAVES = np.array([(1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0)])  # by the vectors of the waves
+COARSE = 12  # px of the pitch that are enough for a wave
 WIDTH = 0.7  # of the pitch: standard deviation of the average
 STEP = 0.5  # of the pitch: how far apart averages are taken
 REACH = 3.5  # standard deviations
@@ -40,9 +43,11 @@ def displaced(
     Returns:
         (x, y) px, shape (n, 2), and where light shows it.
     """
+    step = max(1, int(math.sqrt(abs(float(np.linalg.det(vectors)))) / COARSE))
+    picture, vectors = averaged(picture, step), vectors / step
     base = 2 * math.pi * np.linalg.inv(vectors)
     pitch = math.sqrt(abs(float(np.linalg.det(vectors))))
-    places = origin + indices @ vectors.T
+    places = (origin - (step - 1) / 2) / step + indices @ vectors.T
     found = [(wave, _wave_at(picture, wave @ base, pitch, places)) for wave in WAVES]
     # light may be even along one of the directions
     found = sorted(found, key=lambda one: -float(np.median(np.abs(one[1]))))
@@ -61,7 +66,7 @@ def displaced(
         table[cell] = np.angle(one)
         turned = np.ma.filled(unwrap_phase(np.ma.masked_array(table, hidden), rng=0), 0.0)[cell]
         phases[:, n] = turned - np.mean(turned[near & strong] if (near & strong).any() else 0.0)
-    return -phases @ np.linalg.inv(waves).T, strong
+    return -step * phases @ np.linalg.inv(waves).T, strong
 
 
 def _wave_at(

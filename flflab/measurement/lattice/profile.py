@@ -26,6 +26,7 @@ Array = npt.NDArray[np.float64]
 VALUE, SQUARE, BY_RADIUS, BY_LARGE, BY_SMALL, FALLOFF, LOPSIDED = range(7)
 ORDERS = slice(7, 11)  # what slant^2, (slant . e/|e|)^2 and their products with slant . e/|e| add
 _COLUMNS = 11
+SMALLEST_PX = 0.05  # radius of a disc: a smaller one cannot be told from it
 NUDGE = 0.01  # px by which a radius is moved for its derivative
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 _CHORD, _CHORD_WEIGHTS = np.polynomial.legendre.leggauss(12)

@@ -15,10 +15,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
-from flflab.measurement.lattice.kinds import kinds_of
-from flflab.measurement.lattice.profile import cone_of
-from flflab.measurement.lattice.white import Lattice, find_lattice
-from flflab.measurement.sensor.noise import SensorNoise
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera, Sensor, microlens_centres, microlens_types
 from flflab.optics.focus import blur, signed_blur
 from flflab.optics.resolution import central_smms
@@ -86,28 +83,6 @@ def require_shape(picture: npt.NDArray[np.generic], camera: Camera, what: str) -
             f"{what} picture: shape {picture.shape} does not fit the camera's sensor of {rows} rows"
             f" x {columns} columns"
         )
-
-
-def nominal_pitch_px(camera: Camera) -> float:
-    """How far micro-images should lie apart: p (1 + b/L)."""
-    return camera.array.pitch[0] * float(central_smms(camera).image_scale) / camera.sensor.pixel
-
-
-def lattice_behind(camera: Camera, white: npt.NDArray[np.generic], noise: SensorNoise) -> Lattice:
-    """The lattice in a white picture of a camera; of its description only layout, rough pitch and
-    how its rays land are taken.
-
-    Raises:
-        MeasurementError: as ``find_lattice``.
-    """
-    return find_lattice(
-        white,
-        camera.array.layout,
-        nominal_pitch_px(camera),
-        noise,
-        cone_of(camera),
-        kinds_of(camera),
-    )
 
 
 def blur_px(camera: Camera, distance: float) -> float:
@@ -183,10 +158,12 @@ def defocus_by_tilt(lattice: Lattice, smms: Smms, distance: float) -> Array:
     ``defocus_apart``; shape (2, n).
     """
     here = defocus_apart(lattice, smms, distance)
-    slopes = lattice.tilt + np.diag(lattice.tilt_uncertainty)
-    return np.stack(
-        [defocus_apart(replace(lattice, tilt=slope), smms, distance) - here for slope in slopes]
-    )
+    slopes = lattice.sure_tilt + np.diag(lattice.tilt_uncertainty)
+    apart = [
+        defocus_apart(replace(lattice, tilt=slope, tilt_uncertainty=np.zeros(2)), smms, distance)
+        for slope in slopes
+    ]
+    return np.stack(apart) - here
 
 
 def microlens_type_of(lattice: Lattice, camera: Camera) -> Array:

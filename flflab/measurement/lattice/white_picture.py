@@ -87,6 +87,31 @@ class WhitePicture:
     misfit: float
 
 
+@dataclass(frozen=True)
+class Fitted:
+    """Micro-images fitted one by one, before a lattice is laid through them.
+
+    Attributes:
+        indices: of each, shape (n, 2).
+        values: as ``kernel`` names them, shape (n, VALUES).
+        found: which were seen.
+        profile: the light across them.
+        spread: how sure the values are.
+        slopes: of their light.
+        joint: whether neighbours were fitted together.
+        misfit: rms of what is left of the light, as a share of it.
+    """
+
+    indices: Whole
+    values: Array
+    found: Flags
+    profile: Profile
+    spread: Spread
+    slopes: Slopes
+    joint: bool
+    misfit: float
+
+
 def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> WhitePicture:
     """Measure every micro-image of a white picture, of which nothing but the noise is known.
 
@@ -98,19 +123,19 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
         MeasurementError: no lattice of bright micro-images is in it, or fewer than six whole ones.
     """
     rough = find_lattice(picture)
-    _require_contrast(rough, noise)
+    require_contrast(rough, noise)
     pixels = Pixels(picture, noise, START_MISFIT, max(1, int(rough.radius / SPARSE)))
     indexed = index_lattice(pixels, rough)
     profile, joint = indexed.profile, indexed.joint
-    values = _with_light_around(indexed.values, indexed.found)
-    kept = _touching(values, picture.shape, profile.end)
+    values = with_light_around(indexed.values, indexed.found)
+    kept = touching(values, picture.shape, profile.end)
     indices, values, found = indexed.indices[kept], values[kept], indexed.found[kept]
     every, shape = np.arange(len(values)), picture.shape
     neighbours = neighbours_within(values[:, :2], 2 * profile.end)
     slopes, misfit, doubt = unknown_slopes(len(values)), START_MISFIT, None
     for turn, (size, rounds) in enumerate(TURNS):
-        inner = found & _inside(values, shape, profile.end)
-        _require_enough(inner)
+        inner = found & inside(values, shape, profile.end)
+        require_enough(inner)
         members, before = np.flatnonzero(inner), profile
         profile = measured_profile(pixels, values, members, neighbours, before)
         if indexed.ground is None:
@@ -129,14 +154,33 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
         misfit = float(np.median(doubt.misfit[inner]))
         pixels = finer(pixels, max(misfit, LEAST_MISFIT), pixels.every)
     assert doubt is not None  # noqa: S101 - there are turns
-    there = _inside(values, shape, profile.reaches(RIM) + 0.5)
-    found &= looks_right(values, doubt, profile, rough.pitch)
+    fitted = Fitted(indices, values, found, profile, doubt, slopes, joint, misfit)
+    return with_grid(rough, fitted, shape)
+
+
+def with_grid(
+    rough: RoughLattice, fitted: Fitted, shape: tuple[int, ...], cut: float = 0.0
+) -> WhitePicture:
+    """The measured white picture: which micro-images are whole, and the lattice through them.
+
+    Args:
+        rough: what was found blind.
+        fitted: the micro-images.
+        shape: of the picture, (rows, columns).
+        cut: how much of a radius the border may cut off a whole one, px.
+
+    Raises:
+        MeasurementError: fewer than six of them are whole.
+    """
+    indices, values, profile, doubt = fitted.indices, fitted.values, fitted.profile, fitted.spread
+    there = inside(values, shape, profile.reaches(RIM) + 0.5 - cut)
+    found = fitted.found & looks_right(values, doubt, profile, rough.pitch)
     whole = found & there
-    _require_enough(whole)
-    between = 0.0 if joint else _light_between(rough, profile)
-    definition = definition_of_centres(doubt, slopes, profile, between)
+    require_enough(whole)
+    between = 0.0 if fitted.joint else _light_between(rough, profile)
+    definition = definition_of_centres(doubt, fitted.slopes, profile, between)
     ways = asides(indices, float(np.median(definition[whole])))
-    missing = ~found & _inside(values, shape, 0.0)
+    missing = ~found & inside(values, shape, 0.0)
     beside = _beside(indices, missing, rough.layout)
     behind = _beside(indices, beside & ~missing, rough.layout)
     aside = profile.softness * np.where(beside, BESIDE, BEHIND * behind)
@@ -147,7 +191,7 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
         indices[whole],
         values[whole, :2],
         np.hypot(own, aside[:, None])[whole],
-        [indices[there], indices[_inside(values, shape, 0.0)]],
+        [indices[there], indices[inside(values, shape, 0.0)]],
         [one[whole] for one in ways],
     )
     return WhitePicture(
@@ -158,14 +202,15 @@ def measure_white(picture: npt.NDArray[np.float32], noise: SensorNoise) -> White
         whole,
         profile,
         doubt,
-        slopes,
+        fitted.slopes,
         grid,
         definition,
-        misfit,
+        fitted.misfit,
     )
 
 
-def _require_contrast(rough: RoughLattice, noise: SensorNoise) -> None:
+def require_contrast(rough: RoughLattice, noise: SensorNoise) -> None:
+    """Refuse what repeats less than the noise of a pixel."""
     spread = math.sqrt(float(noise.variance(rough.light + rough.background)))
     if rough.light < spread:
         raise MeasurementError(
@@ -175,7 +220,8 @@ def _require_contrast(rough: RoughLattice, noise: SensorNoise) -> None:
         )
 
 
-def _require_enough(whole: Flags) -> None:
+def require_enough(whole: Flags) -> None:
+    """Refuse fewer than six whole micro-images."""
     if np.count_nonzero(whole) < FEWEST:
         raise MeasurementError(
             f"white picture: only {np.count_nonzero(whole)} micro-images lie wholly on it,"
@@ -202,7 +248,7 @@ def _light_between(rough: RoughLattice, profile: Profile) -> float:
     return float(profile.table[min(int(middle / profile.step), len(profile.table) - 1), 0])
 
 
-def _with_light_around(values: Array, found: Flags) -> Array:
+def with_light_around(values: Array, found: Flags) -> Array:
     """Values with light and ground of those not seen taken from the nearest that were."""
     filled = values.copy()
     _, nearest = KDTree(values[found, :2]).query(values[~found, :2])
@@ -211,14 +257,14 @@ def _with_light_around(values: Array, found: Flags) -> Array:
     return filled
 
 
-def _touching(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
+def touching(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
     """Which micro-images reach the picture."""
     top = np.array([shape[1], shape[0]]) - 0.5
     off = values[:, :2] - np.clip(values[:, :2], -0.5, top)
     return np.hypot(*off.T) < reach
 
 
-def _inside(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
+def inside(values: Array, shape: tuple[int, ...], reach: float) -> Flags:
     """Which lie wholly on it."""
     top = np.array([shape[1], shape[0]]) - 0.5
     return np.all((values[:, :2] > reach - 0.5) & (values[:, :2] < top - reach), axis=1)

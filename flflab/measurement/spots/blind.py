@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import scales_of, sensor_position
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.law import law_at
 from flflab.optics.camera import Camera

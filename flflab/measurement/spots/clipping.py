@@ -8,8 +8,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import tilted_smms
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.cut_light import Nodes, narrow, wide
 from flflab.measurement.spots.fit import Lit, Spots, light_share

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
 from flflab.measurement.lattice.falloff import slants_of
-from flflab.measurement.lattice.white import Lattice
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.clipping import Pupils
 from flflab.measurement.spots.cut_light import Nodes, pixel_in_disc

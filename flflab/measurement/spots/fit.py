@@ -14,16 +14,16 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from flflab.measurement.lattice.model import SMALLEST_PX
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import (
     BY_LARGE,
     BY_SMALL,
+    SMALLEST_PX,
     VALUE,
     ProfileTable,
     profile_table,
     table_step,
 )
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.profile import SpotProfile
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import ProfileTable
 from flflab.measurement.lattice.registration import sensor_pixel, sensor_position
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.fit import flat_centroids, illumination, lit
 from flflab.optics.camera import Camera

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import ProfileTable
 from flflab.measurement.lattice.registration import (
     blur_px,
@@ -19,7 +20,6 @@ from flflab.measurement.lattice.registration import (
     sensor_position,
     tilted_scales,
 )
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.lowest import lowest
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.bent_light import CYCLES

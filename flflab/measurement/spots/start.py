@@ -11,9 +11,9 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from flflab.errors import MeasurementError
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import ProfileTable
 from flflab.measurement.lattice.registration import blur_px, target_scales
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.blind import CLOSE_PX, FAINT, blind_law, darkness_of, spots_in
 from flflab.measurement.spots.fit import illumination

@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from flflab.errors import MeasurementError
 from flflab.measurement.contrast.curve import fit_contrast
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import cone_of
 from flflab.measurement.lattice.registration import sensor_position
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.without_white.plain import lattice_within
 from flflab.optics.camera import Camera

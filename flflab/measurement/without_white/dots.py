@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
+from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import cone_of
-from flflab.measurement.lattice.white import Lattice
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.spots.search import SeenSpots, find_spots
 from flflab.measurement.without_white.plain import lattice_within

@@ -1,0 +1,35 @@
+"""Whether a measured picture is a white one at all."""
+
+import numpy as np
+
+from flflab.errors import MeasurementError
+from flflab.measurement.lattice.white_picture import WhitePicture
+
+MOST_SATURATED = 0.25  # of the pixels: no plateau is left
+MOST_SCATTER = 0.03  # of the pitch, by which micro-images may stand off
+MOST_OFF = 0.25  # of them, far off
+
+
+def require_white(white: WhitePicture, saturated: float) -> None:
+    """Refuse a picture whose lattice is none of micro-images in even light.
+
+    Args:
+        white: what was measured.
+        saturated: share of the pixels.
+
+    Raises:
+        MeasurementError: see there.
+    """
+    if saturated > MOST_SATURATED:
+        raise MeasurementError(
+            f"white picture: {100 * saturated:.0f} % of its pixels are saturated, at most"
+            f" {100 * MOST_SATURATED:.0f} % are allowed; expose it shorter"
+        )
+    pitch, off = white.rough.pitch, float(np.mean(white.grid.off))
+    scatter = white.grid.scatter_px / pitch
+    if scatter > MOST_SCATTER or off > MOST_OFF:
+        raise MeasurementError(
+            f"white picture: it is probably none; bright spots repeat every {pitch:.1f} px, but"
+            f" they stand {100 * scatter:.1f} % of that off a lattice ({100 * MOST_SCATTER:.0f} %"
+            f" are allowed) and {100 * off:.0f} % of them far off; take an evenly lit target"
+        )
