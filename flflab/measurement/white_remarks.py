@@ -46,7 +46,7 @@ def remarks_on_white(picture: Picture, noise: SensorNoise, white: WhitePicture) 
         every += [
             _on_bend(white),
             _on_stop(white),
-            _on_lines(picture, flat, noise, light),
+            _on_lines(picture - _modelled(picture, white), flat, noise, light),
             _on_warm(picture, noise, light),
             _on_gamma(picture, flat, noise, light),
         ]
@@ -91,9 +91,9 @@ def _on_dead(white: WhitePicture) -> Remark | None:
     light = white.values[:, LIGHT]
     usual = float(np.median(light[white.whole]))
     dark = ~white.found | (light < DEAD_LIGHT * usual)
-    inner = (
-        np.abs(white.indices) <= np.quantile(np.abs(white.indices[white.whole]), 0.7, axis=0)
-    ).all(axis=1)
+    centres = white.values[:, :2]
+    aside = np.abs(centres - np.median(centres[white.whole], axis=0))
+    inner = (aside <= np.quantile(aside[white.whole], 0.7, axis=0)).all(axis=1)
     lost = np.count_nonzero(~white.found & inner)
     off = np.count_nonzero(white.grid.off)
     if lost + off == 0 or not dark.any():
@@ -103,6 +103,15 @@ def _on_dead(white: WhitePicture) -> Remark | None:
         f"{lost} micro-images amid others are dark or missing, {off} stand off the lattice by more"
         " than the others scatter: dust or broken microlenses",
     )
+
+
+def _modelled(picture: Picture, white: WhitePicture) -> Picture:
+    """The light of micro-images as they were fitted, DN above their ground."""
+    drawn = np.zeros_like(picture)
+    profile = white.profile
+    seen = white.values[white.found]
+    draw(drawn, seen, extents_of(seen, profile), (profile.table, profile.radius, profile.step))
+    return drawn
 
 
 def _on_bend(white: WhitePicture) -> Remark | None:
@@ -144,7 +153,9 @@ def _on_stop(white: WhitePicture) -> Remark | None:
 
 
 def _on_lines(picture: Picture, flat: Mask, noise: SensorNoise, light: float) -> Remark | None:
-    """Whether columns or rows differ by more than noise, by second differences across them."""
+    """Whether columns or rows differ by more than noise, by second differences across them in what
+    micro-images leave.
+    """
     for name, values, inside in (("columns", picture, flat), ("rows", picture.T, flat.T)):
         three = inside[:, 2:] & inside[:, 1:-1] & inside[:, :-2]
         step = np.where(three, values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2], 0.0)

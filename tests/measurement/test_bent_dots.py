@@ -52,13 +52,13 @@ def depths(found: tuple[DotViews, ...], distance: float) -> tuple[Array, Array]:
 @pytest.mark.parametrize(
     ("f_number", "distance", "most_mm", "stated_mm"),
     [
-        (5.6, 507.0, 0.01, 0.06),
-        (2.8, 507.0, 0.005, 0.015),
-        (4.0, 507.0, 0.005, 0.015),
-        (2.8, 515.0, 0.005, 0.015),
-        (4.0, 490.0, 0.01, 0.02),
-        (5.6, 495.0, 0.02, 0.06),
-        (5.6, 515.0, 0.02, 0.06),
+        (5.6, 507.0, 0.01, 0.08),
+        (2.8, 507.0, 0.005, 0.06),
+        (4.0, 507.0, 0.006, 0.06),
+        (2.8, 515.0, 0.005, 0.06),
+        (4.0, 490.0, 0.01, 0.06),
+        (5.6, 495.0, 0.02, 0.08),
+        (5.6, 515.0, 0.02, 0.08),
     ],
 )
 def test_diffraction_leaves_dots_where_they_are(
@@ -66,7 +66,7 @@ def test_diffraction_leaves_dots_where_they_are(
 ) -> None:
     """Fitted by rays, depth was 1.1 mm off at F/5.6 in light of 550 nm, 0.17 at F/2.8, and stated
     ten times less sure. The picture and the fit bend light by tables of their own, each good to
-    2e-4 of white.
+    2e-4 of white. Most of what is stated is how much of natural fall-off micro-images show.
     """
     camera = brute.camera(f_number, (760, 560))
     white, dots = formed(camera, distance, White()), formed(camera, distance, TARGET, GREEN)
@@ -93,7 +93,7 @@ def test_light_of_many_wavelengths_is_taken_for_one_between(brute: Any) -> None:
     found = seen_in(camera, 507.0, 64 + 2700 * formed(camera, 507.0, White()), 64 + 2700 * dots)
     error, stated = depths(found, 507.0)
     assert np.abs(error).max() < 0.006
-    assert stated.max() < 0.015
+    assert stated.max() < 0.06
 
 
 @pytest.mark.full
@@ -109,7 +109,7 @@ def test_depth_in_green_light_is_as_sure_as_it_is_stated(brute: Any) -> None:
             white, dots = (brute.expose(image, NOISE, 2700, rng) for image in light)
             error, stated = depths(seen_in(camera, 507.0, white, dots), 507.0)
             missed += list(error / stated)
-            assert stated.max() < 0.06
+            assert stated.max() < 0.08
     assert np.sqrt(np.mean(np.square(missed))) < 1.4
     assert np.abs(missed).max() < 4
 

@@ -14,6 +14,7 @@ from flflab.measurement.lattice.find import RoughLattice, lattice_near, layout_o
 Array = npt.NDArray[np.float64]
 
 FEWEST, MOST = 4, 200  # spots
+LEAST_AREA = 20.0  # px: less is a speck of noise
 SMALLEST = 0.5  # area of a spot over the median of all
 ASIDE = 0.4  # least sine between the two vectors
 OFF = 0.1  # pitches that a spot may lie off the lattice
@@ -26,7 +27,8 @@ def spots_in(picture: npt.NDArray[np.floating]) -> Array:
         picture: DN, [row, col], finite.
     """
     dark, bright = np.quantile(picture[::2, ::2], [0.02, 0.98])
-    spots = regionprops(clear_border(label(picture > (dark + bright) / 2)))
+    seen = regionprops(clear_border(label(picture > (dark + bright) / 2)))
+    spots = [spot for spot in seen if spot.area >= LEAST_AREA]
     usual = float(np.median([spot.area for spot in spots])) if spots else 0.0
     middles = [spot.centroid[::-1] for spot in spots if spot.area > SMALLEST * usual]
     return np.array(middles, dtype=np.float64).reshape(-1, 2)
