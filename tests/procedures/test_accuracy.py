@@ -19,7 +19,7 @@ from procedures.steps import CaptureUntil, most_frames, steps
 from procedures.study import tell_nobody
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-WANTED = 0.0015
+WANTED = 0.0018
 
 
 @pytest.fixture
