@@ -39,7 +39,7 @@ from flflab.measurement.lattice.pixels import Pixels, finer
 from flflab.measurement.lattice.plausible import require_white
 from flflab.measurement.lattice.profile import SMALLEST_PX, cone_of
 from flflab.measurement.lattice.slopes import (
-    UNKNOWN_SLOPE,
+    SLOPE_OF_BLOB,
     Slopes,
     course_of_slopes,
     unknown_slopes,
@@ -190,7 +190,7 @@ def _fitted(
     doubt = spread(pixels, values, every, _model(pixels, values, discs, rough, slopes))
     inner = found & inside(values, picture, _border(values, found, picture, discs, rough.pitch))
     slopes = course_of_slopes(indices, values, doubt, inner, slopes, discs.profile.radius)
-    if slopes.doubt >= UNKNOWN_SLOPE:
+    if slopes.doubt >= SLOPE_OF_BLOB:
         likely = expected_slopes(values[:, :2], discs, tilting)
         slopes = replace(slopes, mean=shape.share * likely)
     values[:, SLOPE_X:] = slopes.mean
