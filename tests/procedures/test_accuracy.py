@@ -112,5 +112,5 @@ def test_a_study_that_asks_for_an_accuracy_plans_up_to_the_most_frames(
     bench = read_bench(files[1])
     to_do = steps(read_study(files[0], bench.optics), bench)
     (until,) = (step for step in to_do if isinstance(step, CaptureUntil))
-    assert str(until) == "c0/bars: take frames until the MTF is known to 0.0015, at most 40"
+    assert str(until) == "c0/bars: take frames until the MTF is known to 0.0018, at most 40"
     assert most_frames(to_do) == 2 + 2 + 40 + 2
