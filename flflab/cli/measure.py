@@ -1,26 +1,17 @@
 """``flflab measure FRAME``: lattice, views and contrast of one picture, whatever took it."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import cv2
 import typer
 
-from flflab.camera_file import read_camera
-from flflab.cli.as_json import print_json
-from flflab.cli.measured import contrasts_table, dots_table, print_lattice, print_white
 from flflab.cli.quantities import option_quantity
-from flflab.cli.targets import read_target
-from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
-from flflab.image_file import Declared, read_declared
-from flflab.measurement.measure import measure as measure_picture
-from flflab.measurement.overlay import overlay as overlay_of
-from flflab.measurement.white import measure_blind
-from flflab.sensor_picture import SensorPicture
 from flflab.stored_picture import Filters
-from flflab.targets import Target, White
-from flflab.whole_file import require_writable, write_whole
+
+if TYPE_CHECKING:
+    from flflab.sensor_picture import SensorPicture
+    from flflab.targets import Target
 
 
 def measure(
@@ -90,6 +81,14 @@ def measure(
     """Measure one picture; positions are (x, y) in pixels, (0, 0) is the centre of the top-left
     one.
     """
+    from flflab.camera_file import read_camera  # help waits for none of it
+    from flflab.cli.as_json import print_json
+    from flflab.cli.measured import contrasts_table, dots_table, print_lattice
+    from flflab.cli.targets import read_target
+    from flflab.cli.terminal import Terminal
+    from flflab.image_file import Declared, read_declared
+    from flflab.measurement.measure import measure as measure_picture
+
     away = None if distance is None else option_quantity("--distance", distance, "length")
     if away is not None and not away > 0:
         raise InputError(
@@ -122,9 +121,19 @@ def measure(
 
 
 def _measure_blind(
-    picture: SensorPicture, target: Target, white: Path | None, drawn: Path | None, json: bool
+    picture: "SensorPicture", target: "Target", white: Path | None, drawn: Path | None, json: bool
 ) -> None:
     """A white picture, whatever took it."""
+    import cv2
+
+    from flflab.cli.as_json import print_json
+    from flflab.cli.measured import print_white
+    from flflab.cli.terminal import Terminal
+    from flflab.measurement.overlay import overlay as overlay_of
+    from flflab.measurement.white import measure_blind
+    from flflab.targets import White
+    from flflab.whole_file import require_writable, write_whole
+
     if target.kind != White.kind or white is not None:
         raise typer.BadParameter(
             "without a camera file a white picture is measured; name the camera file of a picture"
