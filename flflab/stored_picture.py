@@ -1,12 +1,13 @@
 """What a picture file holds, before one of its channels is chosen."""
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
-
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from flflab.errors import InputError
 from flflab.remark import Remark
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 Filters = Literal["rggb", "bggr", "grbg", "gbrg"]  # two by two, row by row
 MOSAICS: tuple[str, ...] = get_args(Filters)
@@ -34,7 +35,7 @@ class StoredPicture:
         remarks: what the file says that a reader of its numbers should know.
     """
 
-    values: npt.NDArray[Any]
+    values: "npt.NDArray[Any]"
     full_scale: float | None = None
     pattern: str | None = None
     remarks: tuple[Remark, ...] = ()

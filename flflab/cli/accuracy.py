@@ -10,18 +10,18 @@ from enum import StrEnum
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
-from rich.table import Table
 
-from flflab.accuracy.page import Page, write_page
-from flflab.accuracy.page import Table as PlainTable
-from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
-from flflab.optics.camera import Camera
-from flflab.whole_file import make_folder
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from flflab.accuracy.page import Page
+    from flflab.accuracy.page import Table as PlainTable
+    from flflab.optics.camera import Camera
 
 
 class What(StrEnum):
@@ -83,6 +83,10 @@ def accuracy(
     """Show what accuracy costs in time, where the first-order model holds, and how well a camera
     tells depth and its lattice.
     """
+    from flflab.accuracy.page import write_page  # help waits for none of it
+    from flflab.cli.terminal import Terminal
+    from flflab.whole_file import make_folder
+
     given = {"--camera": camera, "--scene": scene, "--bench": bench, "--study": study}
     for option, file in given.items():
         if file is not None and what not in TAKE[option]:
@@ -118,7 +122,7 @@ def _made(what: str) -> str:
     )
 
 
-def _image(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
+def _image(file: Path, tell: Callable[[str], None]) -> "tuple[Page, PlainTable]":
     from flflab.accuracy.image import image_rows
     from flflab.accuracy.image_page import image_page, image_summary
     from flflab.accuracy.table import write_table
@@ -130,7 +134,7 @@ def _image(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
 
 def _own(
     scene: Path | None, camera: Path | None, file: Path, tell: Callable[[str], None]
-) -> tuple[Page, PlainTable]:
+) -> "tuple[Page, PlainTable]":
     from flflab.accuracy.own_page import scene_page, scene_table
     from flflab.accuracy.own_scene import scene_rows
     from flflab.accuracy.table import write_table
@@ -153,7 +157,7 @@ def _own(
 
 def _bench(
     bench: Path | None, study: Path | None, file: Path, tell: Callable[[str], None]
-) -> tuple[Page, PlainTable]:
+) -> "tuple[Page, PlainTable]":
     from flflab.accuracy.bench_page import bench_page, bench_table
     from flflab.accuracy.table import write_table
     from flflab.built_in import Kind, built_in, simulated_bench
@@ -164,7 +168,7 @@ def _bench(
     return bench_page(rows, _made(What.BENCH)), bench_table(rows)
 
 
-def _measure(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
+def _measure(file: Path, tell: Callable[[str], None]) -> "tuple[Page, PlainTable]":
     from flflab.accuracy.measure import measure_rows
     from flflab.accuracy.measure_page import measure_page, measure_summary
     from flflab.accuracy.table import write_table
@@ -174,7 +178,7 @@ def _measure(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]
     return measure_page(rows, _made(What.MEASURE)), measure_summary(rows)
 
 
-def _model(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
+def _model(file: Path, tell: Callable[[str], None]) -> "tuple[Page, PlainTable]":
     from flflab.accuracy.model import sweep_model, write_sweeps
     from flflab.accuracy.model_page import model_page, model_table
 
@@ -183,7 +187,9 @@ def _model(file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
     return model_page(sweeps, _made(What.MODEL)), model_table(sweeps)
 
 
-def _depth(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tuple[Page, PlainTable]:
+def _depth(
+    camera: Path | None, file: Path, tell: Callable[[str], None]
+) -> "tuple[Page, PlainTable]":
     from flflab.accuracy.depth import depth_rows
     from flflab.accuracy.depth_page import depth_page, depth_summary
     from flflab.accuracy.table import write_table
@@ -196,7 +202,7 @@ def _depth(camera: Path | None, file: Path, tell: Callable[[str], None]) -> tupl
 
 def _lattice(
     camera: Path | None, file: Path, tell: Callable[[str], None]
-) -> tuple[Page, PlainTable]:
+) -> "tuple[Page, PlainTable]":
     from flflab.accuracy.lattice import lattice_rows
     from flflab.accuracy.lattice_page import lattice_page, lattice_summary
     from flflab.accuracy.table import write_table
@@ -207,7 +213,7 @@ def _lattice(
     return lattice_page(rows, name, _made(What.LATTICE)), lattice_summary(rows)
 
 
-def _described(camera: Path | None, what: What) -> tuple[Camera, str]:
+def _described(camera: Path | None, what: What) -> "tuple[Camera, str]":
     """The camera that is asked for, whose array is of one kind of microlenses, and its name."""
     from flflab.built_in import Kind, built_in
     from flflab.camera_file import read_camera
@@ -222,7 +228,10 @@ def _described(camera: Path | None, what: What) -> tuple[Camera, str]:
     return found, file.stem
 
 
-def _shown(table: PlainTable) -> Table:
+def _shown(table: "PlainTable") -> "Table":
+    from rich import box
+    from rich.table import Table
+
     shown = Table(
         box=box.SIMPLE_HEAD,
         show_edge=False,

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flflab.bench import Bench
 from flflab.cli.as_json import AsJson, print_json
 from flflab.cli.by_hand import go, set_
 from flflab.cli.connected import (
@@ -15,7 +14,6 @@ from flflab.cli.connected import (
     connected_bench,
     say_places,
 )
-from flflab.cli.described import described_bench
 from flflab.cli.looking import scan, snap
 from flflab.cli.saying import say
 from flflab.cli.trial import try_out
@@ -26,6 +24,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from drivers.survey import Identity
+    from flflab.bench import Bench
 
 ELSEWHERE = (
     "axes behind a network: no lock keeps programs on other computers from them; approaches look"
@@ -65,6 +64,7 @@ def check(
     """
     from drivers.described import one_instrument
     from drivers.survey import SILENT, survey
+    from flflab.cli.described import described_bench
     from flflab.missing_light import missing_light  # numpy, which a stop does not need
 
     if pin and as_json:
@@ -97,6 +97,7 @@ def where(bench: BenchFile, as_json: AsJson = False) -> None:
     the array is turned.
     """
     from drivers.answers import ask_where, standing_of
+    from flflab.cli.described import described_bench
 
     described = described_bench(bench)
     if (driven := ask_where(bench)) is not None:
@@ -127,7 +128,7 @@ def _doing(driven: dict[str, Any]) -> str:
     return driven["doing"] or "no procedure's step"
 
 
-def _device_of(row: "Identity", described: Bench) -> dict[str, Any]:
+def _device_of(row: "Identity", described: "Bench") -> dict[str, Any]:
     """What one device answered, for a program."""
     from drivers.survey import SILENT
 
@@ -138,7 +139,7 @@ def _device_of(row: "Identity", described: Bench) -> dict[str, Any]:
     }
 
 
-def _print_devices(rows: "list[Identity]", described: Bench) -> None:
+def _print_devices(rows: "list[Identity]", described: "Bench") -> None:
     """What every device answered, one line each."""
     from drivers.survey import SILENT
 
@@ -154,7 +155,7 @@ def _print_devices(rows: "list[Identity]", described: Bench) -> None:
     _print(table)
 
 
-def _say_places(described: Bench, stands: dict[str, Any], as_json: bool, *, driven: bool) -> None:
+def _say_places(described: "Bench", stands: dict[str, Any], as_json: bool, *, driven: bool) -> None:
     """Where everything stands, for people or as JSON."""
     if not as_json:
         _print_places(described, stands)
@@ -173,7 +174,7 @@ def _say_places(described: Bench, stands: dict[str, Any], as_json: bool, *, driv
     print_json(stands | {"axes": axes, "driven_by_a_program": driven})
 
 
-def _print_places(described: Bench, stands: dict[str, Any]) -> None:
+def _print_places(described: "Bench", stands: dict[str, Any]) -> None:
     """Where every axis stands, between which limits, and where its element is in the world."""
     table = _table("axis", "reading", "limits", "moves", "in the world")
     for name, axis in described.description.axes.items():

@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from flflab.bench import ANGLE, LENGTH
 from flflab.cli.connected import BenchFile, connected_bench
 from flflab.errors import InputError
 
@@ -42,7 +41,8 @@ def go(
     """Go to places of the world and wait until all are there; several in an order in which their
     gaps hold.
     """
-    from procedures.by_hand import go as go_to  # devices are loaded by those who use them
+    from flflab.bench import ANGLE, LENGTH  # help waits for none of it
+    from procedures.by_hand import go as go_to
     from procedures.by_hand import moved_by_name, where
 
     if len(places) % 2:

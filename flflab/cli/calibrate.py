@@ -2,35 +2,13 @@
 pictures at several settings.
 """
 
-import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich import box
-from rich.table import Table
 
-from flflab.bench import read_bench
-from flflab.bench_calibration import (
-    Calibration,
-    calibrate_run,
-    calibration_numbers,
-    require_unwritten,
-    state_calibration,
-    write_calibration,
-)
 from flflab.built_in import Kind, built_in, simulated_bench
-from flflab.cli.as_json import AsJson, print_json
-from flflab.cli.run import measuring, progress_shown, run_study
-from flflab.cli.terminal import Terminal
-from flflab.digits import plus_minus
-from flflab.record import Run
-from flflab.study import read_study
-
-TITLE = (
-    "Calibrated values (zeros and scales as corrections); last column: share of the information"
-    " that came from the pictures"
-)
+from flflab.cli.as_json import AsJson
 
 
 def calibrate(
@@ -53,6 +31,9 @@ def calibrate(
     """Find zeros and scales of the stages, focal lengths, apertures and centre, and say what the
     pictures do not determine.
     """
+    from flflab.cli.calibrated import conclude  # help waits for none of it
+    from flflab.cli.run import progress_shown, run_study
+
     with progress_shown() as tell:
         run = run_study(
             study or built_in(Kind.CALIBRATION),
@@ -63,62 +44,3 @@ def calibrate(
             "calibrate",
         )
     conclude(run, as_json)
-
-
-def conclude(run: Run, as_json: bool = False) -> Calibration:
-    """Fit a bench to a run, print the table and what is not determined, and leave files to go on
-    with.
-    """
-    require_unwritten(run.folder)  # before the pictures are measured, which takes its time
-    bench = read_bench(run.folder / "bench.yaml")
-    with measuring(run, "resume"):
-        found = calibrate_run(run, read_study(run.folder / "study.yaml", bench.optics), bench)
-    files = write_calibration(found, bench, run.folder)
-    if as_json:
-        place = {"run": str(run.folder.resolve()), "files": [file.name for file in files]}
-        print_json(calibration_numbers(found) | place)
-        return found
-    console = Terminal(piped=140)
-    console.print(table_of(found))
-    for sentence in state_calibration(found):
-        console.print(sentence, highlight=False)
-    console.print(
-        f"Written: {', '.join(str(file) for file in files)}", highlight=False, soft_wrap=True
-    )
-    return found
-
-
-def table_of(found: Calibration) -> Table:
-    """One line a parameter; 80 columns hold it."""
-    fit = found.fit
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, title=TITLE)
-    for head in ("", "described", "calibrated", "pictures"):
-        table.add_column(head, justify="right" if head else "left", overflow="fold")
-    for name, nominal, prior, value, u, share in zip(
-        fit.names, fit.nominal, fit.prior, fit.values, fit.uncertainty, fit.by_pictures, strict=True
-    ):
-        table.add_row(
-            name,
-            _with_doubt(name, nominal, prior),
-            _with_doubt(name, value, u),
-            f"{100 * share:.0f} %",
-        )
-    return table
-
-
-def _with_doubt(name: str, value: float, u: float) -> str:
-    """A parameter and its standard uncertainty where there is one: ``-1.31 ± 0.70 um``; ``-`` for
-    what is not determined.
-    """
-    if not math.isfinite(value):
-        return "-"
-    of_stages = {
-        "scale": (100.0, "+.4f", "%"),
-        "zero": (1e3, "+.2f", "um"),
-        "x": (1e3, "+.2f", "um"),
-        "y": (1e3, "+.2f", "um"),
-    }
-    times, form, unit = of_stages.get(name.rpartition(".")[2], (1.0, ".5f", "mm"))
-    if math.isfinite(u) and u > 0:
-        return f"{plus_minus(times * value, times * u, '+' * form.startswith('+'))} {unit}"
-    return f"{times * value:{form}} {unit}"

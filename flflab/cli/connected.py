@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from flflab.bench import Bench, read_bench
 from flflab.errors import DeviceError, InputError
 
 if TYPE_CHECKING:
     from drivers.base import Axis
     from drivers.bench import ConnectedBench
+    from flflab.bench import Bench
 
 REST_S, LOOK_S = 2.0, 0.01  # for braking
 BenchFile = Annotated[Path, typer.Option("--bench", help="bench file (YAML)")]
@@ -53,8 +53,9 @@ def connected_bench(
         bench: the bench file.
         without_serials: take the devices that are there, whatever numbers the file expects.
     """
-    from drivers.bench import connect_described  # devices are loaded by those who use them
+    from drivers.bench import connect_described  # help waits for none of it
     from drivers.simulated import memory_of
+    from flflab.bench import read_bench
 
     described = read_bench(bench)
     if without_serials:
@@ -108,7 +109,7 @@ def stopped_by_ctrl_z(bench: "ConnectedBench") -> Generator[None, None, None]:
         signal.signal(signal.SIGTSTP, before)
 
 
-def _without_serials(bench: Bench) -> Bench:
+def _without_serials(bench: "Bench") -> "Bench":
     description = bench.description
     axes = {name: axis.model_copy(update={"serial": ""}) for name, axis in description.axes.items()}
     camera = description.camera.model_copy(update={"serial": ""})

@@ -1,26 +1,16 @@
 """``flflab depth RAW|RUN``: a depth map with its uncertainty, from a picture or a recorded run."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flflab.bench import read_bench
-from flflab.camera_file import read_camera
-from flflab.cli.as_json import print_json
-from flflab.cli.depth_progress import depth_progress
 from flflab.cli.quantities import option_quantity
-from flflab.cli.terminal import Terminal
-from flflab.depth_map.depth import depth as depth_of
-from flflab.depth_map.files import require_writable_folder
-from flflab.depth_map.page import summary_rows
-from flflab.depth_map.result import DepthMap
 from flflab.errors import InputError
-from flflab.image_file import Declared, read_declared
-from flflab.properties.depth_maps import depth_of_frames, pictures_of
-from flflab.record import read_run
 from flflab.stored_picture import Filters
-from flflab.study import read_study
+
+if TYPE_CHECKING:
+    from flflab.depth_map.result import DepthMap
 
 
 def depth(
@@ -64,6 +54,12 @@ def depth(
     """Make a depth map: distance with its uncertainty, total focus, a cloud of points, and a page
     to look at.
     """
+    from flflab.camera_file import read_camera  # help waits for none of it
+    from flflab.cli.depth_progress import depth_progress
+    from flflab.depth_map.depth import depth as depth_of
+    from flflab.depth_map.files import require_writable_folder
+    from flflab.image_file import Declared, read_declared
+
     asked = _range_of(distances)
     if source.is_dir():
         if camera or white or dark or mosaic:
@@ -94,6 +90,13 @@ def depth(
 def _depth_of_run(
     folder: Path, distances: tuple[float, float] | None, out: Path | None, json: bool
 ) -> None:
+    from flflab.bench import read_bench
+    from flflab.cli.depth_progress import depth_progress
+    from flflab.depth_map.files import require_writable_folder
+    from flflab.properties.depth_maps import depth_of_frames, pictures_of
+    from flflab.record import read_run
+    from flflab.study import read_study
+
     run = read_run(folder)
     bench = read_bench(folder / "bench.yaml")
     study = read_study(folder / "study.yaml", bench.optics)
@@ -108,8 +111,12 @@ def _depth_of_run(
     _conclude(found, place, json)
 
 
-def _conclude(found: dict[str, DepthMap], folder: Path, json: bool) -> None:
+def _conclude(found: "dict[str, DepthMap]", folder: Path, json: bool) -> None:
     """Write the files of every map, and say what they hold."""
+    from flflab.cli.as_json import print_json
+    from flflab.cli.terminal import Terminal
+    from flflab.depth_map.page import summary_rows
+
     console = Terminal()
     told: dict[str, Any] = {}
     for name, one in found.items():

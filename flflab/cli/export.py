@@ -8,8 +8,6 @@ from typing import Annotated
 import typer
 
 from flflab.errors import InputError
-from flflab.record import export_nexus, read_run
-from flflab.record import pack as pack_frames
 
 
 def export(
@@ -28,6 +26,9 @@ def export(
     ] = None,
 ) -> None:
     """Write a recorded run as one file that other programs open, such as silx view or h5web."""
+    from flflab.record import export_nexus, read_run  # help waits for none of it
+    from flflab.record import pack as pack_frames
+
     if not (nexus or pack):
         raise InputError("export: in which form? there are --nexus and --pack")
     recorded = read_run(run)

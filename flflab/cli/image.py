@@ -4,38 +4,16 @@ with its ground truth beside it.
 
 import json as text
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich import box
-from rich.table import Table
 
-from flflab.camera_file import read_camera
 from flflab.cli.as_json import print_json
-from flflab.cli.at_work import told_at_work
 from flflab.cli.quantities import option_quantity
-from flflab.cli.targets import read_target
-from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
 from flflab.image.accuracy import TOLERANCE
-from flflab.image.ground_truth import ground_truth
-from flflab.image.picture import EffectReport, Report, take_picture
-from flflab.image.scene import Plane
-from flflab.image.scene_file import PicturedScene, read_scene, short_scene, wavelength_from
-from flflab.image.sensor.raw_picture import neutral
-from flflab.image.sensor.response import SensorResponse
-from flflab.image_file import require_picture_file, write_picture
-from flflab.whole_file import require_writable, write_whole
 
 WIDTH = 100  # characters, where the terminal is no narrower
-DOTS = "four-dot"
-OURS = {
-    "camera",
-    "lattice",
-    "planes",
-    "reasons",
-    "error_estimate",
-}  # keys by which a ground truth is known
 
 
 def image(
@@ -101,6 +79,16 @@ def image(
     """Form the picture of a scene and write it; columns rise with the world's x, rows with its
     y.
     """
+    from flflab.cli.at_work import told_at_work  # help waits for none of it
+    from flflab.cli.formed import effects_table, keys_of, require_ours, short_way
+    from flflab.cli.terminal import Terminal
+    from flflab.image.ground_truth import ground_truth
+    from flflab.image.picture import take_picture
+    from flflab.image.scene_file import read_scene
+    from flflab.image.sensor.raw_picture import neutral
+    from flflab.image_file import require_picture_file, write_picture
+    from flflab.whole_file import write_whole
+
     if (scene is None) == (distance is None) or (camera is None and scene is None):
         context.fail(
             "give a camera and --distance, or --scene with a scene that names its camera or a"
@@ -116,11 +104,11 @@ def image(
         context.fail("give --tolerance, or --time-budget, which chooses one; not both")
     require_picture_file(out)
     truth_file = out.with_suffix(".json")
-    _require_ours(truth_file)
+    require_ours(truth_file)
     pictured = (
         read_scene(scene, camera)
         if scene is not None
-        else _short(camera or Path(), target, distance or "", wavelength)
+        else short_way(camera or Path(), target, distance or "", wavelength)
     )
     budget = None if time_budget is None else option_quantity("--time-budget", time_budget, "time")
     with told_at_work():
@@ -139,7 +127,7 @@ def image(
     else:
         write_picture(out, report.image, pattern=mosaic.pattern, neutral=neutral(mosaic))
     told = {
-        "effects": [_keys(effect) for effect in report.effects],
+        "effects": [keys_of(effect) for effect in report.effects],
         "error_estimate": report.error_estimate,
         "time_ms": report.time_ms,
     }
@@ -154,7 +142,7 @@ def image(
     console = Terminal(piped=WIDTH)
     console.width = min(console.width, WIDTH)
     if explain:
-        console.print(_table(report, console.width))
+        console.print(effects_table(report, console.width))
         console.print(f"Formed by {report.path}: {report.why_path}.", highlight=False)
         absent = [effect.name for effect in report.effects if not effect.on and not effect.unit]
         if absent:
@@ -164,81 +152,3 @@ def image(
         f" pixels), {report.time_ms:.0f} ms; ground truth in {truth_file}"
     )
     console.print(f"{out}: {said}", highlight=False, soft_wrap=True)
-
-
-def _short(
-    camera: Path, target: str | None, distance: str, wavelength: str | None
-) -> PicturedScene:
-    """One target on the axis, the short way."""
-    away = option_quantity("--distance", distance, "length")
-    if not away > 0:
-        raise InputError(
-            f"--distance {distance}: a distance in front of the main lens is above 0 mm, or"
-            " infinity"
-        )
-    bent = None if wavelength is None else _bent(wavelength)
-    return PicturedScene(
-        short_scene(read_camera(camera), Plane(read_target(target or DOTS), away), bent),
-        SensorResponse(),
-        None,
-    )
-
-
-def _bent(wavelength: str) -> float:
-    try:
-        return wavelength_from(wavelength)
-    except InputError as error:
-        raise InputError(f"--wavelength {error}") from error
-
-
-def _keys(effect: EffectReport) -> dict[str, Any]:
-    return {
-        "name": effect.name,
-        "on": effect.on,
-        "size": effect.size,
-        "bound": effect.bound,
-        "why": effect.why,
-        "ms": effect.ms,
-    }
-
-
-def _require_ours(file: Path) -> None:
-    """Refuse to overwrite with ground truth what is none: another program's file, or an input."""
-    if not file.exists():
-        return
-    try:
-        held: object = text.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        held = None
-    if not isinstance(held, dict) or not held.keys() >= OURS:
-        raise InputError(
-            f"{file}: the picture's ground truth goes into a file of this name, and the one that is"
-            " there is none; move it, or give -o another name"
-        )
-    require_writable(file)
-
-
-def _table(report: Report, width: int) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, width=width, pad_edge=False, padding=(0, 1))
-    for head in ("effect", "size", "bound", "", "ms"):
-        table.add_column(head, justify="left" if head in ("effect", "") else "right", no_wrap=True)
-    table.add_column("why", ratio=1)
-    for effect in report.effects:
-        if not effect.on and not effect.unit:
-            continue  # told in one line below
-        size = "" if effect.size is None else f"{effect.size:.3g} {effect.unit}"
-        state, style = ("on", "") if effect.on else ("off", "dim")
-        table.add_row(
-            effect.name,
-            size,
-            f"{effect.bound:.2g}",
-            state,
-            _short_number(effect.ms),
-            effect.why,
-            style=style,
-        )
-    return table
-
-
-def _short_number(ms: float) -> str:
-    return f"{ms:.0f}" if ms >= 10 else f"{ms:.1f}"

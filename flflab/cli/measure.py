@@ -1,27 +1,18 @@
 """``flflab measure FRAME``: lattice, views and contrast of one picture, whatever took it."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import cv2
 import typer
 
-from flflab.camera_file import read_camera
-from flflab.cli.as_json import print_json
-from flflab.cli.measured import contrasts_table, dots_table, print_lattice, print_white
 from flflab.cli.quantities import option_quantity
-from flflab.cli.targets import read_target
-from flflab.cli.terminal import Terminal
 from flflab.errors import InputError
-from flflab.image_file import Declared, read_declared
-from flflab.measurement.measure import measure as measure_picture
-from flflab.measurement.overlay import overlay as overlay_of
-from flflab.measurement.white import measure_blind, measure_described
-from flflab.optics.camera import Camera
-from flflab.sensor_picture import SensorPicture
 from flflab.stored_picture import Filters
-from flflab.targets import Target, White
-from flflab.whole_file import require_writable, write_whole
+
+if TYPE_CHECKING:
+    from flflab.optics.camera import Camera
+    from flflab.sensor_picture import SensorPicture
+    from flflab.targets import Target
 
 
 def measure(
@@ -91,6 +82,15 @@ def measure(
     """Measure one picture; positions are (x, y) in pixels, (0, 0) is the centre of the top-left
     one.
     """
+    from flflab.camera_file import read_camera  # help waits for none of it
+    from flflab.cli.as_json import print_json
+    from flflab.cli.measured import contrasts_table, dots_table, print_lattice
+    from flflab.cli.targets import read_target
+    from flflab.cli.terminal import Terminal
+    from flflab.image_file import Declared, read_declared
+    from flflab.measurement.measure import measure as measure_picture
+    from flflab.targets import White
+
     away = None if distance is None else option_quantity("--distance", distance, "length")
     if away is not None and not away > 0:
         raise InputError(
@@ -125,7 +125,7 @@ def measure(
         console.print(f"Note: {remark}.", highlight=False)
 
 
-def _refuse(target: Target, camera: Path | None) -> None:
+def _refuse(target: "Target", camera: Path | None) -> None:
     """Say what cannot be measured together."""
     if camera is None:
         raise typer.BadParameter(
@@ -140,9 +140,18 @@ def _refuse(target: Target, camera: Path | None) -> None:
 
 
 def _measure_white(
-    picture: SensorPicture, camera: Camera | None, drawn: Path | None, json: bool
+    picture: "SensorPicture", camera: "Camera | None", drawn: Path | None, json: bool
 ) -> None:
     """A white picture, whatever took it, or of a camera whose file is known."""
+    import cv2
+
+    from flflab.cli.as_json import print_json
+    from flflab.cli.measured import print_white
+    from flflab.cli.terminal import Terminal
+    from flflab.measurement.overlay import overlay as overlay_of
+    from flflab.measurement.white import measure_blind, measure_described
+    from flflab.whole_file import require_writable, write_whole
+
     if drawn is not None:
         if drawn.suffix.lower() != ".png":
             raise typer.BadParameter("a file ending in .png is due", param_hint="--overlay")

@@ -5,17 +5,9 @@ from typing import Annotated
 
 import typer
 
-from flflab.camera_file import CameraDescription
 from flflab.cli.as_json import print_json
-from flflab.cli.model_json import as_json
 from flflab.cli.quantities import option_quantity
-from flflab.description import load
 from flflab.errors import InputError
-from flflab.optics.area import measurement_area
-from flflab.optics.solution import solve_camera, solve_distance
-from flflab.optics.useful import sensor_fields
-from flflab.optics.volume import measurement_volume
-from flflab.whole_file import make_folder
 
 
 def model(
@@ -35,6 +27,15 @@ def model(
     """State every property the model has for a camera; distances are measured from the main
     lens.
     """
+    from flflab.camera_file import CameraDescription  # help waits for none of it
+    from flflab.cli.model_json import as_json
+    from flflab.description import load
+    from flflab.optics.area import measurement_area
+    from flflab.optics.solution import solve_camera, solve_distance
+    from flflab.optics.useful import sensor_fields
+    from flflab.optics.volume import measurement_volume
+    from flflab.whole_file import make_folder
+
     if figures is not None:
         make_folder(figures, f"--figures {figures}")
     description = load(camera, CameraDescription)

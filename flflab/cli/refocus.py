@@ -3,20 +3,10 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-import numpy.typing as npt
 import typer
 
-from flflab.camera_file import read_camera
-from flflab.cli.depth_progress import depth_progress
 from flflab.cli.quantities import option_quantity
-from flflab.depth_map.depth import refocused
-from flflab.depth_map.files import png_bytes, tiff_bytes
 from flflab.errors import InputError
-from flflab.image_file import Declared, read_declared
-from flflab.whole_file import require_writable, write_whole
-
-Array = npt.NDArray[np.float64]
 
 ENDINGS = (".png", ".tif", ".tiff")
 TOTAL = "total focus"
@@ -47,6 +37,13 @@ def refocus(
     ] = None,
 ) -> None:
     """Focus a picture anew."""
+    from flflab.camera_file import read_camera  # help waits for none of it
+    from flflab.cli.depth_progress import depth_progress
+    from flflab.depth_map.depth import refocused
+    from flflab.depth_map.files import png_bytes, tiff_bytes
+    from flflab.image_file import Declared, read_declared
+    from flflab.whole_file import require_writable, write_whole
+
     if total == bool(distance):
         raise InputError("refocus: give --distance, once or several times, or --total; not both")
     names = distance or [TOTAL]
@@ -61,11 +58,6 @@ def refocus(
     scene, flat = read_declared(picture, None, said), read_declared(white, None, said)
     with depth_progress() as tell:
         found = refocused(scene, described, flat, away or None, tell)
-    write_whole(out, _content(out, dict(zip(names, found, strict=True))))
+    pictures = dict(zip(names, found, strict=True))
+    write_whole(out, png_bytes(found[0]) if out.suffix.lower() == ".png" else tiff_bytes(pictures))
     typer.echo(f"{out}: {', '.join(names)}")
-
-
-def _content(out: Path, pictures: dict[str, Array]) -> bytes:
-    if out.suffix.lower() == ".png":
-        return png_bytes(next(iter(pictures.values())))
-    return tiff_bytes(pictures)

@@ -5,8 +5,6 @@ from typing import Annotated
 
 import typer
 
-from flflab.bench import read_bench, with_seed
-
 
 def sim(
     bench: Annotated[Path, typer.Argument(help="bench file (YAML); its addresses are ignored")],
@@ -35,7 +33,8 @@ def sim(
     ] = None,
 ) -> None:
     """Serve until Ctrl-C, or until standard input ends where it is a pipe."""
-    from sim.serve import main  # what draws pictures is loaded by those who draw
+    from flflab.bench import read_bench, with_seed  # help waits for none of it
+    from sim.serve import main
 
     main(
         with_seed(read_bench(bench), seed),

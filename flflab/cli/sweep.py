@@ -1,16 +1,16 @@
 """``flflab sweep``: take every frame of a study on a bench; nothing is compared."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from flflab.built_in import simulated_bench
 from flflab.cli.as_json import AsJson, plain, print_json
-from flflab.cli.run import progress_shown, run_study
-from flflab.cli.terminal import Terminal
 from flflab.digits import two_digits
-from flflab.record import Run
+
+if TYPE_CHECKING:
+    from flflab.record import Run
 
 
 def sweep(
@@ -29,6 +29,8 @@ def sweep(
     as_json: AsJson = False,
 ) -> None:
     """Home and take every frame of a study; continue an interrupted run with `flflab resume`."""
+    from flflab.cli.run import progress_shown, run_study  # help waits for none of it
+
     with progress_shown() as tell:
         run = run_study(study, bench or simulated_bench(), out, seed, tell, "sweep")
     if as_json:
@@ -37,7 +39,7 @@ def sweep(
         tell_of(run)
 
 
-def numbers_of(run: Run) -> dict[str, Any]:
+def numbers_of(run: "Run") -> dict[str, Any]:
     """What a run holds, for a program."""
     last = {one.configuration: one for one in run.accuracy}
     return {
@@ -50,8 +52,10 @@ def numbers_of(run: Run) -> dict[str, Any]:
     }
 
 
-def tell_of(run: Run) -> None:
+def tell_of(run: "Run") -> None:
     """Say what a run holds, and which points are less certain than requested."""
+    from flflab.cli.terminal import Terminal
+
     console = Terminal()
     configurations = {
         frame.configuration for frame in run.frames if frame.configuration is not None

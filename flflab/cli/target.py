@@ -6,9 +6,7 @@ from typing import Annotated
 import typer
 
 from flflab.cli.quantities import option_quantity
-from flflab.cli.targets import read_target
 from flflab.errors import InputError
-from flflab.target_print import print_target
 
 app = typer.Typer(
     help="Make targets to put before a camera.",
@@ -39,6 +37,9 @@ def printed(
     ] = 1200.0,
 ) -> None:
     """Write a target in its true size, to be printed; a texture shows depth everywhere."""
+    from flflab.cli.targets import read_target  # help waits for none of it
+    from flflab.target_print import print_target
+
     wide = None if width is None else option_quantity("--width", width, "length")
     if wide is not None and not wide > 0:
         raise InputError(f"--width {width}: a width is above 0 mm")

@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from flflab.cli.connected import BenchFile
-from flflab.cli.described import described_bench
 from flflab.cli.ending import INTERRUPTED
 from flflab.errors import InputError
 
@@ -31,6 +30,8 @@ def try_out(
     Everything moves: stand by. What a person moves is left alone. Ends with 1 where a promise is
     broken.
     """
+    from flflab.cli.described import described_bench  # help waits for none of it
+
     if find_spec("pytest") is None:
         raise InputError("bench test runs on pytest, which is not installed: pip install pytest")
     real = [

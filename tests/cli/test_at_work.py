@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from numba.core.event import trigger_event
 
-from flflab.cli import at_work, image
+from flflab.cli import at_work
+from flflab.image import picture
 
 Run = Callable[..., Any]
 
@@ -59,9 +60,9 @@ def test_a_picture_that_takes_long_says_so_beside_its_json(
     monkeypatch.setattr(at_work, "SILENCE_S", 0.0)
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
-    form = image.take_picture
+    form = picture.take_picture
     monkeypatch.setattr(
-        image, "take_picture", lambda *scene, **asked: (time.sleep(1.3), form(*scene, **asked))[1]
+        picture, "take_picture", lambda *scene, **asked: (time.sleep(1.3), form(*scene, **asked))[1]
     )
     ended = flflab(
         "image",

@@ -33,13 +33,13 @@ CONCLUDED = """
 import sys
 from types import SimpleNamespace
 from rich.console import Console
-from flflab import cli
-from flflab.cli import report, validate
+from flflab import cli, record
+from flflab.cli import verdict
 
 accepted, printing = sys.argv[1:]
-report.read_run = lambda folder: SimpleNamespace(folder=folder, complete=True, lost=())
-validate.judged = lambda *_: (SimpleNamespace(comparison=SimpleNamespace(accepted=accepted == "yes")), "page")
-validate._tell = lambda *_: (print if printing == "plain" else Console().print)("a table")
+record.read_run = lambda folder: SimpleNamespace(folder=folder, complete=True, lost=())
+verdict.judged = lambda *_: (SimpleNamespace(comparison=SimpleNamespace(accepted=accepted == "yes")), "page")
+verdict._tell = lambda *_: (print if printing == "plain" else Console().print)("a table")
 sys.argv = ["flflab", "report", "run"]
 cli.main()
 """  # noqa: E501

@@ -13,7 +13,7 @@ import yaml
 
 from flflab.alignment import Outcome
 from flflab.bench import read_bench
-from flflab.cli.align import turned, zero_of
+from flflab.cli.aligned import turned, zero_of
 from flflab.cli.as_json import plain
 
 Run = Callable[..., Any]

@@ -4,6 +4,7 @@ bench.
 
 import functools
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -83,6 +84,71 @@ def test_a_scan_shows_where_it_is_sharpest_and_goes_there(
         assert f"sensor_stage is at {best[1]}"[:-1] in scanned.out
         assert abs(float(best[1]) - float(curve[int(np.argmax(figures))][0])) <= 0.1
     assert world.gap(world.clock.now()) > 0.3
+
+
+@pytest.fixture
+def in_focus(flflab: Run, bench: tuple[Served, Path]) -> tuple[Served, Path]:
+    """The bench with main lens and array where a scan of the sensor passes through focus."""
+    file = bench[1]
+    assert flflab("bench", "home", "--bench", file).code == 0
+    for axis, reading in (("main_lens_stage", "10 mm"), ("array_stage", "20 mm")):
+        assert flflab("bench", "move", axis, reading, "--bench", file).code == 0
+    return bench
+
+
+def scan_of_the_sensor(file: Path) -> tuple[object, ...]:
+    points = "--points", 6, "--exposure", "5 ms", "--bench", file
+    return "bench", "scan", "sensor_stage", "18.6 mm", "19.6 mm", *points
+
+
+def shown(served: Served) -> str:
+    return served.world.target_name(served.world.clock.now())
+
+
+def test_a_scan_shows_a_target_that_can_be_in_focus_says_so_and_how_to_go_there(
+    flflab: Run, in_focus: tuple[Served, Path]
+) -> None:
+    served, file = in_focus
+    assert flflab("bench", "set", "target", "white", "--bench", file).code == 0
+    scanned = flflab(*scan_of_the_sensor(file))
+    assert scanned.code == 0, scanned.err
+    assert "focus is looked for on the bars target, shown for it\n" in scanned.out
+    assert shown(served) == "bars"
+    offered = re.search(r"^to go there: flflab (bench move .*)$", scanned.out, re.MULTILINE)
+    assert offered is not None, scanned.out
+    moved = flflab(*shlex.split(offered[1]))
+    best = re.search(r"sharpest at (\d+\.\d+) mm", scanned.out)
+    assert best is not None
+    there = re.fullmatch(r"sensor_stage is at (\d+\.\d+) mm\n", moved.out)
+    assert there is not None, moved.out
+    assert float(there[1]) == pytest.approx(float(best[1]), abs=0.001)  # a microstep is half of it
+
+    assert flflab("bench", "set", "target", "edge", "--bench", file).code == 0
+    again = flflab(*scan_of_the_sensor(file))
+    assert "focus is looked for on the edge target\n" in again.out
+    assert shown(served) == "edge"
+
+
+def test_a_scan_asks_a_person_for_the_target_where_none_turns_the_wheel(
+    flflab: Run, in_focus: tuple[Served, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served, file = in_focus
+    described = yaml.safe_load(file.read_text(encoding="utf-8"))
+    described["target"] = {"driver": "manual"}
+    file.write_text(yaml.safe_dump(described), encoding="utf-8")
+    before = served.world.elements(served.world.clock.now())
+    monkeypatch.setattr(sys, "stdin", None)
+    alone = flflab(*scan_of_the_sensor(file))
+    assert alone.code == 1
+    assert "a person has to do this: put the target bars in place" in alone.err
+    assert served.world.elements(served.world.clock.now()) == before
+
+    described["target"]["names"] = ["white", "black"]
+    file.write_text(yaml.safe_dump(described), encoding="utf-8")
+    without = flflab(*scan_of_the_sensor(file))
+    assert without.code == 1
+    assert "there is none of bars, chirp, four-dot, edge here; nothing moved" in without.err
+    assert served.world.elements(served.world.clock.now()) == before
 
 
 def test_a_scan_beyond_the_limits_moves_nothing(flflab: Run, bench: tuple[Served, Path]) -> None:

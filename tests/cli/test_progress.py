@@ -8,7 +8,7 @@ from rich.console import Console
 
 from flflab.cli.progress import counted_progress
 from flflab.cli.run import time_left
-from flflab.cli.validate import verdict_table
+from flflab.cli.verdict import verdict_table
 from flflab.comparison import Comparison, Verdict
 
 FRAMES = (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flflab.camera_file import read_camera
-from flflab.cli.compare import Comparison, run_comparison
+from flflab.cli.compared import Comparison, run_comparison
 from flflab.observations.agreement import FrameAgreement
 from flflab.optics.camera import Camera, microlens_centres, microlens_types, pixel_positions
 

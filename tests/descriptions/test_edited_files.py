@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from flflab.bench import read_bench
-from flflab.cli.align import with_zeros
+from flflab.cli.aligned import with_zeros
 from flflab.errors import InputError
 from flflab.record.folder import keep_descriptions
 from flflab.yaml_file import edit_yaml, put

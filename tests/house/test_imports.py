@@ -1,10 +1,16 @@
-"""What ``import drivers`` loads: a stage moves on a computer where no picture can be read."""
+"""What is loaded for what: help waits for no library, and a stage moves on a computer where no
+picture can be read.
+"""
 
 import subprocess
 import sys
 from pathlib import Path
 
+import typer
+
 from flflab.bench import read_bench
+from flflab.cli.app import COMMANDS
+from flflab.cli.bench import app as bench_app
 from sim.serve import serve, write_bench
 
 HEAVY = ("cv2", "numba", "scipy", "matplotlib")
@@ -12,14 +18,19 @@ LOADED = (
     "import sys, drivers, flflab.cli.bench; drivers.connect;"
     f" print([name for name in {HEAVY} if name in sys.modules])"
 )
+NOT_FOR_WORDS = (  # pydantic is loaded by typer itself
+    *HEAVY, "numpy", "yaml", "rich", "bluesky", "h5py", "flflab.description", "drivers",
+)  # fmt: skip
 HELP = f"""
 import sys
 from flflab.cli import main
-sys.argv = ["flflab", "--help"]
-try:
-    main()
-except SystemExit:
-    print([name for name in ("numpy", "pydantic", *{HEAVY}) if name in sys.modules])
+for words in {{words}}:
+    sys.argv = ["flflab", *words.split(), "--help"]
+    try:
+        main()
+    except SystemExit as ending:
+        assert not ending.code, words
+    print(words, [name for name in {NOT_FOR_WORDS} if name in sys.modules], file=sys.stderr)
 """
 FRONT_DOOR = f"""
 import sys
@@ -42,23 +53,31 @@ with drivers.connect(sys.argv[1]) as bench:
 """
 
 
-def run(program: str, *arguments: str) -> str:
+def run(program: str, *arguments: str) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-P", "-c", program, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
 
 
 def test_to_import_drivers_loads_nothing_that_only_pictures_need() -> None:
-    assert run(LOADED) == "[]\n"
+    assert run(LOADED).stdout == "[]\n"
 
 
 def test_the_list_of_commands_loads_none_of_them() -> None:
-    said = run(HELP)
-    assert "validate   Run a study" in said
-    assert said.endswith("[]\n")
+    said = run(HELP.format(words=[""]))
+    assert "validate   Run a study" in said.stdout
+    assert said.stderr == " []\n"
+
+
+def test_no_command_loads_for_its_help_what_only_its_work_needs() -> None:
+    bench = [f"bench {name}" for name in typer.main.get_command(bench_app).list_commands(None)]
+    words = ["validate", *COMMANDS, *bench, "target print"]
+    said = run(HELP.format(words=words))
+    assert said.stderr.splitlines() == [f"{one} []" for one in words]
+    assert "Usage: flflab bench scan" in said.stdout
 
 
 def test_the_front_door_loads_what_is_asked_for_and_no_more() -> None:
-    assert run(FRONT_DOOR) == "[]\n[]\n"
+    assert run(FRONT_DOOR).stdout == "[]\n[]\n"
 
 
 def test_a_stage_moves_where_opencv_numba_scipy_and_matplotlib_do_not_load(
@@ -67,4 +86,4 @@ def test_a_stage_moves_where_opencv_numba_scipy_and_matplotlib_do_not_load(
     bench = read_bench(root / "examples" / "benches" / "full.yaml")
     with serve(bench) as served:
         write_bench(bench, served, tmp_path / "served.yaml")
-        assert run(MOVES, str(tmp_path / "served.yaml")) == "True\n"
+        assert run(MOVES, str(tmp_path / "served.yaml")).stdout == "True\n"

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from flflab.bench import read_bench
 from flflab.bench_calibration import FILES
-from flflab.cli.calibrate import conclude, table_of
+from flflab.cli.calibrated import conclude, table_of
 from flflab.cli.run import run_study
 from flflab.errors import RecordError
 from flflab.image.render import render

@@ -15,7 +15,7 @@ import yaml
 from dask.distributed import LocalCluster
 
 from flflab.bench import read_bench
-from flflab.cli.report import Analysed, analyse
+from flflab.cli.many_runs import Analysed, analyse
 from flflab.cli.run import run_study
 from flflab.errors import InputError
 from flflab.expectation import expect_all

@@ -18,9 +18,9 @@ import yaml
 
 from drivers.bench import ConnectedBench
 from flflab.bench import Bench
-from flflab.cli.report import analyse
+from flflab.cli.many_runs import analyse
 from flflab.cli.run import resume_run, run_study
-from flflab.cli.validate import conclude
+from flflab.cli.verdict import conclude
 from flflab.errors import (
     CommunicationError,
     DeviceError,
