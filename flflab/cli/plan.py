@@ -24,6 +24,8 @@ from flflab.missing_light import missing_light
 from flflab.study import Study, read_study
 from flflab.whole_file import require_writable, write_csv
 
+ROOMY = 72  # columns of a terminal that shows where every stage stands
+
 
 def plan(
     study: Annotated[Path, typer.Argument(help="study file (YAML)")],
@@ -79,7 +81,7 @@ def plan(
         return
     console = Terminal(piped=140)
     console.print(_steps_table([str(step) for step in to_do], lasting))
-    console.print(_expected_table(expected, read))
+    console.print(expected_table(expected, read, console.width))
     console.print(
         f"{len(to_do)} steps, at most {most} frames ({megabytes:.0f} MB), about"
         f" {in_words(sum(lasting))} at the stages' own speed; within limits, and the gap is kept on"
@@ -108,10 +110,11 @@ def _expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Exp
     return sorted(found, key=lambda one: one.configuration)
 
 
-def _expected_table(expected: list[Expectation], study: Study) -> Table:
+def expected_table(expected: list[Expectation], study: Study, width: int) -> Table:
     """One line a configuration: exposure, frames of the bars, how sure the MTF will be by noise,
-    and how far the stages leave it open.
+    and how far the stages leave it open; narrow terminals show no stages.
     """
+    roomy = width >= ROOMY
     wanted = study.description.mtf_standard_uncertainty
     asked = "" if wanted is None else f" ({wanted:g} requested)"
     table = Table(
@@ -121,10 +124,11 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
             " measurement's floor, and from stage errors (add in quadrature)"
         ),
     )
-    for head in ("", "F/", "target mm", "array mm", "sensor mm", "exposure ms", "frames"):
+    places = ("target", "array", "sensor") if roomy else ("target",)
+    for head in ("", "F/", *(f"{name}\nmm" for name in places), "exposure\nms", "frames"):
         table.add_column(head, justify="right", overflow="fold")
-    table.add_column("u, noise", overflow="fold")
-    table.add_column("u, stages", justify="right")
+    table.add_column("u,\nnoise", overflow="fold")
+    table.add_column("u,\nstages", justify="right")
     besides = any(setting.besides for setting in study.configurations)
     if besides:
         table.add_column("set besides", overflow="fold")
@@ -136,12 +140,8 @@ def _expected_table(expected: list[Expectation], study: Study) -> Table:
             said += f": not reached with {last.frames} frames"
         stages = "" if last is None else two_digits(one.by_stages)
         frames = "" if last is None else str(last.frames)
-        place = (
-            f"{setting.f_number:g}",
-            f"{setting.distance:g}",
-            f"{setting.array:g}",
-            f"{setting.sensor:.4f}",
-        )
+        place = [f"{setting.f_number:g}", f"{setting.distance:g}"]
+        place += [f"{setting.array:g}", f"{setting.sensor:.4f}"] * roomy
         table.add_row(
             str(one.configuration),
             *place,
