@@ -63,7 +63,7 @@ def design(
         return
     console = Terminal()
     console.print(summary(found), highlight=False)
-    console.print(_table(wanted, named))
+    console.print_table(_table(wanted, named))
     for option in named:
         built = option.built
         if built is not None and built.buys_most is not None:

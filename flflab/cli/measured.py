@@ -55,7 +55,7 @@ def print_lattice(console: Terminal, lattice: dict[str, Any]) -> None:
     table.add_row("micro-images", str(len(lattice["centres_px"])))
     console.print(table)
     if lattice.get("micro_images"):
-        console.print(_radii(lattice["micro_images"]))
+        console.print_table(_radii(lattice["micro_images"]))
 
 
 def _radii(each: list[dict[str, Any]]) -> Table:
