@@ -21,7 +21,7 @@ from flflab.calibration.fit import BARELY, Fit, Hiding, hidings
 from flflab.calibration.from_pictures import Pictures, calibrate
 from flflab.calibration.least_squares import Direction
 from flflab.calibration.quantities import Quantities
-from flflab.digits import plus_minus
+from flflab.digits import plus_minus, two_digits
 from flflab.errors import RecordError
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.record import FrameRecord, Run
@@ -168,12 +168,12 @@ def _undetermined(direction: Direction) -> str:
     parts = [f"{name} by {shown(name, change)}" for name, change in direction.parts.items()]
     together = f"{', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else parts[0]
     how = (
-        "without changing the pictures"
+        ", without changing the pictures"
         if direction.uncertainty > 1e4
-        else f"and the pictures fix that to {direction.uncertainty:.2g} times as much only"
+        else f"; the pictures limit that to ± {two_digits(direction.uncertainty)} times this change"
     )
     verb = "These values can change together" if len(parts) > 1 else "This value can change"
-    return f"{verb}, {how}: {together}. The bench file's zeros fix them."
+    return f"{verb}{how}: {together}. The bench file's zeros fix them."
 
 
 def require_unwritten(folder: Path) -> None:

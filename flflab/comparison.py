@@ -85,8 +85,18 @@ class Verdict:
     def p_words(self) -> str:
         """The p-value for people: ``33.7 %``, or ``none of 500, p < 0.2 %``."""
         if self.p_is_upper_bound:
-            return f"none of {self.draws}, p < {percent(self.p_value)}"
+            return f"none of {self.draws}, p < {percent(1 / self.draws)}"
         return percent(self.p_value)
+
+    @property
+    def p_clause(self) -> str:
+        """The p-value within a sentence, or that no simulated bench deviates as much."""
+        if self.p_is_upper_bound:
+            return (
+                f"none of {self.draws} simulated benches deviates as much,"
+                f" p < {percent(1 / self.draws)}"
+            )
+        return f"p-value {percent(self.p_value)}"
 
 
 @dataclass(frozen=True)
@@ -178,7 +188,7 @@ def judge(
     )
     worst = float(np.max(np.abs(measured - mean) / scale))
     judged = Verdict(quantity, count, p_value, len(null), worst, threshold, accepted, sentence)
-    told = f"{sentence} (p-value {judged.p_words}; rejected below {percent(threshold)})"
+    told = f"{sentence} ({judged.p_clause}; rejected below {percent(threshold)})"
     return replace(judged, sentence=told)
 
 

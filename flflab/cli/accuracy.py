@@ -109,7 +109,7 @@ def accuracy(
         }
         page, table = ways[what](table_file, status.update)
         write_page(page, page_file)
-    console.print(_shown(table))
+    console.print_table(_shown(table))
     for sentence in page.answers:
         console.print(sentence, highlight=False)
     console.print(f"Page: {page_file}\nTable: {table_file}", highlight=False)

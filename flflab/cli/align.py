@@ -114,7 +114,7 @@ def align(
         )
         return
     console = Terminal(piped=140)
-    console.print(table_of(outcomes))
+    console.print_table(table_of(outcomes))
     for one in outcomes:
         console.print(ending_of(one), highlight=False)
     console.print(

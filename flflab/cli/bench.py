@@ -176,6 +176,8 @@ def _say_places(described: "Bench", stands: dict[str, Any], as_json: bool, *, dr
 
 def _print_places(described: "Bench", stands: dict[str, Any]) -> None:
     """Where every axis stands, between which limits, and where its element is in the world."""
+    from flflab.cli.terminal import Terminal
+
     table = _table("axis", "reading", "limits", "moves", "in the world")
     for name, axis in described.description.axes.items():
         show, reading = axis.coordinate.show, stands["axes"][name]["reading"]
@@ -186,7 +188,7 @@ def _print_places(described: "Bench", stands: dict[str, Any]) -> None:
             axis.moves,
             "unknown" if reading is None else show(axis.world(reading), ".4f"),
         )
-    _print(table)
+    Terminal(piped=PIPED).print_table(table)
 
 
 @app.command(short_help="Look for the reference of every axis, or of the ones named.")

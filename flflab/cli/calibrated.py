@@ -21,6 +21,9 @@ from flflab.digits import plus_minus
 from flflab.record import Run
 from flflab.study import read_study
 
+WHOLE_NAMES = 100  # columns of a terminal that shows a parameter's name in one line
+LONG = 22  # characters of a name that narrower ones show in two
+DESCRIBED = 66  # and what it was described as
 TITLE = (
     "Calibrated values (zeros and scales as corrections); last column: share of the information"
     " that came from the pictures"
@@ -41,7 +44,7 @@ def conclude(run: Run, as_json: bool = False) -> Calibration:
         print_json(calibration_numbers(found) | place)
         return found
     console = Terminal(piped=140)
-    console.print(table_of(found))
+    console.print(table_of(found, console.width))
     for sentence in state_calibration(found):
         console.print(sentence, highlight=False)
     console.print(
@@ -50,22 +53,30 @@ def conclude(run: Run, as_json: bool = False) -> Calibration:
     return found
 
 
-def table_of(found: Calibration) -> Table:
-    """One line a parameter; 80 columns hold it."""
+def table_of(found: Calibration, width: int) -> Table:
+    """One line a parameter; below WHOLE_NAMES columns long names break at their last dot, below
+    DESCRIBED what was described is left out.
+    """
     fit = found.fit
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, title=TITLE)
-    for head in ("", "described", "calibrated", "pictures"):
+    described = width >= DESCRIBED
+    for head in ("", *["described"] * described, "calibrated", "pictures"):
         table.add_column(head, justify="right" if head else "left", overflow="fold")
     for name, nominal, prior, value, u, share in zip(
         fit.names, fit.nominal, fit.prior, fit.values, fit.uncertainty, fit.by_pictures, strict=True
     ):
         table.add_row(
-            name,
-            _with_doubt(name, nominal, prior),
+            name if width >= WHOLE_NAMES else _in_two(name),
+            *[_with_doubt(name, nominal, prior)] * described,
             _with_doubt(name, value, u),
             f"{100 * share:.0f} %",
         )
     return table
+
+
+def _in_two(name: str) -> str:
+    """A long name with its last part on a line of its own."""
+    return ".\n  ".join(name.rsplit(".", 1)) if len(name) > LONG else name
 
 
 def _with_doubt(name: str, value: float, u: float) -> str:

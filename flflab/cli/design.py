@@ -59,7 +59,7 @@ def design(
         return
     console = Terminal()
     console.print(summary(found), highlight=False)
-    console.print(table_of(wanted, named))
+    console.print_table(table_of(wanted, named))
     for option in named:
         built = option.built
         if built is not None and built.buys_most is not None:

@@ -118,9 +118,9 @@ def measure(
     console = Terminal()
     print_lattice(console, result["lattice"])
     if result["dots"]:
-        console.print(dots_table(result["dots"]))
+        console.print_table(dots_table(result["dots"]))
     if result["mtf"]:
-        console.print(contrasts_table(result["mtf"]))
+        console.print_table(contrasts_table(result["mtf"]))
     for remark in result["remarks"]:
         console.print(f"Note: {remark}.", highlight=False)
 

@@ -110,7 +110,7 @@ def print_tables(
             "none" if one.resolution_by_views[0] is None else f"{one.resolution_by_views[0]:.0f}",
             one.arrangement,
         )
-    console.print(table)
+    console.print_table(table)
     for sentence in WORDS:
         console.print(sentence, highlight=False)
 

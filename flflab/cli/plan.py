@@ -79,7 +79,7 @@ def plan(
         return
     console = Terminal(piped=140)
     console.print(steps_table([str(step) for step in to_do], lasting))
-    console.print(expected_table(expected, read))
+    console.print(expected_table(expected, read, console.width))
     console.print(
         f"{len(to_do)} steps, at most {most} frames ({megabytes:.0f} MB), about"
         f" {in_words(sum(lasting))} at the stages' own speed; within limits, and the gap is kept on"

@@ -28,6 +28,9 @@ def steps_table(steps: list[str], lasting: Sequence[float]) -> Table:
     return table
 
 
+ROOMY = 72  # columns of a terminal that shows where every stage stands
+
+
 def expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Expectation]:
     """What each configuration is expected to give; shows how far it is."""
     with counted_progress(Terminal(stderr=True)) as progress:
@@ -39,10 +42,11 @@ def expectations(study: Study, bench: Bench, scheduler: str | None) -> list[Expe
     return sorted(found, key=lambda one: one.configuration)
 
 
-def expected_table(expected: list[Expectation], study: Study) -> Table:
+def expected_table(expected: list[Expectation], study: Study, width: int) -> Table:
     """One line a configuration: exposure, frames of the bars, how sure the MTF will be by noise,
-    and how far the stages leave it open.
+    and how far the stages leave it open; narrow terminals show no stages.
     """
+    roomy = width >= ROOMY
     wanted = study.description.mtf_standard_uncertainty
     asked = "" if wanted is None else f" ({wanted:g} requested)"
     table = Table(
@@ -52,10 +56,11 @@ def expected_table(expected: list[Expectation], study: Study) -> Table:
             " measurement's floor, and from stage errors (add in quadrature)"
         ),
     )
-    for head in ("", "F/", "target mm", "array mm", "sensor mm", "exposure ms", "frames"):
+    places = ("target", "array", "sensor") if roomy else ("target",)
+    for head in ("", "F/", *(f"{name}\nmm" for name in places), "exposure\nms", "frames"):
         table.add_column(head, justify="right", overflow="fold")
-    table.add_column("u, noise", overflow="fold")
-    table.add_column("u, stages", justify="right")
+    table.add_column("u,\nnoise", overflow="fold")
+    table.add_column("u,\nstages", justify="right")
     besides = any(setting.besides for setting in study.configurations)
     if besides:
         table.add_column("set besides", overflow="fold")
@@ -67,12 +72,8 @@ def expected_table(expected: list[Expectation], study: Study) -> Table:
             said += f": not reached with {last.frames} frames"
         stages = "" if last is None else two_digits(one.by_stages)
         frames = "" if last is None else str(last.frames)
-        place = (
-            f"{setting.f_number:g}",
-            f"{setting.distance:g}",
-            f"{setting.array:g}",
-            f"{setting.sensor:.4f}",
-        )
+        place = [f"{setting.f_number:g}", f"{setting.distance:g}"]
+        place += [f"{setting.array:g}", f"{setting.sensor:.4f}"] * roomy
         table.add_row(
             str(one.configuration),
             *place,

@@ -22,6 +22,7 @@ from procedures.validate import judged
 REJECTED = 3
 
 ROOMY = 72  # columns of a terminal that shows every column of the verdicts
+WHOLE = 50  # and of one where names are folded, never a p-value
 
 
 def conclude(
@@ -84,7 +85,7 @@ def verdict_table(comparison: Comparison, width: int) -> Table:
     table.add_column("", overflow="fold")
     if roomy:
         table.add_column("values", justify="right", no_wrap=True)
-    table.add_column("p-value", justify="right", overflow="fold")
+    table.add_column("p-value", justify="right", overflow="fold", no_wrap=width >= WHOLE)
     if roomy:
         table.add_column("reject below", justify="right", no_wrap=True)
     table.add_column("", no_wrap=True, min_width=len("rejected"))

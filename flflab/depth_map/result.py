@@ -67,7 +67,7 @@ class DepthMap:
     @property
     def density(self) -> float:
         """Share of the places that two microlenses see which have a value."""
-        return float(np.isfinite(self.disparity).sum() / max(int(self.seen.sum()), 1))
+        return float((np.isfinite(self.disparity) & self.seen).sum() / max(int(self.seen.sum()), 1))
 
     def common_sigma(self, disparity: float) -> float:
         """Standard uncertainty in mm that all places share, by the camera's lengths; 0 where none

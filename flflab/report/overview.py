@@ -81,6 +81,11 @@ def overview_chart(evaluation: Evaluation) -> str:
         return as_svg(figure)
 
 
+def property_name(verdict: Verdict) -> str:
+    """A property in few words, for headlines and axes."""
+    return SHORT.get(verdict.quantity) or PROPERTY_NAMES.get(verdict.quantity, verdict.quantity)
+
+
 def z_limit(verdict: Verdict) -> float:
     """How far the farthest of a verdict's numbers may lie from the model, in standard
     uncertainties, were they independent and normal.
@@ -112,7 +117,7 @@ def _aside(row: int, place: int, count: int) -> float:
 
 
 def _label(verdict: Verdict) -> str:
-    name = SHORT.get(verdict.quantity) or PROPERTY_NAMES.get(verdict.quantity, verdict.quantity)
+    name = property_name(verdict)
     return name if verdict.accepted else f"{name}: REJECTED"
 
 

@@ -19,7 +19,7 @@ from flflab.properties.predicted import Predicted
 from flflab.record import Run
 from flflab.report import charts, facts, frames, tables
 from flflab.report.drawn import drawn_table
-from flflab.report.overview import overview_chart
+from flflab.report.overview import overview_chart, property_name
 from flflab.study import Study
 from flflab.whole_file import write_own
 
@@ -177,20 +177,11 @@ def _contents(evaluation: Evaluation, *, accuracy: bool, warned: bool) -> list[t
 
 def headline(evaluation: Evaluation) -> str:
     """The verdict in one sentence."""
-    rejected = [
-        PROPERTY_NAMES.get(one.quantity, one.quantity)
-        for one in evaluation.comparison.verdicts
-        if not one.accepted
-    ]
+    rejected = [property_name(one) for one in evaluation.comparison.verdicts if not one.accepted]
     if not rejected:
         return "The camera does what its model says."
-    named = " and ".join(
-        [", ".join(rejected[:-1]), rejected[-1]] if len(rejected) > 1 else rejected
-    )
-    return (
-        f"The camera does not do what its model says: {named}"
-        f" disagree{'s' if len(rejected) == 1 else ''}."
-    )
+    verb = "disagrees" if len(rejected) == 1 else "disagree"
+    return f"The camera does not do what its model says: {', '.join(rejected)} {verb}."
 
 
 def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> str:

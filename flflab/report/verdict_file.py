@@ -97,7 +97,7 @@ def junit_text(evaluation: Evaluation, run: Run) -> str:
             time="0",
         )
         if not one.accepted:
-            told = f"p-value {one.p_words}, rejected below {percent(one.threshold)}"
+            told = f"{one.p_clause}; rejected below {percent(one.threshold)}"
             failure = ElementTree.SubElement(case, "failure", message=told, type="rejected")
             suspects = [suspect.sentence for suspect in not_told_apart(evaluation.suspects)]
             failure.text = "\n".join([one.sentence, *suspects])

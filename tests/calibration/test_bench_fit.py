@@ -151,7 +151,12 @@ def test_a_bench_is_found_again_from_exact_quantities(small: BenchModel) -> None
 
 
 @pytest.mark.parametrize(
-    ("stage", "times"), [(1, -150), (2, 150), (3, 150)], ids=["array", "sensor", "target"]
+    ("stage", "times"),
+    [
+        pytest.param(1, -150, id="array"),
+        pytest.param(2, 150, id="sensor", marks=pytest.mark.ci),
+        pytest.param(3, 150, id="target", marks=pytest.mark.ci),
+    ],
 )
 def test_a_zero_that_is_farther_off_than_stated_is_not_made_up_for_by_the_others(
     small: BenchModel, stage: int, times: int
@@ -166,7 +171,15 @@ def test_a_zero_that_is_farther_off_than_stated_is_not_made_up_for_by_the_others
     )  # what the rule of the gap relies on, mm
 
 
-@pytest.mark.parametrize(("stage", "off"), [(1, 0.3), (1, 0.6), (2, -0.15), (2, -0.3)])
+@pytest.mark.parametrize(
+    ("stage", "off"),
+    [
+        (1, 0.6),
+        (2, -0.3),
+        pytest.param(1, 0.3, marks=pytest.mark.ci),
+        pytest.param(2, -0.15, marks=pytest.mark.ci),
+    ],
+)
 def test_zeros_that_put_the_sensor_on_the_other_side_of_the_exit_pupil_are_found(
     small: BenchModel, stage: int, off: float
 ) -> None:
@@ -181,7 +194,7 @@ def test_zeros_that_put_the_sensor_on_the_other_side_of_the_exit_pupil_are_found
     assert np.abs(scores(found, truth)).max() < 4
 
 
-@pytest.mark.parametrize("off", [-0.05, 0.05])
+@pytest.mark.parametrize("off", [-0.05, pytest.param(0.05, marks=pytest.mark.ci)])
 def test_a_main_lens_off_is_not_taken_for_a_target_off(small: BenchModel, off: float) -> None:
     """Its distance to the target is not known well, and took what 50 of the lens's own
     uncertainties are: 0.4 mm.

@@ -77,9 +77,23 @@ def test_a_picture_of_a_runs_frames_is_measured_by_its_number(
         assert "Traceback" not in refused.err
 
 
-@pytest.mark.parametrize("ending", [".npy", ".png"])
-@pytest.mark.parametrize("noise", [(), ("--seed", 1)], ids=["without noise", "with noise"])
-@pytest.mark.parametrize("target", ["four-dot", "bars"])
+# every pair of target, noise and kind of file; all eight together are slow
+WITHOUT, WITH = (), ("--seed", 1)
+
+
+@pytest.mark.parametrize(
+    ("target", "noise", "ending"),
+    [
+        ("four-dot", WITHOUT, ".npy"),
+        ("four-dot", WITH, ".png"),
+        ("bars", WITHOUT, ".png"),
+        ("bars", WITH, ".npy"),
+        pytest.param("four-dot", WITHOUT, ".png", marks=pytest.mark.ci),
+        pytest.param("four-dot", WITH, ".npy", marks=pytest.mark.ci),
+        pytest.param("bars", WITHOUT, ".npy", marks=pytest.mark.ci),
+        pytest.param("bars", WITH, ".png", marks=pytest.mark.ci),
+    ],
+)
 def test_a_picture_that_image_writes_is_measured_as_it_is(
     flflab: Run,
     small_camera: Path,

@@ -1,12 +1,21 @@
 """``flflab plan``: what it prints and what it refuses; nothing connects."""
 
 import csv
+import io
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
+
+from flflab.bench import read_bench
+from flflab.built_in import Kind, built_in, simulated_bench
+from flflab.cli.planned import expected_table
+from flflab.expectation import Expectation
+from flflab.measurement.sequential import Look
+from flflab.study import read_study
 
 Run = Callable[..., Any]
 FULL = Path(__file__).parents[2] / "examples" / "benches" / "full.yaml"
@@ -169,3 +178,21 @@ def test_a_plan_tells_how_sure_the_frames_make_it_and_how_far_the_stages_leave_i
         > 0
     )
     assert float(told["exact"]["mtf_uncertainty_by_stages"]) < 1e-12
+
+
+@pytest.mark.parametrize("width", [80, 60])
+def test_a_narrow_terminal_folds_no_number_of_a_plan(width: int) -> None:
+    study = read_study(built_in(Kind.STUDY), read_bench(simulated_bench()).optics)
+    expected = [
+        Expectation(one.index, 8.4e-3, (Look(12, 1.24e-4),), by_stages=0.0171)
+        for one in study.configurations
+    ]
+    console = Console(width=width, file=io.StringIO())
+    with console.capture() as taken:
+        console.print(expected_table(expected, study, width))
+    lines = taken.get().splitlines()
+    assert max(len(line) for line in lines) <= width
+    rows = [line.split() for line in lines if line.rstrip().endswith("0.017")]
+    assert [row[0] for row in rows] == [str(one.index) for one in study.configurations]
+    assert all(row[-4:] == ["8.4", "12", "0.00012", "0.017"] for row in rows)
+    assert ("sensor" in taken.get()) == (width == 80)

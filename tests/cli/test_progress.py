@@ -58,5 +58,6 @@ def test_every_width_shows_every_verdict_whole(width: int) -> None:
     assert "rejected" in shown
     assert "agrees" in shown
     assert "50 %" in shown
+    assert ("none of 500, p < 0.2 %" in shown) == (width >= 50)
     assert "…" not in shown
     assert ("reject below" in shown) == (width >= 72)

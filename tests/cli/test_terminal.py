@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich import box
 from rich.table import Table
 
 from flflab.cli import main
@@ -107,3 +108,19 @@ def test_where_memory_runs_out_one_sentence_says_so(
     (said,) = capsys.readouterr().err.splitlines()
     assert said.startswith("flflab: not enough memory (Unable to allocate 1.00 EiB")
     assert said.endswith("; ask for less at once, or close other programs")
+
+
+@pytest.mark.parametrize("width", [120, 36, 24])
+def test_a_terminal_narrower_than_a_table_shows_its_numbers_whole(
+    width: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = Table(title="Places", box=box.SIMPLE)
+    for head in ("axis", "reading\nmm", "world"):
+        table.add_column(head)
+    table.add_row("array_stage", "20.00000", "-60.0001")
+    Terminal(piped=width).print_table(table)
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= width
+    for whole in ("Places", "array_stage", "20.00000", "-60.0001", "axis", "reading", "world"):
+        assert whole in shown
+    assert ("reading mm" in shown) == (width == 24)  # rows one below the other

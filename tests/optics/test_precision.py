@@ -116,7 +116,12 @@ def batches(number: int) -> Iterator[Array]:
 
 @pytest.mark.parametrize("area", [common_area, two_disc_areas], ids=["numpy", "kernel"])
 @pytest.mark.parametrize(
-    "number", [20_000, pytest.param(1_000_000, marks=[pytest.mark.full, pytest.mark.timeout(3600)])]
+    "number",
+    [
+        5_000,
+        pytest.param(20_000, marks=pytest.mark.ci),
+        pytest.param(1_000_000, marks=[pytest.mark.full, pytest.mark.timeout(3600)]),
+    ],
 )
 def test_two_discs_are_good_to_eight_units_of_roundoff(
     area: Callable[..., Array], number: int
@@ -290,7 +295,11 @@ def three_discs_in_50_digits(discs: list[tuple[float, float, float]]) -> tuple[A
 
 @pytest.mark.parametrize(
     "number",
-    [4_000, pytest.param(1_000_000, marks=[pytest.mark.full, pytest.mark.timeout(7200)])],
+    [
+        1_000,
+        pytest.param(4_000, marks=pytest.mark.ci),
+        pytest.param(1_000_000, marks=[pytest.mark.full, pytest.mark.timeout(7200)]),
+    ],
 )
 def test_three_discs_are_good_to_eight_units_of_their_condition(number: int) -> None:
     rng = np.random.Generator(np.random.Philox(key=9))

@@ -80,12 +80,13 @@ def test_planted_errors_are_found_and_written_down(
     assert 0 < calibrated.description.optics_uncertainty.main_lens_focal_length < 1e-3
     said = " ".join(capsys.readouterr().out.split())
     assert "main_lens.focal_length" in said
-    with Console(width=80, record=True) as narrow, narrow.capture() as shown:
-        narrow.print(table_of(concluded))
-    assert "…" not in shown.get()
-    assert re.search(
-        r"main_lens\.focal_length +50\.00000 mm +50\.[34]\d* ± 0\.0*[1-9]\d mm", shown.get()
-    )
+    for width in (100, 80, 60):
+        with Console(width=width, record=True) as narrow, narrow.capture() as shown:
+            narrow.print(table_of(concluded, width))
+        assert "…" not in shown.get()
+        assert re.search(r" 50\.[34]\d* ± 0\.0*[1-9]\d mm +100 %", shown.get())
+        assert re.search(r"^ *(microlens_array\.)?aperture", shown.get(), re.MULTILINE)
+        assert ("50.00000 mm" in shown.get()) == (width > 60)
     assert "do not determine where on the axis the bench as a whole stands" in said
     with pytest.raises(RecordError, match="not overwritten"):
         conclude(run)

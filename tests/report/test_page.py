@@ -18,6 +18,7 @@ from flflab.evaluation import Evaluation
 from flflab.record import Run
 from flflab.report import write_report
 from flflab.report.overview import z_limit
+from flflab.report.page import headline
 from flflab.study import Study
 
 VOID = {"meta", "image", "img", "br", "use", "circle", "polygon", "path", "rect"}
@@ -214,6 +215,16 @@ def test_a_rejected_comparison_says_so_and_which_quantity(
     assert "12 2 % 2.5 % rejected" in text
     assert "does what its model says" not in text
     assert 'class="verdict rejected"' in source
+
+
+def test_the_headline_names_every_property_that_disagrees(single: Evaluation) -> None:
+    mtf, views = (replace(one, accepted=False) for one in single.comparison.verdicts)
+    three = (mtf, replace(mtf, quantity="micro_images_mm"), views)
+    worse = replace(single, comparison=Comparison(single.comparison.rows, three))
+    assert headline(worse) == (
+        "The camera does not do what its model says:"
+        " contrast (MTF), fields and pitch, number of views disagree."
+    )
 
 
 def test_views_missed_and_views_too_many_are_counted_and_drawn(

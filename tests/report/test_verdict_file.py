@@ -66,7 +66,9 @@ def test_junit_shows_each_property_as_a_test(rejected: Evaluation, run: Run) -> 
     cases = {case.get("name"): case for case in suite}
     failure = cases["contrast (MTF)"].find("failure")
     assert failure is not None
-    assert failure.get("message") == "p-value none of 200, p < 0.498 %, rejected below 2.5 %"
+    assert failure.get("message") == (
+        "none of 200 simulated benches deviates as much, p < 0.5 %; rejected below 2.5 %"
+    )
     assert SUSPECT.sentence in (failure.text or "")
     assert cases["number of views"].find("failure") is None
 
@@ -74,7 +76,9 @@ def test_junit_shows_each_property_as_a_test(rejected: Evaluation, run: Run) -> 
 def test_a_p_value_beyond_the_simulated_benches_is_a_bound() -> None:
     one = Verdict("views", 4, 1 / 501, 500, 8.0, 0.025, False, "")
     assert one.p_words == "none of 500, p < 0.2 %"
-    assert replace(one, p_value=2 / 501).p_words == "0.399 %"
+    assert one.p_clause == "none of 500 simulated benches deviates as much, p < 0.2 %"
+    inside = replace(one, p_value=2 / 501)
+    assert (inside.p_words, inside.p_clause) == ("0.399 %", "p-value 0.399 %")
 
 
 def test_the_rule_says_how_the_level_is_shared() -> None:
