@@ -235,6 +235,7 @@ def test_more_than_noise_leaves_and_what_a_zero_hides_are_said(small: BenchModel
     assert ["before you trust a zero" in sentences for sentences in said] == [False, True]
 
 
+@pytest.mark.ci
 def test_dots_that_are_seen_once_each_tell_neither_parallax_nor_magnification(
     small: BenchModel,
 ) -> None:

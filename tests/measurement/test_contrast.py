@@ -106,7 +106,7 @@ def measured(
             0.4,
         ),  # a dozen pixels across a view: few data for each knot of the curve
         # what falls off within micro-images is not told from far overlap, and shows in the bars
-        (1.6, FOCUS, 0.1, 1000, 10.0),
+        pytest.param(1.6, FOCUS, 0.1, 1000, 10.0, marks=pytest.mark.ci),
     ],
 )
 def test_bars_give_the_closed_form_contrast_within_their_uncertainty(

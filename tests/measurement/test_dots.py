@@ -373,6 +373,7 @@ def test_how_depths_move_together_is_part_of_their_uncertainty(brute: Any) -> No
         assert 0 < together < dot.uncertainty_mm[2]
 
 
+@pytest.mark.ci
 def test_a_gap_off_by_a_hundredth_does_not_lose_a_view(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     nominal = replace(

@@ -105,6 +105,7 @@ def test_dots_before_a_camera_of_another_gap_or_at_another_distance_tell_which(
     assert float(found[2]) == pytest.approx(gap, abs=0.005)
 
 
+@pytest.mark.ci
 def test_turned_dots_are_remarked_on_and_half_a_per_cent_is_not(brute: Any) -> None:
     assert any(
         "turned by 1.15 deg" in remark for remark in dots_remarked_on(brute, 1.15, 506.7016, 0.02)
