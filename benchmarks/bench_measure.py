@@ -27,7 +27,7 @@ import numpy.typing as npt
 from skimage.feature import blob_log, peak_local_max
 from skimage.transform import hough_circle, hough_circle_peaks
 
-from flflab.camera_file import read_camera
+from flflab.files.camera import read_camera
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.image.sensor.random_numbers import noise_key

@@ -6,7 +6,7 @@ import numpy as np
 
 from drivers.camera_commands import Setup, Taken
 from flflab.errors import CommunicationError
-from flflab.raw_file import RawPicture
+from flflab.files.raw import RawPicture
 
 # of an exposure or gain as a file tells it: cameras note 1/60 s for the 0.0166 s they were set to
 CLOSENESS = 0.03

@@ -19,17 +19,17 @@ from flflab.kernel_cache import use_kernel_cache
 
 if TYPE_CHECKING:
     from flflab.bench import read_bench
-    from flflab.camera_file import read_camera
     from flflab.depth_map.depth import depth, refocused
     from flflab.depth_map.result import DepthMap
     from flflab.errors import DeviceError, FlflabError, InputError, MeasurementError
-    from flflab.image_file import read_picture, read_sensor_picture, write_picture
+    from flflab.files.camera import read_camera
+    from flflab.files.image import read_picture, read_sensor_picture, write_picture
+    from flflab.files.target import load_target
     from flflab.measurement.measure import measure
     from flflab.measurement.white import measure_blind
     from flflab.optics.solution import solve_camera, solve_distance
     from flflab.record.reading import read_run as open_run
     from flflab.study import read_study
-    from flflab.target_file import load_target
     from procedures.script import connect
     from procedures.validate import validate
 
@@ -48,20 +48,20 @@ _PLACES = {
     "MeasurementError": "flflab.errors",
     "connect": "procedures.script",
     "depth": "flflab.depth_map.depth",
-    "load_target": "flflab.target_file",
+    "load_target": "flflab.files.target",
     "measure": "flflab.measurement.measure",
     "measure_blind": "flflab.measurement.white",
     "open_run": "flflab.record.reading",
     "read_bench": "flflab.bench",
-    "read_camera": "flflab.camera_file",
-    "read_picture": "flflab.image_file",
-    "read_sensor_picture": "flflab.image_file",
+    "read_camera": "flflab.files.camera",
+    "read_picture": "flflab.files.image",
+    "read_sensor_picture": "flflab.files.image",
     "read_study": "flflab.study",
     "refocused": "flflab.depth_map.depth",
     "solve_camera": "flflab.optics.solution",
     "solve_distance": "flflab.optics.solution",
     "validate": "procedures.validate",
-    "write_picture": "flflab.image_file",
+    "write_picture": "flflab.files.image",
 }
 _INSIDE = {"open_run": "read_run"}  # where the name is another inside
 

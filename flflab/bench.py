@@ -384,7 +384,7 @@ def read_bench(file: Path) -> Bench:
             f"{file}:{lines.get(('optics',), 1)}: optics: there is no camera file {optics}; give"
             " its path relative to the bench file"
         )
-    from flflab.camera_file import read_camera  # numpy, which who only stops a stage does not need
+    from flflab.files.camera import read_camera  # numpy, which who only stops a stage does not need
 
     bench = Bench(description, file, lines, read_camera(optics))
     _require_one_attitude(bench)

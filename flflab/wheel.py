@@ -3,8 +3,8 @@
 from dataclasses import fields
 
 from flflab.bench import Bench
+from flflab.files.target import target_from
 from flflab.study import Study
-from flflab.target_file import target_from
 
 
 def unlike_the_wheel(study: Study, bench: Bench) -> list[str]:

@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from flflab.files.raw import write_raw
 from flflab.image.sensor.raw_picture import raw_picture
-from flflab.raw_file import write_raw
 from sim.camera import SimulatedCamera
 from sim.scpi import ScpiError, decimal
 from sim.server import HangUpError

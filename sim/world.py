@@ -18,10 +18,10 @@ import numpy as np
 
 from flflab.bench import AxisDescription, Bench, Element, Turn
 from flflab.errors import InputError
+from flflab.files.target import target_from
 from flflab.optics.camera import Camera, MicrolensArray, nearest_neighbour
 from flflab.optics.focus import sharp_vergence
 from flflab.optics.smms import camera_smms
-from flflab.target_file import target_from
 from flflab.targets import Target
 from flflab.units import Dimension, parse_quantity
 from sim.clock import Clock

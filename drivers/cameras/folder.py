@@ -17,8 +17,8 @@ from drivers.camera_commands import SensorKeys, Setup, Taken
 from drivers.raw_file import taken_from
 from flflab.description import Time
 from flflab.errors import CommunicationError, DeviceError, InputError, reason
-from flflab.image_file import read_picture
-from flflab.raw_file import RAW, RawPicture, read_raw
+from flflab.files.image import read_picture
+from flflab.files.raw import RAW, RawPicture, read_raw
 
 ENDINGS = (*RAW, ".tif", ".tiff", ".png")
 REQUEST = "request.json"

@@ -21,7 +21,7 @@ from drivers.camera_commands import SensorKeys, Setup, Taken
 from drivers.raw_file import taken_from
 from flflab.description import Description, Time
 from flflab.errors import CommunicationError, DeviceError, InputError, LimitError
-from flflab.raw_file import RAW, read_raw
+from flflab.files.raw import RAW, read_raw
 
 Answer = TypeVar("Answer")
 SHUTTER, SPEED, F_NUMBER = (

@@ -138,7 +138,7 @@ def _own(
     from flflab.accuracy.own_page import scene_page, scene_table
     from flflab.accuracy.own_scene import scene_rows
     from flflab.accuracy.table import write_table
-    from flflab.camera_file import read_camera
+    from flflab.files.camera import read_camera
     from flflab.image.ground_truth import sharp_distance
     from flflab.image.scene import Plane
     from flflab.image.scene_file import read_scene, short_scene
@@ -216,7 +216,7 @@ def _lattice(
 def _described(camera: Path | None, what: What) -> "tuple[Camera, str]":
     """The camera that is asked for, whose array is of one kind of microlenses, and its name."""
     from flflab.built_in import Kind, built_in
-    from flflab.camera_file import read_camera
+    from flflab.files.camera import read_camera
 
     file = built_in(Kind.CAMERA) if camera is None else camera
     found = read_camera(file)

@@ -25,10 +25,10 @@ def compare(
     """Compare positions, view counts and virtual depths measured elsewhere with the model, and
     refit L and b.
     """
-    from flflab.camera_file import read_camera  # help waits for none of it
     from flflab.cli.as_json import print_json
     from flflab.cli.compared import as_json, frame_table, run_comparison, write_files
     from flflab.cli.terminal import Terminal
+    from flflab.files.camera import read_camera  # help waits for none of it
 
     found = run_comparison(observations, read_camera(camera))
     result = as_json(found)

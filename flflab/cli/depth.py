@@ -7,7 +7,7 @@ import typer
 
 from flflab.cli.quantities import option_quantity
 from flflab.errors import InputError
-from flflab.stored_picture import Filters
+from flflab.files.stored_picture import Filters
 
 if TYPE_CHECKING:
     from flflab.depth_map.result import DepthMap
@@ -54,11 +54,11 @@ def depth(
     """Make a depth map: distance with its uncertainty, total focus, a cloud of points, and a page
     to look at.
     """
-    from flflab.camera_file import read_camera  # help waits for none of it
     from flflab.cli.depth_progress import depth_progress
     from flflab.depth_map.depth import depth as depth_of
     from flflab.depth_map.files import require_writable_folder
-    from flflab.image_file import Declared, read_declared
+    from flflab.files.camera import read_camera  # help waits for none of it
+    from flflab.files.image import Declared, read_declared
 
     asked = _range_of(distances)
     if source.is_dir():

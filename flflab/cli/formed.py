@@ -9,10 +9,10 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-from flflab.camera_file import read_camera
 from flflab.cli.quantities import option_quantity
 from flflab.cli.targets import read_target
 from flflab.errors import InputError
+from flflab.files.camera import read_camera
 from flflab.image.picture import EffectReport, Report
 from flflab.image.scene import Plane
 from flflab.image.scene_file import PicturedScene, short_scene, wavelength_from

@@ -82,11 +82,11 @@ def image(
     from flflab.cli.at_work import told_at_work  # help waits for none of it
     from flflab.cli.formed import effects_table, keys_of, require_ours, short_way
     from flflab.cli.terminal import Terminal
+    from flflab.files.image import require_picture_file, write_picture
     from flflab.image.ground_truth import ground_truth
     from flflab.image.picture import take_picture
     from flflab.image.scene_file import read_scene
     from flflab.image.sensor.raw_picture import neutral
-    from flflab.image_file import require_picture_file, write_picture
     from flflab.whole_file import write_whole
 
     if (scene is None) == (distance is None) or (camera is None and scene is None):

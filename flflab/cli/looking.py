@@ -238,7 +238,7 @@ def _curve(readings: list[str], figures: "np.ndarray") -> Iterator[str]:
 def _write_last(bench: Path, output: Path | None) -> None:
     """Write the last frame of the program that drives the bench."""
     from drivers.answers import ask_for_last_frame
-    from flflab.image_file import write_picture
+    from flflab.files.image import write_picture
 
     facts, picture = ask_for_last_frame(bench)
     if output is not None:
@@ -281,8 +281,8 @@ def _note(frame: "Frame", bench: "ConnectedBench") -> str:
 
 
 def _write(output: Path, frame: "Frame", camera: "CameraDevice", note: str = "") -> None:
-    from flflab.image_file import write_picture
-    from flflab.raw_file import RawPicture, write_raw
+    from flflab.files.image import write_picture
+    from flflab.files.raw import RawPicture, write_raw
 
     if output.suffix.lower() == ".dng":
         mosaic = (

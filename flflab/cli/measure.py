@@ -7,11 +7,11 @@ import typer
 
 from flflab.cli.quantities import option_quantity
 from flflab.errors import InputError
-from flflab.stored_picture import Filters
+from flflab.files.stored_picture import Filters
 
 if TYPE_CHECKING:
+    from flflab.files.sensor_picture import SensorPicture
     from flflab.optics.camera import Camera
-    from flflab.sensor_picture import SensorPicture
     from flflab.targets import Target
 
 
@@ -82,12 +82,12 @@ def measure(
     """Measure one picture; positions are (x, y) in pixels, (0, 0) is the centre of the top-left
     one.
     """
-    from flflab.camera_file import read_camera  # help waits for none of it
     from flflab.cli.as_json import print_json
     from flflab.cli.measured import contrasts_table, dots_table, print_lattice
     from flflab.cli.targets import read_target
     from flflab.cli.terminal import Terminal
-    from flflab.image_file import Declared, read_declared
+    from flflab.files.camera import read_camera  # help waits for none of it
+    from flflab.files.image import Declared, read_declared
     from flflab.measurement.measure import measure as measure_picture
     from flflab.targets import White
 

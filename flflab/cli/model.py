@@ -27,9 +27,9 @@ def model(
     """State every property the model has for a camera; distances are measured from the main
     lens.
     """
-    from flflab.camera_file import CameraDescription  # help waits for none of it
     from flflab.cli.model_json import as_json
     from flflab.description import load
+    from flflab.files.camera import CameraDescription  # help waits for none of it
     from flflab.optics.area import measurement_area
     from flflab.optics.solution import solve_camera, solve_distance
     from flflab.optics.useful import sensor_fields

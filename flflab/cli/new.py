@@ -79,7 +79,7 @@ def new(
 def _begun(white: Path, pixel: str | None, pitch: str | None) -> str:
     """The camera file of a white picture; what it needs is imported only here."""
     from flflab.camera_begun import begun_camera
-    from flflab.image_file import read_sensor_picture
+    from flflab.files.image import read_sensor_picture
     from flflab.measurement.white import measure_blind
 
     sizes = [

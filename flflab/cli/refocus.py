@@ -37,11 +37,11 @@ def refocus(
     ] = None,
 ) -> None:
     """Focus a picture anew."""
-    from flflab.camera_file import read_camera  # help waits for none of it
     from flflab.cli.depth_progress import depth_progress
     from flflab.depth_map.depth import refocused
     from flflab.depth_map.files import png_bytes, tiff_bytes
-    from flflab.image_file import Declared, read_declared
+    from flflab.files.camera import read_camera  # help waits for none of it
+    from flflab.files.image import Declared, read_declared
     from flflab.whole_file import require_writable, write_whole
 
     if total == bool(distance):

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from flflab.target_file import load_target, target_from
+from flflab.files.target import load_target, target_from
 from flflab.targets import Target
 
 

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from flflab.files.raw import RawPicture
+from flflab.files.sensor_picture import SensorPicture, from_raw
 from flflab.measurement.as_read import SCALED_WHITE_DN, as_read
 from flflab.measurement.sensor.mosaic import Mosaic
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
-from flflab.raw_file import RawPicture
 from flflab.remark import Remark
-from flflab.sensor_picture import SensorPicture, from_raw
 
 Array = npt.NDArray[np.float64]
 Given = npt.NDArray[Any] | RawPicture | SensorPicture

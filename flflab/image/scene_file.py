@@ -10,9 +10,10 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BeforeValidator, Field
 
-from flflab.camera_file import read_camera
 from flflab.description import Angle, Description, Length, Ratio, Time, check
 from flflab.errors import InputError
+from flflab.files.camera import read_camera
+from flflab.files.target import target_from
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.effects.dark_current import DarkCurrent
 from flflab.image.effects.dead_pixels import DeadPixels
@@ -33,7 +34,6 @@ from flflab.image.effects.stray_light import StrayLight
 from flflab.image.scene import Plane, Scene
 from flflab.image.sensor.response import SensorResponse
 from flflab.optics.camera import Camera
-from flflab.target_file import target_from
 from flflab.units import parse_quantity
 from flflab.yaml_file import Lines, read_yaml
 

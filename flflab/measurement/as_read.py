@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
+from flflab.files.raw import RawPicture
+from flflab.files.sensor_picture import SensorPicture, from_raw
 from flflab.measurement.lattice.registration import require_shape
 from flflab.measurement.sensor.cut_darkness import (
     CutDarkness,
@@ -27,9 +29,7 @@ from flflab.measurement.sensor.mosaic import (
 from flflab.measurement.sensor.noise import FULL_SCALES, SensorNoise, estimate_noise
 from flflab.measurement.sensor.saturation import common_step, saturation_level
 from flflab.optics.camera import Camera
-from flflab.raw_file import RawPicture
 from flflab.remark import Remark
-from flflab.sensor_picture import SensorPicture, from_raw
 
 SCALED_WHITE_DN = 4000.0
 NEXT_TO_NONE = 5e-4  # of the brightest light: no sensor has less noise in a single picture

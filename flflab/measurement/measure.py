@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError, MeasurementError
+from flflab.files.raw import RawPicture
+from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
 from flflab.measurement.contrast.curve import fit_contrasts
 from flflab.measurement.dots.scale import scale_of_dots, unlike_the_description
@@ -35,9 +37,7 @@ from flflab.measurement.without_white.dots import lattice_from_dots
 from flflab.optics.camera import Camera
 from flflab.optics.focus import sharp_vergence
 from flflab.optics.resolution import central_smms
-from flflab.raw_file import RawPicture
 from flflab.remark import Remark
-from flflab.sensor_picture import SensorPicture
 from flflab.targets import Bars, Chirp, Edge, FourDot, Target, White
 
 

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
+from flflab.files.raw import RawPicture
+from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
 from flflab.measurement.lattice.kernel import LIGHT, WIDER
 from flflab.measurement.lattice.lattice import Lattice
@@ -21,9 +23,7 @@ from flflab.measurement.unlike_camera import unlike_the_camera
 from flflab.measurement.white_json import described_lattice_json, white_lattice_json
 from flflab.measurement.white_remarks import remarks_on_white
 from flflab.optics.camera import Camera
-from flflab.raw_file import RawPicture
 from flflab.remark import Remark
-from flflab.sensor_picture import SensorPicture
 from flflab.targets import White
 
 Picture = npt.NDArray[np.generic] | RawPicture | SensorPicture

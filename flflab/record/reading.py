@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from flflab.bench import ANGLE, LENGTH, Element
 from flflab.errors import InputError, RecordError
-from flflab.hdf5_file import CutShort, cut_short, member, opened_hdf5
+from flflab.files.hdf5 import CutShort, cut_short, member, opened_hdf5
 from flflab.record.checksums import checksum, verify_sums
 from flflab.record.folder import DATASET, DOCUMENTS, FRAMES, require_files
 

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from flflab.errors import RecordError, reason
 from flflab.file_lock import try_lock
-from flflab.hdf5_file import cut_short
+from flflab.files.hdf5 import cut_short
 from flflab.record.checksums import write_sums
 from flflab.record.durable import force_data, force_to_disk
 from flflab.record.folder import DATASET, DESCRIPTIONS, DOCUMENTS, FRAMES

@@ -15,8 +15,8 @@ from flflab.calibration.bench_model import OPTICS, BenchModel, Setting, Stage
 from flflab.calibration.fit import Fit, fit_bench, hidings
 from flflab.calibration.from_pictures import Pictures, calibrate
 from flflab.calibration.quantities import Quantities, measured_quantities
-from flflab.camera_file import read_camera
 from flflab.errors import MeasurementError
+from flflab.files.camera import read_camera
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.measurement.dots.views import DotViews

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 import yaml
 
-from flflab.camera_file import read_camera
 from flflab.cli.design import design
 from flflab.errors import InputError
+from flflab.files.camera import read_camera
 
 
 @pytest.fixture

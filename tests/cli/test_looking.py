@@ -17,8 +17,8 @@ import pytest
 import yaml
 
 from flflab.bench import read_bench
-from flflab.image_file import read_picture
-from flflab.raw_file import read_raw
+from flflab.files.image import read_picture
+from flflab.files.raw import read_raw
 from sim.serve import Served, serve, warm_up, write_bench
 
 Run = Callable[..., Any]

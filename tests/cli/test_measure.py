@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from flflab.image_file import read_picture, write_picture
+from flflab.files.image import read_picture, write_picture
 
 Run = Callable[..., Any]
 SHAPE = (560, 760)

@@ -10,9 +10,9 @@ import yaml
 
 from drivers.described import require_drivable
 from flflab.bench import BenchDescription, read_bench
-from flflab.camera_file import read_camera
 from flflab.cli.targets import read_target
 from flflab.design.requirements import read_requirements
+from flflab.files.camera import read_camera
 from flflab.image.scene_file import read_scene
 from flflab.missing_light import missing_light
 from flflab.study import read_study

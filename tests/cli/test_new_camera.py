@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flflab.image_file import write_picture
+from flflab.files.image import write_picture
 
 PITCH_PX, ANGLE, RADIUS = 24.6, math.radians(0.3), 9.0
 SIZE = (300, 400)  # rows, columns

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.camera_file import read_camera
+from flflab.files.camera import read_camera
 from flflab.observations.detector import Detector, PossibleViews, fit_detector, possible_views
 from flflab.observations.points import SeenPoints, measure_points
 from flflab.observations.prediction import align

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flflab.camera_file import read_camera
 from flflab.errors import InputError
+from flflab.files.camera import read_camera
 from flflab.observations.points import (
     Parallax,
     SeenPoints,

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.camera_file import read_camera
 from flflab.cli.compared import Comparison, run_comparison
+from flflab.files.camera import read_camera
 from flflab.observations.agreement import FrameAgreement
 from flflab.optics.camera import Camera, microlens_centres, microlens_types, pixel_positions
 

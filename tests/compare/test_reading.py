@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from flflab.camera_file import read_camera
 from flflab.errors import InputError
+from flflab.files.camera import read_camera
 from flflab.observations.points import measure_points
 from flflab.observations.reading import read_observations
 

@@ -13,8 +13,8 @@ from flflab.calibration.refit import (
     refit_distances,
     state_refit,
 )
-from flflab.camera_file import read_camera
 from flflab.errors import MeasurementError
+from flflab.files.camera import read_camera
 from flflab.observations.points import measure_parallax, measure_points
 from flflab.observations.prediction import align
 from flflab.observations.reading import read_observations

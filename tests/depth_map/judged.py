@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 import ray_pictures as rays
 
-from flflab.camera_file import read_camera
 from flflab.depth_map.depth import depth
 from flflab.depth_map.result import DepthMap
+from flflab.files.camera import read_camera
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor
 
 Array = npt.NDArray[np.float64]

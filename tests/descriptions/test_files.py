@@ -10,9 +10,9 @@ from typing import Literal
 import pytest
 
 from flflab.bench import read_bench
-from flflab.camera_file import CameraDescription, read_camera
 from flflab.description import load
 from flflab.errors import InputError
+from flflab.files.camera import CameraDescription, read_camera
 from flflab.image.scene_file import read_scene
 from flflab.optics.camera import Substrate
 from flflab.optics.focus import blur

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from flflab.bench import read_bench
-from flflab.camera_file import read_camera
 from flflab.errors import InputError
+from flflab.files.camera import read_camera
 from flflab.yaml_file import MOST_DEPTH, MOST_NODES, read_yaml
 
 CAMERA = (Path(__file__).parents[2] / "examples" / "cameras" / "osinski.yaml").read_text(

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from flflab.bench import read_bench
-from flflab.camera_file import read_camera
 from flflab.design.requirements import read_requirements
 from flflab.errors import InputError
+from flflab.files.camera import read_camera
+from flflab.files.target import load_target
 from flflab.image.scene_file import read_scene
 from flflab.study import read_study
-from flflab.target_file import load_target
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CAMERA = EXAMPLES / "cameras" / "osinski.yaml"

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.camera_file import read_camera
 from flflab.design.camera_text import camera_text
 from flflab.design.chunk_log import ChunkLog, fingerprint
 from flflab.design.figures import objectives, solve_figures
@@ -18,6 +17,7 @@ from flflab.design.refine import refine
 from flflab.design.requirements import Requirements
 from flflab.design.search import chosen, hindrance, search
 from flflab.errors import InputError
+from flflab.files.camera import read_camera
 from flflab.optics.camera import Camera
 from flflab.optics.solution import CameraSolution, DistanceSolution, solve_camera, solve_distance
 from flflab.optics.useful import sensor_fields

@@ -26,7 +26,7 @@ from drivers.base import Camera, Detector, Frame
 from drivers.registry import CAMERAS
 from flflab.bench import read_bench
 from flflab.errors import DeviceError, LimitError
-from flflab.raw_file import RawPicture, write_raw
+from flflab.files.raw import RawPicture, write_raw
 from sim.serve import serve, warm_up
 
 NOISE: dict[str, Any] = {"black_level": 64, "electrons_per_dn": 2.0, "read_noise_electrons": 3.0}

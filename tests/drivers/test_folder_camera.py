@@ -18,7 +18,7 @@ import tifffile
 from drivers.base import Camera
 from drivers.cameras.folder import FolderKeys, open_camera
 from flflab.errors import CommunicationError, DeviceError
-from flflab.raw_file import RawPicture, write_raw
+from flflab.files.raw import RawPicture, write_raw
 
 PICTURE = (np.arange(60 * 80).reshape(60, 80) % 4000).astype(np.uint16)
 Bring = Callable[[Path], None]

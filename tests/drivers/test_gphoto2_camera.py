@@ -19,7 +19,7 @@ import pytest
 from drivers.base import Camera, Setting
 from drivers.cameras.gphoto2 import GphotoCamera, GphotoIris, GphotoKeys, GphotoLink
 from flflab.errors import CommunicationError, DeviceError, LimitError
-from flflab.raw_file import RawPicture, write_raw
+from flflab.files.raw import RawPicture, write_raw
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("gphoto2") is None,

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import rawpy
 
+from flflab.files.image import write_picture
+from flflab.files.raw import read_raw, write_raw
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.effects.quantisation import Quantisation
 from flflab.image.effects.saturation import Saturation
@@ -15,9 +17,7 @@ from flflab.image.scene import one_plane
 from flflab.image.sensor.random_numbers import noise_key
 from flflab.image.sensor.raw_picture import neutral, raw_picture
 from flflab.image.sensor.response import SensorResponse, digitise
-from flflab.image_file import write_picture
 from flflab.optics.camera import Camera
-from flflab.raw_file import read_raw, write_raw
 from flflab.targets import White
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pytest
 
 from flflab.errors import FlflabError
-from flflab.image_file import read_picture, write_picture
+from flflab.files.image import read_picture, write_picture
 from flflab.measurement.measure import measure
 from flflab.targets import Bars, Chirp, Edge, FourDot, Target, White
 

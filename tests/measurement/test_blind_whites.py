@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from flflab.cli.app import app
 from flflab.errors import MeasurementError
-from flflab.image_file import read_picture
+from flflab.files.image import read_picture
 from flflab.measurement.lattice.find import pitch_and_angle
 from flflab.measurement.white import MeasuredWhite, measure_blind
 from flflab.measurement.white_json import figures_of

@@ -11,8 +11,8 @@ import rawpy
 import tifffile
 
 from flflab.errors import InputError
-from flflab.image_file import read_picture, write_picture
-from flflab.raw_file import RawPicture, read_raw, write_raw
+from flflab.files.image import read_picture, write_picture
+from flflab.files.raw import RawPicture, read_raw, write_raw
 
 WHOLE = np.random.default_rng(1).integers(0, 4096, (48, 64)).astype(np.uint16)
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from flflab.errors import MeasurementError
+from flflab.files.raw import RawPicture, read_raw, write_raw
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.measurement.as_read import as_read
@@ -22,7 +23,6 @@ from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.measure import measure
 from flflab.measurement.sensor.mosaic import Mosaic
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.raw_file import RawPicture, read_raw, write_raw
 from flflab.targets import Bars, FourDot
 
 Array = npt.NDArray[np.float64]

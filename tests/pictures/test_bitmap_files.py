@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from flflab.errors import InputError
-from flflab.image_file import read_picture, read_sensor_picture
+from flflab.files.image import read_picture, read_sensor_picture
 
 GREY = (np.arange(30 * 40).reshape(30, 40) * 50 + 7).astype(np.uint16)
 BYTES = (np.arange(30 * 40).reshape(30, 40) % 251).astype(np.uint8)

@@ -12,8 +12,8 @@ import pytest
 import tifffile
 
 from flflab.errors import InputError
-from flflab.image_file import read_sensor_picture
-from flflab.raw_file import read_raw
+from flflab.files.image import read_sensor_picture
+from flflab.files.raw import read_raw
 
 PIXELS = np.random.default_rng(1).integers(300, 4000, (400, 600)).astype(np.uint16)
 IDENTITY = [1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1]

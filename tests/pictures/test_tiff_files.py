@@ -13,7 +13,7 @@ import tifffile
 from PIL import Image
 
 from flflab.errors import InputError
-from flflab.image_file import read_picture, read_sensor_picture
+from flflab.files.image import read_picture, read_sensor_picture
 
 GREY = (np.arange(30 * 40).reshape(30, 40) * 50 + 7).astype(np.uint16)
 COLOURS = np.stack([GREY, GREY // 2, GREY // 3], axis=-1)

@@ -20,7 +20,7 @@ from flflab.bench import read_bench, seeded
 from flflab.cli.app import app
 from flflab.cli.connected import connected_bench
 from flflab.errors import InputError, InterlockError, LimitError, NotHomedError
-from flflab.image_file import read_picture
+from flflab.files.image import read_picture
 from sim.serve import Served
 
 Told = Callable[..., str]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from flflab.camera_file import read_camera
+from flflab.files.camera import read_camera
 from flflab.measurement.dots.triangulation import triangulate
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera, MainLens

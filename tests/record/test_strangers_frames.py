@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from flflab.errors import InputError, RecordError
-from flflab.image_file import read_picture
+from flflab.files.image import read_picture
 from flflab.record import Recording, Run, checksum, export_nexus, pack, read_run
 
 SHAPE = (8, 16)

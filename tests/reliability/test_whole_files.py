@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from flflab.errors import InputError
-from flflab.image_file import write_picture
+from flflab.files.image import write_picture
 from flflab.whole_file import (
     open_own,
     part_of,
@@ -32,7 +32,7 @@ import resource, signal, sys
 from pathlib import Path
 import numpy as np
 from flflab.errors import InputError
-from flflab.image_file import write_picture
+from flflab.files.image import write_picture
 from flflab.whole_file import write_csv
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a write beyond the limit then fails as on a full disk

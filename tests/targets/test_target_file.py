@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flflab.errors import InputError
-from flflab.target_file import load_target, target_from
+from flflab.files.target import load_target, target_from
 from flflab.targets import Bars, Black, Chirp, Edge, FourDot, Picture, Target, White
 
 

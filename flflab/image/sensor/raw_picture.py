@@ -3,9 +3,9 @@
 import numpy as np
 import numpy.typing as npt
 
+from flflab.files.raw import RawPicture
 from flflab.image.effects.colour_filter import ColourFilter
 from flflab.image.sensor.response import SensorResponse
-from flflab.raw_file import RawPicture
 
 
 def raw_picture(

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from flflab.bitmap_file import (
+from flflab.errors import InputError, reason
+from flflab.files.bitmap import (
     by_content,
     png_with,
     read_bmp,
@@ -21,12 +22,11 @@ from flflab.bitmap_file import (
     read_pgm,
     read_png,
 )
-from flflab.errors import InputError, reason
-from flflab.raw_file import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
+from flflab.files.raw import FULL_DN, RAW, RawPicture, read_raw, require_file, write_raw
+from flflab.files.sensor_picture import SensorPicture, declare, from_raw, with_dark
+from flflab.files.stored_picture import StoredPicture
+from flflab.files.tiff import read_tiff, tiff_of
 from flflab.remark import Remark
-from flflab.sensor_picture import SensorPicture, declare, from_raw, with_dark
-from flflab.stored_picture import StoredPicture
-from flflab.tiff_file import read_tiff, tiff_of
 from flflab.whole_file import require_writable, write_whole
 
 Picture = npt.NDArray[Any]
@@ -313,7 +313,7 @@ def _read_hdf5(file: Path, choose: Callable[[int], int]) -> StoredPicture:
     """A picture of the file's only set of pictures, as in a run's frames.h5."""
     import h5py  # only those who read such files pay for its start-up
 
-    from flflab.hdf5_file import opened_hdf5, require_own_numbers
+    from flflab.files.hdf5 import opened_hdf5, require_own_numbers
 
     with opened_hdf5(file) as content:
         found: list[Any] = []

@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.remark import Remark
-from flflab.stored_picture import (
+from flflab.files.stored_picture import (
     MOSAICS,
     StoredPicture,
     alpha_remark,
@@ -26,6 +25,7 @@ from flflab.stored_picture import (
     require_bits,
     require_no_palette,
 )
+from flflab.remark import Remark
 
 WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, YCBCR = 0, 1, 2, 3, 6  # PhotometricInterpretation
 FILTERS, LINEAR_RAW = 32803, 34892

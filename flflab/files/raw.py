@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.files.stored_picture import MOSAICS, orientation_remarks
+from flflab.files.tiff import filter_repeat, require_whole_strips
 from flflab.remark import Remark
-from flflab.stored_picture import MOSAICS, orientation_remarks
-from flflab.tiff_file import filter_repeat, require_whole_strips
 from flflab.whole_file import write_whole
 
 RAW = (".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".orf", ".rw2", ".pef")

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
-from flflab.raw_file import RawPicture
+from flflab.files.raw import RawPicture
+from flflab.files.stored_picture import MOSAICS
 from flflab.remark import Remark
-from flflab.stored_picture import MOSAICS
 
 CLOSENESS = 0.03  # of exposures: cameras note 1/60 s for 0.0166 s
 DARK_SHARE = 0.5  # of the picture's light: a dark frame with as much is not dark

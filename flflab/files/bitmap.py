@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from flflab.remark import Remark
-from flflab.stored_picture import (
+from flflab.files.stored_picture import (
     StoredPicture,
     alpha_remark,
     gamma_remark,
@@ -20,6 +19,7 @@ from flflab.stored_picture import (
     require_bits,
     require_no_palette,
 )
+from flflab.remark import Remark
 
 PNG_BEGIN, JPEG_BEGIN, JPEG_END = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"\xff\xd9"
 PNG_PALETTE, PNG_ALPHA = 3, (4, 6)  # colour types
