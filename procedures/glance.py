@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from drivers.base import CameraDevice
 from flflab.bench import Bench
-from flflab.errors import FlflabError
 from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.measure import measure
 from flflab.measurement.sensor.noise import SensorNoise
@@ -84,8 +83,8 @@ class Glance:
                 key.split("/")[1],
                 self._study.configurations[picture.shot.configuration],
             )
-        except FlflabError as error:
-            words = str(error)
+        except Exception as error:  # a program that ends takes its threads' helpers away, too
+            words = str(error) or type(error).__name__
         self.said, self._took = f"{key} shows {words}", time.monotonic() - self._began
 
     def _words(

@@ -182,7 +182,7 @@ def test_nine_figures_each_say_what_to_see(name: str, tmp_path: Path) -> None:
         ["model", str(CAMERAS / f"{name}.yaml"), "--figures", str(tmp_path)],
         catch_exceptions=False,
     )
-    assert result.exit_code == 0
+    assert result.exit_code == 0, result.output
     captions = (tmp_path / "captions.md").read_text()
     for number in range(1, 10):
         assert (tmp_path / f"figure-{number}.png").stat().st_size > 20_000
