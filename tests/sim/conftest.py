@@ -1,7 +1,9 @@
 """A simulated bench with a small sensor, and Zaber chains on lines of their own."""
 
+import contextlib
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ import yaml
 from flflab.bench import Bench, read_bench
 from sim.clock import Clock, RunningClock
 from sim.faults import Fault, Faults
+from sim.serve import Served, serve, write_bench
 from sim.server import PtyLine, TcpLine
 from sim.stage import Stage
 from sim.world import Carriage
@@ -17,6 +20,7 @@ from sim.zaber import Chain, Device
 
 MICROSTEP = 0.00049609375  # mm
 WriteBench = Callable[..., Bench]
+ServeSlowly = Callable[..., AbstractContextManager[tuple[Served, Path]]]
 
 
 @pytest.fixture
@@ -36,6 +40,29 @@ def write_bench_file(root: Path, tmp_path: Path) -> WriteBench:
         return read_bench(tmp_path / "bench.yaml")
 
     return write
+
+
+@pytest.fixture
+def serve_slowly(write_bench_file: WriteBench, tmp_path: Path) -> ServeSlowly:
+    """Serve an example bench in real time, its axes near their references and slow, beside a bench
+    file that leads to it.
+    """
+
+    @contextlib.contextmanager
+    def serve_it(
+        example: str, starts: dict[str, str], speeds: dict[str, str], *, pty: bool = False
+    ) -> Generator[tuple[Served, Path]]:
+        truths = {f"{name}.start": start for name, start in starts.items()}
+        bench = write_bench_file(example, truths=truths, clock=1)
+        data = yaml.safe_load(bench.file.read_text())
+        for name, speed in speeds.items():
+            data["axes"][name]["speed"] = speed
+        bench.file.write_text(yaml.safe_dump(data, sort_keys=False))
+        with serve(bench, pty=pty) as served:
+            write_bench(bench, served, tmp_path / "served.yaml")
+            yield served, tmp_path / "served.yaml"
+
+    return serve_it
 
 
 def chain_of(

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -22,11 +23,10 @@ from drivers.axis import Axis
 from drivers.bench import connect
 from drivers.owner import Owner, ask_owners_to_stop, lock_files
 from drivers.sentinel import Sentinel
-from flflab.bench import Bench
 from flflab.errors import DeviceError, MotionError
-from sim.serve import Served, serve, write_bench
+from sim.serve import Served
 
-WriteBench = Callable[..., Bench]
+ServeSlowly = Callable[..., AbstractContextManager[tuple[Served, Path]]]
 MOVING = ("array_stage", "rotation_stage", "ring")
 DRIVER = """
 import sys, time
@@ -56,28 +56,17 @@ main()
 
 
 @pytest.fixture
-def slow(write_bench_file: WriteBench, tmp_path: Path) -> Iterator[tuple[Served, Path]]:
-    """A bench in real time that stands near its references, served; and a bench file that leads to
-    it.
-    """
+def slow(serve_slowly: ServeSlowly) -> Iterator[tuple[Served, Path]]:
+    """A bench in real time that stands near its references, served; and a bench file to it."""
     starts = {
-        "array_stage.start": "0.2 mm",
-        "sensor_stage.start": "2 mm",
-        "rotation_stage.start": "0.1 deg",
-        "ring.start": "1 deg",
+        "array_stage": "0.2 mm",
+        "sensor_stage": "2 mm",
+        "rotation_stage": "0.1 deg",
+        "ring": "1 deg",
     }
-    bench = write_bench_file("full", truths=starts, clock=1)
-    data = yaml.safe_load(bench.file.read_text())
-    for name, speed in (
-        ("array_stage", "4 mm/s"),
-        ("rotation_stage", "1 deg/s"),
-        ("ring", "12 deg/s"),
-    ):
-        data["axes"][name]["speed"] = speed
-    bench.file.write_text(yaml.safe_dump(data, sort_keys=False))
-    with serve(bench) as served:
-        write_bench(bench, served, tmp_path / "served.yaml")
-        yield served, tmp_path / "served.yaml"
+    speeds = {"array_stage": "4 mm/s", "rotation_stage": "1 deg/s", "ring": "12 deg/s"}
+    with serve_slowly("full", starts, speeds) as served:
+        yield served
 
 
 @contextlib.contextmanager

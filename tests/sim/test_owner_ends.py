@@ -9,18 +9,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
-import yaml
 
 from drivers import locks
 from drivers.bench import connect
-from flflab.bench import Bench
 from flflab.errors import DeviceError
-from sim.serve import Served, serve, write_bench
+from sim.serve import Served
 
-WriteBench = Callable[..., Bench]
+ServeSlowly = Callable[..., AbstractContextManager[tuple[Served, Path]]]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and forks of POSIX")
 MOVES = """
 import os, sys, time
@@ -36,16 +35,11 @@ os.execv("/bin/sleep", ["sleep", "60"])
 
 
 @pytest.fixture
-def slow(write_bench_file: WriteBench, tmp_path: Path) -> Iterator[tuple[Served, Path]]:
+def slow(serve_slowly: ServeSlowly) -> Iterator[tuple[Served, Path]]:
     """A bench in real time, served, and a bench file that leads to it."""
-    names = ("main_lens_stage", "array_stage", "sensor_stage")
-    bench = write_bench_file(truths={f"{name}.start": "0.2 mm" for name in names}, clock=1)
-    data = yaml.safe_load(bench.file.read_text())
-    data["axes"]["array_stage"]["speed"] = "1 mm/s"
-    bench.file.write_text(yaml.safe_dump(data, sort_keys=False))
-    with serve(bench) as served:
-        write_bench(bench, served, tmp_path / "served.yaml")
-        yield served, tmp_path / "served.yaml"
+    starts = dict.fromkeys(("main_lens_stage", "array_stage", "sensor_stage"), "0.2 mm")
+    with serve_slowly("simulated", starts, {"array_stage": "1 mm/s"}) as served:
+        yield served
 
 
 def moves(served: Served, name: str = "array_stage") -> bool:

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +24,10 @@ from drivers import locks
 from drivers.bench import connect
 from drivers.owner import lock_files
 from drivers.stopping import stop_bench
-from flflab.bench import Bench
 from flflab.errors import DeviceError, MotionError
-from sim.serve import Served, serve, write_bench
+from sim.serve import Served
 
-WriteBench = Callable[..., Bench]
+ServeSlowly = Callable[..., AbstractContextManager[tuple[Served, Path]]]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals, pipes and links of POSIX")
 MOVING = ("array_stage", "sensor_stage")
 STOP = [sys.executable, "-P", "-m", "flflab", "bench", "stop", "--bench"]
@@ -58,19 +58,12 @@ def line(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def slow(write_bench_file: WriteBench, tmp_path: Path, line: str) -> Iterator[tuple[Served, Path]]:
-    """A bench in real time, served on TCP or pseudo terminals, and a bench file that leads to
-    it.
-    """
-    starts = {f"{name}.start": "0.2 mm" for name in (*MOVING, "main_lens_stage")}
-    bench = write_bench_file("simulated", truths=starts, clock=1)
-    data = yaml.safe_load(bench.file.read_text())
-    for name in MOVING:
-        data["axes"][name]["speed"] = "4 mm/s"
-    bench.file.write_text(yaml.safe_dump(data, sort_keys=False))
-    with serve(bench, pty=line == "pty") as served:
-        write_bench(bench, served, tmp_path / "served.yaml")
-        yield served, tmp_path / "served.yaml"
+def slow(serve_slowly: ServeSlowly, line: str) -> Iterator[tuple[Served, Path]]:
+    """A bench in real time, served on TCP or pseudo terminals, and a bench file to it."""
+    starts = dict.fromkeys((*MOVING, "main_lens_stage"), "0.2 mm")
+    speeds = dict.fromkeys(MOVING, "4 mm/s")
+    with serve_slowly("simulated", starts, speeds, pty=line == "pty") as served:
+        yield served
 
 
 @contextlib.contextmanager

@@ -4,7 +4,7 @@ truth, tilted or not.
 
 import contextlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from flflab.bench import Bench, read_bench
 from flflab.errors import DeviceError, InterlockError, MotionError
 from flflab.optics.smms import camera_smms
 from procedures.steps import home_steps
-from sim.serve import serve, write_bench
+from sim.serve import Served, serve, write_bench
 
 WriteBench = Callable[..., Bench]
 
@@ -219,16 +219,22 @@ def test_what_a_bench_file_leaves_out_may_be_anywhere_until_it_is_stated(
         assert served.world.gap(served.world.clock.now()) >= bench.description.minimum_gap
 
 
-def test_what_is_stated_to_stand_somewhere_is_kept_clear_of_with_its_uncertainty(
-    write_bench_file: WriteBench, tmp_path: Path
-) -> None:
-    bench = write_bench_file(clock=100)
+@contextlib.contextmanager
+def served_with_sensor_at(place: float, bench: Bench, file: Path) -> Generator[Served]:
+    """A bench served, its file written, its sensor's stage moved to a place (mm)."""
     with serve(bench) as served:
-        file = tmp_path / "served.yaml"
         write_bench(bench, served, file)
         with connect(file) as whole:
             wait_all(*(whole.axes[name].home() for name in ("array_stage", "sensor_stage")))
-            whole.sensor_stage.move_to(20.2).wait(20)  # 59.8 mm, stated 0.2 mm off
+            whole.sensor_stage.move_to(place).wait(20)
+        yield served
+
+
+def test_what_is_stated_to_stand_somewhere_is_kept_clear_of_with_its_uncertainty(
+    write_bench_file: WriteBench, tmp_path: Path
+) -> None:
+    bench, file = write_bench_file(clock=100), tmp_path / "served.yaml"
+    with served_with_sensor_at(20.2, bench, file) as served:  # 59.8 mm, stated 0.2 mm off
         stated = without(
             file, "sensor_stage", **{"sensor.z": {"at": "60 mm", "uncertainty": "0.1 mm"}}
         )
@@ -246,13 +252,8 @@ def test_beside_real_axes_a_simulated_one_keeps_nothing_out_of_the_way(
     write_bench_file: WriteBench, tmp_path: Path
 ) -> None:
     """The sensor's stage is out for repair and simulated meanwhile; the sensor is in the way."""
-    bench = write_bench_file(clock=100)
-    with serve(bench) as served:
-        file = tmp_path / "served.yaml"
-        write_bench(bench, served, file)
-        with connect(file) as whole:
-            wait_all(*(whole.axes[name].home() for name in ("array_stage", "sensor_stage")))
-            whole.sensor_stage.move_to(25.0).wait(20)
+    bench, file = write_bench_file(clock=100), tmp_path / "served.yaml"
+    with served_with_sensor_at(25.0, bench, file) as served:
         data = yaml.safe_load(file.read_text(encoding="utf-8"))
         data["axes"]["sensor_stage"]["address"] = "simulated"
         mixed = tmp_path / "mixed.yaml"
