@@ -22,7 +22,9 @@ from sim.serve import Served
 ServeSlowly = Callable[..., AbstractContextManager[tuple[Served, Path]]]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and forks of POSIX")
 MOVES = """
-import os, sys, time
+import os, signal, sys, time
+for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
+    signal.signal(number, signal.SIG_DFL)  # nohup and shells in the background have some ignored
 from drivers.bench import connect
 bench = connect(sys.argv[1])
 for name in ("main_lens_stage", "sensor_stage", "array_stage"):
