@@ -24,12 +24,12 @@ import yaml
 from drivers.base import Frame
 from drivers.bench import ConnectedBench, connect
 from flflab.bench import Bench, read_bench
-from flflab.expectation import expected_noise
 from flflab.image.render import render
 from flflab.image.scene import one_plane
 from flflab.record import Recording, checksum
 from flflab.study import Study, read_study
 from flflab.targets import Bars, FourDot, White
+from flflab.verdict.expectation import expected_noise
 from procedures.durations import READOUT_S, durations
 from procedures.steps import most_frames, steps
 from procedures.study import take_study, tell_nobody

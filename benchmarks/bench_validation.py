@@ -21,9 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.bench import Bench, Element, read_bench
-from flflab.diagnosis import not_told_apart
 from flflab.errors import FlflabError
-from flflab.evaluation import Evaluation, evaluate_measured
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.image.sensor.exposure import white_irradiance
@@ -31,10 +29,12 @@ from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera, MainLens, MicrolensArray, Sensor, Useful
 from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms
-from flflab.prediction import ELEMENTS, attitude_uncertainty
-from flflab.properties.measured import Measured, measure_pictures
 from flflab.study import Configuration, ConfigurationsDescription, Study, StudyDescription, expand
 from flflab.targets import Bars, FourDot, Target, White
+from flflab.verdict.diagnosis import not_told_apart
+from flflab.verdict.evaluation import Evaluation, evaluate_measured
+from flflab.verdict.prediction import ELEMENTS, attitude_uncertainty
+from flflab.verdict.properties.measured import Measured, measure_pictures
 
 Array = npt.NDArray[np.float64]
 BENCH = Path(__file__).parents[1] / "examples" / "benches" / "full.yaml"

@@ -10,12 +10,12 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from flflab.comparison import PROPERTY_NAMES
 from flflab.description import Angle, Description, Length, Ratio, check, written_as
 from flflab.errors import InputError
 from flflab.files.target import target_from
 from flflab.optics.camera import Camera
 from flflab.optics.focus import vergence_of
+from flflab.property_names import PROPERTY_NAMES
 from flflab.targets import Bars, FourDot
 from flflab.yaml_file import Lines, read_yaml
 

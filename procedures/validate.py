@@ -5,11 +5,11 @@ from pathlib import Path
 
 from flflab.bench import read_bench, seeded
 from flflab.built_in import Kind, built_in, simulated_bench
-from flflab.comparison import write_rows
 from flflab.errors import InputError
-from flflab.evaluation import Evaluation, Tell, evaluate, tell_nobody
 from flflab.record import Run, read_run, run_folder
 from flflab.study import read_study
+from flflab.verdict.comparison import write_rows
+from flflab.verdict.evaluation import Evaluation, Tell, evaluate, tell_nobody
 from flflab.whole_file import require_own_writable, write_own
 
 

@@ -15,9 +15,9 @@ from flflab.accuracy.bench_page import BenchRow
 from flflab.bench import fields_of, read_bench
 from flflab.cli.run import run_study
 from flflab.errors import InputError
-from flflab.evaluation import Evaluation
 from flflab.simulated_light import drawing_tolerance
 from flflab.targets import Bars
+from flflab.verdict.evaluation import Evaluation
 from flflab.yaml_file import read_yaml
 from procedures.validate import judged
 

@@ -93,9 +93,9 @@ def _depth_of_run(
     from flflab.bench import read_bench
     from flflab.cli.depth_progress import depth_progress
     from flflab.depth_map.files import require_writable_folder
-    from flflab.properties.depth_maps import depth_of_frames, pictures_of
     from flflab.record import read_run
     from flflab.study import read_study
+    from flflab.verdict.properties.depth_maps import depth_of_frames, pictures_of
 
     run = read_run(folder)
     bench = read_bench(folder / "bench.yaml")

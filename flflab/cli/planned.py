@@ -12,8 +12,8 @@ from flflab.cli.as_json import plain
 from flflab.cli.progress import counted_progress
 from flflab.cli.terminal import Terminal
 from flflab.digits import two_digits
-from flflab.expectation import Expectation, expect_all
 from flflab.study import Study
+from flflab.verdict.expectation import Expectation, expect_all
 from flflab.whole_file import write_csv
 
 

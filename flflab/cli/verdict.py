@@ -10,12 +10,13 @@ from rich.text import Text
 from flflab.cli.ending import reader_may_go
 from flflab.cli.run import measuring
 from flflab.cli.terminal import Terminal
-from flflab.comparison import PROPERTY_NAMES, Comparison, percent, rule
-from flflab.diagnosis import heading, not_told_apart
-from flflab.evaluation import Evaluation
+from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run
 from flflab.report import junit_text, verdict_text
 from flflab.report.facts import following
+from flflab.verdict.comparison import Comparison, percent, rule
+from flflab.verdict.diagnosis import heading, not_told_apart
+from flflab.verdict.evaluation import Evaluation
 from flflab.whole_file import require_own_writable, write_own
 from procedures.validate import judged
 

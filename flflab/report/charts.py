@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from flflab.comparison import Row
-from flflab.evaluation import Evaluation
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.sequential import Look, split_up
-from flflab.properties.predicted import Predicted
-from flflab.properties.values import Values
 from flflab.record import Run
 from flflab.report.quantities import PANELS
+from flflab.verdict.comparison import Row
+from flflab.verdict.evaluation import Evaluation
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,11 +1,11 @@
 """What the simulated camera of a run drew, and why."""
 
 from flflab.bench import Bench
-from flflab.properties.predicted import Predicted
 from flflab.report.tables import Table
 from flflab.simulated_light import chosen, drawing_tolerance, light_scenes
 from flflab.study import Study
 from flflab.targets import White
+from flflab.verdict.properties.predicted import Predicted
 
 
 def drawn_table(bench: Bench, study: Study, model: Predicted) -> Table:

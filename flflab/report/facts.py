@@ -9,14 +9,14 @@ from datetime import UTC, date, datetime
 import numpy as np
 
 from flflab.bench import Bench, read_bench
-from flflab.comparison import Row
-from flflab.diagnosis import not_told_apart
-from flflab.evaluation import Evaluation
 from flflab.missing_light import missing_light
-from flflab.next_step import NextStep, next_step
-from flflab.properties.measured import Measured
 from flflab.record import Run
 from flflab.study import Study
+from flflab.verdict.comparison import Row
+from flflab.verdict.diagnosis import not_told_apart
+from flflab.verdict.evaluation import Evaluation
+from flflab.verdict.next_step import NextStep, next_step
+from flflab.verdict.properties.measured import Measured
 from flflab.wheel import unlike_the_wheel
 
 WORST_MISFIT = 0.02  # of the light

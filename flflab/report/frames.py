@@ -19,9 +19,9 @@ from flflab.optics.resolution import central_smms
 from flflab.optics.smms import camera_smms
 from flflab.optics.useful import select
 from flflab.optics.views import chief_crossings
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
 from flflab.targets import FourDot
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
 
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.uint16]

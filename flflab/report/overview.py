@@ -3,10 +3,11 @@
 import math
 from statistics import NormalDist
 
-from flflab.comparison import PROPERTY_NAMES, Verdict
-from flflab.evaluation import JUDGED, Evaluation
-from flflab.properties.values import Values
+from flflab.property_names import PROPERTY_NAMES
 from flflab.report.charts import PREDICTED, TELLABLE, as_svg, look, new_figure, styled
+from flflab.verdict.comparison import Verdict
+from flflab.verdict.evaluation import JUDGED, Evaluation
+from flflab.verdict.properties.values import Values
 
 SHORT = {"micro_images_mm": "fields and pitch", "elr_row_px": "lateral resolution"}
 SHOWN = 5.0  # standard uncertainties up to which the axis is linear; logarithmic beyond

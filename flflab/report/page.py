@@ -10,17 +10,18 @@ from pathlib import Path
 from jinja2 import Environment, StrictUndefined, Template
 
 from flflab.bench import Bench
-from flflab.comparison import PROPERTY_NAMES, percent, rule
-from flflab.diagnosis import heading, not_told_apart
-from flflab.evaluation import Evaluation
 from flflab.optics import airy
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
+from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run
 from flflab.report import charts, facts, frames, tables
 from flflab.report.drawn import drawn_table
 from flflab.report.overview import overview_chart, property_name
 from flflab.study import Study
+from flflab.verdict.comparison import percent, rule
+from flflab.verdict.diagnosis import heading, not_told_apart
+from flflab.verdict.evaluation import Evaluation
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
 from flflab.whole_file import write_own
 
 ELSEWHERE = (

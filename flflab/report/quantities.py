@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from flflab.comparison import PROPERTY_NAMES
+from flflab.property_names import PROPERTY_NAMES
 
 
 class Quantity(NamedTuple):

@@ -9,19 +9,19 @@ from typing import Any, cast
 import numpy as np
 
 from flflab.bench import AxisDescription, Bench
-from flflab.comparison import Row
 from flflab.digits import decimals, plus_minus
-from flflab.evaluation import Evaluation
 from flflab.optics.airy import airy_diameter
 from flflab.optics.focus import magnification, virtual_depth
 from flflab.optics.resolution import central_smms
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
 from flflab.record import Run
 from flflab.report.facts import counted, z_statistics
 from flflab.report.quantities import quantity_of
 from flflab.study import Study
 from flflab.targets import Target
+from flflab.verdict.comparison import Row
+from flflab.verdict.evaluation import Evaluation
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
 
 MICRO = "\u00b5m"
 

@@ -6,11 +6,12 @@ import math
 from typing import Any
 from xml.etree import ElementTree
 
-from flflab.comparison import PROPERTY_NAMES, Verdict, percent
-from flflab.diagnosis import not_told_apart
-from flflab.evaluation import Evaluation
+from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run, versions
 from flflab.report.facts import following
+from flflab.verdict.comparison import Verdict, percent
+from flflab.verdict.diagnosis import not_told_apart
+from flflab.verdict.evaluation import Evaluation
 
 SCHEMA = 1  # of verdict.json; described by verdict.schema.json beside this file
 

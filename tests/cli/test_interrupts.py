@@ -12,7 +12,7 @@ import pytest
 
 from flflab.cli.command import again_if_an_interruption
 from flflab.cli.ending import is_interruption
-from flflab.evaluation import measuring_threads
+from flflab.verdict.evaluation import measuring_threads
 
 
 @pytest.fixture(autouse=True)

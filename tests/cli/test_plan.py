@@ -13,9 +13,9 @@ from rich.console import Console
 from flflab.bench import read_bench
 from flflab.built_in import Kind, built_in, simulated_bench
 from flflab.cli.planned import expected_table
-from flflab.expectation import Expectation
 from flflab.measurement.sequential import Look
 from flflab.study import read_study
+from flflab.verdict.expectation import Expectation
 
 Run = Callable[..., Any]
 FULL = Path(__file__).parents[2] / "examples" / "benches" / "full.yaml"

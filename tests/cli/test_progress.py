@@ -9,7 +9,7 @@ from rich.console import Console
 from flflab.cli.progress import counted_progress
 from flflab.cli.run import time_left
 from flflab.cli.verdict import verdict_table
-from flflab.comparison import Comparison, Verdict
+from flflab.verdict.comparison import Comparison, Verdict
 
 FRAMES = (
     (0, None, "", "connect"),

@@ -12,7 +12,7 @@ from flflab.optics.resolution import central_smms
 from flflab.optics.smms import camera_smms, image_offset
 from flflab.optics.solution import solve_camera, solve_distance
 from flflab.optics.useful import sensor_fields
-from flflab.prediction import predicted_view_indices
+from flflab.verdict.prediction import predicted_view_indices
 
 FOCUS = 506.7016
 # f-number, w_m, inside, outside, overlap, useful width (um), chief views row and sensor, depth of

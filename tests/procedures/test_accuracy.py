@@ -12,9 +12,9 @@ import yaml
 
 from flflab.bench import read_bench
 from flflab.cli.run import resume_run, run_study
-from flflab.expectation import expect
 from flflab.record import Run, read_run
 from flflab.study import read_study
+from flflab.verdict.expectation import expect
 from procedures.steps import CaptureUntil, most_frames, steps
 from procedures.study import tell_nobody
 

@@ -18,8 +18,8 @@ from flflab.bench import read_bench
 from flflab.cli.many_runs import Analysed, analyse
 from flflab.cli.run import run_study
 from flflab.errors import InputError
-from flflab.expectation import expect_all
 from flflab.study import read_study
+from flflab.verdict.expectation import expect_all
 from flflab.workers import results
 from procedures.study import tell_nobody
 

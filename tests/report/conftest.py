@@ -9,18 +9,23 @@ import numpy as np
 import pytest
 
 from flflab.bench import Bench, Element, read_bench
-from flflab.comparison import Comparison, Row, Verdict
-from flflab.evaluation import Evaluation, properties
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.dots.views import DotViews
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.resolution import central_smms
-from flflab.prediction import drawn_errors, drawn_systems, placements, predicted_view_indices
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
 from flflab.record import FrameRecord, Recording, Run
 from flflab.report.frames import predicted_view_places
 from flflab.study import Configuration, Study, read_study
+from flflab.verdict.comparison import Comparison, Row, Verdict
+from flflab.verdict.evaluation import Evaluation, properties
+from flflab.verdict.prediction import (
+    drawn_errors,
+    drawn_systems,
+    placements,
+    predicted_view_indices,
+)
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
 
 COLUMNS, ROWS, PIXEL = 420, 300, 6.8e-3
 FREQUENCIES = np.array([0.5, 2.0, 4.0, 6.0])

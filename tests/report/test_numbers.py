@@ -8,12 +8,8 @@ import pytest
 from scipy.special import j1, jv
 
 from flflab.bench import Bench
-from flflab.comparison import Row
-from flflab.evaluation import Evaluation
 from flflab.optics.airy import airy_diameter, diffraction_contrast
 from flflab.optics.focus import blur, magnification
-from flflab.prediction import drawn_errors
-from flflab.properties.predicted import predict
 from flflab.report import charts
 from flflab.report.facts import (
     exact_counts,
@@ -25,6 +21,10 @@ from flflab.report.frames import predicted_view_places, useful_outline
 from flflab.report.quantities import quantity_of
 from flflab.report.tables import comparison_tables, measured_number, to_decimals
 from flflab.study import Study
+from flflab.verdict.comparison import Row
+from flflab.verdict.evaluation import Evaluation
+from flflab.verdict.prediction import drawn_errors
+from flflab.verdict.properties.predicted import predict
 
 
 def test_the_airy_diameter_of_the_worked_example_is_2_77_pixels_of_1_66_um(bench: Bench) -> None:

@@ -12,14 +12,15 @@ import pytest
 
 from flflab.bench import Bench
 from flflab.bench_uncertainty import LightDescription
-from flflab.comparison import PROPERTY_NAMES, Comparison, Verdict
 from flflab.errors import InputError
-from flflab.evaluation import Evaluation
+from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run
 from flflab.report import write_report
 from flflab.report.overview import z_limit
 from flflab.report.page import headline
 from flflab.study import Study
+from flflab.verdict.comparison import Comparison, Verdict
+from flflab.verdict.evaluation import Evaluation
 
 VOID = {"meta", "image", "img", "br", "use", "circle", "polygon", "path", "rect"}
 

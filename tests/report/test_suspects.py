@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from flflab.bench import Bench
-from flflab.disturbances import disturbances
-from flflab.evaluation import Evaluation
 from flflab.optics.airy import diffraction_contrast
-from flflab.properties.values import Values, joined
 from flflab.record import Run
 from flflab.report.facts import notes
 from flflab.study import Study
+from flflab.verdict.disturbances import disturbances
+from flflab.verdict.evaluation import Evaluation
+from flflab.verdict.properties.values import Values, joined
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ import jsonschema
 import pytest
 
 from flflab.cli.sweep import numbers_of
-from flflab.comparison import Comparison, Verdict, rule
-from flflab.diagnosis import Suspect
-from flflab.evaluation import Evaluation
 from flflab.record import Run
 from flflab.report import junit_text, verdict_text
+from flflab.verdict.comparison import Comparison, Verdict, rule
+from flflab.verdict.diagnosis import Suspect
+from flflab.verdict.evaluation import Evaluation
 
 SUSPECT = Suspect(
     "sensor", 0.02, "(0.0200 ± 0.0010) mm farther", 20.0, 400.0, 24, 1e-3, 0.6, True, "calibrate"

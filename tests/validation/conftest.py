@@ -16,16 +16,16 @@ import pytest
 
 from flflab.bench import Bench, Element, read_bench
 from flflab.bench_uncertainty import LightDescription
-from flflab.evaluation import Evaluation, evaluate_measured
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.image.sensor.exposure import white_irradiance
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
-from flflab.prediction import attitude_uncertainty
-from flflab.properties.measured import measure_pictures
 from flflab.study import Configuration, ConfigurationsDescription, Study, StudyDescription, expand
 from flflab.targets import Bars, FourDot, Target, White
+from flflab.verdict.evaluation import Evaluation, evaluate_measured
+from flflab.verdict.prediction import attitude_uncertainty
+from flflab.verdict.properties.measured import measure_pictures
 
 BENCHES = Path(__file__).parents[2] / "examples" / "benches"
 GAIN, READ_NOISE_E, OFFSET, FULL_SCALE, WHITE_E = 4095 / 12000, 3.0, 64.0, 4095.0, 8000.0

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from flflab.bench import Bench
-from flflab.evaluation import Evaluation
-from flflab.expectation import expect
 from flflab.study import Study
+from flflab.verdict.evaluation import Evaluation
+from flflab.verdict.expectation import expect
 
 
 @pytest.mark.ci

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.comparison import Comparison
-from flflab.diagnosis import not_told_apart
 from flflab.errors import MeasurementError
-from flflab.evaluation import Evaluation
 from flflab.optics.camera import Camera
+from flflab.verdict.comparison import Comparison
+from flflab.verdict.diagnosis import not_told_apart
+from flflab.verdict.evaluation import Evaluation
 
 Change = Callable[[Camera], Camera]
 OneRun = Callable[..., Evaluation]

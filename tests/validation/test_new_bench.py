@@ -10,8 +10,8 @@ import yaml
 from flflab.bench import read_bench, with_seed
 from flflab.built_in import Kind, built_in, simulated_bench
 from flflab.cli.run import run_study
-from flflab.evaluation import evaluate
 from flflab.study import read_study
+from flflab.verdict.evaluation import evaluate
 from procedures.study import tell_nobody
 
 SEEDS, LEAST = 20, 17

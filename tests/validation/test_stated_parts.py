@@ -11,9 +11,9 @@ import pytest
 
 from flflab.bench import Bench
 from flflab.bench_uncertainty import MeasurementFloorDescription, WorkmanshipDescription
-from flflab.evaluation import Evaluation, evaluate_measured
 from flflab.report.tables import budget_table
 from flflab.study import Study
+from flflab.verdict.evaluation import Evaluation, evaluate_measured
 
 CONFIGURATIONS = [{"f_number": 4, "distance": ["500 mm", "507 mm"], "focused_at": "507 mm"}]
 

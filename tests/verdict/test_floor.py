@@ -13,9 +13,9 @@ from flflab.bench_uncertainty import MeasurementFloorDescription
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.dots.views import DotViews
 from flflab.measurement.lattice.lattice import Lattice
-from flflab.properties.floor import with_floor
-from flflab.properties.measured import Measured
 from flflab.study import Configuration, read_study
+from flflab.verdict.properties.floor import with_floor
+from flflab.verdict.properties.measured import Measured
 
 ROOT = Path(__file__).parents[2]
 BENCH = ROOT / "examples" / "benches" / "simulated.yaml"

@@ -9,8 +9,8 @@ import pytest
 from flflab.bench import read_bench
 from flflab.errors import MeasurementError
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.properties.measured import measure_pictures
 from flflab.study import read_study
+from flflab.verdict.properties.measured import measure_pictures
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

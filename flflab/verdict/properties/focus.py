@@ -12,9 +12,9 @@ from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import image_offset
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
-from flflab.properties.values import Values
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Values
 
 Array = npt.NDArray[np.float64]
 STEPS, TERMS = 12, 40

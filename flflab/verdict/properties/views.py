@@ -3,9 +3,9 @@
 import numpy as np
 
 from flflab.measurement.dots.views import DotViews
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
-from flflab.properties.values import Values
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Values
 
 
 def views(one: Measured, model: Predicted) -> Values:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from flflab.bench import read_bench
-from flflab.diagnosis import diagnose, not_told_apart
 from flflab.errors import InputError
-from flflab.prediction import Errors
-from flflab.properties.values import Values, differences, joined, ratios, single
+from flflab.verdict.diagnosis import diagnose, not_told_apart
+from flflab.verdict.prediction import Errors
+from flflab.verdict.properties.values import Values, differences, joined, ratios, single
 
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "simulated.yaml"
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.comparison import Row, Verdict, count_spread, judge, z_score
 from flflab.errors import InputError
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
+from flflab.verdict.comparison import Row, Verdict, count_spread, judge, z_score
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
 
 Array = npt.NDArray[np.float64]
 SURE = 5.0  # uncertainties by which a number must differ from 0 to be divided by

@@ -16,10 +16,10 @@ from flflab.optics.camera import Camera, MainLens
 from flflab.optics.focus import depth_of_field
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms
-from flflab.properties.depth import distance_of, offset_read
-from flflab.properties.fields import useful_row
-from flflab.properties.focus import blur_squared, line_ends
-from flflab.properties.predicted import Predicted
+from flflab.verdict.properties.depth import distance_of, offset_read
+from flflab.verdict.properties.fields import useful_row
+from flflab.verdict.properties.focus import blur_squared, line_ends
+from flflab.verdict.properties.predicted import Predicted
 
 CAMERA = Path(__file__).parents[2] / "examples" / "cameras" / "osinski.yaml"
 

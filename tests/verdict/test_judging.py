@@ -5,8 +5,8 @@ always.
 import numpy as np
 import pytest
 
-from flflab.comparison import count_spread, judge, z_score
 from flflab.errors import InputError
+from flflab.verdict.comparison import count_spread, judge, z_score
 
 THRESHOLD = 0.05
 

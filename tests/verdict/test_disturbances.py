@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from flflab.bench import Bench, read_bench
-from flflab.diagnosis import Effect, Suspect, diagnose, heading, not_told_apart
 from flflab.digits import plus_minus, two_digits
-from flflab.next_step import next_step
-from flflab.prediction import Errors
-from flflab.properties.values import Values, single
+from flflab.verdict.diagnosis import Effect, Suspect, diagnose, heading, not_told_apart
+from flflab.verdict.next_step import next_step
+from flflab.verdict.prediction import Errors
+from flflab.verdict.properties.values import Values, single
 
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "full.yaml"
 SUSPECT = Suspect(

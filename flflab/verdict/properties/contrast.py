@@ -6,9 +6,9 @@ from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.optics.contrast import contrast_paper, disc_transfer
 from flflab.optics.focus import magnification
 from flflab.optics.resolution import central_smms
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
-from flflab.properties.values import Values
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Values
 
 
 def contrasts(one: Measured, model: Predicted) -> list[Values]:

@@ -9,10 +9,10 @@ from flflab.optics.camera import Camera
 from flflab.optics.focus import microlens_limits
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import image_offset
-from flflab.properties.fields import useful_row
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
-from flflab.properties.values import Values, single
+from flflab.verdict.properties.fields import useful_row
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Values, single
 
 Array = npt.NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import numpy.typing as npt
 import pytest
 
 from flflab.bench import Bench, read_bench
-from flflab.diagnosis import diagnose, not_told_apart
-from flflab.prediction import Errors
-from flflab.properties.values import Values, single
+from flflab.verdict.diagnosis import diagnose, not_told_apart
+from flflab.verdict.prediction import Errors
+from flflab.verdict.properties.values import Values, single
 
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "full.yaml"
 

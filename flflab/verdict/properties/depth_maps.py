@@ -11,9 +11,9 @@ from flflab.depth_map.depth import depth
 from flflab.depth_map.result import DepthMap
 from flflab.errors import MeasurementError
 from flflab.files.sensor_picture import SensorPicture
-from flflab.properties.measured import as_placed, mean_picture
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study
+from flflab.verdict.properties.measured import as_placed, mean_picture
 
 Array = npt.NDArray[np.float64]
 

@@ -5,9 +5,9 @@ overlap.
 import numpy as np
 
 from flflab.optics.camera import Camera
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
-from flflab.properties.values import Shared, Values, single
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Shared, Values, single
 
 
 def fields(one: Measured, model: Predicted) -> list[Values]:

@@ -12,7 +12,7 @@ import pytest
 from flflab.bench import read_bench
 from flflab.bench_uncertainty import OpticsUncertaintyDescription
 from flflab.optics.camera import MainLens, Substrate
-from flflab.prediction import (
+from flflab.verdict.prediction import (
     ELEMENTS,
     Errors,
     contrast_draws,

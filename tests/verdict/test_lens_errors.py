@@ -11,7 +11,7 @@ from flflab.bench_uncertainty import WorkmanshipDescription
 from flflab.lens_errors import EQUAL_LENSES, LensErrors
 from flflab.optics.camera import microlens_centres
 from flflab.optics.light import Spectrum
-from flflab.prediction import (
+from flflab.verdict.prediction import (
     contrast_draws,
     drawn_errors,
     placements,

@@ -25,9 +25,9 @@ from flflab.measurement.sensor.noise import SensorNoise
 from flflab.measurement.sequential import Look, frames_due
 from flflab.optics.camera import Camera
 from flflab.optics.light import lines_of
-from flflab.prediction import contrast_draws, drawn_errors, placements
 from flflab.study import Configuration, Study
 from flflab.targets import White
+from flflab.verdict.prediction import contrast_draws, drawn_errors, placements
 from flflab.workers import results
 
 Array = npt.NDArray[np.float64]

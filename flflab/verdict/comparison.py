@@ -15,17 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import InputError
+from flflab.property_names import PROPERTY_NAMES
 from flflab.whole_file import in_csv, write_own
 
 Array = npt.NDArray[np.float64]
-
-PROPERTY_NAMES = {
-    "mtf": "contrast (MTF)", "views": "number of views",
-    "micro_images_mm": "micro-images: fields and pitch",
-    "overlap_mm": "overlap", "depth_of_field_mm": "depth of field", "light": "marginal light",
-    "elr_row_px": "effective lateral resolution",
-    "dot_distance_mm": "depth of the dots", "array_attitude_mrad": "tilt and roll of the array",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.bench import Bench
-from flflab.diagnosis import Effect
 from flflab.optics.airy import diffraction_contrast
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
-from flflab.properties.values import Values
+from flflab.verdict.diagnosis import Effect
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Values
 
 Array = npt.NDArray[np.float64]
 Factor = Callable[[int, Array], Array]  # configuration's place, frequencies in cycles/px

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from flflab.diagnosis import Suspect
+from flflab.verdict.diagnosis import Suspect
 
 
 @dataclass(frozen=True)

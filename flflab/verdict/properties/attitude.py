@@ -2,9 +2,9 @@
 and a mount may not keep.
 """
 
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
-from flflab.properties.values import Values, single
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Values, single
 
 MRAD = 1e3
 

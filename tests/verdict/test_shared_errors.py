@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from flflab.properties.light import over_their_mean
-from flflab.properties.values import Shared, joined, single
+from flflab.verdict.properties.light import over_their_mean
+from flflab.verdict.properties.values import Shared, joined, single
 
 DRAWS = np.random.default_rng(0).normal(size=200)
 

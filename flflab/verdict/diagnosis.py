@@ -17,8 +17,8 @@ from scipy import stats
 
 from flflab.bench import Bench, Element
 from flflab.digits import plus_minus
-from flflab.prediction import ELEMENTS, Errors, OpticsFactors, exact_optics, first_order
-from flflab.properties.values import Values, joined
+from flflab.verdict.prediction import ELEMENTS, Errors, OpticsFactors, exact_optics, first_order
+from flflab.verdict.properties.values import Values, joined
 
 Array = npt.NDArray[np.float64]
 LARGEST_TURN = 0.05  # rad

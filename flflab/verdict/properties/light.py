@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.optics.brightness import irradiance
-from flflab.properties.measured import Measured
-from flflab.properties.predicted import Predicted
-from flflab.properties.values import Shared, Values, single
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Shared, Values, single
 
 Array = npt.NDArray[np.float64]
 

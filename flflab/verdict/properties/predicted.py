@@ -15,7 +15,8 @@ from flflab.optics.focus import blur, magnification
 from flflab.optics.light import Spectrum
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms
-from flflab.prediction import (
+from flflab.study import Study
+from flflab.verdict.prediction import (
     Errors,
     Placement,
     contrast_draws,
@@ -24,8 +25,7 @@ from flflab.prediction import (
     predicted_view_indices,
     view_draws,
 )
-from flflab.properties.measured import Measured, as_placed
-from flflab.study import Study
+from flflab.verdict.properties.measured import Measured, as_placed
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]

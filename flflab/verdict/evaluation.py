@@ -14,23 +14,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from flflab.bench import Bench
-from flflab.comparison import Comparison, Row
-from flflab.diagnosis import Suspect, diagnose, not_told_apart, turns_among
-from flflab.disturbances import disturbances
-from flflab.prediction import Errors, drawn_errors
-from flflab.properties.attitude import attitude
-from flflab.properties.contrast import contrasts
-from flflab.properties.depth import dot_distances, lateral_resolution
-from flflab.properties.fields import fields, overlap
-from flflab.properties.floor import with_floor
-from flflab.properties.focus import depth_of_field
-from flflab.properties.light import light
-from flflab.properties.measured import Measured, measure_configuration, recorded
-from flflab.properties.predicted import Predicted, predict
-from flflab.properties.values import Values, differences, ratios, rows, verdict
-from flflab.properties.views import views
 from flflab.record import Run
 from flflab.study import Study
+from flflab.verdict.comparison import Comparison, Row
+from flflab.verdict.diagnosis import Suspect, diagnose, not_told_apart, turns_among
+from flflab.verdict.disturbances import disturbances
+from flflab.verdict.prediction import Errors, drawn_errors
+from flflab.verdict.properties.attitude import attitude
+from flflab.verdict.properties.contrast import contrasts
+from flflab.verdict.properties.depth import dot_distances, lateral_resolution
+from flflab.verdict.properties.fields import fields, overlap
+from flflab.verdict.properties.floor import with_floor
+from flflab.verdict.properties.focus import depth_of_field
+from flflab.verdict.properties.light import light
+from flflab.verdict.properties.measured import Measured, measure_configuration, recorded
+from flflab.verdict.properties.predicted import Predicted, predict
+from flflab.verdict.properties.values import Values, differences, ratios, rows, verdict
+from flflab.verdict.properties.views import views
 
 JUDGED = {  # the verdicts, and the quantities that each is about
     "mtf": ("mtf",),

@@ -18,7 +18,7 @@ from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import image_offset
-from flflab.properties.measured import Measured, as_placed
+from flflab.verdict.properties.measured import Measured, as_placed
 
 Array = npt.NDArray[np.float64]
 

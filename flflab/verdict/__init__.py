@@ -1,0 +1,1 @@
+"""Whether a camera does what its model says: prediction, properties, judgement, suspects."""
