@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy.fft import irfft2
 from scipy.special import j1
 
 from flflab.errors import InputError
@@ -334,19 +335,32 @@ def _add_dots(image: Array, scene: Scene, made: Upright, kind: Kind, tables: lis
     target, side = made.target, scene.camera.sensor.pixel
     if not isinstance(target, FourDot):
         return
-    light = dot_table(kind, target.diameter / 2 / abs(kind.sensor), side)
+    radius = target.diameter / 2 / abs(kind.sensor)
+    reach = radius + abs(kind.blur) + DOT_TAIL * side
+    seeing = [index for index in kind.indices if _sees(made, index, target.centres, reach)]
+    if not seeing:
+        return
+    light = dot_table(kind, radius, side)
     radii = kind.radii(DOT_RADII)
     steps = (side / DOT_STEPS, radii[0], 1 / max(radii[1] - radii[0], 1e-300))
     xs_ys = pixel_positions(scene.camera.sensor)
 
     def form(top: int, bottom: int) -> None:
-        for index in kind.indices:
+        for index in seeing:
             _read_dots(
                 image, made.lenses[index], made.lines[index], target.centres, light, steps,
                 tables[index], xs_ys, (top, bottom), side,
             )  # fmt: skip
 
     in_bands(form, image.shape[0])
+
+
+def _sees(made: Upright, index: int, centres: Array, reach: float) -> bool:
+    """Whether any dot's image lies within reach (mm) of a microlens's light."""
+    lens, line = made.lenses[index], made.lines[index]
+    u = (centres[:, 0] - line["origin"]) / line["sensor"]
+    v = (centres[:, 1] - line["across"]) / line["across_sensor"]
+    return bool((np.hypot(u, v) < lens["reach"] + abs(lens["slope"]) + reach).any())
 
 
 def dot_table(kind: Kind, radius: float, side: float) -> Array:
@@ -357,18 +371,20 @@ def dot_table(kind: Kind, radius: float, side: float) -> Array:
     step = side / DOT_STEPS
     half = radius + abs(kind.blur) + DOT_TAIL * side
     count = 64 * math.ceil(half / step / 32)  # a length that is fast to transform
-    frequency = np.fft.fftfreq(count, step)
+    # the picture is the same above and below the direction to the centre: a quarter tells all
+    frequency = np.arange(count // 2 + 1) / (count * step)
     fx, fy = np.meshgrid(frequency, frequency)
     size, turn = np.maximum(np.hypot(fx, fy), 1e-9 / side), np.arctan2(fy, fx)
     spectrum = radius * j1(2 * math.pi * radius * size) / size / step**2
     spectrum *= np.sinc(fx * side) * np.sinc(fy * side)
     spectrum /= (np.sinc(fx * step) * np.sinc(fy * step)) ** 2  # what reading between samples takes
     used = size < kind.cutoff
-    light = np.empty((DOT_RADII, count, count))
+    light = np.empty((DOT_RADII, count, count), dtype=np.float32)
     for index, away in enumerate(kind.radii(DOT_RADII)):
-        bent = np.zeros(spectrum.shape, dtype=np.complex128)
+        bent = np.zeros(spectrum.shape, dtype=np.complex64)
         bent[used] = spectrum[used] * kind.transfer(float(away), turn[used], size[used])
-        light[index] = np.fft.fftshift(np.fft.ifft2(bent).real)
+        whole = np.concatenate([bent, bent[-2:0:-1]])
+        light[index] = np.fft.fftshift(irfft2(whole, (count, count)))
     return light
 
 
