@@ -182,9 +182,10 @@ def seen(
     )  # fmt: skip
     drawn = {t.kind: light * irradiance(camera, t, distance, world) for t in targets}
     exposure = 1.0
-    if world.real:  # 2 % of the white picture are saturated
+    if world.real:  # 2 % of the white picture's pixels are saturated, by their noise
         well = (FULL_SCALE - OFFSET) / GAIN
-        exposure = well / (WHITE_E * float(np.quantile(drawn[White.kind], 0.98)))
+        white = drawn[White.kind] * WHITE_E
+        exposure = well / float(np.quantile(rng.poisson(white), 0.98))
     pictures = {kind: recorded(rng, exposure * picture) for kind, picture in drawn.items()}
     return measure_pictures(
         pictures,

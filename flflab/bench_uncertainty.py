@@ -20,7 +20,8 @@ class OpticsUncertaintyDescription(Description):
     every configuration.
 
     Sizes as shares. Angles of the array, where no axis turns it or beside what its axis states, are
-    those of an array set by eye against the micro-images' rows.
+    those of an array set by eye against the micro-images' rows; angles of the target those of one
+    set by eye against the sensor's rows and a level.
     """
 
     main_lens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
@@ -30,6 +31,8 @@ class OpticsUncertaintyDescription(Description):
     pitch: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
     array_roll: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
     array_tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
+    target_roll: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-3
+    target_tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-3
 
 
 class ModelUncertaintyDescription(Description):

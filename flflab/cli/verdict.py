@@ -15,7 +15,7 @@ from flflab.record import Run
 from flflab.report import junit_text, verdict_text
 from flflab.report.facts import following
 from flflab.verdict.comparison import Comparison, percent, rule
-from flflab.verdict.diagnosis import heading, not_told_apart
+from flflab.verdict.diagnosis import heading, likeliest
 from flflab.verdict.evaluation import Evaluation
 from flflab.whole_file import require_own_writable, write_own
 from procedures.validate import judged
@@ -68,7 +68,7 @@ def _tell(evaluation: Evaluation, run: Run, page: Path) -> None:
         style="bold",
     )
     if not accepted:
-        suspects = not_told_apart(evaluation.suspects)
+        suspects = likeliest(evaluation.suspects)
         console.print(heading(suspects), highlight=False)
         for suspect in suspects:
             sentence = f"{suspect.sentence[0].upper()}{suspect.sentence[1:]}."

@@ -139,7 +139,7 @@ def falloff_over_cone(smms: Smms, vergence: Array | float) -> Array:
 def transfer(
     smms: Smms,
     vergence: Array | float,
-    pixel: float,
+    pixel: Array | float,
     cycles_per_mm: Array,
     *,
     wavelength: float | None = None,

@@ -13,7 +13,7 @@ from flflab.missing_light import missing_light
 from flflab.record import Run
 from flflab.study import Study
 from flflab.verdict.comparison import Row
-from flflab.verdict.diagnosis import not_told_apart
+from flflab.verdict.diagnosis import likeliest
 from flflab.verdict.evaluation import Evaluation
 from flflab.verdict.next_step import NextStep, next_step
 from flflab.verdict.properties.measured import Measured
@@ -109,7 +109,7 @@ def following(evaluation: Evaluation, run: Run) -> NextStep:
     bench = recorded_bench(run)
     return next_step(
         evaluation.comparison.accepted,
-        not_told_apart(evaluation.suspects),
+        likeliest(evaluation.suspects),
         run.folder,
         simulated=bench is not None and bool(simulated_devices(bench)[0]),
     )

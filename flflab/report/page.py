@@ -18,7 +18,7 @@ from flflab.report.drawn import drawn_table
 from flflab.report.overview import overview_chart, property_name
 from flflab.study import Study
 from flflab.verdict.comparison import percent, rule
-from flflab.verdict.diagnosis import heading, not_told_apart
+from flflab.verdict.diagnosis import heading, likeliest
 from flflab.verdict.evaluation import Evaluation
 from flflab.verdict.properties.measured import Measured
 from flflab.verdict.properties.predicted import Predicted
@@ -67,7 +67,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
     exact, dots = facts.exact_counts(evaluation.comparison.rows)
     recorded = facts.recorded_bench(run, bench) or bench
     local, devices = facts.simulated_devices(recorded)
-    suspects = not_told_apart(evaluation.suspects)
+    suspects = likeliest(evaluation.suspects)
     warnings = facts.notes(evaluation, run, study, bench)
     wanted = study.description.mtf_standard_uncertainty
     shown = facts.pictured(evaluation, study.description.reference)

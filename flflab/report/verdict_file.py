@@ -10,7 +10,7 @@ from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run, versions
 from flflab.report.facts import following
 from flflab.verdict.comparison import Verdict, percent
-from flflab.verdict.diagnosis import not_told_apart
+from flflab.verdict.diagnosis import likeliest
 from flflab.verdict.evaluation import Evaluation
 
 SCHEMA = 1  # of verdict.json; described by verdict.schema.json beside this file
@@ -40,7 +40,7 @@ def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
                 "chi_squared_left": one.chi2,
                 "numbers": one.numbers,
             }
-            for one in not_told_apart(evaluation.suspects)
+            for one in likeliest(evaluation.suspects)
         ],
         "next": {"what": step.what, "command": step.command},
         "study": str(run.start.get("study", "")),
@@ -100,7 +100,7 @@ def junit_text(evaluation: Evaluation, run: Run) -> str:
         if not one.accepted:
             told = f"{one.p_clause}; rejected below {percent(one.threshold)}"
             failure = ElementTree.SubElement(case, "failure", message=told, type="rejected")
-            suspects = [suspect.sentence for suspect in not_told_apart(evaluation.suspects)]
+            suspects = [suspect.sentence for suspect in likeliest(evaluation.suspects)]
             failure.text = "\n".join([one.sentence, *suspects])
     ElementTree.indent(whole)
     text = ElementTree.tostring(whole, encoding="unicode")

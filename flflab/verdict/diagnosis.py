@@ -1,54 +1,33 @@
 """What may be wrong with a bench whose model is rejected: which single change would explain what
 was measured.
 
-Every suspect, a size of the optics, a turn of the array or the zero of a stage, is varied alone
-over a range of values, first coarsely and then about the best; the model's numbers are compared
-with the measured ones in their full covariance. Changes that fit equally well stand together. A
-change explains the measurement only where what it leaves would not itself be rejected.
+Every suspect, a size of the optics or of a target, a turn, the zero of a stage or something that
+disturbs, is varied alone over a range as wide as real mistakes; the model's numbers are compared
+with the measured ones in their full covariance. The likeliest are drawn anew with their change, as
+uncertain as the bench is, for a large change alters what the other uncertainties do. A change
+explains the measurement only where what it leaves is no more than such benches leave.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from flflab.bench import Bench, Element
 from flflab.digits import plus_minus
-from flflab.verdict.prediction import ELEMENTS, Errors, OpticsFactors, exact_optics, first_order
 from flflab.verdict.properties.values import Values, joined
 
 Array = npt.NDArray[np.float64]
-LARGEST_TURN = 0.05  # rad
-LARGEST_SHARE, LARGEST_NEAR_MM = (
-    0.06,
-    0.25,
-)  # where the gap is about a millimetre; FAR times that for the target
-FAR = 100.0
-STEPS = np.geomspace(2e-3, 1.0, 40)
-FIRST = np.concatenate([-STEPS[::-1], [0.0], STEPS])
 FINER, ROUNDS = np.linspace(-1.0, 1.0, 21), 3
 # of chi squared: 2 suspects closer than this are not told apart (4 to 1 odds at least by noise
 # alone)
 ALIKE = 6.0
 CLEAR = 25.0  # of chi squared that a change must explain to be named at all
-# of chi squared that a change may leave to be named, or twice the numbers compared: more is another
-# fault's
-MOST_LEFT = 0.1
-KINDS = {
-    "lens_focal": "focal length of the main lens",
-    "lens_aperture": "aperture of the main lens (the f-number the other way)",
-    "focal": "focal length of the microlenses", "aperture": "aperture of the microlenses",
-    "pitch": "pitch of the microlenses",
-}  # fmt: skip
-TURNS = {
-    "roll": "roll of the array",
-    "yaw": "yaw of the array (its tilt along x)",
-    "pitch": "pitch of the array (its tilt along y)",
-}
-MOVED = {"main_lens.z": "main lens", "array.z": "array", "sensor.z": "sensor", "target.z": "target"}
+EXPLAINED = 5.0  # standard deviations of chi squared that a sufficient change may leave
+MOST_LEFT = 0.1  # of chi squared that the closest change may leave, to be shown at all
+REDRAWN = 6  # the likeliest suspects are drawn anew
 
 
 @dataclass(frozen=True)
@@ -64,9 +43,10 @@ class Suspect:
         numbers: how many numbers were compared.
         uncertainty: standard uncertainty of ``size``, enlarged where the change leaves more than
             noise does.
-        p_left: p-value of the disagreement left.
-        explains: whether what is left would not be rejected.
-        remedy: what finds or mends it: ``calibrate``, ``align``, ``light``, ``lenses`` or ``lamp``.
+        p_left: p-value of the disagreement left, were all errors normal.
+        explains: whether what is left is no more than n + 5 sqrt(2 n) of n numbers.
+        remedy: what finds or mends it: ``calibrate``, ``align``, ``light``, ``lenses``, ``lamp`` or
+            ``look``.
     """
 
     what: str
@@ -102,88 +82,115 @@ class Suspect:
 
 @dataclass(frozen=True)
 class Effect:
-    """Something outside the bench's geometry that may disturb what was measured.
+    """A change that is tried in many sizes.
 
     Attributes:
         what: its name.
-        words: the change with its size, uncertainty and unit in place of ``{}``.
-        per_unit: how many shown units one unit inside is.
         sizes: that are tried, rising; the effect is absent at the first one or at 0.
         expected: the joined numbers of a bench with each size, shape (n, K).
+        in_words: a size with its uncertainty, in words.
         remedy: as of ``Suspect``.
+        drawn: the joined numbers of benches that are as uncertain as stated and have the change
+            besides, shape (draws, K); None where the uncertainties stay the same.
     """
 
     what: str
-    words: str
-    per_unit: float
     sizes: Array
     expected: Callable[[Array], Array]
+    in_words: Callable[[float, float], str]
     remedy: str
+    drawn: Callable[[float], Array] | None = None
 
 
-def diagnose(
-    found: list[Values],
-    numbers: Callable[[Errors], list[Values]],
-    bench: Bench,
-    effects: tuple[Effect, ...] = (),
-    limit: float = 0.01,
-) -> tuple[Suspect, ...]:
-    """Every suspect with the change that fits it best, the best suspect first.
-
-    Args:
-        found: what was measured, with the model's draws.
-        numbers: the same numbers for benches with given errors.
-        bench: whose stages are suspects.
-        effects: further suspects, besides stages and sizes.
-        limit: p-value below which what a change leaves would itself be rejected.
+@dataclass(frozen=True)
+class Metric:
+    """How far expected numbers are from the measured ones: chi squared in the full covariance, less
+    what a covariance estimated from so many draws makes of it on average (Hartlap et al. 2007).
     """
-    measured, noise, draws = joined(found)
+
+    measured: Array
+    scale: Array
+    root: Array
+    shrink: float
+
+    def __call__(self, expected: Array) -> Array:
+        """Chi squared of expected numbers, shape (..., K)."""
+        found = np.sum(((self.measured - expected) / self.scale @ self.root) ** 2, axis=-1)
+        return self.shrink * found
+
+
+def metric_of(measured: Array, noise: Array, draws: Array) -> Metric:
+    """The metric of measured numbers (K,), by the covariance of their noise (K, K) and of the draws
+    of the model (n, K).
+    """
     spread = draws - draws.mean(axis=0)
     covariance = noise + spread.T @ spread / (len(draws) - 1)
     scale = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     root = vectors / np.sqrt(np.maximum(values, values.max() * 1e-10))
+    shrink = max((len(draws) - len(measured) - 2) / (len(draws) - 1), 0.1)
+    return Metric(measured, scale, root, shrink)
 
-    def disagreement(expected: Array) -> Array:
-        return np.sum(((measured - expected) / scale @ root) ** 2, axis=-1)
 
-    before = float(disagreement(draws.mean(axis=0)))
+def diagnose(
+    found: list[Values], effects: tuple[Effect, ...], redrawn: int = REDRAWN
+) -> tuple[Suspect, ...]:
+    """Every suspect with the change that fits it best, the best suspect first.
+
+    Args:
+        found: what was measured, with the model's draws.
+        effects: the changes that are tried.
+        redrawn: how many of the likeliest are drawn anew with their change.
+    """
+    measured, noise, draws = joined(found)
+    metric = metric_of(measured, noise, draws)
+    before = float(metric(draws.mean(axis=0)))
+    tried = sorted(
+        ((effect, *_best(effect, metric, effect.sizes, 0.0)) for effect in effects),
+        key=lambda one: one[2],
+    )
     suspects: list[Suspect] = []
-    for effect in (*_geometry(bench, numbers), *effects):
-
-        def left(sizes: Array, of: Effect = effect) -> Array:
-            return disagreement(of.expected(sizes))
-
-        size, chi2, uncertainty = _best(left, effect.sizes)
-        uncertainty *= math.sqrt(max(1.0, chi2 / len(measured)))
-        p_left = _p_value(chi2, len(measured), len(draws))
-        suspects.append(
-            Suspect(
-                effect.what,
-                size,
-                _in_words(effect, size, uncertainty),
-                chi2,
-                before,
-                len(measured),
-                uncertainty,
-                p_left,
-                p_left >= limit,
-                effect.remedy,
-            )
-        )
+    for place, (effect, size, chi2, uncertainty) in enumerate(tried):
+        best = size, chi2, uncertainty
+        if effect.drawn is not None and place < redrawn and chi2 < before - CLEAR:
+            best = _drawn_anew(effect, effect.drawn(size), best, measured, noise)
+        suspects.append(_suspect(effect, best, before, len(measured)))
     return tuple(sorted(suspects, key=lambda suspect: suspect.chi2))
 
 
-def _best(left: Callable[[Array], Array], sizes: Array) -> tuple[float, float, float]:
+def _drawn_anew(
+    effect: Effect, draws: Array, found: tuple[float, float, float], measured: Array, noise: Array
+) -> tuple[float, float, float]:
+    """The best size near one that was found, in the covariance of benches drawn with it."""
+    size, _, uncertainty = found
+    metric = metric_of(measured, noise, draws)
+    aside = draws.mean(axis=0) - effect.expected(np.array([size]))[0]
+    reach = 5 * uncertainty if math.isfinite(uncertainty) else abs(size) / 20
+    sizes = np.clip(size + reach * FINER, effect.sizes.min(), effect.sizes.max())
+    return _best(effect, metric, sizes, aside)
+
+
+def _best(
+    effect: Effect, metric: Metric, sizes: Array, aside: float | Array
+) -> tuple[float, float, float]:
     """The size that leaves least, what it leaves, and its standard uncertainty: where the
     disagreement grows by 1, by its curvature there.
+
+    Args:
+        effect: with the numbers expected of each size.
+        metric: how far they are from those measured.
+        sizes: that are tried first.
+        aside: what is added to all expected numbers.
     """
+
+    def left(tried: Array) -> Array:
+        return metric(effect.expected(tried) + aside)
+
     tried, chi2 = sizes, left(sizes)
     for _ in range(ROUNDS):
         best = int(np.argmin(chi2))
-        tried = np.interp(
-            FINER, (-1.0, 1.0), (tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)])
-        )
+        ends = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
+        tried = np.interp(FINER, (-1.0, 1.0), ends)
         chi2 = left(tried)
     size, least = float(tried[np.argmin(chi2)]), float(chi2.min())
     step = (tried[-1] - tried[0]) / 2
@@ -196,133 +203,69 @@ def _best(left: Callable[[Array], Array], sizes: Array) -> tuple[float, float, f
     return size, least, step
 
 
-def _p_value(chi2: float, numbers: int, draws: int) -> float:
-    """Of a disagreement whose covariance was estimated from draws (Hotelling's T²), with one
-    parameter fitted.
-    """
-    free = max(numbers - 1, 1)
-    if draws <= numbers + 1:
-        return float(stats.chi2.sf(chi2, free))
-    return float(stats.f.sf(chi2 * (draws - free) / (free * (draws - 1)), free, draws - free))
+def _suspect(
+    effect: Effect, best: tuple[float, float, float], before: float, numbers: int
+) -> Suspect:
+    size, chi2, uncertainty = best
+    uncertainty *= math.sqrt(max(1.0, chi2 / numbers))
+    return Suspect(
+        effect.what,
+        size,
+        effect.in_words(size, uncertainty),
+        chi2,
+        before,
+        numbers,
+        uncertainty,
+        float(stats.chi2.sf(chi2, max(numbers - 1, 1))),
+        chi2 < numbers + EXPLAINED * math.sqrt(2 * numbers),
+        effect.remedy,
+    )
 
 
-def not_told_apart(suspects: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
-    """The best suspect and those that fit equally well; none where no single change removes most of
-    the disagreement.
+def likeliest(suspects: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
+    """The suspects that explain the measurement and fit it equally well; where none does, the
+    closest one if it removes most of the disagreement.
     """
-    if not suspects:
+    if not suspects or suspects[0].chi2_before - suspects[0].chi2 < CLEAR:
         return ()
     best = suspects[0]
-    if best.chi2_before - best.chi2 < CLEAR or best.chi2 > max(
-        MOST_LEFT * best.chi2_before, 2.0 * best.numbers
-    ):
-        return ()
-    return tuple(suspect for suspect in suspects if suspect.chi2 <= best.chi2 + ALIKE)
+    if best.explains:
+        alike = ALIKE * max(1.0, best.chi2 / best.numbers)
+        return tuple(one for one in suspects if one.explains and one.chi2 <= best.chi2 + alike)
+    return (best,) if best.chi2 <= MOST_LEFT * best.chi2_before else ()
 
 
 def heading(suspects: tuple[Suspect, ...]) -> str:
     """What stands before the suspects that fit best."""
     if not suspects:
         return (
-            "No single change explains it: no size of the optics, no turn of the array, no zero of"
-            " a stage, not diffraction, blur or the lamp."
+            "No single change explains it: no size of optics or targets, no turn, no zero of a"
+            " stage, no exchange of settings, not the light."
         )
     if not suspects[0].explains:
-        return "Closest single change:" if len(suspects) == 1 else "Closest single changes:"
+        return "Closest single change, which does not explain it:"
     if len(suspects) == 1:
         return "Most likely cause:"
     return "Equally likely causes, which these measurements cannot distinguish:"
 
 
-def turns_among(suspects: tuple[Suspect, ...]) -> tuple[Suspect, ...]:
-    """Those that turn the array."""
-    return tuple(suspect for suspect in suspects if suspect.what in TURNS.values())
-
-
-@dataclass(frozen=True)
-class Suspicion:
-    """Something that may be other than described.
-
-    Attributes:
-        what: its name.
-        field: the field of the optics' factors, the element whose place it is, or how the array is
-            turned.
-        largest: change that is tried at most, as a share, in mm or rad.
-        unit: of the change.
+def changed(words: str, per_unit: float = 1.0) -> Callable[[float, float], str]:
+    """What says a size with its uncertainty in shown units, in place of ``{}``; a negative one is
+    ``smaller``, ``less`` or ``less far``.
     """
 
-    what: str
-    field: str
-    largest: float
-    unit: str
+    def in_words(size: float, uncertainty: float) -> str:
+        said = words
+        if size < 0:
+            for up, down in OPPOSITES:
+                said = said.replace(f" {up} ", f" {down} ")
+        shown = plus_minus(abs(size) * per_unit, uncertainty * per_unit)
+        return said.format(shown) if "±" in shown else said.replace("({})", shown)
+
+    return in_words
 
 
-def _suspicions(bench: Bench) -> list[Suspicion]:
-    found = [
-        Suspicion(KINDS[field.name], field.name, LARGEST_SHARE, "%")
-        for field in fields(OpticsFactors)
-    ]
-    found += [Suspicion(what, turn, LARGEST_TURN, "rad") for turn, what in TURNS.items()]
-    for element in ELEMENTS:
-        axis = bench.description.axis_of(element)
-        name = f"zero of {axis[0]}" if axis else f"place of the {MOVED[element]}"
-        found.append(
-            Suspicion(
-                name, element, LARGEST_NEAR_MM * (FAR if element == "target.z" else 1.0), "mm"
-            )
-        )
-    return found
-
-
-WORDS = {  # of a change by its unit: words, shown units in one inside, remedy
-    "%": ("({}) % larger than described", 100.0, "calibrate"),
-    "rad": ("({}) deg more than described", 180 / math.pi, "align"),
-    "mm": ("({}) mm farther along z than described", 1.0, "calibrate"),
-}
 OPPOSITES = (("larger", "smaller"), ("more", "less"), ("farther", "less far"))
-
-
-def _geometry(bench: Bench, numbers: Callable[[Errors], list[Values]]) -> list[Effect]:
-    """Sizes of the optics, turns of the array and zeros of the stages."""
-
-    def effect(suspicion: Suspicion) -> Effect:
-        words, per_unit, remedy = WORDS[suspicion.unit]
-
-        def expected(changes: Array) -> Array:
-            return joined(numbers(_errors(suspicion, changes)))[2]
-
-        sizes = suspicion.largest * FIRST
-        return Effect(suspicion.what, words, per_unit, sizes, expected, remedy)
-
-    return [effect(suspicion) for suspicion in _suspicions(bench)]
-
-
-def _errors(suspect: Suspicion, changes: Array) -> Errors:
-    """Benches with just that change, one for each."""
-    still, exact = np.zeros(len(changes)), exact_optics(len(changes))
-    stages: dict[Element, tuple[Array, Array]] = {
-        element: (changes if element == suspect.field else still, still) for element in ELEMENTS
-    }
-    turned = suspect.unit == "rad"  # a pitch may be of the microlenses too
-    attitude = np.stack(
-        [changes if turned and turn == suspect.field else still for turn in TURNS], axis=1
-    )
-    changed = {suspect.field: 1 + changes} if suspect.unit == "%" else {}
-    if suspect.field == "lens_focal":
-        changed["lens_aperture"] = (
-            1 + changes
-        )  # the f-number stays: a longer lens has a wider aperture
-    return Errors(stages, replace(exact, **changed), attitude, first_order(len(changes)))
-
-
-def _in_words(effect: Effect, size: float, uncertainty: float) -> str:
-    """``(1.850 ± 0.020) % larger than described``."""
-    words = effect.words
-    if size < 0:
-        for up, down in OPPOSITES:
-            words = words.replace(f" {up} ", f" {down} ")
-    shown = plus_minus(abs(size) * effect.per_unit, uncertainty * effect.per_unit)
-    return words.format(shown) if "±" in shown else words.replace("({})", shown)
 
 
 def _rounded(chi2: float) -> str:

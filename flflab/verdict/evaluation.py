@@ -17,8 +17,9 @@ from flflab.bench import Bench
 from flflab.record import Run
 from flflab.study import Study
 from flflab.verdict.comparison import Comparison, Row
-from flflab.verdict.diagnosis import Suspect, diagnose, not_told_apart, turns_among
+from flflab.verdict.diagnosis import Suspect, diagnose
 from flflab.verdict.disturbances import disturbances
+from flflab.verdict.geometry import geometry
 from flflab.verdict.prediction import Errors, drawn_errors
 from flflab.verdict.properties.attitude import attitude
 from flflab.verdict.properties.contrast import contrasts
@@ -28,7 +29,8 @@ from flflab.verdict.properties.floor import with_floor
 from flflab.verdict.properties.focus import depth_of_field
 from flflab.verdict.properties.light import light
 from flflab.verdict.properties.measured import Measured, measure_configuration, recorded
-from flflab.verdict.properties.predicted import Predicted, predict
+from flflab.verdict.properties.predicted import Predicted, predict, predict_uncounted
+from flflab.verdict.properties.target import target
 from flflab.verdict.properties.values import Values, differences, ratios, rows, verdict
 from flflab.verdict.properties.views import views
 
@@ -41,6 +43,8 @@ JUDGED = {  # the verdicts, and the quantities that each is about
     "light": ("light",),
     "elr_row_px": ("elr_row_px",),
     "dot_distance_mm": ("dot_distance_mm",),
+    "target_scale": ("dot_scale", "bar_scale"),
+    "target_roll_mrad": ("target_roll_mrad",),
     "array_attitude_mrad": ("array_roll_mrad", "array_yaw_mrad", "array_pitch_mrad"),
 }
 EXPLAINED_BY_OTHERS = (
@@ -160,9 +164,7 @@ def evaluate_measured(
         )
 
     suspects = (
-        ()
-        if comparison.accepted
-        else explain(values, measured, predicted, study, bench, comparison)
+        () if comparison.accepted else explain(values, measured, predicted, study, bench, errors)
     )
     return Evaluation(
         measured,
@@ -183,7 +185,7 @@ def explain(
     predicted: tuple[Predicted, ...],
     study: Study,
     bench: Bench,
-    comparison: Comparison,
+    errors: Errors,
 ) -> tuple[Suspect, ...]:
     """Every single change of the bench that could be the reason, the best first.
 
@@ -193,11 +195,11 @@ def explain(
         predicted: the same.
         study: the study.
         bench: the bench as described.
-        comparison: with its verdicts.
+        errors: the draws behind the predictions.
     """
 
     def numbers(errors: Errors) -> list[Values]:
-        models = tuple(predict(one, study, bench, errors) for one in measured)
+        models = tuple(predict_uncounted(one, study, bench, errors) for one in measured)
         return [
             found
             for found in properties(measured, models, bench)
@@ -205,23 +207,10 @@ def explain(
         ]
 
     explained = [found for found in values if found.quantity not in EXPLAINED_BY_OTHERS]
-    suspects = diagnose(
+    return diagnose(
         explained,
-        numbers,
-        bench,
-        disturbances(explained, measured, predicted, bench),
-        comparison.verdicts[0].threshold,
+        geometry(bench, errors, numbers) + disturbances(explained, measured, predicted, bench),
     )
-    # An array turned otherwise than described disturbs every other number, so where a turn explains
-    # nothing else is told from it; where none does, what scales the turns that are set (a focal
-    # length) may have been taken for one.
-    turns = turns_among(suspects)
-    turned = _rejects(comparison, "array_attitude_mrad")
-    return turns if turned and not_told_apart(turns) else suspects
-
-
-def _rejects(comparison: Comparison, name: str) -> bool:
-    return any(verdict.quantity == name and not verdict.accepted for verdict in comparison.verdicts)
 
 
 def properties(
@@ -231,13 +220,13 @@ def properties(
     found: list[Values] = []
     for one, model in zip(measured, predicted, strict=True):
         found += [
-            views(one, model),
+            *views(one, model),
             *contrasts(one, model),
             *fields(one, model),
             overlap(one, model),
             *attitude(one, model),
         ]
-        found += [dot_distances(one, model), *lateral_resolution(one, model)]
+        found += [dot_distances(one, model), *lateral_resolution(one, model), *target(one, model)]
     found += depth_of_field(measured, predicted) + light(
         measured, predicted, bench.description.light_uncertainty
     )

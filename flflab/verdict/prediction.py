@@ -30,13 +30,16 @@ ELEMENTS: tuple[Element, ...] = ("main_lens.z", "array.z", "sensor.z", "target.z
 
 @dataclass(frozen=True)
 class OpticsFactors:
-    """True over described sizes of the optics, one value a draw, shape (n,)."""
+    """True over described sizes of the optics and of the targets, one value a draw, shape (n,)."""
 
     lens_focal: Array
     lens_aperture: Array
     focal: Array
     aperture: Array
     pitch: Array
+    pixel: Array
+    dot_spacing: Array
+    bar_frequency: Array
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class Errors:
             each.
         optics: of lens and array.
         attitude: roll, yaw and pitch of the array beyond those described, shape (n, 3), rad.
+        target: the same of the target.
         order: what first order leaves out.
         lenses: how the microlenses differ from one another.
     """
@@ -68,6 +72,7 @@ class Errors:
     stages: dict[Element, tuple[Array, Array]]
     optics: OpticsFactors
     attitude: Array
+    target: Array
     order: OrderFactors
     lenses: LensErrors = EQUAL_LENSES
 
@@ -75,10 +80,7 @@ class Errors:
         """The same draws with optics exactly as described and turned, of first order, all lenses
         equal.
         """
-        count = len(self.optics.pitch)
-        return Errors(
-            self.stages, exact_optics(count), np.zeros_like(self.attitude), first_order(count)
-        )
+        return replace(as_described(len(self.attitude)), stages=self.stages)
 
     def of_stages_and_optics(self) -> "Errors":
         """The same draws with lenses of first order that are all equal."""
@@ -112,6 +114,13 @@ def exact_optics(draws: int) -> OpticsFactors:
     return OpticsFactors(*(np.ones(draws) for _ in fields(OpticsFactors)))
 
 
+def as_described(draws: int) -> Errors:
+    """No errors at all, in every draw."""
+    still, straight = np.zeros(draws), np.zeros((draws, 3))
+    stages = dict.fromkeys(ELEMENTS, (still, still))
+    return Errors(stages, exact_optics(draws), straight, straight, first_order(draws))
+
+
 def first_order(draws: int) -> OrderFactors:
     """Lenses as the model has them, in every draw."""
     return OrderFactors(*(np.ones(draws) for _ in fields(OrderFactors)))
@@ -143,6 +152,8 @@ def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
         )
     )
     attitude = rng.normal(0.0, 1.0, (draws, 3)) * attitude_uncertainty(bench)
+    tilt = doubt.target_tilt
+    target = rng.normal(0.0, 1.0, (draws, 3)) * [doubt.target_roll, tilt, tilt]
     order = bench.description.model_uncertainty
     factors = (
         1 + rng.normal(0.0, 1.0, draws) * share
@@ -150,8 +161,16 @@ def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
     )
     found = Errors(
         stages,
-        OpticsFactors(lens, lens / f_number, focal, aperture, pitch),
+        replace(
+            exact_optics(draws),
+            lens_focal=lens,
+            lens_aperture=lens / f_number,
+            focal=focal,
+            aperture=aperture,
+            pitch=pitch,
+        ),
         attitude,
+        target,
         OrderFactors(*factors),
     )
     lenses = stated_lens_errors(made, 0)
@@ -233,12 +252,11 @@ def contrast_draws(
     """
     drawn = drawn_systems(central_smms(camera), camera, placement)
     columns = Smms(**{field.name: getattr(drawn, field.name)[:, None] for field in fields(Smms)})
-    vergence, nu = 1 / placement.distance[:, None], cycles_per_mm[None, :]
+    vergence = 1 / placement.distance[:, None]
+    nu = cycles_per_mm[None, :] * placement.optics.bar_frequency[:, None]
+    pixel = camera.sensor.pixel * placement.optics.pixel[:, None]
     parts = [
-        weight
-        * transfer(
-            columns, vergence, camera.sensor.pixel, nu, wavelength=wavelength, falloff=falloff
-        )
+        weight * transfer(columns, vergence, pixel, nu, wavelength=wavelength, falloff=falloff)
         for wavelength, weight in lines_of(light)
     ]
     return np.sum(parts, axis=0)

@@ -92,9 +92,10 @@ def predict(configuration: Configuration, bench: Bench, study: Study) -> Predict
     pitches = camera.array.pitch[0] * systems.image_scale
     return Predicted(
         camera, configuration.distance, views, np.tile(views, (101, 1)), indices, draws,
-        np.ones(draws.shape[1]), 0.3,
+        np.ones(draws.shape[1]), 0.3, errors.optics,
         systems, 1 / placement.distance, systems.inside_radius, systems.outside_radius, pitches,
-        np.ones(101), np.zeros((101, 3)), np.zeros((101, 4)),
+        np.ones(101), np.zeros((101, 3)), np.zeros((101, 4)), np.zeros((101, 4)), np.ones(101),
+        np.zeros(101),
     )  # fmt: skip
 
 
@@ -126,7 +127,7 @@ def measure(
         views_uncertainty=np.zeros((0, len(FREQUENCIES))),
         cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
         covariance=1e-6 * np.eye(len(FREQUENCIES)), extremes=zeros, extremes_uncertainty=zeros,
-        classic=zeros + 0.9, classic_uncertainty=zeros + 0.01, geometry=np.zeros(5),
+        classic=zeros + 0.9, classic_uncertainty=zeros + 0.01, geometry=np.ones(5),
         geometry_uncertainty=np.zeros(5), chi2_per_pixel=1.0, pixels=1000,
     )  # fmt: skip
     return Measured(

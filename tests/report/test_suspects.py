@@ -10,7 +10,8 @@ from flflab.optics.airy import diffraction_contrast
 from flflab.record import Run
 from flflab.report.facts import notes
 from flflab.study import Study
-from flflab.verdict.disturbances import disturbances
+from flflab.verdict.diagnosis import Effect
+from flflab.verdict.disturbances import disturbances, through_gamma
 from flflab.verdict.evaluation import Evaluation
 from flflab.verdict.properties.values import Values, joined
 
@@ -20,25 +21,26 @@ def values(evaluation: Evaluation) -> list[Values]:
     return [one for one in evaluation.values if one.quantity in ("mtf", "light")]
 
 
+def suspected(evaluation: Evaluation, values: list[Values], bench: Bench) -> dict[str, Effect]:
+    found = disturbances(values, evaluation.measured, evaluation.predicted, bench)
+    return {one.what.partition(" (")[0]: one for one in found}
+
+
 def test_diffraction_is_a_suspect_only_where_no_light_is_stated(
     evaluation: Evaluation, values: list[Values], bench: Bench
 ) -> None:
-    found = disturbances(values, evaluation.measured, evaluation.predicted, bench)
-    assert [one.what.partition(" (")[0] for one in found] == [
-        "diffraction", "a blur beyond the model", "unequal light",
-    ]  # fmt: skip
+    found = suspected(evaluation, values, bench)
+    assert {"a blur beyond the model", "gamma", "unequal light", "settings exchanged"} <= set(found)
     lit = bench.description.model_copy(update={"light": object()})
-    fewer = disturbances(
-        values, evaluation.measured, evaluation.predicted, replace(bench, description=lit)
-    )
-    assert [one.what for one in fewer] == [one.what for one in found[1:]]
+    fewer = suspected(evaluation, values, replace(bench, description=lit))
+    assert set(found) - set(fewer) == {"diffraction"}
 
 
 def test_diffraction_dims_the_contrast_as_a_perfect_lens_does(
     evaluation: Evaluation, values: list[Values], bench: Bench
 ) -> None:
     measured, predicted = evaluation.measured, evaluation.predicted
-    diffraction = disturbances(values, measured, predicted, bench)[0]
+    diffraction = suspected(evaluation, values, bench)["diffraction"]
     plain = joined(values)[2].mean(axis=0)
     dimmed = diffraction.expected(np.array([500e-6]))[0]
     place = 0
@@ -58,7 +60,8 @@ def test_diffraction_dims_the_contrast_as_a_perfect_lens_does(
 def test_an_unsteady_lamp_changes_light_alone_and_a_blur_of_0_nothing(
     evaluation: Evaluation, values: list[Values], bench: Bench
 ) -> None:
-    _, blur, lamp = disturbances(values, evaluation.measured, evaluation.predicted, bench)
+    every = suspected(evaluation, values, bench)
+    blur, lamp = every["a blur beyond the model"], every["unequal light"]
     plain = joined(values)[2].mean(axis=0)
     np.testing.assert_allclose(blur.expected(np.zeros(1))[0], plain, rtol=1e-12)
     drifted = lamp.expected(np.array([0.1]))[0] / plain
@@ -67,6 +70,24 @@ def test_an_unsteady_lamp_changes_light_alone_and_a_blur_of_0_nothing(
     )
     assert np.all(drifted[~is_light] == 1)
     np.testing.assert_allclose(drifted[is_light], [0.95, 1.0, 1.05], rtol=1e-12)
+
+
+def test_exchanged_settings_show_each_other_s_numbers(
+    evaluation: Evaluation, values: list[Values], bench: Bench
+) -> None:
+    light = [one for one in values if one.quantity == "light"]
+    exchanged = suspected(evaluation, light, bench)["settings exchanged"]
+    plain = joined(light)[2].mean(axis=0)
+    np.testing.assert_array_equal(exchanged.expected(np.array([1.0]))[0], plain[[1, 0, 2]])
+    assert exchanged.in_words(1.0, 0.0) == "(configurations 0 and 1)"
+
+
+def test_a_gamma_of_two_doubles_nothing_sharp_and_squares_half_light() -> None:
+    """The square of 1/2 + a cos has the first harmonic a; of sharp bars a power changes nothing."""
+    np.testing.assert_allclose(through_gamma(np.array([0.3]), 2.0), 1.0, rtol=1e-12)
+    # 1/2 + a cos to the power 3: 3/4 a + 3/4 a^3 of a
+    a = 2 / np.pi * 0.3
+    np.testing.assert_allclose(through_gamma(np.array([0.3]), 3.0), 0.75 + 0.75 * a**2, rtol=1e-12)
 
 
 def test_targets_that_show_nowhere_are_suspected_to_be_exchanged(

@@ -15,7 +15,7 @@ import pytest
 from flflab.errors import MeasurementError
 from flflab.optics.camera import Camera
 from flflab.verdict.comparison import Comparison
-from flflab.verdict.diagnosis import not_told_apart
+from flflab.verdict.diagnosis import likeliest
 from flflab.verdict.evaluation import Evaluation
 
 Change = Callable[[Camera], Camera]
@@ -145,7 +145,7 @@ def test_a_planted_error_is_found_and_named(
     assert not run.comparison.accepted
     assert run.suspects[0].what == named
     assert run.suspects[0].size == pytest.approx(size, abs=0.02 * abs(size) + 3 * hidden)
-    assert not_told_apart(run.suspects) == run.suspects[:1]
+    assert likeliest(run.suspects) == run.suspects[:1]
 
 
 @pytest.mark.ci
@@ -160,7 +160,7 @@ def test_longer_microlenses_are_named_where_the_array_is_turned_step_by_step_too
     run = one_bench(3, longer_microlenses, file="full.yaml", configurations=turned)
     assert not run.comparison.accepted
     assert "focal length of the microlenses" in [
-        suspect.what for suspect in not_told_apart(run.suspects)
+        suspect.what for suspect in likeliest(run.suspects)
     ]
 
 

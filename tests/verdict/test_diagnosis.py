@@ -2,6 +2,7 @@
 share, an angle in mrad.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,14 @@ import numpy.typing as npt
 import pytest
 
 from flflab.bench import Bench, read_bench
-from flflab.verdict.diagnosis import diagnose, not_told_apart
-from flflab.verdict.prediction import Errors
+from flflab.verdict.diagnosis import diagnose, likeliest
+from flflab.verdict.geometry import geometry
+from flflab.verdict.prediction import (
+    Errors,
+    as_described,
+    drawn_errors,
+    placements,
+)
 from flflab.verdict.properties.values import Values, single
 
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "full.yaml"
@@ -19,6 +26,21 @@ BENCH = Path(__file__).parents[2] / "examples" / "benches" / "full.yaml"
 @pytest.fixture(scope="module")
 def bench() -> Bench:
     return read_bench(BENCH)
+
+
+def benches(bench: Bench) -> Errors:
+    """Draws of what the bench file states."""
+    return drawn_errors(bench, 1000, np.random.default_rng(5))
+
+
+def planted(change: str, size: float) -> Errors:
+    """A hundred benches as described but for one thing."""
+    exact = as_described(100)
+    if change == "target.z":
+        moved = np.full(100, size), np.zeros(100)
+        return replace(exact, stages=exact.stages | {"target.z": moved})
+    larger = {change: np.full(100, 1 + size)}
+    return replace(exact, optics=replace(exact.optics, **larger))
 
 
 def numbers(
@@ -48,9 +70,45 @@ def test_a_pitch_of_the_microlenses_and_a_pitch_of_the_array_are_two_things(
     def told(errors: Errors) -> list[Values]:
         return numbers(share, angle, errors.optics.pitch, errors.attitude[:, 2])
 
-    suspects = not_told_apart(
-        diagnose(numbers(share, angle, 1 + 1e-4 * drawn[0], 1e-4 * drawn[1]), told, bench)
-    )
+    found = numbers(share, angle, 1 + 1e-4 * drawn[0], 1e-4 * drawn[1])
+    suspects = likeliest(diagnose(found, geometry(bench, benches(bench), told)))
     assert [suspect.what for suspect in suspects] == [named]
     assert suspects[0].size == pytest.approx(size, rel=0.05)
     assert suspects[0].chi2 < 2
+
+
+def sharp_and_large(errors: Errors, bench: Bench) -> list[Values]:
+    """Where the image of the target lies behind the main lens, mm, and how large it is, by the
+    formulas of a thin lens.
+    """
+    focal = bench.optics.main_lens.focal_length * errors.optics.lens_focal
+    worlds = {"main_lens.z": 0.0, "array.z": 50.0, "sensor.z": 51.0, "target.z": -507.0}
+    away = placements(bench, worlds, errors).distance
+    behind = 1 / (1 / focal - 1 / away)
+    return [
+        single(0, "image_pitch_mm", "white", 0.0, 1e-4, behind),
+        single(0, "dot_scale", "four-dot", 0.0, 1e-6, behind / away * errors.optics.dot_spacing),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "size", "named"),
+    [
+        ("lens_focal", 0.01, {"focal length of the main lens (its f-number as set)",
+                              "focal length of the main lens (its stop as it is)"}),
+        ("target.z", 8.0, {"zero of target_stage"}),
+        ("dot_spacing", 0.02, {"spacing of the dots"}),
+    ],
+)  # fmt: skip
+def test_the_size_of_dots_tells_a_longer_lens_from_a_nearer_target(
+    bench: Bench, change: str, size: float, named: set[str]
+) -> None:
+    errors = benches(bench)
+    drawn = sharp_and_large(errors, bench)
+    truth = sharp_and_large(planted(change, size), bench)
+    found = [
+        replace(one, measured=true.draws[0].astype(float))
+        for one, true in zip(drawn, truth, strict=True)
+    ]
+    effects = geometry(bench, errors, lambda drawn: sharp_and_large(drawn, bench))
+    assert {one.what for one in likeliest(diagnose(found, effects))} == named

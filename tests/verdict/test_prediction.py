@@ -9,16 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.bench import read_bench
+from flflab.bench import Element, read_bench
 from flflab.bench_uncertainty import OpticsUncertaintyDescription
 from flflab.optics.camera import MainLens, Substrate
 from flflab.verdict.prediction import (
-    ELEMENTS,
-    Errors,
+    as_described,
     contrast_draws,
     drawn_errors,
-    exact_optics,
-    first_order,
     placements,
     predicted_view_indices,
     view_draws,
@@ -92,12 +89,12 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(
 
 def test_a_stage_s_errors_move_its_element_along_the_axis() -> None:
     bench = read_bench(BENCH)
-    none = {element: (np.zeros(1), np.zeros(1)) for element in ELEMENTS}
-    as_described = exact_optics(1)
+    exact = as_described(1)
     worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
-    moved = {**none, "sensor.z": (np.array([0.002]), np.array([1e-4]))}
-    before = placements(bench, worlds, Errors(none, as_described, UNTURNED, first_order(1)))  # pyright: ignore[reportArgumentType]
-    after = placements(bench, worlds, Errors(moved, as_described, UNTURNED, first_order(1)))  # pyright: ignore[reportArgumentType]
+    off: tuple[Element, ...] = ("sensor.z",)
+    moved = exact.stages | dict.fromkeys(off, (np.array([0.002]), np.array([1e-4])))
+    before = placements(bench, worlds, exact)
+    after = placements(bench, worlds, replace(exact, stages=moved))
     # The sensor's stage reads 18.85 mm there and counts against z.
     assert (after.gap - before.gap)[0] == pytest.approx(0.002 - 1e-4 * 18.85)
     assert before.distance[0] == pytest.approx(507.0)
@@ -105,10 +102,11 @@ def test_a_stage_s_errors_move_its_element_along_the_axis() -> None:
 
 def test_in_focus_the_contrast_falls_whichever_way_the_sensor_is_off() -> None:
     bench = read_bench(BENCH)
-    none = {element: (np.zeros(3), np.zeros(3)) for element in ELEMENTS}
-    off = {**none, "sensor.z": (np.array([-0.003, 0.0, 0.003]), np.zeros(3))}
+    exact = as_described(3)
+    off: tuple[Element, ...] = ("sensor.z",)
+    moved = exact.stages | dict.fromkeys(off, (np.array([-0.003, 0.0, 0.003]), np.zeros(3)))
     sharp = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -506.701556}
-    errors = Errors(off, exact_optics(3), np.zeros((3, 3)), first_order(3))  # pyright: ignore[reportArgumentType]
-    contrast = contrast_draws(bench.optics, placements(bench, sharp, errors), np.array([5.0]))[:, 0]  # pyright: ignore[reportArgumentType]
+    errors = replace(exact, stages=moved)
+    contrast = contrast_draws(bench.optics, placements(bench, sharp, errors), np.array([5.0]))[:, 0]
     assert contrast[0] < contrast[1]
     assert contrast[2] < contrast[1]

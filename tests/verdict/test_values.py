@@ -3,6 +3,7 @@ diagnosis.
 """
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 
 from flflab.bench import read_bench
 from flflab.errors import InputError
-from flflab.verdict.diagnosis import diagnose, not_told_apart
-from flflab.verdict.prediction import Errors
+from flflab.verdict.diagnosis import Effect, diagnose, likeliest
+from flflab.verdict.geometry import geometry
+from flflab.verdict.prediction import Errors, as_described
 from flflab.verdict.properties.values import Values, differences, joined, ratios, single
 
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "simulated.yaml"
@@ -79,6 +81,11 @@ def test_nothing_is_no_property() -> None:
         joined([])
 
 
+def changes_of(numbers: Callable[[Errors], list[Values]]) -> tuple[Effect, ...]:
+    """Changes of the geometry of benches that are as described."""
+    return geometry(read_bench(BENCH), as_described(500), numbers)
+
+
 def numbers_of(errors: Errors) -> list[Values]:
     """Two numbers a configuration that a longer microlens, a wider one and a shifted sensor change
     in different ways.
@@ -111,10 +118,10 @@ def test_the_one_change_that_explains_everything_is_named(
             ("bright_field_mm", "total_field_mm"), measured, expected, strict=True
         )
     ]
-    suspects = diagnose(found, numbers_of, read_bench(BENCH))
+    suspects = diagnose(found, changes_of(numbers_of))
     assert re.match(named, suspects[0].sentence)
     assert suspects[0].chi2 < 2 < 100 < suspects[1].chi2
-    assert not_told_apart(suspects) == suspects[:1]
+    assert likeliest(suspects) == suspects[:1]
 
 
 def test_what_no_single_change_explains_is_blamed_on_none() -> None:
@@ -132,17 +139,15 @@ def test_what_no_single_change_explains_is_blamed_on_none() -> None:
         third = np.full(len(errors.optics.focal), 3.0)
         return [*numbers_of(errors), single(0, "image_pitch_mm", "white", 0.0, 1e-4, third)]
 
-    suspects = diagnose(found, numbers, read_bench(BENCH))
+    suspects = diagnose(found, changes_of(numbers))
     assert suspects[0].chi2_before - suspects[0].chi2 > 1e5
-    assert not_told_apart(suspects) == ()
+    assert likeliest(suspects) == ()
 
 
 def test_changes_that_explain_equally_well_are_all_named() -> None:
     rng = np.random.default_rng(2)
     found = [single(0, "bright_field_mm", "white", 1.03, 1e-3, 1 + 1e-5 * rng.normal(size=500))]
-    alike = not_told_apart(
-        diagnose(found, lambda errors: numbers_of(errors)[:1], read_bench(BENCH))
-    )
+    alike = likeliest(diagnose(found, changes_of(lambda errors: numbers_of(errors)[:1])))
     assert {
         "focal length of the microlenses",
         "aperture of the microlenses",

@@ -51,7 +51,8 @@ def dot_distances(one: Measured, model: Predicted) -> Values:
         seen = []
     # a parallax that is stretched reads as an x that is shrunk
     x = offset_read(model)[:, None] / (1 + model.parallax_draws)
-    read = (distance_of(x, model.camera) * model.stretches[:, None])[:, [dot.dot for dot in seen]]
+    stands = distance_of(x, model.camera) * model.stretches[:, None] - model.nearer_draws
+    read = stands[:, [dot.dot for dot in seen]]
     common = (
         np.array([dot.common_mm[2] for dot in seen], dtype=np.float64) if seen else np.zeros((0, 1))
     )

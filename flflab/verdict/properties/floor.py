@@ -13,6 +13,7 @@ import numpy.typing as npt
 from flflab.alignment import Attitude
 from flflab.bench_uncertainty import MeasurementFloorDescription
 from flflab.measurement.contrast.curve import ContrastCurve
+from flflab.measurement.dots.scale import DotScale
 from flflab.measurement.dots.views import DotViews
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera
@@ -39,6 +40,7 @@ def with_floor(one: Measured, floor: MeasurementFloorDescription, optics: Camera
         attitude=None if one.attitude is None else _attitude(one.attitude, one.lattice, position),
         dots=tuple(_dot(dot, camera, distance, position) for dot in one.dots),
         curve=None if one.curve is None else _curve(one.curve, floor.contrast),
+        dot_scale=_scale(one, position),
     )
 
 
@@ -48,6 +50,24 @@ def _curve(curve: ContrastCurve, floor: float) -> ContrastCurve:
         covariance=curve.covariance + floor**2,
         extremes_uncertainty=np.hypot(curve.extremes_uncertainty, floor),
     )
+
+
+def _scale(one: Measured, position: float) -> DotScale | None:
+    """The square of dots, whose images may lie ``position`` px off, rms, in proportion to how far
+    they lie from their micro-images' centres.
+    """
+    if one.dot_scale is None or position == 0:
+        return one.dot_scale
+    at = {(int(i), int(j)): n for n, (i, j) in enumerate(one.lattice.indices)}
+    away = np.concatenate(
+        [
+            dot.centres_px - one.lattice.centres_px[[at[int(i), int(j)] for i, j in dot.indices]]
+            for dot in one.dots
+            if len(dot.indices)
+        ]
+    )
+    share = position / _spread(away)
+    return replace(one.dot_scale, size_uncertainty=np.hypot(one.dot_scale.size_uncertainty, share))
 
 
 def _spread(places: Array) -> float:

@@ -10,6 +10,7 @@ from flflab.alignment import Attitude, attitude_of
 from flflab.bench import Bench, Element
 from flflab.errors import MeasurementError
 from flflab.measurement.contrast.curve import ContrastCurve, fit_contrast
+from flflab.measurement.dots.scale import DotScale, scale_of_dots
 from flflab.measurement.dots.views import DotViews, count_views
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.with_camera import lattice_behind
@@ -33,6 +34,7 @@ class Measured:
         dots: empty where they could not be measured.
         attitude: how the array is turned; None where too few micro-images are seen.
         curve: None where the bars could not be measured.
+        dot_scale: size and turn of the square of dots; None where too few views tell them.
         exposure_s: s.
         saturated: most saturated pixels in one frame.
         failures: what could not be measured and why, a sentence each.
@@ -47,6 +49,7 @@ class Measured:
     exposure_s: float
     saturated: int
     failures: tuple[MeasurementError, ...] = ()
+    dot_scale: DotScale | None = None
 
 
 def measure_configuration(
@@ -141,14 +144,15 @@ def measure_pictures(
         try:
             dots = count_views(
                 pictures[FourDot.kind],
-                white,
+                None,
                 lattice,
                 camera,
                 study.dots,
                 distance,
                 noises[FourDot.kind],
             )
-            measured = replace(measured, dots=dots)
+            scale = scale_of_dots(dots, lattice, camera, study.dots, distance)
+            measured = replace(measured, dots=dots, dot_scale=scale)
         except MeasurementError as error:
             measured = replace(measured, failures=(*measured.failures, error))
     if Bars.kind in pictures:

@@ -14,10 +14,11 @@ from flflab.optics.contrast import cone_half_angle
 from flflab.optics.focus import blur, magnification
 from flflab.optics.light import Spectrum
 from flflab.optics.resolution import central_smms
-from flflab.optics.smms import Smms
+from flflab.optics.smms import Smms, image_offset
 from flflab.study import Study
 from flflab.verdict.prediction import (
     Errors,
+    OpticsFactors,
     Placement,
     contrast_draws,
     drawn_systems,
@@ -39,12 +40,14 @@ class Predicted:
         camera: the camera with the distances that the stages read.
         distance: main lens to target, mm.
         views: nominal number of views of each dot, shape (4,).
-        view_draws: the same for each draw of the errors, shape (draws, 4).
+        view_draws: the same for each draw of the errors, shape (draws, 4); None where they were not
+            counted.
         view_indices: positions of the microlenses that see each dot.
         contrast_draws: contrast at the measured frequencies for each draw, shape (draws, K).
         waves_left: what diffraction leaves of the contrast in focus at the measured frequencies,
             shape (K,); 1 without a wavelength.
         blur_px: diameter of the geometric blur, pixels.
+        optics: sizes of optics and targets for each draw, over those described.
         systems: the system nearest the axis for each draw, fields of shape (draws,).
         vergences: of the target for each draw, 1/mm, shape (draws,).
         inside_radii: of the bright field for each draw, mm, shape (draws,).
@@ -54,16 +57,21 @@ class Predicted:
         attitude_draws: roll, yaw and pitch of the array for each draw, rad, shape (draws, 3).
         parallax_draws: share by which lenses of an array stretch each dot's parallax, shape (draws,
             4).
+        nearer_draws: how much nearer than the target's middle each dot stands, mm, shape (draws,
+            4).
+        scale_draws: image over target within a micro-image, over the camera's, shape (draws,).
+        roll_draws: of the target, rad, shape (draws,).
     """
 
     camera: Camera
     distance: float
     views: npt.NDArray[np.int64]
-    view_draws: npt.NDArray[np.int64]
+    view_draws: npt.NDArray[np.int64] | None
     view_indices: tuple[npt.NDArray[np.int64], ...]
     contrast_draws: Array
     waves_left: Array
     blur_px: float
+    optics: OpticsFactors
     systems: Smms
     vergences: Array
     inside_radii: Array
@@ -72,16 +80,29 @@ class Predicted:
     stretches: Array
     attitude_draws: Array
     parallax_draws: Array
+    nearer_draws: Array
+    scale_draws: Array
+    roll_draws: Array
 
 
 def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> Predicted:
     """What the model expects of a configuration, nominally and over draws of the errors of stages
     and optics.
     """
+    uncounted = predict_uncounted(measured, study, bench, errors)
+    placement = placements(bench, measured.worlds, errors)
+    points, lenses = study.dots.centres, errors.lenses
+    counts = view_draws(uncounted.camera, placement, errors.attitude, points, lenses)
+    return replace(uncounted, view_draws=counts)
+
+
+def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Errors) -> Predicted:
+    """The same without the number of views in each draw, which takes most of the time."""
     camera, distance = as_placed(measured.configuration, bench.optics, measured.worlds)
     placement = placements(bench, measured.worlds, errors)
     points = study.dots.centres
     systems, order = drawn_systems(central_smms(camera), camera, placement), errors.order
+    as_read = 1 / placement.optics.pixel  # lengths on the sensor are read in described pixels
     cycles_per_mm = measured.curve.cycles_per_mm if measured.curve else np.zeros(0)
     falloff = float(
         measured.lattice.slants[0]
@@ -112,26 +133,47 @@ def predict(measured: Measured, study: Study, bench: Bench, errors: Errors) -> P
         camera=camera,
         distance=distance,
         views=np.array([len(seen) for seen in indices]),
-        view_draws=view_draws(camera, placement, errors.attitude, points, lenses),
+        view_draws=None,
         view_indices=indices,
         contrast_draws=contrast * order.contrast[:, None],
         waves_left=_waves_left(camera, distance, cycles_per_mm, bench.description.spectrum),
         blur_px=float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel,
+        optics=placement.optics,
         systems=systems,
         vergences=1 / placement.distance,
-        inside_radii=inside * order.widths,
-        outside_radii=outside * order.widths,
+        inside_radii=inside * order.widths * as_read,
+        outside_radii=outside * order.widths * as_read,
         pitches=camera.array.pitch[0]
         * placement.optics.pitch
         * systems.image_scale
         * order.pitch
-        * (1 + scale),
+        * (1 + scale)
+        * as_read,
         stretches=order.distance,
         attitude_draws=np.array([camera.array.roll, *np.arctan(camera.array.tilt)])
         + errors.attitude
         + roll[:, None] * [1.0, 0.0, 0.0],
         parallax_draws=_parallax_errors(camera, lenses, indices, draws),
+        nearer_draws=np.tan(errors.target[:, 1:]) @ points.T,
+        scale_draws=image_scales(systems, 1 / placement.distance, camera, distance) * as_read,
+        roll_draws=errors.target[:, 0],
     )
+
+
+def image_scales(systems: Smms, vergences: Array, camera: Camera, distance: float) -> Array:
+    """Image over target within a micro-image for each draw, over that of the nominal camera at the
+    nominal distance (mm), shape (n,): b V/x where microlenses limit, else kappa L V.
+    """
+    nominal = central_smms(camera)
+    limited = float(nominal.lens_width) >= float(nominal.microlens_width)
+
+    def scale(smms: Smms, vergence: Array) -> Array:
+        if not limited:
+            return np.asarray(smms.kappa * smms.distance * vergence, dtype=np.float64)
+        x = image_offset(smms, vergence)
+        return np.asarray(smms.gap * vergence / x, dtype=np.float64)
+
+    return scale(systems, vergences) / scale(nominal, np.array(1 / distance))
 
 
 def _seen_whole(camera: Camera) -> Array:

@@ -8,11 +8,13 @@ from flflab.verdict.properties.predicted import Predicted
 from flflab.verdict.properties.values import Values
 
 
-def views(one: Measured, model: Predicted) -> Values:
+def views(one: Measured, model: Predicted) -> list[Values]:
     """How many micro-images see each dot (the paper's number of views; the rule is physics' chief
-    views).
+    views); nothing where the model's were not counted.
     """
-    return Values(
+    if model.view_draws is None:
+        return []
+    found = Values(
         one.configuration.index,
         "views",
         "four-dot",
@@ -23,6 +25,7 @@ def views(one: Measured, model: Predicted) -> Values:
         tuple(dot.dot for dot in one.dots),
         (None,) * len(one.dots),
     )
+    return [found]
 
 
 def count_doubt(dot: DotViews) -> float:

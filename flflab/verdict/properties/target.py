@@ -1,0 +1,39 @@
+"""The target itself: how large dots and bars are imaged, and how the target is turned.
+
+A longer lens and a nearer target move the sharp plane alike, and scale the image differently.
+"""
+
+import numpy as np
+
+from flflab.measurement.lattice.registration import target_scales
+from flflab.verdict.properties.measured import Measured
+from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.properties.values import Values, single
+
+MRAD = 1e3
+
+
+def target(one: Measured, model: Predicted) -> list[Values]:
+    """Scale of the images of dots and of bars over the camera's, and the target's roll, mrad; what
+    too few views tell is left out.
+    """
+    index, optics = one.configuration.index, model.optics
+    found: list[Values] = []
+    if one.dot_scale is not None:
+        drawn = model.scale_draws * optics.dot_spacing
+        scale = one.dot_scale
+        found += [
+            single(index, "dot_scale", "four-dot", scale.size, scale.size_uncertainty, drawn),
+            single(
+                index, "target_roll_mrad", "four-dot", MRAD * scale.turn,
+                MRAD * scale.size_uncertainty, MRAD * model.roll_draws,
+            ),
+        ]  # fmt: skip
+    if one.curve is not None:
+        across, _ = target_scales(model.camera, model.distance)
+        ratio = float(across / one.curve.geometry[1])
+        doubt = ratio * abs(float(one.curve.geometry_uncertainty[1] / one.curve.geometry[1]))
+        drawn = model.scale_draws / optics.bar_frequency
+        if np.isfinite(doubt) and doubt > 0:
+            found.append(single(index, "bar_scale", "bars", ratio, doubt, drawn))
+    return found

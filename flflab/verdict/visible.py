@@ -1,0 +1,99 @@
+"""What a run is able to show: how large each single change of the bench must be to be seen in it.
+
+A change that only a large size would show is hidden from this run, whatever its verdict.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from flflab.bench import Bench, Element
+from flflab.verdict.diagnosis import metric_of
+from flflab.verdict.geometry import Suspicion, suspicions
+from flflab.verdict.prediction import ELEMENTS, Errors, OpticsFactors, as_described
+from flflab.verdict.properties.values import Values, joined
+
+Array = npt.NDArray[np.float64]
+SEEN = 25.0  # of chi squared: five standard deviations
+STEP = 1e-3  # of the largest change that suspects are tried with
+NO_SIDE = (  # of a bench, that no picture of these targets tells
+    "the brightness of the lamp", "a target moved sideways", "a main lens whose stop is decentred",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Visible:
+    """How large one change must be to be seen.
+
+    Attributes:
+        what: would change.
+        smallest: change that moves the numbers by five standard deviations, in ``unit``; infinite
+            where they do not move.
+        unit: of it.
+    """
+
+    what: str
+    smallest: float
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """``above 0.12 mm``, or ``not at all``."""
+        if not math.isfinite(self.smallest):
+            return "not at all"
+        return f"from {self.smallest:.2g} {self.unit}"
+
+
+def visible(
+    found: list[Values], bench: Bench, numbers: Callable[[Errors], list[Values]]
+) -> tuple[Visible, ...]:
+    """Every change of the geometry, to first order about the bench as described.
+
+    Args:
+        found: the numbers that are judged, with the model's draws.
+        bench: as described.
+        numbers: the same numbers for benches with given errors.
+    """
+    metric = metric_of(*joined(found))
+    tried = suspicions(bench)
+    moved = joined(numbers(_one_each(tried)))[2]
+    away = (moved[0::2] - moved[1::2]) / 2
+    chi2 = np.asarray(metric(metric.measured + away))
+    sizes = STEP * np.array([one.largest for one in tried])
+    with np.errstate(divide="ignore"):
+        smallest = sizes * np.sqrt(SEEN / chi2)
+    return tuple(
+        Visible(one.what, size * one.per_unit if size < one.largest else math.inf, one.unit)
+        for one, size in zip(tried, smallest.tolist(), strict=True)
+    )
+
+
+def _one_each(tried: list[Suspicion]) -> Errors:
+    """Benches with a small change, two for each: one way and the other."""
+    plain = as_described(2)
+    benches = [one.change(plain, STEP * one.largest * np.array([1.0, -1.0])) for one in tried]
+
+    def together(read: Callable[[Errors], Array]) -> Array:
+        return np.concatenate([read(one) for one in benches])
+
+    stages: dict[Element, tuple[Array, Array]] = {
+        element: (
+            together(lambda one, of=element: one.stages[of][0]),
+            together(lambda one, of=element: one.stages[of][1]),
+        )
+        for element in ELEMENTS
+    }
+    optics = {
+        field.name: together(lambda one, name=field.name: getattr(one.optics, name))
+        for field in fields(OpticsFactors)
+    }
+    return Errors(
+        stages,
+        OpticsFactors(**optics),
+        together(lambda one: one.attitude),
+        together(lambda one: one.target),
+        as_described(len(benches) * 2).order,
+    )
