@@ -33,8 +33,9 @@ from flflab.study import Configuration, ConfigurationsDescription, Study, StudyD
 from flflab.targets import Bars, FourDot, Target, White
 from flflab.verdict.diagnosis import not_told_apart
 from flflab.verdict.evaluation import Evaluation, evaluate_measured
-from flflab.verdict.prediction import ELEMENTS, attitude_uncertainty
+from flflab.verdict.prediction import ELEMENTS
 from flflab.verdict.properties.measured import Measured, measure_pictures
+from flflab.verdict.sources import attitude_uncertainty
 
 Array = npt.NDArray[np.float64]
 BENCH = Path(__file__).parents[1] / "examples" / "benches" / "full.yaml"

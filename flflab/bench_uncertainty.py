@@ -61,21 +61,31 @@ class WorkmanshipDescription(Description):
     scale: Annotated[Ratio, Field(ge=0, lt=0.01)] = 0.0
 
 
-def _pixels(given: object) -> object:
-    """A number of pixels, such as ``0.02 px``; 0 needs no unit."""
-    if isinstance(given, (int, float)) and given == 0:
-        return 0.0
-    number, _, unit = str(given).strip().partition(" ")
-    try:
-        value = float(number) if unit.strip() == "px" else math.nan
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"{given!r} given; a number of pixels is due, such as '0.02 px'")
-    return value
+def _counted_in(due: str, words: str, example: str) -> BeforeValidator:
+    """A number in one unit, such as ``0.02 px``; 0 needs no unit."""
+
+    def read(given: object) -> object:
+        if isinstance(given, (int, float)) and given == 0:
+            return 0.0
+        number, _, unit = str(given).strip().partition(" ")
+        try:
+            value = float(number) if unit.strip() == due else math.nan
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise ValueError(f"{given!r} given; {words} is due, such as '{example}'")
+        return value
+
+    return BeforeValidator(read)
 
 
-Pixels = Annotated[float, BeforeValidator(_pixels), Field(ge=0, le=10)]
+Pixels = Annotated[float, _counted_in("px", "a number of pixels", "0.02 px"), Field(ge=0, le=10)]
+Kelvins = Annotated[float, _counted_in("K", "a number of kelvins", "0.5 K"), Field(ge=0, le=100)]
+PerKelvin = Annotated[
+    float,
+    _counted_in("1/K", "a coefficient of expansion", "23e-6 1/K"),
+    Field(ge=0, le=1e-3),
+]
 
 
 class MeasurementFloorDescription(Description):
@@ -86,6 +96,29 @@ class MeasurementFloorDescription(Description):
     contrast: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
     position: Pixels = 0.0
     radius: Pixels = 0.0
+
+
+class TargetUncertaintyDescription(Description):
+    """What the targets' certificates state: standard uncertainties, as shares of the length or
+    frequency; dots and bars are two plates with errors of their own.
+    """
+
+    dot_spacing: Annotated[Ratio, Field(ge=0, lt=0.1)] = 0.0
+    bar_frequency: Annotated[Ratio, Field(ge=0, lt=0.1)] = 0.0
+
+
+class TemperatureDescription(Description):
+    """How well the bench's temperature is known over that of its calibration (standard
+    uncertainty), and by how much its distances grow with it.
+    """
+
+    uncertainty: Kelvins = 0.0
+    expansion: PerKelvin = 0.0
+
+    @property
+    def scale(self) -> float:
+        """Standard uncertainty of all distances along the bench, as a share."""
+        return self.uncertainty * self.expansion
 
 
 def _of_light(wavelength: float) -> float:

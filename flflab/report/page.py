@@ -13,7 +13,7 @@ from flflab.bench import Bench
 from flflab.optics import airy
 from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run
-from flflab.report import charts, facts, frames, tables
+from flflab.report import budgets, charts, facts, frames, tables
 from flflab.report.drawn import drawn_table
 from flflab.report.overview import overview_chart, property_name
 from flflab.study import Study
@@ -109,7 +109,8 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
             for suspect in evaluation.suspects
             if suspect not in suspects and suspect.removed > LEAST_REMOVED
         ][:3],
-        budget=tables.budget_table(evaluation),
+        budget=budgets.summary_table(evaluation),
+        budgets=budgets.budget_tables(evaluation),
         properties_chart=charts.properties_chart(evaluation),
         views_chart=charts.views_chart(evaluation),
         difference_chart=charts.difference_chart(evaluation),

@@ -8,12 +8,13 @@ from xml.etree import ElementTree
 
 from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run, versions
+from flflab.report.budgets import budget_numbers
 from flflab.report.facts import following
 from flflab.verdict.comparison import Verdict, percent
 from flflab.verdict.diagnosis import not_told_apart
 from flflab.verdict.evaluation import Evaluation
 
-SCHEMA = 1  # of verdict.json; described by verdict.schema.json beside this file
+SCHEMA = 2  # of verdict.json; described by verdict.schema.json beside this file
 
 
 def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
@@ -27,7 +28,10 @@ def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "verdict": "accepted" if comparison.accepted else "rejected",
-        "properties": {one.quantity: _property(one) for one in comparison.verdicts},
+        "properties": {
+            one.quantity: _property(one) | {"budgets": budget_numbers(evaluation, one.quantity)}
+            for one in comparison.verdicts
+        },
         "suspects": [
             {
                 "name": one.what,

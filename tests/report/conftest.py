@@ -17,15 +17,11 @@ from flflab.record import FrameRecord, Recording, Run
 from flflab.report.frames import predicted_view_places
 from flflab.study import Configuration, Study, read_study
 from flflab.verdict.comparison import Comparison, Row, Verdict
-from flflab.verdict.evaluation import Evaluation, properties
-from flflab.verdict.prediction import (
-    drawn_errors,
-    drawn_systems,
-    placements,
-    predicted_view_indices,
-)
+from flflab.verdict.evaluation import Evaluation, evaluate_measured, properties
+from flflab.verdict.prediction import drawn_systems, placements, predicted_view_indices
 from flflab.verdict.properties.measured import Measured
 from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.sources import drawn_errors
 
 COLUMNS, ROWS, PIXEL = 420, 300, 6.8e-3
 FREQUENCIES = np.array([0.5, 2.0, 4.0, 6.0])
@@ -192,9 +188,9 @@ def evaluation(bench: Bench, study: Study) -> Evaluation:
         ),
     )
     values = properties(measured, predicted, bench)
-    return Evaluation(
-        measured, predicted, Comparison(rows, verdicts), values, *(values,) * 4, suspects=()
-    )
+    fewer = replace(study, description=study.description.model_copy(update={"draws": 400}))
+    budgets = evaluate_measured(measured, fewer, bench).budgets
+    return Evaluation(measured, predicted, Comparison(rows, verdicts), values, budgets, suspects=())
 
 
 @pytest.fixture(scope="session")
@@ -212,7 +208,7 @@ def single(evaluation: Evaluation) -> Evaluation:
         evaluation.predicted[:1],
         comparison,
         values,
-        *(values,) * 4,
+        tuple(one for one in evaluation.budgets if one.configuration == 0 and not one.reference),
         suspects=(),
     )
 

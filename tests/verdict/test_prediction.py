@@ -16,13 +16,13 @@ from flflab.verdict.prediction import (
     ELEMENTS,
     Errors,
     contrast_draws,
-    drawn_errors,
     exact_optics,
     first_order,
     placements,
     predicted_view_indices,
     view_draws,
 )
+from flflab.verdict.sources import drawn_errors
 
 UNCERTAIN = OpticsUncertaintyDescription(
     main_lens_focal_length=1e-3,
