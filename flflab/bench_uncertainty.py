@@ -81,6 +81,7 @@ def _counted_in(due: str, words: str, example: str) -> BeforeValidator:
 
 Pixels = Annotated[float, _counted_in("px", "a number of pixels", "0.02 px"), Field(ge=0, le=10)]
 Kelvins = Annotated[float, _counted_in("K", "a number of kelvins", "0.5 K"), Field(ge=0, le=100)]
+Celsius = Annotated[float, _counted_in("degC", "a temperature", "19 degC"), Field(ge=-50, le=100)]
 PerKelvin = Annotated[
     float,
     _counted_in("1/K", "a coefficient of expansion", "23e-6 1/K"),
@@ -109,11 +110,12 @@ class TargetUncertaintyDescription(Description):
 
 class TemperatureDescription(Description):
     """How well the bench's temperature is known over that of its calibration (standard
-    uncertainty), and by how much its distances grow with it.
+    uncertainty), by how much its distances grow with it, and in which range frames are admitted.
     """
 
     uncertainty: Kelvins = 0.0
     expansion: PerKelvin = 0.0
+    range: tuple[Celsius, Celsius] | None = None
 
     @property
     def scale(self) -> float:

@@ -12,7 +12,7 @@ from jinja2 import Environment, StrictUndefined, Template
 from flflab.bench import Bench
 from flflab.optics import airy
 from flflab.property_names import PROPERTY_NAMES
-from flflab.record import Run
+from flflab.record import Run, frames_said
 from flflab.report import budgets, charts, facts, frames, tables
 from flflab.report.drawn import drawn_table
 from flflab.report.overview import overview_chart, property_name
@@ -91,6 +91,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         devices_count=devices,
         calibrated=facts.calibration(bench, run),
         step=facts.following(evaluation, run),
+        frames_said=frames_said(run.frames),
         overview=overview_chart(evaluation),
         curve_of=curve_of,
         contents=_contents(

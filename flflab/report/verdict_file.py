@@ -51,6 +51,21 @@ def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
         "began": run.start.get("time"),
         "seed": run.start.get("seed"),
         "configurations": len(evaluation.measured),
+        "frames": {
+            **{
+                status: sum(frame.validity.status == status for frame in run.frames)
+                for status in ("admitted", "diagnostic", "unvalidated")
+            },
+            "not_used": [
+                {
+                    "point": frame.key,
+                    "status": frame.validity.status,
+                    "reason": frame.validity.reason,
+                }
+                for frame in run.frames
+                if not frame.validity.admitted
+            ],
+        },
         "sha256": {
             name: hashlib.sha256((run.folder / name).read_bytes()).hexdigest()
             for name in ("bench.yaml", "camera.yaml", "study.yaml")
