@@ -28,8 +28,9 @@ from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
 from flflab.study import Configuration, Study
 from flflab.targets import Bars, FourDot, Target, White
-from flflab.verdict.prediction import ELEMENTS, attitude_uncertainty
+from flflab.verdict.prediction import ELEMENTS
 from flflab.verdict.properties.measured import Measured, measure_pictures
+from flflab.verdict.sources import attitude_uncertainty
 
 Array = npt.NDArray[np.float64]
 GAIN, READ_NOISE_E, OFFSET, FULL_SCALE, WHITE_E = 4095 / 12000, 3.0, 64.0, 4095.0, 8000.0
@@ -105,8 +106,12 @@ def drawn_world(
         "aperture": doubt.microlens_aperture,
         "pitch": doubt.pitch,
     }
-    zeros = {element: rng.normal(0.0, axis.zero_uncertainty) for element, axis in axes.items()}
-    scales = {element: rng.normal(0.0, axis.scale_uncertainty) for element, axis in axes.items()}
+    zeros: dict[Element, float] = {
+        element: rng.normal(0.0, axis.zero_uncertainty) for element, axis in axes.items()
+    }
+    scales: dict[Element, float] = {
+        element: rng.normal(0.0, axis.scale_uncertainty) for element, axis in axes.items()
+    }
     sizes = {name: 1 + rng.normal(0.0, share) for name, share in stated.items()}
     turns = rng.normal(0.0, 1.0, 3) * attitude_uncertainty(bench)
     size = 0.0

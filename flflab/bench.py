@@ -17,12 +17,15 @@ from pydantic import (
     model_validator,
 )
 
+from flflab.bench_clearance import EnvelopesDescription, MinimumGaps, of_array_and_sensor
 from flflab.bench_simulated import SimulatedDescription
 from flflab.bench_uncertainty import (
     LightDescription,
     MeasurementFloorDescription,
     ModelUncertaintyDescription,
     OpticsUncertaintyDescription,
+    TargetUncertaintyDescription,
+    TemperatureDescription,
     WorkmanshipDescription,
 )
 from flflab.description import Angle, Day, Description, Length, Ratio, check, line_of
@@ -108,47 +111,6 @@ def _quantity_of_the_axis(rate: bool) -> BeforeValidator:
 
 Place = Annotated[float, _quantity_of_the_axis(rate=False)]
 Rate = Annotated[float, _quantity_of_the_axis(rate=True)]
-
-
-class EnvelopeDescription(Description):
-    """How far metal and glass stand out of the plane that an element's place names: towards the
-    target and away from it.
-    """
-
-    front: Annotated[Length, Field(ge=0)] = 0.0
-    rear: Annotated[Length, Field(ge=0)] = 0.0
-
-
-class ArrayEnvelopeDescription(EnvelopeDescription):
-    """The same of the array's holder, and how far it reaches from the main axis."""
-
-    radius: Annotated[Length, Field(ge=0)] = 0.0
-
-
-class EnvelopesDescription(Description):
-    """Of what stands on the axis: about the principal plane, the microlenses' and the pixels'."""
-
-    target: EnvelopeDescription = EnvelopeDescription()
-    main_lens: EnvelopeDescription = EnvelopeDescription()
-    array: ArrayEnvelopeDescription = ArrayEnvelopeDescription()
-    sensor: EnvelopeDescription = EnvelopeDescription()
-
-
-class MinimumGaps(Description):
-    """The smallest gap allowed between neighbours, from metal to metal; one number is for array and
-    sensor.
-
-    Main lens and array are kept as far apart as array and sensor unless stated; target and main
-    lens only where stated.
-    """
-
-    array_sensor: Annotated[Length, Field(gt=0)] = Field(alias="array-sensor")
-    lens_array: Annotated[Length, Field(gt=0)] | None = Field(None, alias="lens-array")
-    target_lens: Annotated[Length, Field(gt=0)] | None = Field(None, alias="target-lens")
-
-
-def _of_array_and_sensor(given: object) -> object:
-    return given if isinstance(given, dict) else {"array-sensor": given}
 
 
 class FixedPlace(Description):
@@ -274,7 +236,7 @@ class BenchDescription(Description):
     camera: DeviceDescription
     iris: DeviceDescription
     target: DeviceDescription
-    gaps: Annotated[MinimumGaps, BeforeValidator(_of_array_and_sensor)] = Field(alias="minimum_gap")
+    gaps: Annotated[MinimumGaps, BeforeValidator(of_array_and_sensor)] = Field(alias="minimum_gap")
     envelopes: EnvelopesDescription = EnvelopesDescription()
     fixed: FixedDescription = Field(default_factory=lambda: FixedDescription.model_validate({}))
     optics: str
@@ -282,6 +244,8 @@ class BenchDescription(Description):
     model_uncertainty: ModelUncertaintyDescription = ModelUncertaintyDescription()
     workmanship: WorkmanshipDescription = WorkmanshipDescription()
     measurement_floor: MeasurementFloorDescription = MeasurementFloorDescription()
+    target_uncertainty: TargetUncertaintyDescription = TargetUncertaintyDescription()
+    temperature: TemperatureDescription = TemperatureDescription()
     light: LightDescription | None = None
     light_uncertainty: Annotated[Ratio, Field(ge=0, lt=1)] = 0.005
     calibrated: Day | None = None

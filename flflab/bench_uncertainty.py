@@ -20,8 +20,7 @@ class OpticsUncertaintyDescription(Description):
     every configuration.
 
     Sizes as shares. Angles of the array, where no axis turns it or beside what its axis states, are
-    those of an array set by eye against the micro-images' rows; angles of the target those of one
-    set by eye against the sensor's rows and a level.
+    those of an array set by eye against the micro-images' rows.
     """
 
     main_lens_focal_length: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
@@ -31,8 +30,6 @@ class OpticsUncertaintyDescription(Description):
     pitch: Annotated[Ratio, Field(ge=0, lt=0.2)] = 0.0
     array_roll: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
     array_tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-4
-    target_roll: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-3
-    target_tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-3
 
 
 class ModelUncertaintyDescription(Description):
@@ -64,21 +61,32 @@ class WorkmanshipDescription(Description):
     scale: Annotated[Ratio, Field(ge=0, lt=0.01)] = 0.0
 
 
-def _pixels(given: object) -> object:
-    """A number of pixels, such as ``0.02 px``; 0 needs no unit."""
-    if isinstance(given, (int, float)) and given == 0:
-        return 0.0
-    number, _, unit = str(given).strip().partition(" ")
-    try:
-        value = float(number) if unit.strip() == "px" else math.nan
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"{given!r} given; a number of pixels is due, such as '0.02 px'")
-    return value
+def _counted_in(due: str, words: str, example: str) -> BeforeValidator:
+    """A number in one unit, such as ``0.02 px``; 0 needs no unit."""
+
+    def read(given: object) -> object:
+        if isinstance(given, (int, float)) and given == 0:
+            return 0.0
+        number, _, unit = str(given).strip().partition(" ")
+        try:
+            value = float(number) if unit.strip() == due else math.nan
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise ValueError(f"{given!r} given; {words} is due, such as '{example}'")
+        return value
+
+    return BeforeValidator(read)
 
 
-Pixels = Annotated[float, BeforeValidator(_pixels), Field(ge=0, le=10)]
+Pixels = Annotated[float, _counted_in("px", "a number of pixels", "0.02 px"), Field(ge=0, le=10)]
+Kelvins = Annotated[float, _counted_in("K", "a number of kelvins", "0.5 K"), Field(ge=0, le=100)]
+Celsius = Annotated[float, _counted_in("degC", "a temperature", "19 degC"), Field(ge=-50, le=100)]
+PerKelvin = Annotated[
+    float,
+    _counted_in("1/K", "a coefficient of expansion", "23e-6 1/K"),
+    Field(ge=0, le=1e-3),
+]
 
 
 class MeasurementFloorDescription(Description):
@@ -89,6 +97,34 @@ class MeasurementFloorDescription(Description):
     contrast: Annotated[Ratio, Field(ge=0, lt=0.5)] = 0.0
     position: Pixels = 0.0
     radius: Pixels = 0.0
+
+
+class TargetUncertaintyDescription(Description):
+    """What the targets' certificates state and how they are set: standard uncertainties, as shares
+    of the length or frequency, and angles; dots and bars are two plates with lengths of their own.
+
+    The angles are those of a target set by eye against the sensor's rows and a level.
+    """
+
+    dot_spacing: Annotated[Ratio, Field(ge=0, lt=0.1)] = 0.0
+    bar_frequency: Annotated[Ratio, Field(ge=0, lt=0.1)] = 0.0
+    roll: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-3
+    tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-3
+
+
+class TemperatureDescription(Description):
+    """How well the bench's temperature is known over that of its calibration (standard
+    uncertainty), by how much its distances grow with it, and in which range frames are admitted.
+    """
+
+    uncertainty: Kelvins = 0.0
+    expansion: PerKelvin = 0.0
+    range: tuple[Celsius, Celsius] | None = None
+
+    @property
+    def scale(self) -> float:
+        """Standard uncertainty of all distances along the bench, as a share."""
+        return self.uncertainty * self.expansion
 
 
 def _of_light(wavelength: float) -> float:

@@ -19,7 +19,7 @@ from flflab.alignment import Attitude, Outcome
 from flflab.bench import ANGLE, Bench, Moved
 from flflab.digits import plus_minus
 from flflab.errors import InputError, MeasurementError
-from flflab.record import Recording, versions
+from flflab.record import RECORD_SCHEMA, Recording, versions
 from flflab.study import Configuration
 from procedures.align_sensor import expected_sensor, place_sensor
 from procedures.devices import Frames, Stages
@@ -85,7 +85,8 @@ def align(
         )
 
     metadata = {
-        "plan_name": "align", "axes": list(bench.axes), "f_number": request.f_number,
+        "record_schema": RECORD_SCHEMA, "plan_name": "align", "axes": list(bench.axes),
+        "f_number": request.f_number,
         "overlap_mm": request.overlap,
         "exit_pupil": request.exit_pupil, "devices": [row._asdict() for row in bench.identities()],
         "sensor_noise": vars(sensor_noise(bench)),

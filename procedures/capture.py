@@ -134,6 +134,7 @@ def shoot(frames: Frames, stages: Stages, shot: Shot, *settings: Setting[Any]) -
     ``close_event`` records it.
     """
     yield from bps.prepare(frames, shot, wait=True)
+    yield from bps.trigger(stages.before, wait=True)
     yield from bps.trigger(frames.light, wait=True)
     yield from open_event(stages, *settings)
 

@@ -18,6 +18,7 @@ from flflab.record import ELEMENTS, Recording, checksum, world_key
 from procedures.steps import standing
 
 NO_CONFIGURATION = -1
+MOVED = "moved_steps"  # a column of records
 STRAYED = 3.0  # resolutions: a motion may end one away, and a servo hunts by as much
 
 
@@ -55,8 +56,17 @@ class Stages:
 
     def __init__(self, axes: Mapping[str, Axis], bench: Bench) -> None:
         self.sent: dict[str, float] = {}
+        self.before = Triggered("where the axes stand before an exposure", self._note)
         self._axes = axes
         self._bench = bench
+        self._noted: dict[str, float] | None = None
+
+    def _note(self) -> Status:
+        """Keep where the axes stand now, for the next ``read`` to tell who moved since."""
+        status = Status("read the axes before an exposure")
+        self._noted = {name: axis.position() for name, axis in self._axes.items()}
+        status.complete()
+        return status
 
     def worlds(self, readings: Mapping[str, float]) -> dict[Element, float]:
         """World z of every element at these readings, mm; an element of unknown place is left
@@ -88,7 +98,19 @@ class Stages:
         values = {
             self._axes[name].coordinate.column(name): reading for name, reading in readings.items()
         } | {world_key(element): z for element, z in self.worlds(readings).items()}
+        values[MOVED], self._noted = self._moved(readings), None
         return {key: {"value": value, "timestamp": now} for key, value in values.items()}
+
+    def _moved(self, readings: Mapping[str, float]) -> float:
+        """By how many of its steps an axis moved since ``before``, the largest; -1 where nobody
+        looked.
+        """
+        if self._noted is None:
+            return -1.0
+        return max(
+            abs(readings[name] - noted) / self._axes[name].resolution
+            for name, noted in self._noted.items()
+        )
 
     def describe(self) -> dict[str, Any]:
         """What ``read`` returns."""
@@ -98,6 +120,7 @@ class Stages:
         units |= dict.fromkeys(
             [world_key(element) for element in self.worlds(dict.fromkeys(self._axes, 0.0))], "mm"
         )
+        units[MOVED] = ""
         return {
             key: {"source": "axes", "dtype": "number", "shape": [], "units": unit}
             for key, unit in units.items()

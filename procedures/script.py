@@ -13,7 +13,7 @@ from drivers.base import Frame
 from drivers.bench import ConnectedBench, connect_as
 from flflab.bench import read_bench
 from flflab.errors import DeviceError, RecordError
-from flflab.record import Recording, run_folder, versions
+from flflab.record import RECORD_SCHEMA, Recording, run_folder, versions
 from flflab.units import parse_quantity
 from procedures.by_hand import go, where
 from procedures.descriptions import with_descriptions
@@ -125,7 +125,8 @@ class ScriptRun:
             self._stream: ComposeDescriptorBundle | None = None
             self._run: ComposeRunBundle = compose_run(
                 metadata={
-                    "plan_name": "script", "study": self._name, "axes": list(bench.axes),
+                    "record_schema": RECORD_SCHEMA, "plan_name": "script", "study": self._name,
+                    "axes": list(bench.axes),
                     "configurations": [],
                     "sensor_noise": {
                         "dn_per_electron": bench.camera.dn_per_electron,
@@ -181,6 +182,7 @@ class ScriptRun:
         place = recording.recorded
         shot = Shot(f"snap/{place}", NO_CONFIGURATION, place, _seconds(exposure), gain)
         self._frames.prepare(shot)
+        stages.before.trigger().wait()
         self._frames.trigger().wait()
         devices = (stages, self._bench.iris, self._bench.target, self._frames)
         readings: dict[str, Any] = {}

@@ -10,7 +10,7 @@ from typing import Any
 from bluesky import Msg
 
 from drivers.bench import ConnectedBench
-from flflab.record import Recording, versions
+from flflab.record import RECORD_SCHEMA, TEMPERATURES, Recording, versions
 from flflab.study import Study
 from procedures.engine import perform
 from procedures.steps import most_frames, steps
@@ -64,7 +64,10 @@ def begin_recording(bench: ConnectedBench, study: Study, folder: Path) -> Record
 def metadata(bench: ConnectedBench, study: Study, count: int) -> dict[str, Any]:
     """What the start document of a study's run says beside the procedure's name."""
     camera = bench.camera
+    warmth = bench.described.description.temperature.range
     return {
+        "record_schema": RECORD_SCHEMA,
+        TEMPERATURES: None if warmth is None else list(warmth),
         "study": study.description.name,
         "steps": count,
         "axes": list(bench.axes),

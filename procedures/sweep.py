@@ -183,6 +183,7 @@ def sweep(instruments: Instruments, steps: tuple[Step, ...], course: Course, tel
                     )
             case Expose(configuration):
                 yield from recorded()
+                yield from bps.trigger(stages.before, wait=True)
                 course.guess = yield from expose(
                     frames, instruments.level, course.guess, step.key, configuration.index
                 )

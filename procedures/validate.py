@@ -8,6 +8,7 @@ from flflab.built_in import Kind, built_in, simulated_bench
 from flflab.errors import InputError
 from flflab.record import Run, read_run, run_folder
 from flflab.study import read_study
+from flflab.verdict.budget import write_budgets
 from flflab.verdict.comparison import write_rows
 from flflab.verdict.evaluation import Evaluation, Tell, evaluate, tell_nobody
 from flflab.whole_file import require_own_writable, write_own
@@ -103,13 +104,15 @@ def judged(
     besides = f"-{bench_file.stem}" if bench_file else ""
     place = out or run.folder
     table, page = place / f"comparison{besides}.csv", place / f"report{besides}.html"
-    numbers = place / f"verdict{besides}.json"
-    for file in (table, page, numbers):  # before the pictures are measured, which takes its time
+    numbers, budget = place / f"verdict{besides}.json", place / f"budget{besides}.csv"
+    # before the pictures are measured, which takes its time
+    for file in (table, page, numbers, budget):
         require_own_writable(file)
     bench = read_bench(bench_file or run.folder / "bench.yaml")
     study = read_study(run.folder / "study.yaml", read_bench(run.folder / "bench.yaml").optics)
     evaluation = evaluate(run, study, bench, tell=tell)
     write_rows(evaluation.comparison.rows, table)
+    write_budgets(evaluation.budgets, budget)
     write_own(numbers, verdict_text(evaluation, run))
     write_report(evaluation, run, study, bench, page)
     return evaluation, page

@@ -64,6 +64,7 @@ class Looking:
 
     def look(self) -> Plan:
         """Take, record and measure a picture; returns what was ``Seen``, None in a rehearsal."""
+        yield from bps.trigger(self.stages.before, wait=True)
         self.exposure_s = yield from expose(
             self.frames, self.level, self.exposure_s, f"align/{WHITE}/{self.pictures}", 0
         )

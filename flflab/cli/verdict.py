@@ -11,7 +11,7 @@ from flflab.cli.ending import reader_may_go
 from flflab.cli.run import measuring
 from flflab.cli.terminal import Terminal
 from flflab.property_names import PROPERTY_NAMES
-from flflab.record import Run
+from flflab.record import Run, frames_said
 from flflab.report import junit_text, verdict_text
 from flflab.report.facts import following
 from flflab.verdict.comparison import Comparison, percent, rule
@@ -58,6 +58,7 @@ def _tell(evaluation: Evaluation, run: Run, page: Path) -> None:
     console.print(configuration_table(evaluation, console.width))
     console.print(verdict_table(evaluation.comparison, console.width))
     console.print(rule(evaluation.comparison.verdicts), highlight=False)
+    console.print(frames_said(run.frames), highlight=False)
     accepted = evaluation.comparison.accepted
     console.print(
         (

@@ -15,22 +15,22 @@ from flflab.record.folder import (
     run_folder,
     versions,
 )
+from flflab.record.frame_record import AccuracyRecord, FrameRecord, Validity
 from flflab.record.nexus import export_nexus
 from flflab.record.packing import pack
 from flflab.record.reading import (
     ELEMENTS,
-    AccuracyRecord,
-    FrameRecord,
     Run,
     read_documents,
     read_run,
     world_key,
 )
+from flflab.record.validity import RECORD_SCHEMA, TEMPERATURES, frames_said, not_used
 from flflab.record.writing import ContinuedRecording, Recording
 
 __all__ = [
-    "ELEMENTS", "AccuracyRecord", "ContinuedRecording", "FrameRecord", "Recording", "Run",
-    "checksum", "claim_folder", "export_nexus",
-    "forget_descriptions", "keep_descriptions", "new_folder", "pack", "read_documents", "read_run",
-    "run_folder", "versions", "world_key",
+    "ELEMENTS", "RECORD_SCHEMA", "TEMPERATURES", "AccuracyRecord", "ContinuedRecording",
+    "FrameRecord", "Recording", "Run", "Validity", "checksum", "claim_folder", "export_nexus",
+    "forget_descriptions", "frames_said", "keep_descriptions", "new_folder", "not_used", "pack",
+    "read_documents", "read_run", "run_folder", "versions", "world_key",
 ]  # fmt: skip

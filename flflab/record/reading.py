@@ -20,6 +20,8 @@ from flflab.errors import InputError, RecordError
 from flflab.files.hdf5 import CutShort, cut_short, member, opened_hdf5
 from flflab.record.checksums import checksum, verify_sums
 from flflab.record.folder import DATASET, DOCUMENTS, FRAMES, require_files
+from flflab.record.frame_record import AccuracyRecord, FrameRecord
+from flflab.record.validity import validities
 
 ELEMENTS: tuple[Element, ...] = get_args(Element)
 ACCURACY = (  # the column that tells an event of accuracy from one of a frame
@@ -27,82 +29,6 @@ ACCURACY = (  # the column that tells an event of accuracy from one of a frame
 )
 Picture = npt.NDArray[np.uint16]
 Document = tuple[str, dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class FrameRecord:
-    """One recorded frame and the bench when it was taken.
-
-    Attributes:
-        key: the point's, each once in a run: ``c3/bars/0`` is the first bars frame of configuration
-            3, ``dark/0.01s/0`` a dark one.
-        configuration: index of the study's configuration; None for a dark frame.
-        target: name of the target in place.
-        repeat: counts the frames of one target in one configuration.
-        f_number: by the iris's reading.
-        readings: of all axes, mm or rad.
-        worlds: world z in mm of main lens, array, sensor and target, by those readings; without
-            what nobody knows the place of.
-        exposure_s: as the camera says.
-        gain: factor.
-        saturated: number of pixels at full scale.
-        number: the camera's own count of exposures.
-        index: place in frames.h5.
-        time: s since 1970, this computer's clock.
-        crc32: of its pixels (see ``checksum``); empty in records without.
-        note: what whoever took it wrote to it.
-    """
-
-    key: str
-    configuration: int | None
-    target: str
-    repeat: int
-    f_number: float
-    readings: dict[str, float]
-    worlds: dict[Element, float]
-    exposure_s: float
-    gain: float
-    saturated: int
-    number: int
-    index: int
-    time: float
-    crc32: str = ""
-    note: str = ""
-
-    @property
-    def distance(self) -> float:
-        """Main lens to target, mm, positive in front."""
-        return self.worlds["main_lens.z"] - self.worlds["target.z"]
-
-    @property
-    def array(self) -> float:
-        """Main lens to array, mm."""
-        return self.worlds["array.z"] - self.worlds["main_lens.z"]
-
-    @property
-    def sensor(self) -> float:
-        """Main lens to sensor, mm."""
-        return self.worlds["sensor.z"] - self.worlds["main_lens.z"]
-
-
-@dataclass(frozen=True)
-class AccuracyRecord:
-    """What the frames of a point gave so far, where a study asks for an accuracy.
-
-    Attributes:
-        configuration: index of the study's configuration.
-        frames: how many frames of the bars there were.
-        mtf_standard_uncertainty: of the MTF measured in their mean, the largest over its
-            frequencies.
-        enough: whether that is what the study asks for.
-        time: s since 1970, this computer's clock.
-    """
-
-    configuration: int
-    frames: int
-    mtf_standard_uncertainty: float
-    enough: bool
-    time: float
 
 
 @dataclass(frozen=True)
@@ -178,6 +104,8 @@ class Run:
             "target", "repeat", "f_number", "exposure_s", "gain", "saturated", "time", "note",
         ):  # fmt: skip
             columns[name] = [getattr(frame, name) for frame in self.frames]
+        columns["validity"] = [frame.validity.status for frame in self.frames]
+        columns["why_not_admitted"] = [frame.validity.reason for frame in self.frames]
         for axis in self.start.get("axes", ()):
             unit = ANGLE if axis in self.turning else LENGTH
             columns[unit.column(axis)] = [frame.readings[axis] for frame in self.frames]
@@ -199,7 +127,9 @@ class Run:
             (
                 frame
                 for frame in self.frames
-                if frame.configuration is None and frame.exposure_s == exposure_s
+                if frame.configuration is None
+                and frame.exposure_s == exposure_s
+                and frame.validity.admitted
             ),
             None,
         )
@@ -319,14 +249,29 @@ def read_run(folder: Path) -> Run:
     verify_sums(folder)
     lost = _lost_at_the_end(whole)
     if not lost:
-        return whole
+        return _validated(whole)
     kept = _documents_before(lost[0], documents)
-    return replace(
+    cut = replace(
         _run_of(folder, documents[:kept]),
         stop=None,
         lost=tuple(frame.key for frame in lost),
         documents=kept,
     )
+    return _validated(cut)
+
+
+def _validated(run: Run) -> Run:
+    """A run whose frames say whether verdicts may use them."""
+    try:
+        with opened_frames(run.folder) as pictures:
+            pixels = int(np.prod(pictures.shape[1:]))
+    except (RecordError, OSError):
+        pixels = None
+    found = validities(run.frames, run.start, pixels)
+    frames = (
+        replace(frame, validity=validity) for frame, validity in zip(run.frames, found, strict=True)
+    )
+    return replace(run, frames=tuple(frames))
 
 
 def _lost_at_the_end(run: Run) -> tuple[FrameRecord, ...]:
@@ -433,6 +378,8 @@ def _frame_of(data: Mapping[str, Any], time: float, place: int, axes: Iterable[s
         index=place, time=time,
         crc32=data.get("crc32", ""),
         note=data.get("note", ""),
+        moved=None if (moved := data.get("moved_steps", -1.0)) < 0 else float(moved),
+        temperature=data.get("temperature_degc"),
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from flflab.bench import Bench, read_bench
 from flflab.missing_light import missing_light
-from flflab.record import Run
+from flflab.record import Run, frames_said, not_used
 from flflab.study import Study
 from flflab.verdict.comparison import Row
 from flflab.verdict.diagnosis import likeliest
@@ -126,6 +126,8 @@ def notes(evaluation: Evaluation, run: Run, study: Study, bench: Bench) -> list[
     elif run.stop.get("exit_status", "success") != "success":
         reason = run.stop.get("reason") or "no reason given"
         found.append(f"The run ended with status {run.stop['exit_status']}: {reason}.")
+    if not_used(run.frames):
+        found.append(frames_said(run.frames))
     found += _unmeasured(evaluation, study)
     found += [
         f"{sentence[0].upper()}{sentence[1:]}." for sentence in unlike_the_wheel(study, bench)
@@ -159,10 +161,14 @@ def _lost(run: Run) -> list[str]:
 
 
 def _unmeasured(evaluation: Evaluation, study: Study) -> list[str]:
-    """Which configurations the record lacks."""
+    """Which configurations the record lacks, or has no admitted frames of."""
     measured = {one.configuration.index for one in evaluation.measured}
     missing = [one.index for one in study.configurations if one.index not in measured]
-    return [f"Not recorded, and left out: configurations {listed(missing)}."] if missing else []
+    return (
+        [f"Not recorded or not admitted, and left out: configurations {listed(missing)}."]
+        if missing
+        else []
+    )
 
 
 def parts(run: Run) -> str:

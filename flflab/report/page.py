@@ -12,8 +12,8 @@ from jinja2 import Environment, StrictUndefined, Template
 from flflab.bench import Bench
 from flflab.optics import airy
 from flflab.property_names import PROPERTY_NAMES
-from flflab.record import Run
-from flflab.report import charts, facts, frames, tables
+from flflab.record import Run, frames_said
+from flflab.report import budgets, charts, facts, frames, tables
 from flflab.report.drawn import drawn_table
 from flflab.report.overview import overview_chart, property_name
 from flflab.study import Study
@@ -91,6 +91,7 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         devices_count=devices,
         calibrated=facts.calibration(bench, run),
         step=facts.following(evaluation, run),
+        frames_said=frames_said(run.frames),
         overview=overview_chart(evaluation),
         curve_of=curve_of,
         contents=_contents(
@@ -109,7 +110,9 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
             for suspect in evaluation.suspects
             if suspect not in suspects and suspect.removed > LEAST_REMOVED
         ][:3],
-        budget=tables.budget_table(evaluation),
+        budget=budgets.summary_table(evaluation),
+        visible=tables.visible_table(evaluation),
+        budgets=budgets.budget_tables(evaluation),
         properties_chart=charts.properties_chart(evaluation),
         views_chart=charts.views_chart(evaluation),
         difference_chart=charts.difference_chart(evaluation),

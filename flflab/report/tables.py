@@ -88,54 +88,10 @@ def statistics_table(evaluation: Evaluation) -> Table:
     return Table("Standardised differences, pooled over all configurations", headings, tuple(rows))
 
 
-def budget_table(evaluation: Evaluation) -> Table:
-    """Where the uncertainty of every quantity comes from: medians over the configurations, to the
-    second digit of the whole.
-    """
-    found: dict[str, list[list[float]]] = {}
-    for whole, bare, stages, optics, equal in zip(
-        evaluation.values,
-        evaluation.without_floor,
-        evaluation.of_the_stages,
-        evaluation.of_stages_and_optics,
-        evaluation.of_equal_lenses,
-        strict=True,
-    ):
-        pixels = np.sqrt(np.diag(bare.noise))
-        floor = np.sqrt(np.maximum(np.diag(whole.noise) - np.diag(bare.noise), 0.0))
-        steps = [
-            np.sqrt(np.maximum(more.spread**2 - less.spread**2, 0.0))
-            for less, more in ((stages, optics), (optics, equal), (equal, whole))
-        ]
-        parts = np.stack([whole.uncertainty, pixels, floor, stages.spread, *steps], axis=1)
-        found.setdefault(whole.quantity, []).extend(parts.tolist())
-    rows: list[tuple[str, ...]] = []
-    for quantity, parts in found.items():
-        whole, *others = quantity_of(quantity).many * np.median(np.array(parts), axis=0)
-        rows.append(
-            (
-                in_words(quantity),
-                *(
-                    to_decimals(float(one), decimals(whole)) if one else "0"
-                    for one in (whole, *others)
-                ),
-            )
-        )
-    headings = (
-        "quantity",
-        "standard uncertainty",
-        "of the pictures",
-        "of the measurement's floor",
-        "of the stages",
-        "of the optics' sizes",
-        "of the model's order",
-        "of how lenses differ",
-    )
-    return Table(
-        "Where the uncertainties come from (medians; each part's own standard uncertainty)",
-        headings,
-        tuple(rows),
-    )
+def visible_table(evaluation: Evaluation) -> Table:
+    """How large every single change of the bench must be to be seen in this run."""
+    rows = tuple((one.what, one.words) for one in evaluation.visible)
+    return Table("Changes that this run would show", ("change of", "is seen"), rows)
 
 
 def settings_table(study: Study, evaluation: Evaluation, wavelength: float) -> Table:

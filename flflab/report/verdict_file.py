@@ -8,12 +8,13 @@ from xml.etree import ElementTree
 
 from flflab.property_names import PROPERTY_NAMES
 from flflab.record import Run, versions
+from flflab.report.budgets import budget_numbers
 from flflab.report.facts import following
 from flflab.verdict.comparison import Verdict, percent
 from flflab.verdict.diagnosis import likeliest
 from flflab.verdict.evaluation import Evaluation
 
-SCHEMA = 1  # of verdict.json; described by verdict.schema.json beside this file
+SCHEMA = 2  # of verdict.json; described by verdict.schema.json beside this file
 
 
 def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
@@ -27,7 +28,10 @@ def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "verdict": "accepted" if comparison.accepted else "rejected",
-        "properties": {one.quantity: _property(one) for one in comparison.verdicts},
+        "properties": {
+            one.quantity: _property(one) | {"budgets": budget_numbers(evaluation, one.quantity)}
+            for one in comparison.verdicts
+        },
         "suspects": [
             {
                 "name": one.what,
@@ -42,11 +46,34 @@ def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
             }
             for one in likeliest(evaluation.suspects)
         ],
+        "visible": [
+            {
+                "name": one.what,
+                "smallest": one.smallest if math.isfinite(one.smallest) else None,
+                "unit": one.unit,
+            }
+            for one in evaluation.visible
+        ],
         "next": {"what": step.what, "command": step.command},
         "study": str(run.start.get("study", "")),
         "began": run.start.get("time"),
         "seed": run.start.get("seed"),
         "configurations": len(evaluation.measured),
+        "frames": {
+            **{
+                status: sum(frame.validity.status == status for frame in run.frames)
+                for status in ("admitted", "diagnostic", "unvalidated")
+            },
+            "not_used": [
+                {
+                    "point": frame.key,
+                    "status": frame.validity.status,
+                    "reason": frame.validity.reason,
+                }
+                for frame in run.frames
+                if not frame.validity.admitted
+            ],
+        },
         "sha256": {
             name: hashlib.sha256((run.folder / name).read_bytes()).hexdigest()
             for name in ("bench.yaml", "camera.yaml", "study.yaml")

@@ -9,18 +9,19 @@ import contextlib
 import os
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flflab.bench import Bench
 from flflab.record import Run
 from flflab.study import Study
+from flflab.verdict.budget import Apart, Budget, budgets
 from flflab.verdict.comparison import Comparison, Row
 from flflab.verdict.diagnosis import Suspect, diagnose
 from flflab.verdict.disturbances import disturbances
 from flflab.verdict.geometry import geometry
-from flflab.verdict.prediction import Errors, drawn_errors
+from flflab.verdict.prediction import Errors
 from flflab.verdict.properties.attitude import attitude
 from flflab.verdict.properties.contrast import contrasts
 from flflab.verdict.properties.depth import dot_distances, lateral_resolution
@@ -33,6 +34,8 @@ from flflab.verdict.properties.predicted import Predicted, predict, predict_unco
 from flflab.verdict.properties.target import target
 from flflab.verdict.properties.values import Values, differences, ratios, rows, verdict
 from flflab.verdict.properties.views import views
+from flflab.verdict.sources import drawn_errors, of_lenses, one_at_a_time
+from flflab.verdict.visible import Visible, visible
 
 JUDGED = {  # the verdicts, and the quantities that each is about
     "mtf": ("mtf",),
@@ -66,24 +69,20 @@ class Evaluation:
         predicted: what the model says of each.
         comparison: both side by side, and the verdicts.
         values: the numbers behind the comparison.
-        of_the_stages: the same with optics exactly as described and lenses of first order; says how
-            much of an uncertainty is the stages'.
-        of_stages_and_optics: the same with lenses of first order that are all equal.
-        of_equal_lenses: the same with microlenses that are all equal.
-        without_floor: the same without the floor of the measurement.
+        budgets: where the uncertainty of each of these numbers, and of each difference and ratio
+            between configurations, comes from.
         suspects: where the model is rejected: single changes of the bench that would explain it,
             the best first.
+        visible: how large every single change must be to be seen in this run.
     """
 
     measured: tuple[Measured, ...]
     predicted: tuple[Predicted, ...]
     comparison: Comparison
     values: tuple[Values, ...]
-    of_the_stages: tuple[Values, ...]
-    of_stages_and_optics: tuple[Values, ...]
-    of_equal_lenses: tuple[Values, ...]
-    without_floor: tuple[Values, ...]
+    budgets: tuple[Budget, ...]
     suspects: tuple[Suspect, ...]
+    visible: tuple[Visible, ...]
 
 
 Tell = Callable[[int, int], object]
@@ -158,58 +157,32 @@ def evaluate_measured(
     if failures and comparison.accepted:
         raise failures[0]
 
-    def without(fewer: Errors) -> tuple[Values, ...]:
-        return properties(
-            measured, tuple(predict(one, study, bench, fewer) for one in measured), bench
-        )
+    judged = frozenset(quantity for quantities in JUDGED.values() for quantity in quantities)
+    explained = [one for one in values if one.quantity not in EXPLAINED_BY_OTHERS]
 
-    suspects = (
-        () if comparison.accepted else explain(values, measured, predicted, study, bench, errors)
-    )
+    def numbers(errors: Errors) -> list[Values]:
+        models = tuple(predict_uncounted(one, study, bench, errors) for one in measured)
+        every = properties(measured, models, bench)
+        return [one for one in every if one.quantity not in EXPLAINED_BY_OTHERS]
+
+    suspects: tuple[Suspect, ...] = ()
+    if not comparison.accepted:
+        others = disturbances(explained, measured, predicted, bench)
+        suspects = diagnose(explained, geometry(bench, errors, numbers) + others)
     return Evaluation(
         measured,
         predicted,
         comparison,
         values,
-        of_the_stages=without(errors.of_the_stages_alone()),
-        of_stages_and_optics=without(errors.of_stages_and_optics()),
-        of_equal_lenses=without(errors.of_equal_lenses()) if errors.lenses.differ else values,
-        without_floor=properties(bare, predicted, bench),
+        budgets=budgets(
+            values,
+            between(values, study.description.reference),
+            apart(measured, bare, study, bench, errors),
+            measured,
+            judged,
+        ),
         suspects=suspects,
-    )
-
-
-def explain(
-    values: tuple[Values, ...],
-    measured: tuple[Measured, ...],
-    predicted: tuple[Predicted, ...],
-    study: Study,
-    bench: Bench,
-    errors: Errors,
-) -> tuple[Suspect, ...]:
-    """Every single change of the bench that could be the reason, the best first.
-
-    Args:
-        values: the numbers behind the comparison.
-        measured: every configuration.
-        predicted: the same.
-        study: the study.
-        bench: the bench as described.
-        errors: the draws behind the predictions.
-    """
-
-    def numbers(errors: Errors) -> list[Values]:
-        models = tuple(predict_uncounted(one, study, bench, errors) for one in measured)
-        return [
-            found
-            for found in properties(measured, models, bench)
-            if found.quantity not in EXPLAINED_BY_OTHERS
-        ]
-
-    explained = [found for found in values if found.quantity not in EXPLAINED_BY_OTHERS]
-    return diagnose(
-        explained,
-        geometry(bench, errors, numbers) + disturbances(explained, measured, predicted, bench),
+        visible=visible([one for one in explained if one.quantity in judged], bench, numbers),
     )
 
 
@@ -233,6 +206,58 @@ def properties(
     return tuple(values for values in found if len(values.measured))
 
 
+def between(found: tuple[Values, ...], reference: int) -> tuple[tuple[Values, int], ...]:
+    """Differences, of contrast ratios, of every configuration against the reference, with that."""
+    before = {values.quantity: values for values in found if values.configuration == reference}
+    others = [
+        (values, other)
+        for values in found
+        if (other := before.get(values.quantity)) is not None
+        and other is not values
+        and values.quantity not in ("light", "contrast_paper")
+    ]
+    return tuple(
+        ((ratios if values.quantity == "mtf" else differences)(values, other), reference)
+        for values, other in others
+    )
+
+
+def apart(
+    measured: tuple[Measured, ...],
+    bare: tuple[Measured, ...],
+    study: Study,
+    bench: Bench,
+    errors: Errors,
+) -> Apart:
+    """Every property with one source of uncertainty at a time.
+
+    Args:
+        measured: every configuration, with the floor of the measurement.
+        bare: the same without.
+        study: the study.
+        bench: the bench as described.
+        errors: all sources drawn together; how lenses differ is taken from there.
+    """
+
+    def with_errors(drawn: Errors) -> tuple[Predicted, ...]:
+        return tuple(predict(one, study, bench, drawn) for one in measured)
+
+    sources, alone = one_at_a_time(bench)
+    predicted = with_errors(alone)
+    steady = bench.description.model_copy(update={"light_uncertainty": 0.0})
+    lenses = (
+        properties(measured, with_errors(of_lenses(bench, errors)), bench)
+        if errors.lenses.differ
+        else None
+    )
+    return Apart(
+        sources,
+        properties(measured, predicted, bench),
+        lenses,
+        properties(bare, predicted, replace(bench, description=steady)),
+    )
+
+
 def compare(
     found: tuple[Values, ...],
     measured: tuple[Measured, ...],
@@ -247,18 +272,14 @@ def compare(
     often than it says.
     """
     lines: list[Row] = []
+    where = {
+        one.configuration.index: (one, model)
+        for one, model in zip(measured, predicted, strict=True)
+    }
     for values in found:
-        lines += rows(values, measured[values.configuration], predicted[values.configuration])
-    reference = study.description.reference
-    before = {values.quantity: values for values in found if values.configuration == reference}
-    for values in found:
-        other = before.get(values.quantity)
-        if other is None or other is values or values.quantity in ("light", "contrast_paper"):
-            continue
-        between = ratios(values, other) if values.quantity == "mtf" else differences(values, other)
-        lines += rows(
-            between, measured[values.configuration], predicted[values.configuration], reference
-        )
+        lines += rows(values, *where[values.configuration])
+    for values, reference in between(found, study.description.reference):
+        lines += rows(values, *where[values.configuration], reference)
     judged = {
         name: [values for values in found if values.quantity in quantities]
         for name, quantities in JUDGED.items()

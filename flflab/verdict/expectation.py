@@ -27,7 +27,8 @@ from flflab.optics.camera import Camera
 from flflab.optics.light import lines_of
 from flflab.study import Configuration, Study
 from flflab.targets import White
-from flflab.verdict.prediction import contrast_draws, drawn_errors, placements
+from flflab.verdict.prediction import contrast_draws, placements
+from flflab.verdict.sources import drawn_errors
 from flflab.workers import results
 
 Array = npt.NDArray[np.float64]

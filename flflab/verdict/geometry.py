@@ -28,8 +28,6 @@ SIZES = {  # fields of the optics' factors that change together
     "aperture of the microlenses": ("aperture",),
     "pitch of the microlenses": ("pitch",),
     "pixel size": ("pixel",),
-    "spacing of the dots": ("dot_spacing",),
-    "frequency of the bars": ("bar_frequency",),
 }
 TURNS = ("roll of the array", "yaw of the array (its tilt along x)",
          "pitch of the array (its tilt along y)")  # fmt: skip
@@ -95,6 +93,19 @@ def suspicions(bench: Bench) -> list[Suspicion]:
         Suspicion(what, LARGEST_SHARE, "({}) % larger than described", "%", 100.0, "calibrate",
                   _larger(names))
         for what, names in SIZES.items()
+    ]  # fmt: skip
+    plates: dict[str, Change] = {
+        "spacing of the dots": lambda errors, sizes: replace(
+            errors, dots=errors.dots * (1 + sizes)
+        ),
+        "frequency of the bars": lambda errors, sizes: replace(
+            errors, bars=errors.bars / (1 + sizes)
+        ),
+    }
+    found += [
+        Suspicion(what, LARGEST_SHARE, "({}) % larger than described", "%", 100.0, "calibrate",
+                  change)
+        for what, change in plates.items()
     ]  # fmt: skip
     found += [
         Suspicion(what, LARGEST_TURN, "({}) deg more than described", "deg", 180 / math.pi, "align",

@@ -7,14 +7,13 @@ spread, covariance between configurations and the null distribution of a verdict
 same draws.
 """
 
-import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.bench import Bench, Element, Turn
-from flflab.lens_errors import EQUAL_LENSES, LensErrors, stated_lens_errors
+from flflab.bench import Bench, Element
+from flflab.lens_errors import EQUAL_LENSES, LensErrors
 from flflab.optics.camera import Camera
 from flflab.optics.contrast import transfer
 from flflab.optics.light import Spectrum, lines_of
@@ -30,7 +29,7 @@ ELEMENTS: tuple[Element, ...] = ("main_lens.z", "array.z", "sensor.z", "target.z
 
 @dataclass(frozen=True)
 class OpticsFactors:
-    """True over described sizes of the optics and of the targets, one value a draw, shape (n,)."""
+    """True over described sizes of the optics and the sensor, one value a draw, shape (n,)."""
 
     lens_focal: Array
     lens_aperture: Array
@@ -38,8 +37,6 @@ class OpticsFactors:
     aperture: Array
     pitch: Array
     pixel: Array
-    dot_spacing: Array
-    bar_frequency: Array
 
 
 @dataclass(frozen=True)
@@ -67,6 +64,9 @@ class Errors:
         target: the same of the target.
         order: what first order leaves out.
         lenses: how the microlenses differ from one another.
+        dots: true over described lengths of the target of dots, shape (n,).
+        bars: the same of the bars' target.
+        expansion: true over described distances between the elements, by temperature, shape (n,).
     """
 
     stages: dict[Element, tuple[Array, Array]]
@@ -74,21 +74,16 @@ class Errors:
     attitude: Array
     target: Array
     order: OrderFactors
-    lenses: LensErrors = EQUAL_LENSES
+    lenses: LensErrors
+    dots: Array
+    bars: Array
+    expansion: Array
 
     def of_the_stages_alone(self) -> "Errors":
         """The same draws with optics exactly as described and turned, of first order, all lenses
         equal.
         """
         return replace(as_described(len(self.attitude)), stages=self.stages)
-
-    def of_stages_and_optics(self) -> "Errors":
-        """The same draws with lenses of first order that are all equal."""
-        return replace(self, order=first_order(len(self.optics.pitch)), lenses=EQUAL_LENSES)
-
-    def of_equal_lenses(self) -> "Errors":
-        """The same draws with lenses that are all equal."""
-        return replace(self, lenses=EQUAL_LENSES)
 
 
 @dataclass(frozen=True)
@@ -101,12 +96,16 @@ class Placement:
         array: main lens to array.
         gap: array to sensor.
         optics: sizes over those described.
+        dots: lengths of the target of dots over those described.
+        bars: the same of the bars' target.
     """
 
     distance: Array
     array: Array
     gap: Array
     optics: OpticsFactors
+    dots: Array
+    bars: Array
 
 
 def exact_optics(draws: int) -> OpticsFactors:
@@ -118,84 +117,23 @@ def as_described(draws: int) -> Errors:
     """No errors at all, in every draw."""
     still, straight = np.zeros(draws), np.zeros((draws, 3))
     stages = dict.fromkeys(ELEMENTS, (still, still))
-    return Errors(stages, exact_optics(draws), straight, straight, first_order(draws))
+    one = np.ones(draws)
+    return Errors(
+        stages,
+        exact_optics(draws),
+        straight,
+        straight,
+        first_order(draws),
+        EQUAL_LENSES,
+        one,
+        one,
+        one,
+    )
 
 
 def first_order(draws: int) -> OrderFactors:
     """Lenses as the model has them, in every draw."""
     return OrderFactors(*(np.ones(draws) for _ in fields(OrderFactors)))
-
-
-def drawn_errors(bench: Bench, draws: int, rng: np.random.Generator) -> Errors:
-    """Draws of the errors of stages, optics and model from the bench file's standard
-    uncertainties.
-    """
-    stages: dict[Element, tuple[Array, Array]] = {}
-    fixed = bench.description.fixed.stated()
-    for element in ELEMENTS:
-        axis = bench.description.axis_of(element)
-        zero, scale = (
-            (axis[1].zero_uncertainty, axis[1].scale_uncertainty)
-            if axis
-            else (fixed[element].uncertainty if element in fixed else 0.0, 0.0)
-        )
-        stages[element] = (rng.normal(0.0, 1.0, draws) * zero, rng.normal(0.0, 1.0, draws) * scale)
-    doubt, made = bench.description.optics_uncertainty, bench.description.workmanship
-    lens, f_number, focal, aperture, pitch = (
-        1 + rng.normal(0.0, 1.0, draws) * share
-        for share in (
-            doubt.main_lens_focal_length,
-            doubt.f_number,
-            doubt.microlens_focal_length,
-            doubt.microlens_aperture,
-            math.hypot(doubt.pitch, made.scale),
-        )
-    )
-    attitude = rng.normal(0.0, 1.0, (draws, 3)) * attitude_uncertainty(bench)
-    tilt = doubt.target_tilt
-    target = rng.normal(0.0, 1.0, (draws, 3)) * [doubt.target_roll, tilt, tilt]
-    order = bench.description.model_uncertainty
-    factors = (
-        1 + rng.normal(0.0, 1.0, draws) * share
-        for share in (order.contrast, order.widths, order.pitch, order.distance)
-    )
-    found = Errors(
-        stages,
-        replace(
-            exact_optics(draws),
-            lens_focal=lens,
-            lens_aperture=lens / f_number,
-            focal=focal,
-            aperture=aperture,
-            pitch=pitch,
-        ),
-        attitude,
-        target,
-        OrderFactors(*factors),
-    )
-    lenses = stated_lens_errors(made, 0)
-    if not lenses.differ:
-        return found
-    return replace(found, lenses=replace(lenses, seed=int(rng.integers(2**31))))
-
-
-def attitude_uncertainty(bench: Bench) -> Array:
-    """Standard uncertainties of the array's roll, yaw and pitch, rad, shape (3,): how it was set,
-    and of the axes that turn it.
-    """
-    doubt = bench.description.optics_uncertainty
-    turns: tuple[tuple[Turn, float], ...] = (
-        ("array.roll", doubt.array_roll), ("array.yaw", doubt.array_tilt),
-        ("array.pitch", doubt.array_tilt),
-    )  # fmt: skip
-    fixed = bench.description.fixed.stated()
-    axes = [
-        (bench.description.axis_of(turn), fixed[turn].uncertainty if turn in fixed else set_by)
-        for turn, set_by in turns
-    ]
-    return np.array(
-        [math.hypot(axis[1].zero_uncertainty, set_by) if axis else set_by for axis, set_by in axes]
-    )
 
 
 def placements(bench: Bench, worlds: dict[Element, float], errors: Errors) -> Placement:
@@ -213,9 +151,14 @@ def placements(bench: Bench, worlds: dict[Element, float], errors: Errors) -> Pl
         reading = axis[1].reading(worlds[element]) if axis else 0.0
         sign = axis[1].sign if axis else 1
         z[element] = worlds[element] + zero + sign * scale * reading
-    lens = z["main_lens.z"]
+    lens, far = z["main_lens.z"], errors.expansion
     return Placement(
-        lens - z["target.z"], z["array.z"] - lens, z["sensor.z"] - z["array.z"], errors.optics
+        far * (lens - z["target.z"]),
+        far * (z["array.z"] - lens),
+        far * (z["sensor.z"] - z["array.z"]),
+        errors.optics,
+        errors.dots,
+        errors.bars,
     )
 
 
@@ -252,8 +195,7 @@ def contrast_draws(
     """
     drawn = drawn_systems(central_smms(camera), camera, placement)
     columns = Smms(**{field.name: getattr(drawn, field.name)[:, None] for field in fields(Smms)})
-    vergence = 1 / placement.distance[:, None]
-    nu = cycles_per_mm[None, :] * placement.optics.bar_frequency[:, None]
+    vergence, nu = 1 / placement.distance[:, None], cycles_per_mm / placement.bars[:, None]
     pixel = camera.sensor.pixel * placement.optics.pixel[:, None]
     parts = [
         weight * transfer(columns, vergence, pixel, nu, wavelength=wavelength, falloff=falloff)
@@ -324,8 +266,8 @@ def _candidates(
     reach = stops.max() / 2
     away = placement.array / placement.distance / optics.pitch
     low, high = (
-        np.min(-point[:, None] * away, axis=1) - reach,
-        np.max(-point[:, None] * away, axis=1) + reach,
+        np.min(-point[:, None] * away * placement.dots, axis=1) - reach,
+        np.max(-point[:, None] * away * placement.dots, axis=1) + reach,
     )
     centres = np.stack([smms.centre_x, smms.centre_y], axis=1)
     aside = np.abs(attitude[:, 0]).max() * np.hypot(*centres.T)[:, None]
@@ -383,9 +325,8 @@ def _count(
     repeated = np.tile(neighbours, (draws, 1))
     seen = fields_of(tiled, np.where(repeated >= 0, repeated + offsets, -1), camera)
     distance = np.repeat(placement.distance, systems)
+    angle = point * (np.repeat(placement.dots, systems) / distance)[:, None]
     centre = np.stack([tiled.centre_x, tiled.centre_y], axis=1)
-    _, passes, landing = chief_crossings(
-        tiled, 1 / distance, point[None, :] / distance[:, None], centre, camera.aperture_shape
-    )
+    _, passes, landing = chief_crossings(tiled, 1 / distance, angle, centre, camera.aperture_shape)
     chief = passes & in_useful(seen, np.arange(len(distance)), landing)
     return chief.reshape(draws, systems).sum(axis=1)

@@ -5,28 +5,26 @@ A change that only a large size would show is hidden from this run, whatever its
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.bench import Bench, Element
+from flflab.bench import Bench
 from flflab.verdict.diagnosis import metric_of
 from flflab.verdict.geometry import Suspicion, suspicions
-from flflab.verdict.prediction import ELEMENTS, Errors, OpticsFactors, as_described
+from flflab.verdict.prediction import Errors, OpticsFactors, OrderFactors, as_described
 from flflab.verdict.properties.values import Values, joined
 
 Array = npt.NDArray[np.float64]
 SEEN = 25.0  # of chi squared: five standard deviations
 STEP = 1e-3  # of the largest change that suspects are tried with
-NO_SIDE = (  # of a bench, that no picture of these targets tells
-    "the brightness of the lamp", "a target moved sideways", "a main lens whose stop is decentred",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Visible:
-    """How large one change must be to be seen.
+    """How large one change must be to be seen in a run.
 
     Attributes:
         what: would change.
@@ -41,7 +39,7 @@ class Visible:
 
     @property
     def words(self) -> str:
-        """``above 0.12 mm``, or ``not at all``."""
+        """``from 0.12 mm``, or ``not at all``."""
         if not math.isfinite(self.smallest):
             return "not at all"
         return f"from {self.smallest:.2g} {self.unit}"
@@ -73,27 +71,22 @@ def visible(
 
 def _one_each(tried: list[Suspicion]) -> Errors:
     """Benches with a small change, two for each: one way and the other."""
-    plain = as_described(2)
-    benches = [one.change(plain, STEP * one.largest * np.array([1.0, -1.0])) for one in tried]
+    plain, ways = as_described(2), STEP * np.array([1.0, -1.0])
+    return _together([one.change(plain, one.largest * ways) for one in tried])
 
-    def together(read: Callable[[Errors], Array]) -> Array:
-        return np.concatenate([read(one) for one in benches])
 
-    stages: dict[Element, tuple[Array, Array]] = {
-        element: (
-            together(lambda one, of=element: one.stages[of][0]),
-            together(lambda one, of=element: one.stages[of][1]),
+def _together(parts: list[Any]) -> Any:
+    """Draws one after the other, for whatever holds them."""
+    first = parts[0]
+    if isinstance(first, np.ndarray):
+        return np.concatenate(parts)
+    if isinstance(first, dict):
+        return {key: _together([part[key] for part in parts]) for key in first}
+    if isinstance(first, tuple):
+        return tuple(_together(list(column)) for column in zip(*parts, strict=True))
+    if isinstance(first, Errors | OpticsFactors | OrderFactors):
+        names = [field.name for field in fields(first)]
+        return replace(
+            first, **{name: _together([getattr(part, name) for part in parts]) for name in names}
         )
-        for element in ELEMENTS
-    }
-    optics = {
-        field.name: together(lambda one, name=field.name: getattr(one.optics, name))
-        for field in fields(OpticsFactors)
-    }
-    return Errors(
-        stages,
-        OpticsFactors(**optics),
-        together(lambda one: one.attitude),
-        together(lambda one: one.target),
-        as_described(len(benches) * 2).order,
-    )
+    return first

@@ -3,7 +3,9 @@ is found out.
 """
 
 import csv
+import json
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -148,6 +150,38 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     assert "complete" in looked.stdout
     assert looked.stdout.count("/white/") == 2
     assert (out / "look.png").exists()
+    # a record of before frames were checked for motion gives the same numbers
+    old = as_recorded(out, tmp_path / "old", changed={})
+    reported = flflab("report", old)
+    assert reported.code == 0
+    assert "All " in reported.out
+    assert (old / "comparison.csv").read_bytes() == before
+    # a saturated frame is not judged, and its configuration has no other
+    bad = as_recorded(out, tmp_path / "bad", changed={"c1/bars/0": {"saturated": 100_000}})
+    reported = flflab("report", bad)
+    said = " ".join(reported.out.split())
+    assert re.search(r"not used: 1 diagnostic: saturated \(\S+ % of its pixels, 1 % are", said)
+    with (bad / "comparison.csv").open(encoding="utf-8") as handle:
+        assert {row["configuration"] for row in csv.DictReader(handle)} == {"0"}
+    found = json.loads((bad / "verdict.json").read_text(encoding="utf-8"))["frames"]
+    assert (found["diagnostic"], found["unvalidated"]) == (1, 0)
+    assert found["not_used"][0]["point"] == "c1/bars/0"
+
+
+def as_recorded(run: Path, to: Path, changed: dict[str, dict[str, Any]]) -> Path:
+    """A copy of a run as an older version recorded it, with other facts of some points."""
+    shutil.copytree(run, to)
+    (to / "SHA256SUMS").unlink()
+    file = to / "documents.jsonl"
+    documents = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    for one in documents:
+        one["doc"].pop("record_schema", None)
+        data = one["doc"].get("data", {})
+        if one["name"] == "event":
+            data.pop("moved_steps")
+            data |= changed.get(data["point"], {})
+    file.write_text("".join(json.dumps(one) + "\n" for one in documents), encoding="utf-8")
+    return to
 
 
 @pytest.mark.ci

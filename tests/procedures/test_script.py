@@ -21,6 +21,7 @@ from flflab.errors import (
 )
 from flflab.record import export_nexus, pack, read_documents
 from flflab.study import Study
+from procedures.devices import Stages
 from procedures.script import ScriptBench
 
 InMemory = Callable[..., ConnectedBench]
@@ -107,6 +108,19 @@ def test_array_and_sensor_go_together_in_an_order_that_keeps_their_gap(bench: Sc
     assert bench.where()["sensor.z"] == pytest.approx(61.15)
 
 
+def test_an_axis_that_moves_during_an_exposure_is_noticed(bench: ScriptBench) -> None:
+    bench.home()
+    stages = Stages(bench.axes, bench.described)
+    assert stages.read()["moved_steps"]["value"] == -1  # nobody looked before
+    stages.before.trigger().wait()
+    assert stages.read()["moved_steps"]["value"] == 0
+    stages.before.trigger().wait()
+    bench.go(sensor_z="61.15 mm")
+    resolution = bench.axes["sensor_stage"].resolution
+    travelled = abs(bench.axes["sensor_stage"].position() - 0.0) / resolution
+    assert 1000 < stages.read()["moved_steps"]["value"] <= travelled
+
+
 def test_a_record_of_a_script_is_one_of_a_sweep(bench: ScriptBench, tmp_path: Path) -> None:
     bench.home()
     taken: list[Any] = []
@@ -127,6 +141,8 @@ def test_a_record_of_a_script_is_one_of_a_sweep(bench: ScriptBench, tmp_path: Pa
     assert table["sensor_stage_mm"] == pytest.approx([18.9, 18.85, 18.8])
     assert table["exposure_s"] == pytest.approx([5e-3] * 3)
     assert set(table["target"]) == {"bars"}
+    assert set(table["validity"]) == {"admitted"}
+    assert found.start["record_schema"] == 2
     assert found.start["study"] == "focus"
     for kept in ("bench.yaml", "camera.yaml", "versions.json", "log.txt", "SHA256SUMS"):
         assert (tmp_path / "focus" / kept).exists(), kept

@@ -61,7 +61,7 @@ def event(key: str, **changes: Any) -> dict[str, Any]:
     data = {
         "point": key, "configuration": 3, "target": "bars", "repeat": 0, "iris": 4.0, "a_mm": 1.25,
         "exposure_s": 0.01, "gain": 1.0,
-        "saturated": 2, "number": 7, **worlds,
+        "saturated": 0, "number": 7, **worlds,
     }  # fmt: skip
     return {"time": 12.5, "data": data | changes}
 
@@ -93,7 +93,7 @@ def test_what_was_recorded_is_read_back(tmp_path: Path) -> None:
     assert (bars.readings, bars.exposure_s, bars.saturated, bars.number, bars.time) == (
         {"a": 1.25},
         0.01,
-        2,
+        0,
         7,
         12.5,
     )

@@ -2,6 +2,7 @@
 device and no fit behind them.
 """
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,18 +18,18 @@ from flflab.record import FrameRecord, Recording, Run
 from flflab.report.frames import predicted_view_places
 from flflab.study import Configuration, Study, read_study
 from flflab.verdict.comparison import Comparison, Row, Verdict
-from flflab.verdict.evaluation import Evaluation, properties
-from flflab.verdict.prediction import (
-    drawn_errors,
-    drawn_systems,
-    placements,
-    predicted_view_indices,
-)
+from flflab.verdict.evaluation import Evaluation, evaluate_measured, properties
+from flflab.verdict.prediction import drawn_systems, placements, predicted_view_indices
 from flflab.verdict.properties.measured import Measured
 from flflab.verdict.properties.predicted import Predicted
+from flflab.verdict.sources import drawn_errors
+from flflab.verdict.visible import Visible
 
 COLUMNS, ROWS, PIXEL = 420, 300, 6.8e-3
 FREQUENCIES = np.array([0.5, 2.0, 4.0, 6.0])
+
+
+VISIBLE = (Visible("pixel size", 0.012, "%"), Visible("roll of the target", math.inf, "deg"))
 
 
 @pytest.fixture(scope="session")
@@ -92,10 +93,10 @@ def predict(configuration: Configuration, bench: Bench, study: Study) -> Predict
     pitches = camera.array.pitch[0] * systems.image_scale
     return Predicted(
         camera, configuration.distance, views, np.tile(views, (101, 1)), indices, draws,
-        np.ones(draws.shape[1]), 0.3, errors.optics,
+        np.ones(draws.shape[1]), 0.3,
         systems, 1 / placement.distance, systems.inside_radius, systems.outside_radius, pitches,
         np.ones(101), np.zeros((101, 3)), np.zeros((101, 4)), np.zeros((101, 4)), np.ones(101),
-        np.zeros(101),
+        np.ones(101), np.zeros(101),
     )  # fmt: skip
 
 
@@ -166,6 +167,18 @@ def rows_of(one: Measured, reference: int) -> list[Row]:
     return rows
 
 
+def never_rejected(study: Study) -> Study:
+    """Of few draws, and nothing rejects: no cause is looked for."""
+    update = {"draws": 400, "significance": 1e-9}
+    return replace(study, description=study.description.model_copy(update=update))
+
+
+@pytest.fixture(scope="session")
+def lenient(study: Study) -> Study:
+    """The study, which rejects nothing."""
+    return never_rejected(study)
+
+
 @pytest.fixture(scope="session")
 def evaluation(bench: Bench, study: Study) -> Evaluation:
     """Measured exactly as predicted."""
@@ -193,9 +206,8 @@ def evaluation(bench: Bench, study: Study) -> Evaluation:
         ),
     )
     values = properties(measured, predicted, bench)
-    return Evaluation(
-        measured, predicted, Comparison(rows, verdicts), values, *(values,) * 4, suspects=()
-    )
+    budgets = evaluate_measured(measured, never_rejected(study), bench).budgets
+    return Evaluation(measured, predicted, Comparison(rows, verdicts), values, budgets, (), VISIBLE)
 
 
 @pytest.fixture(scope="session")
@@ -213,8 +225,9 @@ def single(evaluation: Evaluation) -> Evaluation:
         evaluation.predicted[:1],
         comparison,
         values,
-        *(values,) * 4,
+        tuple(one for one in evaluation.budgets if one.configuration == 0 and not one.reference),
         suspects=(),
+        visible=VISIBLE,
     )
 
 

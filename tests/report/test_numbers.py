@@ -23,8 +23,8 @@ from flflab.report.tables import comparison_tables, measured_number, to_decimals
 from flflab.study import Study
 from flflab.verdict.comparison import Row
 from flflab.verdict.evaluation import Evaluation
-from flflab.verdict.prediction import drawn_errors
 from flflab.verdict.properties.predicted import predict
+from flflab.verdict.sources import drawn_errors
 
 
 def test_the_airy_diameter_of_the_worked_example_is_2_77_pixels_of_1_66_um(bench: Bench) -> None:

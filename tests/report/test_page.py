@@ -264,7 +264,7 @@ def test_a_run_that_lost_its_end_says_which_frames_and_which_configurations_it_l
     write_report(single, cut, study, bench, tmp_path / "report.html")
     text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
     assert "The last 2 frames (c1/bars/0 and after) are not as they were recorded" in text
-    assert "Not recorded, and left out: configurations 1 and 2." in text
+    assert "Not recorded or not admitted, and left out: configurations 1 and 2." in text
 
 
 def test_a_run_in_several_parts_says_when_and_why_it_was_cut(

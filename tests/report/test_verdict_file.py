@@ -1,6 +1,7 @@
 """What programs read of a verdict: ``verdict.json`` by its schema, and JUnit XML as CI reads it."""
 
 import json
+import math
 from dataclasses import replace
 from importlib.resources import files
 from xml.etree import ElementTree
@@ -42,7 +43,13 @@ def test_an_accepted_run_keeps_the_schema(single: Evaluation, run: Run) -> None:
     assert found["verdict"] == "accepted"
     assert found["suspects"] == []
     assert found["study"] == "first"
-    assert found["properties"]["mtf"] == {  # type: ignore[index]
+    mtf = found["properties"]["mtf"]  # type: ignore[index]
+    (budget,) = mtf.pop("budgets")
+    assert (budget["quantity"], budget["configuration"]) == ("mtf", 0)
+    variance = sum(math.copysign(one["contribution"] ** 2, one["contribution"])
+                   for one in budget["sources"])  # fmt: skip
+    assert variance == pytest.approx(budget["uncertainty"] ** 2)
+    assert mtf == {
         "name": "contrast (MTF)", "values": 12, "p_value": 0.41, "p_is_upper_bound": False,
         "draws": 200, "limit": 0.025, "verdict": "accepted", "worst_z": 1.7,
     }  # fmt: skip

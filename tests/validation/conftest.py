@@ -24,8 +24,8 @@ from flflab.optics.camera import Camera
 from flflab.study import Configuration, ConfigurationsDescription, Study, StudyDescription, expand
 from flflab.targets import Bars, FourDot, Target, White
 from flflab.verdict.evaluation import Evaluation, evaluate_measured
-from flflab.verdict.prediction import attitude_uncertainty
 from flflab.verdict.properties.measured import measure_pictures
+from flflab.verdict.sources import attitude_uncertainty
 
 BENCHES = Path(__file__).parents[2] / "examples" / "benches"
 GAIN, READ_NOISE_E, OFFSET, FULL_SCALE, WHITE_E = 4095 / 12000, 3.0, 64.0, 4095.0, 8000.0

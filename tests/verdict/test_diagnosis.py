@@ -9,16 +9,17 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from flflab.bench import Bench, read_bench
+from flflab.bench import Bench, Element, read_bench
 from flflab.verdict.diagnosis import diagnose, likeliest
 from flflab.verdict.geometry import geometry
 from flflab.verdict.prediction import (
     Errors,
     as_described,
-    drawn_errors,
     placements,
 )
 from flflab.verdict.properties.values import Values, single
+from flflab.verdict.sources import drawn_errors
+from flflab.verdict.visible import visible
 
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "full.yaml"
 
@@ -39,6 +40,8 @@ def planted(change: str, size: float) -> Errors:
     if change == "target.z":
         moved = np.full(100, size), np.zeros(100)
         return replace(exact, stages=exact.stages | {"target.z": moved})
+    if change == "dots":
+        return replace(exact, dots=np.full(100, 1 + size))
     larger = {change: np.full(100, 1 + size)}
     return replace(exact, optics=replace(exact.optics, **larger))
 
@@ -82,12 +85,17 @@ def sharp_and_large(errors: Errors, bench: Bench) -> list[Values]:
     formulas of a thin lens.
     """
     focal = bench.optics.main_lens.focal_length * errors.optics.lens_focal
-    worlds = {"main_lens.z": 0.0, "array.z": 50.0, "sensor.z": 51.0, "target.z": -507.0}
+    worlds: dict[Element, float] = {
+        "main_lens.z": 0.0,
+        "array.z": 50.0,
+        "sensor.z": 51.0,
+        "target.z": -507.0,
+    }
     away = placements(bench, worlds, errors).distance
     behind = 1 / (1 / focal - 1 / away)
     return [
         single(0, "image_pitch_mm", "white", 0.0, 1e-4, behind),
-        single(0, "dot_scale", "four-dot", 0.0, 1e-6, behind / away * errors.optics.dot_spacing),
+        single(0, "dot_scale", "four-dot", 0.0, 1e-6, behind / away * errors.dots),
     ]
 
 
@@ -97,7 +105,7 @@ def sharp_and_large(errors: Errors, bench: Bench) -> list[Values]:
         ("lens_focal", 0.01, {"focal length of the main lens (its f-number as set)",
                               "focal length of the main lens (its stop as it is)"}),
         ("target.z", 8.0, {"zero of target_stage"}),
-        ("dot_spacing", 0.02, {"spacing of the dots"}),
+        ("dots", 0.02, {"spacing of the dots"}),
     ],
 )  # fmt: skip
 def test_the_size_of_dots_tells_a_longer_lens_from_a_nearer_target(
@@ -112,3 +120,19 @@ def test_the_size_of_dots_tells_a_longer_lens_from_a_nearer_target(
     ]
     effects = geometry(bench, errors, lambda drawn: sharp_and_large(drawn, bench))
     assert {one.what for one in likeliest(diagnose(found, effects))} == named
+
+
+def test_a_run_says_how_large_a_change_must_be_to_be_seen(bench: Bench) -> None:
+    """Five standard deviations of a number that is the error itself; what moves none is hidden."""
+    drawn = np.random.default_rng(1).normal(size=(2, 1000))
+    found = numbers(1.0, 0.0, 1 + 1e-4 * drawn[0], 1e-4 * drawn[1])
+
+    def told(errors: Errors) -> list[Values]:
+        return numbers(1.0, 0.0, errors.optics.pitch, errors.attitude[:, 2])
+
+    seen = {one.what: one for one in visible(found, bench, told)}
+    assert seen["pitch of the microlenses"].smallest == pytest.approx(5e-2, rel=0.1)
+    assert seen["pitch of the microlenses"].unit == "%"
+    by_hand = np.degrees(5e-3 * np.hypot(0.1, 0.01))
+    assert seen["pitch of the array (its tilt along y)"].smallest == pytest.approx(by_hand, rel=0.1)
+    assert seen["pixel size"].words == "not at all"

@@ -13,11 +13,11 @@ from flflab.optics.camera import microlens_centres
 from flflab.optics.light import Spectrum
 from flflab.verdict.prediction import (
     contrast_draws,
-    drawn_errors,
     placements,
     predicted_view_indices,
     view_draws,
 )
+from flflab.verdict.sources import drawn_errors
 
 BENCH = Path(__file__).parents[2] / "examples" / "benches" / "simulated.yaml"
 SHARP = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -506.701556}

@@ -34,7 +34,12 @@ def test_a_pitch_in_another_unit_is_named(factor: float, named: str) -> None:
     )
     rows, columns = np.indices((560, 760)) % 245.58
     white = 64.0 + 2000 * (np.hypot(rows - 122, columns - 122) < 90)
-    worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
+    worlds: dict[Element, float] = {
+        "main_lens.z": 0.0,
+        "array.z": 60.0,
+        "sensor.z": 61.15,
+        "target.z": -507.0,
+    }
     noise = SensorNoise(0.34, 1.0, 64.0, 4095.0)
     with pytest.raises(MeasurementError, match=named) as refused:
         measure_pictures(

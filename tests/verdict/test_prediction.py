@@ -15,11 +15,11 @@ from flflab.optics.camera import MainLens, Substrate
 from flflab.verdict.prediction import (
     as_described,
     contrast_draws,
-    drawn_errors,
     placements,
     predicted_view_indices,
     view_draws,
 )
+from flflab.verdict.sources import drawn_errors
 
 UNCERTAIN = OpticsUncertaintyDescription(
     main_lens_focal_length=1e-3,
@@ -55,7 +55,12 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(
         drawn,
         stages={element: (20 * zero, scale) for element, (zero, scale) in drawn.stages.items()},
     )
-    worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
+    worlds: dict[Element, float] = {
+        "main_lens.z": 0.0,
+        "array.z": 60.0,
+        "sensor.z": 61.15,
+        "target.z": -507.0,
+    }
     where = placements(bench, worlds, errors)  # pyright: ignore[reportArgumentType]
     camera = replace(bench.optics, main_lens=replace(bench.optics.main_lens, f_number=f_number))
     camera = replace(camera, array=replace(camera.array, tilt=(1e-3, 0.0), substrate=substrate))
@@ -90,7 +95,12 @@ def test_counts_of_all_draws_equal_those_of_cameras_built_one_by_one(
 def test_a_stage_s_errors_move_its_element_along_the_axis() -> None:
     bench = read_bench(BENCH)
     exact = as_described(1)
-    worlds = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -507.0}
+    worlds: dict[Element, float] = {
+        "main_lens.z": 0.0,
+        "array.z": 60.0,
+        "sensor.z": 61.15,
+        "target.z": -507.0,
+    }
     off: tuple[Element, ...] = ("sensor.z",)
     moved = exact.stages | dict.fromkeys(off, (np.array([0.002]), np.array([1e-4])))
     before = placements(bench, worlds, exact)
@@ -105,7 +115,12 @@ def test_in_focus_the_contrast_falls_whichever_way_the_sensor_is_off() -> None:
     exact = as_described(3)
     off: tuple[Element, ...] = ("sensor.z",)
     moved = exact.stages | dict.fromkeys(off, (np.array([-0.003, 0.0, 0.003]), np.zeros(3)))
-    sharp = {"main_lens.z": 0.0, "array.z": 60.0, "sensor.z": 61.15, "target.z": -506.701556}
+    sharp: dict[Element, float] = {
+        "main_lens.z": 0.0,
+        "array.z": 60.0,
+        "sensor.z": 61.15,
+        "target.z": -506.701556,
+    }
     errors = replace(exact, stages=moved)
     contrast = contrast_draws(bench.optics, placements(bench, sharp, errors), np.array([5.0]))[:, 0]
     assert contrast[0] < contrast[1]

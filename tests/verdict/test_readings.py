@@ -16,7 +16,6 @@ from flflab.optics.camera import Camera, MainLens
 from flflab.optics.focus import depth_of_field
 from flflab.optics.resolution import central_smms
 from flflab.optics.smms import Smms
-from flflab.verdict.prediction import exact_optics
 from flflab.verdict.properties.depth import distance_of, offset_read
 from flflab.verdict.properties.fields import useful_row
 from flflab.verdict.properties.focus import blur_squared, line_ends
@@ -125,11 +124,10 @@ def test_a_depth_read_with_the_nominal_camera_is_what_a_bench_with_other_distanc
     )
     model = Predicted(
         camera, 507.0, np.zeros(4, np.int64), None, (), np.zeros((1, 0)), np.ones(0), 0.0,
-        exact_optics(1),
         Smms(**{name: getattr(smms, name)[None] for name in Smms.__dataclass_fields__}),
         np.array([1 / distance]),
         np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1), np.zeros((1, 3)), np.zeros((1, 4)),
-        np.zeros((1, 4)), np.ones(1), np.zeros(1),
+        np.zeros((1, 4)), np.ones(1), np.ones(1), np.zeros(1),
     )  # fmt: skip
     assert float(distance_of(offset_read(model), camera)[0]) == pytest.approx(
         -position[2], rel=1e-9

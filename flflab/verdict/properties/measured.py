@@ -88,16 +88,20 @@ def measure_configuration(
 
 
 def recorded(run: Run, study: Study) -> tuple[Configuration, ...]:
-    """The configurations of which every picture that the study shows was recorded; all of them
-    where none was, or where the run was taken to its end.
+    """The configurations of which every picture that the study shows was recorded and is admitted;
+    all of them where none is. Those that a run taken to its end lacks are kept: its study was
+    changed, which the measurement says.
     """
-    have = {(frame.configuration, frame.target) for frame in run.frames}
-    due = ("white", *study.shown)
-    found = tuple(
-        one
-        for one in study.configurations
-        if run.complete or all((one.index, target) in have for target in due)
-    )
+    taken = {(frame.configuration, frame.target): False for frame in run.frames}
+    taken |= {
+        (frame.configuration, frame.target): True for frame in run.frames if frame.validity.admitted
+    }
+
+    def whole(one: Configuration) -> bool:
+        due = [taken.get((one.index, target)) for target in ("white", *study.shown)]
+        return all(due) or (run.complete and None in due)
+
+    found = tuple(one for one in study.configurations if whole(one))
     return found or study.configurations
 
 
@@ -206,12 +210,19 @@ def averaged(noise: SensorNoise, frames: int) -> SensorNoise:
 def mean_picture(
     run: Run, configuration: Configuration, target: str
 ) -> tuple[Array, tuple[FrameRecord, ...]]:
-    """Mean of a configuration's frames of one target, DN, and the frames."""
-    frames = tuple(
+    """Mean of a configuration's admitted frames of one target, DN, and the frames."""
+    taken = [
         frame
         for frame in run.frames
         if frame.configuration == configuration.index and frame.target == target
-    )
+    ]
+    frames = tuple(frame for frame in taken if frame.validity.admitted)
+    if taken and not frames:
+        raise MeasurementError(
+            f"run {run.folder}: configuration {configuration.index} has no {target} frame that may"
+            f" be judged: {taken[0].key} is {taken[0].validity.status},"
+            f" {taken[0].validity.reason}; take them again"
+        )
     if not frames:
         how = (
             "its study was changed"

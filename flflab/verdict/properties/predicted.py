@@ -18,7 +18,6 @@ from flflab.optics.smms import Smms, image_offset
 from flflab.study import Study
 from flflab.verdict.prediction import (
     Errors,
-    OpticsFactors,
     Placement,
     contrast_draws,
     drawn_systems,
@@ -47,7 +46,6 @@ class Predicted:
         waves_left: what diffraction leaves of the contrast in focus at the measured frequencies,
             shape (K,); 1 without a wavelength.
         blur_px: diameter of the geometric blur, pixels.
-        optics: sizes of optics and targets for each draw, over those described.
         systems: the system nearest the axis for each draw, fields of shape (draws,).
         vergences: of the target for each draw, 1/mm, shape (draws,).
         inside_radii: of the bright field for each draw, mm, shape (draws,).
@@ -59,7 +57,9 @@ class Predicted:
             4).
         nearer_draws: how much nearer than the target's middle each dot stands, mm, shape (draws,
             4).
-        scale_draws: image over target within a micro-image, over the camera's, shape (draws,).
+        dot_scale_draws: image of the dots over the target as described, over the camera's, shape
+            (draws,).
+        bar_scale_draws: the same of the bars.
         roll_draws: of the target, rad, shape (draws,).
     """
 
@@ -71,7 +71,6 @@ class Predicted:
     contrast_draws: Array
     waves_left: Array
     blur_px: float
-    optics: OpticsFactors
     systems: Smms
     vergences: Array
     inside_radii: Array
@@ -81,7 +80,8 @@ class Predicted:
     attitude_draws: Array
     parallax_draws: Array
     nearer_draws: Array
-    scale_draws: Array
+    dot_scale_draws: Array
+    bar_scale_draws: Array
     roll_draws: Array
 
 
@@ -103,6 +103,7 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
     points = study.dots.centres
     systems, order = drawn_systems(central_smms(camera), camera, placement), errors.order
     as_read = 1 / placement.optics.pixel  # lengths on the sensor are read in described pixels
+    image_scale = image_scales(systems, 1 / placement.distance, camera, distance) * as_read
     cycles_per_mm = measured.curve.cycles_per_mm if measured.curve else np.zeros(0)
     falloff = float(
         measured.lattice.slants[0]
@@ -138,7 +139,6 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
         contrast_draws=contrast * order.contrast[:, None],
         waves_left=_waves_left(camera, distance, cycles_per_mm, bench.description.spectrum),
         blur_px=float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel,
-        optics=placement.optics,
         systems=systems,
         vergences=1 / placement.distance,
         inside_radii=inside * order.widths * as_read,
@@ -155,7 +155,8 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
         + roll[:, None] * [1.0, 0.0, 0.0],
         parallax_draws=_parallax_errors(camera, lenses, indices, draws),
         nearer_draws=np.tan(errors.target[:, 1:]) @ points.T,
-        scale_draws=image_scales(systems, 1 / placement.distance, camera, distance) * as_read,
+        dot_scale_draws=image_scale * placement.dots,
+        bar_scale_draws=image_scale * placement.bars,
         roll_draws=errors.target[:, 0],
     )
 

@@ -17,11 +17,10 @@ def target(one: Measured, model: Predicted) -> list[Values]:
     """Scale of the images of dots and of bars over the camera's, and the target's roll, mrad; what
     too few views tell is left out.
     """
-    index, optics = one.configuration.index, model.optics
+    index = one.configuration.index
     found: list[Values] = []
     if one.dot_scale is not None:
-        drawn = model.scale_draws * optics.dot_spacing
-        scale = one.dot_scale
+        drawn, scale = model.dot_scale_draws, one.dot_scale
         found += [
             single(index, "dot_scale", "four-dot", scale.size, scale.size_uncertainty, drawn),
             single(
@@ -33,7 +32,7 @@ def target(one: Measured, model: Predicted) -> list[Values]:
         across, _ = target_scales(model.camera, model.distance)
         ratio = float(across / one.curve.geometry[1])
         doubt = ratio * abs(float(one.curve.geometry_uncertainty[1] / one.curve.geometry[1]))
-        drawn = model.scale_draws / optics.bar_frequency
+        drawn = model.bar_scale_draws
         if np.isfinite(doubt) and doubt > 0:
             found.append(single(index, "bar_scale", "bars", ratio, doubt, drawn))
     return found

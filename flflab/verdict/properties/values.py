@@ -136,6 +136,11 @@ def _shared(one: Values, other: Values) -> tuple[npt.NDArray[np.int64], npt.NDAr
     return mine, theirs
 
 
+def positions(one: Values, other: Values) -> npt.NDArray[np.int64]:
+    """Where another list, which has them all, holds the numbers of one."""
+    return _shared(one, other)[1]
+
+
 def _same(one: float | None, other: float | None) -> bool:
     return one == other or (
         one is not None and other is not None and math.isclose(one, other, rel_tol=1e-9)
