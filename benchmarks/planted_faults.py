@@ -13,7 +13,7 @@ import numpy.typing as npt
 from random_benches import log_uniform
 from scipy.ndimage import gaussian_filter
 
-from flflab.bench import Bench, Element
+from flflab.bench import AxisDescription, Bench, Element
 from flflab.image.effects.diffraction import Diffraction
 from flflab.image.effects.distortion import Distortion
 from flflab.image.effects.gamma import Gamma
@@ -45,7 +45,7 @@ KINDS = {  # of faults: smallest and largest size, and what the report should na
     "pixel": (0.005, 0.05, "pixel size"),
     "dot spacing": (0.01, 0.10, "spacing of the dots"),
     "bars": (0.01, 0.06, "frequency of the bars"),
-    "main lens zero": (0.02, 0.2, "zero of lens_stage"),
+    "main lens zero": (0.02, 0.2, "zero of main_lens_stage"),
     "array zero": (0.02, 0.1, "zero of array_stage"),
     "sensor zero": (0.02, 0.1, "zero of sensor_stage"),
     "target zero": (5.0, 50.0, "zero of target_stage"),
@@ -97,7 +97,9 @@ def drawn_world(
     rng: np.random.Generator, bench: Bench, wavelength: float | None, real: bool, kind: str = ""
 ) -> World:
     """Errors within what the bench file states; a fault of this kind comes on top."""
-    axes = {e: found[1] for e in ELEMENTS if (found := bench.description.axis_of(e))}
+    axes: dict[Element, AxisDescription] = {
+        e: found[1] for e in ELEMENTS if (found := bench.description.axis_of(e))
+    }
     doubt = bench.description.optics_uncertainty
     stated = {
         "lens": doubt.main_lens_focal_length,

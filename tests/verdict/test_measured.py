@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flflab.bench import read_bench
+from flflab.bench import Element, read_bench
 from flflab.errors import MeasurementError
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.study import read_study
