@@ -46,7 +46,10 @@ def few_runs(
     even, whole = np.ones(runs), np.zeros(runs, dtype=np.int64)
     places = np.stack([even, np.linspace(-0.13, 0.13, runs), 0 * even, 0 * even, 0 * even], axis=1)
     light = np.stack([even] + 5 * [0 * even], axis=1)
-    data = ChirpData(3000 * even, places, light, dark * even, 0.3 * even, whole, whole, 100 * even)
+    data = ChirpData(
+        3000 * even, places, light, dark * even, 0.3 * even, whole, whole, 100 * even,
+        0 * even, 0 * even,
+    )  # fmt: skip
     size = len(geometry) + len(brightness) + len(fit.curve)
     return data, model, fit, Prior(np.zeros(size), np.full(size, 1e6))
 

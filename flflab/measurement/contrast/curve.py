@@ -4,7 +4,7 @@ chirp; max and min as a baseline.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ from flflab.measurement.contrast.fit import (
     GEOMETRY,
     ChirpFit,
     ChirpModel,
+    Prior,
     expected,
     noise_covariance,
 )
@@ -41,6 +42,7 @@ from flflab.measurement.contrast.search import (
     with_fitted_blur,
     with_fitted_gains,
 )
+from flflab.measurement.contrast.views import as_strong, jackknife, with_views
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import (
     defocus_apart,
@@ -87,6 +89,7 @@ MOST_LOST = 0.007  # of the light over one edge: nearer to it, what is lost foll
 # better
 SURROUNDINGS = 0.3
 AS_SHARP_PX = 0.4  # of blur, by which views through a tilted array may differ from that on the axis
+SHIFTED = np.array([1.0, 0.0, 0.0, 0.0, 0.0])  # of the geometry: the shift alone
 FIRST_RUN = 16  # pixels of a run while the bars' slant is not known
 
 
@@ -100,7 +103,7 @@ class ContrastCurve:
         cycles_per_mm: frequencies on the target, shape (K,).
         cycles_per_px: the same on the sensor by the camera's nominal magnification, shape (K,).
         contrast: modulation of the image's fundamental over the target's, signed (negative: bars
-            look reversed), shape (K,).
+            look reversed), the mean over the views that see each frequency, shape (K,).
         covariance: of ``contrast``, from noise and registration together, shape (K, K).
         extremes: (max - min)/(max + min) of the fitted noise-free bars over all phases (eq. 2's
             quantity), shape (K,).
@@ -119,6 +122,7 @@ class ContrastCurve:
         chi2_per_pixel: about 1 where the model holds; the covariances are already scaled up by it
             where clearly above 1.
         pixels: number of pixels used.
+        views_share: by how much each view counts in ``contrast``, shape (V, K).
     """
 
     focal_length: float
@@ -137,6 +141,7 @@ class ContrastCurve:
     geometry_uncertainty: Array
     chi2_per_pixel: float
     pixels: int
+    views_share: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def uncertainty(self) -> Array:
@@ -253,16 +258,17 @@ def _fit_type(
         sensor_position(camera.sensor, lattice.centres_px) * along
     ) - radius * camera.sensor.pixel * abs(across)
     chosen &= _blurred_alike(lattice, smms, distance, camera.sensor.pixel)
-    field = field_of(
+    bright = field_of(
         lattice, radius, chosen & (looks_at < [target.width / 2, target.height / 2]).all(axis=1)
     )
     frame = Frame(
-        values, lattice, field, camera, smms, target, distance, noise, gains, start, wavelength
+        values, lattice, bright, camera, smms, target, distance, noise, gains, start, wavelength
     )
     data = _on_target(frame, FIRST_RUN)
     model = model_of(frame, data)
     few = scattered(data, MOST_RUNS_WHILE_SEARCHING)
-    fit = settle(frame, few, search(frame, few, model), model)
+    first = search(frame, few, model)
+    begun, fit = model, settle(frame, few, first, model)
     smear = abs(float(fit.geometry[2])) * camera.sensor.pixel * max(target.cycles_per_mm)
     rows = int(np.clip(MOST_SMEAR / max(smear, 1e-9), 1, MOST_ROWS))
     if rows != FIRST_RUN:
@@ -275,6 +281,7 @@ def _fit_type(
     if lost.any():
         data = replace(data, read=data.read + data.light @ fit.brightness * lost / (1 - lost))
         fit = settle(frame, data, fit, model)
+    by_tilt = np.zeros((0, CURVE + len(fit.curve)))
     if target.kind == "bars":
         # the stages' errors blur differently from what is nominal, and the highest harmonics are
         # seen through the template alone
@@ -285,10 +292,16 @@ def _fit_type(
             data = replace(data, read=data.read - drawn)
             fit = settle(frame, data, fit, model)
         data, model, fit, by_tilt = as_sharp_as_the_axis(frame, data, fit, model, before)
-        return _curve(frame, fit, data, model, by_tilt, float(lost.mean()))
-    return _curve(
-        frame, fit, data, model, np.zeros((0, CURVE + len(fit.curve))), float(lost.mean())
-    )
+    prior = prior_of(frame, data, model.knots)
+    upright = first.geometry * [1.0, 1.0, 0.0, 1.0, 0.0]
+    starts = (begun, first.geometry), (begun, upright), (begun, frame.start + upright * SHIFTED)
+    views, model, fit = with_views(data, model, fit, prior, starts)
+    by_views = np.zeros((len(prior.mean),) * 2)
+    if views.differ:
+        prior = as_strong(prior, model, fit)
+        by_views = jackknife(data, views, model, fit, prior)
+        data = views.seen_in(data)
+    return _curve(frame, fit, data, model, prior, by_tilt, float(lost.mean()), by_views)
 
 
 def _blurred_alike(
@@ -356,7 +369,7 @@ def _lost_light(frame: Frame, data: ChirpData, fit: ChirpFit) -> Array:
     vergence, ends = 1 / frame.distance, np.array([frame.target.width, frame.target.height]) / 2
     seen = np.stack(
         [
-            data.places @ fit.geometry,
+            data.seen_at(fit.geometry),
             data.places[:, 2] * fit.geometry[1] + data.places[:, 4] * fit.geometry[3],
         ],
         axis=1,
@@ -388,11 +401,35 @@ def _ends(frame: Frame) -> Array:
     return np.sort((up - centres[:, 1:] * frame.start[3]) / (frame.start[1] * sensor.pixel), axis=1)
 
 
+def _over_views(
+    data: ChirpData, model: ChirpModel, fit: ChirpFit, nu: Array
+) -> tuple[Array, Array]:
+    """Share of each view in each frequency, by its pixels near it, shape (V, K); and how much more
+    of it the views pass in that mean than one blurred as all are together, shape (K,).
+    """
+    lenses, first, view = np.unique(data.lens, return_index=True, return_inverse=True)
+    own = model.template.through(data.wider[first], nu)
+    frequency, share = model.frequency(data.seen_at(fit.geometry)), np.zeros(own.shape)
+    for k, one in enumerate(nu):
+        near = np.abs(frequency - one) <= model.knots.step / 2
+        # a view that departs from the model has more noise than its pixels
+        share[:, k] = np.bincount(view[near], 1 / data.shot[near], minlength=len(lenses))
+    share /= np.maximum(share.sum(axis=0), 1e-300)
+    seen = share.any(axis=0)
+    return share, np.where(seen, np.sum(share * own, axis=0) - model.template.transfer(nu), 0.0)
+
+
 def _curve(
-    frame: Frame, fit: ChirpFit, data: ChirpData, model: ChirpModel, by_tilt: Array, lost: float
+    frame: Frame,
+    fit: ChirpFit,
+    data: ChirpData,
+    model: ChirpModel,
+    prior: Prior,
+    by_tilt: Array,
+    lost: float,
+    by_views: Array,
 ) -> ContrastCurve:
     target, sensor = frame.target, frame.camera.sensor
-    prior = prior_of(frame, data, model.knots)
     covariance, chi2 = noise_covariance(data, model, fit, prior)
     misfit = float(
         np.sqrt(np.mean((data.read - expected(data, model, fit)) ** 2))
@@ -407,18 +444,26 @@ def _curve(
     grown = (
         chi2 if chi2 > 1 + CLEARLY * math.sqrt(2 / len(data.read)) else 1.0
     )  # noise alone scatters it about 1
-    covariance = with_blur_unsure(data, model, fit, prior, covariance) * grown
-    covariance[:-1, :-1] += by_tilt.T @ by_tilt
+    if by_views.any():  # each view has its own blur, whatever the tilt
+        covariance = np.pad(covariance, (0, 1)) * grown
+    else:
+        covariance = with_blur_unsure(data, model, fit, prior, covariance) * grown
+        covariance[:-1, :-1] += by_tilt.T @ by_tilt
     spline = covariance[CURVE:, CURVE:]
     # The target's own grid, not the picture's, so that two pictures of one target can be compared
     # frequency by frequency.
     nu = np.linspace(*target.cycles_per_mm, KNOTS + 2)[1:-1]
     nu = nu[(nu >= model.span[0]) & (nu <= model.span[1])]
     design = transfer_rows(model, fit.curve, nu)
+    share, sharper = _over_views(data, model, fit, nu)
+    design[:, 0] += sharper
     dimmed = SURROUNDINGS * lost * (design[:, :-1] @ fit.curve)
     waves = 0.0 if frame.wavelength is None else WAVES_ERROR**2
     spread = design @ spline @ design.T + np.outer(dimmed, dimmed) + waves * np.eye(len(nu))
-    frequency = target.frequency(data.places @ fit.geometry)
+    scatter = np.einsum("ki,ij,kj->k", design[:, :-1], by_views[CURVE:, CURVE:], design[:, :-1])
+    more = np.sqrt(np.maximum(scatter / np.diag(spread), 1.0))
+    spread *= np.outer(more, more)
+    frequency = target.frequency(data.seen_at(fit.geometry))
     near = np.array(
         [data.pixels[np.abs(frequency - one) <= model.knots.step / 2].sum() for one in nu]
     )
@@ -474,4 +519,5 @@ def _curve(
         geometry_uncertainty=np.sqrt(np.diag(covariance)[:GEOMETRY]),
         chi2_per_pixel=chi2,
         pixels=int(data.pixels.sum()),
+        views_share=share[:, keep],
     )

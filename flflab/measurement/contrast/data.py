@@ -63,6 +63,8 @@ class ChirpData:
         lens: position of its micro-image in the lattice, shape (n,).
         sublattice: 2 (row % 2) + column % 2, all 0 without filters, shape (n,).
         pixels: how many pixels, shape (n,).
+        aside: how far beside the common geometry its view looks, mm on the target, shape (n,).
+        wider: square of its view's disc of blur less that of the common one, mm^2, shape (n,).
     """
 
     read: Array
@@ -73,6 +75,12 @@ class ChirpData:
     lens: Whole
     sublattice: Whole
     pixels: Array
+    aside: Array
+    wider: Array
+
+    def seen_at(self, geometry: Array) -> Array:
+        """Where on the target each run looks, mm."""
+        return self.places @ geometry + self.aside
 
     def part(self, index: npt.NDArray[np.bool_] | Whole | slice) -> "ChirpData":
         """Only the runs of ``index``."""
@@ -243,6 +251,8 @@ def gather(
             lens=lens,
             sublattice=sublattice.astype(np.int64),
             pixels=np.ascontiguousarray(number),
+            aside=np.zeros(count),
+            wider=np.zeros(count),
         ),
         saturated,
     )

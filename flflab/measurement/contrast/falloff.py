@@ -42,7 +42,7 @@ def drawn_aside(frame: Frame, data: ChirpData, model: ChirpModel, fit: ChirpFit)
     slope = slants_of(lattice)[data.lens, 0] + beside
     disc = math.copysign(model.template.blur, float(signed_blur(frame.smms, vergence)))
     slopes = _slopes(
-        data.places @ fit.geometry,
+        data.seen_at(fit.geometry),
         model.law,
         model.edges,
         model.template.pixel,

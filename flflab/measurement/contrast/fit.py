@@ -179,6 +179,8 @@ def _wave(
 @numba.njit(nogil=True, cache=True)
 def _derivatives(
     places: Array,
+    aside: Array,
+    wider: Array,
     light: Array,
     law: tuple[float, float, float],
     edges: Array,
@@ -199,13 +201,14 @@ def _derivatives(
     levels, wave, g = np.zeros(count), np.zeros(count), np.zeros((count, base + len(curve)))
     shares = np.zeros(len(curve))
     for n in range(count):
-        level, x = 0.0, 0.0
+        level, x = 0.0, aside[n]
         for k in range(LIGHT):
             level += brightness[k] * light[n, k]
         for k in range(GEOMETRY):
             x += geometry[k] * places[n, k]
+        own = np.sqrt(max(disc * disc + wider[n], 0.0))
         wave[n], slope, low, high = _wave(
-            x, law, edges, pixel, disc, curve, first, step, ceiling, shares
+            x, law, edges, pixel, own, curve, first, step, ceiling, shares
         )
         levels[n] = level
         for k in range(GEOMETRY):
@@ -221,6 +224,8 @@ def _derivatives(
 @numba.njit(nogil=True, cache=True)
 def _waves(
     places: Array,
+    aside: Array,
+    wider: Array,
     law: tuple[float, float, float],
     edges: Array,
     pixel: float,
@@ -233,10 +238,11 @@ def _waves(
 ) -> Array:  # pragma: no cover - compiled
     wave, shares = np.zeros(len(places)), np.zeros(len(curve))
     for n in range(len(places)):
-        x = 0.0
+        x = aside[n]
         for k in range(GEOMETRY):
             x += geometry[k] * places[n, k]
-        wave[n], _, _, _ = _wave(x, law, edges, pixel, disc, curve, first, step, ceiling, shares)
+        own = np.sqrt(max(disc * disc + wider[n], 0.0))
+        wave[n], _, _, _ = _wave(x, law, edges, pixel, own, curve, first, step, ceiling, shares)
     return wave
 
 
@@ -246,6 +252,8 @@ def waves(
     """The wave at every run of pixels, 0 on average."""
     return _waves(
         data.places,
+        data.aside,
+        data.wider,
         model.law,
         model.edges,
         model.template.pixel,
@@ -275,8 +283,8 @@ def gauss_newton_step(
     normal, right, _ = _tied(data, model, fit, ceiling, prior)
     step = np.zeros(len(normal))
     free = slice(0 if move else GEOMETRY, None)
-    step[free] = _inverse(normal[free, free]) @ right[free]
-    frequency = np.abs(model.frequency(data.places @ fit.geometry))
+    step[free] = inverse_of(normal[free, free]) @ right[free]
+    frequency = np.abs(model.frequency(data.seen_at(fit.geometry)))
     furthest = float(np.abs(data.places @ step[:GEOMETRY] * frequency).max())
     step *= min(1.0, MOST_CYCLES_A_STEP / max(furthest, 1e-300))
     return ChirpFit(
@@ -291,7 +299,7 @@ def least_misfit(data: ChirpData, model: ChirpModel, fit: ChirpFit, prior: Prior
     next step takes off.
     """
     normal, right, misfit = _tied(data, model, fit, model.top, prior)
-    return misfit - float(right @ _inverse(normal) @ right)
+    return misfit - float(right @ inverse_of(normal) @ right)
 
 
 def _tied(
@@ -316,7 +324,7 @@ def noise_covariance(
     """
     normal, scatter, _, misfit, due = _sums(data, model, fit, model.top, True)
     tied = np.diag(prior.spread**-2)
-    inverse = _inverse(normal + tied)
+    inverse = inverse_of(normal + tied)
     return inverse @ (scatter + tied) @ inverse, misfit / max(
         due - float(np.trace(inverse @ scatter)), 0.1 * due
     )
@@ -344,12 +352,14 @@ def through_others(
     Of the template as strong as the whole transfer is: g alone may be more, with a free curve that
     takes it back.
     """
-    template, x = model.template, data.places @ fit.geometry
-    own = _bars(x, model.law, model.edges, pixels, discs)
-    same = _bars(
-        x, model.law, model.edges, np.full(len(x), template.pixel), np.full(len(x), template.blur)
+    template, x = model.template, data.seen_at(fit.geometry)
+    own, shared = (
+        np.sqrt(np.maximum(one**2 + data.wider, 0.0))
+        for one in (discs, np.full(len(x), template.blur))
     )
-    return strength_of(model, fit) * (data.light @ fit.brightness) * (own - same)
+    seen = _bars(x, model.law, model.edges, pixels, own)
+    same = _bars(x, model.law, model.edges, np.full(len(x), template.pixel), shared)
+    return strength_of(model, fit) * (data.light @ fit.brightness) * (seen - same)
 
 
 def strength_of(model: ChirpModel, fit: ChirpFit) -> float:
@@ -381,7 +391,7 @@ def followed(
     normal, _, right, _, _ = _sums(
         replace(data, read=expected(data, model, fit) + change), model, fit, model.top, False
     )
-    return _inverse(normal + np.diag(prior.spread**-2)) @ right
+    return inverse_of(normal + np.diag(prior.spread**-2)) @ right
 
 
 def _sums(
@@ -400,20 +410,7 @@ def _sums(
     )
     for start in range(0, len(data.read), BLOCK):
         part = data.part(slice(start, start + BLOCK))
-        level, wave, g = _derivatives(
-            part.places,
-            part.light,
-            model.law,
-            model.edges,
-            model.template.pixel,
-            model.template.blur,
-            fit.geometry,
-            fit.brightness,
-            fit.curve,
-            model.knots.first,
-            model.knots.step,
-            ceiling,
-        )
+        level, wave, g = derivatives(part, model, fit, ceiling)
         due = level * (1 + wave)
         variance, weight = variance_and_weight(part, level, due)
         root = np.sqrt(weight)
@@ -428,7 +425,31 @@ def _sums(
     return normal, scatter, right, misfit, noisy
 
 
-def _inverse(normal: Array) -> Array:
+def derivatives(
+    data: ChirpData, model: ChirpModel, fit: ChirpFit, ceiling: float
+) -> tuple[Array, Array, Array]:
+    """What white would read at every run, DN, the wave there, and the derivatives of what the run
+    should read by all parameters, shape (n, parameters).
+    """
+    return _derivatives(
+        data.places,
+        data.aside,
+        data.wider,
+        data.light,
+        model.law,
+        model.edges,
+        model.template.pixel,
+        model.template.blur,
+        fit.geometry,
+        fit.brightness,
+        fit.curve,
+        model.knots.first,
+        model.knots.step,
+        ceiling,
+    )
+
+
+def inverse_of(normal: Array) -> Array:
     """Of a normal matrix whose parameters have very different units."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     return np.linalg.inv(normal / np.outer(scale, scale) + 1e-12 * np.eye(len(normal))) / np.outer(

@@ -94,7 +94,7 @@ def views_contrast(
     """
     lenses, view = np.unique(data.lens, return_inverse=True)
     step = frequency[1] - frequency[0] if len(frequency) > 1 else math.inf
-    x = data.places @ fit.geometry
+    x = data.seen_at(fit.geometry)
     cell = np.rint((model.frequency(x) - frequency[0]) / step).astype(np.int64)
     inside = (cell >= 0) & (cell < len(frequency))
     key = (view * len(frequency) + cell)[inside]
@@ -128,5 +128,7 @@ def views_contrast(
     found, doubt = np.full(size, np.nan), np.full(size, np.nan)
     found[held] = (inverse @ right[held][:, :, None])[:, 0, 0]
     doubt[held] = np.sqrt((inverse @ scatter[held] @ inverse)[:, 0, 0])
-    shape = (len(lenses), len(frequency))
-    return lenses, model.template.transfer(frequency) + found.reshape(shape), doubt.reshape(shape)
+    shape, wider = (len(lenses), len(frequency)), np.zeros(len(lenses))
+    wider[view] = data.wider
+    template = model.template.through(wider, frequency)
+    return lenses, template + found.reshape(shape), doubt.reshape(shape)

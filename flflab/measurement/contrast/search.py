@@ -159,7 +159,7 @@ def search(frame: Frame, data: ChirpData, model: ChirpModel) -> ChirpFit:
     fit = ChirpFit(start + np.array([shift, 0, 0, 0, 0]), brightness, np.zeros(size))
     ceiling = low
     while True:
-        part = weighed = data.part(target.frequency(data.places @ fit.geometry) <= ceiling)
+        part = weighed = data.part(target.frequency(data.seen_at(fit.geometry)) <= ceiling)
         for step in range(4):
             fit = gauss_newton_step(weighed, model, fit, ceiling, prior, step > 0)
             weighed = _as_unsure_as_fitted(part, model, fit)

@@ -51,6 +51,13 @@ class Template:
         nu = np.asarray(frequency, dtype=np.float64)
         return np.sinc(nu * self.pixel) * disc_transfer(self.blur, nu)
 
+    def through(self, wider: Array, frequency: Array) -> Array:
+        """Transfer at K frequencies of discs whose squares are so much larger, mm^2, shape (n,);
+        shape (n, K).
+        """
+        discs = np.sqrt(np.maximum(self.blur**2 + np.asarray(wider), 0.0))
+        return np.sinc(frequency * self.pixel) * disc_transfer(discs[:, None], frequency)
+
     @property
     def reach(self) -> float:
         """How far from an edge it is seen, mm."""
