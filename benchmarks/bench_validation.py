@@ -63,7 +63,7 @@ def one_trial(seed: int, what: str) -> dict[str, Any]:
     drawn: Drawn = drawn_camera(rng)
     kind = list(KINDS)[seed % len(KINDS)] if what.endswith("fault") else ""
     real = what in ("real", "fault")
-    bent = what not in ("ideal", "plain-fault") and kind != "target tilt" and seed % 2 == 0
+    bent = what == "waves" and seed % 2 == 0
     wavelength = float(rng.uniform(450e-6, 650e-6)) if bent else None
     bench, study = drawn_bench(rng, drawn), drawn_study(rng, drawn)
     bench = described(bench, None if kind == "light not stated" else wavelength, real)

@@ -36,6 +36,7 @@ Array = npt.NDArray[np.float64]
 GAIN, READ_NOISE_E, OFFSET, FULL_SCALE, WHITE_E = 4095 / 12000, 3.0, 64.0, 4095.0, 8000.0
 NOISE = SensorNoise(GAIN, READ_NOISE_E * GAIN, OFFSET, FULL_SCALE)
 BENT_WHITE, RAYS_WHITE, BENT, RAYS = 3e-4, 3e-5, 1e-3, 5e-4  # of white: errors of the pictures
+RAYS_TRACED = 1e-3  # the same of single rays, which average out
 KINDS = {  # of faults: smallest and largest size, and what the report should name
     "lens": (0.01, 0.10, "focal length of the main lens"),
     "lens, its stop kept": (0.01, 0.10, "focal length of the main lens"),
@@ -265,7 +266,9 @@ def scene_of(camera: Camera, target: Target, distance: float, world: World) -> S
 def irradiance(camera: Camera, target: Target, distance: float, world: World) -> Array:
     """A picture without noise, of white."""
     white, bent = isinstance(target, White), world.wavelength is not None
-    tolerance = (BENT_WHITE if bent else RAYS_WHITE) if white else (BENT if bent else RAYS)
+    tolerance = (BENT_WHITE if bent else RAYS_WHITE) if white else BENT if bent else RAYS
+    if world.real:
+        tolerance = max(tolerance, RAYS_TRACED)
     drawn = render(scene_of(camera, target, distance, world), tolerance=tolerance)
     drawn = np.maximum(drawn, 0.0)
     return gaussian_filter(drawn, sigma) if (sigma := world.fault("blur")) > 0 else drawn
