@@ -14,8 +14,8 @@ from flflab.files.sensor_picture import SensorPicture
 from flflab.measurement.as_read import as_read
 from flflab.measurement.contrast.curve import fit_contrasts
 from flflab.measurement.dots.scale import scale_of_dots, unlike_the_description
-from flflab.measurement.dots.views import count_views
-from flflab.measurement.edges.views import EdgeCurve, measure_edges
+from flflab.measurement.dots.views import DotViews, count_views
+from flflab.measurement.edges.views import APART, EdgeCurve, measure_edges_of_kinds
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.nominal import nominal_lattice
 from flflab.measurement.measure_json import (
@@ -23,6 +23,8 @@ from flflab.measurement.measure_json import (
     dot_json,
     edge_json,
     lattice_json,
+    views_contrast_json,
+    views_edge_json,
 )
 from flflab.measurement.presence import (
     brightest_light,
@@ -39,6 +41,8 @@ from flflab.optics.focus import sharp_vergence
 from flflab.optics.resolution import central_smms
 from flflab.remark import Remark
 from flflab.targets import Bars, Chirp, Edge, FourDot, Target, White
+
+WORTH_SAYING = 0.01  # of the light, misfit
 
 
 def measure(
@@ -98,7 +102,7 @@ def measure(
         lattice, shown = beside.lattice, beside.json()["lattice"]
         del shown["micro_images"]
         remarks += [Remark(one.code, f"white picture: {one.sentence}") for one in beside.remarks]
-    result: dict[str, Any] = {"dots": [], "mtf": []}
+    result: dict[str, Any] = {"dots": [], "mtf": [], "mtf_by_view": []}
     if isinstance(target, FourDot):
         dots = count_views(values, None, lattice, camera, target, away, evened)
         require_dots(values, dots, camera, target, away, evened)
@@ -106,19 +110,46 @@ def measure(
         scale = scale_of_dots(dots, lattice, camera, target, away)
         unlike = unlike_the_description(scale, camera, away) if scale else []
         remarks += [Remark("dots-unlike-camera", one) for one in unlike]
+        remarks += _remarks_on_limits(dots)
+        misfit = max(dot.misfit for dot in dots)
     elif isinstance(target, Edge):
-        edges = measure_edges(values, lattice, camera, evened)
-        result["mtf"] = edge_json(edges, camera, away)
-        remarks += _edge_remarks(edges)
+        edges, reasons = measure_edges_of_kinds(values, lattice, camera, evened)
+        for one in edges:
+            result["mtf"] += edge_json(one, camera, away)
+            result["mtf_by_view"] += views_edge_json(one, lattice, camera, away)
+            remarks += _edge_remarks(one)
+        remarks += [Remark("edges", reason) for reason in reasons]
+        misfit = max(one.misfit for one in edges)
     else:
         curves, reasons = fit_contrasts(
             mosaic.values, lattice, camera, target, away, mosaic.noise, mosaic.gains
         )
-        result["mtf"] = [point for curve in curves for point in contrast_json(curve, lattice)]
+        for curve in curves:
+            result["mtf"] += contrast_json(curve)
+            result["mtf_by_view"] += views_contrast_json(curve, lattice)
         remarks += [Remark("contrast", reason) for reason in reasons]
+        misfit = max(curve.misfit for curve in curves)
+    saturated = float(np.mean(values >= evened.saturated_dn))
+    if saturated > 0:
+        remarks.append(
+            Remark("saturated", f"{100 * saturated:.2g} % of the pixels are saturated and left out")
+        )
+    if misfit > WORTH_SAYING:
+        remarks.append(
+            Remark(
+                "misfit",
+                f"the picture departs from its model by {100 * misfit:.2g} % of the light beyond"
+                " noise; stated uncertainties count it as it scatters from view to view",
+            )
+        )
     return {
         "lattice": shown,
         **result,
+        "picture": {
+            "saturated_share": saturated,
+            "misfit": misfit,
+            "offset_dn": evened.offset_dn,
+        },
         "remarks": [remark.sentence for remark in remarks],
         "remark_codes": [remark.code for remark in remarks],
     }
@@ -173,9 +204,32 @@ def _sharp_distance(camera: Camera) -> float:
     return 1 / vergence
 
 
+def _remarks_on_limits(dots: tuple[DotViews, ...]) -> list[Remark]:
+    """Which counts of views hang on how much light is there."""
+    unsure = [dot for dot in dots if dot.views_uncertain]
+    if not unsure:
+        return []
+    said = ", ".join(f"{dot.views} +- {dot.views_uncertain} of dot {dot.dot}" for dot in unsure)
+    return [
+        Remark(
+            "views-at-limit",
+            "a view counts from half of the light expected there on, within the useful field; these"
+            f" numbers of views hang on images at that limit: {said}",
+        )
+    ]
+
+
 def _edge_remarks(curve: EdgeCurve) -> list[Remark]:
     views = f"the transfer function is that of {len(curve.views)} edges, along their normal"
     remarks = [Remark("edges", views)]
+    if np.isfinite(curve.esfr).all() and curve.apart > APART:
+        remarks.append(
+            Remark(
+                "edges-unlike-esfr",
+                f"fit and e-SFR (ISO 12233) part by {curve.apart:.2g} more than stated; sides that"
+                " slope and skirts of flare mislead e-SFR, a blur of strange form the fit",
+            )
+        )
     if curve.starved:
         slope = math.degrees(curve.views[0].fit.angle)
         remarks.append(

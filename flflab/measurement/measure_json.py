@@ -5,13 +5,15 @@ no value.
 import math
 from typing import Any
 
+import numpy as np
+
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.dots.views import DotViews
 from flflab.measurement.edges.views import EdgeCurve
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera
 from flflab.optics.focus import magnification
-from flflab.optics.resolution import central_smms
+from flflab.optics.per_type import type_smms
 
 
 def _number(value: float) -> float | None:
@@ -47,51 +49,96 @@ def dot_json(dot: DotViews) -> dict[str, Any]:
         "centres_px": dot.centres_px.tolist(),
         "position_mm": [_number(value) for value in dot.position_mm],
         "uncertainty_mm": [_number(value) for value in dot.uncertainty_mm],
+        "u_own_mm": [_number(value) for value in dot.own_mm],
+        "u_common_mm": {
+            name: [_number(value) for value in part] for name, part in dot.by_cause_mm.items()
+        },
+        "dof": max(2 * dot.views - 3, 0),
+        "at_limit_px": dot.at_limit_px.tolist(),
     }
 
 
-def contrast_json(curve: ContrastCurve, lattice: Lattice) -> list[dict[str, Any]]:
-    """A point for each frequency, with the classic reading, its bias, and every view's own
-    contrast.
-    """
+def contrast_json(curve: ContrastCurve) -> list[dict[str, Any]]:
+    """A point for each frequency, with the classic reading and its bias."""
     return [
         {
             "cycles_per_px": float(curve.cycles_per_px[k]),
             "cycles_per_mm": float(curve.cycles_per_mm[k]),
             "contrast": float(curve.contrast[k]),
             "uncertainty": float(curve.uncertainty[k]),
+            "dof": _number(curve.freedom[k]) if len(curve.views_share) else None,
             "microlens_focal_length_mm": curve.focal_length,
             "extremes": float(curve.extremes[k]),
             "classic": _number(curve.classic[k]),
             "classic_bias": _number(curve.classic_bias[k]),
-            "views": [
-                {
-                    "centre_px": lattice.centres_px[lens].tolist(),
-                    "contrast": float(contrast),
-                    "uncertainty": float(doubt),
-                }
-                for lens, contrast, doubt in zip(
-                    curve.views,
-                    curve.views_contrast[:, k],
-                    curve.views_uncertainty[:, k],
-                    strict=True,
-                )
-                if math.isfinite(contrast)
-            ],
         }
         for k in range(len(curve.cycles_per_mm))
     ]
 
 
-def edge_json(curve: EdgeCurve, camera: Camera, distance: float) -> list[dict[str, float]]:
-    """A point for each frequency along the edges' normal."""
-    scale = float(magnification(central_smms(camera), 1 / distance)) / camera.sensor.pixel
+def views_contrast_json(curve: ContrastCurve, lattice: Lattice) -> list[dict[str, Any]]:
+    """Every view's own contrast, a point for each frequency that it sees."""
     return [
         {
+            "centre_px": lattice.centres_px[lens].tolist(),
+            "cycles_per_px": float(curve.cycles_per_px[k]),
+            "cycles_per_mm": float(curve.cycles_per_mm[k]),
+            "contrast": float(curve.views_contrast[v, k]),
+            "uncertainty": float(curve.views_uncertainty[v, k]),
+            "microlens_focal_length_mm": curve.focal_length,
+        }
+        for v, lens in enumerate(curve.views)
+        for k in range(len(curve.cycles_per_mm))
+        if math.isfinite(curve.views_contrast[v, k])
+    ]
+
+
+def edge_json(curve: EdgeCurve, camera: Camera, distance: float) -> list[dict[str, Any]]:
+    """A point for each frequency along the edges' normal."""
+    own = np.sqrt(np.maximum(curve.uncertainty**2 - curve.skirt_uncertainty**2, 0.0))
+    return [
+        {
+            "cycles_per_px": float(u),
+            "cycles_per_mm": float(u) * _edge_scale(curve, camera, distance),
+            "contrast": float(mtf),
+            "uncertainty": float(doubt),
+            "u_own": float(alone),
+            "u_common": {"form of the skirt": float(skirt)},
+            "dof": max(len(curve.views) - 1, 1),
+            "microlens_focal_length_mm": curve.focal_length,
+            "esfr": _number(check),
+        }
+        for u, mtf, doubt, alone, skirt, check in zip(
+            curve.cycles_per_px, curve.mtf, curve.uncertainty, own, curve.skirt_uncertainty,
+            curve.esfr, strict=True,
+        )
+    ]  # fmt: skip
+
+
+def views_edge_json(
+    curve: EdgeCurve, lattice: Lattice, camera: Camera, distance: float
+) -> list[dict[str, Any]]:
+    """Every edge's own transfer, a point for each frequency."""
+    scale = _edge_scale(curve, camera, distance)
+    return [
+        {
+            "centre_px": lattice.centres_px[lens].tolist(),
             "cycles_per_px": float(u),
             "cycles_per_mm": float(u) * scale,
             "contrast": float(mtf),
             "uncertainty": float(doubt),
+            "microlens_focal_length_mm": curve.focal_length,
         }
-        for u, mtf, doubt in zip(curve.cycles_per_px, curve.mtf, curve.uncertainty, strict=True)
+        for lens, view in zip(curve.lenses, curve.views, strict=True)
+        for u, mtf, doubt in zip(
+            curve.cycles_per_px,
+            view.mtf(curve.cycles_per_px),
+            view.mtf_uncertainty(curve.cycles_per_px),
+            strict=True,
+        )
     ]
+
+
+def _edge_scale(curve: EdgeCurve, camera: Camera, distance: float) -> float:
+    one = next(one for one in type_smms(camera) if float(one.focal) == curve.focal_length)
+    return abs(float(magnification(one, 1 / distance))) / camera.sensor.pixel

@@ -42,7 +42,7 @@ from flflab.measurement.contrast.search import (
     with_fitted_blur,
     with_fitted_gains,
 )
-from flflab.measurement.contrast.views import as_strong, jackknife, with_views
+from flflab.measurement.contrast.views import as_strong, jackknife, views_of, with_views
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import (
     defocus_apart,
@@ -84,6 +84,7 @@ GAIN_ROUNDS = 4
 WAVES_ERROR = (
     2e-4  # of contrast: what the fit leaves of bars in light of a wavelength, without noise
 )
+PHASE_ERROR = 1e-4  # of contrast, where views have their own places
 MOST_LOST = 0.007  # of the light over one edge: nearer to it, what is lost follows the bars
 # of the light that diffraction takes over a target's edges: how dark it is beyond them is not known
 # better
@@ -123,6 +124,7 @@ class ContrastCurve:
             where clearly above 1.
         pixels: number of pixels used.
         views_share: by how much each view counts in ``contrast``, shape (V, K).
+        misfit: rms of what is left of the light beyond noise, as a share of it.
     """
 
     focal_length: float
@@ -142,11 +144,17 @@ class ContrastCurve:
     chi2_per_pixel: float
     pixels: int
     views_share: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    misfit: float = 0.0
 
     @property
     def uncertainty(self) -> Array:
         """Standard uncertainties of ``contrast``, shape (K,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def freedom(self) -> Array:
+        """Degrees of freedom of ``contrast``: effective number of views less one, shape (K,)."""
+        return 1 / np.maximum(np.sum(self.views_share**2, axis=0), 1e-9) - 1
 
     @property
     def classic_bias(self) -> Array:
@@ -281,7 +289,7 @@ def _fit_type(
     if lost.any():
         data = replace(data, read=data.read + data.light @ fit.brightness * lost / (1 - lost))
         fit = settle(frame, data, fit, model)
-    by_tilt = np.zeros((0, CURVE + len(fit.curve)))
+    by_tilt, plain = np.zeros((0, CURVE + len(fit.curve))), (data, model, fit)
     if target.kind == "bars":
         # the stages' errors blur differently from what is nominal, and the highest harmonics are
         # seen through the template alone
@@ -291,13 +299,15 @@ def _fit_type(
         if drawn.any():
             data = replace(data, read=data.read - drawn)
             fit = settle(frame, data, fit, model)
+        plain = data, model, fit
         data, model, fit, by_tilt = as_sharp_as_the_axis(frame, data, fit, model, before)
     prior = prior_of(frame, data, model.knots)
-    upright = first.geometry * [1.0, 1.0, 0.0, 1.0, 0.0]
-    starts = (begun, first.geometry), (begun, upright), (begun, frame.start + upright * SHIFTED)
-    views, model, fit = with_views(data, model, fit, prior, starts)
-    by_views = np.zeros((len(prior.mean),) * 2)
-    if views.differ:
+    by_views, views = np.zeros((len(prior.mean),) * 2), views_of(data, model, fit)
+    if views.differ:  # more than a tilt explains
+        data, model, fit = plain
+        upright = first.geometry * [1.0, 1.0, 0.0, 1.0, 0.0]
+        starts = (begun, first.geometry), (begun, upright), (begun, start + upright * SHIFTED)
+        views, model, fit = with_views(views, data, model, fit, prior, starts)
         prior = as_strong(prior, model, fit)
         by_views = jackknife(data, views, model, fit, prior)
         data = views.seen_in(data)
@@ -462,7 +472,9 @@ def _curve(
     spread = design @ spline @ design.T + np.outer(dimmed, dimmed) + waves * np.eye(len(nu))
     scatter = np.einsum("ki,ij,kj->k", design[:, :-1], by_views[CURVE:, CURVE:], design[:, :-1])
     more = np.sqrt(np.maximum(scatter / np.diag(spread), 1.0))
-    spread *= np.outer(more, more)
+    # views of one column share the pixels' phase, which their scatter cannot show
+    floor = PHASE_ERROR**2 if by_views.any() else 0.0
+    spread = spread * np.outer(more, more) + floor * np.eye(len(nu))
     frequency = target.frequency(data.seen_at(fit.geometry))
     near = np.array(
         [data.pixels[np.abs(frequency - one) <= model.knots.step / 2].sum() for one in nu]
@@ -520,4 +532,5 @@ def _curve(
         chi2_per_pixel=chi2,
         pixels=int(data.pixels.sum()),
         views_share=share[:, keep],
+        misfit=misfit * math.sqrt(max(1 - 1 / chi2, 0.0)) if chi2 > 0 else 0.0,
     )

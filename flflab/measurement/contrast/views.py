@@ -116,7 +116,7 @@ def _sums(data: ChirpData, views: Views, model: ChirpModel, fit: ChirpFit) -> li
     order = np.argsort(views.those(data), kind="stable")
     ends = np.searchsorted(views.those(data)[order], np.arange(len(views.lenses) + 1))
     found = list[_Sum]()
-    for first, last in zip(ends[:-1], ends[1:], strict=True):
+    for first, last in itertools.pairwise(ends):
         at = order[first:last]
         G, H, r = g[at], h[at], rest[at]
         misfit = float(np.mean(r * r))
@@ -129,12 +129,24 @@ def _tied(views: Views) -> Array:
     return 1 / np.maximum(views.spread, 1e-15) ** 2
 
 
-def _units(model: ChirpModel, across: float) -> Array:
+def views_of(data: ChirpData, model: ChirpModel, fit: ChirpFit) -> Views:
+    """The views of a fit of all alike, and by which of their own numbers they differ clearly."""
+    lenses, half = np.unique(data.lens), float(np.abs(data.places[:, 1]).max(initial=1e-9))
     pixel = model.template.pixel
-    return np.array([1.0, 1.0, 1.0, pixel, abs(across), pixel**2])
+    units = np.array([1.0, 1.0, 1.0, pixel, abs(float(fit.geometry[1])), pixel**2])
+    units[BLUR] *= len(model.edges) > 0
+    even = np.zeros((len(lenses), NUMBERS)), LOOSE * units, np.ones(len(lenses))
+    views = Views(lenses, *even, half)
+    sums = _sums(data, views, model, fit)
+    inverse = np.array([inverse_of(one.own + np.diag(_tied(views))) for one in sums])
+    free = np.einsum("nij,nj->ni", inverse, [one.right for one in sums])
+    chi2 = np.mean(free**2 / np.maximum(np.einsum("nii->ni", inverse), 1e-300), axis=0)
+    differ = (chi2 > 1 + CLEARLY * math.sqrt(2 / len(lenses))) & (len(lenses) > 2)
+    return replace(views, spread=np.where(differ, views.spread, 0.0))
 
 
 def with_views(
+    views: Views,
     data: ChirpData,
     model: ChirpModel,
     fit: ChirpFit,
@@ -144,38 +156,28 @@ def with_views(
     """The views' own numbers, and model and fit beside them; the runs themselves stay.
 
     Args:
-        data: the runs, one after the other by views.
+        views: that differ.
+        data: the runs.
         model: with the blur that suits all.
         fit: of all views alike.
         prior: of the common parameters.
         found: other models and geometries to start from, where views that differ led that astray.
     """
-    lenses = np.unique(data.lens)
-    half = float(np.abs(data.places[:, 1]).max(initial=1e-9))
-    units = _units(model, float(fit.geometry[1]))
-    views = Views(
-        lenses, np.zeros((len(lenses), NUMBERS)), LOOSE * units, np.ones(len(lenses)), half
-    )
-    if not len(model.edges):
-        views.spread[BLUR] = 0.0
-    sums = _sums(data, views, model, fit)
-    views = _differing(views, sums)
-    if not views.differ or len(lenses) < 3:
-        return replace(views, spread=np.zeros(NUMBERS)), model, fit
     # first with the template alone, whose contrast is near 1, then with the free curve
-    curve, best = np.eye(len(fit.curve))[0], math.inf
+    curve = np.eye(len(fit.curve))[0]
+    tried = list[tuple[float, Views, ChirpModel, ChirpFit]]()
     for seen, geometry in ((model, fit.geometry), *found):
         alone = ChirpFit(geometry, fit.brightness, curve)
         begun = _each_alone(data, views, seen, alone, (0.0,))
-        tried = _settled(data, begun, seen, alone, _template_alone(prior))
-        misfit = float(np.mean(np.log([one.misfit for one in _sums(data, *tried)])))
-        if misfit < best:
-            best, start = misfit, tried
-        if best < GOOD:
+        one = _settled(data, begun, seen, alone, _template_alone(prior))
+        misfit = float(np.mean(np.log([each.misfit for each in _sums(data, *one)])))
+        tried.append((misfit, *one))
+        if misfit < GOOD:
             break
-    if np.any(start[0].excess > 1):
-        start = (_each_alone(data, *start, (-0.6, 0.0, 0.6)), *start[1:])
-    return _settled(data, *start, as_strong(prior, *start[1:]))
+    _, views, model, fit = min(tried, key=lambda one: one[0])
+    if np.any(views.excess > 1):
+        views = _each_alone(data, views, model, fit, (-0.6, 0.0, 0.6))
+    return _settled(data, views, model, fit, as_strong(prior, model, fit))
 
 
 def _each_alone(
@@ -212,7 +214,7 @@ def _settled(
 ) -> tuple[Views, ChirpModel, ChirpFit]:
     sums = _sums(data, views, model, fit)
     for step in range(MOST_STEPS):
-        before = _misfit(sums)
+        before, tried, seen = _misfit(sums), (views, model, fit, 0.0), sums
         for part in SHORTER:
             tried = _stepped(data, views, model, fit, prior, sums, part)
             seen = _sums(data, *tried[:3])
@@ -247,16 +249,6 @@ def as_strong(prior: Prior, model: ChirpModel, fit: ChirpFit) -> Prior:
 
 def _misfit(sums: list[_Sum]) -> float:
     return float(np.mean([one.misfit for one in sums]))
-
-
-def _differing(views: Views, sums: list[_Sum]) -> Views:
-    """Only those numbers free by which views differ clearly."""
-    tie, count = np.diag(_tied(views)), len(sums)
-    inverse = np.array([inverse_of(one.own + tie) for one in sums])
-    free = np.einsum("nij,nj->ni", inverse, [one.right for one in sums])
-    chi2 = np.mean(free**2 / np.maximum(np.einsum("nii->ni", inverse), 1e-300), axis=0)
-    differ = chi2 > 1 + CLEARLY * np.sqrt(2 / count)
-    return replace(views, spread=np.where(differ, views.spread, 0.0))
 
 
 def _stepped(

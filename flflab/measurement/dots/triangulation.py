@@ -42,11 +42,11 @@ def triangulate(
 
     Returns:
         Position, uncertainties, and how the position moves with a standard uncertainty of each
-        thing that other dots share: the focus, six numbers of the lattice, two of the tilt; shape
-        (3, 10). nan for fewer than two views, or where the main lens limits: then all views look
-        along one ray.
+        thing that other dots share: the focus, the lattice's six numbers, what of them centres
+        follow, two of the tilt; shape (3, 16). nan for fewer than two views, or where the main lens
+        limits: then all views look along one ray.
     """
-    nowhere, alike = np.full(3, np.nan), np.full((3, 10), np.nan)
+    nowhere, alike = np.full(3, np.nan), np.full((3, 16), np.nan)
     smms = central_smms(camera)
     if len(centres_px) < 2 or not bool(microlens_limits(smms, 1 / distance)):
         return nowhere, nowhere, alike
@@ -63,6 +63,9 @@ def triangulate(
     design[:, 0, 1] = design[:, 1, 2] = b_each[:, 0]
     right = -b_each * c / (L + b) - away * (1 - L_each / F)
     scatter = uncertainty_px.reshape(-1) * camera.sensor.pixel * x
+    if lattice.doubts_px is not None:
+        own = lattice.doubts_px[lens] * camera.sensor.pixel * _by_centre(x, camera)
+        scatter = np.hypot(scatter, np.repeat(own, 2))
     together = together_px.reshape(-1, 2) * camera.sensor.pixel * x
     spread = np.sqrt(scatter**2 + (together**2).sum(axis=1))
     rows, values = design.reshape(-1, 3) / spread[:, None], right.reshape(-1) / spread
@@ -91,33 +94,66 @@ def triangulate(
     return position, np.sqrt((common**2).sum(axis=1) + (alone**2).sum(axis=1)), common
 
 
+def departures_px(
+    position: Array,
+    centres_px: Array,
+    lens: npt.NDArray[np.int64],
+    lattice: Lattice,
+    camera: Camera,
+) -> Array:
+    """How far images of a dot at ``position`` lie from where it is due, px, shape (n, 2)."""
+    smms = central_smms(camera)
+    L, b, F = float(smms.distance), float(smms.gap), float(smms.lens_focal)
+    rises, vergence = lattice.rises[lens][:, None], -1 / position[2]
+    L_each, b_each = L * (1 + rises), b - L * rises
+    c = sensor_position(camera.sensor, lattice.centres_px[lens])
+    offset = L_each * vergence + 1 - L_each / F
+    due = -b_each * (c / (L + b) + position[:2] * vergence) / offset
+    return (sensor_position(camera.sensor, centres_px) - c - due) / camera.sensor.pixel
+
+
+def _by_centre(x: float, camera: Camera) -> float:
+    """By how much the equations (s - c) x + b (o V) + (b/L) c / (1 + b/L) = 0 move per c."""
+    smms = central_smms(camera)
+    slope = float(smms.gap / smms.distance)
+    return x - slope / (1 + slope)
+
+
 def _from_lattice(
     gains: Array, lattice: Lattice, lens: npt.NDArray[np.int64], camera: Camera, x: float
 ) -> Array:
     """How the solution moves with the lattice's six numbers, by a standard deviation along each
-    axis of their covariance, shape (3, 6).
+    axis of their covariances, shape (3, 12): all centres together, and those that follow it.
 
-    All centres move together. 0 where no covariance is known.
+    0 where no covariance is known.
 
     Args:
         gains: of the solution by the right sides of the equations, shape (2 n, 3).
         lattice: the micro-images.
         lens: position of each in the lattice, shape (n,).
         camera: nominal.
-        x: image offset; the equations (s - c) x + b (o V) + (b/L) c / (1 + b/L) = 0 move by x -
-            (b/L)/(1 + b/L) per c.
+        x: image offset.
     """
     if not np.isfinite(lattice.covariance_px).all():
-        return np.zeros((3, 6))
-    smms = central_smms(camera)
-    slope = float(smms.gap / smms.distance)
+        return np.zeros((3, 12))
+    common = lattice.covariance_px if lattice.common_px is None else lattice.common_px
     i, j = lattice.indices[lens].T
     moves = np.zeros((len(lens), 2, 6))
     for n in range(2):
         moves[:, n, n], moves[:, n, 2 + n], moves[:, n, 4 + n] = 1.0, i, j
-    by_lattice = gains.T @ moves.reshape(-1, 6) * camera.sensor.pixel * (x - slope / (1 + slope))
-    variances, axes = np.linalg.eigh(lattice.covariance_px)
-    return by_lattice @ (axes * np.sqrt(np.maximum(variances, 0.0)))
+    by_centres = gains.T * camera.sensor.pixel * _by_centre(x, camera)
+    followed = np.ones(len(lens)) if lattice.followed is None else lattice.followed[lens]
+    alike = by_centres @ moves.reshape(-1, 6) @ _axes(common)
+    fitted = (moves * followed[:, None, None]).reshape(-1, 6)
+    return np.concatenate(
+        [alike, by_centres @ fitted @ _axes(lattice.covariance_px - common)], axis=1
+    )
+
+
+def _axes(covariance: Array) -> Array:
+    """A standard deviation along each axis of a covariance, as columns."""
+    variances, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes * np.sqrt(np.maximum(variances, 0.0)), dtype=np.float64)
 
 
 def _from_tilt(

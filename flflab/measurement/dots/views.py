@@ -3,12 +3,12 @@ the dot in space.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.measurement.dots.triangulation import triangulate
+from flflab.measurement.dots.triangulation import departures_px, triangulate
 from flflab.measurement.lattice.falloff import unshaded
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import ProfileTable
@@ -23,7 +23,10 @@ from flflab.targets import FourDot
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
+CLEARLY = 2.0  # standard deviations of chi squared by which views must scatter more than stated
+SHARED = 2, 14  # where in ``common_mm`` the lattice's part begins, and the tilt's
 FIT_ERROR_PX = 0.0001  # of a spot's centre; pictures without noise show this much
+OF_BLUR = 0.1  # of the blur's diameter, by which a cut spot's centre is misplaced
 CUT_ERROR_PX = 0.0002  # more where the micro-image cuts its cone
 
 
@@ -46,6 +49,8 @@ class DotViews:
         common_mm: how it moves with a standard uncertainty of each thing that all dots of the
             picture share: focus and radius, the lattice, the tilt of the array; part of
             ``uncertainty_mm``, shape (3, k).
+        at_limit_px: images whose decision is not sure, shape (m, 2).
+        misfit: rms of what is left of the spots' light beyond noise, as a share of it.
     """
 
     dot: int
@@ -57,6 +62,38 @@ class DotViews:
     position_mm: Array
     uncertainty_mm: Array
     common_mm: Array
+    at_limit_px: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    misfit: float = 0.0
+
+    @property
+    def own_mm(self) -> Array:
+        """What of ``uncertainty_mm`` is this dot's own: of its spots and their lenses' places."""
+        shared = np.sum(self.common_mm**2, axis=1)
+        return np.sqrt(np.maximum(self.uncertainty_mm**2 - shared, 0.0))
+
+    @property
+    def by_cause_mm(self) -> dict[str, Array]:
+        """What of it dots of a picture share, by name, each of shape (3,)."""
+        parts = np.split(self.common_mm, SHARED, axis=1)
+        return {
+            name: np.sqrt(np.sum(part**2, axis=1))
+            for name, part in zip(("focus", "lattice", "tilt"), parts, strict=True)
+        }
+
+
+@dataclass(frozen=True)
+class Decided:
+    """Spots, and the places by which views are decided.
+
+    A spot that its micro-image cuts is known better from all other spots than from itself.
+    Uncertainties are standard, px: of each coordinate those of the spots for a known focus and
+    radius of the dots, shape (n, 2); in one coordinate those of the places, shape (n,).
+    """
+
+    spots: Spots
+    doubts: Array
+    places: Array
+    place_doubts: Array
 
 
 def count_views(
@@ -109,9 +146,48 @@ def count_views(
     agreed, agreed_doubts = _agreed_centres(spots, worse, candidates, lattice, camera, target, law)
     places = np.where((agreed_doubts < worse)[:, None], agreed, spots.centres)
     decided = Decided(spots, doubts, places, np.minimum(agreed_doubts, worse))
-    return tuple(
-        _views(dot, decided, candidates, lattice, seen.table, camera, level, distance)
-        for dot in range(len(target.centres))
+    misfit = _misfit(spots, lattice, noise, level)
+    found = decided
+    for _ in range(2):
+        dots = tuple(
+            _views(dot, found, candidates, lattice, seen.table, camera, level, distance, misfit)
+            for dot in range(len(target.centres))
+        )
+        found = _as_scattered(dots, decided, candidates, lattice, camera)
+    return dots
+
+
+def _as_scattered(
+    dots: tuple[DotViews, ...],
+    decided: Decided,
+    candidates: Candidates,
+    lattice: Lattice,
+    camera: Camera,
+) -> Decided:
+    """The spots as unsure as views scatter about one place for each dot, where that is clearly more
+    than they state.
+    """
+    own = np.zeros(len(candidates.lens))
+    if lattice.doubts_px is not None:
+        own = lattice.doubts_px[candidates.lens]
+    variance, total, freedom = decided.doubts**2 + own[:, None] ** 2, 0.0, 0
+    for dot in dots:
+        if dot.views < 3 or not np.isfinite(dot.position_mm).all():
+            continue
+        mine = np.flatnonzero(
+            (candidates.dot == dot.dot)
+            & (decided.spots.centres[:, None] == dot.centres_px[None]).all(axis=2).any(axis=1)
+        )
+        left = departures_px(
+            dot.position_mm, dot.centres_px, candidates.lens[mine], lattice, camera
+        )
+        total += float(np.sum(left**2 / variance[mine]))
+        freedom += 2 * len(mine) - 3
+    if freedom == 0 or total / freedom < 1 + CLEARLY * math.sqrt(2 / freedom):
+        return decided
+    grown = total / freedom
+    return replace(
+        decided, doubts=np.sqrt(grown * decided.doubts**2 + (grown - 1) * own[:, None] ** 2)
     )
 
 
@@ -131,6 +207,14 @@ def _full_light(
         return 1.0
     bright = spots.brightness[lit]
     return float(np.median(bright[bright >= np.median(bright)]))
+
+
+def _misfit(spots: Spots, lattice: Lattice, noise: SensorNoise, level: float) -> float:
+    """Share of their light that usual spots leave beyond noise."""
+    bright = spots.chi2_per_pixel[spots.seen]
+    light = max(float(lattice.light[0]) * level, 1e-9)
+    left = max(float(np.median(bright)) - 1, 0.0) if len(bright) else 0.0
+    return math.sqrt(left * (noise.dark_variance + noise.dn_per_electron * light)) / light
 
 
 def _margins(
@@ -169,21 +253,6 @@ def _radius_of(lattice: Lattice, table: ProfileTable, share: float) -> float:
     return float(np.interp(share, illumination(table, r), r))
 
 
-@dataclass(frozen=True)
-class Decided:
-    """Spots, and the places by which views are decided.
-
-    A spot that its micro-image cuts is known better from all other spots than from itself.
-    Uncertainties are standard, px: of each coordinate those of the spots for a known focus and
-    radius of the dots, shape (n, 2); in one coordinate those of the places, shape (n,).
-    """
-
-    spots: Spots
-    doubts: Array
-    places: Array
-    place_doubts: Array
-
-
 def _centre_doubts(
     spots: Spots, candidates: Candidates, lattice: Lattice, radius: float, spread: float
 ) -> Array:
@@ -195,8 +264,10 @@ def _centre_doubts(
         * np.maximum(spots.chi2_per_pixel, 1.0)[:, None]
     )
     away = np.hypot(*(spots.centres - lattice.centres_px[candidates.lens]).T)
+    # of a cut spot only a part of the rim is seen, which a blur of its own moves
+    cut = CUT_ERROR_PX**2 + (OF_BLUR * 2 * lattice.radii_apart_px) ** 2
     own = FIT_ERROR_PX**2 + np.where(
-        away + radius + spread / 2 > lattice.inside_radius_px, CUT_ERROR_PX**2, 0.0
+        away + radius + spread / 2 > lattice.inside_radius_px, cut, 0.0
     )
     return np.sqrt(np.where(np.isfinite(noise), noise, 100.0**2) + own[:, None])
 
@@ -264,6 +335,7 @@ def _views(
     camera: Camera,
     level: float,
     distance: float,
+    misfit: float,
 ) -> DotViews:
     mine = np.flatnonzero(candidates.dot == dot)
     spots, lens = decided.spots, candidates.lens[mine]
@@ -292,4 +364,6 @@ def _views(
         position_mm=position,
         uncertainty_mm=uncertainty,
         common_mm=common,
+        at_limit_px=decided.places[mine][near_edge | near_dark],
+        misfit=misfit,
     )

@@ -149,10 +149,11 @@ def fit_edge(
     mask: npt.NDArray[np.bool_] | None = None,
     deviation: npt.ArrayLike = 1.0,
 ) -> EdgeFit:
-    """Fit one straight, Gaussian-blurred edge to the pixels of a picture.
+    """Fit one straight, Gaussian-blurred edge to the pixels of a picture; the light of either side
+    may slope.
 
     Args:
-        picture: [row, col], linear in light; a uniform illumination, or one divided out.
+        picture: [row, col], linear in light.
         mask: which pixels count; None means all.
         deviation: standard deviation of the pixels' noise, one number or one a pixel; only ratios
             matter.
@@ -162,7 +163,7 @@ def fit_edge(
     """
     pixels, angle = edge_pixels(picture, mask, deviation)
     offset, variance = _offset(pixels, angle), 0.5
-    design, solved = np.zeros((0, 5)), np.zeros(5)
+    design, solved = np.zeros((0, 9)), np.zeros(9)
     for _ in range(STEPS):
         t = pixels.distance(angle, offset)
         value, slope, bend = edge_profile(t, math.sqrt(variance), angle)
@@ -171,13 +172,14 @@ def fit_edge(
             np.stack([np.ones_like(t), value, -slope, slope * lever, 0.5 * bend], axis=1)
             * pixels.weights[:, None]
         )
+        design = np.concatenate([design, sides(pixels, value) * pixels.weights[:, None]], axis=1)
         solved = np.linalg.lstsq(design, pixels.values * pixels.weights, rcond=None)[0]
         if not solved[1] > 0:
             raise MeasurementError(
                 "edge: the fit found no bright side where the pixels' differences showed one; check"
                 " the region"
             )
-        shift, turn, wider = (float(part) for part in solved[2:] / solved[1])
+        shift, turn, wider = (float(part) for part in solved[2:5] / solved[1])
         offset += float(np.clip(shift, -2.0, 2.0))
         angle += float(np.clip(turn, -0.05, 0.05))
         before, variance = (
@@ -219,6 +221,12 @@ def fit_edge(
         widest_gap_px=_widest_gap(pixels.distance(angle, offset), 1.0 + 2 * math.sqrt(variance)),
         pixels=len(rest),
     )
+
+
+def sides(pixels: EdgePixels, value: Array) -> Array:
+    """Slopes of the light along x and y, on both sides and on the bright one, shape (n, 4)."""
+    slopes = np.stack([pixels.x, pixels.y], axis=1)
+    return np.concatenate([slopes, slopes * value[:, None]], axis=1)
 
 
 def _offset(pixels: EdgePixels, angle: float) -> float:

@@ -2,9 +2,10 @@
 smooth deviation.
 
 The line spread is the fitted Gaussian plus a comb of lines every quarter of a pixel, each seen
-through the square pixel. The comb's heights are held by a prior that says only how smooth and how
-wide a deviation is; how strong it is the pixels decide (the greatest marginal likelihood). Where
-the blur is a Gaussian nothing is added and the result is as quiet as the fit of the Gaussian alone.
+through the square pixel. Where the pixels clearly show a skirt of flare, wider Gaussians take part.
+The comb's heights are held by a prior that says only how smooth and how wide a deviation is; how
+strong it is the pixels decide (the greatest marginal likelihood). Where the blur is a Gaussian
+nothing is added and the result is as quiet as the fit of the Gaussian alone.
 """
 
 import math
@@ -13,16 +14,21 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from flflab.measurement.edges.fit import EdgeFit, EdgePixels, edge_pixels, fit_edge
+from flflab.measurement.edges.fit import EdgeFit, EdgePixels, edge_pixels, fit_edge, sides
 from flflab.measurement.edges.profile import edge_profile, pixel_transfer, sharp_profile
 
 Array = npt.NDArray[np.float64]
 
+SIDE = 30.0  # px, so that slopes of a side are about as large as its light
 SPACING = (
     0.25  # px between the comb's lines: what they repeat at 4 cycles/px the pixel does not pass
 )
 SMOOTHNESS = (0.35, 0.7, 1.4)  # px, lengths over which a deviation varies
 WIDTHS = (1.0, 2.0, 4.0)  # of the fitted blur, how far it reaches
+SKIRTS = (4.0, 8.0, 16.0, 32.0)  # px, standard deviations of what a skirt of flare is made of
+LARGEST_SKIRT = 0.2  # of the light, standard deviation of each part
+CLEAR_SKIRT = 40.0  # by which chi squared must fall
+OF_SKIRT = 0.15  # of its light: its form is not known better
 STRENGTHS = 10.0 ** np.arange(-6.0, 8.0, 0.5)  # of its variance over the noise's
 
 
@@ -34,9 +40,10 @@ class FreeEdge:
         fit: the edge with the Gaussian blur.
         places_px: of the comb's lines across the edge, shape (K,).
         parts: of the line spread, in units of the fitted edge's height: the Gaussian's area, its
-            shift (px), what its variance grows by (px^2), and the lines' heights, shape (3 + K,).
-        own: covariance of the first three parts for known lines, shape (3, 3).
-        by_lines: how the first three follow the lines' heights, shape (3, K).
+            shift (px), what its variance grows by (px^2), areas of S skirts, and the lines'
+            heights, shape (3 + S + K,).
+        own: covariance of all but the lines for known lines, shape (3 + S, 3 + S).
+        by_lines: how these follow the lines' heights, shape (3 + S, K).
         lines_covariance: of the lines' heights, which edges fitted together share, shape (K, K).
     """
 
@@ -47,6 +54,11 @@ class FreeEdge:
     by_lines: Array
     lines_covariance: Array
 
+    @property
+    def skirt(self) -> float:
+        """Share of the light in the skirt."""
+        return float(np.sum(self.parts[3 : len(self.own)]))
+
     def mtf(self, cycles_per_px: npt.ArrayLike) -> Array:
         """Transfer function of blur and pixel along the edge's normal; shape of the frequencies."""
         return self.mtf_and_slopes(cycles_per_px)[0]
@@ -54,7 +66,8 @@ class FreeEdge:
     def mtf_uncertainty(self, cycles_per_px: npt.ArrayLike) -> Array:
         """Its standard uncertainty."""
         _, own, slopes = self.mtf_and_slopes(cycles_per_px)
-        return np.sqrt(own**2 + variance_along(slopes, self.lines_covariance))
+        form = np.where(np.asarray(cycles_per_px) > 0, OF_SKIRT * self.skirt, 0.0)
+        return np.sqrt(own**2 + variance_along(slopes, self.lines_covariance) + form**2)
 
     def mtf_and_slopes(self, cycles_per_px: npt.ArrayLike) -> tuple[Array, Array, Array]:
         """Transfer function, its standard uncertainty for known lines, both (F,), and its slopes by
@@ -62,19 +75,22 @@ class FreeEdge:
         """
         f = np.asarray(cycles_per_px, dtype=np.float64)
         bell = np.exp(-2 * math.pi**2 * self.fit.blur_px**2 * f * f)
+        count = len(self.own)
+        skirts = [np.exp(-2 * (math.pi * wide * f) ** 2) for wide in SKIRTS[: count - 3]]
         gaussian = np.stack(
-            [bell + 0j, -2j * math.pi * f * bell, -2 * math.pi**2 * f * f * bell], axis=-1
+            [bell + 0j, -2j * math.pi * f * bell, -2 * math.pi**2 * f * f * bell, *skirts], axis=-1
         )
         waves = np.concatenate(
             [gaussian, np.exp(-2j * math.pi * f[..., None] * self.places_px)], axis=-1
         )
-        areas = np.concatenate([[1.0, 0.0, 0.0], np.ones(len(self.places_px))])
+        areas = np.concatenate([[1.0, 0.0, 0.0], np.ones(count - 3 + len(self.places_px))])
         area = float(areas @ self.parts)
         pixel = pixel_transfer(f, self.fit.angle) / area
         spread = waves @ self.parts
         phase = np.conj(spread) / np.maximum(np.abs(spread), 1e-12)
         slopes = np.real((phase * pixel)[..., None] * (waves - (spread / area)[..., None] * areas))
-        by_own, by_lines = slopes[..., :3], slopes[..., 3:] + slopes[..., :3] @ self.by_lines
+        by_own = slopes[..., :count]
+        by_lines = slopes[..., count:] + by_own @ self.by_lines
         return np.abs(spread * pixel), np.sqrt(variance_along(by_own, self.own)), by_lines
 
 
@@ -110,7 +126,14 @@ def free_forms(fits: list[EdgeFit], pixels: list[EdgePixels]) -> list[FreeEdge]:
     places: Array = (
         np.arange(-round(half / SPACING), round(half / SPACING) + 1, dtype=np.float64) * SPACING
     )
-    seen = [_seen(fit, own, places) for fit, own in zip(fits, pixels, strict=True)]
+    plain, seen = (
+        [_seen(fit, own, places, skirts) for fit, own in zip(fits, pixels, strict=True)]
+        for skirts in ((), SKIRTS)
+    )
+    fallen = sum(one.power - two.power for one, two in zip(plain, seen, strict=True))
+    left, few = sum(one.power for one in seen), len(SKIRTS) * len(fits)
+    if fallen < (CLEAR_SKIRT + 2 * few) * left / sum(one.freedom for one in seen):
+        seen = plain
     normal, moment = (
         np.sum([one.normal for one in seen], axis=0),
         np.sum([one.moment for one in seen], axis=0),
@@ -148,10 +171,10 @@ class Seen:
         moment: their right side, shape (K,).
         power: sum of squares of what is left of the weighted pixels.
         freedom: number of pixels less that of the parameters taken out.
-        free: the Gaussian's area, shift and growth of variance where there are no lines, shape
-            (3,).
-        covariance: theirs, over the variance of a pixel of weight 1, shape (3, 3).
-        by_lines: how they follow the lines' heights, shape (3, K).
+        free: the Gaussian's area, shift and growth of variance, and skirts' areas, where there are
+            no lines, shape (3 + S,).
+        covariance: theirs, over the variance of a pixel of weight 1.
+        by_lines: how they follow the lines' heights, shape (3 + S, K).
     """
 
     normal: Array
@@ -163,19 +186,26 @@ class Seen:
     by_lines: Array
 
 
-def _seen(fit: EdgeFit, pixels: EdgePixels, places: Array) -> Seen:
+def _seen(fit: EdgeFit, pixels: EdgePixels, places: Array, skirts: tuple[float, ...]) -> Seen:
     t = pixels.distance(fit.angle, fit.offset_px)
     value, slope, bend = edge_profile(t, fit.blur_px, fit.angle)
     scale = fit.height * pixels.weights[:, None]
-    free = np.stack([np.ones_like(t), value, -slope, 0.5 * bend], axis=1) * scale
+    wide = [edge_profile(t, one, fit.angle)[0] for one in skirts]
+    free = np.stack([value, -slope, 0.5 * bend, *wide, np.ones_like(t)], axis=1)
+    free = np.concatenate([free, sides(pixels, value) / SIDE], axis=1) * scale
+    # a skirt is no more than a part of the light
+    bound = np.zeros((len(skirts), free.shape[1]))
+    bound[:, 3 : 3 + len(skirts)] = np.eye(len(skirts)) * fit.residual / LARGEST_SKIRT
+    free = np.concatenate([free, bound])
     lines = np.where(t[:, None] > 0, 1.0, 0.0) * np.ones_like(places)
     near = np.abs(t) < places[-1] + 1
     lines[near] = sharp_profile(t[near, None] - places, fit.angle)
     lines *= scale
-    data = pixels.values * pixels.weights
+    lines = np.concatenate([lines, np.zeros((len(skirts), len(places)))])
+    data = np.concatenate([pixels.values * pixels.weights, np.zeros(len(skirts))])
     base, _ = np.linalg.qr(free)
     left, lines_left = data - base @ (base.T @ data), lines - base @ (base.T @ lines)
-    inverse = np.linalg.pinv(free)[1:]
+    inverse = np.linalg.pinv(free)[: 3 + len(skirts)]
     return Seen(
         normal=lines_left.T @ lines_left,
         moment=lines_left.T @ left,

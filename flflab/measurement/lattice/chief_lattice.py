@@ -63,14 +63,15 @@ def lattice_of(
     kinds = kinds and _as_seen(kinds, whole, start[RADII])
     one_look = kinds is not None or len(camera.array.focal_lengths) == 1
     tilted = tilted_lattice(whole, start, cone.tilting, kinds, one_look)
-    places = _places(white, falling, tilted, cone)
+    places, doubts, shares = _places(white, falling, tilted, cone)
     outside = float(tilted.values[RADII].sum())
     shown = _shown(white, places, shape, outside)
     indices, centres = white.indices[shown], places[shown]
     middle = (np.array([shape[1], shape[0]]) - 1) / 2
     nearest = int(np.argmin(np.hypot(*(centres - middle).T)))
     origin = _origin(tilted, indices[nearest], cone)
-    covariance = _covariance(tilted, white.grid, falling, indices[nearest], origin)
+    fitted, common = _covariances(tilted, white.grid, falling, indices[nearest], origin)
+    covariance = fitted + common
     moved = by_vectors(white.grid.layout, tilted.vectors)
     pitch, angle = pitch_and_angle(white.grid.layout, tilted.vectors)
     pitch_variance = float((moved @ covariance @ moved.T)[0, 0])
@@ -93,6 +94,10 @@ def lattice_of(
         inside_uncertainty_px=math.sqrt(float(sizes[0, 0])),
         outside_uncertainty_px=math.sqrt(float(sizes[1, 1])),
         covariance_px=covariance,
+        common_px=common,
+        followed=shares[shown],
+        doubts_px=doubts[shown],
+        radii_apart_px=tilted.radii_apart,
         sizes_covariance_px=sizes,
         light=light,
         cone=cone,
@@ -130,10 +135,13 @@ def _as_seen(kinds: Kinds, whole: Images, radii: Array) -> Kinds:
     return kinds.widened(float(np.sum(due * seen)) / square) if square > 0 else kinds
 
 
-def _places(white: WhitePicture, falling: FallOff, tilted: Tilted, cone: Cone) -> Array:
+def _places(
+    white: WhitePicture, falling: FallOff, tilted: Tilted, cone: Cone
+) -> tuple[Array, Array, Array]:
     """Where each micro-image's chief ray lands: by its own light, and by the lattice as far as that
     is less sure than microlenses keep to it. The lattice is the tilted one, or where it bends
-    otherwise the smooth one.
+    otherwise the smooth one. With it how unsure each is by itself, px, and by which share each
+    follows the lattice, shapes (n,).
     """
     usual = white.whole.copy()
     usual[np.flatnonzero(white.whole)[white.grid.off]] = False
@@ -150,9 +158,12 @@ def _places(white: WhitePicture, falling: FallOff, tilted: Tilted, cone: Cone) -
     apart = total - noise
     # less than half of a centre's own uncertainty is not told, nor what noise shows by chance
     if apart < noise * max(0.25, 3 / math.sqrt(count)):
-        return lattice
-    share = np.where(usual, apart / (apart + variance), 0.0)[:, None]
-    return np.asarray(share * own + (1 - share) * lattice, dtype=np.float64)
+        return lattice, np.zeros(len(own)), np.ones(len(own))
+    known = usual | ~white.whole  # what the border cuts is as unsure as it says
+    share = np.where(known, apart / (apart + variance), 0.0)
+    doubt = np.sqrt(np.where(known, share * variance, np.mean((own - lattice) ** 2, axis=1)))
+    places = share[:, None] * own + (1 - share[:, None]) * lattice
+    return np.asarray(places, dtype=np.float64), doubt, 1 - share
 
 
 def _shown(white: WhitePicture, places: Array, shape: tuple[int, ...], outside: float) -> Flags:
@@ -168,18 +179,20 @@ def _origin(tilted: Tilted, index: Whole, cone: Cone) -> Array:
     return np.asarray(cone.tilting.centres(straight[None], tilted.values[TILT])[0], np.float64)
 
 
-def _covariance(tilted: Tilted, grid: Grid, falling: FallOff, index: Whole, origin: Array) -> Array:
-    """Of (origin, a, b) at an index: by the fit, grown to what blocks of neighbours show, with what
-    moves all centres together.
+def _covariances(
+    tilted: Tilted, grid: Grid, falling: FallOff, index: Whole, origin: Array
+) -> tuple[Array, Array]:
+    """Of (origin, a, b) at an index: by the fit, grown to what blocks of neighbours show, and of
+    what moves all centres together.
     """
     single = tilted.covariance[:6, :6]
     by_blocks = np.diag(grid.covariance_px)
     grown = np.sqrt(np.maximum(by_blocks / np.maximum(np.diag(single), 1e-300), 1.0))
     shift = np.eye(6)
     shift[:2, 2:4], shift[:2, 4:6] = np.eye(2) * index[0], np.eye(2) * index[1]
-    covariance = shift @ (single * np.outer(grown, grown) + grid.common_px) @ shift.T
     along = np.concatenate([origin - falling.middle_px, tilted.values[2:6]]) * falling.uncertainty
-    return np.asarray(covariance + np.outer(along, along), dtype=np.float64)
+    common = shift @ grid.common_px @ shift.T + np.outer(along, along)
+    return shift @ (single * np.outer(grown, grown)) @ shift.T, common
 
 
 def _sizes_covariance(tilted: Tilted, white: WhitePicture, by_share: Array, pitch: float) -> Array:

@@ -55,7 +55,7 @@ class FallOff:
     @property
     def uncertainty(self) -> float:
         """By how much all places may grow from the axis outwards together, relative."""
-        return UNSURE * abs(self.shift_px) * max(self.full_rate, abs(self.rate))
+        return UNSURE * abs(self.shift_px) * max(LEAST_SHARE * self.full_rate, abs(self.rate))
 
 
 def fall_off(

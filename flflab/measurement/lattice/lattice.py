@@ -49,6 +49,13 @@ class Lattice:
         kinds: of microlenses, as wide as seen, the radii being the central one's; None where there
             is one, or they were taken for one.
         light_uncertainty_dn: of the light in the middle of the picture.
+        common_px: what of ``covariance_px`` moves the lattice and all centres alike, shape (6, 6);
+            None: all of it.
+        followed: share by which each centre follows the lattice, not its own light, shape (N,);
+            None: 1.
+        doubts_px: standard uncertainty of each centre by itself, shape (N,); None: 0.
+        radii_apart_px: standard deviation from lens to lens of the radius of that disc which
+            scatters more: half of by what their blurs differ.
         misfit: rms of what the two discs leave of the light, as a share of it.
     """
 
@@ -75,6 +82,10 @@ class Lattice:
     tilt_uncertainty: Array = field(default_factory=lambda: np.zeros(2))
     light_uncertainty_dn: float = 0.0
     kinds: Kinds | None = None
+    common_px: Array | None = None
+    followed: Array | None = None
+    doubts_px: Array | None = None
+    radii_apart_px: float = 0.0
     misfit: float = 0.0
 
     @property

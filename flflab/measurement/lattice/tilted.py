@@ -20,7 +20,8 @@ Flags = npt.NDArray[np.bool_]
 LOOSE_TILT = 0.05  # standard deviation of a slope, before any micro-image was looked at
 CUT = 5.0  # robust deviations beyond which a micro-image does not count
 ROUNDS = 3
-FREE = 8, 2  # values that centres tell, and that radii do
+# values that centres tell together, and that each disc's radius does
+FREE = (slice(0, 2), 8), (slice(2, 3), 2), (slice(3, 4), 2)
 ORIGIN, VECTORS, RADII, TILT = slice(0, 2), slice(2, 6), slice(6, 8), slice(8, 10)
 
 
@@ -49,10 +50,12 @@ class Tilted:
         values: origin x y, a x y, b x y, larger and smaller radius, px, and slopes of the array
             along (x, y); shape (10,).
         covariance: of them.
+        radii_apart: standard deviation of the radius that scatters more, beyond noise, px.
     """
 
     values: Array
     covariance: Array
+    radii_apart: float
 
     @property
     def vectors(self) -> Array:
@@ -78,7 +81,7 @@ def tilted_lattice(
     values[RADII] = np.median(images.radii_px, axis=0) if kinds is None else values[RADII]
     good = np.ones(len(seen), dtype=np.bool_)
     scale = np.array([1.0, 1, 0.1, 0.1, 0.1, 0.1, 1, 1, 1e-3, 1e-3])
-    scatter, inverse = np.zeros(2), np.eye(10)
+    scatter, inverse = np.zeros(4), np.eye(10)
 
     def expected(of: Array) -> Array:
         straight = of[ORIGIN] + places @ of[VECTORS].reshape(2, 2)
@@ -92,7 +95,7 @@ def tilted_lattice(
         return np.concatenate([centres, discs], axis=1)
 
     for _ in range(ROUNDS):
-        covariance = images.covariance_px + np.diag(np.repeat(scatter**2, 2))
+        covariance = images.covariance_px + np.diag(scatter**2)
         whiten = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.float64)
 
         def residuals(free: Array, whiten: Array = whiten, good: Flags = good) -> Array:
@@ -105,12 +108,12 @@ def tilted_lattice(
         inverse = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14, hermitian=True)
         inverse = inverse * np.outer(scale, scale)
         rest, own = seen - expected(values), np.einsum("nkk->nk", images.covariance_px)
-        for part in range(2):
-            two = slice(2 * part, 2 * part + 2)
-            freedom = max(2 * np.count_nonzero(good) - FREE[part], 1)
-            total = float(np.sum(rest[good, two] ** 2)) / freedom
-            scatter[part] = np.sqrt(max(total - float(own[good, two].mean()), 0.0))
+        # a focal length of its own makes one of the discs larger, not the other
+        for part, freed in FREE:
+            freedom = max(rest[good, part].size - freed, 1)
+            total = float(np.sum(rest[good, part] ** 2)) / freedom
+            scatter[part] = np.sqrt(max(total - float(own[good, part].mean()), 0.0))
         reach = np.einsum("nij,nj->ni", whiten, rest)
         size = np.sum(reach**2, axis=1)
         good = size < CUT**2 * max(float(np.median(size)), 1.0)
-    return Tilted(values, inverse)
+    return Tilted(values, inverse, float(scatter[2:].max()))
