@@ -17,6 +17,8 @@ from flflab.bench_uncertainty import WorkmanshipDescription
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 POINTS = 11
+FOCAL = 4  # among what is drawn of a lens
+FARTHEST = 1 << 12  # lenses from the middle of an array
 WHOLE_ARRAY = -1  # what errors of all lenses together are drawn by, in place of a lens's number
 
 
@@ -108,6 +110,15 @@ class LensErrors:
 
 
 EQUAL_LENSES = LensErrors()
+
+
+def numbers_of(indices: Whole) -> Whole:
+    """Numbers of lenses by their places in a lattice, the same for the same lens in every picture.
+
+    Args:
+        indices: (i, j) from the middle, shape (n, 2).
+    """
+    return (indices[:, 0] + FARTHEST) * (2 * FARTHEST) + indices[:, 1] + FARTHEST
 
 
 def stated_lens_errors(stated: WorkmanshipDescription, seed: int) -> LensErrors:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.bench import Bench
-from flflab.lens_errors import LensErrors
+from flflab.lens_errors import FOCAL, LensErrors, numbers_of
 from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.contrast import cone_half_angle
 from flflab.optics.focus import blur, magnification
@@ -119,13 +119,17 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
         drawn = drawn_systems(central_smms(camera), camera, longer(factor))
         return np.stack([drawn.inside_radius, drawn.outside_radius], axis=1)
 
-    contrast = lenses.mean_of(
-        lambda factor: contrast_draws(
-            camera, longer(factor), cycles_per_mm, bench.description.spectrum, falloff
-        ),
-        len(measured.curve.views) if measured.curve else 1,
-        draws,
-    )
+    light = bench.description.spectrum
+    if measured.curve is None or lenses.focal_length == 0:
+        contrast = contrast_draws(camera, placement, cycles_per_mm, light, falloff)
+    else:  # each frequency is seen by a few lenses, each of a focal length of its own
+        view, seen = np.nonzero(measured.curve.views_share)
+        numbers = numbers_of(measured.lattice.indices[measured.curve.views])
+        apart = 1 + lenses.drawn(numbers, draws)[:, view, FOCAL]
+        alone = contrast_draws(camera, placement, cycles_per_mm[seen], light, falloff, apart)
+        weight = np.zeros((len(seen), len(cycles_per_mm)))
+        weight[np.arange(len(seen)), seen] = measured.curve.views_share[view, seen]
+        contrast = alone @ weight
     centres = _seen_whole(camera)
     inside, outside = lenses.mean_of(radii, len(centres), draws).T
     scale, _, roll = lenses.of_the_lattice(centres, draws, _decentre_shown(camera)).T
@@ -137,7 +141,7 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
         view_draws=None,
         view_indices=indices,
         contrast_draws=contrast * order.contrast[:, None],
-        waves_left=_waves_left(camera, distance, cycles_per_mm, bench.description.spectrum),
+        waves_left=_waves_left(camera, distance, cycles_per_mm, light),
         blur_px=float(blur(central_smms(camera), 1 / distance)) / camera.sensor.pixel,
         systems=systems,
         vergences=1 / placement.distance,
