@@ -8,7 +8,7 @@ import pytest
 
 from flflab.bench import Bench, read_bench
 from flflab.bench_uncertainty import WorkmanshipDescription
-from flflab.lens_errors import EQUAL_LENSES, LensErrors
+from flflab.lens_errors import EQUAL_LENSES, LensErrors, numbers_of
 from flflab.optics.camera import microlens_centres
 from flflab.optics.light import Spectrum
 from flflab.verdict.prediction import (
@@ -72,6 +72,27 @@ def test_lenses_of_many_focal_lengths_show_less_contrast_in_focus() -> None:
         lambda factor: np.repeat(read(factor), DRAWS, axis=0), 16, DRAWS
     )
     assert np.std(arrays, axis=0) == pytest.approx(scatter / 4, rel=0.1)
+
+
+def test_every_frequency_may_be_seen_through_a_lens_of_its_own() -> None:
+    bench = read_bench(BENCH)
+    errors = drawn_errors(bench, 2, np.random.default_rng(3)).of_the_stages_alone()
+    where = placements(bench, SHARP, errors)  # pyright: ignore[reportArgumentType]
+    frequencies, factors = (
+        np.array([2.0, 5.0, 8.0]),
+        np.array([[1.01, 0.98, 1.0], [1.0, 1.02, 0.99]]),
+    )
+    found = contrast_draws(bench.optics, where, frequencies, longer=factors)
+    for (draw, k), factor in np.ndenumerate(factors):
+        longer = replace(where, optics=replace(where.optics, focal=np.full(2, factor)))
+        alone = contrast_draws(bench.optics, longer, frequencies[k : k + 1])
+        assert found[draw, k] == pytest.approx(alone[draw, 0], rel=1e-12)
+
+
+def test_a_lens_has_one_number_in_every_picture() -> None:
+    one, other = np.array([[0, 0], [-3, 2], [5, -1]]), np.array([[5, -1], [0, 0]])
+    assert numbers_of(one)[[2, 0]].tolist() == numbers_of(other).tolist()
+    assert len(set(numbers_of(one).tolist())) == 3
 
 
 def test_a_lattice_is_off_as_a_fit_to_drawn_places_is() -> None:
