@@ -6,6 +6,7 @@ ago.
 """
 
 import contextlib
+import math
 import os
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flflab.bench import Bench
+from flflab.bench_uncertainty import RepeatabilityDescription
 from flflab.record import Run
 from flflab.study import Study
 from flflab.verdict.budget import Apart, Budget, budgets
@@ -30,9 +32,31 @@ from flflab.verdict.properties.focus import depth_of_field
 from flflab.verdict.properties.light import light
 from flflab.verdict.properties.measured import Measured, measure_configuration, recorded
 from flflab.verdict.properties.predicted import Predicted, predict
-from flflab.verdict.properties.values import Values, differences, ratios, rows, verdict
+from flflab.verdict.properties.values import (
+    Values,
+    differences,
+    positions,
+    ratios,
+    rows,
+    taken,
+    verdict,
+)
 from flflab.verdict.properties.views import views
-from flflab.verdict.sources import drawn_errors, of_lenses, one_at_a_time
+from flflab.verdict.repeats import (
+    Repeatability,
+    averaged,
+    mean_draws,
+    reference_of,
+    repeatability,
+    repetitions,
+)
+from flflab.verdict.sources import (
+    approached,
+    as_described,
+    drawn_errors,
+    of_lenses,
+    one_at_a_time,
+)
 
 JUDGED = {  # the verdicts, and the quantities that each is about
     "mtf": ("mtf",),
@@ -45,6 +69,7 @@ JUDGED = {  # the verdicts, and the quantities that each is about
     "dot_distance_mm": ("dot_distance_mm",),
     "array_attitude_mrad": ("array_roll_mrad", "array_yaw_mrad", "array_pitch_mrad"),
 }
+OWN_DRAWS = 200  # of what each configuration has of its own, for its part of a budget
 EXPLAINED_BY_OTHERS = (
     "views",
     "contrast_paper",
@@ -68,6 +93,8 @@ class Evaluation:
             between configurations, comes from.
         suspects: where the model is rejected: single changes of the bench that would explain it,
             the best first.
+        repeats: how well settings repeat that were taken several times, and whose means are then
+            judged; ``measured`` and ``predicted`` are of the first time.
     """
 
     measured: tuple[Measured, ...]
@@ -76,6 +103,7 @@ class Evaluation:
     values: tuple[Values, ...]
     budgets: tuple[Budget, ...]
     suspects: tuple[Suspect, ...]
+    repeats: Repeatability | None = None
 
 
 Tell = Callable[[int, int], object]
@@ -140,13 +168,29 @@ def evaluate_measured(
             is to blame.
     """
     rng = np.random.Generator(np.random.Philox(key=seed))
-    errors = drawn_errors(bench, study.description.draws, rng)
-    bare, floor = measured, bench.description.measurement_floor
-    measured = tuple(with_floor(one, floor, bench.optics) for one in bare)
-    predicted = tuple(predict(one, study, bench, errors) for one in measured)
-    values = properties(measured, predicted, bench)
-    comparison = compare(values, measured, predicted, study, rng)
     failures = [failure for one in measured for failure in one.failures]
+    times = repetitions(measured, study.settings)
+    bare, floor = times[0], bench.description.measurement_floor
+    once = as_described(bench, 1)
+    quiet = [
+        properties(time, tuple(predict(one, study, bench, once) for one in time), steady(bench))
+        for time in times
+    ]
+    repeats = None
+    if len(times) > 1:
+        moved = anew(bare, study, bench, as_described(bench, OWN_DRAWS), reference_of(bench))
+        repeats = repeatability(quiet, properties(bare, moved, bench), bench)
+        bench = repeats.of_bench(bench)
+    errors = drawn_errors(bench, study.description.draws, rng)
+    measured = tuple(with_floor(one, floor, bench.optics) for one in bare)
+    again = bench.description.repeatability
+    every = [anew(measured, study, bench, errors, again, time) for time in range(len(times))]
+    predicted = every[0]
+    values = mean_draws([properties(measured, one, bench) for one in every])
+    if repeats is not None:
+        values = averaged(values, quiet, repeats.pictures_used)
+        quiet = [averaged(quiet[0], quiet, repeats.pictures_used)]
+    comparison = compare(values, measured, predicted, study, rng)
     if failures and comparison.accepted:
         raise failures[0]
 
@@ -163,11 +207,42 @@ def evaluate_measured(
         budgets=budgets(
             values,
             between(values, study.description.reference),
-            apart(measured, bare, study, bench, errors),
+            apart(measured, quiet[0], study, bench, errors, len(times), repeats),
             measured,
             frozenset(quantity for quantities in JUDGED.values() for quantity in quantities),
         ),
         suspects=suspects,
+        repeats=repeats,
+    )
+
+
+def steady(bench: Bench) -> Bench:
+    """The bench in a light that never changes."""
+    update = {"light_uncertainty": 0.0}
+    return replace(bench, description=bench.description.model_copy(update=update))
+
+
+def anew(
+    measured: tuple[Measured, ...],
+    study: Study,
+    bench: Bench,
+    errors: Errors,
+    repeats: RepeatabilityDescription,
+    time: int = 0,
+) -> tuple[Predicted, ...]:
+    """What the model says of every configuration at one of the times, each approached by itself."""
+    if repeats.stages == 0 and repeats.f_number == 0:
+        return tuple(predict(one, study, bench, errors) for one in measured)
+    return tuple(
+        predict(
+            one,
+            study,
+            bench,
+            approached(
+                errors, repeats, bench, one.configuration.index + time * len(study.configurations)
+            ),
+        )
+        for one in measured
     )
 
 
@@ -192,11 +267,11 @@ def explain(
 
     def numbers(errors: Errors) -> list[Values]:
         models = tuple(predict(one, study, bench, errors) for one in measured)
-        return [
-            found
-            for found in properties(measured, models, bench)
-            if found.quantity not in EXPLAINED_BY_OTHERS
-        ]
+        found = {
+            (one.quantity, one.configuration): one for one in properties(measured, models, bench)
+        }
+        same = [(one, found[one.quantity, one.configuration]) for one in explained]
+        return [taken(other, positions(one, other)) for one, other in same]
 
     explained = [found for found in values if found.quantity not in EXPLAINED_BY_OTHERS]
     suspects = diagnose(
@@ -256,27 +331,33 @@ def between(found: tuple[Values, ...], reference: int) -> tuple[tuple[Values, in
 
 def apart(
     measured: tuple[Measured, ...],
-    bare: tuple[Measured, ...],
+    quiet: tuple[Values, ...],
     study: Study,
     bench: Bench,
     errors: Errors,
+    times: int,
+    repeats: Repeatability | None,
 ) -> Apart:
     """Every property with one source of uncertainty at a time.
 
     Args:
         measured: every configuration, with the floor of the measurement.
-        bare: the same without.
+        quiet: every property with the noise of the pictures alone.
         study: the study.
-        bench: the bench as described.
+        bench: the bench as described, with what was found of how it repeats.
         errors: all sources drawn together; how lenses differ is taken from there.
+        times: how often every configuration was measured.
+        repeats: how well it repeats, where that was measured.
     """
 
     def with_errors(drawn: Errors) -> tuple[Predicted, ...]:
         return tuple(predict(one, study, bench, drawn) for one in measured)
 
     sources, alone = one_at_a_time(bench)
-    predicted = with_errors(alone)
-    steady = bench.description.model_copy(update={"light_uncertainty": 0.0})
+    again = bench.description.repeatability
+    described = as_described(bench, OWN_DRAWS)
+    repeated = [anew(measured, study, bench, described, again, time) for time in range(times)]
+    surely = repeats is not None and repeats.stages_used > repeats.stages_stated
     lenses = (
         properties(measured, with_errors(of_lenses(bench, errors)), bench)
         if errors.lenses.differ
@@ -284,9 +365,13 @@ def apart(
     )
     return Apart(
         sources,
-        properties(measured, predicted, bench),
+        properties(measured, with_errors(alone), bench),
         lenses,
-        properties(bare, predicted, replace(bench, description=steady)),
+        mean_draws([properties(measured, one, bench) for one in repeated])
+        if again.stages or again.f_number
+        else None,
+        repeats.stages_dof if repeats is not None and surely else math.inf,
+        quiet,
     )
 
 
