@@ -17,7 +17,7 @@ from scipy import stats
 
 from flflab.verdict.properties.measured import Measured
 from flflab.verdict.properties.values import Values, positions
-from flflab.verdict.sources import LEVELS, Source
+from flflab.verdict.sources import LENSES, LEVELS, Source
 from flflab.whole_file import in_csv, write_own
 
 Array = npt.NDArray[np.float64]
@@ -214,7 +214,7 @@ def _of(
         if lenses is not None:
             lines.append(
                 Contribution(
-                    DRAWN_LENSES, "how lenses differ", "B", "normal", math.inf, None, "",
+                    DRAWN_LENSES, LENSES, "B", "normal", math.inf, None, "",
                     lenses[k], True,
                 )
             )  # fmt: skip

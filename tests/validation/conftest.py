@@ -168,11 +168,9 @@ def one_run(
         )
         pictures: dict[str, npt.NDArray[np.float64]] = {}
         for name, target in targets.items():
-            stands = (
-                {e: off + approach[1] * hidden.normal() for e, off in errors.items()}
-                if (approach[1])
-                else errors
-            )
+            stands = dict(errors)
+            if approach[1]:
+                stands = {e: off + approach[1] * hidden.normal() for e, off in errors.items()}
             pictures[name] = picture(
                 camera, configuration, stands, target, hidden, electrons, wavelength
             )
