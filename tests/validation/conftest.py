@@ -170,7 +170,8 @@ def one_run(
         for name, target in targets.items():
             stands = dict(errors)
             if approach[1]:
-                stands = {e: off + approach[1] * hidden.normal() for e, off in errors.items()}
+                for element in ELEMENTS:
+                    stands[element] += approach[1] * hidden.normal()
             pictures[name] = picture(
                 camera, configuration, stands, target, hidden, electrons, wavelength
             )
