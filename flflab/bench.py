@@ -24,6 +24,7 @@ from flflab.bench_uncertainty import (
     MeasurementFloorDescription,
     ModelUncertaintyDescription,
     OpticsUncertaintyDescription,
+    RepeatabilityDescription,
     TargetUncertaintyDescription,
     TemperatureDescription,
     WorkmanshipDescription,
@@ -245,6 +246,7 @@ class BenchDescription(Description):
     workmanship: WorkmanshipDescription = WorkmanshipDescription()
     measurement_floor: MeasurementFloorDescription = MeasurementFloorDescription()
     target_uncertainty: TargetUncertaintyDescription = TargetUncertaintyDescription()
+    repeatability: RepeatabilityDescription = RepeatabilityDescription()
     temperature: TemperatureDescription = TemperatureDescription()
     light: LightDescription | None = None
     light_uncertainty: Annotated[Ratio, Field(ge=0, lt=1)] = 0.005

@@ -112,6 +112,15 @@ class TargetUncertaintyDescription(Description):
     tilt: Annotated[Angle, Field(ge=0, lt=0.1)] = 5e-3
 
 
+class RepeatabilityDescription(Description):
+    """How well a setting is reached again: standard deviations of the place at which a stage
+    stops, where its reading is the same, and of the f-number.
+    """
+
+    stages: Annotated[Length, Field(ge=0, le=1)] = 0.0
+    f_number: Annotated[Ratio, Field(ge=0, lt=0.1)] = 0.0
+
+
 class TemperatureDescription(Description):
     """How well the bench's temperature is known over that of its calibration (standard
     uncertainty), by how much its distances grow with it, and in which range frames are admitted.

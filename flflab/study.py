@@ -103,6 +103,8 @@ class StudyDescription(Description):
     targets: Annotated[list[Literal["dots", "bars"]], Field(min_length=1)] = ["dots", "bars"]
     exposure: ExposureDescription = ExposureDescription()
     mtf_standard_uncertainty: Annotated[Ratio, Field(gt=0, lt=1)] | None = None
+    repeats: Annotated[int, Field(ge=1, le=100)] = 1
+    reapproach: bool = False
     draws: Annotated[int, Field(ge=100, le=100000)] = 1000
     significance: Annotated[Ratio, Field(ge=1e-4, lt=0.5)] = 0.05
 
@@ -134,6 +136,7 @@ class Configuration:
         pitch: angle of the array in rad, as the other two; None as in the camera file.
         yaw: the same.
         roll: the same.
+        repetition: how often the setting was taken before.
     """
 
     index: int
@@ -145,6 +148,7 @@ class Configuration:
     pitch: float | None = None
     yaw: float | None = None
     roll: float | None = None
+    repetition: int = 0
 
     @property
     def besides(self) -> str:
@@ -192,6 +196,11 @@ class Study:
     bars: Bars
 
     @property
+    def settings(self) -> int:
+        """How many settings there are, each taken as often as the study repeats."""
+        return len(self.configurations) // self.description.repeats
+
+    @property
     def shown(self) -> tuple[str, ...]:
         """The targets that are shown after the white one, by kind."""
         kinds = {"dots": self.dots.kind, "bars": self.bars.kind}
@@ -237,7 +246,8 @@ def count(description: StudyDescription) -> int:
         )
         for g in description.configurations
     )
-    return sum(math.prod(len(values) for values in grid if values) for grid in listed)
+    settings = sum(math.prod(len(values) for values in grid if values) for grid in listed)
+    return settings * description.repeats
 
 
 def expand(description: StudyDescription, optics: Camera) -> tuple[Configuration, ...]:
@@ -267,11 +277,28 @@ def expand(description: StudyDescription, optics: Camera) -> tuple[Configuration
             )
             found += [
                 Configuration(
-                    len(found) + k, f_number, lens + distance, array - lens, sensor, lens, *turned
+                    len(found) + k,
+                    f_number,
+                    lens + distance,
+                    array - lens,
+                    sensor,
+                    lens,
+                    pitch=turned[0],
+                    yaw=turned[1],
+                    roll=turned[2],
                 )
                 for k, sensor in enumerate(sensors)
             ]
     return tuple(found)
+
+
+def repeated(settings: tuple[Configuration, ...], repeats: int) -> tuple[Configuration, ...]:
+    """Every setting once, then all of them again, numbered on."""
+    return tuple(
+        replace(one, index=one.index + time * len(settings), repetition=time)
+        for time in range(repeats)
+        for one in settings
+    )
 
 
 def read_study(file: Path, optics: Camera) -> Study:
@@ -302,6 +329,7 @@ def read_study(file: Path, optics: Camera) -> Study:
             f"{file}:{lines.get(('reference',), 1)}: reference: {description.reference} is no"
             f" configuration; allowed: 0 to {len(configurations) - 1}"
         )
+    configurations = repeated(configurations, description.repeats)
     dots = _target(description.dots, FourDot, Path(file), lines, "dots")
     bars = _target(description.bars, Bars, Path(file), lines, "bars")
     return Study(description, configurations, dots, bars)

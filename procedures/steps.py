@@ -1,10 +1,11 @@
+# longer than 450 lines because the steps of a study and the ways between them are one plan
 """What a procedure would do, as data: steps that can be printed, timed and checked before anything
 connects or moves.
 """
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias, get_args
 
@@ -15,6 +16,7 @@ from flflab.study import Configuration, Study
 
 WHITE, BLACK = "white", "black"
 NOT_MOVED = 1e-9  # mm
+ASIDE = 0.2  # mm, from which a setting is approached anew
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,11 @@ class Move:
     configuration: int
     groups: tuple[Mapping[str, float], ...]
     turning: frozenset[str] = frozenset()
+
+    @property
+    def axes(self) -> frozenset[str]:
+        """The axes that move."""
+        return frozenset(name for group in self.groups for name in group)
 
     def __str__(self) -> str:
         def show(axis: str, reading: float) -> str:
@@ -173,8 +180,8 @@ def sweep_steps(
     """A study's points, ordered so that a person acts as seldom as possible: by iris, then target,
     then configuration.
 
-    White comes first, it gives the exposures; the configurations are passed to and fro; dark frames
-    come last, once for all.
+    White comes first, it gives the exposures; the configurations are passed to and fro; a study
+    that repeats begins again with the first iris; dark frames come last, once for all.
 
     Args:
         study: what to take.
@@ -192,22 +199,35 @@ def sweep_steps(
     steps: list[Step] = []
     now = dict(start)
     by_iris = itertools.groupby(
-        sorted(study.configurations, key=lambda one: one.f_number), key=lambda one: one.f_number
+        sorted(study.configurations, key=_repetition_and_iris), key=_repetition_and_iris
     )
-    for f_number, group in by_iris:
+    for (_, f_number), group in by_iris:
         steps.append(SetIris(f_number))
         configurations = sorted(group, key=_place)
         for target in (WHITE, *study.shown):
             steps.append(ShowTarget(target))
             for configuration in configurations:
-                move = move_step(configuration, bench, now, unsure)
+                ways: list[Move] = []
+                if study.description.reapproach:
+                    ways.append(aside_step(configuration, bench, now))
+                    unsure = unsure - ways[0].axes
+                ways.append(move_step(configuration, bench, _after(now, ways), unsure))
                 unsure = frozenset[str]()  # it moves them all
-                if move.groups:
-                    steps.append(move)
-                    now.update(item for together in move.groups for item in together.items())
+                now = _after(now, ways)
+                steps += (move for move in ways if move.groups)
                 steps += _frames(study, configuration, target)
             configurations.reverse()
     return (*steps, ShowTarget(BLACK), CaptureDark(study.description.exposure.frames))
+
+
+def _after(now: Readings, moves: Iterable[Move]) -> dict[str, float]:
+    return dict(now) | {
+        name: mm for move in moves for group in move.groups for name, mm in group.items()
+    }
+
+
+def _repetition_and_iris(configuration: Configuration) -> tuple[int, float]:
+    return configuration.repetition, configuration.f_number
 
 
 def steps(study: Study, bench: Bench) -> tuple[Step, ...]:
@@ -251,6 +271,31 @@ def _frames(study: Study, configuration: Configuration, target: str) -> Iterator
     )
 
 
+def aside_step(configuration: Configuration, bench: Bench, now: Readings) -> Move:
+    """What shifts elements goes beside a configuration, to the side from which it homes, so that
+    the configuration is approached anew and from there; errors as ``sweep_steps``.
+    """
+    wanted: dict[str, float] = {}
+    for element, world in worlds_of(configuration).items():
+        if (found := bench.description.axis_of(element)) is not None:
+            name, axis = found
+            reading, (low, high) = axis.reading(world), axis.limits
+            side = ASIDE if axis.homes_up else -ASIDE
+            beside = reading + side if low <= reading + side <= high else reading - side
+            wanted[name] = min(max(beside, low), high)
+    return _ordered(configuration, bench, now, wanted)
+
+
+def worlds_of(configuration: Configuration) -> dict[Element, float]:
+    """World z of every element in a configuration, mm."""
+    lens = configuration.main_lens
+    return {
+        "main_lens.z": lens, "array.z": lens + configuration.array,
+        "sensor.z": lens + configuration.sensor,
+        "target.z": lens - configuration.distance,
+    }  # fmt: skip
+
+
 def move_step(
     configuration: Configuration, bench: Bench, now: Readings, unsure: frozenset[str] = frozenset()
 ) -> Move:
@@ -259,12 +304,6 @@ def move_step(
 
     Those that may stand elsewhere, ``unsure``, are sent also to where they are taken to stand.
     """
-    lens = configuration.main_lens
-    worlds: dict[Element, float] = {
-        "main_lens.z": lens, "array.z": lens + configuration.array,
-        "sensor.z": lens + configuration.sensor,
-        "target.z": lens - configuration.distance,
-    }  # fmt: skip
     wanted: dict[str, float] = {}
     for turn, angle in _angles(configuration, bench).items():
         if (turning := bench.description.axis_of(turn)) is not None:
@@ -279,7 +318,7 @@ def move_step(
                 f" no axis of {bench.file} turns it and the camera file has"
                 f" {ANGLE.show(stands, 'g')}; give the axis or change the study"
             )
-    for element, world in worlds.items():
+    for element, world in worlds_of(configuration).items():
         found = bench.description.axis_of(element)
         if found is None:
             _require_standing_there(configuration, element, world, bench)
@@ -289,6 +328,11 @@ def move_step(
         _require_within(configuration, name, axis, reading)
         if name in unsure or abs(reading - now[name]) > NOT_MOVED:
             wanted[name] = reading
+    return _ordered(configuration, bench, now, wanted)
+
+
+def _ordered(configuration: Configuration, bench: Bench, now: Readings, wanted: Readings) -> Move:
+    """The way to readings in an order in which the gaps hold."""
     gaps = gap_rules(bench, {name: axis.limits for name, axis in bench.description.axes.items()})
     try:
         groups = in_order(gaps, {name: (mm, mm) for name, mm in now.items()}, wanted)

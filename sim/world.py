@@ -87,6 +87,7 @@ class Carriage:
     def __init__(self, clock: Clock, start: float) -> None:
         """Stand at ``start``."""
         self.clock = clock
+        self._begun = 0
         self._motions: tuple[tuple[float, Motion], ...] = ((-np.inf, rest(start)),)
 
     @property
@@ -97,6 +98,11 @@ class Carriage:
     @motion.setter
     def motion(self, motion: Motion) -> None:
         self._motions = (*self._motions[-REMEMBERED:], (self.clock.now(), motion))
+        self._begun += 1
+
+    def begun(self, instant: float) -> int:
+        """How many motions had begun at an instant, now or lately."""
+        return self._begun - sum(since > instant for since, _ in self._motions)
 
     def at(self, instant: float) -> float:
         """Where it was at an instant, now or lately."""
@@ -177,8 +183,11 @@ class World:
             keyed(self.seed, "optics", "f_number").normal()
             * bench.description.optics_uncertainty.f_number
         )
+        again, truths = bench.description.repeatability, simulated.truths
+        self._stage_repeats = _planted(truths, "repeatability.stages", "length", again.stages)
+        self._iris_repeats = _planted(truths, "repeatability.f_number", "ratio", again.f_number)
         self._lamp_unsure = bench.description.light_uncertainty
-        self._iris_scale = _planted(simulated.truths, "iris.scale", "ratio", float(drawn))
+        self._iris_scale = _planted(truths, "iris.scale", "ratio", float(drawn))
         self.targets = wheel_targets(bench)
         self._envelopes = bench.description.envelopes
 
@@ -223,19 +232,26 @@ class World:
         with self.lock:
             moved = {
                 axis.moves: axis.world(self.carriages[name].at(instant))
+                + (axis.moves in get_args(Element))
+                * self._stage_repeats
+                * self._anew(name, instant)
                 for name, axis in self.axes.items()
             }
         return self._fixed | moved
 
+    def _anew(self, name: str, instant: float) -> float:
+        """A normal number for every motion of a stage or the iris."""
+        carriage = self.carriages.get(name, self.iris)
+        return float(keyed(self.seed, "approach", name, carriage.begun(instant)).normal())
+
     def f_number(self, instant: float) -> float:
         """True f-number."""
         with self.lock:
-            return self.iris.at(instant) * (1 + self._iris_scale)
+            off = self._iris_scale + self._iris_repeats * self._anew("iris", instant)
+            return self.iris.at(instant) * (1 + off)
 
     def lamp(self, scene: "Scene") -> float:
-        """The light over what it is stated to be: another in every setting of the bench, the same
-        for all that is shown there.
-        """
+        """The light over what it is stated to be: another in every setting, whatever is shown."""
         return 1 + float(keyed(self.seed, "lamp", scene.state[:-1]).normal()) * self._lamp_unsure
 
     def target_name(self, instant: float) -> str:
@@ -406,6 +422,7 @@ def check_truths(bench: Bench) -> None:
             f"{name}.scale": "ratio",
             f"{name}.start": axis.coordinate.dimension,
         }
+    allowed |= {"repeatability.stages": "length", "repeatability.f_number": "ratio"}
     allowed |= {"iris.scale": "ratio", "main_lens.focal_length": "length"}
     allowed |= {"microlens_array.focal_length": "length", "microlens_array.aperture": "length"}
     allowed |= {f"microlens_array.{turn}": "angle" for turn in ("roll", "yaw", "pitch")}

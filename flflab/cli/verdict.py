@@ -59,6 +59,8 @@ def _tell(evaluation: Evaluation, run: Run, page: Path) -> None:
     console.print(verdict_table(evaluation.comparison, console.width))
     console.print(rule(evaluation.comparison.verdicts), highlight=False)
     console.print(frames_said(run.frames), highlight=False)
+    for sentence in evaluation.repeats.sentences if evaluation.repeats else ():
+        console.print(sentence, highlight=False)
     accepted = evaluation.comparison.accepted
     console.print(
         (

@@ -9,12 +9,12 @@ import numpy as np
 
 from flflab.report.quantities import quantity_of
 from flflab.report.tables import Table, in_words, number
-from flflab.verdict.budget import FLOOR, LAMP, PICTURES, REMAINDER, Budget
+from flflab.verdict.budget import APPROACH, FLOOR, LAMP, PICTURES, REMAINDER, Budget
 from flflab.verdict.evaluation import JUDGED, Evaluation
 from flflab.verdict.sources import ATTITUDE, LENSES, OPTICS, ORDER, STAGES, TRACED
 
 GROUPS = (
-    PICTURES, FLOOR, LAMP, STAGES, OPTICS, ATTITUDE, ORDER, LENSES, TRACED, REMAINDER,
+    PICTURES, FLOOR, LAMP, APPROACH, STAGES, OPTICS, ATTITUDE, ORDER, LENSES, TRACED, REMAINDER,
 )  # fmt: skip
 
 

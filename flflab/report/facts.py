@@ -163,7 +163,9 @@ def _lost(run: Run) -> list[str]:
 def _unmeasured(evaluation: Evaluation, study: Study) -> list[str]:
     """Which configurations the record lacks, or has no admitted frames of."""
     measured = {one.configuration.index for one in evaluation.measured}
-    missing = [one.index for one in study.configurations if one.index not in measured]
+    missing = [
+        one.index for one in study.configurations[: study.settings] if one.index not in measured
+    ]
     return (
         [f"Not recorded or not admitted, and left out: configurations {listed(missing)}."]
         if missing

@@ -91,7 +91,10 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         devices_count=devices,
         calibrated=facts.calibration(bench, run),
         step=facts.following(evaluation, run),
-        frames_said=frames_said(run.frames),
+        said=[
+            frames_said(run.frames),
+            *(evaluation.repeats.sentences if evaluation.repeats else ()),
+        ],
         overview=overview_chart(evaluation),
         curve_of=curve_of,
         contents=_contents(

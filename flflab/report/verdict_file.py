@@ -74,12 +74,30 @@ def verdict_numbers(evaluation: Evaluation, run: Run) -> dict[str, Any]:
                 if not frame.validity.admitted
             ],
         },
+        "repeats": _repeats(evaluation),
         "sha256": {
             name: hashlib.sha256((run.folder / name).read_bytes()).hexdigest()
             for name in ("bench.yaml", "camera.yaml", "study.yaml")
             if (run.folder / name).exists()
         },
         "versions": {"recorded": _recorded_versions(run), "evaluated": versions()},
+    }
+
+
+def _repeats(evaluation: Evaluation) -> dict[str, Any] | None:
+    found = evaluation.repeats
+    if found is None:
+        return None
+    return {
+        "stages_mm": found.stages,
+        "stages_degrees_of_freedom": found.stages_dof,
+        "stages_stated_mm": found.stages_stated,
+        "stages_used_mm": found.stages_used,
+        "light": found.light if math.isfinite(found.light) else None,
+        "light_stated": found.light_stated,
+        "light_used": found.light_used,
+        "pictures_over_noise": found.pictures,
+        "pictures_used": found.pictures_used,
     }
 
 

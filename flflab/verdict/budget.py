@@ -17,13 +17,14 @@ from scipy import stats
 
 from flflab.verdict.properties.measured import Measured
 from flflab.verdict.properties.values import Values, positions
-from flflab.verdict.sources import LEVELS, Source
+from flflab.verdict.sources import LENSES, LEVELS, Source
 from flflab.whole_file import in_csv, write_own
 
 Array = npt.NDArray[np.float64]
 COVERED = 0.95
 LEAST = 1e-6  # of the largest variance; what adds less has no line
 PICTURES, FLOOR, LAMP = "noise of the pictures", "measurement's floor", "steadiness of the light"
+APPROACH = "repeatability of stages and iris"
 DRAWN_LENSES = "workmanship: lens to lens"
 REMAINDER = "not in the sum (nonlinearity, finite draws)"
 
@@ -120,13 +121,22 @@ class Apart:
         sources: those that vary.
         alone: of every property, draws of a bench as described and then ``LEVELS`` of each source.
         lenses: the same properties, draws of lenses that differ; None where all are equal.
+        approached: the same properties, draws of stages and iris that repeat as well as they do,
+            in each configuration by itself; None where that is taken for perfect.
+        approached_dof: degrees of freedom with which that was measured; infinite where it is as the
+            bench file states it.
         quiet: the same properties with the noise of the pictures alone.
     """
 
     sources: tuple[Source, ...]
     alone: tuple[Values, ...]
     lenses: tuple[Values, ...] | None
+    approached: tuple[Values, ...] | None
+    approached_dof: float
     quiet: tuple[Values, ...]
+
+
+Key = tuple[str, int]
 
 
 def budgets(
@@ -146,13 +156,12 @@ def budgets(
         measured: every configuration.
         judged: the quantities that are.
     """
-    places = {(one.quantity, one.configuration): k for k, one in enumerate(values)}
     found: list[Budget] = []
     for one in (one for one in values if one.quantity in judged):
-        found += _of(one, None, (places[one.quantity, one.configuration],), apart, measured)
+        found += _of(one, None, ((one.quantity, one.configuration),), apart, measured)
     for one, reference in between:
         quantity = one.quantity.partition("_")[2]
-        pair = places[quantity, one.configuration], places[quantity, reference]
+        pair = (quantity, one.configuration), (quantity, reference)
         found += _of(one, reference, pair, apart, measured)
     return tuple(found)
 
@@ -160,22 +169,27 @@ def budgets(
 def _of(
     values: Values,
     reference: int | None,
-    places: tuple[int, ...],
+    keys: tuple[Key, ...],
     apart: Apart,
     measured: tuple[Measured, ...],
 ) -> list[Budget]:
-    """The budgets of numbers that are made of those at one or two places of the others."""
-    quiet = _noise(values, tuple(apart.quiet[place] for place in places))
+    """The budgets of numbers that are made of those of one or two keys."""
+    parts = _parts(apart.quiet, keys)
+    quiet = _noise(values, parts)
     other = np.maximum(np.diag(values.noise) - quiet, 0.0)
-    alone = _draws(values, tuple(apart.alone[place] for place in places))
+    alone = _draws(values, _parts(apart.alone, keys))
     middle, varied = alone[0], alone[1:].reshape(-1, LEVELS, alone.shape[1])
     counted = values.draws.dtype.kind == "i"
     centre = middle if counted else varied.mean(axis=1, keepdims=True)
     variances = np.mean((varied - centre) ** 2, axis=1)
-    lenses: Array | None = None
-    if apart.lenses is not None:
-        drawn = _draws(values, tuple(apart.lenses[place] for place in places))
-        lenses = np.mean((drawn - (middle if counted else drawn.mean(axis=0))) ** 2, axis=0)
+
+    def spread(draws: tuple[Values, ...] | None) -> Array | None:
+        if draws is None:
+            return None
+        drawn = _draws(values, _parts(draws, keys))
+        return np.mean((drawn - (middle if counted else drawn.mean(axis=0))) ** 2, axis=0)
+
+    lenses, anew = spread(apart.lenses), spread(apart.approached)
     own = LAMP if values.quantity == "light" else FLOOR
     whole = values.uncertainty**2
     found: list[Budget] = []
@@ -184,7 +198,7 @@ def _of(
         freedom = (
             math.inf
             if kind == "B"
-            else min(_freedom(apart.quiet[place], values.dots[k], measured) for place in places)
+            else min(_freedom(part, values.dots[k], measured) for part in parts)
         )
         lines = [
             Contribution(PICTURES, PICTURES, kind, "normal", freedom, None, "", quiet[k], False),
@@ -200,8 +214,15 @@ def _of(
         if lenses is not None:
             lines.append(
                 Contribution(
-                    DRAWN_LENSES, "how lenses differ", "B", "normal", math.inf, None, "",
+                    DRAWN_LENSES, LENSES, "B", "normal", math.inf, None, "",
                     lenses[k], True,
+                )
+            )  # fmt: skip
+        if anew is not None:
+            lines.append(
+                Contribution(
+                    APPROACH, APPROACH, "B" if math.isinf(apart.approached_dof) else "A", "normal",
+                    apart.approached_dof, None, "", anew[k], False,
                 )
             )  # fmt: skip
         least = LEAST * max(line.variance for line in lines)
@@ -217,6 +238,11 @@ def _of(
             )
         )  # fmt: skip
     return found
+
+
+def _parts(of: tuple[Values, ...], keys: tuple[Key, ...]) -> tuple[Values, ...]:
+    by = {(one.quantity, one.configuration): one for one in of}
+    return tuple(by[key] for key in keys)
 
 
 def _draws(values: Values, of: tuple[Values, ...]) -> Array:

@@ -6,6 +6,7 @@ ago.
 """
 
 import contextlib
+import math
 import os
 from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flflab.bench import Bench
+from flflab.bench_uncertainty import RepeatabilityDescription
 from flflab.record import Run
 from flflab.study import Study
 from flflab.verdict.budget import Apart, Budget, budgets
@@ -21,7 +23,7 @@ from flflab.verdict.comparison import Comparison, Row
 from flflab.verdict.diagnosis import Suspect, diagnose
 from flflab.verdict.disturbances import disturbances
 from flflab.verdict.geometry import geometry
-from flflab.verdict.prediction import Errors
+from flflab.verdict.prediction import Errors, as_described
 from flflab.verdict.properties.attitude import attitude
 from flflab.verdict.properties.contrast import contrasts
 from flflab.verdict.properties.depth import dot_distances, lateral_resolution
@@ -32,9 +34,30 @@ from flflab.verdict.properties.light import light
 from flflab.verdict.properties.measured import Measured, measure_configuration, recorded
 from flflab.verdict.properties.predicted import Predicted, predict, predict_uncounted
 from flflab.verdict.properties.target import target
-from flflab.verdict.properties.values import Values, differences, ratios, rows, verdict
+from flflab.verdict.properties.values import (
+    Values,
+    differences,
+    positions,
+    ratios,
+    rows,
+    taken,
+    verdict,
+)
 from flflab.verdict.properties.views import views
-from flflab.verdict.sources import drawn_errors, of_lenses, one_at_a_time
+from flflab.verdict.repeats import (
+    Repeatability,
+    averaged,
+    mean_draws,
+    reference_of,
+    repeatability,
+    repetitions,
+)
+from flflab.verdict.sources import (
+    approached,
+    drawn_errors,
+    of_lenses,
+    one_at_a_time,
+)
 from flflab.verdict.visible import Visible, visible
 
 JUDGED = {  # the verdicts, and the quantities that each is about
@@ -50,6 +73,7 @@ JUDGED = {  # the verdicts, and the quantities that each is about
     "target_roll_mrad": ("target_roll_mrad",),
     "array_attitude_mrad": ("array_roll_mrad", "array_yaw_mrad", "array_pitch_mrad"),
 }
+OWN_DRAWS = 200  # of what each configuration has of its own, for its part of a budget
 EXPLAINED_BY_OTHERS = (
     "views",
     "contrast_paper",
@@ -74,6 +98,8 @@ class Evaluation:
         suspects: where the model is rejected: single changes of the bench that would explain it,
             the best first.
         visible: how large every single change must be to be seen in this run.
+        repeats: how well settings repeat that were taken several times, and whose means are then
+            judged; ``measured`` and ``predicted`` are of the first time.
     """
 
     measured: tuple[Measured, ...]
@@ -83,6 +109,7 @@ class Evaluation:
     budgets: tuple[Budget, ...]
     suspects: tuple[Suspect, ...]
     visible: tuple[Visible, ...]
+    repeats: Repeatability | None = None
 
 
 Tell = Callable[[int, int], object]
@@ -147,28 +174,34 @@ def evaluate_measured(
             is to blame.
     """
     rng = np.random.Generator(np.random.Philox(key=seed))
-    errors = drawn_errors(bench, study.description.draws, rng)
-    bare, floor = measured, bench.description.measurement_floor
-    measured = tuple(with_floor(one, floor, bench.optics) for one in bare)
-    predicted = tuple(predict(one, study, bench, errors) for one in measured)
-    values = properties(measured, predicted, bench)
-    comparison = compare(values, measured, predicted, study, rng)
     failures = [failure for one in measured for failure in one.failures]
+    times = repetitions(measured, study.settings)
+    bare, floor = times[0], bench.description.measurement_floor
+    once = as_described(1)
+    quiet = [
+        properties(time, tuple(predict(one, study, bench, once) for one in time), steady(bench))
+        for time in times
+    ]
+    repeats = None
+    if len(times) > 1:
+        moved = anew(bare, study, bench, as_described(OWN_DRAWS), reference_of(bench))
+        repeats = repeatability(quiet, properties(bare, moved, bench), bench)
+        bench = repeats.of_bench(bench)
+    errors = drawn_errors(bench, study.description.draws, rng)
+    measured = tuple(with_floor(one, floor, bench.optics) for one in bare)
+    again = bench.description.repeatability
+    every = [anew(measured, study, bench, errors, again, time) for time in range(len(times))]
+    predicted = every[0]
+    values = mean_draws([properties(measured, one, bench) for one in every])
+    if repeats is not None:
+        values = averaged(values, quiet, repeats.pictures_used)
+        quiet = [averaged(quiet[0], quiet, repeats.pictures_used)]
+    comparison = compare(values, measured, predicted, study, rng)
     if failures and comparison.accepted:
         raise failures[0]
 
+    suspects, seen = causes(values, measured, predicted, study, bench, errors, comparison.accepted)
     judged = frozenset(quantity for quantities in JUDGED.values() for quantity in quantities)
-    explained = [one for one in values if one.quantity not in EXPLAINED_BY_OTHERS]
-
-    def numbers(errors: Errors) -> list[Values]:
-        models = tuple(predict_uncounted(one, study, bench, errors) for one in measured)
-        every = properties(measured, models, bench)
-        return [one for one in every if one.quantity not in EXPLAINED_BY_OTHERS]
-
-    suspects: tuple[Suspect, ...] = ()
-    if not comparison.accepted:
-        others = disturbances(explained, measured, predicted, bench)
-        suspects = diagnose(explained, geometry(bench, errors, numbers) + others)
     return Evaluation(
         measured,
         predicted,
@@ -177,13 +210,81 @@ def evaluate_measured(
         budgets=budgets(
             values,
             between(values, study.description.reference),
-            apart(measured, bare, study, bench, errors),
+            apart(measured, quiet[0], study, bench, errors, len(times), repeats),
             measured,
             judged,
         ),
         suspects=suspects,
-        visible=visible([one for one in explained if one.quantity in judged], bench, numbers),
+        visible=seen,
+        repeats=repeats,
     )
+
+
+def steady(bench: Bench) -> Bench:
+    """The bench in a light that never changes."""
+    update = {"light_uncertainty": 0.0}
+    return replace(bench, description=bench.description.model_copy(update=update))
+
+
+def anew(
+    measured: tuple[Measured, ...],
+    study: Study,
+    bench: Bench,
+    errors: Errors,
+    repeats: RepeatabilityDescription,
+    time: int = 0,
+) -> tuple[Predicted, ...]:
+    """What the model says of every configuration at one of the times, each approached by itself."""
+    if repeats.stages == 0 and repeats.f_number == 0:
+        return tuple(predict(one, study, bench, errors) for one in measured)
+    return tuple(
+        predict(
+            one,
+            study,
+            bench,
+            approached(
+                errors, repeats, bench, one.configuration.index + time * len(study.configurations)
+            ),
+        )
+        for one in measured
+    )
+
+
+def causes(
+    values: tuple[Values, ...],
+    measured: tuple[Measured, ...],
+    predicted: tuple[Predicted, ...],
+    study: Study,
+    bench: Bench,
+    errors: Errors,
+    accepted: bool,
+) -> tuple[tuple[Suspect, ...], tuple[Visible, ...]]:
+    """Where the model is rejected, every single change of the bench that could be the reason, the
+    best first; and how large each must be to be seen.
+
+    Args:
+        values: the numbers behind the comparison.
+        measured: every configuration.
+        predicted: the same.
+        study: the study.
+        bench: the bench as described.
+        errors: the draws behind the predictions.
+        accepted: the verdict.
+    """
+    explained = [one for one in values if one.quantity not in EXPLAINED_BY_OTHERS]
+
+    def numbers(errors: Errors) -> list[Values]:
+        models = tuple(predict_uncounted(one, study, bench, errors) for one in measured)
+        every = properties(measured, models, bench)
+        found = {(one.quantity, one.configuration): one for one in every}
+        same = [(one, found[one.quantity, one.configuration]) for one in explained]
+        return [taken(other, positions(one, other)) for one, other in same]
+
+    seen = visible(explained, bench, numbers)
+    if accepted:
+        return (), seen
+    others = disturbances(explained, measured, predicted, bench)
+    return diagnose(explained, geometry(bench, errors, numbers) + others), seen
 
 
 def properties(
@@ -224,27 +325,33 @@ def between(found: tuple[Values, ...], reference: int) -> tuple[tuple[Values, in
 
 def apart(
     measured: tuple[Measured, ...],
-    bare: tuple[Measured, ...],
+    quiet: tuple[Values, ...],
     study: Study,
     bench: Bench,
     errors: Errors,
+    times: int,
+    repeats: Repeatability | None,
 ) -> Apart:
     """Every property with one source of uncertainty at a time.
 
     Args:
         measured: every configuration, with the floor of the measurement.
-        bare: the same without.
+        quiet: every property with the noise of the pictures alone.
         study: the study.
-        bench: the bench as described.
+        bench: the bench as described, with what was found of how it repeats.
         errors: all sources drawn together; how lenses differ is taken from there.
+        times: how often every configuration was measured.
+        repeats: how well it repeats, where that was measured.
     """
 
     def with_errors(drawn: Errors) -> tuple[Predicted, ...]:
         return tuple(predict(one, study, bench, drawn) for one in measured)
 
     sources, alone = one_at_a_time(bench)
-    predicted = with_errors(alone)
-    steady = bench.description.model_copy(update={"light_uncertainty": 0.0})
+    again = bench.description.repeatability
+    described = as_described(OWN_DRAWS)
+    repeated = [anew(measured, study, bench, described, again, time) for time in range(times)]
+    surely = repeats is not None and repeats.stages_used > repeats.stages_stated
     lenses = (
         properties(measured, with_errors(of_lenses(bench, errors)), bench)
         if errors.lenses.differ
@@ -252,9 +359,13 @@ def apart(
     )
     return Apart(
         sources,
-        properties(measured, predicted, bench),
+        properties(measured, with_errors(alone), bench),
         lenses,
-        properties(bare, predicted, replace(bench, description=steady)),
+        mean_draws([properties(measured, one, bench) for one in repeated])
+        if again.stages or again.f_number
+        else None,
+        repeats.stages_dof if repeats is not None and surely else math.inf,
+        quiet,
     )
 
 

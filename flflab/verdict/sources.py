@@ -10,11 +10,13 @@ import numpy.typing as npt
 from scipy import stats
 
 from flflab.bench import Bench, Element, Turn
+from flflab.bench_uncertainty import RepeatabilityDescription
 from flflab.lens_errors import EQUAL_LENSES, stated_lens_errors
-from flflab.verdict.prediction import ELEMENTS, Errors, OpticsFactors, OrderFactors
+from flflab.verdict.prediction import ELEMENTS, Errors, OpticsFactors, OrderFactors, as_described
 
 Array = npt.NDArray[np.float64]
 LEVELS = 51  # values of a source that varies alone
+OWN_KEY = 1 << 64  # apart from every seed that draws what configurations share
 LENS_DRAWS = 200  # arrays whose lenses alone differ: 5 % of their standard uncertainty
 TURNS: tuple[Turn, ...] = ("array.roll", "array.yaw", "array.pitch")
 TARGET_TURNS = ("roll of the target", "tilt of the target along x", "tilt of the target along y")
@@ -164,10 +166,31 @@ def one_at_a_time(bench: Bench) -> tuple[tuple[Source, ...], Errors]:
     return tuple(sources[place] for place in places), errors_of(bench, standard)
 
 
+def approached(
+    errors: Errors, repeats: RepeatabilityDescription, bench: Bench, index: int
+) -> Errors:
+    """Errors with those of one configuration of its own, by its index among all that are repeated:
+    where stages and iris stopped.
+    """
+    rng = np.random.Generator(np.random.Philox(key=OWN_KEY + index))
+    count = len(errors.optics.pitch)
+    stages = {
+        element: (
+            zero + rng.standard_normal(count) * repeats.stages
+            if bench.description.axis_of(element)
+            else zero,
+            scale,
+        )
+        for element, (zero, scale) in errors.stages.items()
+    }
+    wide = 1 + rng.standard_normal(count) * repeats.f_number
+    aperture = errors.optics.lens_aperture / wide
+    return replace(errors, stages=stages, optics=replace(errors.optics, lens_aperture=aperture))
+
+
 def of_lenses(bench: Bench, errors: Errors) -> Errors:
     """Errors of a bench as described but for its lenses, which differ as those of ``errors``."""
-    described = errors_of(bench, np.zeros((LENS_DRAWS, len(stated_sources(bench)))))
-    return replace(described, lenses=errors.lenses)
+    return replace(as_described(LENS_DRAWS), lenses=errors.lenses)
 
 
 def normal_levels(count: int) -> Array:

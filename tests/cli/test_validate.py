@@ -168,6 +168,38 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     assert found["not_used"][0]["point"] == "c1/bars/0"
 
 
+@pytest.mark.ci
+@pytest.mark.timeout(600)
+def test_stages_that_repeat_worse_than_stated_are_found_by_a_study_that_repeats(
+    flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path
+) -> None:
+    bench = small_bench(truths="{repeatability.stages: 5 um}")
+    text = bench.read_text(encoding="utf-8")
+    bench.write_text(text + "repeatability: {stages: 1 um}\n", encoding="utf-8")
+    text = study.read_text(encoding="utf-8")
+    study.write_text(text + "repeats: 4\nreapproach: true\n", encoding="utf-8")
+    ended = flflab("validate", study, "--bench", bench, "--out", tmp_path / "run")
+    said = " ".join(ended.out.split())
+    assert ended.code == 0, said
+    assert re.search(
+        r"Stages and iris repeat to [2-9]\S* um \(12 degrees of freedom\), 1 um is", said
+    )
+    found = json.loads((tmp_path / "run" / "verdict.json").read_text(encoding="utf-8"))
+    assert found["configurations"] == 2
+    assert found["frames"]["admitted"] >= 2 * 4 * 3
+    assert found["repeats"]["stages_stated_mm"] == 1e-3
+    assert 2.5e-3 < found["repeats"]["stages_used_mm"] < 9e-3
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "Stages and iris repeat to" in page
+    with (tmp_path / "run" / "budget.csv").open(encoding="utf-8") as handle:
+        kinds = {
+            row["type"]
+            for row in csv.DictReader(handle)
+            if row["source"] == "repeatability of stages and iris"
+        }
+    assert kinds == {"A"}
+
+
 def as_recorded(run: Path, to: Path, changed: dict[str, dict[str, Any]]) -> Path:
     """A copy of a run as an older version recorded it, with other facts of some points."""
     shutil.copytree(run, to)

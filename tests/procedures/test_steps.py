@@ -207,3 +207,53 @@ def test_an_accuracy_below_the_measurement_s_floor_is_refused_before_anything_mo
     ):
         steps(study, with_floor(0.002))
     assert steps(study, with_floor(0.001))
+
+
+def test_a_study_that_repeats_takes_every_setting_again_after_all_others(
+    described: Described,
+) -> None:
+    study, bench = described(study=GRID | {"repeats": 3})
+    to_do = steps(study, bench)
+    assert study.settings == 5
+    assert [step.f_number for step in to_do if isinstance(step, SetIris)] == [2.8, 5.6] * 3
+    exposed = [step.configuration for step in to_do if isinstance(step, Expose)]
+    assert len(exposed) == 15
+    assert {one.index for one in exposed} == set(range(15))
+    for time in range(3):
+        assert {one.index % 5 for one in exposed[5 * time : 5 * time + 5]} == set(range(5))
+        assert {one.repetition for one in exposed[5 * time : 5 * time + 5]} == {time}
+
+
+def test_a_setting_is_left_and_approached_again_from_the_side_to_which_its_stages_home(
+    described: Described,
+) -> None:
+    one = {"configurations": [{"f_number": 4, "distance": "507 mm"}]}
+    study, bench = described(study=one | {"repeats": 2, "reapproach": True})
+    now = homed_readings(bench)
+    for step in steps(study, bench):
+        if isinstance(step, Move):
+            for group in step.groups:
+                now = {**now, **group}
+                sensor, array = (
+                    bench.description.axes[name].world(now[name])
+                    for name in ("sensor_stage", "array_stage")
+                )
+                assert sensor - array >= bench.description.minimum_gap
+        elif isinstance(step, (Expose, Capture)):
+            for name, axis in bench.description.axes.items():
+                world = {
+                    "main_lens.z": 0.0, "array.z": 60.0, "target.z": -507.0,
+                    "sensor.z": study.configurations[0].sensor,
+                }[axis.moves]  # fmt: skip
+                assert now[name] == pytest.approx(axis.reading(world))
+    moves = [step for step in steps(study, bench) if isinstance(step, Move)]
+    assert len(moves) == 2 * 2 * 3  # aside and back, twice, for each of three targets
+    for aside, there in zip(moves[::2], moves[1::2], strict=True):
+        from_, to = (
+            {name: mm for group in step.groups for name, mm in group.items()}
+            for step in (aside, there)
+        )
+        assert set(from_) == set(to) == set(bench.description.axes)
+        for name, axis in bench.description.axes.items():
+            side = 1 if axis.homes_up else -1
+            assert from_[name] - to[name] == pytest.approx(0.2 * side)

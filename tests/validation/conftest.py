@@ -15,13 +15,20 @@ import numpy.typing as npt
 import pytest
 
 from flflab.bench import Bench, Element, read_bench
-from flflab.bench_uncertainty import LightDescription
+from flflab.bench_uncertainty import LightDescription, RepeatabilityDescription
 from flflab.image.render import render
 from flflab.image.scene import in_light, one_plane
 from flflab.image.sensor.exposure import white_irradiance
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
-from flflab.study import Configuration, ConfigurationsDescription, Study, StudyDescription, expand
+from flflab.study import (
+    Configuration,
+    ConfigurationsDescription,
+    Study,
+    StudyDescription,
+    expand,
+    repeated,
+)
 from flflab.targets import Bars, FourDot, Target, White
 from flflab.verdict.evaluation import Evaluation, evaluate_measured
 from flflab.verdict.properties.measured import measure_pictures
@@ -45,13 +52,15 @@ def small(file: str) -> Bench:
     return replace(bench, optics=optics)
 
 
-def study_of(bench: Bench, configurations: list[dict[str, Any]]) -> Study:
-    """Dots and bars in each of these configurations."""
+def study_of(bench: Bench, configurations: list[dict[str, Any]], repeats: int = 1) -> Study:
+    """Dots and bars in each of these configurations, so many times."""
     described = [ConfigurationsDescription.model_validate(one) for one in configurations]
-    description = StudyDescription(name="small", configurations=described, draws=1000)
+    description = StudyDescription(
+        name="small", configurations=described, draws=1000, repeats=repeats
+    )
     return Study(
         description,
-        expand(description, bench.optics),
+        repeated(expand(description, bench.optics), repeats),
         FourDot(1.0, 4.0),
         Bars((0.5, 10.0), 12.0, 8.0),
     )
@@ -112,11 +121,14 @@ def one_run(
     configurations: list[dict[str, Any]] = IN_AND_OUT_OF_FOCUS,
     wavelength: float | None = None,
     told: bool = True,
+    repeats: int = 1,
+    approach: tuple[float, float] = (0.0, 0.0),
 ) -> Evaluation:
     """Hidden errors, pictures, measurement, prediction, comparison of one bench.
 
     ``change`` makes the true optics of those described; of the light's wavelength (mm) the bench
-    file may say nothing.
+    file may say nothing. ``approach`` is how far stages repeat as the bench file says and as they
+    do, mm; every picture is approached anew.
     """
     bench = small(file)
     light = (
@@ -124,9 +136,11 @@ def one_run(
         if told and wavelength
         else None
     )
-    description = bench.description.model_copy(update={"light": light})
+    stated = RepeatabilityDescription.model_validate({"stages": f"{approach[0]} mm"})
+    update = {"light": light, "repeatability": stated}
+    description = bench.description.model_copy(update=update)
     bench = replace(bench, description=description, optics=described(bench.optics))
-    study = study_of(bench, configurations)
+    study = study_of(bench, configurations, repeats)
     hidden = np.random.default_rng(10_000 + seed)
     axes = {
         element: found[1] for element in ELEMENTS if (found := bench.description.axis_of(element))
@@ -152,10 +166,15 @@ def one_run(
             / white_irradiance(bench.optics)
             * (1 + hidden.normal(0.0, bench.description.light_uncertainty))
         )
-        pictures = {
-            name: picture(camera, configuration, errors, target, hidden, electrons, wavelength)
-            for name, target in targets.items()
-        }
+        pictures: dict[str, npt.NDArray[np.float64]] = {}
+        for name, target in targets.items():
+            stands = dict(errors)
+            if approach[1]:
+                for element in ELEMENTS:
+                    stands[element] += approach[1] * hidden.normal()
+            pictures[name] = picture(
+                camera, configuration, stands, target, hidden, electrons, wavelength
+            )
         noises = dict.fromkeys(targets, NOISE)
         seen = measure_pictures(
             pictures,

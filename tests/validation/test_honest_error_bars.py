@@ -243,7 +243,9 @@ def test_an_honest_bench_whose_array_is_turned_step_by_step_is_accepted(one_benc
     # target fills a part.
     for seed in (101, 105):
         comparison = swept(one_bench, seed)
-        assert comparison.accepted, [one.sentence for one in comparison.verdicts if not one.accepted]
+        assert comparison.accepted, [
+            one.sentence for one in comparison.verdicts if not one.accepted
+        ]
         assert np.abs(pooled([comparison], "mtf")).max() < 3
 
 

@@ -3,7 +3,7 @@ made from.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -134,6 +134,29 @@ def _shared(one: Values, other: Values) -> tuple[npt.NDArray[np.int64], npt.NDAr
     ]
     mine, theirs = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     return mine, theirs
+
+
+def taken(values: Values, kept: npt.NDArray[np.int64]) -> Values:
+    """Some of the numbers."""
+    shared = values.shared
+    return replace(
+        values,
+        measured=values.measured[kept],
+        noise=values.noise[np.ix_(kept, kept)],
+        expected=values.expected[kept],
+        draws=values.draws[:, kept],
+        dots=tuple(values.dots[k] for k in kept),
+        cycles_per_mm=tuple(values.cycles_per_mm[k] for k in kept),
+        shared=None if shared is None else replace(shared, by=shared.by[kept]),
+    )
+
+
+def common(values: Values, others: list[Values]) -> Values:
+    """The numbers that all the others have, too."""
+    kept = set(range(len(values.measured)))
+    for other in others:
+        kept &= set(_shared(values, other)[0].tolist())
+    return taken(values, np.array(sorted(kept), dtype=np.int64))
 
 
 def positions(one: Values, other: Values) -> npt.NDArray[np.int64]:
