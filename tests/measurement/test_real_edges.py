@@ -49,10 +49,10 @@ def drawn(
     """One field with 1 % of noise, and the deviation of its pixels."""
     nodes, weights = np.polynomial.legendre.leggauss(5)
     t = X * math.cos(angle) + Y * math.sin(angle) - rng.uniform(-3, 3)
-    lit = np.zeros_like(t)
+    lit, edge = np.zeros_like(t), spread.edge
     for u, v in np.ndindex(5, 5):
         away = t + nodes[u] / 2 * math.cos(angle) + nodes[v] / 2 * math.sin(angle)
-        lit += weights[u] * weights[v] / 4 * np.interp(away, *spread.edge)
+        lit += weights[u] * weights[v] / 4 * np.interp(away, *edge)
     turn = rng.uniform(0, 2 * math.pi)
     light = 1 + slope * (X * math.cos(turn) + Y * math.sin(turn)) / SIDE
     picture = (dark + (1 - dark) * lit) * light

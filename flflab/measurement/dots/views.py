@@ -26,7 +26,7 @@ Whole = npt.NDArray[np.int64]
 CLEARLY = 2.0  # standard deviations of chi squared by which views must scatter more than stated
 SHARED = 2, 14  # where in ``common_mm`` the lattice's part begins, and the tilt's
 FIT_ERROR_PX = 0.0001  # of a spot's centre; pictures without noise show this much
-OF_BLUR = 0.1  # of the blur's diameter, by which a cut spot's centre is misplaced
+OF_BLUR = 0.07  # of the blur's diameter, by which a cut spot's centre is misplaced
 CUT_ERROR_PX = 0.0002  # more where the micro-image cuts its cone
 
 
