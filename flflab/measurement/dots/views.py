@@ -147,14 +147,14 @@ def count_views(
     places = np.where((agreed_doubts < worse)[:, None], agreed, spots.centres)
     decided = Decided(spots, doubts, places, np.minimum(agreed_doubts, worse))
     misfit = _misfit(spots, lattice, noise, level)
-    found = decided
-    for _ in range(2):
-        dots = tuple(
-            _views(dot, found, candidates, lattice, seen.table, camera, level, distance, misfit)
+
+    def counted(spots: Decided) -> tuple[DotViews, ...]:
+        return tuple(
+            _views(dot, spots, candidates, lattice, seen.table, camera, level, distance, misfit)
             for dot in range(len(target.centres))
         )
-        found = _as_scattered(dots, decided, candidates, lattice, camera)
-    return dots
+
+    return counted(_as_scattered(counted(decided), decided, candidates, lattice, camera))
 
 
 def _as_scattered(
