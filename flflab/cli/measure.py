@@ -75,6 +75,12 @@ def measure(
             metavar="FILE.png", help="draw centres, radii, kinds and departures over a white one"
         ),
     ] = None,
+    plain: Annotated[
+        bool,
+        typer.Option(
+            "--plain", help="an ordinary picture of a slanted edge, taken without microlenses"
+        ),
+    ] = False,
     json: Annotated[
         bool, typer.Option("--json", help="one JSON object on standard output (pixels, mm)")
     ] = False,
@@ -99,6 +105,14 @@ def measure(
     said = Declared(mosaic, channel, full_scale, dark)
     picture = read_declared(frame, number, said)
     beside = None if white is None else read_declared(white, None, said)
+    if plain:
+        if camera is not None or white is not None or overlay is not None:
+            raise typer.BadParameter(
+                "an ordinary picture has no camera file, white picture or overlay",
+                param_hint="--plain",
+            )
+        _measure_plain(picture, json)
+        return
     standing = read_target(target)
     if camera is None or standing.kind == White.kind:
         if white is not None or standing.kind != White.kind:
@@ -121,6 +135,23 @@ def measure(
         console.print_table(dots_table(result["dots"]))
     if result["mtf"]:
         console.print_table(contrasts_table(result["mtf"]))
+    for remark in result["remarks"]:
+        console.print(f"Note: {remark}.", highlight=False)
+
+
+def _measure_plain(picture: "SensorPicture", json: bool) -> None:
+    """An ordinary picture of an edge."""
+    from flflab.cli.as_json import print_json
+    from flflab.cli.measured import contrasts_table
+    from flflab.cli.terminal import Terminal
+    from flflab.measurement.plain_edge import measure_plain_edge
+
+    result = measure_plain_edge(picture)
+    if json:
+        print_json(result)
+        return
+    console = Terminal()
+    console.print_table(contrasts_table(result["mtf"]))
     for remark in result["remarks"]:
         console.print(f"Note: {remark}.", highlight=False)
 

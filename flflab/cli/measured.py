@@ -112,7 +112,7 @@ def contrasts_table(points: list[dict[str, Any]]) -> Table:
             plus_minus(point["contrast"], point["uncertainty"]),
         ]
         if classic:
-            row += [str(len(point["views"]))]
+            row += [str(point["views"])]
             row += [
                 "none" if value is None else f"{value:+.3f}"
                 for value in (point["classic"], point["classic_bias"])

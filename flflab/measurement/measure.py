@@ -214,7 +214,7 @@ def _remarks_on_limits(dots: tuple[DotViews, ...]) -> list[Remark]:
         Remark(
             "views-at-limit",
             "a view counts from half of the light expected there on, within the useful field; these"
-            f" numbers of views hang on images at that limit: {said}",
+            f" numbers of views include images at that limit: {said}",
         )
     ]
 

@@ -68,6 +68,7 @@ def contrast_json(curve: ContrastCurve) -> list[dict[str, Any]]:
             "uncertainty": float(curve.uncertainty[k]),
             "dof": _number(curve.freedom[k]) if len(curve.views_share) else None,
             "microlens_focal_length_mm": curve.focal_length,
+            "views": int(np.count_nonzero(np.isfinite(curve.views_contrast[:, k]))),
             "extremes": float(curve.extremes[k]),
             "classic": _number(curve.classic[k]),
             "classic_bias": _number(curve.classic_bias[k]),

@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from scipy.special import erf
 
 from flflab.files.image import read_picture, write_picture
 
@@ -62,6 +63,7 @@ def test_a_picture_of_a_runs_frames_is_measured_by_its_number(
         "uncertainty",
         "classic",
         "classic_bias",
+        "views",
     }
     assert set(said["mtf_by_view"][0]) >= {"centre_px", "cycles_per_px", "contrast", "uncertainty"}
     shown = flflab(*command, "--number", 1)
@@ -180,3 +182,23 @@ def test_what_cannot_be_measured_ends_with_1_and_a_sentence(
     assert refused.out == ""
     assert refused.err.startswith("flflab: ")
     assert says in refused.err
+
+
+def test_an_ordinary_picture_of_an_edge_is_measured_without_a_camera(
+    flflab: Run, tmp_path: Path
+) -> None:
+    angle, blur = np.radians(5.0), 0.8
+    y, x = np.mgrid[:420, :640] - np.array([209.5, 319.5])[:, None, None]
+    edge = 0.5 * (1 + erf((x * np.cos(angle) + y * np.sin(angle)) / blur / np.sqrt(2)))
+    rng = np.random.default_rng(1)
+    picture = rng.poisson(2000 + 6000 * edge) + rng.normal(100, 3, edge.shape)
+    np.save(tmp_path / "edge.npy", picture.astype(np.uint16))
+    said = flflab("measure", tmp_path / "edge.npy", "--plain", "--json").json
+    assert said["edge"]["angle_deg"] == pytest.approx(5.0, abs=0.05)
+    u, contrast = (
+        np.array([one[key] for one in said["mtf"]]) for key in ("cycles_per_px", "contrast")
+    )
+    # drawn at the pixels' middles: the blur alone
+    assert np.abs(contrast - np.exp(-2 * (np.pi * blur * u) ** 2))[u < 0.4].max() < 0.02
+    refused = flflab("measure", tmp_path / "edge.npy", "--plain", "--white", tmp_path / "edge.npy")
+    assert refused.code == 2

@@ -87,6 +87,11 @@ class ChirpModel:
         """Cycles from the left edge to x mm."""
         return (x - self.law[2]) * (self.law[0] + self.law[1] * (x - self.law[2]) / 2)
 
+    @property
+    def drawn(self) -> tuple[tuple[float, float, float], Array, float, float]:
+        """Law, edges, pixel and disc, as the kernels take them."""
+        return self.law, self.edges, self.template.pixel, self.template.blur
+
     def with_blur(self, disc: float) -> "ChirpModel":
         """The same seen through a template whose disc is so wide, mm."""
         return replace(self, template=replace(self.template, blur=disc))
@@ -250,20 +255,8 @@ def waves(
     data: ChirpData, model: ChirpModel, geometry: Array, curve: Array, ceiling: float
 ) -> Array:
     """The wave at every run of pixels, 0 on average."""
-    return _waves(
-        data.places,
-        data.aside,
-        data.wider,
-        model.law,
-        model.edges,
-        model.template.pixel,
-        model.template.blur,
-        geometry,
-        curve,
-        model.knots.first,
-        model.knots.step,
-        ceiling,
-    )
+    seen, knots = (data.places, data.aside, data.wider), model.knots
+    return _waves(*seen, *model.drawn, geometry, curve, knots.first, knots.step, ceiling)
 
 
 def gauss_newton_step(
@@ -431,22 +424,9 @@ def derivatives(
     """What white would read at every run, DN, the wave there, and the derivatives of what the run
     should read by all parameters, shape (n, parameters).
     """
-    return _derivatives(
-        data.places,
-        data.aside,
-        data.wider,
-        data.light,
-        model.law,
-        model.edges,
-        model.template.pixel,
-        model.template.blur,
-        fit.geometry,
-        fit.brightness,
-        fit.curve,
-        model.knots.first,
-        model.knots.step,
-        ceiling,
-    )
+    seen, knots = (data.places, data.aside, data.wider, data.light), model.knots
+    fitted = fit.geometry, fit.brightness, fit.curve
+    return _derivatives(*seen, *model.drawn, *fitted, knots.first, knots.step, ceiling)
 
 
 def inverse_of(normal: Array) -> Array:

@@ -26,7 +26,7 @@ Whole = npt.NDArray[np.int64]
 CLEARLY = 2.0  # standard deviations of chi squared by which views must scatter more than stated
 SHARED = 2, 14  # where in ``common_mm`` the lattice's part begins, and the tilt's
 FIT_ERROR_PX = 0.0001  # of a spot's centre; pictures without noise show this much
-OF_BLUR = 0.1  # of the blur's diameter, by which a cut spot's centre is misplaced
+OF_BLUR = 0.07  # of the blur's diameter, by which a cut spot's centre is misplaced
 CUT_ERROR_PX = 0.0002  # more where the micro-image cuts its cone
 
 
@@ -147,14 +147,14 @@ def count_views(
     places = np.where((agreed_doubts < worse)[:, None], agreed, spots.centres)
     decided = Decided(spots, doubts, places, np.minimum(agreed_doubts, worse))
     misfit = _misfit(spots, lattice, noise, level)
-    found = decided
-    for _ in range(2):
-        dots = tuple(
-            _views(dot, found, candidates, lattice, seen.table, camera, level, distance, misfit)
+
+    def counted(spots: Decided) -> tuple[DotViews, ...]:
+        return tuple(
+            _views(dot, spots, candidates, lattice, seen.table, camera, level, distance, misfit)
             for dot in range(len(target.centres))
         )
-        found = _as_scattered(dots, decided, candidates, lattice, camera)
-    return dots
+
+    return counted(_as_scattered(counted(decided), decided, candidates, lattice, camera))
 
 
 def _as_scattered(
