@@ -44,6 +44,7 @@ MOST_WIDER = 3.0  # px^2 by which a step may change the square of a disc
 GOOD = 0.4  # logarithm of the misfit, in the mean of views: then no other start is tried
 SHORTER = (1.0, 0.3, 0.1, 0.03)  # shares of a step, the first that helps
 STRENGTH = 0.02  # of the template's over the whole transfer's
+FARTHEST = 5.0  # of the spread of views that a single one may be off
 DISCS, STEPS_ALONE = (0.0, 2.0, 4.0, 7.0), 5  # px of blur to start from
 STRANGE = 4.0  # times the usual misfit: a view that departs so far counts less
 MOST_GROUPS = 60
@@ -204,7 +205,8 @@ def _each_alone(
                 inverse_of(one.own + np.diag(tie)) @ (one.right - tie * mine)
                 for one, mine in zip(sums, own, strict=True)
             ]
-            own = own + np.array(step)
+            # a view that shows next to nothing goes no farther than views may differ
+            own = np.clip(own + np.array(step), -FARTHEST * views.spread, FARTHEST * views.spread)
             own[:, BLUR] = np.maximum(own[:, BLUR], -(model.template.blur**2))
     return replace(views, values=kept, excess=np.ones(len(kept)))
 
