@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import select
 import socket
+import subprocess
 import sys
 import tempfile
 import threading
@@ -30,6 +31,7 @@ from flflab.kernel_cache import use_kernel_cache
 if TYPE_CHECKING:
     from bluesky import RunEngine
 
+FEW_KERNELS = 80  # of those that tests use
 ROOT = Path(__file__).resolve().parent.parent
 pytest.register_assert_rewrite("drivers.contract")
 
@@ -47,6 +49,19 @@ def find_r12a() -> Path | None:
     given = os.environ.get("FLFLAB_R12A")
     folder = Path(given) if given else ROOT.parent / "shared" / "data" / "r12a"
     return folder if (folder / "camera.json").is_file() else None
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Kernels are compiled once, before several workers would each compile them."""
+    shared = bool(getattr(config.option, "numprocesses", None)) and not hasattr(
+        config, "workerinput"
+    )
+    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    if shared and len(list(folder.rglob("*.nbi"))) < FEW_KERNELS:
+        script = [sys.executable, str(Path(__file__).with_name("first_kernels.py"))]
+        halves = [subprocess.Popen([*script, half]) for half in ("pictures", "measurements")]
+        for one in halves:
+            one.wait()  # what fails there fails in the tests
 
 
 def pytest_report_header() -> str:
