@@ -74,6 +74,7 @@ WORST_CHI2 = 50.0
 # of the light: with less noise than that a lattice known to a pixel leaves many times the noise's
 # variance
 WORST_MISFIT = 0.02
+HOPELESS = 0.1  # of the light, whatever the noise
 CLEARLY = 2.0  # standard deviations that misfit must lie above the noise's
 LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
 MOST_SATURATED = 0.2
@@ -445,7 +446,8 @@ def _curve(
         np.sqrt(np.mean((data.read - expected(data, model, fit)) ** 2))
         / abs(np.mean(data.light @ fit.brightness))
     )
-    if chi2 > WORST_CHI2 and misfit > WORST_MISFIT:
+    beyond_noise = misfit * math.sqrt(max(1 - 1 / chi2, 0.0)) if chi2 > 0 else 0.0
+    if (chi2 > WORST_CHI2 and misfit > WORST_MISFIT) or beyond_noise > HOPELESS:
         raise MeasurementError(
             f"{target.kind} picture: the fit leaves {100 * misfit:.2g} % of the light, {chi2:.0f}"
             f" times the noise's variance, and {100 * WORST_MISFIT:g} % is allowed; check target"
@@ -532,5 +534,5 @@ def _curve(
         chi2_per_pixel=chi2,
         pixels=int(data.pixels.sum()),
         views_share=share[:, keep],
-        misfit=misfit * math.sqrt(max(1 - 1 / chi2, 0.0)) if chi2 > 0 else 0.0,
+        misfit=beyond_noise,
     )

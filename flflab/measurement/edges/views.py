@@ -34,6 +34,7 @@ WORST_RESIDUAL = 4.0  # of a pixel from its edge, in units of its noise
 WORST_SHARE = 0.05  # of its height, where that is more
 # standard deviations of chi squared by which views must differ to be less sure than they state
 CLEARLY = 2.0
+HIGHEST = 1.3  # contrast above it no edge has, whatever lights it
 WITHIN = 0.4  # cycles/px up to which e-SFR is compared
 APART = 0.02  # by which it may differ besides
 
@@ -193,9 +194,16 @@ def measure_edges(
     left = [
         max(1 - fit.residual**-2, 0.0) * share**2 for fit, share in zip(fits, shares, strict=True)
     ]
+    mtf, uncertainty = pooled(views, FREQUENCIES)
+    if float(mtf.max()) > HIGHEST:
+        raise MeasurementError(
+            f"edge: what crosses the bright fields would have a contrast of {mtf.max():.2g}, no edge"
+            f" between black and white has more than {HIGHEST:g}; check target and focus"
+        )
     return EdgeCurve(
         FREQUENCIES,
-        *pooled(views, FREQUENCIES),
+        mtf,
+        uncertainty,
         tuple(views),
         tuple(lenses),
         sum(fit.starved for fit in fits),
