@@ -190,15 +190,22 @@ def contrast_draws(
     light: Spectrum | None = None,
     falloff: float = 0.0,
     longer: Array | float = 1.0,
+    rise: Array | float = 0.0,
 ) -> Array:
     """Signed contrast of the views' bright fields for each draw, shape (draws, frequencies); see
     ``transfer`` for the fall-off. Light of several lines shows the mean of theirs.
 
-    Microlenses are ``longer`` than those of the draw by this factor, shape (draws, frequencies).
+    Microlenses are ``longer`` than those of the draw by this factor, and stand nearer to the sensor
+    by ``rise`` mm, shape (draws, frequencies).
     """
     drawn = drawn_systems(central_smms(camera), camera, placement)
     columns = Smms(**{field.name: getattr(drawn, field.name)[:, None] for field in fields(Smms)})
-    columns = replace(columns, focal=columns.focal * longer)
+    columns = replace(
+        columns,
+        focal=columns.focal * longer,
+        distance=columns.distance + rise,
+        gap=columns.gap - rise,
+    )
     vergence, nu = 1 / placement.distance[:, None], cycles_per_mm / placement.bars[:, None]
     pixel = camera.sensor.pixel * placement.optics.pixel[:, None]
     parts = [

@@ -125,6 +125,7 @@ class ContrastCurve:
             where clearly above 1.
         pixels: number of pixels used.
         views_share: by how much each view counts in ``contrast``, shape (V, K).
+        apart: whether views differ, each as sharp as it is; else all are as sharp as on the axis.
         misfit: rms of what is left of the light beyond noise, as a share of it.
     """
 
@@ -145,6 +146,7 @@ class ContrastCurve:
     chi2_per_pixel: float
     pixels: int
     views_share: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    apart: bool = False
     misfit: float = 0.0
 
     @property
@@ -534,5 +536,6 @@ def _curve(
         chi2_per_pixel=chi2,
         pixels=int(data.pixels.sum()),
         views_share=share[:, keep],
+        apart=bool(by_views.any()),
         misfit=beyond_noise,
     )

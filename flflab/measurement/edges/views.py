@@ -197,8 +197,8 @@ def measure_edges(
     mtf, uncertainty = pooled(views, FREQUENCIES)
     if float(mtf.max()) > HIGHEST:
         raise MeasurementError(
-            f"edge: what crosses the bright fields would have a contrast of {mtf.max():.2g}, no edge"
-            f" between black and white has more than {HIGHEST:g}; check target and focus"
+            f"edge: what crosses the bright fields would have a contrast of {mtf.max():.2g}, no"
+            f" edge between black and white has more than {HIGHEST:g}; check target and focus"
         )
     return EdgeCurve(
         FREQUENCIES,

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from flflab.bench import Bench
 from flflab.lens_errors import FOCAL, LensErrors, numbers_of
+from flflab.measurement.lattice.registration import sensor_position
 from flflab.optics.camera import Camera, microlens_centres
 from flflab.optics.contrast import cone_half_angle
 from flflab.optics.focus import blur, magnification
@@ -120,15 +121,19 @@ def predict_uncounted(measured: Measured, study: Study, bench: Bench, errors: Er
         return np.stack([drawn.inside_radius, drawn.outside_radius], axis=1)
 
     light = bench.description.spectrum
-    if measured.curve is None or lenses.focal_length == 0:
+    curve = measured.curve
+    if curve is None or not (curve.apart or lenses.focal_length > 0):
         contrast = contrast_draws(camera, placement, cycles_per_mm, light, falloff)
-    else:  # each frequency is seen by a few lenses, each of a focal length of its own
-        view, seen = np.nonzero(measured.curve.views_share)
-        numbers = numbers_of(measured.lattice.indices[measured.curve.views])
-        apart = 1 + lenses.drawn(numbers, draws)[:, view, FOCAL]
-        alone = contrast_draws(camera, placement, cycles_per_mm[seen], light, falloff, apart)
+    else:  # each frequency is seen by a few lenses, each of a focal length and a place of its own
+        view, seen = np.nonzero(curve.views_share)
+        lens = curve.views[view]
+        rise = _rises(measured.lattice.centres_px[lens], camera, errors) if curve.apart else 0.0
+        longer_by = lenses.drawn(numbers_of(measured.lattice.indices[lens]), draws)[..., FOCAL]
+        alone = contrast_draws(
+            camera, placement, cycles_per_mm[seen], light, falloff, 1 + longer_by, rise
+        )
         weight = np.zeros((len(seen), len(cycles_per_mm)))
-        weight[np.arange(len(seen)), seen] = measured.curve.views_share[view, seen]
+        weight[np.arange(len(seen)), seen] = curve.views_share[view, seen]
         contrast = alone @ weight
     centres = _seen_whole(camera)
     inside, outside = lenses.mean_of(radii, len(centres), draws).T
@@ -179,6 +184,15 @@ def image_scales(systems: Smms, vergences: Array, camera: Camera, distance: floa
         return np.asarray(smms.gap * vergence / x, dtype=np.float64)
 
     return scale(systems, vergences) / scale(nominal, np.array(1 / distance))
+
+
+def _rises(centres_px: Array, camera: Camera, errors: Errors) -> Array:
+    """How much nearer to the sensor than on the axis the tilted array has the lenses behind these
+    micro-images in each draw, mm, shape (draws, n).
+    """
+    centres = sensor_position(camera.sensor, centres_px) / central_smms(camera).image_scale
+    slopes = np.array(camera.array.tilt) + np.tan(errors.attitude[:, 1:])
+    return slopes @ centres.T
 
 
 def _seen_whole(camera: Camera) -> Array:
