@@ -5,6 +5,6 @@ PROPERTY_NAMES = {
     "micro_images_mm": "micro-images: fields and pitch",
     "overlap_mm": "overlap", "depth_of_field_mm": "depth of field", "light": "marginal light",
     "elr_row_px": "effective lateral resolution",
-    "dot_distance_mm": "depth of the dots", "target_scale": "size of the target's image",
-    "target_roll_mrad": "roll of the target", "array_attitude_mrad": "tilt and roll of the array",
+    "dot_distance_mm": "depth of the dots", "target_image": "image of the target: size and roll",
+    "array_attitude_mrad": "tilt and roll of the array",
 }  # fmt: skip

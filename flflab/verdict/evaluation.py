@@ -69,8 +69,7 @@ JUDGED = {  # the verdicts, and the quantities that each is about
     "light": ("light",),
     "elr_row_px": ("elr_row_px",),
     "dot_distance_mm": ("dot_distance_mm",),
-    "target_scale": ("dot_scale", "bar_scale"),
-    "target_roll_mrad": ("target_roll_mrad",),
+    "target_image": ("dot_scale", "bar_scale", "target_roll_mrad"),
     "array_attitude_mrad": ("array_roll_mrad", "array_yaw_mrad", "array_pitch_mrad"),
 }
 OWN_DRAWS = 200  # of what each configuration has of its own, for its part of a budget
@@ -300,7 +299,8 @@ def properties(
             overlap(one, model),
             *attitude(one, model),
         ]
-        found += [dot_distances(one, model), *lateral_resolution(one, model), *target(one, model)]
+        found += [dot_distances(one, model), *lateral_resolution(one, model)]
+        found += target(one, model, bench.description.repeatability.stages)
     found += depth_of_field(measured, predicted) + light(
         measured, predicted, bench.description.light_uncertainty
     )

@@ -105,6 +105,7 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
         "dot_distance_mm",
     }
     properties |= {f"array_{turn}_mrad" for turn in ("roll", "yaw", "pitch")}
+    properties |= {"dot_scale", "bar_scale", "target_roll_mrad"}
     due = (
         {"mtf", "ratio_mtf", "contrast_paper", "light"}
         | properties

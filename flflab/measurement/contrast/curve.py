@@ -307,6 +307,7 @@ def _fit_type(
     prior = prior_of(frame, data, model.knots)
     by_views, views = np.zeros((len(prior.mean),) * 2), views_of(data, model, fit)
     if views.differ:  # more than a tilt explains
+        alike = data, model, fit, prior
         data, model, fit = plain
         upright = first.geometry * [1.0, 1.0, 0.0, 1.0, 0.0]
         starts = (begun, first.geometry), (begun, upright), (begun, start + upright * SHIFTED)
@@ -314,6 +315,9 @@ def _fit_type(
         prior = as_strong(prior, model, fit)
         by_views = jackknife(data, views, model, fit, prior)
         data = views.seen_in(data)
+        if noise_covariance(data, model, fit, prior)[1] > noise_covariance(*alike)[1]:
+            data, model, fit, prior = alike  # views by themselves went astray
+            by_views = np.zeros_like(by_views)
     return _curve(frame, fit, data, model, prior, by_tilt, float(lost.mean()), by_views)
 
 

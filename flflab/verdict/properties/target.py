@@ -13,9 +13,14 @@ from flflab.verdict.properties.values import Values, single
 MRAD = 1e3
 
 
-def target(one: Measured, model: Predicted) -> list[Values]:
+def target(one: Measured, model: Predicted, repeat: float = 0.0) -> list[Values]:
     """Scale of the images of dots and of bars over the camera's, and the target's roll, mrad; what
     too few views tell is left out.
+
+    Args:
+        one: the configuration.
+        model: what the model says of it.
+        repeat: to what the stages repeat, mm: bars may be taken after another approach than dots.
     """
     index = one.configuration.index
     found: list[Values] = []
@@ -32,6 +37,7 @@ def target(one: Measured, model: Predicted) -> list[Values]:
         across, _ = target_scales(model.camera, model.distance)
         ratio = float(across / one.curve.geometry[1])
         doubt = ratio * abs(float(one.curve.geometry_uncertainty[1] / one.curve.geometry[1]))
+        doubt = float(np.hypot(doubt, 2 * repeat / model.camera.gap))
         drawn = model.bar_scale_draws
         if np.isfinite(doubt) and doubt > 0:
             found.append(single(index, "bar_scale", "bars", ratio, doubt, drawn))
