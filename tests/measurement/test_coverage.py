@@ -136,7 +136,9 @@ def test_intervals_of_the_lattice_cover_94_to_96_percent_of_ten_thousand(brute: 
 def test_intervals_of_dots_cover(brute: Any) -> None:
     centres, positions = dot_scores(brute, 4, 15, 10_000.0)
     # the dots of one picture share its law and lattice: as if there were half as many
-    assert np.all(np.abs(covered(centres) - 0.95) < 4 * math.sqrt(2 * 0.95 * 0.05 / len(centres)))
+    # of a perfect array they cover more: each lens's own centre counts how lenses are built
+    least = 0.95 - 4 * math.sqrt(2 * 0.95 * 0.05 / len(centres))
+    assert np.all((covered(centres) > least) & (covered(centres) < 0.995))
     assert np.all(
         np.abs(covered(positions) - 0.95) < 4 * math.sqrt(2 * 0.95 * 0.05 / len(positions))
     )
