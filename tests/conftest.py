@@ -58,8 +58,11 @@ def pytest_configure(config: pytest.Config) -> None:
     )
     folder = Path(os.environ["NUMBA_CACHE_DIR"])
     if shared and len(list(folder.rglob("*.nbi"))) < FEW_KERNELS:
-        script = [sys.executable, str(Path(__file__).with_name("first_kernels.py"))]
-        halves = [subprocess.Popen([*script, half]) for half in ("pictures", "measurements")]
+        run = "import first_kernels; first_kernels."
+        halves = [
+            subprocess.Popen([sys.executable, "-c", f"{run}{half}()"], cwd=ROOT / "tests")
+            for half in ("pictures", "measurements")
+        ]
         for one in halves:
             one.wait()  # what fails there fails in the tests
 

@@ -2,7 +2,6 @@
 process, measurements in another.
 """
 
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -52,7 +51,3 @@ def measurements() -> None:
     lattice = lattice_behind(camera, white, NOISE)
     count_views(dots, None, lattice, camera, FourDot(1.0, 4.0), FOCUS, NOISE)
     fit_contrast(bars, lattice, camera, Bars((0.5, 10.0), 12.0, 8.0), FOCUS, NOISE)
-
-
-if __name__ == "__main__":
-    {"pictures": pictures, "measurements": measurements}[sys.argv[1]]()

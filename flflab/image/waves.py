@@ -363,7 +363,7 @@ def _sees(made: Upright, index: int, centres: Array, reach: float) -> bool:
     return bool((np.hypot(u, v) < lens["reach"] + abs(lens["slope"]) + reach).any())
 
 
-def dot_table(kind: Kind, radius: float, side: float) -> Array:
+def dot_table(kind: Kind, radius: float, side: float) -> npt.NDArray[np.float32]:
     """Images of a dot of a radius (mm on the sensor) behind a pixel, for sensor points along x, at
     distances from the micro-image's centre; shape (DOT_RADII, rows, columns), the dot in the
     middle.
@@ -384,7 +384,7 @@ def dot_table(kind: Kind, radius: float, side: float) -> Array:
         bent = np.zeros(spectrum.shape, dtype=np.complex64)
         bent[used] = spectrum[used] * kind.transfer(float(away), turn[used], size[used])
         whole = np.concatenate([bent, bent[-2:0:-1]])
-        light[index] = np.fft.fftshift(irfft2(whole, (count, count)))
+        light[index] = np.fft.fftshift(np.asarray(irfft2(whole, (count, count))))
     return light
 
 
@@ -394,7 +394,7 @@ def _read_dots(
     lens: Record,
     line: Record,
     centres: Array,
-    light: Array,
+    light: npt.NDArray[np.float32],
     steps: tuple[float, float, float],
     table: Array,
     places: tuple[Array, Array],
@@ -435,7 +435,7 @@ def _read_dots(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _between(known: Array, row: float, column: float) -> float:
+def _between(known: npt.NDArray[np.float32], row: float, column: float) -> float:
     i, j = int(row), int(column)
     y, x = row - i, column - j
     above = known[i, j] * (1.0 - x) + known[i, j + 1] * x
