@@ -74,6 +74,8 @@ WORST_CHI2 = 50.0
 # of the light: with less noise than that a lattice known to a pixel leaves many times the noise's
 # variance
 WORST_MISFIT = 0.02
+NO_BARS = 0.3  # of the light, left by views that are all alike
+MOST_LARGER = 3.0  # times larger or smaller than described
 HOPELESS = 0.1  # of the light, whatever the noise
 CLEARLY = 2.0  # standard deviations that misfit must lie above the noise's
 LEAST_CLEAR = 5.0  # standard uncertainties of the contrast where it is clearest
@@ -306,7 +308,7 @@ def _fit_type(
         data, model, fit, by_tilt = as_sharp_as_the_axis(frame, data, fit, model, before)
     prior = prior_of(frame, data, model.knots)
     by_views, views = np.zeros((len(prior.mean),) * 2), views_of(data, model, fit)
-    if views.differ:  # more than a tilt explains
+    if views.differ and _is_bars(frame, data, model, fit):  # more than a tilt explains
         alike = data, model, fit, prior
         data, model, fit = plain
         upright = first.geometry * [1.0, 1.0, 0.0, 1.0, 0.0]
@@ -319,6 +321,15 @@ def _fit_type(
             data, model, fit, prior = alike  # views by themselves went astray
             by_views = np.zeros_like(by_views)
     return _curve(frame, fit, data, model, prior, by_tilt, float(lost.mean()), by_views)
+
+
+def _is_bars(frame: Frame, data: ChirpData, model: ChirpModel, fit: ChirpFit) -> bool:
+    """Whether a picture shows the target at all, so that views of it may differ."""
+    left = data.read - expected(data, model, fit)
+    light = abs(float(np.mean(data.light @ fit.brightness)))
+    larger = abs(float(fit.geometry[1] / frame.start[1]))
+    near = 1 / MOST_LARGER < larger < MOST_LARGER
+    return bool(near and np.sqrt(np.mean(left**2)) < NO_BARS * light)
 
 
 def _blurred_alike(

@@ -206,7 +206,8 @@ def _each_alone(
                 for one, mine in zip(sums, own, strict=True)
             ]
             # a view that shows next to nothing goes no farther than views may differ
-            own = np.clip(own + np.array(step), -FARTHEST * views.spread, FARTHEST * views.spread)
+            own = np.nan_to_num(own + np.array(step))
+            own = np.clip(own, -FARTHEST * views.spread, FARTHEST * views.spread)
             own[:, BLUR] = np.maximum(own[:, BLUR], -(model.template.blur**2))
     return replace(views, values=kept, excess=np.ones(len(kept)))
 
