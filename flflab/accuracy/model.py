@@ -139,18 +139,18 @@ def _blur(camera: ThickCamera, point: Array) -> Array:
     """
     smms = camera.smms
     limits = microlens_limits(smms, camera.vergence)
-    return np.ptp([_through(camera, limits, share, o=point)[0] for share in ACROSS], axis=0)
+    return np.ptp([through(camera, limits, share, o=point)[0] for share in ACROSS], axis=0)
 
 
 def _marginal_angle(camera: ThickCamera, place: Array) -> Array:
     """Opening of the cone on a place of the sensor, rad, in the air before it."""
     smms = camera.smms
     limits = smms.aperture * np.abs(smms.kappa) <= smms.lens_width
-    low, high = (_through(camera, limits, share, s=place)[1] for share in (-1.0, 1.0))
+    low, high = (through(camera, limits, share, s=place)[1] for share in (-1.0, 1.0))
     return np.abs(high - low)
 
 
-def _through(
+def through(
     camera: ThickCamera, by_microlens: npt.NDArray[np.bool_], share: float, **wanted: Array
 ) -> tuple[Array, Array]:
     """Landing places and angles of rays at a share of the half width of the stop that limits, and

@@ -36,6 +36,7 @@ class Setting:
         aperture: diameter of the microlens, mm.
         distance: target to the front principal plane of the main lens, mm; None puts it in focus by
             the model.
+        microlens: its curved side, the stop, towards the main lens.
     """
 
     lens: Lens
@@ -45,6 +46,7 @@ class Setting:
     gap: npt.ArrayLike = 1.15
     aperture: npt.ArrayLike = 0.336
     distance: npt.ArrayLike | None = None
+    microlens: Lens = MICROLENS
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class ThickCamera:
         to_lens: rear principal plane to the lens's last vertex, mm.
         to_front: last vertex to the front principal plane, towards the target, mm.
         stop_share: height in the stop over height in the entrance pupil.
+        microlens: of the array.
     """
 
     smms: Smms
@@ -67,6 +70,7 @@ class ThickCamera:
     to_lens: float
     to_front: float
     stop_share: float
+    microlens: Lens
 
 
 @dataclass(frozen=True)
@@ -107,7 +111,7 @@ def build(setting: Setting) -> ThickCamera:
         lens_aperture=known.focal_length / f_number,
         distance=array,
         gap=gap,
-        focal=np.full_like(gap, first_order(MICROLENS).focal_length),
+        focal=np.full_like(gap, first_order(setting.microlens).focal_length),
         aperture=aperture,
         centre_x=field,
         centre_y=np.zeros_like(gap),
@@ -121,6 +125,7 @@ def build(setting: Setting) -> ThickCamera:
         last - known.rear,
         last - known.front,
         known.stop_share,
+        setting.microlens,
     )
 
 
@@ -128,13 +133,13 @@ def exact_rays(camera: ThickCamera, centre: Array, q: Array, slope: Array) -> Ra
     """Trace rays both ways from a height ``q`` on the curved side of the microlens round
     ``centre``, mm, that they meet with ``slope``.
     """
-    smms, plate = camera.smms, MICROLENS.gap[0]
+    smms, microlens = camera.smms, camera.microlens
+    plate, bend = microlens.gap[0], microlens.curvature[0]
     off, nothing, length = q - centre, np.zeros_like(q), np.hypot(slope, 1.0)
-    bend = MICROLENS.curvature[0]
     sag = bend * off**2 / (1 + np.sqrt(1 - (bend * off) ** 2))
     onwards = np.stack([slope, nothing, nothing + 1], axis=-1) / length[..., None]
-    met, leaving = trace(MICROLENS, np.stack([off, nothing, sag], axis=-1), onwards)
-    landing = at_plane(met[-1], leaving, plate + smms.gap - plate / MICROLENS.index[0])
+    met, leaving = trace(microlens, np.stack([off, nothing, sag], axis=-1), onwards)
+    landing = at_plane(met[-1], leaving, plate + smms.gap - plate / microlens.index[0])
     before = np.stack([q, nothing, camera.to_lens - smms.distance - sag], axis=-1)
     seen, out = trace(camera.back, before, onwards * np.array([-1.0, 1.0, 1.0]))
     target = at_plane(seen[-1], out, camera.to_front + 1 / camera.vergence)

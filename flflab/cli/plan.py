@@ -32,7 +32,9 @@ def plan(
     from flflab.cli.planned import (
         expectations,
         expected_table,
+        in_bench_file,
         numbers_of,
+        proposed_order,
         steps_table,
         write_expected,
     )
@@ -59,6 +61,7 @@ def plan(
     lasting = durations(
         to_do, described, Expected({one.configuration: one.exposure_s for one in expected}, frames)
     )
+    proposed = proposed_order(described, read)
     most = most_frames(to_do)
     columns, rows = described.optics.sensor.resolution
     megabytes = most * columns * rows * 2 / 1e6
@@ -73,6 +76,7 @@ def plan(
                 "most_frames": most,
                 "most_megabytes": megabytes,
                 "warning": warning,
+                "model_uncertainty": {one.lens: one.shares for one in proposed},
                 "configurations": [numbers_of(one, read) for one in expected],
             }
         )
@@ -85,3 +89,5 @@ def plan(
         f" {in_words(sum(lasting))} at the stages' own speed; within limits, and the gap is kept on"
         " the way."
     )
+    for one in proposed:
+        console.print(in_bench_file(one))

@@ -7,6 +7,7 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
+from flflab.accuracy.proposed import Proposal, glass_of, proposals
 from flflab.bench import Bench
 from flflab.cli.as_json import plain
 from flflab.cli.progress import counted_progress
@@ -28,6 +29,7 @@ def steps_table(steps: list[str], lasting: Sequence[float]) -> Table:
     return table
 
 
+MOST_STATED = 0.5  # a share that a bench file may state
 ROOMY = 72  # columns of a terminal that shows where every stage stands
 
 
@@ -119,3 +121,26 @@ def write_expected(expected: list[Expectation], study: Study, file: Path) -> Non
 
 def _cell(value: object) -> object:
     return f"{value:.10g}" if isinstance(value, float) else value
+
+
+def proposed_order(bench: Bench, study: Study) -> tuple[Proposal, ...]:
+    """What exact rays propose as ``model_uncertainty`` in the settings of a study; nothing where
+    the camera file gives no radius and index of its microlenses.
+    """
+    microlens = glass_of(bench.file.parent / bench.description.optics)
+    if microlens is None:
+        return ()
+    used = ((one.camera(bench.optics), one.distance) for one in study.configurations)
+    return proposals(microlens, used)
+
+
+def in_bench_file(proposal: Proposal) -> str:
+    """The line to copy, and for which main lens it holds."""
+    shares = ", ".join(f"{name}: {value:g}" for name, value in proposal.shares.items())
+    stated = "model_uncertainty: {" + shares + "}"
+    if max(proposal.shares.values()) < MOST_STATED:
+        return f"Exact rays through these microlenses, main lens like a {proposal.lens}: `{stated}`"
+    return (
+        f"Exact rays through these microlenses, main lens like a {proposal.lens}, differ from first"
+        f" order by more than a bench file may state: {shares}; the model does not hold for them"
+    )
