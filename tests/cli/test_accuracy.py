@@ -21,12 +21,11 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("flflab.accuracy.measure.REPEATS", 2)
 
 
-@pytest.mark.ci
 @pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(
     ("what", "columns", "pictures", "says"),
     [
-        (
+        pytest.param(
             "image",
             {
                 "scene",
@@ -39,18 +38,21 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
             },
             6,
             "tolerances asked of it",
+            marks=pytest.mark.ci,
         ),
-        (
+        pytest.param(
             "measure",
             {"quantity", "method", "frames", "pixels", "uncertainty", "rms_error", "processor_s"},
             4,
             "times what was stated",
+            marks=pytest.mark.full,
         ),
-        (
+        pytest.param(
             "model",
             {"lens", "f_number", "field_mm", "quantity", "model", "exact", "limit", "holds"},
             10,
             "Virtual depth to 1 %",
+            marks=pytest.mark.ci,
         ),
     ],
 )
@@ -77,7 +79,7 @@ def test_accuracy_leaves_a_page_and_a_table_and_says_where(
     assert len(rows) >= 40
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_depth_of_a_camera_of_ones_own_is_shown_against_distance(
     flflab: Run, small_camera: Path, tmp_path: Path
 ) -> None:
@@ -106,7 +108,7 @@ def test_depth_of_a_camera_of_ones_own_is_shown_against_distance(
     )
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(300)
 def test_the_lattice_of_a_camera_of_ones_own_is_shown_against_the_f_number(
     flflab: Run, small_camera: Path, tmp_path: Path

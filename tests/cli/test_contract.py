@@ -472,7 +472,7 @@ def test_new_writes_a_copy_that_can_be_used_and_never_overwrites(
     )
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_a_new_bench_and_a_new_study_can_be_planned(flflab: Run, tmp_path: Path) -> None:
     flflab("new", "bench", tmp_path / "bench.yaml", "--simulated")
     flflab("new", "study", tmp_path / "study.yaml")

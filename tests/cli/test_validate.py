@@ -169,7 +169,7 @@ def test_an_honest_bench_is_accepted_and_leaves_its_files(
     assert found["not_used"][0]["point"] == "c1/bars/0"
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(600)
 def test_stages_that_repeat_worse_than_stated_are_found_by_a_study_that_repeats(
     flflab: Run, small_bench: Callable[..., Path], study: Path, tmp_path: Path

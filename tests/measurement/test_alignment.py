@@ -150,7 +150,7 @@ def test_the_lattice_of_a_tilted_array_has_every_centre_and_radius_where_rays_dr
     )
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_uncertainties_of_the_lattices_tilt_cover_the_truth(brute: Any) -> None:
     picture, _ = tilted_white(brute, 0.002, -0.001)
     noise, rng, scores = (

@@ -72,7 +72,7 @@ def test_every_whole_micro_image_is_indexed_and_found_where_it_was_drawn(
 @pytest.mark.parametrize(
     "pictures",
     [
-        pytest.param(20, marks=[pytest.mark.ci, pytest.mark.timeout(900)]),
+        pytest.param(6, marks=pytest.mark.ci),
         pytest.param(200, marks=[pytest.mark.full, pytest.mark.timeout(3600)]),
     ],
 )
@@ -140,11 +140,15 @@ def test_saturated_warm_and_striped_sensors_are_remarked(white_pictures: Any) ->
     assert {"saturated", "saturation-found"} & set(codes(clipped))
 
 
-@pytest.mark.ci
-def test_three_kinds_are_told_apart_and_none_is_invented(white_pictures: Any) -> None:
+@pytest.mark.parametrize(
+    "pictures", [pytest.param(3, marks=pytest.mark.ci), pytest.param(30, marks=pytest.mark.full)]
+)
+def test_three_kinds_are_told_apart_and_none_is_invented(
+    white_pictures: Any, pictures: int
+) -> None:
     found = drawn(white_pictures, white_pictures.NAMED["R12-like"], 2)[0]
     assert found.types.count == 3
-    for seed in range(30):
+    for seed in range(pictures):
         layout = ("square", "hexagonal along x")[seed % 2]
         spec = white_pictures.WhiteSpec(
             shape=(400, 500), pitch=24.0, layout=layout, scatter=0.03, brightness=0.015

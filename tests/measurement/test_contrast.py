@@ -106,7 +106,7 @@ def measured(
             0.4,
         ),  # a dozen pixels across a view: few data for each knot of the curve
         # what falls off within micro-images is not told from far overlap, and shows in the bars
-        pytest.param(1.6, FOCUS, 0.1, 1000, 10.0, marks=pytest.mark.ci),
+        pytest.param(1.6, FOCUS, 0.1, 1000, 10.0, marks=pytest.mark.full),
     ],
 )
 def test_bars_give_the_closed_form_contrast_within_their_uncertainty(
@@ -231,7 +231,7 @@ def test_natural_fall_off_within_the_bright_fields_leaves_the_contrast_as_it_is(
     assert np.abs(curve.contrast - closed_form(camera, FOCUS, curve.cycles_per_mm)).max() < 1e-4
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_out_of_focus_contrast_is_that_of_blur_which_fall_off_makes_smaller(brute: Any) -> None:
     """The rim of the pupil sends 4 % less light than its middle: by an even pupil contrast was
     0.0025 too high, 0.0002 stated.
@@ -486,7 +486,7 @@ def covered(brute: Any, distance: float, repeats: int) -> tuple[Array, Array, Ar
 IN_FOCUS_AND_OFF = pytest.mark.parametrize("distance", [FOCUS, 500.0], ids="{:.0f} mm".format)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @IN_FOCUS_AND_OFF
 def test_95_per_cent_intervals_cover_as_much_in_two_hundred_repeats(
     brute: Any, distance: float

@@ -131,7 +131,7 @@ def test_all_pixels_between_the_targets_upper_and_lower_edge_are_measured(
     assert curve.pixels == pytest.approx(due, rel=0.03)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("described", "turned", "off", "distance"),
     [

@@ -116,7 +116,7 @@ def covered(scores: Array) -> Array:
     return np.mean(np.abs(scores) < 1.959964, axis=0)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_intervals_of_the_lattice_cover(brute: Any) -> None:
     share = covered(lattice_scores(brute, 100))
     assert np.all(share > 0.95 - 4 * math.sqrt(0.95 * 0.05 / 100))
@@ -132,7 +132,7 @@ def test_intervals_of_the_lattice_cover_94_to_96_percent_of_ten_thousand(brute: 
     assert np.all(share > 0.94), share
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_intervals_of_dots_cover(brute: Any) -> None:
     centres, positions = dot_scores(brute, 4, 15, 10_000.0)
     # the dots of one picture share its law and lattice: as if there were half as many

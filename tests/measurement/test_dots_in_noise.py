@@ -24,7 +24,7 @@ def depth(dots: tuple[DotViews, ...]) -> float:
     return float(np.mean([dot.position_mm[2] for dot in dots]))
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.parametrize("distance", [502.0, 515.0])
 def test_near_focus_noise_draws_depth_to_no_side(brute: Any, distance: float) -> None:
     """Edges that noise sharpens drew the blur down to them, those that it softens did not draw it

@@ -102,7 +102,7 @@ def test_a_blur_of_another_kind_is_measured_by_the_free_form(radius: float) -> N
     assert np.abs(fit_free_edge(picture).mtf(F) - truth).max() < 0.002
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("fit", "allowed", "places"), [(fit_edge, 1.18 * 0.0011, 40), (fit_free_edge, 0.0025, 10)]
 )
@@ -312,7 +312,7 @@ def ten_thousand(blur: str) -> tuple[Array, Array, Array]:
     return known, free, together
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_intervals_of_edges_cover() -> None:
     known, free, together = edge_scores("gaussian", 40)
     bound = 4 * math.sqrt(0.95 * 0.05 / len(known))

@@ -103,7 +103,7 @@ def test_kinds_that_differ_otherwise_than_described_are_fitted_as_they_are(colum
     assert abs(lattice.outside_radius_px - outside) < 0.6 * lattice.outside_uncertainty_px
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_radii_and_pitch_scatter_by_no_more_than_stated(brute: Any) -> None:
     behind = camera((210, 200), 0.0043, (0.0, 0.0))
     light, rng = (without_noise(behind) - NOISE.offset_dn) / LIGHT_DN, np.random.default_rng(1)

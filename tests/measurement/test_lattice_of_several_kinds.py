@@ -81,7 +81,7 @@ def test_the_attitude_of_an_array_of_several_kinds_is_told_by_each_kind_s_own_ra
         assert abs(angle - due) < 4 * doubt
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_where_kinds_are_taken_for_one_the_centres_alone_tell_the_attitude(brute: Any) -> None:
     """The third kind's disc is wider than the main lens's, so a larger radius may be of either: by
     radii 2.3 of what is stated off.

@@ -31,7 +31,7 @@ def either_way_round(exact: Array, pairs: int) -> Iterator[Array]:
         yield from (exact + noise, exact - noise)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.parametrize("falloff", [Falloff(), None])
 def test_without_a_white_picture_the_pitch_is_drawn_to_no_side(
     brute: Any, falloff: Falloff | None

@@ -38,7 +38,7 @@ def test_gain_and_read_noise_are_found_within_their_uncertainty() -> None:
     assert found.chi2_per_pixel == pytest.approx(1, abs=0.05)
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_intervals_of_95_per_cent_cover_the_truth_in_94_to_96_of_100() -> None:
     rng = np.random.default_rng(20261)
     light = scene((40, 80), 7000)

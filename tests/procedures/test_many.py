@@ -42,10 +42,10 @@ def cluster() -> Iterator[str]:
 @pytest.mark.parametrize(
     ("distances", "arrays", "f_numbers"),
     [
-        pytest.param(10, 1, [4], marks=pytest.mark.ci),
+        pytest.param(4, 1, [4], marks=pytest.mark.ci),
         pytest.param(25, 10, [2.8, 3.5, 4, 5.6], marks=pytest.mark.full),
     ],
-    ids=["ten", "thousand"],
+    ids=["four", "thousand"],
 )
 def test_a_simulated_sweep_gives_the_same_numbers_on_cores_and_on_a_cluster(
     distances: int, arrays: int, f_numbers: list[float], write: Write, cluster: str

@@ -139,11 +139,13 @@ def part(bench_file: Path, number: int, count: int) -> Soak:
     return running
 
 
-def soak(bench_file: Path, first: int = 0) -> None:
-    """Fifty faults on each of twenty benches side by side: most of their time is waiting."""
+def soak(bench_file: Path, faults_each: int, first: int = 0) -> None:
+    """Faults on each of twenty benches side by side: most of their time is waiting."""
     begin = time.perf_counter(), time.process_time()
     with ThreadPoolExecutor(PARTS) as pool:
-        parts = [pool.submit(part, bench_file, first + number, 50) for number in range(PARTS)]
+        parts = [
+            pool.submit(part, bench_file, first + number, faults_each) for number in range(PARTS)
+        ]
     failures = [failure for one in parts if (failure := one.exception()) is not None]
     ended = [one.result() for one in parts if one.exception() is None]
     outcomes: collections.Counter[tuple[str, str, str]] = collections.Counter()
@@ -168,13 +170,16 @@ def soak(bench_file: Path, first: int = 0) -> None:
         raise BaseExceptionGroup(f"{len(failures)} of {PARTS} parts failed", failures)
 
 
-@pytest.mark.ci
-def test_after_a_thousand_faults_the_bench_is_whole(bench_file: Path) -> None:
-    soak(bench_file)
+@pytest.mark.parametrize(
+    "faults_each",
+    [pytest.param(10, marks=pytest.mark.ci), pytest.param(50, marks=pytest.mark.full)],
+)
+def test_after_hundreds_of_faults_the_bench_is_whole(bench_file: Path, faults_each: int) -> None:
+    soak(bench_file, faults_each)
 
 
 @pytest.mark.full
 @pytest.mark.timeout(7200)
 def test_after_ten_thousand_faults_the_bench_is_whole(bench_file: Path) -> None:
     for first in range(0, 10 * PARTS, PARTS):
-        soak(bench_file, first)
+        soak(bench_file, 50, first)

@@ -21,7 +21,7 @@ from sim.serve import CAMERA_FAULTS, Served, serve, warm_up
 WriteBench = Callable[..., Bench]
 LASTING = {"silence", "garbage", "cut", "hang-up"}  # they do not end by themselves
 EXPOSURE = 0.004
-GRABS = 6
+GRABS = 4
 
 
 def scpi_camera(served: Served) -> Camera:

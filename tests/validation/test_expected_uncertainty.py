@@ -14,9 +14,10 @@ from flflab.verdict.evaluation import Evaluation
 from flflab.verdict.expectation import expect
 
 
-@pytest.mark.ci
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("f_number", [2.8, 4.0])
+@pytest.mark.parametrize(
+    "f_number", [pytest.param(2.8, marks=pytest.mark.full), pytest.param(4.0, marks=pytest.mark.ci)]
+)
 def test_in_focus_a_plan_expects_what_benches_have(
     one_bench: Callable[..., Evaluation],
     small_bench: Bench,

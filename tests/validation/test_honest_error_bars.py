@@ -70,7 +70,7 @@ def print_table(comparisons: list[Comparison]) -> None:
     )
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(600)
 def test_a_few_honest_benches_are_measured_within_their_uncertainties(
     runs: Callable[[int], list[Comparison]],
@@ -128,7 +128,7 @@ def tilted_array(camera: Camera) -> Camera:
             "yaw of the array (its tilt along x)",
             math.radians(0.3),
             5e-4,
-            marks=pytest.mark.ci,
+            marks=pytest.mark.full,
         ),
         pytest.param(
             longer_main_lens, "focal length of the main lens", 0.004, 0.0, marks=pytest.mark.full
@@ -236,7 +236,7 @@ def swept(one_bench: OneRun, seed: int) -> Comparison:
     return one_bench(seed, file="full.yaml", configurations=TURNED).comparison
 
 
-@pytest.mark.ci
+@pytest.mark.full
 @pytest.mark.timeout(300)
 def test_an_honest_bench_whose_array_is_turned_step_by_step_is_accepted(one_bench: OneRun) -> None:
     # Hard for the bars' fit: of the one views are blurred by 0.3 px more and less, of the other the

@@ -26,7 +26,7 @@ CAMERA = Camera(
 SETTINGS = [(0.0, 0.2, 0.0), (0.5, -0.1, -0.2), (0.0, 0.0, 0.5), (-1.0, 0.02, 0.3)]
 
 
-@pytest.mark.ci
+@pytest.mark.full
 def test_what_is_read_of_a_turned_array_lies_within_its_uncertainty_of_what_was_set() -> None:
     lens, microlens = (
         A * B / L / 2,
