@@ -39,16 +39,24 @@ def with_floor(one: Measured, floor: MeasurementFloorDescription, optics: Camera
         lattice=_lattice(one.lattice, position, floor.radius),
         attitude=None if one.attitude is None else _attitude(one.attitude, one.lattice, position),
         dots=tuple(_dot(dot, camera, distance, position) for dot in one.dots),
-        curve=None if one.curve is None else _curve(one.curve, floor.contrast),
+        curve=None if one.curve is None else _curve(one.curve, one.lattice, floor),
         dot_scale=_scale(one, position),
     )
 
 
-def _curve(curve: ContrastCurve, floor: float) -> ContrastCurve:
+def _curve(
+    curve: ContrastCurve, lattice: Lattice, floor: MeasurementFloorDescription
+) -> ContrastCurve:
+    """A curve whose bars may lie ``position`` px off, rms, in proportion to where they lie in a
+    view; half a radius is the rms place in a disc along one coordinate.
+    """
+    share = floor.position / max(lattice.inside_radius_px / 2, 1.0)
+    moved = np.array([0.0, share, 0.0, share, 0.0]) * curve.geometry
     return replace(
         curve,
-        covariance=curve.covariance + floor**2,
-        extremes_uncertainty=np.hypot(curve.extremes_uncertainty, floor),
+        covariance=curve.covariance + floor.contrast**2,
+        extremes_uncertainty=np.hypot(curve.extremes_uncertainty, floor.contrast),
+        geometry_uncertainty=np.hypot(curve.geometry_uncertainty, moved),
     )
 
 
