@@ -35,6 +35,9 @@ OTHERS = {
     "mtf": Quantity(PROPERTY_NAMES["mtf"]),
     "contrast_paper": Quantity("contrast read off pixels, eq. (2)"),
     "ratio_mtf": Quantity("ratio of contrasts (MTF)"),
+    "dot_scale": Quantity("image of the dots, measured/described"),
+    "bar_scale": Quantity("image of the bars, measured/described"),
+    "target_roll_mrad": Quantity("roll of the target", "mrad"),
 }
 
 
