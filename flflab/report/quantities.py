@@ -29,15 +29,15 @@ PANELS = {  # drawn small, one panel each
     "array_roll_mrad": Quantity("roll of the array", "mrad"),
     "array_yaw_mrad": Quantity("yaw of the array (tilt along x)", "mrad"),
     "array_pitch_mrad": Quantity("pitch of the array (tilt along y)", "mrad"),
+    "dot_scale": Quantity("size of the dots' image", *PERCENT),
+    "bar_scale": Quantity("size of the bars' image", *PERCENT),
+    "target_roll_mrad": Quantity("roll of the target", "mrad"),
 }
 OTHERS = {
     "views": Quantity(PROPERTY_NAMES["views"]),
     "mtf": Quantity(PROPERTY_NAMES["mtf"]),
     "contrast_paper": Quantity("contrast read off pixels, eq. (2)"),
     "ratio_mtf": Quantity("ratio of contrasts (MTF)"),
-    "dot_scale": Quantity("image of the dots, measured/described"),
-    "bar_scale": Quantity("image of the bars, measured/described"),
-    "target_roll_mrad": Quantity("roll of the target", "mrad"),
 }
 
 
