@@ -171,14 +171,14 @@ def _answers(rows: Sequence[Row]) -> tuple[str, ...]:
     worst = max(found, key=lambda row: row.rms_error_mm or 0.0)
     return (
         (
-            f"In focus, at {best.distance_mm:.1f} mm, a dot's depth is wrong by"
-            f" {_mm(best.rms_error_mm)} mm (stated {_mm(best.stated_mm)} mm, by noise alone"
-            f" {_mm(best.model_mm)} mm); at worst, at {worst.distance_mm:.1f} mm, by"
+            f"In focus, at {best.distance_mm:.1f} mm, a dot's depth has an rms error of"
+            f" {_mm(best.rms_error_mm)} mm (stated {_mm(best.stated_mm)} mm, from noise alone"
+            f" {_mm(best.model_mm)} mm); at worst, at {worst.distance_mm:.1f} mm,"
             f" {_mm(worst.rms_error_mm)} mm."
         ),
         (
-            "The camera file counts as true: a micrometre by which the gap is not what it says"
-            f" moves the depth in focus by {best.gap_mm_per_um:.3f} mm."
+            "The camera file is taken as true: an error of 1 µm of its gap moves the depth in focus"
+            f" by {best.gap_mm_per_um:.3f} mm."
         ),
     )
 
