@@ -9,6 +9,7 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 from flflab.accuracy.depth import PLACES, Row
 from flflab.accuracy.drawing import BLUE, GREY, ORANGE, as_svg, sheet
 from flflab.accuracy.page import Page, Picture, Section, Table
+from flflab.digits import two_digits
 
 
 def depth_page(rows: Sequence[Row], camera: str, made: str) -> Page:
@@ -109,7 +110,7 @@ def depth_summary(rows: Sequence[Row]) -> Table:
 
 
 def _mm(value: float | None) -> str:
-    return "none" if value is None else f"{value:.4f}"
+    return "none" if value is None else two_digits(value)
 
 
 def _errors(rows: Sequence[Row]) -> str:
