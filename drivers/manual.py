@@ -250,8 +250,8 @@ class ManualSetting(Generic[Value]):
         """
         if self._value is None:
             raise DeviceError(
-                f"{self._step.format('a value')!r} was not confirmed yet, so nobody knows what it"
-                " is; set it first"
+                f"{self._step.format('...')}: not confirmed yet, so its value is not known; do it"
+                " and confirm it first"
             )
         return self._value
 

@@ -40,6 +40,16 @@ FACTORS: dict[Dimension, dict[str, float]] = {
     "acceleration": {"mm/s^2": 1.0, "mm/s2": 1.0, "m/s^2": 1e3, "m/s2": 1e3},
     "ratio": {"%": 1e-2, "ppm": 1e-6},
 }
+EXAMPLES: dict[Dimension, str] = {
+    "length": "mm",
+    "angle": "deg",
+    "time": "ms",
+    "frequency": "cycles/mm",
+    "speed": "mm/s",
+    "angular speed": "deg/s",
+    "acceleration": "mm/s^2",
+    "ratio": "%",
+}
 SHOWN_UNITS: dict[Dimension, str] = {
     "length": "mm",
     "angle": "rad",
@@ -70,18 +80,12 @@ def parse_quantity(given: object, dimension: Dimension) -> float:
         InputError: no unit, an unknown unit or one of another kind, or not a finite number.
     """
     units = FACTORS[dimension]
-    example = (
-        f"{'an' if dimension[0] == 'a' else 'a'} {dimension} is a number and a unit of"
-        f" {', '.join(units)}"
-    )
     if isinstance(given, (int, float)) and not isinstance(given, bool):
         if given == 0 or (dimension == "ratio" and math.isfinite(given)):
             return float(given)
-        raise InputError(
-            f"{shortened(given)} has no unit; {example}, for instance '{given} {next(iter(units))}'"
-        )
+        raise InputError(f"{shortened(given)} has no unit; {_due(dimension, f'{given:g}')}")
     if not isinstance(given, str):
-        raise InputError(f"{shortened(given)} is not a quantity; {example}")
+        raise InputError(f"{shortened(given)} is not a quantity; {_due(dimension)}")
     if dimension == "length" and given.strip() in ("infinity", "inf"):
         return math.inf
     found = _QUANTITY.fullmatch(given)
@@ -89,19 +93,28 @@ def parse_quantity(given: object, dimension: Dimension) -> float:
         try:
             bare = float(given)
         except ValueError:
-            raise InputError(f"{shortened(given)} is not a quantity; {example}") from None
+            raise InputError(f"{shortened(given)} is not a quantity; {_due(dimension)}") from None
         if bare == 0 or (dimension == "ratio" and math.isfinite(bare)):
             return bare
-        raise InputError(f"{shortened(given)} has no unit; {example}")
+        raise InputError(f"{shortened(given)} has no unit; {_due(dimension, f'{bare:g}')}")
     number, unit = found[1], (found[2] or found[3]).translate(MICRO)
     if unit not in units:
         kind = next((name for name, table in FACTORS.items() if unit in table), None)
         reason = f"{unit!r} is a unit of {kind}" if kind else f"{unit!r} is not a unit known here"
-        raise InputError(f"{shortened(given)}: {reason}; {example}")
+        raise InputError(f"{shortened(given)}: {reason}; {_due(dimension, found[1])}")
     value = float(number) * units[unit]
     if not math.isfinite(value):
-        raise InputError(f"{shortened(given)} is too large; {example}")
+        raise InputError(f"{shortened(given)} is too large; {_due(dimension)}")
     return value
+
+
+def _due(dimension: Dimension, number: str = "1") -> str:
+    """What a quantity is, with an example of this number."""
+    article, units = "an" if dimension[0] == "a" else "a", ", ".join(FACTORS[dimension])
+    return (
+        f"{article} {dimension} is a number and a unit of {units}, for instance"
+        f" '{number} {EXAMPLES[dimension]}'"
+    )
 
 
 def show_quantity(value: float, unit: str, digits: int = 6) -> str:

@@ -243,9 +243,7 @@ class Frames:
         """
         shot, picture = self.shot, self.arrived
         if shot is None or picture is None:
-            raise DeviceError(
-                f"{self.name}: asked for a picture before one was taken; prepare and trigger first"
-            )
+            raise DeviceError(f"{self.name}: no picture was taken yet; prepare and trigger first")
         frame = picture.frame
         values = (
             shot.key, shot.configuration, shot.repeat, frame.exposure_s, frame.gain,

@@ -452,9 +452,12 @@ def _require_within(
 ) -> None:
     low, high = axis.limits
     if not low <= reading <= high:
+        show = axis.coordinate.show
+        nearest, farthest = sorted(axis.world(limit) for limit in axis.limits)
         raise LimitError(
             f"configuration {configuration.index}: {name} would have to go to"
-            f" {axis.coordinate.show(reading, '.4f')}, outside its limits,"
-            f" {axis.coordinate.show(low, 'g')} to {axis.coordinate.show(high, 'g')}; nothing"
-            " moved, change the study or the bench"
+            f" {show(reading, '.4f')}, outside its limits, {show(low, 'g')} to {show(high, 'g')}:"
+            f" {axis.moves} at {show(axis.world(reading), 'g')} is due, it reaches"
+            f" {show(nearest, 'g')} to {show(farthest, 'g')}; nothing moved. Change the study, or"
+            " the axis's zero and limits in the bench file where they are wrong"
         )

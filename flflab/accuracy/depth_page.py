@@ -9,6 +9,7 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 from flflab.accuracy.depth import PLACES, Row
 from flflab.accuracy.drawing import BLUE, GREY, ORANGE, as_svg, sheet
 from flflab.accuracy.page import Page, Picture, Section, Table
+from flflab.digits import two_digits
 
 
 def depth_page(rows: Sequence[Row], camera: str, made: str) -> Page:
@@ -109,7 +110,7 @@ def depth_summary(rows: Sequence[Row]) -> Table:
 
 
 def _mm(value: float | None) -> str:
-    return "none" if value is None else f"{value:.4f}"
+    return "none" if value is None else two_digits(value)
 
 
 def _errors(rows: Sequence[Row]) -> str:
@@ -171,14 +172,14 @@ def _answers(rows: Sequence[Row]) -> tuple[str, ...]:
     worst = max(found, key=lambda row: row.rms_error_mm or 0.0)
     return (
         (
-            f"In focus, at {best.distance_mm:.1f} mm, a dot's depth is wrong by"
-            f" {_mm(best.rms_error_mm)} mm (stated {_mm(best.stated_mm)} mm, by noise alone"
-            f" {_mm(best.model_mm)} mm); at worst, at {worst.distance_mm:.1f} mm, by"
+            f"In focus, at {best.distance_mm:.1f} mm, a dot's depth has an rms error of"
+            f" {_mm(best.rms_error_mm)} mm (stated {_mm(best.stated_mm)} mm, from noise alone"
+            f" {_mm(best.model_mm)} mm); at worst, at {worst.distance_mm:.1f} mm,"
             f" {_mm(worst.rms_error_mm)} mm."
         ),
         (
-            "The camera file counts as true: a micrometre by which the gap is not what it says"
-            f" moves the depth in focus by {best.gap_mm_per_um:.3f} mm."
+            "The camera file is taken as true: an error of 1 µm of its gap moves the depth in focus"
+            f" by {best.gap_mm_per_um:.3f} mm."
         ),
     )
 

@@ -9,6 +9,7 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 from flflab.accuracy.drawing import BLUE, GREY, ORANGE, as_svg, sheet
 from flflab.accuracy.lattice import FRAMES, Row
 from flflab.accuracy.page import Page, Picture, Section, Table
+from flflab.digits import two_digits
 
 
 def lattice_page(rows: Sequence[Row], camera: str, made: str) -> Page:
@@ -93,10 +94,12 @@ def lattice_summary(rows: Sequence[Row]) -> Table:
 
 def _answer(rows: Sequence[Row]) -> str:
     worst, most = max(rows, key=lambda row: row.bias_px), max(rows, key=lambda row: row.origin_px)
+    pitch = max(row.pitch for row in rows)
     return (
-        f"Without noise no centre is off by more than {worst.bias_px:.1g} px"
-        f" (F/{worst.f_number:g}); from one white frame the origin is known to {most.origin_px:.1g}"
-        f" px and the pitch to {max(row.pitch for row in rows):.1g} of it at every f-number."
+        f"Without noise the largest error of a centre is {two_digits(worst.bias_px)} px"
+        f" (F/{worst.f_number:g}); one white frame gives the origin to"
+        f" {two_digits(most.origin_px)} px and the pitch to {two_digits(pitch)} of it at every"
+        " f-number."
     )
 
 

@@ -137,7 +137,7 @@ def _lens_table() -> Table:
         rows.append(
             (
                 name, f"{len(lens.curvature)}", f"{known.rear - known.front:.2f}",
-                f"{known.exit_pupil - known.rear + 0.0:.2f}",
+                f"{round(known.exit_pupil - known.rear, 2) + 0.0:.2f}",
                 f"{known.pupil_share:.3f}",
             )
         )  # fmt: skip
@@ -245,7 +245,7 @@ def _line_reads(sweeps: Sequence[Sweep], varied: str) -> str:
         if all(not np.any(sweep.comparisons[quantity.name].excess <= 1) for sweep in mine)
     ]
     return (
-        "For every one of the main lenses first order holds all along for"
+        "For every one of the main lenses first order holds over the whole range for"
         f" {', '.join(held) or 'nothing'}, and nowhere for {', '.join(never) or 'nothing'}."
     )
 
@@ -295,12 +295,15 @@ def _lines(sweeps: Sequence[Sweep], varied: str) -> str:
         panels: Sequence[Axes] = figure.subplots(1, len(mine), sharey=True, squeeze=False)[0]
         for axes, sweep in zip(panels, mine, strict=True):
             across = np.asarray(getattr(sweep.setting, varied), dtype=float)
-            for quantity, colour in zip(QUANTITIES, LINE_COLOURS, strict=True):
+            for quantity, colour, mark in zip(QUANTITIES, LINE_COLOURS, "os^Dv<>", strict=True):
                 excess = np.maximum(sweep.comparisons[quantity.name].excess, 1e-3)
                 axes.semilogy(
                     across,
                     excess,
                     color=colour,
+                    marker=mark,
+                    markersize=3.5,
+                    markevery=max(1, len(across) // 5),
                     label=quantity.name,
                     linestyle="--" if quantity.name == "blur" else "-",
                 )

@@ -64,7 +64,7 @@ def scene_advice(rows: Sequence[SceneRow], uncertainty: float) -> tuple[str, ...
     every = next(row for row in rows if row.method == EVERY and row.requested == default.requested)
     return (
         f"Ask for {default.requested:g}: {default.path} take {default.seconds:.2g} s for the frame"
-        f" and are wrong by {reached:.1g} of white (rms); from {finest.requested:g} on"
+        f" with an rms error of {reached:.1g} of white; from {finest.requested:g} on"
         f" ({finest.seconds:.2g} s, {max(finest.rms_error, uncertainty):.1g}) more time buys"
         " nothing that the reference can see.",
         f"With every effect the same tolerance takes {every.seconds:.2g} s; Monte Carlo would need"

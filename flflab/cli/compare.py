@@ -38,7 +38,7 @@ def compare(
         print_json(result)
         return
     console = Terminal()
-    console.print(frame_table(found.frames))
+    console.print_table(frame_table(found.frames))
     for sentence in found.sentences:
         console.print(sentence, highlight=False)
     if out is not None:

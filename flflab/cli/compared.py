@@ -183,7 +183,7 @@ def frame_table(frames: tuple[FrameAgreement, ...]) -> Table:
             f"{frame.predicted_median:g}",
             str(frame.measured_total),
             f"{frame.expected_total:.0f}",
-            "-" if frame.z is None else f"{frame.z:+.1f}",
+            "-" if frame.z is None else f"{round(frame.z, 1) + 0.0:+.1f}",
             *("-" if depth is None else f"{depth:.2f}" for depth in depths),
             f"{frame.residual_px:.2f}",
         )

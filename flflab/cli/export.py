@@ -30,12 +30,12 @@ def export(
     from flflab.record import pack as pack_frames
 
     if not (nexus or pack):
-        raise InputError("export: in which form? there are --nexus and --pack")
+        raise InputError("export: give --nexus or --pack")
     recorded = read_run(run)
     if pack and not recorded.complete:
         raise InputError(
             f"{run}: not taken to its end, so its frames are not packed yet; `flflab resume {run}`"
-            " goes on with it"
+            " continues it"
         )
     if pack:
         pack_frames(recorded)

@@ -20,6 +20,7 @@ from flflab.image.sensor.response import SensorResponse
 from flflab.whole_file import require_writable
 
 DOTS = "four-dot"
+ROOMY = 72  # columns of a terminal that shows bound and time of every effect
 
 OURS = {
     "camera",
@@ -84,22 +85,25 @@ def require_ours(file: Path) -> None:
 
 
 def effects_table(report: Report, width: int) -> Table:
-    """One line an effect that is on or was weighed: size, bound, time and why."""
+    """One line an effect that is on or was weighed: size and why; bound and time where there is
+    room.
+    """
+    roomy = width >= ROOMY
     table = Table(box=box.SIMPLE_HEAD, width=width, pad_edge=False, padding=(0, 1))
-    for head in ("effect", "size", "bound", "", "ms"):
+    for head in ("effect", "size", "bound", "", "ms") if roomy else ("effect", "size", ""):
         table.add_column(head, justify="left" if head in ("effect", "") else "right", no_wrap=True)
     table.add_column("why", ratio=1)
     for effect in report.effects:
         if not effect.on and not effect.unit:
-            continue  # told in one line below
+            continue  # named in one line below
         size = "" if effect.size is None else f"{effect.size:.3g} {effect.unit}"
         state, style = ("on", "") if effect.on else ("off", "dim")
         table.add_row(
             effect.name,
             size,
-            f"{effect.bound:.2g}",
+            *[f"{effect.bound:.2g}"] * roomy,
             state,
-            _short_number(effect.ms),
+            *[_short_number(effect.ms)] * roomy,
             effect.why,
             style=style,
         )

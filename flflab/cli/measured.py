@@ -51,7 +51,7 @@ def print_lattice(console: Terminal, lattice: dict[str, Any]) -> None:
     table = Table(title="Lattice of micro-images", show_header=False, box=box.SIMPLE)
     table.add_row("layout", str(lattice["layout"]))
     table.add_row("pitch", f"{lattice['pitch_px']:.5f} px")
-    table.add_row("angle", f"{lattice['angle_deg']:.5f} deg")
+    table.add_row("angle", f"{round(lattice['angle_deg'], 5) + 0.0:.5f} deg")
     table.add_row("origin (x, y)", "{:.4f}, {:.4f} px".format(*lattice["origin_px"]))
     table.add_row(
         "inside, outside radius",
@@ -78,7 +78,7 @@ def _add_fields(table: Table, lattice: dict[str, Any]) -> None:
 def dots_table(dots: list[dict[str, Any]]) -> Table:
     """Views and places of dots."""
     table = Table(title="Dots", box=box.SIMPLE)
-    for head in ("dot", "views", "uncertain", "x mm", "y mm", "z mm"):
+    for head in ("dot", "views", "uncertain\nviews", "x mm", "y mm", "z mm"):
         table.add_column(head, justify="right")
     for dot in dots:
         position = [
@@ -92,8 +92,8 @@ def dots_table(dots: list[dict[str, Any]]) -> Table:
 
 
 def contrasts_table(points: list[dict[str, Any]]) -> Table:
-    """Of several kinds of microlenses a curve each; the classic reading, (max - min)/(max + min),
-    with its bias.
+    """Of several kinds of microlenses a curve each; Michelson's contrast of the pixels,
+    (max - min)/(max + min), with its bias.
     """
     table = Table(title="Contrast against frequency", box=box.SIMPLE)
     kinds = dict.fromkeys(point.get("microlens_focal_length_mm") for point in points)
@@ -101,7 +101,7 @@ def contrasts_table(points: list[dict[str, Any]]) -> Table:
     heads = (
         ["microlens mm"] * (len(kinds) > 1)
         + ["cycles/px", "contrast"]
-        + ["views", "max, min", "its bias"] * classic
+        + ["views", "Michelson", "its bias"] * classic
     )
     for head in heads:
         table.add_column(head, justify="right")
@@ -114,7 +114,7 @@ def contrasts_table(points: list[dict[str, Any]]) -> Table:
         if classic:
             row += [str(point["views"])]
             row += [
-                "none" if value is None else f"{value:+.3f}"
+                "none" if value is None else f"{round(value, 3) + 0.0:+.3f}"
                 for value in (point["classic"], point["classic_bias"])
             ]
         table.add_row(*row)

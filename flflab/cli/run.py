@@ -172,7 +172,7 @@ def failure_of(folder: Path, doing: Callable[[], None]) -> FlflabError | None:
         doing()
     except FlflabError as error:
         if (folder / "documents.jsonl").exists():
-            sys.stderr.write(f"flflab: `flflab resume {folder}` goes on with this run\n")
+            sys.stderr.write(f"flflab: `flflab resume {folder}` continues this run\n")
         return error
     return None
 

@@ -264,6 +264,5 @@ def _remark_on_noise(mosaic: Mosaic) -> Remark:
     return Remark(
         "next-to-no-noise",
         f"there is next to no noise in the picture, {share:.1g} of its light: uncertainties count"
-        " that and nothing else that may be wrong with it; a simulated picture has noise with"
-        " --seed",
+        " that noise alone; a simulated picture has noise with --seed",
     )

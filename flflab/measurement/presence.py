@@ -117,6 +117,6 @@ def require_blur_within(lattice: Lattice, camera: Camera, distance: float) -> No
         raise MeasurementError(
             f"four-dot picture: no bright field, {lattice.inside_radius_px:.1f} px in radius, holds"
             f" the dots' blur, {blur:.1f} px, and such dots do not show how light falls off in"
-            " micro-images, by which they would be off by 2 % of their distance; name a picture of"
-            " a white target taken alike (--white)"
+            " micro-images, which would change their distance by 2 %; name a picture of a white"
+            " target taken alike (--white)"
         )

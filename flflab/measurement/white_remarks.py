@@ -71,7 +71,7 @@ def _on_saturation(picture: Picture, noise: SensorNoise) -> Remark | None:
     return Remark(
         "saturated",
         f"{100 * share:.2g} % of the pixels are saturated and were left out; from 2 % on radii,"
-        " light and softness are off by more than is stated; expose it shorter",
+        " light and softness have larger errors than stated; expose it shorter",
     )
 
 

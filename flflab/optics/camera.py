@@ -254,9 +254,9 @@ def _refuse_boundless_light(camera: Camera) -> None:
     ]
     _, name, value, factor = min(slips)
     raise InputError(
-        f"camera: a micro-image would be {width:,.0f} pitches of the array wide, {WIDEST:g} at most"
-        f" is allowed: {name} is {value:g} mm; was {value * factor:g} mm meant (um for mm, or mm"
-        " for um)?"
+        f"camera: {name} is {value:g} mm; was {value * factor:g} mm meant (um for mm, or mm for"
+        f" um)? A micro-image would be {width:,.0f} pitches of the array wide, {WIDEST:g} at most"
+        " is allowed"
     )
 
 

@@ -7,11 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from flflab.report.quantities import quantity_of
-from flflab.report.tables import Table, in_words, number
-from flflab.verdict.budget import APPROACH, FLOOR, LAMP, PICTURES, REMAINDER, Budget
+from flflab.digits import two_digits
+from flflab.report.quantities import UM, quantity_of
+from flflab.report.tables import Table, in_words
+from flflab.verdict.budget import (
+    APPROACH,
+    FLOOR,
+    LAMP,
+    PICTURES,
+    REMAINDER,
+    Budget,
+    Contribution,
+)
 from flflab.verdict.evaluation import JUDGED, Evaluation
 from flflab.verdict.sources import ATTITUDE, LENSES, OPTICS, ORDER, STAGES, TRACED
+
+SMALL = {  # below how much of a unit which smaller one is read, and how many make one
+    "mm": (0.1, *UM), "rad": (0.1, "mrad", 1e3), "": (1e-3, "ppm", 1e6),
+}  # fmt: skip
+MANY = 1e4  # degrees of freedom from which k no longer changes
 
 GROUPS = (
     PICTURES, FLOOR, LAMP, APPROACH, STAGES, OPTICS, ATTITUDE, ORDER, LENSES, TRACED, REMAINDER,
@@ -56,9 +70,9 @@ def summary_table(evaluation: Evaluation) -> Table:
     rows = [
         (
             in_words(quantity),
-            number(quantity_of(quantity).many * _median([one.uncertainty for one in of]), 2),
+            two_digits(quantity_of(quantity).many * _median([one.uncertainty for one in of])),
             _freedom(min(one.dof for one in of)),
-            number(max(one.coverage_factor for one in of), 3),
+            f"{max(one.coverage_factor for one in of):.2f}",
             *(_percent(shares[quantity][n]) for n in used),
         )
         for quantity, of in members.items()
@@ -100,16 +114,16 @@ def _table(one: Budget) -> Table:
     rows = [
         (
             line.source, line.kind or "-", line.distribution or "-", _freedom(line.dof),
-            "-" if line.stated is None else f"{number(line.stated, 3)} {line.unit}".strip(),
-            number(many * line.contribution, 2), "common" if line.common else "own",
+            _stated(line),
+            two_digits(many * line.contribution), "common" if line.common else "own",
             _percent(one.share(line)),
         )
         for line in one.lines
     ]  # fmt: skip
     rows.append(
         (
-            "combined", "", "", _freedom(one.dof), "", number(many * one.uncertainty, 2), "",
-            f"k = {one.coverage_factor:.3g}, U = {number(many * one.expanded, 2)} {unit}".strip(),
+            "combined", "", "", _freedom(one.dof), "", two_digits(many * one.uncertainty), "",
+            f"k = {one.coverage_factor:.2f}, U = {two_digits(many * one.expanded)} {unit}".strip(),
         )
     )  # fmt: skip
     headings = (
@@ -119,12 +133,22 @@ def _table(one: Budget) -> Table:
     return Table(f"{words}: {place}", headings, tuple(rows))
 
 
+def _stated(line: Contribution) -> str:
+    """What the bench file states, in the smaller unit where it is small: ``10 ppm``."""
+    if line.stated is None:
+        return "-"
+    least, unit, many = SMALL.get(line.unit, (0.0, "", 0.0))
+    if line.stated < least:
+        return f"{many * line.stated:.3g} {unit}"
+    return f"{line.stated:.3g} {line.unit}" if line.unit else f"{100 * line.stated:.3g} %"
+
+
 def _freedom(dof: float) -> str:
-    return f"{dof:.0f}" if dof < 1e6 else "infinite"
+    return f"{dof:.0f}" if dof < MANY else "infinite"
 
 
 def _percent(share: float) -> str:
-    return "-" if math.isnan(share) else f"{100 * share + 0.0:.1f} %"
+    return "-" if math.isnan(share) else f"{round(100 * share, 1) + 0.0:.1f} %"
 
 
 def budget_numbers(evaluation: Evaluation, name: str) -> list[dict[str, Any]]:

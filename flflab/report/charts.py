@@ -36,14 +36,14 @@ PALETTE = (
     "#cc79a7",
     "#56b4e9",
     "#d55e00",
-)  # told apart by colour-blind readers
+)  # colour-blind readers distinguish them
 MARKERS = "os^Dv<>P*Xhp"  # so are these where colours come again
 DOTS = (
     "#e69f00",
     "#56b4e9",
     "#009e73",
     "#cc79a7",
-)  # told apart by colour-blind readers, on white and on a dark frame
+)  # colour-blind readers distinguish them, on white and on a dark frame
 STYLE: dict[Any, Any] = {
     "font.size": 8, "axes.titlesize": 9, "legend.fontsize": 7, "axes.spines.top": False,
     "axes.spines.right": False,
@@ -193,11 +193,12 @@ def properties_chart(evaluation: Evaluation) -> str:
                 at, difference, sigma, fmt="o", color=MEASURED, markersize=2.8, capsize=1.5
             )
             axes.set_title(f"{title}, {unit}", fontsize=8, y=1)
-            _count(axes, {one.configuration for one in members})
-            middle = sum({one.configuration for one in members}) / len(
-                {one.configuration for one in members}
-            )
-            half = max(1.5, 0.7 + max(abs(one.configuration - middle) for one in members))
+            if place >= len(panels) - columns:
+                axes.set_xlabel("configuration")
+            places = {one.configuration for one in members}
+            _count(axes, places)
+            middle = sum(places) / len(places)
+            half = max(1.5, 0.7 + max(abs(one - middle) for one in places))
             axes.set_xlim(middle - half, middle + half)
             axes.grid(visible=False, axis="x")
             axes.use_sticky_edges = False  # a band's end is not the panel's
@@ -264,14 +265,14 @@ def _shaded(configurations: list[int]) -> str:
 
 
 def _by_dot(axes: "Axes", rows: list[Row]) -> None:
-    """Squares predicted, filled circles measured with their uncertainty, one colour a dot."""
+    """Squares predicted, filled marks measured with their uncertainty; a colour and shape a dot."""
     for dot in sorted({row.dot for row in rows if row.dot is not None}):
         mine = [row for row in rows if row.dot == dot]
         place, measured, sigma, predicted = _columns(
             mine, "configuration", "measured", "uncertainty", "predicted"
         )
         place = place + 0.17 * (dot - 1.5)
-        colour = DOTS[dot % len(DOTS)]
+        colour, mark = DOTS[dot % len(DOTS)], "o^Dv"[dot % 4]
         axes.plot(
             place,
             predicted,
@@ -285,7 +286,7 @@ def _by_dot(axes: "Axes", rows: list[Row]) -> None:
             place,
             measured,
             sigma,
-            fmt="o",
+            fmt=mark,
             color=colour,
             markersize=4,
             capsize=2,

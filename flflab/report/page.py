@@ -32,6 +32,7 @@ ELSEWHERE = (
 )  # what the start document holds that the page shows in its place
 
 
+MOST_NAMED = 3  # properties that disagree, in the headline
 LEAST_REMOVED = 0.5  # of the misfit, by a change that is named beside the best
 
 
@@ -82,6 +83,8 @@ def write_report(evaluation: Evaluation, run: Run, study: Study, bench: Bench, f
         began=facts.moment(run.start.get("time")),
         comparison=evaluation.comparison,
         headline=headline(evaluation),
+        rejected=[property_name(one) for one in evaluation.comparison.verdicts if not one.accepted],
+        most_named=MOST_NAMED,
         names=PROPERTY_NAMES,
         rule=rule(evaluation.comparison.verdicts),
         percent=percent,
@@ -174,7 +177,8 @@ def _contents(evaluation: Evaluation, *, accuracy: bool, warned: bool) -> list[t
     found += [("properties", "fields, light, depth"), ("views", "number of views")]
     if len(evaluation.measured) > 1:
         found.append(("differences", "differences and ratios"))
-    found += [("uncertainties", "uncertainties"), ("frames", "frames")]
+    found += [("uncertainties", "uncertainties"), ("visible", "what this run can show")]
+    found += [("frames", "frames")]
     found += [("accuracy", "accuracy on the bench")] if accuracy else []
     return [
         *found, ("configurations", "configurations"), ("values", "all values"),
@@ -183,12 +187,17 @@ def _contents(evaluation: Evaluation, *, accuracy: bool, warned: bool) -> list[t
 
 
 def headline(evaluation: Evaluation) -> str:
-    """The verdict in one sentence."""
+    """The verdict in one sentence, with the names of a few properties that disagree."""
     rejected = [property_name(one) for one in evaluation.comparison.verdicts if not one.accepted]
     if not rejected:
         return "The camera does what its model says."
-    verb = "disagrees" if len(rejected) == 1 else "disagree"
-    return f"The camera does not do what its model says: {', '.join(rejected)} {verb}."
+    verb, count = "disagrees" if len(rejected) == 1 else "disagree", len(rejected)
+    names = (
+        ", ".join(rejected)
+        if count <= MOST_NAMED
+        else f"{count} of {len(evaluation.comparison.verdicts)} properties"
+    )
+    return f"The camera does not do what its model says: {names} {verb}."
 
 
 def diffraction_sentence(evaluation: Evaluation, wavelength: float | None) -> str:

@@ -26,12 +26,12 @@ PANELS = {  # drawn small, one panel each
     "light": Quantity(PROPERTY_NAMES["light"], *PERCENT),
     "depth_of_field_near_mm": Quantity("depth of field, near end", "mm"),
     "depth_of_field_far_mm": Quantity("depth of field, far end", "mm"),
-    "dot_scale": Quantity("size of the dots' image over the camera's", ""),
-    "bar_scale": Quantity("size of the bars' image over the camera's", ""),
-    "target_roll_mrad": Quantity("roll of the target", "mrad"),
     "array_roll_mrad": Quantity("roll of the array", "mrad"),
     "array_yaw_mrad": Quantity("yaw of the array (tilt along x)", "mrad"),
     "array_pitch_mrad": Quantity("pitch of the array (tilt along y)", "mrad"),
+    "dot_scale": Quantity("size of the dots' image", *PERCENT),
+    "bar_scale": Quantity("size of the bars' image", *PERCENT),
+    "target_roll_mrad": Quantity("roll of the target", "mrad"),
 }
 OTHERS = {
     "views": Quantity(PROPERTY_NAMES["views"]),

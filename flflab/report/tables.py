@@ -76,14 +76,13 @@ def statistics_table(evaluation: Evaluation) -> Table:
             quantity_of(one.quantity).words, str(one.rows), to_decimals(one.mean, 2),
             to_decimals(one.deviation, 2),
             f"{100 * one.beyond_two:.1f} %",
-            f"{to_decimals(one.largest.z, 2)} (configuration {one.largest.configuration})",
-            str(one.unlimited),
+            to_decimals(one.largest.z, 2), str(one.largest.configuration), str(one.unlimited),
         )
         for one in z_statistics(evaluation.comparison.rows)
     ]  # fmt: skip
     headings = (
         "quantity", "rows", "mean z", "standard deviation of z", "share with |z| > 2",
-        "z farthest from 0", "rows without a finite z",
+        "z farthest from 0", "in configuration", "rows without a finite z",
     )  # fmt: skip
     return Table("Standardised differences, pooled over all configurations", headings, tuple(rows))
 
@@ -91,7 +90,7 @@ def statistics_table(evaluation: Evaluation) -> Table:
 def visible_table(evaluation: Evaluation) -> Table:
     """How large every single change of the bench must be to be seen in this run."""
     rows = tuple((one.what, one.words) for one in evaluation.visible)
-    return Table("Changes that this run would show", ("change of", "is seen"), rows)
+    return Table("Smallest change that this run would show", ("changed", "seen from"), rows)
 
 
 def settings_table(study: Study, evaluation: Evaluation, wavelength: float) -> Table:
@@ -123,7 +122,7 @@ def _settings(
         number(float(virtual_depth(smms, vergence)), 5),
         number(float(magnification(smms, vergence)), 5),
         f"{model.blur_px:.2f}",
-        number(airy_diameter(camera, model.distance, wavelength) / camera.sensor.pixel, 3),
+        f"{airy_diameter(camera, model.distance, wavelength) / camera.sensor.pixel:.2f}",
     )  # fmt: skip
 
 

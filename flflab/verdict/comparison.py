@@ -190,7 +190,7 @@ def rule(verdicts: tuple[Verdict, ...]) -> str:
     draws = max(verdict.draws for verdict in verdicts)
     level = sum(verdict.threshold for verdict in verdicts)
     return (
-        f"p-value: of {draws} simulated benches that are built and measured as stated, how many"
+        f"p-value: the share of {draws} simulated benches, built and measured as stated, that"
         f" disagree with the model at least as much. {len(verdicts)} properties share the level of"
         f" {percent(level)}: each is rejected below {percent(verdicts[0].threshold)}, so that an"
         f" honest bench is rejected at most {percent(level)} of the time."

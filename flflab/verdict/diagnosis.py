@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from flflab.digits import plus_minus
+from flflab.digits import plus_minus, two_digits
 from flflab.verdict.properties.values import Values, joined
 
 Array = npt.NDArray[np.float64]
 FINER, ROUNDS = np.linspace(-1.0, 1.0, 21), 3
-# of chi squared: 2 suspects closer than this are not told apart (4 to 1 odds at least by noise
+# of chi squared: 2 suspects closer than this are not distinguished (4 to 1 odds at least by noise
 # alone)
 ALIKE = 6.0
 CLEAR = 25.0  # of chi squared that a change must explain to be named at all
@@ -37,7 +37,7 @@ class Suspect:
     Attributes:
         what: what would be different.
         size: of the change, a share, mm or rad.
-        change: the same in words with unit and uncertainty.
+        change: the same in words with its unit, and its uncertainty where it explains.
         chi2: disagreement left, in the full covariance.
         chi2_before: without the change.
         numbers: how many numbers were compared.
@@ -208,16 +208,17 @@ def _suspect(
 ) -> Suspect:
     size, chi2, uncertainty = best
     uncertainty *= math.sqrt(max(1.0, chi2 / numbers))
+    explains = chi2 < numbers + EXPLAINED * math.sqrt(2 * numbers)
     return Suspect(
         effect.what,
         size,
-        effect.in_words(size, uncertainty),
+        effect.in_words(size, uncertainty if explains else math.nan),
         chi2,
         before,
         numbers,
         uncertainty,
         float(stats.chi2.sf(chi2, max(numbers - 1, 1))),
-        chi2 < numbers + EXPLAINED * math.sqrt(2 * numbers),
+        explains,
         effect.remedy,
     )
 
@@ -251,7 +252,7 @@ def heading(suspects: tuple[Suspect, ...]) -> str:
 
 def changed(words: str, per_unit: float = 1.0) -> Callable[[float, float], str]:
     """What says a size with its uncertainty in shown units, in place of ``{}``; a negative one is
-    ``smaller``, ``less`` or ``less far``.
+    ``smaller``, ``less`` or ``less far``; one without an uncertainty has two digits.
     """
 
     def in_words(size: float, uncertainty: float) -> str:
@@ -259,8 +260,10 @@ def changed(words: str, per_unit: float = 1.0) -> Callable[[float, float], str]:
         if size < 0:
             for up, down in OPPOSITES:
                 said = said.replace(f" {up} ", f" {down} ")
-        shown = plus_minus(abs(size) * per_unit, uncertainty * per_unit)
-        return said.format(shown) if "±" in shown else said.replace("({})", shown)
+        shown = abs(size) * per_unit
+        if math.isfinite(uncertainty) and uncertainty > 0:
+            return said.format(plus_minus(shown, uncertainty * per_unit))
+        return said.replace("({})", f"about {two_digits(shown)}")
 
     return in_words
 

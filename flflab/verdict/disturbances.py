@@ -78,9 +78,9 @@ def disturbances(
                 on_contrast(blurred), "lenses"),
         _steady("spherical aberration", "that blurs by ({}) px rms with the iris widest open",
                 BLURS, on_contrast(aberrated), "lenses"),
-        _steady("stray light or a wrong black level", "of ({}) of white", VEILS,
+        _steady("stray light or a wrong black level", "of ({}) of white more than described", VEILS,
                 on_contrast(lambda veil: lambda k, _: np.full(1, 1 - veil)), "look"),
-        _steady("gamma", "of 1 plus ({})", GAMMAS, on_contrast(
+        _steady("gamma", "({}) more than 1", GAMMAS, on_contrast(
             lambda bent: lambda k, _: through_gamma(contrast_of(k), 1 + bent)), "look"),
     ] if "mtf" in quantities else []  # fmt: skip
     if "mtf" in quantities and bench.description.light is None:

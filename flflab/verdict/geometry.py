@@ -23,7 +23,7 @@ ALL_STEPS = np.concatenate([-STEPS[::-1], [0.0], STEPS])
 SIZES = {  # fields of the optics' factors that change together
     "focal length of the main lens (its f-number as set)": ("lens_focal", "lens_aperture"),
     "focal length of the main lens (its stop as it is)": ("lens_focal",),
-    "aperture of the main lens (the f-number the other way)": ("lens_aperture",),
+    "aperture of the main lens (its f-number changes inversely)": ("lens_aperture",),
     "focal length of the microlenses": ("focal",),
     "aperture of the microlenses": ("aperture",),
     "pitch of the microlenses": ("pitch",),

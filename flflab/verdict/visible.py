@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.bench import Bench
+from flflab.digits import two_digits
 from flflab.verdict.diagnosis import metric_of
 from flflab.verdict.geometry import Suspicion, suspicions
 from flflab.verdict.prediction import Errors, OpticsFactors, OrderFactors, as_described
@@ -39,10 +40,10 @@ class Visible:
 
     @property
     def words(self) -> str:
-        """``from 0.12 mm``, or ``not at all``."""
+        """``0.12 mm``, or ``not at all``."""
         if not math.isfinite(self.smallest):
             return "not at all"
-        return f"from {self.smallest:.2g} {self.unit}"
+        return f"{two_digits(self.smallest)} {self.unit}"
 
 
 def visible(

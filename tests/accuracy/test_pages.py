@@ -93,7 +93,7 @@ def test_the_model_page_says_how_far_first_order_holds() -> None:
         " the maps is 2 %" in (page.sections[0].pictures[0].says)
     )
     assert (
-        "holds all along for micro-image centre, outside radius"
+        "holds over the whole range for micro-image centre, outside radius"
         in page.sections[1].pictures[0].says
     )
     assert f"{100 * np.mean(FIELDS <= 5):.0f} %" in page.answers[2]

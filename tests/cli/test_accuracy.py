@@ -85,7 +85,7 @@ def test_depth_of_a_camera_of_ones_own_is_shown_against_distance(
 ) -> None:
     ended = flflab("accuracy", "depth", "--camera", small_camera, "--out", tmp_path)
     assert ended.code == 0, ended.err
-    assert "a dot's depth is wrong by" in " ".join(ended.out.split())
+    assert "a dot's depth has an rms error of" in " ".join(ended.out.split())
     assert (tmp_path / "accuracy-depth.html").read_text(encoding="utf-8").count(
         '<img src="data:image/svg+xml;base64,'
     ) == 2

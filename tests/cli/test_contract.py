@@ -249,11 +249,16 @@ def test_noise_comes_from_the_seed_alone(flflab: Run, small_camera: Path, tmp_pa
     assert first != other
 
 
-def test_on_a_narrow_terminal_the_explanation_is_no_wider(
-    flflab: Run, small_camera: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("width", [72, 60])
+def test_on_a_narrow_terminal_the_explanation_is_whole_and_no_wider(
+    width: int,
+    flflab: Run,
+    small_camera: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "72")
+    monkeypatch.setenv("COLUMNS", str(width))
     ended = flflab(
         "image",
         small_camera,
@@ -266,7 +271,8 @@ def test_on_a_narrow_terminal_the_explanation_is_no_wider(
         tmp_path / "white.npy",
     )
     table = re.sub(r"\x1b\[[\d;]*m", "", ended.out).split("Not in this scene")[0]
-    assert max(map(len, table.splitlines())) == 72
+    assert max(map(len, table.splitlines())) == width
+    assert "\u2026" not in table
 
 
 def test_a_scene_file_names_its_camera_and_explains_itself(

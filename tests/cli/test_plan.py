@@ -28,14 +28,14 @@ FULL = Path(__file__).parents[2] / "examples" / "benches" / "full.yaml"
             "yaw: 12 deg",
             (
                 "rotation_stage would have to go to 12.0000 deg, outside its limits, -10 deg to 10"
-                " deg; nothing moved"
+                " deg: array.yaw at 12 deg is due, it reaches -10 deg to 10 deg; nothing moved"
             ),
         ),
         (
             "main_lens: 20 mm",
             (
-                "main_lens_stage would have to go to 30.0000 mm, outside its limits, 0 mm to 25 mm;"
-                " nothing moved"
+                "main_lens_stage would have to go to 30.0000 mm, outside its limits, 0 mm to 25 mm:"
+                " main_lens.z at 20 mm is due, it reaches -10 mm to 15 mm; nothing moved"
             ),
         ),
         ("sensor: 60.2 mm", "at least 0.3 mm"),

@@ -211,6 +211,13 @@ def test_a_rule_between_fields_is_told_on_the_line_of_the_one_it_begins_with(
         read_bench(file)
 
 
+def test_a_unit_of_another_size_is_named_on_the_line_of_its_number(tmp_path: Path) -> None:
+    file, line = changed(CAMERA, tmp_path, "focal_length: 0.917 mm", "focal_length: 0.917 um")
+    said = rf":{line}: microlens_array\.focal_length: .* was 0\.917 mm meant"
+    with pytest.raises(InputError, match=said):
+        read_camera(file)
+
+
 def test_a_field_given_twice_is_refused(tmp_path: Path) -> None:
     file, line = changed(CAMERA, tmp_path, "  f_number: 4\n", "  f_number: 4\n  f_number: 2\n")
     with pytest.raises(InputError, match=f"{line + 1}: the field 'f_number' is given twice"):

@@ -208,8 +208,8 @@ def test_what_the_bench_cannot_do_is_refused_before_anything_connects(
     with pytest.raises(
         FlflabError,
         match=(
-            rf"configuration 1:? .*{says}; (nothing moved, change|give the axis or change) the"
-            r" study"
+            rf"configuration 1:? .*{says}(: .*; nothing moved\. Change|; give the axis or change)"
+            r" the study"
         ),
     ):
         steps(study, described)

@@ -4,6 +4,7 @@ with them.
 
 import csv
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -224,3 +225,33 @@ def test_the_report_shows_the_budget_of_the_number_farthest_from_the_model(
     pitch = next(row for row in summary_table(worse).rows if row[0].startswith("pitch of"))
     shares = [float(cell.removesuffix(" %")) for cell in pitch[4:]]
     assert sum(shares) == pytest.approx(100, abs=15)  # medians of shares
+
+
+def test_every_uncertainty_of_a_budget_has_two_significant_digits(evaluation: Evaluation) -> None:
+    cells = [row[1] for row in summary_table(evaluation).rows]
+    for table in budget_tables(evaluation):
+        cells += [row[5] for row in table.rows]
+        cells += [table.rows[-1][-1].split("U = ")[1].split()[0]]
+    digits = [
+        re.sub(r"e.*", "", cell).lstrip("-0.").replace(".", "") for cell in cells if cell != "0"
+    ]
+    assert [one for one in digits if len(one.rstrip("0")) > 2 or len(one) < 2] == []
+
+
+@pytest.mark.parametrize(
+    ("stated", "unit", "shown"),
+    [
+        (1e-3, "mm", "1 µm"),
+        (0.5, "mm", "0.5 mm"),
+        (5e-4, "rad", "0.5 mrad"),
+        (1e-5, "", "10 ppm"),
+        (0.02, "", "2 %"),
+    ],
+)
+def test_what_the_bench_file_states_is_shown_in_a_unit_of_its_size(
+    evaluation: Evaluation, stated: float, unit: str, shown: str
+) -> None:
+    chosen = farthest(evaluation)[0]
+    one = replace(chosen.lines[0], stated=stated, unit=unit)
+    alone = replace(evaluation, budgets=(replace(chosen, lines=(one,)),))
+    assert budget_tables(alone)[0].rows[0][4] == shown

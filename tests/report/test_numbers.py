@@ -22,7 +22,7 @@ from flflab.report.quantities import quantity_of
 from flflab.report.tables import comparison_tables, measured_number, to_decimals
 from flflab.study import Study
 from flflab.verdict.comparison import Row
-from flflab.verdict.evaluation import Evaluation
+from flflab.verdict.evaluation import JUDGED, Evaluation
 from flflab.verdict.properties.predicted import predict
 from flflab.verdict.sources import drawn_errors
 
@@ -247,3 +247,8 @@ def test_as_many_configurations_as_a_legend_holds_are_each_drawn_in_their_own_wa
     looks = [charts.look(place, charts.TELLABLE) for place in range(charts.TELLABLE)]
     assert len({look["marker"] for look in looks}) == charts.TELLABLE
     assert len({look["color"] for look in looks[:6]}) == 6
+
+
+def test_every_quantity_that_is_judged_has_words() -> None:
+    names = [name for quantities in JUDGED.values() for name in quantities]
+    assert [name for name in names if quantity_of(name).words == name] == []

@@ -218,7 +218,7 @@ def test_a_rejected_comparison_says_so_and_which_quantity(
     assert 'class="verdict rejected"' in source
 
 
-def test_the_headline_names_every_property_that_disagrees(single: Evaluation) -> None:
+def test_the_headline_names_up_to_three_properties_that_disagree(single: Evaluation) -> None:
     mtf, views = (replace(one, accepted=False) for one in single.comparison.verdicts)
     three = (mtf, replace(mtf, quantity="micro_images_mm"), views)
     worse = replace(single, comparison=Comparison(single.comparison.rows, three))
@@ -226,6 +226,8 @@ def test_the_headline_names_every_property_that_disagrees(single: Evaluation) ->
         "The camera does not do what its model says:"
         " contrast (MTF), fields and pitch, number of views disagree."
     )
+    four = replace(worse, comparison=Comparison((), (*three, replace(mtf, quantity="light"))))
+    assert headline(four).endswith(": 4 of 4 properties disagree.")
 
 
 def test_views_missed_and_views_too_many_are_counted_and_drawn(

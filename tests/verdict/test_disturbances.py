@@ -47,7 +47,20 @@ def test_a_change_that_leaves_what_would_be_rejected_does_not_explain() -> None:
     assert not suspects[0].explains
     assert suspects[0].p_left < 1e-6
     assert "but does not explain it: what is left (chi²" in suspects[0].sentence
+    assert suspects[0].sentence.startswith("a rise of about 19 %: removes")
     assert heading(likeliest(suspects)) == "Closest single change, which does not explain it:"
+
+
+@pytest.mark.parametrize(
+    ("words", "size", "u", "said"),
+    [
+        ("({}) % larger than described", -1.85, 0.021, "(1.850 ± 0.021) % smaller than described"),
+        ("({}) more than 1", -0.2, 0.01, "(0.200 ± 0.010) less than 1"),
+        ("({}) mm farther along z", -0.0269782, float("nan"), "about 0.027 mm less far along z"),
+    ],
+)
+def test_a_change_says_its_sign_in_words(words: str, size: float, u: float, said: str) -> None:
+    assert changed(words)(size, u) == said
 
 
 def test_causes_that_fit_equally_well_stand_together() -> None:

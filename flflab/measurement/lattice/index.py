@@ -129,9 +129,9 @@ def index_lattice(pixels: Pixels, rough: RoughLattice) -> Indexed:
             values = recentred(values, profile, before, members)
     if np.count_nonzero(found) < FEWEST:
         raise MeasurementError(
-            f"white picture: {np.count_nonzero(found)} whole micro-images were found,"
-            f" {FEWEST} are needed; show more of the array, or check that the target was evenly"
-            " lit and the exposure"
+            "white picture: is it one, of an evenly lit target, well exposed? It shows"
+            f" {np.count_nonzero(found)} whole micro-images, {FEWEST} are needed; else show more of"
+            " the array"
         )
     degree = 1 if np.count_nonzero(found) < 24 else 3
     smooth = smooth_map(indices[found], values[found, :2], degree, scale)

@@ -78,8 +78,9 @@ def require_described_pitch(pitch_px: float, camera: Camera) -> None:
         units = mixed_up_units(ratio)
         raise MeasurementError(
             f"white picture: its micro-images lie about {pitch_px:.3g} px apart, {ratio:.3g}"
-            f" times the {due:.3g} px of the camera's description: check pitch, pixel and"
-            f" distances{f'; were {units} mixed up?' if units else ''}"
+            f" times the {due:.3g} px of the camera's description:"
+            f" {f'were {units} mixed up? Check' if units else 'is it a white picture? Else check'}"
+            " pitch, pixel and distances"
         )
 
 

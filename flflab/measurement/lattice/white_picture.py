@@ -224,8 +224,9 @@ def require_enough(whole: Flags) -> None:
     """Refuse fewer than six whole micro-images."""
     if np.count_nonzero(whole) < FEWEST:
         raise MeasurementError(
-            f"white picture: only {np.count_nonzero(whole)} micro-images lie wholly on it,"
-            f" {FEWEST} are needed; show more of the array"
+            "white picture: is it one, of an evenly lit target? It shows"
+            f" {np.count_nonzero(whole)} whole micro-images, {FEWEST} are needed; else show more of"
+            " the array"
         )
 
 
