@@ -13,6 +13,7 @@ from flflab.bench import Bench, Element, read_bench
 from flflab.measurement.contrast.curve import ContrastCurve
 from flflab.measurement.dots.views import DotViews
 from flflab.measurement.lattice.lattice import Lattice
+from flflab.measurement.lattice.registration import target_scales
 from flflab.optics.resolution import central_smms
 from flflab.record import FrameRecord, Recording, Run
 from flflab.report.frames import predicted_view_places
@@ -122,13 +123,15 @@ def measure(
             )
         )
     zeros = np.zeros(len(FREQUENCIES))
+    across, _ = target_scales(model.camera, configuration.distance)
     curve = ContrastCurve(
         focal_length=0.917, views=np.zeros(0, dtype=np.int64),
         views_contrast=np.zeros((0, len(FREQUENCIES))),
         views_uncertainty=np.zeros((0, len(FREQUENCIES))),
         cycles_per_mm=FREQUENCIES, cycles_per_px=FREQUENCIES / 10, contrast=1 - FREQUENCIES / 10,
         covariance=1e-6 * np.eye(len(FREQUENCIES)), extremes=zeros, extremes_uncertainty=zeros,
-        classic=zeros + 0.9, classic_uncertainty=zeros + 0.01, geometry=np.ones(5),
+        classic=zeros + 0.9, classic_uncertainty=zeros + 0.01,
+        geometry=np.array([0.0, across, 0.0, 1.0, 0.0]),
         geometry_uncertainty=np.zeros(5), chi2_per_pixel=1.0, pixels=1000,
     )  # fmt: skip
     return Measured(
