@@ -11,7 +11,9 @@ def decimals(uncertainty: float) -> int | None:
 
 
 def two_digits(uncertainty: float) -> str:
-    """An uncertainty alone: ``0.020``, ``1.2e-06``, ``340``."""
+    """An uncertainty alone, or a signed contribution to one: ``0.020``, ``1.2e-06``, ``-340``."""
+    if uncertainty < 0:
+        return f"-{two_digits(-uncertainty)}"
     if not (math.isfinite(uncertainty) and uncertainty > 0):
         return f"{uncertainty:g}"
     places = 1 - math.floor(math.log10(float(f"{uncertainty:.1e}")))
