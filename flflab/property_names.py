@@ -7,4 +7,5 @@ PROPERTY_NAMES = {
     "elr_row_px": "effective lateral resolution",
     "dot_distance_mm": "depth of the dots", "target_image": "image of the target: size and roll",
     "array_attitude_mrad": "tilt and roll of the array",
+    "noise": "noise of the camera",
 }  # fmt: skip

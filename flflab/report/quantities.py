@@ -32,6 +32,7 @@ PANELS = {  # drawn small, one panel each
     "dot_scale": Quantity("size of the dots' image", *PERCENT),
     "bar_scale": Quantity("size of the bars' image", *PERCENT),
     "target_roll_mrad": Quantity("roll of the target", "mrad"),
+    "noise": Quantity("noise over what the camera states", *PERCENT),
 }
 OTHERS = {
     "views": Quantity(PROPERTY_NAMES["views"]),

@@ -32,6 +32,7 @@ from flflab.verdict.properties.floor import with_floor
 from flflab.verdict.properties.focus import depth_of_field
 from flflab.verdict.properties.light import light
 from flflab.verdict.properties.measured import Measured, measure_configuration, recorded
+from flflab.verdict.properties.noise import noise
 from flflab.verdict.properties.predicted import Predicted, predict, predict_uncounted
 from flflab.verdict.properties.target import target
 from flflab.verdict.properties.values import (
@@ -71,6 +72,7 @@ JUDGED = {  # the verdicts, and the quantities that each is about
     "dot_distance_mm": ("dot_distance_mm",),
     "target_image": ("dot_scale", "bar_scale", "target_roll_mrad"),
     "array_attitude_mrad": ("array_roll_mrad", "array_yaw_mrad", "array_pitch_mrad"),
+    "noise": ("noise",),
 }
 OWN_DRAWS = 200  # of what each configuration has of its own, for its part of a budget
 EXPLAINED_BY_OTHERS = (
@@ -298,6 +300,7 @@ def properties(
             *fields(one, model),
             overlap(one, model),
             *attitude(one, model),
+            *noise(one, model),
         ]
         found += [dot_distances(one, model), *lateral_resolution(one, model)]
         found += target(one, model, bench.description.repeatability.stages)

@@ -15,6 +15,7 @@ from flflab.measurement.dots.views import DotViews, count_views
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
+from flflab.measurement.sensor.pairs import NoiseRatio, noise_of_pair
 from flflab.optics.camera import Camera
 from flflab.record import FrameRecord, Run
 from flflab.study import Configuration, Study
@@ -35,6 +36,7 @@ class Measured:
         attitude: how the array is turned; None where too few micro-images are seen.
         curve: None where the bars could not be measured.
         dot_scale: size and turn of the square of dots; None where too few views tell them.
+        noise: from frame to frame; None where no target was taken twice.
         exposure_s: s.
         saturated: most saturated pixels in one frame.
         failures: what could not be measured and why, a sentence each.
@@ -50,6 +52,7 @@ class Measured:
     saturated: int
     failures: tuple[MeasurementError, ...] = ()
     dot_scale: DotScale | None = None
+    noise: NoiseRatio | None = None
 
 
 def measure_configuration(
@@ -71,7 +74,7 @@ def measure_configuration(
         for name, axis in bench.description.axes.items()
         if axis.moves in first.worlds and name in first.readings
     ]
-    return measure_pictures(
+    found = measure_pictures(
         pictures,
         {
             target: averaged(sensor_noise(run, taken[0].exposure_s), len(taken))
@@ -85,6 +88,16 @@ def measure_configuration(
         max(frame.saturated for taken in frames.values() for frame in taken),
         bench.description.mean_wavelength,
     )
+    return replace(found, noise=_noise_of(run, frames))
+
+
+def _noise_of(run: Run, frames: Mapping[str, tuple[FrameRecord, ...]]) -> NoiseRatio | None:
+    """From the first two frames of a target that was taken twice in a row."""
+    for taken in frames.values():
+        if len(taken) > 1 and taken[0].exposure_s == taken[1].exposure_s:
+            one, other = (run.picture(frame).astype(np.float64) for frame in taken[:2])
+            return noise_of_pair(one, other, sensor_noise(run, taken[0].exposure_s))
+    return None
 
 
 def recorded(run: Run, study: Study) -> tuple[Configuration, ...]:
