@@ -200,7 +200,7 @@ def test_a_run_interrupted_and_then_killed_is_frame_by_frame_the_one_that_never_
     }
     places = {"configurations": [{"f_number": [2.8, 4], "distance": "507 mm"}]}
     # The simulated bench dies with the run: to the next one power was cut.
-    study, bench = write(study=TWO | small | places | {"draws": 400}, targets=shown)
+    study, bench = write(study=TWO | small | places | {"draws": 450}, targets=shown)
     camera = yaml.safe_load((tmp_path / "camera.yaml").read_text())
     camera["sensor"] |= {"resolution": [760, 560], "pixel": "1.66 um"}
     (tmp_path / "camera.yaml").write_text(yaml.safe_dump(camera))

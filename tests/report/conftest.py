@@ -172,7 +172,7 @@ def rows_of(one: Measured, reference: int) -> list[Row]:
 
 def never_rejected(study: Study) -> Study:
     """Of few draws, and nothing rejects: no cause is looked for."""
-    update = {"draws": 400, "significance": 1e-9}
+    update = {"draws": 450, "significance": 1e-9}
     return replace(study, description=study.description.model_copy(update=update))
 
 

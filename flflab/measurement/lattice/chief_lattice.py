@@ -14,7 +14,7 @@ from flflab.measurement.lattice.kernel import LIGHT, X, Y
 from flflab.measurement.lattice.kinds import Kinds, kinds_of
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import Cone, cone_of
-from flflab.measurement.lattice.slopes import FINEST_PX, OF_MISFIT
+from flflab.measurement.lattice.slopes import OF_MISFIT
 from flflab.measurement.lattice.tilted import (
     RADII,
     TILT,
@@ -30,6 +30,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
+EDGE_PX = 0.015  # of a disc's radius: by its edge's form two frames' mean and each differed as much
 CUT = 4.0  # robust deviations beyond which a micro-image's light does not count
 BENT = 1.3  # times the mean square that the smooth lattice leaves: then a tilt is not all
 BENT_BY_CHANCE = 20.0  # more, over the number of micro-images: of few noise leaves less
@@ -206,7 +207,7 @@ def _sizes_covariance(tilted: Tilted, white: WhitePicture, by_share: Array, pitc
         pitch: variance of the pitch, px^2.
     """
     by = np.array([[1.0, -1.0], [1.0, 1.0]])
-    common = math.hypot(FINEST_PX, OF_MISFIT * white.misfit * white.profile.softness)
+    common = math.hypot(EDGE_PX, OF_MISFIT * white.misfit * white.profile.softness)
     radii = tilted.covariance[RADII, RADII] + common**2 * np.eye(2)
     radii += np.outer(by_share, by_share)
     sizes = np.zeros((3, 3))

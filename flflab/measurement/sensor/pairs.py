@@ -47,8 +47,10 @@ def noise_of_pair(first: Array, second: Array, noise: SensorNoise) -> NoiseRatio
     one, other = first[seen] - noise.offset_dn, second[seen] - noise.offset_dn
     lamp = float(other.mean() / one.mean()) if one.mean() > noise.read_noise_dn else 1.0
     light = (one + other) / (1 + lamp)
-    stated = noise.variance(noise.offset_dn + lamp * light)
-    stated += lamp**2 * noise.variance(noise.offset_dn + light)
-    left = (other - lamp * one) ** 2 / stated
-    ratio = math.sqrt(float(np.mean(left)))
-    return NoiseRatio(ratio, ratio / math.sqrt(2 * len(left)))
+    stated = (1 + lamp**2) * noise.dark_variance
+    stated = stated + (lamp + lamp**2) * noise.dn_per_electron * light
+    # sums, to which the noise of ``light`` adds nothing on average
+    total = float(np.sum(stated))
+    ratio = math.sqrt(float(np.sum((other - lamp * one) ** 2)) / total)
+    share = math.sqrt(2 * float(np.sum(stated**2))) / total
+    return NoiseRatio(ratio, ratio * share / 2)
