@@ -14,12 +14,13 @@ from flflab.measurement.dots.fit import Seen, Stand, stand_of
 from flflab.measurement.dots.model import Microlenses, Shown, microlenses_of, shown
 from flflab.measurement.dots.pose import Candidates, candidates_near
 from flflab.measurement.dots.search import NEAR_PX, where_to_look
-from flflab.measurement.dots.spots import BESIDE_PX, Spots, measure_spots
+from flflab.measurement.dots.spots import BESIDE_PX, Due, Spots, measure_spots
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import blur_px, sensor_pixel, sensor_position
 from flflab.measurement.sensor.noise import SensorNoise
 from flflab.optics.camera import Camera
-from flflab.optics.focus import magnification
+from flflab.optics.focus import blur, magnification
+from flflab.optics.per_type import type_smms
 from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
 
@@ -30,6 +31,8 @@ FAINTEST = 1e-3  # the same: darker ones do not matter to others either
 MODEL_PX = 0.001  # of a spot's centroid, beside exact pictures by rays: up to so much
 RIM_PX = 1.5  # beyond its outside radius, in which a micro-image may have light
 RADIUS_PX = 1.0  # by which rims that are soft may mislead the white picture's radii
+WELL_LIT = 0.5  # of a whole spot's light: such spots say where a dot is, roughly
+SEARCHES = NEAR_PX, NEAR_PX / 2  # px, by which spots may lie elsewhere, before they are fitted
 ROUNDS, SETTLED_PX = 4, 0.2  # of measuring and fitting, until no place moves by more
 # of the width of blurred dots: so far apart, what light they have of one another moves them by less
 # than is stated
@@ -81,66 +84,71 @@ def find_dots(
             into one another, or no spot that can be measured.
     """
     pose = where_to_look(values, lattice, camera, target, distance, noise)
-    smms, pixel = central_smms(camera), camera.sensor.pixel
-    size = float(magnification(smms, 1 / pose.distance)) / pixel
-    radius, blur = target.diameter / 2 * size, blur_px(camera, pose.distance)
-    _require_apart(target.spacing * size, 2 * radius, blur)
-    reach = radius + blur / 2
-    every = microlenses_of(lattice, camera)
-    candidates = candidates_near(pose, lattice, camera, target, reach + NEAR_PX)
-    values_of = pose.start(camera, target)
-    at = values_of[candidates.dot]
-    lit = shown(every.those(candidates.lens), at[:, :2], at[:, 2], target.diameter).light > 0
-    candidates = candidates.those(lit)
-    lenses = every.those(candidates.lens)
-
-    def due(stands: Array) -> Shown:
-        at = stands[candidates.dot]
-        return shown(lenses, at[:, :2], at[:, 2], target.diameter)
-
-    def measured(seen_as: Shown, search: float) -> Spots:
-        places = sensor_pixel(camera.sensor, lenses.centres + seen_as.centroid)
-        rims = sensor_pixel(camera.sensor, lenses.centres), lattice.outside_radius_px + RIM_PX
-        return measure_spots(values, places, reach, blur, *rims, search, noise)
-
+    pixel, vergence = camera.sensor.pixel, 1 / pose.distance
+    size = float(magnification(central_smms(camera), vergence)) / pixel
+    radius = target.diameter / 2 * size
+    _require_apart(target.spacing * size, 2 * radius, blur_px(camera, pose.distance))
+    widest = max(float(blur(one, vergence)) for one in type_smms(camera)) / pixel
+    reach = radius + widest / 2
+    every, kappa = microlenses_of(lattice, camera), _kappa_apart(lattice, camera)
+    stands, shift = pose.start(camera, target), kappa[0]
+    pairs = candidates_near(pose, lattice, camera, target, reach + NEAR_PX)
     # beyond halfway to the next dot a micro-image may show that one
-    room = max(target.spacing * size / 2 - radius - blur / 2 - BESIDE_PX, 0.0)
-    for search in (NEAR_PX, NEAR_PX / 2):
-        expected = due(values_of)
-        spots = measured(expected, min(search, room))
-        values_of = _shifted(values_of, candidates, lenses, spots, expected, camera)
-    light = due(values_of).light
-    kept = light > FAINTEST
-    candidates, lenses = candidates.those(kept), every.those(candidates.lens[kept])
-    place = np.zeros(len(lenses.rise))
-    if lattice.doubts_px is not None:
-        place = lattice.doubts_px[candidates.lens] * pixel
-    focus = lattice.radii_apart_px * pixel / every.radius
-    kappa = _kappa_apart(lattice, camera)
-    search, first, rounds = min(NEAR_PX / 4, room), values_of, 0
-    expected, shift = due(values_of), kappa[0]
+    room = max(target.spacing * size / 2 - reach - BESIDE_PX, 0.0)
+    rounds = 0
     while True:
-        spots = measured(expected, search)
+        coarse = rounds < len(SEARCHES)
+        candidates, lenses, expected = _lit(pairs, every, stands, shift, target.diameter)
+        due = Due(
+            sensor_pixel(camera.sensor, lenses.centres + expected.centroid),
+            lattice.centres_px[candidates.lens],
+            lattice.outside_radius_px + RIM_PX,
+            reach,
+            widest,
+            min(SEARCHES[rounds], room) if coarse else 0.0,
+        )
+        rounds += 1
+        spots = measure_spots(values, due, noise)
+        away = sensor_position(camera.sensor, spots.centroids) - lenses.centres
+        if coarse:
+            stands = _shifted(stands, candidates, lenses, away - expected.centroid, spots, expected)
+            continue
         seen = Seen(
             lenses,
             candidates.dot,
-            sensor_position(camera.sensor, spots.centroids) - lenses.centres,
+            away,
             (spots.variance + MODEL_PX**2) * pixel**2,
-            place,
-            focus,
+            _places_unsure(lattice, len(every.rise))[candidates.lens] * pixel,
+            lattice.radii_apart_px * pixel / every.radius,
             spots.whole & (expected.light > LEAST_LIGHT),
             kappa,
             target.diameter,
         )
         if not seen.counted.any():
-            raise _nothing(spots, expected)
-        stand = stand_of(seen, first, values_of, shift)
+            raise _nothing(expected)
+        stand = stand_of(seen, pose.start(camera, target), stands, shift)
         moved = np.abs(stand.shown.centroid - expected.centroid).max() / pixel
-        rounds += 1
-        if search == 0.0 and (moved < SETTLED_PX or rounds >= ROUNDS):
+        stands, shift = stand.values, stand.focus
+        if moved < SETTLED_PX or rounds == ROUNDS + len(SEARCHES):
             break
-        values_of, expected, shift, search = stand.values, stand.shown, stand.focus, 0.0
     return Found(candidates, spots, seen, stand, pose.distance, reach, radius)
+
+
+def _lit(
+    candidates: Candidates, every: Microlenses, stands: Array, shift: float, diameter: float
+) -> tuple[Candidates, Microlenses, Shown]:
+    """The candidates that show any light, their microlenses, and what they show."""
+    at = stands[candidates.dot]
+    lenses = every.those(candidates.lens).refocused(shift)
+    light = shown(lenses, at[:, :2], at[:, 2], diameter).light > FAINTEST
+    candidates, at = candidates.those(light), at[light]
+    lenses = every.those(candidates.lens)
+    return candidates, lenses, shown(lenses.refocused(shift), at[:, :2], at[:, 2], diameter)
+
+
+def _places_unsure(lattice: Lattice, count: int) -> Array:
+    """Standard uncertainty of each micro-image's own centre, px."""
+    return np.zeros(count) if lattice.doubts_px is None else lattice.doubts_px
 
 
 def _kappa_apart(lattice: Lattice, camera: Camera) -> tuple[float, float]:
@@ -167,26 +175,24 @@ def _require_apart(apart: float, width: float, blur: float) -> None:
 
 
 def _shifted(
-    values: Array,
+    stands: Array,
     candidates: Candidates,
     lenses: Microlenses,
+    off: Array,
     spots: Spots,
     expected: Shown,
-    camera: Camera,
 ) -> Array:
-    """The dots moved aside to the median of their spots."""
-    shifted = values.copy()
-    off = sensor_position(camera.sensor, spots.centroids) - lenses.centres - expected.centroid
-    for dot in range(len(values)):
-        mine = (candidates.dot == dot) & spots.whole & (expected.light > 0.5)
+    """The dots moved aside to the median of how far their spots are off, mm."""
+    shifted = stands.copy()
+    for dot in range(len(stands)):
+        mine = (candidates.dot == dot) & spots.whole & (expected.light > WELL_LIT)
         if mine.any():
-            step = np.median(off[mine], axis=0)
-            away = lenses.distance * (values[dot, 2] - 1 / lenses.lens_focal) + 1
-            shifted[dot, :2] -= step * away / lenses.gap
+            x = lenses.distance * (stands[dot, 2] - 1 / lenses.lens_focal) + 1
+            shifted[dot, :2] -= np.median(off[mine], axis=0) * x / lenses.gap
     return shifted
 
 
-def _nothing(spots: Spots, expected: Shown) -> MeasurementError:
+def _nothing(expected: Shown) -> MeasurementError:
     """What keeps all spots from being measured."""
     due = expected.light > LEAST_LIGHT
     if due.any():

@@ -135,12 +135,8 @@ def stand_of(seen: Seen, known: Array, start: Array, focus: float) -> Stand:
 
 def _formed(seen: Seen, free: Array) -> Shown:
     values = free[:-1].reshape(-1, 3)[seen.dot]
-    lenses = _refocused(seen.lenses, float(free[-1]))
+    lenses = seen.lenses.refocused(float(free[-1]))
     return shown(lenses, values[:, :2], values[:, 2], seen.diameter)
-
-
-def _refocused(lenses: Microlenses, focus: float) -> Microlenses:
-    return replace(lenses, kappa_apart=lenses.kappa_apart + focus)
 
 
 def _slopes(seen: Seen, free: Array) -> tuple[Shown, Array, Array]:

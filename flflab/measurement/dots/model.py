@@ -70,6 +70,10 @@ class Microlenses:
             focal=self.focal[which],
         )
 
+    def refocused(self, focus: float) -> "Microlenses":
+        """The same of another kappa."""
+        return replace(self, kappa_apart=self.kappa_apart + focus)
+
 
 def microlenses_of(lattice: Lattice, camera: Camera) -> Microlenses:
     """Those of all micro-images of a lattice."""

@@ -231,7 +231,7 @@ def _margins(found: Found, lattice: Lattice, camera: Camera) -> tuple[Array, Arr
     place = np.einsum("nk,km,nm->n", stand.slopes, stand.covariance, stand.slopes)
     place = place.reshape(-1, 2).max(axis=1) / pixel**2
     rim = math.hypot(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px)
-    lens_to_lens = lattice.radii_apart_px * abs(1 - 2 * min(max(least, 0.0), HALF))
+    lens_to_lens = lattice.radii_apart_px * (2 * max(least, HALF) - 1)
     sure = np.sqrt(place + (found.seen.place / pixel) ** 2 + rim**2 + lens_to_lens**2)
     return np.where(centre_inside, margin, -np.inf), sure
 
