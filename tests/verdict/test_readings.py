@@ -119,9 +119,9 @@ def test_a_depth_read_with_the_nominal_camera_is_what_a_bench_with_other_distanc
     )  # the rays from the point through the microlenses' centres
     to_pixel = (np.array([camera.sensor.resolution[0], camera.sensor.resolution[1]]) - 1) / 2
     lattice = as_lattice(centres / camera.sensor.pixel + to_pixel)
-    wide_open = replace(camera, main_lens=MainLens(50.0, 0.5))  # whose stop cuts no view
+    uncut = replace(microlenses_of(lattice, camera), stop=50.0)
     seen = Seen(
-        microlenses_of(lattice, wide_open), np.zeros(9, np.int64), landings - centres,
+        uncut, np.zeros(9, np.int64), landings - centres,
         np.full((9, 2), 1e-14), np.zeros(9), 0.0, np.ones(9, np.bool_), (0.0, 1e-9), 1e-6,
     )  # fmt: skip
     start = np.array([[0.0, 0.0, 1 / 507.0]])

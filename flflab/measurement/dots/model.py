@@ -76,8 +76,10 @@ class Microlenses:
 
 
 def microlenses_of(lattice: Lattice, camera: Camera) -> Microlenses:
-    """Those of all micro-images of a lattice."""
+    """Those of all micro-images of a lattice, the main lens's stop as wide as its shadow there."""
     smms = central_smms(camera)
+    sign = 1.0 if float(smms.lens_width) >= float(smms.microlens_width) else -1.0
+    shadow = (lattice.outside_radius_px + sign * lattice.inside_radius_px) / 2
     falloff = 0.0 if lattice.cone is None else float(np.clip(lattice.slants[0], 0.0, 1.0))
     return Microlenses(
         sensor_position(camera.sensor, lattice.centres_px),
@@ -87,7 +89,7 @@ def microlenses_of(lattice: Lattice, camera: Camera) -> Microlenses:
         float(smms.distance),
         float(smms.gap),
         float(smms.lens_focal),
-        float(smms.lens_aperture) / 2,
+        shadow * camera.sensor.pixel * float(smms.distance / smms.gap),
         float(smms.aperture) / 2,
         falloff,
         camera,

@@ -22,7 +22,8 @@ from flflab.targets import FourDot
 
 TOLERANCE = 0.01  # of size and parallax, and in rad of turn: what differs less is not remarked on
 SURE = 4.0  # standard uncertainties by which it must differ too
-OUTWARDS_PX = 0.001  # so much may all spots lie farther out than they are placed
+# so much may all spots lie farther out than they are placed, before cameras not quite as described
+OUTWARDS_PX = 0.003
 FEWEST = 4  # images of dots, for three complex numbers
 # dots seen once each, in as many micro-images, do not tell size from parallax: least over largest
 # singular value
