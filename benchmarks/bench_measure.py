@@ -249,7 +249,7 @@ def found_dots(
     picture: Frame, white: Frame, lattice: Lattice, camera: Camera, distance: float
 ) -> str:
     """What there is to say of it."""
-    found = count_views(picture, white, lattice, camera, FourDot(), distance, sensor_noise())
+    found = count_views(picture, lattice, camera, FourDot(), distance, sensor_noise())
     return (
         f"views {[dot.views for dot in found]}, z +-"
         f" {max(dot.uncertainty_mm[2] for dot in found):.3f} mm"

@@ -49,5 +49,5 @@ def measurements() -> None:
     )
     measure_white(white.astype(np.float32), NOISE)
     lattice = lattice_behind(camera, white, NOISE)
-    count_views(dots, None, lattice, camera, FourDot(1.0, 4.0), FOCUS, NOISE)
+    count_views(dots, lattice, camera, FourDot(1.0, 4.0), FOCUS, NOISE)
     fit_contrast(bars, lattice, camera, Bars((0.5, 10.0), 12.0, 8.0), FOCUS, NOISE)

@@ -13,10 +13,10 @@ from flflab.accuracy.measure import NOISE, WHITE_DN
 from flflab.errors import InputError, MeasurementError
 from flflab.image.render import render
 from flflab.image.scene import one_plane
+from flflab.measurement.dots.spots import BESIDE_PX
 from flflab.measurement.dots.views import DotViews, count_views
 from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.measurement.spots.profile import defocused_dot
 from flflab.optics.camera import Camera
 from flflab.optics.focus import blur, magnification, microlens_limits, sharp_vergence
 from flflab.optics.neighbours import neighbours_of
@@ -49,8 +49,8 @@ class Row:
         blur_px: width of the geometric blur on the sensor.
         model_views: of a dot, by the model, mean of all.
         views: measured, mean of all dots and frames.
-        model_mm: standard uncertainty by the model: Cramer-Rao bound of the dot's images, parallax
-            over their views.
+        model_mm: standard uncertainty by the model: noise in the centroids of the dot's images,
+            parallax over their views.
         stated_mm: standard uncertainty that the measurement states, root mean square; None where no
             depth was found.
         rms_error_mm: achieved.
@@ -99,7 +99,7 @@ def depth_rows(camera: Camera, tell: Callable[[str], None]) -> tuple[Row, ...]:
                 _exposed(camera, target, distance, (float(place[0]), float(place[1]))), rng
             )
             try:
-                seen += count_views(picture, None, lattice, camera, target, distance, NOISE)
+                seen += count_views(picture, lattice, camera, target, distance, NOISE)
             except MeasurementError:
                 continue  # no dot to be found: no depth
         dots = (places[:, None] + target.centres).reshape(-1, 2)
@@ -217,32 +217,22 @@ def depth_by_model(
         return len(away), math.nan
     radius = target.diameter / 2 * float(magnification(smms, vergence)) / camera.sensor.pixel
     each = (
-        centre_bound(radius, float(blur(smms, vergence)) / camera.sensor.pixel, noise)
+        centroid_noise(radius, float(blur(smms, vergence)) / camera.sensor.pixel, noise)
         * camera.sensor.pixel
     )
     lever = float(smms.distance) * math.sqrt(float(((away - away.mean(axis=0)) ** 2).sum()))
     return len(away), distance**2 * each * abs(float(image_offset(smms, vergence))) / lever
 
 
-def centre_bound(radius: float, width: float, noise: SensorNoise) -> float:
-    """Cramer-Rao bound of one coordinate of a dot's centre, px: 1/u^2 is pi times the integral of r
-    E'(r)^2 / variance(E).
+def centroid_noise(radius: float, width: float, noise: SensorNoise) -> float:
+    """Standard deviation of one coordinate of the centroid of a dot's light within its window, px.
 
     Args:
         radius: of the dot's image, px.
         width: of its blur, px.
         noise: of the sensor; white is ``WHITE_DN``.
     """
-    profile = defocused_dot(radius, width)
-    light = WHITE_DN * profile.values.mean(axis=0)
-    r = np.arange(len(light)) * profile.step
-    return float(
-        1
-        / np.sqrt(
-            math.pi
-            * np.trapezoid(
-                r * np.gradient(light, profile.step) ** 2 / noise.variance(noise.offset_dn + light),
-                r,
-            )
-        )
-    )
+    light = WHITE_DN * math.pi * radius**2
+    by_light = noise.dn_per_electron * light * (radius**2 + (width / 2) ** 2) / 4
+    window = radius + width / 2 + BESIDE_PX
+    return math.sqrt(by_light + noise.dark_variance * math.pi * window**4 / 4) / light

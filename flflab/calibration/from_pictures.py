@@ -94,9 +94,7 @@ def _quantities(
     dots = None
     if taken.dots is not None and taken.dots_noise is not None:
         try:
-            dots = count_views(
-                taken.dots, taken.white, lattice, camera, target, distance, taken.dots_noise
-            )
+            dots = count_views(taken.dots, lattice, camera, target, distance, taken.dots_noise)
         except MeasurementError:
             dots = None
     return measured_quantities(lattice, dots, camera, target, distance)

@@ -104,7 +104,7 @@ def measure(
         remarks += [Remark(one.code, f"white picture: {one.sentence}") for one in beside.remarks]
     result: dict[str, Any] = {"dots": [], "mtf": [], "mtf_by_view": []}
     if isinstance(target, FourDot):
-        dots = count_views(values, None, lattice, camera, target, away, evened)
+        dots = count_views(values, lattice, camera, target, away, evened)
         require_dots(values, dots, camera, target, away, evened)
         result["dots"] = [dot_json(dot) for dot in dots]
         scale = scale_of_dots(dots, lattice, camera, target, away)

@@ -11,10 +11,10 @@ import pytest
 
 from flflab.image.render import render
 from flflab.image.scene import Plane, Scene, one_plane
+from flflab.measurement.dots.blind import blind_pose, spots_in
 from flflab.measurement.dots.views import count_views
 from flflab.measurement.lattice.with_camera import lattice_behind
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.measurement.spots.blind import blind_law, spots_in
 from flflab.targets import Chirp, FourDot, Target, White
 
 Array = npt.NDArray[np.float64]
@@ -67,7 +67,7 @@ def test_dots_are_found_wherever_the_target_stands(
     lattice = lattice_behind(camera, white, NOISE)
     picture = taken(brute, f_number, TARGET, distance, aside, turn)
     turned = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    for dot in count_views(picture, white, lattice, camera, TARGET, told, NOISE):
+    for dot in count_views(picture, lattice, camera, TARGET, told, NOISE):
         where = turned @ TARGET.centres[dot.dot] + aside
         _, landed = brute.landings(camera, distance, where)
         assert dot.views >= 1
@@ -98,7 +98,7 @@ def test_what_makes_no_square_is_no_law(brute: Any, target: Target) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     lattice = lattice_behind(camera, taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), NOISE)
     picture = taken(brute, 4.0, target, FOCUS, (0.0, 0.0), 0.0)
-    assert blind_law(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None
+    assert blind_pose(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None
 
 
 def test_dots_of_another_size_than_told_make_no_square(brute: Any) -> None:
@@ -106,4 +106,4 @@ def test_dots_of_another_size_than_told_make_no_square(brute: Any) -> None:
     camera = brute.camera(4.0, RESOLUTION)
     lattice = lattice_behind(camera, taken(brute, 4.0, White(), FOCUS, (0.0, 0.0), 0.0), NOISE)
     picture = taken(brute, 4.0, FourDot(diameter=1.0, spacing=6.0), FOCUS, (0.5, 0.3), 0.1)
-    assert blind_law(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None
+    assert blind_pose(spots_in(picture, 8.0, NOISE), lattice, camera, TARGET, FOCUS) is None

@@ -93,7 +93,6 @@ def dot_scores(brute: Any, places: int, repeats: int, electrons: float) -> tuple
                 lattice = lattice_behind(camera, brute.expose(white, noise, LEVEL, rng), noise)
             for dot in count_views(
                 brute.expose(dots, noise, LEVEL, rng),
-                None,
                 lattice,
                 camera,
                 target,

@@ -140,7 +140,7 @@ def test_lattice_contrast_dots_and_edges_come_out_of_raw_files_of_any_bits_withi
     values, noise = read_back(
         np.maximum(render(one_plane(wide, target, FOCUS), tolerance=5e-5), 0.0), bits, file
     ).even()
-    for dot in count_views(values, None, nominal_lattice(wide, 3000.0), wide, target, FOCUS, noise):
+    for dot in count_views(values, nominal_lattice(wide, 3000.0), wide, target, FOCUS, noise):
         landed = brute.landings(wide, FOCUS, target.centres[dot.dot])[1]
         off = np.array(
             [

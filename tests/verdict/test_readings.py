@@ -10,7 +10,8 @@ import pytest
 from scipy.special import j1
 
 from flflab.files.camera import read_camera
-from flflab.measurement.dots.triangulation import triangulate
+from flflab.measurement.dots.fit import Seen, stand_of
+from flflab.measurement.dots.model import microlenses_of
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.optics.camera import Camera, MainLens
 from flflab.optics.focus import depth_of_field
@@ -118,10 +119,13 @@ def test_a_depth_read_with_the_nominal_camera_is_what_a_bench_with_other_distanc
     )  # the rays from the point through the microlenses' centres
     to_pixel = (np.array([camera.sensor.resolution[0], camera.sensor.resolution[1]]) - 1) / 2
     lattice = as_lattice(centres / camera.sensor.pixel + to_pixel)
-    places, doubts = landings / camera.sensor.pixel + to_pixel, np.full((9, 2), 0.01)
-    position, _, _ = triangulate(
-        places, doubts, np.zeros((9, 2, 2)), np.arange(9), lattice, camera, 507.0
-    )
+    uncut = replace(microlenses_of(lattice, camera), stop=50.0)
+    seen = Seen(
+        uncut, np.zeros(9, np.int64), landings - centres,
+        np.full((9, 2), 1e-14), np.zeros(9), 0.0, np.ones(9, np.bool_), (0.0, 1e-9), 1e-6,
+    )  # fmt: skip
+    start = np.array([[0.0, 0.0, 1 / 507.0]])
+    read = 1 / stand_of(seen, start, start, 0.0).values[0, 2]
     model = Predicted(
         camera, 507.0, np.zeros(4, np.int64), None, (), np.zeros((1, 0)), np.ones(0), 0.0,
         Smms(**{name: getattr(smms, name)[None] for name in Smms.__dataclass_fields__}),
@@ -129,7 +133,5 @@ def test_a_depth_read_with_the_nominal_camera_is_what_a_bench_with_other_distanc
         np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1), np.zeros((1, 3)), np.zeros((1, 4)),
         np.zeros((1, 4)), np.ones(1), np.ones(1), np.zeros(1),
     )  # fmt: skip
-    assert float(distance_of(offset_read(model), camera)[0]) == pytest.approx(
-        -position[2], rel=1e-9
-    )
-    assert abs(-position[2] - 505.0) > 1  # and such a bench does show it wrongly
+    assert float(distance_of(offset_read(model), camera)[0]) == pytest.approx(read, rel=1e-7)
+    assert abs(read - 505.0) > 1  # and such a bench does show it wrongly

@@ -22,6 +22,8 @@ from flflab.targets import FourDot
 
 TOLERANCE = 0.01  # of size and parallax, and in rad of turn: what differs less is not remarked on
 SURE = 4.0  # standard uncertainties by which it must differ too
+# so much may all spots lie farther out than they are placed, before cameras not quite as described
+OUTWARDS_PX = 0.003
 FEWEST = 4  # images of dots, for three complex numbers
 # dots seen once each, in as many micro-images, do not tell size from parallax: least over largest
 # singular value
@@ -98,6 +100,8 @@ def scale_of_dots(
     left = values - design @ found
     excess = max(1.0, float((np.abs(left) ** 2).sum()) / max(2 * len(left) - 6, 1))
     spread = np.sqrt((np.abs(inverse) ** 2).sum(axis=1) * excess) / size
+    outwards = OUTWARDS_PX * camera.sensor.pixel / float(np.std(images - centres))
+    spread = np.hypot(spread, outwards)
     return DotScale(
         float(abs(found[1])),
         float(spread[1]),

@@ -3,31 +3,28 @@ the dot in space.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from flflab.measurement.dots.triangulation import departures_px, triangulate
-from flflab.measurement.lattice.falloff import unshaded
+from flflab.errors import MeasurementError
+from flflab.measurement.dots.find import Found, find_dots
+from flflab.measurement.dots.places import CAUSES, Place, places_of
 from flflab.measurement.lattice.lattice import Lattice
-from flflab.measurement.lattice.profile import ProfileTable
-from flflab.measurement.lattice.registration import sensor_position
+from flflab.measurement.lattice.profile import SMALLEST_PX, profile_table
+from flflab.measurement.lattice.registration import require_shape
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.measurement.spots.fit import Spots, illumination
-from flflab.measurement.spots.law import HALF, SEARCH_PX, Candidates, law_places
-from flflab.measurement.spots.search import find_spots, usable_pixels
 from flflab.optics.camera import Camera
 from flflab.targets import FourDot
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 Whole = npt.NDArray[np.int64]
 
-CLEARLY = 2.0  # standard deviations of chi squared by which views must scatter more than stated
-SHARED = 2, 14  # where in ``common_mm`` the lattice's part begins, and the tilt's
-FIT_ERROR_PX = 0.0001  # of a spot's centre; pictures without noise show this much
-OF_BLUR = 0.07  # of the blur's diameter, by which a cut spot's centre is misplaced
-CUT_ERROR_PX = 0.0002  # more where the micro-image cuts its cone
+HALF = 0.5  # of the dot's expected light: a view has at least this
+WELL_LIT = 0.5  # of a whole spot's light: such spots show how bright a dot is
 
 
 @dataclass(frozen=True)
@@ -41,16 +38,22 @@ class DotViews:
         views_uncertain: number of micro-images whose decision lies within two standard
             uncertainties of its limit.
         indices: lattice indices of the views' micro-images, shape (n, 2).
-        centres_px: centres of the dot's images, shape (n, 2).
-        centre_uncertainty_px: standard uncertainties of each centre's x and y, shape (n, 2).
+        centres_px: centres of the dot's images, shape (n, 2): where the ray through the centre of
+            the limiting stop lands, by the spot's light. Where that cannot be measured, by the
+            other views.
+        centre_uncertainty_px: standard uncertainties of each centre's x and y, shape (n, 2); a
+            spot's radius where it was not measured.
         position_mm: of the dot in the world (main lens at z = 0, target at negative z), given the
             nominal camera; nan where fewer than two views leave it open, shape (3,).
         uncertainty_mm: its standard uncertainties, shape (3,).
         common_mm: how it moves with a standard uncertainty of each thing that all dots of the
-            picture share: focus and radius, the lattice, the tilt of the array; part of
+            picture share: focus, lattice, tilt of the array, and the model's own error; part of
             ``uncertainty_mm``, shape (3, k).
         at_limit_px: images whose decision is not sure, shape (m, 2).
-        misfit: rms of what is left of the spots' light beyond noise, as a share of it.
+        misfit: rms by which spots' light differs from what is expected beyond noise, as a share of
+            it.
+        freedom: degrees of freedom of the uncertainty, of all dots together.
+        saturated: pixels left out of its spots.
     """
 
     dot: int
@@ -64,6 +67,8 @@ class DotViews:
     common_mm: Array
     at_limit_px: Array = field(default_factory=lambda: np.zeros((0, 2)))
     misfit: float = 0.0
+    freedom: float = 0.0
+    saturated: int = 0
 
     @property
     def own_mm(self) -> Array:
@@ -74,31 +79,15 @@ class DotViews:
     @property
     def by_cause_mm(self) -> dict[str, Array]:
         """What of it dots of a picture share, by name, each of shape (3,)."""
-        parts = np.split(self.common_mm, SHARED, axis=1)
+        ends = np.cumsum(list(CAUSES.values()))[:-1]
+        parts = np.split(self.common_mm, ends, axis=1)
         return {
-            name: np.sqrt(np.sum(part**2, axis=1))
-            for name, part in zip(("focus", "lattice", "tilt"), parts, strict=True)
+            name: np.sqrt(np.sum(part**2, axis=1)) for name, part in zip(CAUSES, parts, strict=True)
         }
-
-
-@dataclass(frozen=True)
-class Decided:
-    """Spots, and the places by which views are decided.
-
-    A spot that its micro-image cuts is known better from all other spots than from itself.
-    Uncertainties are standard, px: of each coordinate those of the spots for a known focus and
-    radius of the dots, shape (n, 2); in one coordinate those of the places, shape (n,).
-    """
-
-    spots: Spots
-    doubts: Array
-    places: Array
-    place_doubts: Array
 
 
 def count_views(
     picture: npt.NDArray[np.generic],
-    white: npt.NDArray[np.generic] | None,
     lattice: Lattice,
     camera: Camera,
     target: FourDot,
@@ -109,16 +98,13 @@ def count_views(
 
     The nominal camera only says where to look first, to 30 px. Where the dots are not there, they
     are looked for in all micro-images, whatever the target's distance, place and turn (less than 45
-    degrees). One common shift, turn, magnification and parallax are then fitted to the spots
-    themselves. A view counts when the fitted centre lies in the useful region as measured: on the
-    sensor, illumination at least the camera's ``minimum_illumination``, outside every neighbour's
-    circle of more than ``maximum_crosstalk``, and within the circle in which the dot keeps half its
-    light.
+    degrees). The places of all four dots are then fitted to the centroids of their spots' light. A
+    view counts when its centre lies in the useful region as measured: on the sensor, illumination
+    at least the camera's ``minimum_illumination``, outside every neighbour's circle of more than
+    ``maximum_crosstalk``, with half of the light expected there.
 
     Args:
-        picture: DN, [row, col].
-        white: white picture of the same configuration; pixels saturated in it are left out. None:
-            none was taken.
+        picture: DN, [row, col]. Saturated pixels are left out.
         lattice: measured from the white picture.
         camera: nominal.
         target: what stood there.
@@ -129,107 +115,107 @@ def count_views(
         MeasurementError: wrong shape, target at infinity, or no dot found where the camera puts
             some.
     """
-    values = unshaded(usable_pixels(picture, white, camera, target.kind, noise), lattice, noise)
-    seen = find_spots(values, lattice, camera, target, distance, noise)
-    distance = seen.distance
-    spots, candidates, law, radius, spread = (
-        seen.spots,
-        seen.candidates,
-        seen.law,
-        seen.radius,
-        seen.spread,
+    values = finite(picture, camera, target.kind)
+    found = find_dots(values, lattice, camera, target, distance, noise)
+    share, doubt, misfit = _light(found, lattice, values.shape)
+    placed = places_of(found, lattice, camera)
+    margin, edge = _margins(found, lattice, camera)
+    counted = (margin >= 0) & (share >= HALF)
+    near_edge = (np.abs(margin) < 2 * edge) & (share > HALF - 2 * doubt)
+    near_dark = (np.abs(share - HALF) < 2 * doubt) & (margin > -2 * edge)
+    unsure = near_edge | near_dark
+    return tuple(
+        _views(dot, found, place, counted, unsure, misfit, lattice, camera.sensor.pixel)
+        for dot, place in enumerate(placed)
     )
-    # the brightest half of the well lit spots are whole: they say what a dot's full light is
-    level = _full_light(spots, candidates, lattice, seen.table)
-    doubts = _centre_doubts(spots, candidates, lattice, radius, spread)
-    worse = _with_shared(doubts, spots.together).max(axis=1)
-    agreed, agreed_doubts = _agreed_centres(spots, worse, candidates, lattice, camera, target, law)
-    places = np.where((agreed_doubts < worse)[:, None], agreed, spots.centres)
-    decided = Decided(spots, doubts, places, np.minimum(agreed_doubts, worse))
-    misfit = _misfit(spots, lattice, noise, level)
-
-    def counted(spots: Decided) -> tuple[DotViews, ...]:
-        return tuple(
-            _views(dot, spots, candidates, lattice, seen.table, camera, level, distance, misfit)
-            for dot in range(len(target.centres))
-        )
-
-    return counted(_as_scattered(counted(decided), decided, candidates, lattice, camera))
 
 
-def _as_scattered(
-    dots: tuple[DotViews, ...],
-    decided: Decided,
-    candidates: Candidates,
+def finite(picture: npt.NDArray[np.generic], camera: Camera, kind: str) -> npt.NDArray[Any]:
+    """The picture as it is.
+
+    Raises:
+        MeasurementError: wrong shape, or not finite.
+    """
+    require_shape(picture, camera, kind)
+    values = np.ascontiguousarray(picture)
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        raise MeasurementError(f"{kind} picture: every pixel must be a finite number")
+    return values
+
+
+def _views(
+    dot: int,
+    found: Found,
+    place: Place,
+    counted: Flags,
+    unsure: Flags,
+    misfit: float,
     lattice: Lattice,
-    camera: Camera,
-) -> Decided:
-    """The spots as unsure as views scatter about one place for each dot, where that is clearly more
-    than they state.
-    """
-    own = np.zeros(len(candidates.lens))
-    if lattice.doubts_px is not None:
-        own = lattice.doubts_px[candidates.lens]
-    variance, total, freedom = decided.doubts**2 + own[:, None] ** 2, 0.0, 0
-    for dot in dots:
-        if dot.views < 3 or not np.isfinite(dot.position_mm).all():
-            continue
-        mine = np.flatnonzero(
-            (candidates.dot == dot.dot)
-            & (decided.spots.centres[:, None] == dot.centres_px[None]).all(axis=2).any(axis=1)
-        )
-        left = departures_px(
-            dot.position_mm, dot.centres_px, candidates.lens[mine], lattice, camera
-        )
-        total += float(np.sum(left**2 / variance[mine]))
-        freedom += 2 * len(mine) - 3
-    if freedom == 0 or total / freedom < 1 + CLEARLY * math.sqrt(2 / freedom):
-        return decided
-    grown = total / freedom
-    return replace(
-        decided, doubts=np.sqrt(grown * decided.doubts**2 + (grown - 1) * own[:, None] ** 2)
+    pixel: float,
+) -> DotViews:
+    own = found.candidates.dot == dot
+    mine, limit = np.flatnonzero(own & counted), np.flatnonzero(own & unsure)
+    measured = found.seen.counted[mine]
+    centres = found.chief_px[mine]
+    stand = found.stand
+    rest = (found.seen.centroids - stand.shown.centroid)[mine] / pixel
+    centres = np.where(measured[:, None], centres + rest, centres)
+    lag = np.einsum("nk,km,nm->n", stand.lags, stand.covariance, stand.lags).reshape(-1, 2)
+    doubts = np.sqrt(stand.excess * stand.spread**2 + lag)[mine] / pixel
+    return DotViews(
+        dot=dot,
+        views=len(mine),
+        views_uncertain=len(limit),
+        indices=lattice.indices[found.candidates.lens[mine]],
+        centres_px=centres,
+        centre_uncertainty_px=np.where(measured[:, None], doubts, found.reach_px),
+        position_mm=place.position_mm,
+        uncertainty_mm=place.uncertainty_mm,
+        common_mm=place.common_mm,
+        at_limit_px=found.chief_px[limit],
+        misfit=misfit,
+        freedom=stand.freedom,
+        saturated=int(found.spots.saturated[own].sum()),
     )
 
 
-def _full_light(
-    spots: Spots, candidates: Candidates, lattice: Lattice, table: ProfileTable
-) -> float:
-    """Brightness of a whole dot over that of a white target: the well lit spots', or 1 (equal
-    exposures) where there are none.
+def _light(found: Found, lattice: Lattice, shape: tuple[int, ...]) -> tuple[Array, Array, float]:
+    """Light of each spot over what is expected there, its standard uncertainty, and how far it
+    scatters beyond noise.
+
+    A spot that cannot be measured alone is taken for whole where there is light at all.
     """
-    away = np.hypot(*(spots.centres - lattice.centres_px[candidates.lens]).T)
-    lit = (
-        (illumination(table, away) > HALF)
-        & np.isfinite(spots.covariance[:, 2, 2])
-        & (spots.brightness > 0.05)
-    )
+    spots, expected = found.spots, found.stand.shown.light
+    there = lattice.centres_px[found.candidates.lens]
+    x, y = ((there - (np.array([shape[1], shape[0]]) - 1) / 2) * 2 / max(shape)).T
+    level = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ lattice.light
+    due = np.maximum(expected * level, 1e-12)
+    share, noise = spots.light / due, np.sqrt(spots.light_variance) / due
+    lit = found.seen.counted & (expected > WELL_LIT)
     if not lit.any():
-        return 1.0
-    bright = spots.brightness[lit]
-    return float(np.median(bright[bright >= np.median(bright)]))
+        lit = found.seen.counted
+    full = float(np.median(share[lit]))
+    share, noise = share / full, noise / full
+    scatter = 1.4826 * float(np.median(np.abs(share[lit] - 1))) if lit.sum() > 2 else 0.0
+    misfit = math.sqrt(max(scatter**2 - float(np.median(noise[lit] ** 2)), 0.0))
+    half_there = ~spots.whole & (share > HALF / 2)
+    share = np.where(half_there, 1.0, share)
+    return share, np.where(half_there, 0.0, np.hypot(noise, misfit)), misfit
 
 
-def _misfit(spots: Spots, lattice: Lattice, noise: SensorNoise, level: float) -> float:
-    """Share of their light that usual spots leave beyond noise."""
-    bright = spots.chi2_per_pixel[spots.seen]
-    light = max(float(lattice.light[0]) * level, 1e-9)
-    left = max(float(np.median(bright)) - 1, 0.0) if len(bright) else 0.0
-    return math.sqrt(left * (noise.dark_variance + noise.dn_per_electron * light)) / light
-
-
-def _margins(
-    centres: Array, lens: Whole, lattice: Lattice, table: ProfileTable, camera: Camera
-) -> tuple[Array, Array]:
+def _margins(found: Found, lattice: Lattice, camera: Camera) -> tuple[Array, Array]:
     """How far each centre lies inside its micro-image's useful region, px (negative: outside), and
-    how sure the region's edge is.
+    how sure that is.
     """
+    lens, centres = found.candidates.lens, found.chief_px
     own = lattice.centres_px[lens]
     away = np.hypot(*(centres - own).T)
+    least = camera.useful.minimum_illumination
     limit = min(
-        _radius_of(lattice, table, camera.useful.minimum_illumination),
+        _radius_of(lattice, least),
         (lattice.inside_radius_px + lattice.outside_radius_px) / 2,
     )
-    blocked = _radius_of(lattice, table, camera.useful.maximum_crosstalk)
+    blocked = _radius_of(lattice, camera.useful.maximum_crosstalk)
     margin = limit - away
     width, height = camera.sensor.resolution
     low, high = np.array([-0.5, -0.5]), np.array([width - 0.5, height - 0.5])
@@ -241,129 +227,22 @@ def _margins(
             step = lattice.vectors_px @ np.array([i, j], dtype=np.float64)
             if (i, j) != (0, 0) and np.hypot(*step) < limit + blocked + 1:
                 margin = np.minimum(margin, np.hypot(*(centres - own - step).T) - blocked)
-    edge_sure = math.hypot(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px)
-    return np.where(centre_inside, margin, -np.inf), np.full(len(centres), edge_sure)
+    stand, pixel = found.stand, camera.sensor.pixel
+    place = np.einsum("nk,km,nm->n", stand.slopes, stand.covariance, stand.slopes)
+    place = place.reshape(-1, 2).max(axis=1) / pixel**2
+    rim = math.hypot(lattice.inside_uncertainty_px, lattice.outside_uncertainty_px)
+    lens_to_lens = lattice.radii_apart_px * (2 * max(least, HALF) - 1)
+    sure = np.sqrt(place + (found.seen.place / pixel) ** 2 + rim**2 + lens_to_lens**2)
+    return np.where(centre_inside, margin, -np.inf), sure
 
 
-def _radius_of(lattice: Lattice, table: ProfileTable, share: float) -> float:
+def _radius_of(lattice: Lattice, share: float) -> float:
     """Radius at which the measured illumination falls to ``share``."""
     if share <= 0:
         return lattice.outside_radius_px
+    large = (lattice.outside_radius_px + lattice.inside_radius_px) / 2
+    small = max(SMALLEST_PX, (lattice.outside_radius_px - lattice.inside_radius_px) / 2)
+    table = profile_table(large, small)
     r = np.linspace(lattice.outside_radius_px, lattice.inside_radius_px, 4001)
-    return float(np.interp(share, illumination(table, r), r))
-
-
-def _centre_doubts(
-    spots: Spots, candidates: Candidates, lattice: Lattice, radius: float, spread: float
-) -> Array:
-    """Standard uncertainties of each spot's x and y, px, shape (n, 2): the noise's and the fit's
-    own.
-    """
-    noise = (
-        np.einsum("nkk->nk", spots.covariance)[:, :2]
-        * np.maximum(spots.chi2_per_pixel, 1.0)[:, None]
-    )
-    away = np.hypot(*(spots.centres - lattice.centres_px[candidates.lens]).T)
-    # of a cut spot only a part of the rim is seen, which a blur of its own moves
-    cut = CUT_ERROR_PX**2 + (OF_BLUR * 2 * lattice.radii_apart_px) ** 2
-    own = FIT_ERROR_PX**2 + np.where(
-        away + radius + spread / 2 > lattice.inside_radius_px, cut, 0.0
-    )
-    return np.sqrt(np.where(np.isfinite(noise), noise, 100.0**2) + own[:, None])
-
-
-def _with_shared(doubts: Array, together: Array) -> Array:
-    """Standard uncertainties of x and y by themselves and of what moves all spots together, shape
-    (n, 2).
-    """
-    return np.sqrt(doubts**2 + (together**2).sum(axis=2))
-
-
-def _agreed_centres(
-    spots: Spots,
-    doubts: Array,
-    candidates: Candidates,
-    lattice: Lattice,
-    camera: Camera,
-    target: FourDot,
-    law: Array,
-) -> tuple[Array, Array]:
-    """Where one law for all spots puts each, px, and how sure that is: shift, complex factor of
-    dots and of micro-image centres.
-    """
-    _, regressors = law_places(lattice, camera, target, law, candidates)
-    centre = sensor_position(camera.sensor, lattice.centres_px)[candidates.lens]
-    z = (
-        (sensor_position(camera.sensor, spots.centres) - centre - regressors @ law)
-        @ [1, 1j]
-        / camera.sensor.pixel
-    )
-    o, c = regressors[:, 1:3] @ [1, 1j], regressors[:, 3:5] @ [1, 1j]
-    design = np.stack([np.ones(len(z)), o, c], axis=1) / [
-        1.0,
-        np.abs(o).max(initial=1e-9),
-        np.abs(c).max(initial=1e-9),
-    ]
-    weight = np.where((doubts < 10) & (spots.brightness > 0.05), 1 / doubts**2, 0.0)
-    step, covariance, excess = np.zeros(3, dtype=np.complex128), np.eye(3), 1.0
-    for _ in range(4):
-        covariance = np.linalg.inv((design.conj().T * weight) @ design + np.eye(3) / SEARCH_PX**2)
-        step = covariance @ ((design.conj().T * weight) @ z)
-        left = np.abs(z - design @ step)
-        excess = max(
-            1.0, float((weight * left**2).sum()) / max(2 * np.count_nonzero(weight) - 6, 1)
-        )
-        weight = np.where(left > 6 * doubts * math.sqrt(excess), 0.0, weight)
-    shift = design @ step
-    together = design @ (
-        covariance @ ((design.conj().T * weight) @ np.einsum("nck,c->nk", spots.together, [1, 1j]))
-    )
-    spread = np.sqrt(
-        np.einsum("nk,km,nm->n", design, covariance, design.conj()).real * excess
-        + (np.abs(together) ** 2).sum(axis=1)
-    )
-    places, _ = law_places(lattice, camera, target, law, candidates)
-    return places + np.stack([shift.real, shift.imag], axis=1), np.hypot(spread, FIT_ERROR_PX)
-
-
-def _views(
-    dot: int,
-    decided: Decided,
-    candidates: Candidates,
-    lattice: Lattice,
-    table: ProfileTable,
-    camera: Camera,
-    level: float,
-    distance: float,
-    misfit: float,
-) -> DotViews:
-    mine = np.flatnonzero(candidates.dot == dot)
-    spots, lens = decided.spots, candidates.lens[mine]
-    margin, edge = _margins(decided.places[mine], lens, lattice, table, camera)
-    doubt = np.hypot(decided.place_doubts[mine], edge)
-    light = spots.brightness[mine] / level
-    light_doubt = np.sqrt(np.minimum(spots.covariance[mine, 2, 2], 1.0)) / level
-    counted = (margin >= 0) & (light >= HALF)
-    near_edge = (np.abs(margin) < 2 * doubt) & (light > HALF - 2 * light_doubt)
-    near_dark = (np.abs(light - HALF) < 2 * light_doubt) & (margin > -2 * doubt)
-    centres, sure, together = (
-        spots.centres[mine][counted],
-        decided.doubts[mine][counted],
-        spots.together[mine][counted],
-    )
-    position, uncertainty, common = triangulate(
-        centres, sure, together, lens[counted], lattice, camera, distance
-    )
-    return DotViews(
-        dot=dot,
-        views=int(counted.sum()),
-        views_uncertain=int(np.count_nonzero(near_edge | near_dark)),
-        indices=lattice.indices[lens[counted]],
-        centres_px=centres,
-        centre_uncertainty_px=_with_shared(sure, together),
-        position_mm=position,
-        uncertainty_mm=uncertainty,
-        common_mm=common,
-        at_limit_px=decided.places[mine][near_edge | near_dark],
-        misfit=misfit,
-    )
+    light = np.interp(r / table.step, np.arange(len(table.values)), table.values[:, 0])
+    return float(np.interp(share, light, r))

@@ -1,12 +1,8 @@
 """How natural fall-off shades each micro-image within itself, as a measured lattice has it.
 
 Steep rays bring less light, so a white target is darker on that side of a micro-image which lies
-away from the axis, by some per cent at F/4. What is read there of bars and dots is shaded alike.
-What it does to dots out of focus besides is for ``spots.falloff`` to say.
+away from the axis, by some per cent at F/4. What is read there of bars is shaded alike.
 """
-
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numba
 import numpy as np
@@ -14,7 +10,6 @@ import numpy.typing as npt
 
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import FALLOFF, LOPSIDED, ORDERS, VALUE, profile_table
-from flflab.measurement.sensor.noise import SensorNoise
 
 Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -60,66 +55,6 @@ def _shade_at(
     for n in range(len(away)):
         shade[n] = _left(away[n, 0], away[n, 1], slants[n], shades, step)
     return shade
-
-
-def unshaded(picture: npt.NDArray[Any], lattice: Lattice, noise: SensorNoise) -> npt.NDArray[Any]:
-    """The picture as it would be without fall-off within the micro-images; where they overlap, by
-    the nearest one's.
-
-    Args:
-        picture: DN, [row, col].
-        lattice: measured; without a cone the picture is handed back as it is.
-        noise: of the sensor; saturated pixels stay as they are.
-    """
-    if lattice.cone is None:
-        return picture
-    shades, step = _shades(lattice)
-    even = picture.astype(np.float32)
-    reach = min(lattice.outside_radius_px, lattice.pitch_px / 2)
-    arguments = slants_of(lattice), shades, step, reach, noise.offset_dn, noise.full_scale_dn
-    parts = np.array_split(np.arange(len(lattice.centres_px)), numba.get_num_threads())
-    with ThreadPoolExecutor(len(parts)) as pool:
-        list(
-            pool.map(
-                lambda part: _unshade(
-                    even, np.ascontiguousarray(lattice.centres_px), part, *arguments
-                ),
-                parts,
-            )
-        )
-    return even
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _unshade(
-    picture: npt.NDArray[np.float32],
-    centres: Array,
-    lenses: Whole,
-    slants: Array,
-    shades: Array,
-    step: float,
-    reach: float,
-    offset: float,
-    ceiling: float,
-) -> None:  # pragma: no cover - compiled
-    for n in lenses:
-        cx, cy = centres[n]
-        for row in range(
-            max(0, int(np.ceil(cy - reach))),
-            min(picture.shape[0] - 1, int(np.floor(cy + reach))) + 1,
-        ):
-            dy = row - cy
-            half = np.sqrt(max(reach * reach - dy * dy, 0.0))
-            for column in range(
-                max(0, int(np.ceil(cx - half))),
-                min(picture.shape[1] - 1, int(np.floor(cx + half))) + 1,
-            ):
-                # dark ones too: which is dark would be for the noise to say, and what it left out
-                # put the focus 0.008 px off
-                if picture[row, column] >= ceiling:
-                    continue
-                left = _left(column - cx, dy, slants[n], shades, step)
-                picture[row, column] = offset + (picture[row, column] - offset) / left
 
 
 def slants_of(lattice: Lattice) -> Array:

@@ -9,18 +9,20 @@ import numpy as np
 import numpy.typing as npt
 
 from flflab.errors import MeasurementError
+from flflab.measurement.dots.find import Found, find_dots
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.profile import cone_of
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.measurement.spots.search import SeenSpots, find_spots
 from flflab.measurement.without_white.plain import lattice_within
 from flflab.optics.camera import Camera
 from flflab.targets import FourDot
 
 # standard uncertainty of radii beside the noise's: full frames with fall-off were off by as much
+SURE = 10.0  # standard deviations of a spot's light: fainter ones are not looked at
 RADII_PX = 0.15
 WORST_PX = 1.0  # uncertainty of the origin
 NOMINAL_PX = 4.0  # by which the nominal lattice may be off
+WHOLE = 0.99  # of its light: such a spot no aperture cuts
 EDGE_PX = 1.5  # of a spot that is not looked at, beside its blur
 
 
@@ -48,9 +50,11 @@ def lattice_from_dots(
             micro-images do not overlap.
     """
     values = np.ascontiguousarray(picture, dtype=np.float32)
-    seen = find_spots(values, nominal, camera, target, distance, noise)
-    bright = seen.spots.brightness[seen.spots.brightness > 0.05]
-    light = float(nominal.light[0]) * (float(np.quantile(bright, 0.75)) if len(bright) else 1.0)
+    seen = find_dots(values, nominal, camera, target, distance, noise)
+    whole = seen.seen.counted & (seen.stand.shown.light > WHOLE)
+    # a dot's light over the area of its image
+    level = seen.spots.light[whole] / (math.pi * seen.radius_px**2)
+    light = float(np.median(level)) if whole.any() else float(nominal.light[0])
     found = lattice_within(
         _plain(values, seen, nominal, noise), nominal, light, noise, cone_of(camera)
     )
@@ -67,7 +71,7 @@ def lattice_from_dots(
 
 
 def _plain(
-    values: npt.NDArray[np.float32], seen: SeenSpots, nominal: Lattice, noise: SensorNoise
+    values: npt.NDArray[np.float32], seen: Found, nominal: Lattice, noise: SensorNoise
 ) -> npt.NDArray[np.float32]:
     """The picture within the spots, but for where a neighbour's total field reaches, in which it is
     not white; all else saturated.
@@ -75,16 +79,14 @@ def _plain(
     What is saturated the fit leaves out.
     """
     plain = np.full(values.shape, noise.saturated_dn, dtype=np.float32)
-    radius = seen.radius - seen.spread / 2 - EDGE_PX
-    sure = np.isfinite(seen.spots.covariance[:, 0, 0]) & (
-        np.sqrt(np.abs(seen.spots.covariance[:, 0, 0])) < 0.3
-    )
+    radius = 2 * seen.radius_px - seen.reach_px - EDGE_PX
+    sure = seen.spots.light > SURE * np.sqrt(seen.spots.light_variance)
     steps = (
         np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3) if (i, j) != (0, 0)])
         @ nominal.vectors_px.T
     )
     for (x, y), own in zip(
-        seen.spots.centres[sure], nominal.centres_px[seen.candidates.lens[sure]], strict=True
+        seen.chief_px[sure], nominal.centres_px[seen.candidates.lens[sure]], strict=True
     ):
         top, left = max(0, math.ceil(y - radius)), max(0, math.ceil(x - radius))
         window = np.s_[

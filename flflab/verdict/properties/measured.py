@@ -161,7 +161,6 @@ def measure_pictures(
         try:
             dots = count_views(
                 pictures[FourDot.kind],
-                None,
                 lattice,
                 camera,
                 study.dots,

@@ -1,14 +1,12 @@
-"""The law of a picture's dots from its spots alone: no matter where the target stands, how far off
-and how it is turned.
+"""A target's pose from the spots of its picture alone: no matter where it stands, how far off and
+how it is turned.
 
 Seen from its micro-image's centre c, dot o lies at s - c = shift + A o + P c (complex: x + i y). P,
-the parallax, and the size of A are those of some distance D of the target: P = A D/(L + b), the
-argument of A is the target's turn. At the true D all views of a dot have one s - c - P c, and those
-of the four dots make a square.
+the parallax, and the size of A are those of some distance of the target. At the true one all views
+of a dot have one s - c - P c, and those of the four dots make a square.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -16,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from flflab.measurement.dots.pose import Pose
 from flflab.measurement.lattice.lattice import Lattice
 from flflab.measurement.lattice.registration import scales_of, sensor_position
 from flflab.measurement.sensor.noise import SensorNoise
-from flflab.measurement.spots.law import law_at
 from flflab.optics.camera import Camera
 from flflab.optics.resolution import central_smms
 from flflab.targets import FourDot
@@ -31,26 +29,13 @@ FAINT = 6.0  # standard deviations of a dark pixel: what is fainter is no spot
 MOST = 80  # spots looked at, the largest
 WHOLE = 0.5  # of the usual area: smaller ones are cut, their middle is elsewhere
 NEAREST, FARTHEST, STEPS = 0.25, 4.0, 4000  # of the nominal distance
-CLOSE_PX = 3.0  # of a spot to where a law puts it
+CLOSE_PX = 3.0  # of a spot to where a pose puts it
 EXPLAINED = 0.5  # of all spots, by the square
 
 
-@dataclass(frozen=True)
-class BlindLaw:
-    """What the spots of a picture follow.
-
-    Attributes:
-        law: as ``law_places`` reads it, shape (5, 2).
-        distance: main lens to target, mm, by the parallax and the nominal camera.
-    """
-
-    law: Array
-    distance: float
-
-
-def blind_law(
+def blind_pose(
     spots: Array, lattice: Lattice, camera: Camera, target: FourDot, distance: float
-) -> BlindLaw | None:
+) -> Pose | None:
     """Find four dots that make a square in all micro-images together.
 
     The square is the same after a quarter of a turn: dots are numbered as if it were turned by less
@@ -80,14 +65,11 @@ def blind_law(
     scores = _agreement(away, centre, np.abs(dots) * target.spacing, parallaxes, close)
     most = 0.0
     for n in _peaks(scores):
-        explained, law = _square(
+        explained, shift, turn = _square(
             away - parallaxes[n] * centre, float(dots[n]) * target.spacing, close
         )
         if explained > most:
-            most, shift, turn = explained, *law
-            best = BlindLaw(
-                law_at(float(dots[n]) * turn, float(parallaxes[n]), shift), float(distances[n])
-            )
+            most, best = explained, Pose(float(distances[n]), turn, shift)
     return best if most >= EXPLAINED else None
 
 
@@ -116,9 +98,8 @@ def spots_in(values: npt.NDArray[Any], radius: float, noise: SensorNoise) -> Arr
     largest = np.argsort(areas, kind="stable")[::-1][:MOST]
     lit = np.cumsum(areas[largest])
     if len(largest):  # half of all that is bright is as large: hot pixels are many, but small
-        largest = largest[
-            areas[largest] >= WHOLE * areas[largest][np.searchsorted(lit, lit[-1] / 2)]
-        ]
+        usual = areas[largest][np.searchsorted(lit, lit[-1] / 2)]
+        largest = largest[areas[largest] >= WHOLE * usual]
     return np.asarray(middles[largest], dtype=np.float64)
 
 
@@ -149,11 +130,11 @@ def _agreement(
 def _peaks(scores: Array) -> npt.NDArray[np.int64]:
     """The eight highest local maxima."""
     inner = (scores >= np.roll(scores, 1)) & (scores >= np.roll(scores, -1)) & (scores > 0)
-    places = np.flatnonzero(inner)
-    return places[np.argsort(scores[places])[::-1][:8]]
+    tops = np.flatnonzero(inner)
+    return tops[np.argsort(scores[tops])[::-1][:8]]
 
 
-def _square(points: Complex, side: float, close: float) -> tuple[float, tuple[complex, complex]]:
+def _square(points: Complex, side: float, close: float) -> tuple[float, complex, complex]:
     """The square with most points near its corners: their share, its middle and its turn (of
     absolute value 1).
     """
@@ -162,18 +143,12 @@ def _square(points: Complex, side: float, close: float) -> tuple[float, tuple[co
     along = np.exp(-0.5 * ((np.abs(steps) - abs(side)) / close) ** 2)
     fourth = complex((along * (steps / np.maximum(np.abs(steps), 1e-12)) ** 4).sum())
     turn = complex(np.exp(0.25j * np.angle(fourth)))
-    corners = np.array([-1 - 1j, 1 - 1j, -1 + 1j, 1 + 1j]) / 2
-    best, most = (0j, turn), 0
-    for point in points:
-        for corner in corners:
-            middle = complex(point - corner * side * turn)
-            off = np.abs((points - middle)[:, None] - corners * side * turn)
-            near = off.min(axis=1) < close
-            held = len(np.unique(off.argmin(axis=1)[near]))
-            if held >= 3 and near.sum() > most:
-                nearest = corners[off.argmin(axis=1)] * side * turn
-                best, most = (
-                    (middle + complex((points - middle - nearest)[near].mean()), turn),
-                    int(near.sum()),
-                )
-    return most / len(points), best
+    corners = np.array([-1 - 1j, 1 - 1j, -1 + 1j, 1 + 1j]) / 2 * side * turn
+    best, most = 0j, 0
+    for middle in (points[:, None] - corners).ravel():
+        off = np.abs((points - middle)[:, None] - corners)
+        near, nearest = off.min(axis=1) < close, off.argmin(axis=1)
+        if near.sum() > most and len(np.unique(nearest[near])) >= 3:
+            most = int(near.sum())
+            best = complex(middle + (points - middle - corners[nearest])[near].mean())
+    return most / len(points), best, turn
