@@ -1,6 +1,5 @@
 """What commands print on: words of devices and files are shown as they are, never obeyed."""
 
-import os
 from typing import Any
 
 from rich.console import Console
@@ -18,16 +17,14 @@ class Terminal(Console):
 
     Args:
         stderr: whether it is standard error.
-        piped: columns of a line where neither a terminal nor ``COLUMNS`` says; rich's 80 without
-            it.
+        piped: columns of a line where no terminal folds it; rich's 80 without it.
         soft_wrap: whether lines are left to the terminal to fold.
     """
 
     def __init__(
         self, *, stderr: bool = False, piped: int | None = None, soft_wrap: bool = False
     ) -> None:
-        said = "COLUMNS" in os.environ or Console(stderr=stderr).is_terminal
-        width = None if said else piped
+        width = None if piped is None or Console(stderr=stderr).is_terminal else piped
         super().__init__(stderr=stderr, width=width, soft_wrap=soft_wrap, markup=False, emoji=False)
 
     def print_table(self, table: Table) -> None:

@@ -508,9 +508,9 @@ STUDY_FAULTS = [
     ("distance: 507 mm", "distance: 507 mm, array: -60 mm", "greater than 0"),
     ("f_number: [2.8, 4, 5.6]", "f_number: yes", "a number is due here, not True"),
     ("draws: 1000", "draws: 1000.5", "a whole number is due here, not 1000.5"),
-    ("draws: 1000", "draws: 399", "at least 400"),
+    ("draws: 1000", "draws: 399", "at least 440"),
     ("reference: 1", "reference: yes", "reference: yes, no, true and false are no number"),
-    ("significance: 0.05", "significance: 0.01", "at least 2000"),
+    ("significance: 0.05", "significance: 0.01", "at least 2200"),
     ("significance: 0.05", "significance: 1e-308", "greater than or equal to 0.0001"),
     (
         "f_number: [2.8, 4, 5.6]",

@@ -123,8 +123,8 @@ def test_a_configuration_out_of_reach_is_refused(described: Described) -> None:
     with pytest.raises(
         LimitError,
         match=(
-            r"configuration 1: target_stage .* -100\.0000 mm, outside its limits, 0 mm to 150 mm;"
-            r" nothing moved"
+            r"configuration 1: target_stage .* -100\.0000 mm, outside its limits, 0 mm to 150 mm:"
+            r" target\.z at -700 mm is due, it reaches -600 mm to -450 mm; nothing moved"
         ),
     ):
         steps(study, bench)
