@@ -311,7 +311,9 @@ def properties(
 
 
 def between(found: tuple[Values, ...], reference: int) -> tuple[tuple[Values, int], ...]:
-    """Differences, of contrast ratios, of every configuration against the reference, with that."""
+    """Differences, of contrast ratios, of every configuration against the reference, with that;
+    those without a number are left out.
+    """
     before = {values.quantity: values for values in found if values.configuration == reference}
     others = [
         (values, other)
@@ -320,10 +322,11 @@ def between(found: tuple[Values, ...], reference: int) -> tuple[tuple[Values, in
         and other is not values
         and values.quantity not in ("light", "contrast_paper")
     ]
-    return tuple(
-        ((ratios if values.quantity == "mtf" else differences)(values, other), reference)
+    pairs = [
+        (ratios if values.quantity == "mtf" else differences)(values, other)
         for values, other in others
-    )
+    ]
+    return tuple((pair, reference) for pair in pairs if len(pair.measured))
 
 
 def apart(
