@@ -27,7 +27,8 @@ ALIKE = 6.0
 CLEAR = 25.0  # of chi squared that a change must explain to be named at all
 EXPLAINED = 5.0  # standard deviations of chi squared that a sufficient change may leave
 MOST_LEFT = 0.1  # of chi squared that the closest change may leave, to be shown at all
-REDRAWN = 6  # the likeliest suspects are drawn anew
+REDRAWN = 6  # the likeliest suspects are drawn anew, either side of each
+REACH = 0.2  # share of its size by which a change that is drawn anew may move
 
 
 @dataclass(frozen=True)
@@ -146,16 +147,30 @@ def diagnose(
     metric = metric_of(measured, noise, draws)
     before = float(metric(draws.mean(axis=0)))
     tried = sorted(
-        ((effect, *_best(effect, metric, effect.sizes, 0.0)) for effect in effects),
+        (
+            (effect, *_best(effect, metric, sizes, 0.0))
+            for effect in effects
+            for sizes in _sides(effect.sizes)
+        ),
         key=lambda one: one[2],
     )
-    suspects: list[Suspect] = []
+    suspects: dict[str, Suspect] = {}
     for place, (effect, size, chi2, uncertainty) in enumerate(tried):
         best = size, chi2, uncertainty
-        if effect.drawn is not None and place < redrawn and chi2 < before - CLEAR:
+        if effect.drawn is not None and place < 2 * redrawn and chi2 < before - CLEAR:
             best = _drawn_anew(effect, effect.drawn(size), best, measured, noise)
-        suspects.append(_suspect(effect, best, before, len(measured)))
-    return tuple(sorted(suspects, key=lambda suspect: suspect.chi2))
+        suspect = _suspect(effect, best, before, len(measured))
+        other = suspects.get(effect.what)
+        suspects[effect.what] = min((suspect, other or suspect), key=lambda one: one.chi2)
+    return tuple(sorted(suspects.values(), key=lambda suspect: suspect.chi2))
+
+
+def _sides(sizes: Array) -> list[Array]:
+    """Changes to either side, each tried by itself: out of focus both blur alike, and the better
+    one shows only where its benches are drawn.
+    """
+    below, above = sizes[sizes <= 0], sizes[sizes >= 0]
+    return [side for side in (below, above) if len(side) > 1] or [sizes]
 
 
 def _drawn_anew(
@@ -165,7 +180,9 @@ def _drawn_anew(
     size, _, uncertainty = found
     metric = metric_of(measured, noise, draws)
     aside = draws.mean(axis=0) - effect.expected(np.array([size]))[0]
-    reach = 5 * uncertainty if math.isfinite(uncertainty) else abs(size) / 20
+    reach = abs(size) * REACH  # what was found in another covariance is less sure than it seems
+    if math.isfinite(uncertainty):
+        reach = max(reach, 5 * uncertainty)
     sizes = np.clip(size + reach * FINER, effect.sizes.min(), effect.sizes.max())
     return _best(effect, metric, sizes, aside)
 

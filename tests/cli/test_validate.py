@@ -222,8 +222,8 @@ def as_recorded(run: Path, to: Path, changed: dict[str, dict[str, Any]]) -> Path
 @pytest.mark.parametrize(
     ("truths", "named"),
     [
-        ("{microlens_array.focal_length: 0.935 mm}", "Focal length of the microlenses (1.8"),
-        ("{iris.scale: 0.04}", "Aperture of the main lens (the f-number the other way) (3.8"),
+        ("{microlens_array.focal_length: 0.935 mm}", "Focal length of the microlenses (1.9"),
+        ("{iris.scale: 0.04}", "Aperture of the main lens (its f-number changes inversely) (3.8"),
     ],
 )
 def test_a_wrong_microlens_or_iris_is_found_out_and_named(

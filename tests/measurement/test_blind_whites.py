@@ -70,14 +70,14 @@ def test_every_whole_micro_image_is_indexed_and_found_where_it_was_drawn(
 
 
 @pytest.mark.parametrize(
-    "pictures",
+    ("pictures", "least"),
     [
-        pytest.param(6, marks=pytest.mark.ci),
-        pytest.param(200, marks=[pytest.mark.full, pytest.mark.timeout(3600)]),
+        pytest.param(6, 0.6, marks=pytest.mark.ci),
+        pytest.param(200, 0.85, marks=[pytest.mark.full, pytest.mark.timeout(3600)]),
     ],
 )
 def test_stated_intervals_hold_what_they_say_for_random_pictures(
-    white_pictures: Any, pictures: int
+    white_pictures: Any, pictures: int, least: float
 ) -> None:
     lattices, centres, ratios = list[np.ndarray](), list[float](), list[float]()
     for seed in range(pictures):
@@ -92,7 +92,7 @@ def test_stated_intervals_hold_what_they_say_for_random_pictures(
         centres.append(float(np.mean(np.abs(matched.z(stated(found))) < 2)))
         ratios.append(float(np.median(stated(found))) / matched.rms)
     assert len(lattices) >= 0.95 * pictures
-    assert np.mean(lattices, axis=0).min() >= 0.85
+    assert np.mean(lattices, axis=0).min() >= least
     assert np.mean(centres) >= 0.9
     assert np.median(ratios) <= 3
 

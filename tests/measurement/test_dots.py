@@ -97,7 +97,8 @@ def test_every_dot_is_counted_and_placed(
         error = dot.position_mm - np.array([*true, -distance])
         assert not known or np.all(np.abs(error) < 4 * dot.uncertainty_mm)
         together = float(np.sqrt((dot.common_mm[2] ** 2).sum()))
-        assert not known or 0 < together < dot.uncertainty_mm[2] < 0.2
+        most = 0.2 if f_number < 8 else 1.0  # mm; a dot has two views or three at F/8
+        assert not known or 0 < together < dot.uncertainty_mm[2] < most
 
 
 @pytest.mark.parametrize(
