@@ -139,8 +139,11 @@ def in_bench_file(proposal: Proposal) -> str:
     shares = ", ".join(f"{name}: {value:g}" for name, value in proposal.shares.items())
     stated = "model_uncertainty: {" + shares + "}"
     if max(proposal.shares.values()) < MOST_STATED:
-        return f"Exact rays through these microlenses, main lens like a {proposal.lens}: `{stated}`"
+        return (
+            f"Exact rays through these microlenses, main lens like the {proposal.lens}: `{stated}`"
+        )
     return (
-        f"Exact rays through these microlenses, main lens like a {proposal.lens}, differ from first"
-        f" order by more than a bench file may state: {shares}; the model does not hold for them"
+        f"Exact rays through these microlenses, main lens like the {proposal.lens}, differ from"
+        f" first order by more than a bench file may state: {shares}; the model does not hold for"
+        " them"
     )
